@@ -1,0 +1,94 @@
+"""Checks of what a user gives: each returns the checked value or raises `InvalidParameter`, naming it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hapnet.errors import InvalidParameter
+
+Vector = tuple[float, ...]
+"""A point or a force, one float an axis. Hot loops run on these: for one to six axes they beat arrays."""
+
+Array = NDArray[np.float64]
+
+
+def positive(name: str, value: float) -> float:
+    """`value` if it is a finite number above zero."""
+    if not (_is_number(value) and math.isfinite(value) and value > 0.0):
+        raise InvalidParameter(name, value, "a finite number above 0")
+    return float(value)
+
+
+def non_negative(name: str, value: float) -> float:
+    """`value` if it is a finite number, zero or above."""
+    if not (_is_number(value) and math.isfinite(value) and value >= 0.0):
+        raise InvalidParameter(name, value, "a finite number, 0 or above")
+    return float(value)
+
+
+def one_of(name: str, value: str, allowed: Sequence[str]) -> str:
+    """`value` if it is one of the words `allowed`."""
+    if value not in allowed:
+        raise InvalidParameter(name, value, "one of " + ", ".join(allowed))
+    return value
+
+
+def vector(name: str, value: ArrayLike, n: int | None = None) -> Vector:
+    """`value` as `n` finite floats (any number of them from one up if `n` is None)."""
+    try:
+        array = np.atleast_1d(np.asarray(value, dtype=np.float64))
+    except (TypeError, ValueError):
+        raise InvalidParameter(name, value, "a list of finite numbers") from None
+    if array.ndim != 1 or (n is not None and array.size != n) or array.size == 0:
+        raise InvalidParameter(name, value, f"{'some' if n is None else n} finite numbers, one an axis")
+    if not np.all(np.isfinite(array)):
+        raise InvalidParameter(name, value, "finite numbers")
+    return tuple(array.tolist())
+
+
+def diagonal(name: str, value: ArrayLike, n: int, *, zero_allowed: bool = False) -> Vector:
+    """The diagonal of a positive diagonal n x n matrix, given as a scalar, a vector or the matrix."""
+    matrix = _square(name, value, n)
+    entries = np.diagonal(matrix)
+    words = f"a {'non-negative' if zero_allowed else 'positive'} number, {n} of them, or a diagonal matrix of them"
+    if np.any(matrix != np.diag(entries)) or np.any(entries < 0.0) or (not zero_allowed and np.any(entries <= 0.0)):
+        raise InvalidParameter(name, value, words)
+    return tuple(entries.tolist())
+
+
+def spd(name: str, value: ArrayLike, n: int) -> Array:
+    """A symmetric positive definite n x n matrix, given as a scalar, a vector (its diagonal) or the matrix."""
+    matrix = _square(name, value, n)
+    if not np.allclose(matrix, matrix.T, rtol=1e-12, atol=0.0):
+        raise InvalidParameter(name, value, "a symmetric positive definite matrix (this one is not symmetric)")
+    matrix = (matrix + matrix.T) / 2.0
+    eigenvalues = np.linalg.eigvalsh(matrix)
+    if not eigenvalues[0] > 1e-13 * eigenvalues[-1]:
+        raise InvalidParameter(
+            name, value, f"a symmetric positive definite matrix (this one has the eigenvalue {eigenvalues[0]:.3g})"
+        )
+    return matrix
+
+
+def _square(name: str, value: ArrayLike, n: int) -> Array:
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InvalidParameter(name, value, f"a number, {n} numbers or a {n} x {n} matrix") from None
+    if not np.all(np.isfinite(array)):
+        raise InvalidParameter(name, value, "finite numbers")
+    if array.ndim == 0:
+        return np.eye(n) * array
+    if array.shape == (n,):
+        return np.diag(array)
+    if array.shape == (n, n):
+        return array
+    raise InvalidParameter(name, value, f"a number, {n} numbers or a {n} x {n} matrix")
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)

@@ -1,0 +1,123 @@
+"""The way of a set-position on one side: reception, stages, silence, step limit, modulator, ledger.
+
+The device's servo (servo_law.py) and the virtual world's steps both drive one `Coupling`; only the energy that they
+harvest differs.
+"""
+
+from __future__ import annotations
+
+import math
+from operator import sub
+from typing import Protocol
+
+from hapnet.checks import Vector
+from hapnet.control.ledger import Ledger
+from hapnet.control.limits import Silence, step_towards
+from hapnet.control.pspm import Modulation
+from hapnet.control.smoothing import Pipeline
+from hapnet.control.spring import Spring
+
+
+class Modulator(Protocol):
+    """What turns a received set-position into the one the spring is tied to."""
+
+    @property
+    def set_position(self) -> Vector: ...
+    @property
+    def spring(self) -> Spring: ...
+    @property
+    def energy(self) -> float: ...
+    @property
+    def deficit(self) -> float: ...
+    @property
+    def account(self) -> float: ...
+
+    def modulate(self, y: Vector, x: Vector, dissipated: float, received: float) -> Modulation: ...
+
+
+class Coupling:
+    """One side's coupling between its position x and what the other side sends.
+
+    Parameters
+    ----------
+    modulator : `SetPositionModulator` or `ZeroOrderHold`, at rest at the side's position.
+    stages : filters and predictors before the modulator.
+    silence : what to do when nothing arrives.
+    longest_step : limit of the set-position's step an update [m]; infinite: none.
+    kinetic : kinetic energy at the start [J].
+    """
+
+    def __init__(
+        self,
+        modulator: Modulator,
+        *,
+        stages: Pipeline,
+        silence: Silence,
+        longest_step: float = math.inf,
+        kinetic: float = 0.0,
+    ) -> None:
+        self.modulator = modulator
+        self.spring = modulator.spring
+        self.stages = stages
+        self.silence = silence
+        self.longest_step = longest_step
+        self.ledger = Ledger(kinetic, modulator.account)
+        self.target: Vector = modulator.set_position
+        """y(k) as asked of the modulator [m]: after the stages and silence, before the step limit."""
+        self.energy_min = modulator.energy
+        self.deficit_max = 0.0
+        self.discarded = 0.0
+        self._received: Vector = modulator.set_position
+        self._sent_s: float | None = None
+        self._credit = 0.0
+        stages.reset(modulator.set_position)
+
+    @property
+    def set_position(self) -> Vector:
+        """ybar [m]."""
+        return self.modulator.set_position
+
+    @property
+    def has_datum(self) -> bool:
+        """Has something arrived that no update has used yet?"""
+        return self._sent_s is not None or self._credit > 0.0
+
+    def receive(self, y: Vector, sent_s: float) -> None:
+        """A set-position arrived [m]; `sent_s` is the sender's time [s]."""
+        self._received = y
+        self._sent_s = sent_s
+
+    def credit(self, energy: float) -> None:
+        """Shuffled energy arrived [J]; the next update uses it, once."""
+        self._credit += energy
+
+    def potential(self, x: Vector) -> float:
+        """phi [J] with the present ybar."""
+        return self.spring.potential(tuple(map(sub, x, self.modulator.set_position)))
+
+    def update(self, dt: float, x: Vector, dissipated: float) -> Modulation:
+        """One PSPM instant, `dt` seconds after the last, at position x [m] with D = `dissipated` [J].
+
+        The energy to send is in the result; the ledger already counts it as sent.
+        """
+        sent_s = self._sent_s
+        credit = self._credit
+        self._sent_s = None
+        self._credit = 0.0
+        y = self.stages.step(dt, self._received, sent_s)
+        if self.silence.step(dt, fresh=sent_s is not None):
+            y = x
+        self.target = y
+        modulator = self.modulator
+        if self.longest_step != math.inf:
+            y = step_towards(modulator.set_position, y, self.longest_step)
+        result = modulator.modulate(y, x, dissipated, credit)
+        self.ledger.credit(credit)
+        if result.sent:
+            self.ledger.send(result.sent)
+        if result.energy < self.energy_min:
+            self.energy_min = result.energy
+        if result.deficit > self.deficit_max:
+            self.deficit_max = result.deficit
+        self.discarded += result.discarded
+        return result

@@ -1,0 +1,79 @@
+"""What the coupling's damper dissipated since the last update: D in (9).
+
+The paper's bound (10) uses only the extremes of the position. It holds for a continuous servo. On a device the torque
+is computed once a tick and held, and (10) is no lower bound any more; but the work of a held torque is known exactly
+from positions, so a sampled servo measures what it dissipated, the hold's leak included.
+"""
+
+from __future__ import annotations
+
+from operator import mul, sub
+
+from hapnet.checks import Vector
+
+
+def dissipated_by_range(damping: Vector, low: Vector, high: Vector, interval: float, resolution: float = 0.0) -> float:
+    """D_min of (10) [J]: ``sum_i b_ii (x_i^max - x_i^min)^2 / interval``.
+
+    Parameters
+    ----------
+    damping : b_ii [Ns/m].
+    low, high : extremes of the position over the interval [m], both ends included.
+    interval : its length or an upper bound of it [s]; over an interval of 0 nothing was dissipated.
+    resolution : of the encoder [m]: chatter of one count is not motion, so a count is taken off the range.
+    """
+    if interval <= 0.0:
+        return 0.0
+    total = 0.0
+    for b, least, most in zip(damping, low, high, strict=True):
+        travel = most - least - resolution
+        if travel > 0.0:
+            total += b * travel * travel
+    return total / interval
+
+
+class MeasuredHarvest:
+    """Energy that a sampled, held torque took out of the device since the last update, less the spring's share.
+
+    ``D_s = sum_j -tau_j . (x_{j+1} - x_j) - (phi at the end - phi at the start)``, both phi with the ybar held then.
+    It is exact for any torque actually applied and any device, and needs no force sensor.
+
+    Parameters
+    ----------
+    trusted_damping : a lower bound of the device's own damping [Ns/m] an axis that may be harvested too; 0 if unknown.
+    """
+
+    __slots__ = ("_trusted", "work")
+
+    def __init__(self, trusted_damping: Vector) -> None:
+        self._trusted = trusted_damping if any(trusted_damping) else None
+        self.work = 0.0
+        """Energy put in at the actuator's port since the last `take` [J]."""
+
+    def hold(self, torque: Vector, start: Vector, end: Vector, period: float) -> float:
+        """The torque [N] was held for `period` [s] while the device moved from `start` to `end` [m].
+
+        Returns the work put in at the actuator's port, ``-tau . dx`` [J], and into the trusted damping.
+        """
+        travel = tuple(map(sub, end, start))
+        work: float = -sum(map(mul, torque, travel))
+        if self._trusted is not None and period > 0.0:
+            work += sum(b * dx * dx for b, dx in zip(self._trusted, travel, strict=True)) / period
+        self.work += work
+        return work
+
+    def take(self, potential_change: float) -> float:
+        """D_s [J] since the last call, given the change of the spring's potential [J] over the same time."""
+        harvested = self.work - potential_change
+        self.work = 0.0
+        return harvested
+
+
+def damping_conditions(own_damping: Vector, K_diagonal: Vector, B: Vector, period: float) -> tuple[bool, bool]:
+    """Is a sampled servo with the range harvest passive? (necessary, sufficient).
+
+    Necessary on each axis: ``b > K T/2``; sufficient for any motion: ``b > K T/2 + 2 B``, b the device's own damping.
+    """
+    triples = list(zip(own_damping, K_diagonal, B, strict=True))
+    necessary = all(b > k * period / 2.0 for b, k, _ in triples)
+    return necessary, all(b > k * period / 2.0 + 2.0 * damper for b, k, damper in triples)

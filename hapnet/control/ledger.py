@@ -1,0 +1,72 @@
+"""The running energy account of one side, and its half of Theorem 1.
+
+With W the energy put in at this side's port since the start, V the energy stored in the device (or virtual mass) and
+its spring, E the reservoir's content, and the energy credited from and sent to the other side:
+
+    margin = W + V(0) + E(0) + credited - sent        what is left of this side's share of the bound
+    slack  = margin - V - E                            the theorem's half: never below zero
+
+A process checks its own half alone, with no common clock: the halves add up to the theorem because at every instant
+what one side has credited is at most what the other has sent.
+"""
+
+from __future__ import annotations
+
+import math
+
+
+class Ledger:
+    """Account of one side; all in joules.
+
+    Parameters
+    ----------
+    stored : V(0): kinetic and potential energy at the start.
+    reservoir : E(0).
+
+    Sums are compensated (Kahan): days of ticks add no rounding that shows.
+    """
+
+    __slots__ = (
+        "_carry", "_sent_carry", "bound", "credited", "margin", "margin_min", "sent", "slack", "slack_min", "work",
+    )  # fmt: skip
+
+    def __init__(self, stored: float, reservoir: float) -> None:
+        self.bound = stored + reservoir
+        """This side's part of d^2: V(0) + E(0)."""
+        self.work = 0.0
+        self.credited = 0.0
+        self.sent = 0.0
+        self.margin = self.margin_min = self.bound
+        self.slack = 0.0
+        self.slack_min = math.inf
+        self._carry = 0.0
+        self._sent_carry = 0.0
+
+    def credit(self, energy: float) -> None:
+        """Energy received from the other side, each joule once."""
+        self.credited += energy
+
+    def send(self, energy: float) -> None:
+        """Energy shuffled to the other side."""
+        term = energy - self._sent_carry
+        total = self.sent + term
+        self._sent_carry = (total - self.sent) - term
+        self.sent = total
+
+    def put_in(self, work: float) -> None:
+        """Work done on this side at its port since the last call; negative if it gave energy out."""
+        term = work - self._carry
+        total = self.work + term
+        self._carry = (total - self.work) - term
+        self.work = total
+
+    def observe(self, stored: float, reservoir: float) -> None:
+        """Check the half of the theorem now, with the present V and E (a deficit counted as negative)."""
+        margin = self.work + self.bound + self.credited - self.sent
+        slack = margin - stored - reservoir
+        self.margin = margin
+        self.slack = slack
+        if margin < self.margin_min:
+            self.margin_min = margin
+        if slack < self.slack_min:
+            self.slack_min = slack

@@ -1,0 +1,175 @@
+"""The device's side of the coupling, for the two kinds of servo.
+
+Continuous: (2) acts within the tick (only a simulated device can do that); it is the paper's device, harvested by (10).
+Sampled: the torque is computed once a tick from what the encoders say, and held, as on hardware; harvested by
+measurement (or by (10), which then needs damping of the device's own).
+"""
+
+from __future__ import annotations
+
+import math
+from operator import mul, sub
+from typing import Literal
+
+from hapnet.checks import Vector
+from hapnet.control.coupling import Coupling
+from hapnet.control.harvest import MeasuredHarvest, dissipated_by_range
+from hapnet.control.pspm import Modulation
+
+Harvest = Literal["range", "measured"]
+HARVESTS: tuple[Harvest, ...] = ("range", "measured")
+
+_TICK_SLACK = 1e-9  # s: a clock of whole nanoseconds may call a period a nanosecond short
+
+
+class ContinuousServo:
+    """PSPM for a device whose coupling acts continuously between ticks.
+
+    Parameters
+    ----------
+    coupling : the set-position's way.
+    damping : B's diagonal [Ns/m].
+    period : PSPM runs at least this often [s], and at once on the tick after data.
+    """
+
+    def __init__(self, coupling: Coupling, *, damping: Vector, period: float) -> None:
+        self.coupling = coupling
+        self.damping = damping
+        self.period = period
+        self._elapsed = 0.0
+        start = coupling.set_position
+        self._low = start
+        self._high = start
+
+    def tick(self, dt: float, x: Vector, low: Vector, high: Vector) -> Modulation | None:
+        """A tick `dt` seconds after the last; what PSPM did, if it ran.
+
+        `low` and `high` are the extremes of the position over the tick [m], both ends included.
+        """
+        self._elapsed += dt
+        self._low = low = tuple(map(min, self._low, low))
+        self._high = high = tuple(map(max, self._high, high))
+        if not self.coupling.has_datum and self._elapsed < self.period - _TICK_SLACK:
+            return None
+        dissipated = dissipated_by_range(self.damping, low, high, self._elapsed)
+        result = self.coupling.update(self._elapsed, x, dissipated)
+        self._elapsed = 0.0
+        self._low = self._high = x
+        return result
+
+    def observe(self, x: Vector, work: float, kinetic: float) -> None:
+        """Ledger at the human's port: `work` [J] done by the hand since the last call, kinetic energy [J] now."""
+        ledger = self.coupling.ledger
+        ledger.put_in(work)
+        ledger.observe(kinetic + self.coupling.potential(x), self.coupling.modulator.account)
+
+
+class SampledServo:
+    """PSPM and force of a device whose torque is held from tick to tick; its ledger is at the actuator's port.
+
+    Parameters
+    ----------
+    coupling, damping, period : as in `ContinuousServo`.
+    harvest : "measured" (default) or "range".
+    trusted_damping : lower bound of the device's own damping to harvest too [Ns/m] an axis, with "measured".
+    force_limit : longest force the actuator may be asked for [N]; the spring should saturate a little below.
+    resolution : of the encoders [m].
+    position : the first measured position [m].
+    """
+
+    def __init__(
+        self,
+        coupling: Coupling,
+        *,
+        damping: Vector,
+        period: float,
+        position: Vector,
+        harvest: Harvest = "measured",
+        trusted_damping: Vector | None = None,
+        force_limit: float | None = None,
+        resolution: float = 0.0,
+    ) -> None:
+        self.coupling = coupling
+        self.damping = damping
+        self.period = period
+        self.harvest = harvest
+        self.force_limit = math.inf if force_limit is None else force_limit
+        self.resolution = resolution
+        self.force: Vector = (0.0,) * len(position)
+        """The force held now [N]."""
+        self._measured = MeasuredHarvest(trusted_damping or self.force)
+        self._position = position
+        self._low = self._high = position
+        self._elapsed = 0.0
+        self._clipped = False
+        self._potential = coupling.potential(position)
+        self._torque_path = 0.0
+        self._boundary = 0.0
+
+    @property
+    def quantisation(self) -> float:
+        """How far the true slack can lie below the measured one, because positions are whole counts [J].
+
+        The true position is a count plus at most r/2 an axis. Summing the torque's work by parts, the difference is at
+        most r/2 for every newton that the held torque ever changed by, plus the spring's curvature at the end.
+        """
+        r = self.resolution
+        if r == 0.0:
+            return 0.0
+        return r / 2.0 * (self._torque_path + self._boundary) + r * r / 8.0 * self.coupling.spring.curvature_bound()
+
+    @property
+    def _pending(self) -> float:
+        """Harvest of the running interval, not yet in the reservoir [J]."""
+        if self.harvest == "range":
+            return 0.0
+        return self._measured.work - (self.coupling.potential(self._position) - self._potential)
+
+    def tick(self, dt: float, x: Vector, v: Vector) -> Modulation | None:
+        """A tick `dt` seconds after the last at measured position x [m] and velocity v [m/s].
+
+        Sets `force`; returns what PSPM did, if it ran.
+        """
+        coupling = self.coupling
+        coupling.ledger.put_in(self._measured.hold(self.force, self._position, x, dt))
+        self._position = x
+        self._elapsed += dt
+        self._low = tuple(map(min, self._low, x))
+        self._high = tuple(map(max, self._high, x))
+        result = None
+        if coupling.has_datum or self._elapsed >= self.period - _TICK_SLACK:
+            result = coupling.update(self._elapsed, x, self._dissipated(x))
+            self._potential = coupling.potential(x)
+            self._elapsed = 0.0
+            self._low = self._high = x
+        self._render(x, v)
+        coupling.ledger.observe(coupling.potential(x), coupling.modulator.account + self._pending)
+        return result
+
+    def _dissipated(self, x: Vector) -> float:
+        if self.harvest == "measured":
+            return self._measured.take(self.coupling.potential(x) - self._potential)
+        self._measured.take(0.0)
+        if self._clipped:  # the damper did not act in full
+            self._clipped = False
+            return 0.0
+        return dissipated_by_range(self.damping, self._low, self._high, self._elapsed, self.resolution)
+
+    def _render(self, x: Vector, v: Vector) -> None:
+        spring = self.coupling.spring.force(tuple(map(sub, x, self.coupling.set_position)))
+        force = tuple(map(sub, spring, map(mul, self.damping, v)))
+        length = math.hypot(*force)
+        if length > self.force_limit:
+            share = self.force_limit / length
+            force = tuple([share * component for component in force])
+            self._clipped = True
+        if self.resolution:
+            self._torque_path += sum(map(abs, map(sub, force, self.force)))
+            self._boundary = sum(map(abs, map(sub, force, spring)))
+        self.force = force
+
+    def stop(self) -> None:
+        """Zero force from now on, the energy account still right: ybar = x is where the spring would be at rest."""
+        if self.resolution:
+            self._torque_path += sum(map(abs, self.force))
+        self.force = (0.0,) * len(self.force)

@@ -1,0 +1,105 @@
+"""What may stand between reception and PSPM: filters and predictors.
+
+PSPM takes any discrete sequence of set-positions, so whatever is done to it before costs no passivity (end of Sec. 3).
+A stage is stepped once an update, before PSPM; stages are chained in the order given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Protocol
+
+from hapnet import checks
+from hapnet.checks import Vector
+
+
+class Stage(Protocol):
+    """One step of data processing on the received set-position."""
+
+    def reset(self, position: Vector) -> None:
+        """Start anew at rest at `position` [m]."""
+
+    def step(self, dt: float, y: Vector, sent_s: float | None) -> Vector:
+        """The stage's output [m], `dt` seconds after the last one.
+
+        `y` is the newest datum, or the output of the stage before; `sent_s` is the time at which the datum was sent, on
+        its sender's clock, if it is new since the last step, else None.
+        """
+
+
+class SmoothingFilter:
+    """First-order low-pass, ``y_f += dt / (tau + dt) (y - y_f)``: the smoothing filter of Figure 6.
+
+    The paper gives its period (5 ms), not its law. Backward Euler: stable for every dt, no overshoot.
+
+    Parameters
+    ----------
+    time_constant : tau [s], above 0.
+    """
+
+    def __init__(self, time_constant: float) -> None:
+        self.time_constant = checks.positive("smoothing time constant", time_constant)
+        self._state: Vector | None = None
+
+    def reset(self, position: Vector) -> None:
+        self._state = position
+
+    def step(self, dt: float, y: Vector, sent_s: float | None) -> Vector:
+        state = self._state if self._state is not None else y
+        gain = dt / (self.time_constant + dt)
+        self._state = tuple([old + gain * (new - old) for old, new in zip(state, y, strict=True)])
+        return self._state
+
+
+class VelocityPredictor:
+    """Constant-velocity extrapolation: from the last two data, ahead by a horizon and by the time since the last.
+
+    The velocity is taken between the senders' time stamps, so jitter does not disturb it and no common clock is needed.
+
+    Parameters
+    ----------
+    horizon : how far to predict beyond the datum's arrival [s], for example the link's delay; 0 or above.
+    longest : extrapolation ends here [s], whatever the silence.
+    """
+
+    def __init__(self, horizon: float, longest: float = 0.2) -> None:
+        self.horizon = checks.non_negative("predictor horizon", horizon)
+        self.longest = checks.positive("predictor limit", longest)
+        self._last: tuple[float, Vector] | None = None
+        self._velocity: Vector | None = None
+        self._age = 0.0
+
+    def reset(self, position: Vector) -> None:
+        self._last = None
+        self._velocity = None
+        self._age = 0.0
+
+    def step(self, dt: float, y: Vector, sent_s: float | None) -> Vector:
+        self._age += dt
+        if sent_s is not None:
+            if self._last is not None and sent_s > self._last[0]:
+                span = sent_s - self._last[0]
+                self._velocity = tuple([(new - old) / span for new, old in zip(y, self._last[1], strict=True)])
+            if self._last is None or sent_s > self._last[0]:
+                self._last = (sent_s, y)
+                self._age = 0.0
+        if self._velocity is None:
+            return y
+        ahead = min(self.horizon + self._age, self.longest)
+        return tuple([value + ahead * rate for value, rate in zip(y, self._velocity, strict=True)])
+
+
+class Pipeline:
+    """Stages in a row; empty: the identity."""
+
+    def __init__(self, stages: Iterable[Stage] = ()) -> None:
+        self.stages = tuple(stages)
+
+    def reset(self, position: Vector) -> None:
+        for stage in self.stages:
+            stage.reset(position)
+
+    def step(self, dt: float, y: Vector, sent_s: float | None) -> Vector:
+        for stage in self.stages:
+            y = stage.step(dt, y, sent_s)
+        return y

@@ -1,0 +1,83 @@
+"""The coupling spring, saturated through its potential.
+
+An actuator at its limit is not the linear spring of (2). So the limit is put into the potential itself (footnote 1 of
+the paper allows nonlinear springs): with ``s = |e|_K``, ``e = x - ybar``,
+
+    h(s) = s^2 / 2             up to s0 = F_max / sqrt(lambda_max(K))
+    h(s) = s0 s - s0^2 / 2     beyond,            force  -h'(s)/s  K e,  never longer than F_max
+
+Its level sets are those of the linear spring, so PSPM's projection stays a projection on an ellipsoid.
+"""
+
+from __future__ import annotations
+
+import math
+from operator import mul
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hapnet import checks
+from hapnet.checks import Vector
+from hapnet.control.ellipsoid import Ellipsoid
+
+
+class Spring:
+    """Spring with potential ``phi(e) = h(|e|_K)``.
+
+    Parameters
+    ----------
+    stiffness : K, symmetric positive definite, [N/m]: a scalar, the n diagonal entries, or (n, n).
+    dof : n, the number of axes.
+    force_limit : F_max [N], the longest force (Euclidean norm) the spring may give; None: never saturates.
+
+    Raises
+    ------
+    InvalidParameter : K is not symmetric positive definite, or has another dimension.
+    """
+
+    __slots__ = ("K", "_rows", "dof", "ellipsoid", "force_limit", "knee")
+
+    def __init__(self, stiffness: ArrayLike, dof: int, force_limit: float | None = None) -> None:
+        self.K = checks.spd("stiffness", stiffness, dof)
+        self.dof = dof
+        self.ellipsoid = Ellipsoid(self.K)
+        self._rows: tuple[Vector, ...] = tuple(tuple(row) for row in self.K.tolist())
+        self.force_limit = None if force_limit is None else checks.positive("force_limit", force_limit)
+        self.knee = math.inf if self.force_limit is None else self.force_limit / math.sqrt(self.ellipsoid.largest)
+
+    def potential(self, e: Vector) -> float:
+        """phi [J] at the offset ``e = x - ybar`` [m]."""
+        square = self.ellipsoid.square(e)
+        knee = self.knee
+        if square <= knee * knee:
+            return 0.5 * square
+        return knee * math.sqrt(square) - 0.5 * knee * knee
+
+    def force(self, e: Vector) -> Vector:
+        """The spring's force on the device [N] at the offset e [m]."""
+        scale = -1.0
+        if self.knee != math.inf:
+            square = self.ellipsoid.square(e)
+            if square > self.knee * self.knee:
+                scale = -self.knee / math.sqrt(square)
+        if self.dof == 1:
+            return (scale * self._rows[0][0] * e[0],)
+        return tuple([scale * sum(map(mul, row, e)) for row in self._rows])
+
+    def nearest(self, e: Vector, energy: float) -> Vector:
+        """The offset with ``phi <= energy`` [J] nearest to `e`; the bound holds in floating point."""
+        if energy <= 0.0:
+            return (0.0,) * self.dof
+        knee = self.knee
+        radius = math.sqrt(2.0 * energy) if energy <= 0.5 * knee * knee else energy / knee + 0.5 * knee
+        p = self.ellipsoid.project(e, radius)
+        excess: float = 2.0**-52
+        while self.potential(p) > energy:  # the square roots may have rounded up
+            p = self.ellipsoid.project(p, radius * (1.0 - excess))
+            excess *= 2.0
+        return p
+
+    def curvature_bound(self) -> float:
+        """Sum of |K_ij| [N/m]: bounds how far phi can be off for an offset wrong by half a count an axis."""
+        return float(np.abs(self.K).sum())

@@ -1,0 +1,57 @@
+"""What hapnet raises: one root, and every message names the offending value and what is allowed."""
+
+from __future__ import annotations
+
+
+class HapnetError(Exception):
+    """Root of all errors that hapnet raises on purpose."""
+
+
+class InvalidParameter(HapnetError, ValueError):
+    """A parameter has a value that is not allowed.
+
+    Parameters
+    ----------
+    name : the parameter, as its user knows it (``"stiffness"``, ``"world.wall.stiffness"``).
+    value : what was given.
+    allowed : what would have been accepted, in words.
+    """
+
+    def __init__(self, name: str, value: object, allowed: str) -> None:
+        self.name, self.value, self.allowed = name, value, allowed
+        super().__init__(f"{name} is {_short(value)}; allowed: {allowed}")
+
+    def __reduce__(self) -> tuple[type[InvalidParameter], tuple[str, object, str]]:
+        return type(self), (self.name, self.value, self.allowed)
+
+
+class ProtocolError(HapnetError):
+    """A message or a peer does not follow the protocol."""
+
+
+class BadMessage(ProtocolError):
+    """A received message cannot be accepted; it is counted under `kind` and dropped."""
+
+    def __init__(self, kind: str, detail: str) -> None:
+        self.kind, self.detail = kind, detail
+        super().__init__(f"{kind}: {detail}")
+
+    def __reduce__(self) -> tuple[type[BadMessage], tuple[str, str]]:
+        return type(self), (self.kind, self.detail)
+
+
+class PeerRefused(ProtocolError):
+    """The two sides do not fit (version, degrees of freedom, role): the reason is the message."""
+
+
+class RecordingError(HapnetError):
+    """A file is not a recording, or a recording cannot be written."""
+
+
+class TransportError(HapnetError):
+    """The transport could not be opened or set up."""
+
+
+def _short(value: object, limit: int = 160) -> str:
+    text = " ".join(repr(value).split())
+    return text if len(text) <= limit else text[: limit - 3] + "..."

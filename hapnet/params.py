@@ -1,0 +1,278 @@
+"""Every physical and timing parameter, its default, unit and meaning; read from TOML and `--set`, recorded with a run.
+
+Defaults are Section 4's of the paper, with the digits that its printing lost reconstructed (marked "rec.").
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import json
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+from hapnet.errors import InvalidParameter
+
+Matrix = float | tuple[float, ...] | tuple[tuple[float, ...], ...]
+"""A scalar, one number an axis, or rows of a matrix."""
+
+
+def _p(default: object, doc: str, allowed: tuple[str, ...] | None = None) -> Any:
+    return field(default=default, metadata={"doc": doc, "allowed": allowed})
+
+
+@dataclass(frozen=True)
+class DeviceParams:
+    """The haptic device and its side of the coupling."""
+
+    servo: str = _p("auto", "auto: continuous in simulate and reproduce, sampled in run and device",
+                    ("auto", "continuous", "sampled"))  # fmt: skip
+    servo_hz: float = _p(1000.0, "servo rate [Hz]")
+    pspm_period_s: float = _p(0.005, "PSPM runs at least this often, and on new data [s]")
+    stiffness: Matrix = _p(100.0, "K [N/m], scalar, per axis or matrix (rec.)")
+    damping: Matrix = _p(0.1, "B [Ns/m], scalar or per axis")
+    ceiling_J: float = _p(0.05, "the reservoir's ceiling [J]")
+    shuffle: str = _p("harvested", "what of the surplus is sent", ("harvested", "all"))
+    harvest: str = _p("auto", "auto: range with the continuous servo, measured with the sampled one",
+                      ("auto", "range", "measured"))  # fmt: skip
+    force_limit_N: float = _p(3.3, "longest force of the actuators [N]; 0: no limit")
+    spring_share: float = _p(0.9, "share of the force limit at which the spring saturates, the rest is the damper's")
+    step_limit_N: float = _p(0.5, "largest step of the spring's force an update [N]; 0: no limit")
+    smoothing_s: float = _p(0.0, "time constant of the smoothing filter before PSPM [s]; 0: none")
+    predict_s: float = _p(0.0, "horizon of the velocity predictor before PSPM [s]; 0: none")
+    on_silence: str = _p("hold", "what y does when nothing arrives", ("hold", "release"))
+    silence_after_s: float = _p(0.5, "the silence that counts [s]")
+    mass: float = _p(0.045, "apparent mass of the simulated device [kg]")
+    own_damping: float = _p(0.3, "own damping of the simulated device [Ns/m]")
+    trusted_damping: float = _p(0.0, "lower bound of the device's own damping to harvest, measured harvest only [Ns/m]")
+    resolution_m: float = _p(0.0, "encoder resolution, sampled servo only [m]; 0: exact")
+    substeps: int = _p(4, "integration substeps of the simulated device a tick")
+
+
+@dataclass(frozen=True)
+class OperatorParams:
+    """The simulated hand: its impedance and its motion."""
+
+    mass: float = _p(0.554, "of hand and arm [kg]")
+    damping: float = _p(6.45, "[Ns/m]")
+    stiffness: float = _p(135.0, "[N/m]")
+    amplitude_m: float = _p(0.03, "of the sine [m]")
+    frequency_hz: float = _p(0.5, "of the sine [Hz]")
+    start_m: float = _p(-0.01, "where the press begins, along the wall's normal [m]")
+    goal_m: float = _p(0.04, "where the press wants to go, along the wall's normal [m]")
+    reach_s: float = _p(1.0, "duration of a way of the press [s]")
+    hold_s: float = _p(1.5, "how long the press is held [s]")
+    wait_s: float = _p(0.5, "pause between presses [s]")
+    press_depth_m: float = _p(0.008, "how deep a recorded pen wants to be at full pressure [m]")
+    hover_m: float = _p(0.006, "how high a recorded pen hovers when lifted [m]")
+
+
+@dataclass(frozen=True)
+class WallParams:
+    """The walls of the scene."""
+
+    stiffness: float = _p(3000.0, "K_w [N/m] (rec.)")
+    damping: float = _p(10.0, "B_w [Ns/m] (rec.)")
+    position_m: float = _p(0.02, "where the wall of scene wall stands on the first axis [m]")
+    half_width_m: float = _p(0.03, "half the inner width of scene box [m]")
+
+
+@dataclass(frozen=True)
+class WorldParams:
+    """The virtual world and its side of the coupling."""
+
+    mass: Matrix = _p(0.02, "virtual mass [kg] (rec.)")
+    stiffness: Matrix = _p(500.0, "K' [N/m] (rec.); K'/K scales the force that is felt")
+    damping: Matrix = _p(14.0, "B' [Ns/m]")
+    ceiling_J: float = _p(0.05, "the reservoir's ceiling [J]")
+    shuffle: str = _p("harvested", "what of the surplus is sent", ("harvested", "all"))
+    step_min_s: float = _p(0.010, "shortest integration step T_k [s] (rec.)")
+    step_max_s: float = _p(0.050, "longest integration step T_k, uniform between [s] (rec.)")
+    smoothing_s: float = _p(0.0, "time constant of the smoothing filter before PSPM [s]; 0: none")
+    predict_s: float = _p(0.0, "horizon of the velocity predictor before PSPM [s]; 0: none")
+    on_silence: str = _p("hold", "what y does when nothing arrives", ("hold", "release"))
+    silence_after_s: float = _p(0.5, "the silence that counts [s]")
+    wall: WallParams = field(default_factory=WallParams)
+
+
+@dataclass(frozen=True)
+class LinkParams:
+    """The emulated link, in tc-netem's words; each side shapes what it sends."""
+
+    up: str = _p("delay 40ms 10ms loss 2%", "from the device to the world")
+    down: str = _p("delay 40ms 10ms loss 2%", "from the world to the device")
+
+
+@dataclass(frozen=True)
+class WireParams:
+    """The protocol's timing and admission."""
+
+    hello_period_s: float = _p(0.1, "between greetings until the peer has answered [s]")
+    energy_spacing_s: float = _p(0.010, "least time between two energy messages with news [s]")
+    admission_W: float = _p(5.0, "most shuffled power that is credited [W]")
+    admission_burst_J: float = _p(0.5, "shuffled energy credited at once before that limit counts [J]")
+    accept_stale: bool = _p(False, "let set-positions through that arrive after newer ones")
+
+
+@dataclass(frozen=True)
+class Params:
+    """All parameters of a run."""
+
+    scene: str = _p("wall", "free, wall, box, paper, or module:Class")
+    operator: str = _p("press", "rest, sine, press, a recording's path, or module:Class")
+    coupling: str = _p("pspm", "pspm; zoh: a plain virtual coupling, not passive", ("pspm", "zoh"))
+    dof: int = _p(0, "degrees of freedom; 0: the scene's own")
+    duration_s: float = _p(10.0, "from pairing [s]; 0: until stopped")
+    record_hz: float = _p(200.0, "recorded samples a second of the device [Hz]")
+    device: DeviceParams = field(default_factory=DeviceParams)
+    operator_hand: OperatorParams = field(default_factory=OperatorParams)
+    world: WorldParams = field(default_factory=WorldParams)
+    link: LinkParams = field(default_factory=LinkParams)
+    wire: WireParams = field(default_factory=WireParams)
+
+    def __post_init__(self) -> None:
+        for name, value, spec in _leaves(self):
+            allowed = spec.metadata["allowed"]
+            if allowed is not None and value not in allowed:
+                raise InvalidParameter(name, value, "one of " + ", ".join(allowed))
+            if (
+                isinstance(value, float | int)
+                and not isinstance(value, bool)
+                and _must_be_positive(name)
+                and value <= 0
+            ):
+                raise InvalidParameter(name, value, "a number above 0")
+            if isinstance(value, float) and value != value:
+                raise InvalidParameter(name, value, "a number")
+        for name in ("duration_s", "device.smoothing_s", "device.predict_s", "world.smoothing_s", "world.predict_s"):
+            if self.get(name) < 0:
+                raise InvalidParameter(name, self.get(name), "0 or above")
+        if self.world.step_min_s > self.world.step_max_s:
+            raise InvalidParameter("world.step_min_s", self.world.step_min_s, "at most world.step_max_s")
+
+    def get(self, name: str) -> Any:
+        """The parameter with a dotted name."""
+        value: Any = self
+        for part in name.split("."):
+            value = getattr(value, part)
+        return value
+
+    def set(self, changes: Mapping[str, object]) -> Params:
+        """A copy with parameters changed, given by dotted names; values as TOML has them, or text from `--set`.
+
+        Raises
+        ------
+        InvalidParameter : there is no such parameter, or the value is not of its type.
+        """
+        known = {name: spec for name, _, spec in _leaves(self)}
+        tree: dict[str, Any] = {}
+        for name, value in changes.items():
+            if name not in known:
+                near = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
+                hint = f"a parameter of --show-params{', such as ' + ', '.join(near) if near else ''}"
+                raise InvalidParameter("parameter", name, hint)
+            *path, last = name.split(".")
+            branch = tree
+            for part in path:
+                branch = branch.setdefault(part, {})
+            branch[last] = _convert(name, value, self.get(name), known[name])
+        changed: Params = _replace(self, tree)
+        return changed
+
+    def set_words(self, assignments: Iterable[str]) -> Params:
+        """`set` from words such as ``world.wall.stiffness=30000``."""
+        changes = {}
+        for word in assignments:
+            name, equals, value = word.partition("=")
+            if not equals:
+                raise InvalidParameter("--set", word, "NAME=VALUE, such as world.wall.stiffness=30000")
+            changes[name.strip()] = value.strip()
+        return self.set(changes)
+
+    def load(self, file: Path) -> Params:
+        """A copy changed by a TOML file; raises InvalidParameter if it cannot be read or names no parameter."""
+        try:
+            table = tomllib.loads(file.read_text(encoding="utf-8"))
+        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            raise InvalidParameter("--params", str(file), f"a TOML file ({error})") from None
+        return self.set(dict(_flatten(table)))
+
+    def as_dict(self) -> dict[str, Any]:
+        return dataclasses.asdict(self)
+
+    def toml(self) -> str:
+        """All parameters as TOML with their meaning: what `--show-params` prints and `--params` reads."""
+        lines: list[str] = []
+        section = ""
+        for name, value, spec in _leaves(self):
+            prefix, _, last = name.rpartition(".")
+            if prefix != section:
+                lines.extend(["", f"[{prefix}]"])
+                section = prefix
+            allowed = spec.metadata["allowed"]
+            choice = f" ({' | '.join(allowed)})" if allowed else ""
+            lines.append(f"{f'{last} = {json.dumps(value)}':<32} # {spec.metadata['doc']}{choice}")
+        return "\n".join(lines) + "\n"
+
+
+def _must_be_positive(name: str) -> bool:
+    zero_means_none = {
+        "dof", "duration_s", "device.force_limit_N", "device.step_limit_N", "device.trusted_damping",
+        "device.resolution_m", "device.own_damping", "device.ceiling_J", "world.ceiling_J", "world.wall.damping",
+        "operator_hand.start_m", "operator_hand.goal_m", "operator_hand.hold_s", "operator_hand.wait_s",
+        "operator_hand.mass", "operator_hand.damping", "operator_hand.stiffness", "operator_hand.amplitude_m",
+        "operator_hand.frequency_hz", "operator_hand.press_depth_m", "operator_hand.hover_m",
+        "world.wall.position_m",
+    }  # fmt: skip
+    return name not in zero_means_none and not name.endswith(("smoothing_s", "predict_s"))
+
+
+def _leaves(node: Any, prefix: str = "") -> Iterator[tuple[str, Any, dataclasses.Field[Any]]]:
+    """(dotted name, value, field) of every parameter: a section's own values before its subsections."""
+    branches = []
+    for spec in fields(node):
+        value = getattr(node, spec.name)
+        if is_dataclass(value):
+            branches.append((f"{prefix}{spec.name}.", value))
+        else:
+            yield prefix + spec.name, value, spec
+    for name, value in branches:
+        yield from _leaves(value, name)
+
+
+def _flatten(table: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
+    for name, value in table.items():
+        if isinstance(value, Mapping):
+            yield from _flatten(value, f"{prefix}{name}.")
+        else:
+            yield prefix + name, value
+
+
+def _replace(node: Any, tree: Mapping[str, Any]) -> Any:
+    changes = {name: _replace(getattr(node, name), v) if isinstance(v, dict) else v for name, v in tree.items()}
+    return dataclasses.replace(node, **changes)
+
+
+def _convert(name: str, value: object, default: Any, spec: dataclasses.Field[Any]) -> object:
+    matrix = spec.type == "Matrix"
+    words = {str: "text", bool: "true or false", int: "a whole number", float: "a number"}[
+        float if matrix else type(default)
+    ]
+    if matrix:
+        words = "a number, a list of numbers, or a list of rows"
+    if isinstance(value, str) and (matrix or not isinstance(default, str)):
+        try:
+            value = json.loads(value)
+        except json.JSONDecodeError:
+            raise InvalidParameter(name, value, words) from None
+    if matrix and isinstance(value, list):
+        return tuple(tuple(row) if isinstance(row, list) else row for row in value)
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if (matrix or isinstance(default, float)) and number:
+        return float(str(value))
+    if type(value) is type(default) and not matrix:
+        return value
+    raise InvalidParameter(name, value, words)

@@ -1,0 +1,295 @@
+"""Simulated haptic devices (1), held by a simulated hand, integrated by the midpoint rule.
+
+    M x'' = tau + f - b x',    f = K_h (x_d - x) + B_h (x_d' - x') - M_h x''
+
+A tick is cut into substeps. With ``vhat = (v1 + v0)/2`` and every force taken at the midpoint, a substep obeys
+
+    f . vhat h = change of (kinetic + potential) + |vhat|_B^2 h + |vhat|_b^2 h
+
+exactly, so the account of the human's port has no error of integration. Where the spring saturates, the midpoint spring
+is replaced by the discrete gradient of its potential, ``-c K e_mid``, with the same effect.
+"""
+
+from __future__ import annotations
+
+import math
+from operator import mul
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hapnet import checks
+from hapnet.checks import Array, Vector
+from hapnet.errors import InvalidParameter
+from hapnet.plant.operator import Operator
+
+
+class Device(Protocol):
+    """What a servo needs of a device, simulated or real."""
+
+    @property
+    def dof(self) -> int: ...
+
+    @property
+    def force_limit(self) -> float | None:
+        """Longest force the actuators give [N]; None: no limit."""
+
+    @property
+    def resolution(self) -> float:
+        """Of the encoders [m]; 0: none."""
+
+    def read(self) -> tuple[Vector, Vector]:
+        """Position [m] and velocity [m/s] now, shape (n,) each."""
+
+    def apply(self, force: Vector) -> None:
+        """Hold this force [N] until the next call."""
+
+
+class Tick(NamedTuple):
+    """What happened in one tick of a simulated device, at the human's port."""
+
+    work: float
+    """Done by the hand on the device [J]."""
+    low: Vector
+    """Smallest position of each axis in the tick, both ends included [m]."""
+    high: Vector
+    force: Vector
+    """The hand's force, mean over the last substep [N]."""
+
+
+class SimulatedDevice:
+    """An n-axis device with constant mass, in a simulated hand.
+
+    Parameters
+    ----------
+    operator : the hand; the device starts at rest at its reference at t = 0.
+    mass : apparent mass [kg] an axis. damping : own damping b [Ns/m] an axis, 0 or above.
+    period : length of a tick [s]; substeps : of the integration a tick.
+    resolution : encoder resolution [m], 0: exact positions and velocities.
+    force_limit : longest force the actuators give [N].
+
+    Raises
+    ------
+    InvalidParameter : a value is not allowed.
+    """
+
+    def __init__(
+        self,
+        operator: Operator,
+        *,
+        mass: float = 0.045,
+        damping: float = 0.3,
+        period: float = 1e-3,
+        substeps: int = 4,
+        resolution: float = 0.0,
+        force_limit: float | None = None,
+    ) -> None:
+        self.operator = operator
+        self.mass = checks.positive("device.mass", mass)
+        self.damping = checks.non_negative("device.own_damping", damping)
+        self.period = checks.positive("device period", period)
+        if substeps < 1:
+            raise InvalidParameter("device.substeps", substeps, "1 or more")
+        self.substeps = substeps
+        self.resolution = checks.non_negative("device.resolution", resolution)
+        self.force_limit = None if force_limit is None else checks.positive("device.force_limit", force_limit)
+        self.time = 0.0
+        self._ticks = 0
+        self._reference = operator.reference(0.0)
+        self.position: Vector = self._reference
+        self.velocity: Vector = (0.0,) * len(self.position)
+        self._read = self._count()
+        self._torque: Vector = self.velocity
+        self._set_position: Vector | None = None
+        self._knee = math.inf
+        self._K = self._coupling_damping = np.zeros((self.dof, self.dof))
+        self._prepare()
+
+    @property
+    def dof(self) -> int:
+        return len(self.position)
+
+    @property
+    def kinetic(self) -> float:
+        """Of the device's own mass [J]."""
+        square: float = sum(map(mul, self.velocity, self.velocity))
+        return 0.5 * self.mass * square
+
+    def read(self) -> tuple[Vector, Vector]:
+        """Position and velocity; with encoders, whole counts and their backward difference over the last tick."""
+        if self.resolution == 0.0:
+            return self.position, self.velocity
+        before, self._read = self._read, self._count()
+        return self._read, tuple([(b - a) / self.period for a, b in zip(before, self._read, strict=True)])
+
+    def apply(self, force: Vector) -> None:
+        """Hold a force [N], cut to the actuators' limit."""
+        length = math.hypot(*force)
+        if self.force_limit is not None and length > self.force_limit:
+            force = tuple([component * self.force_limit / length for component in force])
+        self._torque = force
+
+    def couple(
+        self, stiffness: ArrayLike, damping: ArrayLike, set_position: Vector, force_limit: float | None = None
+    ) -> None:
+        """Let the coupling (2) act within the ticks from now on, in place of a held force.
+
+        Parameters
+        ----------
+        stiffness : K [N/m]. damping : B [Ns/m], diagonal. set_position : ybar [m].
+        force_limit : the spring saturates here [N], through its potential; None: never.
+        """
+        self._K = checks.spd("stiffness", stiffness, self.dof)
+        self._coupling_damping = np.diag(checks.diagonal("damping", damping, self.dof, zero_allowed=True))
+        largest = float(np.linalg.eigvalsh(self._K)[-1])
+        self._knee = math.inf if force_limit is None else force_limit / math.sqrt(largest)
+        self._set_position = set_position
+        self._prepare()
+
+    def move_set_position(self, set_position: Vector) -> None:
+        """A new ybar [m] for the coupling that is in force."""
+        self._set_position = set_position
+
+    def advance(self) -> Tick:
+        """One tick of the servo's period."""
+        self._ticks += 1
+        self.time = self._ticks * self.period
+        start = self._reference
+        self._reference = self.operator.reference(self.time)
+        if self._decoupled is not None:
+            tick = self._advance_axes(start)
+            if tick is not None:
+                return tick
+        return self._advance_coupled(start)
+
+    # -- axis by axis: K diagonal and not saturated ------------------------------------------------------------------
+
+    def _advance_axes(self, reference: Vector) -> Tick | None:
+        """The tick with every axis on its own, or None (and nothing changed) if the spring may have saturated."""
+        assert self._decoupled is not None
+        h = self.period / self.substeps
+        hand = self.operator.impedance
+        kh, bh, mh = hand.stiffness, hand.damping, 2.0 * hand.mass / h
+        inertia = 2.0 * (self.mass + hand.mass) / h
+        response = kh * h / 2.0 + bh + mh
+        ybar = self._set_position or self.position
+        positions, velocities, lows, highs, forces = [], [], [], [], []
+        work = stretch = 0.0
+        for axis, (k, inverse) in enumerate(self._decoupled):
+            x, v = self.position[axis], self.velocity[axis]
+            y = ybar[axis]
+            rate = (self._reference[axis] - reference[axis]) / self.period
+            step = kh * rate * h
+            hand_drive = kh * reference[axis] + bh * rate - 0.5 * step
+            drive = k * y + self._torque[axis]
+            stiffness = k + kh
+            low = high = x
+            done = f = 0.0
+            for _ in range(self.substeps):
+                hand_drive += step
+                middle = (inertia * v + drive + hand_drive - stiffness * x) * inverse
+                f = hand_drive - kh * x + mh * v - response * middle
+                done += f * middle
+                v = middle + middle - v
+                x += h * middle
+                if x < low:
+                    low = x
+                elif x > high:
+                    high = x
+            work += done
+            farthest = max(high - y, y - low)
+            stretch += k * farthest * farthest
+            positions.append(x)
+            velocities.append(v)
+            lows.append(low)
+            highs.append(high)
+            forces.append(f)
+        if stretch > self._knee * self._knee:
+            return None
+        self.position = tuple(positions)
+        self.velocity = tuple(velocities)
+        return Tick(work * h, tuple(lows), tuple(highs), tuple(forces))
+
+    # -- any K, saturated or not -------------------------------------------------------------------------------------
+
+    def _advance_coupled(self, reference: Vector) -> Tick:
+        h = self.period / self.substeps
+        hand = self.operator.impedance
+        kh, bh, mh = hand.stiffness, hand.damping, 2.0 * hand.mass / h
+        inertia = 2.0 * (self.mass + hand.mass) / h
+        K, knee = self._K, self._knee
+        x, v = np.array(self.position), np.array(self.velocity)
+        ybar = np.array(self._set_position or self.position)
+        rate = (np.array(self._reference) - np.array(reference)) / self.period
+        hand_drive = kh * np.array(reference) + (bh - 0.5 * kh * h) * rate
+        low = high = x
+        work = 0.0
+        f = np.zeros(self.dof)
+        for _ in range(self.substeps):
+            hand_drive = hand_drive + kh * h * rate
+            push = inertia * v + self._torque + hand_drive - kh * x
+            e = x - ybar
+            pull = K @ e
+            middle: Array = self._inverse @ (push - pull)
+            if knee != math.inf:
+                middle = self._saturate(middle, push, e, pull, h)
+            f = hand_drive - kh * x + mh * v - (kh * h / 2.0 + bh + mh) * middle
+            work += float(f @ middle) * h
+            v = 2.0 * middle - v
+            x = x + h * middle
+            low = np.minimum(low, x)
+            high = np.maximum(high, x)
+        self.position = tuple(x.tolist())
+        self.velocity = tuple(v.tolist())
+        return Tick(work, tuple(low.tolist()), tuple(high.tolist()), tuple(f.tolist()))
+
+    def _saturate(self, middle: Array, push: Array, e: Array, pull: Array, h: float) -> Array:
+        """The substep's vhat with the saturated spring: c of the discrete gradient by fixed point, 1 unsaturated.
+
+        The change of force with c is at most K h/2 against 2M/h: the iteration contracts by about K h^2 / 4M, to
+        rounding in a few rounds. At the fixed point the spring's work is exactly the change of its potential.
+        """
+        K = self._K
+        start = math.sqrt(max(0.0, float(e @ pull)))
+        c = 1.0
+        for _ in range(50):
+            e1 = e + h * middle
+            end = math.sqrt(max(0.0, float(e1 @ K @ e1)))
+            before, c = c, _discrete_gradient(start, end, self._knee)
+            if abs(c - before) <= 1e-15:
+                break
+            A = self._bare + (c * h / 2.0) * K
+            middle = np.asarray(np.linalg.solve(A, push - c * pull), dtype=np.float64)
+        return middle
+
+    def _prepare(self) -> None:
+        """All that depends on the coupling but not on the state."""
+        h = self.period / self.substeps
+        hand = self.operator.impedance
+        if self._set_position is not None:
+            self._torque = (0.0,) * self.dof
+        own = 2.0 * (self.mass + hand.mass) / h + self.damping + hand.damping + hand.stiffness * h / 2.0
+        self._bare = own * np.eye(self.dof) + self._coupling_damping
+        self._inverse = np.linalg.inv(self._bare + self._K * (h / 2.0))
+        self._decoupled: tuple[tuple[float, float], ...] | None = None
+        """(k, 1 / midpoint system) of each axis, if they are independent."""
+        if np.array_equal(self._K, np.diag(np.diagonal(self._K))):
+            k, b = np.diagonal(self._K).tolist(), np.diagonal(self._coupling_damping).tolist()
+            self._decoupled = tuple((ki, 1.0 / (own + bi + ki * h / 2.0)) for ki, bi in zip(k, b, strict=True))
+
+    def _count(self) -> Vector:
+        r = self.resolution
+        if r == 0.0:
+            return self.position
+        return tuple([r * round(x / r) for x in self.position])
+
+
+def _discrete_gradient(start: float, end: float, knee: float) -> float:
+    """c with ``h(end) - h(start) = c (end^2 - start^2) / 2`` for the potential h of a spring saturated at the knee."""
+    if start <= knee and end <= knee:
+        return 1.0
+    if start >= knee and end >= knee:
+        return 2.0 * knee / (start + end)
+    inner, outer = min(start, end), max(start, end)
+    return (2.0 * knee * outer - knee * knee - inner * inner) / ((outer - inner) * (outer + inner))

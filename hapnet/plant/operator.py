@@ -1,0 +1,264 @@
+"""Simulated hands: an impedance that follows a motion.
+
+The hand holds the device: ``f = K_h (x_d(t) - x) + B_h (x_d' - x') - M_h x''``. Default impedance: the arm fit of
+Sci. Rep. srep18004 (M 0.554 kg, B 6.45 Ns/m, K 135 N/m). The motion x_d is sampled once a tick and joined by straight
+lines; whatever it is, the human's port is charged for exactly what the hand did.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapnet import checks
+from hapnet.checks import Array, Vector
+from hapnet.errors import InvalidParameter
+
+
+@dataclass(frozen=True)
+class Impedance:
+    """The hand's mass [kg], damping [Ns/m] and stiffness [N/m], the same on each axis."""
+
+    mass: float = 0.554
+    damping: float = 6.45
+    stiffness: float = 135.0
+
+    def __post_init__(self) -> None:
+        checks.non_negative("operator.mass", self.mass)
+        checks.non_negative("operator.damping", self.damping)
+        checks.non_negative("operator.stiffness", self.stiffness)
+
+
+class Operator(Protocol):
+    """A hand: its impedance, and where it wants to be."""
+
+    @property
+    def impedance(self) -> Impedance: ...
+
+    def reference(self, t: float) -> Vector:
+        """x_d [m] at `t` seconds after the start, shape (n,); called with t that never decreases."""
+
+
+class Rest:
+    """A hand that holds still."""
+
+    def __init__(self, dof: int, impedance: Impedance, position: Vector | None = None) -> None:
+        self.impedance = impedance
+        self._position = position or (0.0,) * dof
+
+    def reference(self, t: float) -> Vector:
+        return self._position
+
+
+class Sine:
+    """A sine on each axis, ``centre + amplitude sin(2 pi f t + i pi / 2)``: a circle in two axes.
+
+    Parameters
+    ----------
+    amplitude : [m]; frequency : [Hz]; centre : [m], shape (n,).
+    """
+
+    def __init__(
+        self,
+        dof: int,
+        impedance: Impedance,
+        amplitude: float = 0.03,
+        frequency: float = 0.5,
+        centre: Vector | None = None,
+    ) -> None:
+        self.impedance = impedance
+        self._amplitude = checks.non_negative("operator.amplitude", amplitude)
+        self._omega = 2.0 * math.pi * checks.non_negative("operator.frequency", frequency)
+        self._centre = centre or (0.0,) * dof
+
+    def reference(self, t: float) -> Vector:
+        phase = self._omega * t
+        return tuple(
+            [
+                middle + self._amplitude * math.sin(phase + axis * math.pi / 2.0)
+                for axis, middle in enumerate(self._centre)
+            ]
+        )
+
+
+class Press:
+    """Minimum-jerk press and hold, then withdraw, repeated.
+
+    Parameters
+    ----------
+    start, goal : where the hand waits and where it presses to [m], shape (n,).
+    reach : duration of each way [s]; hold : time at the goal [s]; wait : time at the start [s].
+    """
+
+    def __init__(
+        self,
+        start: Vector,
+        goal: Vector,
+        impedance: Impedance,
+        *,
+        reach: float = 1.0,
+        hold: float = 1.5,
+        wait: float = 0.5,
+    ) -> None:
+        self.impedance = impedance
+        self._start = start
+        self._way = tuple([b - a for a, b in zip(start, goal, strict=True)])
+        self._reach = checks.positive("operator.reach_s", reach)
+        self._hold = checks.non_negative("operator.hold_s", hold)
+        self._wait = checks.non_negative("operator.wait_s", wait)
+        self._cycle = 2.0 * reach + hold + wait
+
+    def reference(self, t: float) -> Vector:
+        phase = t % self._cycle - self._wait
+        if phase > self._reach + self._hold:
+            phase = 2.0 * self._reach + self._hold - phase  # the way back is the way there, mirrored in time
+        share = minimum_jerk(phase / self._reach)
+        return tuple([a + share * d for a, d in zip(self._start, self._way, strict=True)])
+
+
+class Recorded:
+    """A recorded motion, replayed; after its end the hand goes back to the start in a minimum-jerk move and repeats.
+
+    Parameters
+    ----------
+    path : (N, n) positions [m] on an even grid of `step` seconds.
+    """
+
+    _RETURN_S = 1.0
+
+    def __init__(self, path: Array, step: float, impedance: Impedance) -> None:
+        self.impedance = impedance
+        back_steps = max(2, round(self._RETURN_S / step))
+        share = np.array([minimum_jerk(i / back_steps) for i in range(1, back_steps)])[:, None]
+        whole = np.vstack([path, path[-1] + share * (path[0] - path[-1]), path[:1]])
+        self._points: list[Vector] = [tuple(point) for point in whole.tolist()]
+        self._step = step
+        self._period = (len(self._points) - 1) * step
+
+    @property
+    def duration(self) -> float:
+        """Length of one round, the way back included [s]."""
+        return self._period
+
+    def reference(self, t: float) -> Vector:
+        index, share = divmod((t % self._period) / self._step, 1.0)
+        first = self._points[min(int(index), len(self._points) - 2)]
+        second = self._points[min(int(index), len(self._points) - 2) + 1]
+        return tuple([a + share * (b - a) for a, b in zip(first, second, strict=True)])
+
+
+def minimum_jerk(s: float) -> float:
+    """Flash and Hogan's ``10 s^3 - 15 s^4 + 6 s^5`` from 0 to 1, flat outside."""
+    if s <= 0.0:
+        return 0.0
+    if s >= 1.0:
+        return 1.0
+    return s * s * s * (10.0 + s * (6.0 * s - 15.0))
+
+
+_GRID_S = 1e-3
+_GAP_S = 0.05  # a recording at 133 Hz that skips more than this has lost the pen
+_JUMP_MPS = 0.5  # faster than a hand writes: the pen was lost and found elsewhere
+_JUMP_S = 0.06  # samples this near to a jump are given up, so that the way across is a hand's
+_PEN_S = 0.08  # the pen goes down or up over this time
+
+
+def read_motion(
+    file: Path, dof: int, impedance: Impedance, *, press_depth: float = 0.008, hover: float = 0.006
+) -> Recorded:
+    """A recorded hand from CSV: columns `time_s`, `x_m` and, as far as there are, `y_m`, `z_m`.
+
+    A pen tablet's recording has `pressure` (0 to 1) and perhaps `pen_down` instead of `z_m`: pressure becomes depth
+    below the surface z = 0 (`press_depth` [m] at full pressure), a lifted pen hovers at `hover` [m]. Where samples are
+    missing for longer than 50 ms, or the pen jumps, it is lifted and moves on with minimum jerk. Uneven samples are
+    joined by cubic curves and resampled at 1 kHz. A one-dimensional device gets the axis that presses (the last one).
+
+    Raises
+    ------
+    InvalidParameter : the file cannot be read, or is not such a recording.
+    """
+    table = _without_jumps(_read_columns(file))
+    t = table["time_s"]
+    if "pressure" in table:
+        down = table.get("pen_down", np.ones_like(t)) > 0.0
+        depth = np.where(down, -press_depth * table["pressure"], hover)
+        columns = [table["x_m"], table["y_m"]] if "y_m" in table else [table["x_m"]]
+        grid, planar, lifted = _resample(t, np.column_stack(columns))
+        height = np.where(lifted, hover, np.interp(grid, t, depth))
+        waiting = round(_PEN_S / _GRID_S)  # lifted at both ends, so that the pen is set down and taken up
+        planar = np.pad(planar, ((waiting, waiting), (0, 0)), mode="edge")
+        path = np.column_stack([planar, _soften(np.pad(height, waiting, constant_values=hover))])
+    else:
+        names = [name for name in ("x_m", "y_m", "z_m") if name in table]
+        _, path, _ = _resample(t, np.column_stack([table[name] for name in names]))
+    if dof == 1 and path.shape[1] > 1:
+        path = path[:, -1:]
+    if path.shape[1] < dof:
+        raise InvalidParameter("operator", str(file), f"a recording with {dof} axes for a {dof}-axis device")
+    return Recorded(path[:, :dof], _GRID_S, impedance)
+
+
+def _read_columns(file: Path) -> dict[str, Array]:
+    wanted = "a CSV file with the columns time_s, x_m[, y_m[, z_m | pen_down, pressure]]"
+    try:
+        with file.open(newline="", encoding="utf-8") as lines:
+            rows = list(csv.DictReader(lines))
+        table = {name: np.array([float(row[name]) for row in rows]) for name in (rows[0] if rows else {})}
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InvalidParameter("operator", str(file), f"{wanted} ({error})") from None
+    except (TypeError, ValueError):
+        raise InvalidParameter("operator", str(file), f"{wanted}, numbers only") from None
+    if "time_s" not in table or "x_m" not in table:
+        raise InvalidParameter("operator", str(file), wanted)
+    if any(not np.all(np.isfinite(column)) for column in table.values()) or len(table["time_s"]) < 2:
+        raise InvalidParameter("operator", str(file), f"{wanted}, finite numbers, at least two rows")
+    if np.any(np.diff(table["time_s"]) <= 0.0):
+        raise InvalidParameter("operator", str(file), f"{wanted}, time_s increasing")
+    return table
+
+
+def _resample(t: Array, points: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """(grid, points on it, whether the grid point lies in a gap): cubic Hermite between samples, flat at the ends."""
+    grid = np.arange(t[0], t[-1], _GRID_S)
+    step = np.diff(t)
+    gap = step > _GAP_S
+    slope = np.zeros_like(points)
+    inner = (points[2:] - points[:-2]) / (t[2:] - t[:-2])[:, None]
+    slope[1:-1] = np.where((gap[1:] | gap[:-1])[:, None], 0.0, inner)
+    at = np.clip(np.searchsorted(t, grid, side="right") - 1, 0, len(t) - 2)
+    s = ((grid - t[at]) / step[at])[:, None]
+    h = step[at][:, None]
+    a, b = points[at], points[at + 1]
+    cubic = (
+        a * (1 + 2 * s) * (1 - s) ** 2
+        + slope[at] * h * s * (1 - s) ** 2
+        + b * s**2 * (3 - 2 * s)
+        + slope[at + 1] * h * s**2 * (s - 1)
+    )
+    quintic = a + (b - a) * (s**3 * (10 - 15 * s + 6 * s**2))
+    return grid, np.where(gap[at][:, None], quintic, cubic), gap[at]
+
+
+def _without_jumps(table: dict[str, Array]) -> dict[str, Array]:
+    """The samples, less those around jumps of the position: what is left there is a gap."""
+    t = table["time_s"]
+    planar = [table[name] for name in ("x_m", "y_m") if name in table]
+    speed = np.hypot.reduce([np.diff(column) for column in planar]) / np.diff(t)
+    keep = np.ones(len(t), dtype=bool)
+    for at in np.flatnonzero(speed > _JUMP_MPS):
+        keep &= (np.abs(t - (t[at] + t[at + 1]) / 2.0) >= _JUMP_S) | (t == t[0]) | (t == t[-1])
+    return {name: column[keep] for name, column in table.items()}
+
+
+def _soften(height: Array) -> Array:
+    """A Hann window over the pen's height: a pen is not set down in no time."""
+    width = round(_PEN_S / _GRID_S)
+    window = np.hanning(width + 2)[1:-1]
+    smooth = np.convolve(np.pad(height, width, mode="edge"), window / window.sum(), mode="same")
+    return np.asarray(smooth[width:-width], dtype=np.float64)

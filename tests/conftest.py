@@ -1,0 +1,29 @@
+"""What the tests share: where the recorded inputs are, and random matrices."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hapnet.checks import Array
+
+DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+@pytest.fixture
+def handwriting() -> Path:
+    """The recorded hand, or a skip where the recorded inputs are not at hand."""
+    file = DATA / "hand" / "handwriting.csv"
+    if not file.exists():
+        pytest.skip(f"the recorded inputs are not there: {file.parent.name}/{file.name}")
+    return file
+
+
+def random_spd(rng: np.random.Generator, n: int, low: float, high: float) -> Array:
+    """A random SPD matrix with eigenvalues spread log-uniformly between `low` and `high`."""
+    basis, _ = np.linalg.qr(rng.normal(size=(n, n)))
+    values = np.exp(rng.uniform(np.log(low), np.log(high), size=n))
+    matrix = (basis * values) @ basis.T
+    return np.asarray((matrix + matrix.T) / 2.0)

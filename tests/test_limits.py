@@ -1,0 +1,40 @@
+"""The step limit and the silence policy."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from hapnet.control.limits import Silence, step_towards
+from hapnet.control.pspm import SetPositionModulator
+from tests.conftest import random_spd
+
+
+def test_a_step_is_on_the_way_and_no_longer_than_allowed() -> None:
+    assert step_towards((0.0, 0.0), (3.0, 4.0), 1.0) == pytest.approx((0.6, 0.8), rel=1e-15)
+    assert step_towards((0.0, 0.0), (0.3, 0.4), 1.0) == (0.3, 0.4)
+
+
+def test_the_spring_force_never_steps_by_more_than_the_limit() -> None:
+    """Through PSPM, whose projection is non-expansive: |K (ybar(k) - ybar(k-1))| <= dF_max for any data."""
+    rng = np.random.default_rng(1)
+    for n in (1, 2, 3):
+        K = random_spd(rng, n, 10.0, 3000.0)
+        limit = 0.3
+        longest = limit / float(np.linalg.eigvalsh(K)[-1])
+        m = SetPositionModulator(stiffness=K, position=np.zeros(n))
+        for _ in range(1000):
+            before = np.array(m.set_position)
+            y = step_towards(m.set_position, tuple(rng.normal(size=n)), longest)
+            m.modulate(y, tuple(rng.normal(size=n) * 0.03), float(rng.uniform(0, 1e-4)), 0.0)
+            step = np.array(m.set_position) - before
+            assert np.linalg.norm(K @ step) <= limit * (1 + 1e-9)
+
+
+def test_release_lets_go_after_the_silence_and_hold_never() -> None:
+    for policy, expected in (("release", [False, False, True]), ("hold", [False, False, False])):
+        silence = Silence(policy, 0.02)  # type: ignore[arg-type]
+        assert [silence.step(0.01, fresh=False) for _ in range(3)] == expected
+        assert not silence.step(math.inf, fresh=True)
