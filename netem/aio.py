@@ -1,0 +1,193 @@
+"""A link on an asyncio loop, released on time.
+
+An asyncio sleep wakes up to 1 ms late, since epoll counts whole milliseconds. Here one timerfd on the loop, armed with
+the absolute time of the next release, wakes it within tens of microseconds.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import ctypes
+import os
+import time
+from collections.abc import Callable
+from typing import Generic, Protocol, TypeVar
+
+from netem.link import Link
+from netem.profile import LinkProfile
+
+T = TypeVar("T")
+
+_CLOCK_MONOTONIC = 1
+_TFD_TIMER_ABSTIME = 1
+
+
+class _Timespec(ctypes.Structure):
+    _fields_ = (("tv_sec", ctypes.c_long), ("tv_nsec", ctypes.c_long))
+
+
+class _Itimerspec(ctypes.Structure):
+    _fields_ = (("it_interval", _Timespec), ("it_value", _Timespec))
+
+
+class _Timer(Protocol):
+    def arm(self, due_ns: int | None) -> None: ...
+    def close(self) -> None: ...
+
+
+class DeadlineTimer:
+    """Calls `callback` on the loop once `due_ns` is reached, a time of ``time.monotonic_ns`` (CLOCK_MONOTONIC).
+
+    `kind` says what does it: ``"timerfd"``, or ``"loop"`` (``loop.call_at``, a millisecond late) where the system or
+    the loop offers no such thing. All methods are for the loop's thread.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
+        self.due_ns: int | None = None
+        self._callback = callback
+        self._timer: _Timer
+        try:
+            self._timer, self.kind = _FdTimer(loop, self._fire), "timerfd"
+        except (OSError, AttributeError, NotImplementedError):
+            self._timer, self.kind = _LoopTimer(loop, self._fire), "loop"
+
+    def arm(self, due_ns: int | None) -> None:
+        """Fire at `due_ns` instead of when armed before; at once if that is past; never if None."""
+        if due_ns != self.due_ns:
+            self.due_ns = due_ns
+            self._timer.arm(due_ns)
+
+    def close(self) -> None:
+        """Disarm for good and give the descriptor back; a second time does nothing."""
+        self.due_ns = None
+        self._timer.close()
+
+    def _fire(self) -> None:
+        self.due_ns = None
+        self._callback()
+
+
+class _FdTimer:
+    def __init__(self, loop: asyncio.AbstractEventLoop, fire: Callable[[], None]) -> None:
+        self._loop, self._fire = loop, fire
+        libc = ctypes.CDLL(None, use_errno=True)
+        self._settime = libc.timerfd_settime
+        self._settime.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.POINTER(_Itimerspec), ctypes.c_void_p)
+        self._fd: int = libc.timerfd_create(_CLOCK_MONOTONIC, os.O_NONBLOCK | os.O_CLOEXEC)
+        if self._fd < 0:
+            raise OSError(ctypes.get_errno(), "timerfd_create")
+        try:
+            loop.add_reader(self._fd, self._on_readable)
+        except BaseException:
+            os.close(self._fd)
+            raise
+
+    def arm(self, due_ns: int | None) -> None:
+        if self._fd < 0:
+            return
+        # all zero would disarm, so what is long past becomes 1 ns
+        seconds, rest = divmod(0 if due_ns is None else max(due_ns, 1), 10**9)
+        value = _Itimerspec(_Timespec(0, 0), _Timespec(seconds, rest))
+        if self._settime(self._fd, _TFD_TIMER_ABSTIME, ctypes.byref(value), None) != 0:
+            raise OSError(ctypes.get_errno(), "timerfd_settime")
+
+    def close(self) -> None:
+        if self._fd >= 0:
+            self._loop.remove_reader(self._fd)
+            os.close(self._fd)
+            self._fd = -1
+
+    def _on_readable(self) -> None:
+        try:
+            os.read(self._fd, 8)
+        except BlockingIOError:  # armed anew between the wake-up and here
+            return
+        self._fire()
+
+
+class _LoopTimer:
+    def __init__(self, loop: asyncio.AbstractEventLoop, fire: Callable[[], None]) -> None:
+        self._loop, self._fire = loop, fire
+        self._handle: asyncio.TimerHandle | None = None
+        self._due_ns = 0
+        self._closed = False
+
+    def arm(self, due_ns: int | None) -> None:
+        if self._handle is not None:
+            self._handle.cancel()
+            self._handle = None
+        if due_ns is not None and not self._closed:
+            self._due_ns = due_ns
+            wait_s = (due_ns - time.monotonic_ns()) * 1e-9
+            self._handle = self._loop.call_at(self._loop.time() + wait_s, self._on_time)
+
+    def close(self) -> None:
+        self.arm(None)
+        self._closed = True
+
+    def _on_time(self) -> None:
+        self._handle = None
+        if time.monotonic_ns() < self._due_ns:  # the loop calls up to its clock's resolution early
+            self.arm(self._due_ns)
+        else:
+            self._fire()
+
+
+class AsyncLink(Generic[T]):
+    """A `Link` on an asyncio loop: what is sent is handed to `deliver` when it is due, in the order of release.
+
+    Parameters
+    ----------
+    link : the link to run; nobody else may send or poll.
+    deliver : called on the loop with each item. It may send. What it raises goes to the loop's exception handler.
+    clock : ns, advancing as ``time.monotonic_ns``.
+    loop : the running loop if left out.
+
+    All methods are for the loop's thread.
+    """
+
+    def __init__(
+        self,
+        link: Link[T],
+        deliver: Callable[[T], object],
+        clock: Callable[[], int] = time.monotonic_ns,
+        loop: asyncio.AbstractEventLoop | None = None,
+    ) -> None:
+        self.link = link
+        self._deliver, self._clock = deliver, clock
+        self._loop = loop or asyncio.get_running_loop()
+        self._releasing = False
+        self.timer = DeadlineTimer(self._loop, self._release)
+
+    def send(self, item: T, size: int | None = None) -> None:
+        """Offer an item now; what the link does not delay is delivered before this returns, unless `deliver` calls."""
+        now_ns = self._clock()
+        self.link.send(now_ns, item, size)
+        self._release(now_ns)
+
+    def change(self, profile: LinkProfile) -> None:
+        """Put another profile in force, without losing what is in flight."""
+        now_ns = self._clock()
+        self.link.change(profile, now_ns)
+        self._release(now_ns)
+
+    def close(self) -> None:
+        """Stop; what is in flight is never delivered."""
+        self.timer.close()
+
+    def _release(self, now_ns: int | None = None) -> None:
+        if self._releasing:
+            return  # called by deliver(): the outer call, or the timer it arms, does the rest in order
+        self._releasing = True
+        try:
+            for _, item in self.link.poll(self._clock() if now_ns is None else now_ns):
+                try:
+                    self._deliver(item)
+                except Exception as error:
+                    self._loop.call_exception_handler({"message": "netem: deliver() raised", "exception": error})
+        finally:
+            self._releasing = False
+        due_ns = self.link.next_due_ns
+        if due_ns is not None and self._clock is not time.monotonic_ns:
+            due_ns += time.monotonic_ns() - self._clock()
+        self.timer.arm(due_ns)

@@ -1,0 +1,288 @@
+"""One direction of a link, without clock or I/O: items go in, and come out when and if the profile lets them.
+
+The order of effects is tc-netem's: loss, corruption, limit, reordering, delay, rate, slot.
+
+* A reordered message goes at once, ahead of what is still in flight, untouched by rate and slot; the gap counts the
+  messages between two that may be. (The kernel also puts it ahead of what is due at the very same instant; here that
+  has left already, so that the order does not depend on when somebody polls.)
+* Without a rate, messages leave in the order of their release times, so jitter reorders them. With one, a message is
+  released at ``max(now + delay, last release) + size/rate``, so the order is kept.
+* A slot that has opened lets out what was ready by then, to its limits; the next one is drawn when it is exhausted or
+  when the next message finds it past.
+* Nothing is ever released twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sized
+from heapq import heapify, heappop, heappush
+from itertools import chain
+from typing import Generic, TypeVar, cast
+
+from numpy.random import PCG64, Generator, SeedSequence
+
+from netem import models
+from netem.effects import Slot
+from netem.errors import NetemError
+from netem.profile import LinkProfile
+from netem.stats import DelayHistogram, LinkStats
+
+T = TypeVar("T")
+
+_LONG_AGO = -(2**63)
+
+
+class Link(Generic[T]):
+    """A link that carries items of any type under a `LinkProfile`.
+
+    Times are integer ns on any clock, the caller's. Each effect draws from a stream of its own, and each message takes
+    one draw of each, so changing one effect leaves the others' draws as they were. A `seed` in the profile takes the
+    place of the one given here; a SeedSequence's spawn key counts in either case, so that spawned links stay
+    independent.
+
+    Not thread-safe: two users need a lock.
+    """
+
+    def __init__(self, profile: LinkProfile, seed: int | SeedSequence = 0) -> None:
+        self._seed = seed if isinstance(seed, SeedSequence) else SeedSequence(seed)
+        # (due, order, item, sent, size); order is unique, so items are never compared
+        self._queue: list[tuple[int, int, T, int, int]] = []
+        self._ready: list[tuple[int, int, T, int, int]] = []
+        self._offered = self._lost = self._lost_down = self._dropped_limit = 0
+        self._corrupted = self._reordered = self._sent_ahead = 0
+        self._newest = 0
+        self._since_reorder = 0
+        self._last_release_ns = _LONG_AGO
+        self._timed_size: int | None = None  # the last size that was timed, and its transmission time
+        self._size_ns = 0
+        self._slot_ns = _LONG_AGO
+        self._slot_packets = self._slot_bytes = 0
+        self._up = True
+        self._slotted = self._needs_size = False
+        self._delays = DelayHistogram()
+        self._pending_delays = self._delays.pending
+        self._generators: dict[str, Generator] = {}
+        self._configure(profile, None, _LONG_AGO)
+
+    @property
+    def profile(self) -> LinkProfile:
+        """The profile in force."""
+        return self._profile
+
+    @property
+    def is_up(self) -> bool:
+        """Whether the link takes messages."""
+        return self._up
+
+    @property
+    def next_due_ns(self) -> int | None:
+        """When to poll next; None if nothing is in flight. With slots, a poll at that time may release nothing yet."""
+        if self._ready:
+            return self._ready[0][0]
+        if not self._queue:
+            return None
+        due = self._queue[0][0]
+        return due if self._profile.slot is None else max(due, self._slot_ns)
+
+    @property
+    def stats(self) -> LinkStats:
+        """A snapshot of what the link did so far."""
+        in_flight = len(self._queue) + len(self._ready)
+        gone = self._lost + self._lost_down + self._dropped_limit
+        return LinkStats(
+            profile=str(self._profile),
+            offered=self._offered,
+            delivered=self._offered - gone - in_flight,
+            lost=self._lost,
+            lost_down=self._lost_down,
+            dropped_limit=self._dropped_limit,
+            corrupted=self._corrupted,
+            reordered=self._reordered,
+            sent_ahead=self._sent_ahead,
+            in_flight=in_flight,
+            delay_mean_ms=self._delays.mean_ms(),
+            delay_p50_ms=self._delays.quantile_ms(0.50),
+            delay_p99_ms=self._delays.quantile_ms(0.99),
+        )
+
+    def send(self, now_ns: int, item: T, size: int | None = None) -> None:
+        """Offer an item at `now_ns`; its `size` in bytes counts for a rate or a slot, and is ``len(item)`` if left out.
+
+        Raises
+        ------
+        NetemError : the profile needs a size, and the item has none.
+        """
+        if self._needs_size and size is None:
+            size = _size_of(item)
+        self._offered = order = self._offered + 1
+        lost, corrupt, ahead, delay = self._next_draws()
+        if not self._up:
+            self._lost_down += 1
+            return
+        if lost:
+            self._lost += 1
+            return
+        if corrupt and isinstance(item, bytes):
+            self._corrupted += 1
+            item = cast(T, models.flip_bit(item, self._next_bit()))
+        profile = self._profile
+        if self._slotted or len(self._queue) >= profile.limit:
+            self._settle(now_ns)
+            if len(self._queue) >= profile.limit:
+                self._dropped_limit += 1
+                return
+        self._since_reorder += 1
+        if ahead and self._since_reorder >= profile.gap:
+            self._since_reorder = 0
+            self._sent_ahead += 1
+            entry = (now_ns, order, item, now_ns, 0)
+            if self._slotted:
+                self._ready.append(entry)
+            else:
+                heappush(self._queue, entry)
+            return
+        due = now_ns + delay
+        if profile.rate_bit_s:
+            if size != self._timed_size:
+                self._timed_size, self._size_ns = size, models.transmission_ns(cast(int, size), profile)
+            last = self._last_release_ns
+            self._last_release_ns = due = (due if due > last else last) + self._size_ns
+        heappush(self._queue, (due, order, item, now_ns, size or 0))
+        if self._slotted:
+            self._look_at_slot(now_ns)
+
+    def poll(self, now_ns: int) -> list[tuple[int, T]]:
+        """Take out what is due by `now_ns`: (release time, item) in the order of release."""
+        out: list[tuple[int, T]] = []
+        self._settle(now_ns)
+        if not self._ready:
+            return out
+        pending = self._pending_delays
+        for due, order, item, sent, _ in self._ready:
+            if order > self._newest:
+                self._newest = order
+            else:
+                self._reordered += 1
+            pending.append(due - sent)
+            out.append((due, item))
+        self._ready.clear()
+        if len(pending) >= DelayHistogram.PENDING:
+            self._delays.fold()
+        return out
+
+    def change(self, profile: LinkProfile, now_ns: int) -> None:
+        """Put another profile in force for what is offered from now on; what is in flight keeps its release times.
+
+        Effects whose settings stay keep their streams; the others continue their own with the new settings.
+        """
+        self._settle(now_ns)
+        previous = self._profile
+        if previous.slot is not None and profile.slot is None:
+            # what only a slot held back leaves now
+            self._queue = [(max(due, now_ns), *rest) for due, *rest in self._queue]  # type: ignore[misc]
+            heapify(self._queue)
+        if profile.rate_bit_s and not previous.rate_bit_s:
+            self._last_release_ns = max((entry[0] for entry in self._queue), default=now_ns)
+        self._configure(profile, previous, now_ns)
+
+    def down(self) -> None:
+        """From now on lose whatever is offered; what is in flight arrives."""
+        self._up = False
+
+    def up(self) -> None:
+        """Take messages again."""
+        self._up = True
+
+    def _configure(self, profile: LinkProfile, previous: LinkProfile | None, now_ns: int) -> None:
+        if previous is None or profile.seed != previous.seed:
+            previous = None
+            self._generators = _generators(self._seed, profile.seed)
+            self._next_bit = chain.from_iterable(models.bit_positions(self._generators["bit"])).__next__
+        rng = self._generators
+        if _changed("delay", profile, previous):
+            self._delay_draws = chain.from_iterable(models.delays(rng["delay"], profile))
+        if _changed("loss", profile, previous):
+            self._loss_draws = chain.from_iterable(models.losses(rng["loss"], profile.loss))
+        if _changed("corrupt", profile, previous):
+            blocks = models.decisions(rng["corrupt"], profile.corrupt, profile.corrupt_correlation)
+            self._corrupt_draws = chain.from_iterable(blocks)
+        if _changed("reorder", profile, previous):
+            blocks = models.decisions(rng["reorder"], profile.reorder, profile.reorder_correlation)
+            self._reorder_draws = chain.from_iterable(blocks)
+        if profile.slot is not None and _changed("slot", profile, previous):
+            self._next_slot = chain.from_iterable(models.slot_intervals(rng["slot"], profile.slot)).__next__
+            self._slot_ns, self._slot_packets, self._slot_bytes = now_ns, 0, 0
+        self._next_draws = zip(
+            self._loss_draws, self._corrupt_draws, self._reorder_draws, self._delay_draws, strict=False
+        ).__next__
+        self._profile = profile
+        self._timed_size = None
+        self._slotted = profile.slot is not None
+        self._needs_size = bool(profile.rate_bit_s or (profile.slot and profile.slot.bytes))
+
+    def _settle(self, now_ns: int) -> None:
+        """Move what is due by now from the queue to `_ready`."""
+        if self._slotted:
+            self._run_slots(now_ns)
+            return
+        queue, ready = self._queue, self._ready
+        while queue and queue[0][0] <= now_ns:
+            ready.append(heappop(queue))
+
+    def _run_slots(self, now_ns: int) -> None:
+        slot = cast(Slot, self._profile.slot)
+        while self._queue:
+            due = self._queue[0][0]
+            release = max(due, self._slot_ns)
+            if release > now_ns:
+                return
+            if self._slot_ns < due:
+                self._open_slot(release)
+                continue
+            _, order, item, sent, size = heappop(self._queue)
+            self._ready.append((release, order, item, sent, size))
+            self._slot_packets += 1
+            self._slot_bytes += size
+            if self._slot_packets == slot.packets or 0 < slot.bytes <= self._slot_bytes:
+                self._open_slot(release)
+            self._look_at_slot(release)
+
+    def _look_at_slot(self, now_ns: int) -> None:
+        """As the kernel does after each arrival and release: give up a slot too early for the head of the queue."""
+        if self._queue and self._slot_ns < self._queue[0][0]:
+            self._open_slot(now_ns)
+
+    def _open_slot(self, now_ns: int) -> None:
+        self._slot_ns = now_ns + self._next_slot()
+        self._slot_packets = self._slot_bytes = 0
+
+
+_FIELDS = {
+    "delay": ("delay_ns", "jitter_ns", "delay_correlation", "distribution"),
+    "loss": ("loss",),
+    "corrupt": ("corrupt", "corrupt_correlation"),
+    "reorder": ("reorder", "reorder_correlation"),
+    "slot": ("slot",),
+}
+# appended to the seed's spawn key, so that no stream is also one of the caller's own children of the same seed
+_STREAM_KEYS = {name: (0x6E6574656D, index) for index, name in enumerate((*_FIELDS, "bit"))}
+
+
+def _changed(effect: str, profile: LinkProfile, previous: LinkProfile | None) -> bool:
+    return previous is None or any(getattr(profile, name) != getattr(previous, name) for name in _FIELDS[effect])
+
+
+def _generators(seed: SeedSequence, profile_seed: int | None) -> dict[str, Generator]:
+    entropy = seed.entropy if profile_seed is None else profile_seed
+    return {
+        name: Generator(PCG64(SeedSequence(entropy, spawn_key=(*seed.spawn_key, *key))))
+        for name, key in _STREAM_KEYS.items()
+    }
+
+
+def _size_of(item: object) -> int:
+    if not isinstance(item, Sized):
+        raise NetemError(
+            f"size of {type(item).__name__}: a rate or a slot's bytes need one; give send() a size in bytes"
+        )
+    return len(item)

@@ -1,0 +1,307 @@
+"""What a link does, in the words of Linux's tc-netem: text to a frozen `LinkProfile` and back."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from netem import effects, units
+from netem.effects import FourStateLoss, GilbertElliottLoss, Loss, RandomLoss, Slot
+from netem.errors import ProfileError
+from netem.presets import PRESETS
+
+__all__ = ["PRESETS", "LinkProfile", "compose"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkProfile:
+    """What a link does to the messages of one direction; times in ns, probabilities and correlations in [0, 1].
+
+    The default does nothing. `parse` reads tc-netem's words and `str` writes them; ``parse(str(p)) == p``. `limit` is
+    tc's default of 1000 messages in flight; the link counts what it drops above that.
+
+    Raises
+    ------
+    ProfileError : a value is out of range, or two values exclude each other; also from `parse` and `replace`.
+    """
+
+    delay_ns: int = 0
+    jitter_ns: int = 0
+    delay_correlation: float = 0.0
+    distribution: str = "uniform"
+    loss: Loss | None = None
+    corrupt: float = 0.0
+    corrupt_correlation: float = 0.0
+    reorder: float = 0.0
+    reorder_correlation: float = 0.0
+    gap: int = 1
+    rate_bit_s: int = 0
+    overhead: int = 0
+    cell_size: int = 0
+    cell_overhead: int = 0
+    slot: Slot | None = None
+    limit: int = 1000
+    seed: int | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("delay_ns", "jitter_ns"):
+            effects.check_int(name, getattr(self, name), 0, units.MAX_TIME_NS)
+        for name in ("delay_correlation", "corrupt", "corrupt_correlation", "reorder", "reorder_correlation"):
+            effects.check_fraction(name.replace("_", " "), getattr(self, name))
+        effects.check_distribution("distribution", self.distribution)
+        if self.distribution != "uniform" and self.jitter_ns == 0:
+            raise ProfileError("distribution", self.distribution, "only after a delay with jitter, 'delay 40ms 10ms'")
+        if self.reorder and self.delay_ns == 0:
+            raise ProfileError("reorder", units.format_fraction(self.reorder), "only with a delay, 'delay 40ms'")
+        effects.check_int("gap", self.gap, 1, 2**32 - 1)
+        effects.check_int("rate", self.rate_bit_s, 0, units.MAX_RATE_BIT_S)
+        effects.check_int("rate overhead", self.overhead, -(2**31), 2**31 - 1)
+        effects.check_int("rate cellsize", self.cell_size, 0, 2**32 - 1)
+        effects.check_int("rate celloverhead", self.cell_overhead, -self.cell_size, 2**31 - 1)
+        effects.check_int("limit", self.limit, 1, 2**63 - 1)
+        if self.seed is not None:
+            effects.check_int("seed", self.seed, 0, 2**64 - 1)
+
+    def __str__(self) -> str:
+        """tc's words; nothing for what is left at its default, the empty string for the ideal link."""
+        out = []
+        if self.delay_ns or self.jitter_ns or self.delay_correlation:
+            out.append(f"delay {units.format_time(self.delay_ns)}")
+            if self.jitter_ns or self.delay_correlation:
+                out.append(units.format_time(self.jitter_ns))
+            if self.delay_correlation:
+                out.append(units.format_fraction(self.delay_correlation))
+            if self.distribution != "uniform":
+                out.append(f"distribution {self.distribution}")
+        if self.loss is not None:
+            out.append(str(self.loss))
+        if self.corrupt or self.corrupt_correlation:
+            out.append("corrupt " + effects.fractions(self.corrupt, self.corrupt_correlation or None))
+        if self.reorder or self.reorder_correlation:
+            out.append("reorder " + effects.fractions(self.reorder, self.reorder_correlation or None))
+        if self.gap != 1:
+            # a gap alone means that every gap-th message goes first, so its absence of chance is written out
+            out.append(f"gap {self.gap}" if out and out[-1].startswith("reorder") else f"reorder 0% gap {self.gap}")
+        if self.rate_bit_s or self.overhead or self.cell_size or self.cell_overhead:
+            out.append(f"rate {units.format_rate(self.rate_bit_s)}")
+            shaping = [self.overhead, self.cell_size, self.cell_overhead]
+            while shaping and shaping[-1] == 0:
+                shaping.pop()
+            out.extend(map(str, shaping))
+        if self.slot is not None:
+            out.append(str(self.slot))
+        if self.limit != 1000:
+            out.append(f"limit {self.limit}")
+        if self.seed is not None:
+            out.append(f"seed {self.seed}")
+        return " ".join(out)
+
+    def replace(self, **changes: Any) -> LinkProfile:
+        """A copy with some fields changed, validated again."""
+        return dataclasses.replace(self, **changes)
+
+    @classmethod
+    def parse(cls, text: str) -> LinkProfile:
+        """The profile that tc-netem's words describe.
+
+        ``delay T [J [C]]``, ``distribution NAME``, ``loss [random] P [C]``, ``loss state P13 [P31 [P32 [P23 [P14]]]]``,
+        ``loss gemodel P [R [1-H [1-K]]]``, ``corrupt P [C]``, ``reorder P [C]``, ``gap D``, ``rate R [OVERHEAD
+        [CELLSIZE [CELLOVERHEAD]]]``, ``slot ...``, ``limit N``, ``seed N``, in any order. `duplicate` is refused: what
+        this link carries may be energy, and energy that arrives twice breaks passivity.
+        """
+        words = _Words(text)
+        fields: dict[str, object] = {}
+        seen: set[str] = set()
+        while not words.at_end():
+            word = _ALIASES.get(given := words.take("profile"), given)
+            if word in _REFUSED:
+                raise ProfileError(given, given, _REFUSED[word])
+            if word not in _GRAMMAR:
+                raise ProfileError("profile", given, _suggest(word, _GRAMMAR))
+            if word in seen:
+                raise ProfileError(word, given, "each word once")
+            seen.add(word)
+            fields |= _GRAMMAR[word](words)
+        if "gap" in seen and "reorder" not in seen:
+            fields["reorder"] = 1.0  # as in tc: every gap-th message, without chance
+        return cls(**fields)  # type: ignore[arg-type]  # names and values are paired in _GRAMMAR
+
+    @classmethod
+    def preset(cls, name: str) -> LinkProfile:
+        """A named profile, for one direction; `PRESETS` has the words of each."""
+        if name not in PRESETS:
+            raise ProfileError("profile name", name, ", ".join(PRESETS))
+        return cls.parse(PRESETS[name])
+
+
+def compose(
+    words: str | None = None,
+    preset: str | None = None,
+    delay: str | None = None,
+    jitter: str | None = None,
+    loss: str | None = None,
+    reorder: str | None = None,
+    rate: str | None = None,
+) -> LinkProfile:
+    """One profile from a command's options, values as tc writes them: ``"40ms"``, ``"10ms 25%"``, ``"gemodel 1% 20%"``.
+
+    Options override a preset; beside `words` they may only add what the words leave out.
+
+    Raises
+    ------
+    ProfileError : a value is malformed, or two options say the same thing.
+    """
+    if words is not None and preset is not None:
+        raise ProfileError("profile name", preset, "either the profile's name or its words, not both")
+    profile = LinkProfile.parse(words) if words is not None else LinkProfile.preset(preset or "ideal")
+    said = {_ALIASES.get(word, word) for word in (words or "").split()}
+    said |= ({"jitter"} if "delay" in said else set()) | ({"reorder"} if "gap" in said else set())
+    fields: dict[str, object] = {}
+    for name, value in (("delay", delay), ("jitter", jitter), ("loss", loss), ("reorder", reorder), ("rate", rate)):
+        if value is None:
+            continue
+        if name in said and not (name == "jitter" and profile.jitter_ns == 0):
+            raise ProfileError(name, value, f"either this option or {name} among the words, not both")
+        cursor = _Words(value)
+        fields |= _OPTIONS[name](cursor)
+        if not cursor.at_end():
+            raise ProfileError(name, value, "one setting, such as --delay 40ms, --jitter 10ms, --loss 2%")
+    if fields.get("jitter_ns") == 0:
+        fields |= {"distribution": "uniform", "delay_correlation": 0.0}
+    return profile.replace(**fields)
+
+
+class _Words:
+    """A cursor over a profile's words."""
+
+    def __init__(self, text: str) -> None:
+        self._words = text.split()
+        self._next = 0
+
+    def at_end(self) -> bool:
+        return self._next == len(self._words)
+
+    def take(self, after: str) -> str:
+        if self.at_end():
+            raise ProfileError(after, "", f"a value after {after}")
+        self._next += 1
+        return self._words[self._next - 1]
+
+    def take_if(self, *words: str) -> str:
+        """The next word if it is one of `words`, else the empty string."""
+        return self.take("") if not self.at_end() and self._words[self._next] in words else ""
+
+    def numbers(self, word: str, read: Callable[[str, str], Any], low: int, high: int) -> list[Any]:
+        """At least `low` values read with `read`, and up to `high` as long as numbers follow."""
+        out: list[Any] = []
+        while len(out) < low or (len(out) < high and not self.at_end() and units.is_number(self._words[self._next])):
+            out.append(read(word, self.take(word)))
+        return out
+
+
+def _delay(words: _Words) -> dict[str, object]:
+    times = words.numbers("delay", units.parse_time, 1, 2)
+    correlation = words.numbers("delay", units.parse_fraction, 0, 1) if len(times) == 2 else []
+    return dict(zip(("delay_ns", "jitter_ns", "delay_correlation"), times + correlation, strict=False))
+
+
+def _delay_alone(words: _Words) -> dict[str, object]:
+    return {"delay_ns": units.parse_time("delay", words.take("delay"))}
+
+
+def _jitter(words: _Words) -> dict[str, object]:
+    fields: dict[str, object] = {"jitter_ns": units.parse_time("jitter", words.take("jitter"))}
+    correlation = words.numbers("jitter", units.parse_fraction, 0, 1)
+    return fields | ({"delay_correlation": correlation[0]} if correlation else {})
+
+
+def _distribution(words: _Words) -> dict[str, object]:
+    return {"distribution": words.take("distribution")}
+
+
+def _loss(words: _Words) -> dict[str, object]:
+    kind = words.take_if("random", "state", "gemodel") or "random"
+    word, most = f"loss {kind}", {"random": 2, "state": 5, "gemodel": 4}[kind]
+    p = words.numbers(word, units.parse_fraction, 1, most)
+    if kind == "random":
+        return {"loss": RandomLoss(*p)}
+    if len(p) == 1:
+        p.append(1.0 - p[0])
+    return {"loss": FourStateLoss(*p) if kind == "state" else GilbertElliottLoss(*p)}
+
+
+def _corrupt(words: _Words) -> dict[str, object]:
+    p = words.numbers("corrupt", units.parse_fraction, 1, 2)
+    return dict(zip(("corrupt", "corrupt_correlation"), p, strict=False))
+
+
+def _reorder(words: _Words) -> dict[str, object]:
+    p = words.numbers("reorder", units.parse_fraction, 1, 2)
+    return dict(zip(("reorder", "reorder_correlation"), p, strict=False))
+
+
+def _reorder_and_gap(words: _Words) -> dict[str, object]:
+    return _reorder(words) | (_gap(words) if words.take_if("gap") else {})
+
+
+def _gap(words: _Words) -> dict[str, object]:
+    # 0 is tc's word for no reordering by gap, which here is a gap of 1
+    return {"gap": max(1, units.parse_int("gap", words.take("gap"), 0, 2**32 - 1))}
+
+
+def _rate(words: _Words) -> dict[str, object]:
+    fields: dict[str, object] = {"rate_bit_s": units.parse_rate("rate", words.take("rate"))}
+    shaping = words.numbers("rate", lambda word, text: units.parse_int(word, text, -(2**31)), 0, 3)
+    return fields | dict(zip(("overhead", "cell_size", "cell_overhead"), shaping, strict=False))
+
+
+def _slot(words: _Words) -> dict[str, object]:
+    distribution = words.take("slot distribution") if words.take_if("distribution") else ""
+    times = words.numbers("slot", units.parse_time, 2 if distribution else 1, 2)
+    limits: dict[str, int] = {}
+    while name := words.take_if("packets", "bytes"):
+        limits[name] = units.parse_int(f"slot {name}", words.take(f"slot {name}"), 0, 2**31 - 1)
+    return {"slot": Slot(times[0], times[-1], distribution, **limits)}
+
+
+def _limit(words: _Words) -> dict[str, object]:
+    return {"limit": units.parse_int("limit", words.take("limit"), 1)}
+
+
+def _seed(words: _Words) -> dict[str, object]:
+    return {"seed": units.parse_int("seed", words.take("seed"), 0, 2**64 - 1)}
+
+
+_Reader = Callable[[_Words], dict[str, object]]
+_GRAMMAR: Mapping[str, _Reader] = {
+    "delay": _delay,
+    "distribution": _distribution,
+    "loss": _loss,
+    "corrupt": _corrupt,
+    "reorder": _reorder,
+    "gap": _gap,
+    "rate": _rate,
+    "slot": _slot,
+    "limit": _limit,
+    "seed": _seed,
+}
+_OPTIONS: Mapping[str, _Reader] = {
+    "delay": _delay_alone,
+    "jitter": _jitter,
+    "loss": _loss,
+    "reorder": _reorder_and_gap,
+    "rate": _rate,
+}
+_ALIASES = {"latency": "delay", "drop": "loss"}
+_REFUSED = {
+    "duplicate": "no duplication: a message may carry energy, and energy that arrives twice breaks passivity",
+    "ecn": "no marking: messages have no ECN field, they are lost instead",
+}
+
+
+def _suggest(word: str, allowed: Mapping[str, object]) -> str:
+    close = difflib.get_close_matches(word, allowed, n=1)
+    return (f"did you mean {close[0]}? " if close else "") + "one of " + ", ".join(allowed)

@@ -1,0 +1,96 @@
+"""Times, rates and percentages as tc writes them: text to exact numbers and back, without loss."""
+
+from __future__ import annotations
+
+import re
+from decimal import Decimal
+
+from netem.errors import ProfileError
+
+MAX_TIME_NS = 10**14  # 100,000 s; keeps jitter times table entry within 64 bits
+MAX_RATE_BIT_S = 10**15
+
+_NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d{1,3})?)([a-z%]*)", re.IGNORECASE)
+_TIME_NS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
+_TIME_ALIASES = {"sec": "s", "secs": "s", "msec": "ms", "msecs": "ms", "usec": "us", "usecs": "us"}
+_TIME_ALIASES |= {"nsec": "ns", "nsecs": "ns"}
+_RATE_BIT_S = {"": 1, "bit": 1, "bps": 8}
+for _power, _letter in enumerate("kmgt", start=1):
+    _RATE_BIT_S |= {f"{_letter}bit": 1000**_power, f"{_letter}ibit": 1024**_power}
+    _RATE_BIT_S |= {f"{_letter}bps": 8 * 1000**_power, f"{_letter}ibps": 8 * 1024**_power}
+
+
+def is_number(text: str) -> bool:
+    """Whether tc would read `text` as the next optional figure (and not as the next word)."""
+    return text.lstrip("+-.")[:1].isdigit()
+
+
+def parse_time(word: str, text: str) -> int:
+    """Time in whole ns, truncated as tc does, 0 to 100,000 s.
+
+    A unit is required (but for 0): tc's manual page calls a bare number microseconds, its code nanoseconds.
+    """
+    allowed = "a time with its unit (s, ms, us, ns), 0 to 100000s, such as 40ms"
+    number, unit = _split(word, text, allowed)
+    unit = _TIME_ALIASES.get(unit, unit)
+    if unit == "" and number == 0:
+        return 0
+    if unit not in _TIME_NS or not 0 <= (ns := number * _TIME_NS[unit]) <= MAX_TIME_NS:
+        raise ProfileError(word, text, allowed)
+    return int(ns)
+
+
+def format_time(ns: int) -> str:
+    """The shortest exact text of a time; ``parse_time`` gives the same ns back."""
+    unit = next((u for u, scale in _TIME_NS.items() if ns >= scale), "ms")
+    return _plain(Decimal(ns) / _TIME_NS[unit]) + unit
+
+
+def parse_fraction(word: str, text: str) -> float:
+    """A percentage (with or without its sign, as in tc) as a fraction in [0, 1]."""
+    allowed = "a percentage, 0% to 100%"
+    number, unit = _split(word, text, allowed)
+    if unit not in ("", "%") or not 0 <= number <= 100:
+        raise ProfileError(word, text, allowed)
+    return float(number.scaleb(-2))
+
+
+def format_fraction(fraction: float) -> str:
+    """The shortest percentage that ``parse_fraction`` reads as exactly this float."""
+    return _plain(Decimal(repr(float(fraction))).scaleb(2)) + "%"
+
+
+def parse_rate(word: str, text: str) -> int:
+    """Rate in bit/s; tc's suffixes, where ``bit`` counts bits, ``bps`` bytes, and a bare number bits."""
+    allowed = "a rate such as 1mbit, 500kbit (bits) or 60kbps (bytes a second), 0 for no limit"
+    number, unit = _split(word, text, allowed)
+    if unit not in _RATE_BIT_S or not 0 <= (rate := number * _RATE_BIT_S[unit]) <= MAX_RATE_BIT_S:
+        raise ProfileError(word, text, allowed)
+    if 0 < rate < 1:
+        raise ProfileError(word, text, allowed)
+    return int(rate)
+
+
+def format_rate(bit_s: int) -> str:
+    """The shortest exact text of a rate in bit/s."""
+    unit = next((u for u in ("tbit", "gbit", "mbit", "kbit") if bit_s >= _RATE_BIT_S[u]), "bit")
+    return _plain(Decimal(bit_s) / _RATE_BIT_S[unit]) + unit
+
+
+def parse_int(word: str, text: str, low: int, high: int = 2**63 - 1) -> int:
+    """A whole number in [low, high]."""
+    if not re.fullmatch(r"[+-]?\d{1,20}", text, re.ASCII) or not low <= int(text) <= high:
+        raise ProfileError(word, text, f"a whole number from {low} to {high}")
+    return int(text)
+
+
+def _split(word: str, text: str, allowed: str) -> tuple[Decimal, str]:
+    match = _NUMBER.fullmatch(text) if text.isascii() else None
+    if match is None:
+        raise ProfileError(word, text, allowed)
+    return Decimal(match[1]), match[2].lower()
+
+
+def _plain(number: Decimal) -> str:
+    text = f"{number:f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text

@@ -1,0 +1,46 @@
+"""The delay histogram: percentiles within a bin's width, memory that does not grow."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from netem.stats import DelayHistogram
+
+
+def histogram_of(delays_ns: list[int]) -> DelayHistogram:
+    histogram = DelayHistogram()
+    for delay in delays_ns:
+        histogram.pending.append(delay)
+        if len(histogram.pending) >= DelayHistogram.PENDING:
+            histogram.fold()
+    return histogram
+
+
+@given(st.lists(st.integers(2000, 10**12), min_size=1, max_size=600), st.sampled_from([0.0, 0.5, 0.99, 1.0]))
+def test_quantiles_are_those_of_the_sample_within_a_bin(delays_ns: list[int], fraction: float) -> None:
+    exact = float(np.quantile(delays_ns, fraction, method="inverted_cdf")) * 1e-6
+    assert histogram_of(delays_ns).quantile_ms(fraction) == pytest.approx(exact, rel=0.011)
+
+
+def test_a_constant_delay_is_exact() -> None:
+    histogram = histogram_of([40_000_000] * 1000)
+    assert (
+        histogram.quantile_ms(0.5)
+        == histogram.quantile_ms(0.99)
+        == histogram.mean_ms()
+        == pytest.approx(40.0, rel=1e-12)
+    )
+
+
+def test_nothing_counted_is_none() -> None:
+    assert DelayHistogram().quantile_ms(0.5) is None
+    assert DelayHistogram().mean_ms() is None
+
+
+def test_extremes_stay_in_range() -> None:
+    histogram = histogram_of([0, 0, 10**17])
+    assert histogram.quantile_ms(0.5) == pytest.approx(0.0, abs=1.01e-3)
+    assert histogram.quantile_ms(1.0) is not None
