@@ -1,0 +1,180 @@
+"""The acknowledged stream of nanojoules between one pair of incarnations, both directions.
+
+As TCP numbers bytes, this channel numbers nanojoules. Every message says how much was sent in all and how much was
+credited in all, so a later message repairs the loss of every earlier one, and neither loss, repetition nor reordering
+can create or lose energy. The rules:
+
+* New energy leaves at once if the last message is `spacing_ns` old, else when it is.
+* While something is unacknowledged it is repeated on the RFC 6298 timer, which every message restarts.
+* A message with `total_nJ` > 0 asks for an acknowledgement, which rides on a message of the other direction if one
+  leaves within `ack_delay_ns` and else goes alone, with `total_nJ` = 0. That is stale by the ordinary rule (below what
+  was credited) and never answered, so two quiet sides stay quiet.
+* Crediting passes the admission bucket. What it keeps waiting is credited by `admit` as tokens come.
+
+At every instant `sent_nJ == acked_nJ + in_flight_nJ + abandoned_nJ` here, and, since acknowledging follows crediting
+follows sending, `acked_nJ (here) <= credited_nJ (peer) <= sent_nJ (here)`.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from math import floor
+
+from hapnet.errors import BadMessage, InvalidParameter
+from hapnet.wire.admission import Admission
+from hapnet.wire.messages import MAX_TOTAL_NJ
+from hapnet.wire.rto import RtoEstimator
+
+SPACING_NS = 10_000_000
+ACK_DELAY_NS = 10_000_000  # the spacing: while energy flows both ways every acknowledgement finds a ride
+ADMISSION_STEP_NS = 10_000_000
+MAX_TIMED = 256  # messages whose round trip is being measured: at the default spacing more than the longest timeout
+
+
+class EnergyChannel:
+    """One side of the stream. Nothing here is ever reset: a new pair gets a new channel.
+
+    Parameters
+    ----------
+    admission : the bucket that credits pass.
+    residue_J : a fraction of a nanojoule [J] taken over from the channel before.
+    spacing_ns, ack_delay_ns : see the rules above.
+    """
+
+    def __init__(
+        self,
+        admission: Admission,
+        *,
+        residue_J: float = 0.0,
+        spacing_ns: int = SPACING_NS,
+        ack_delay_ns: int = ACK_DELAY_NS,
+    ) -> None:
+        self.sent_nJ = 0
+        self.acked_nJ = 0
+        self.abandoned_nJ = 0
+        self.credited_nJ = 0
+        self.residue_J = residue_J
+        self.rto = RtoEstimator()
+        self._admission = admission
+        self._spacing_ns, self._ack_delay_ns = spacing_ns, ack_delay_ns
+        self._told_nJ = 0  # highest total that was put in a message
+        self._claimed_nJ = 0  # highest total that the peer put in one
+        self._timed: deque[tuple[int, int]] = deque(maxlen=MAX_TIMED)  # (total, when) of messages sent only once
+        self._spaced_ns = 0  # new energy may leave from then on
+        self._retransmit_ns: int | None = None
+        self._ack_ns: int | None = None
+        self._closed = False
+
+    @property
+    def in_flight_nJ(self) -> int:
+        """Sent, neither acknowledged nor abandoned."""
+        return self.sent_nJ - self.acked_nJ - self.abandoned_nJ
+
+    def send(self, energy_J: float) -> None:
+        """Hand `energy_J` [J] over for the peer. `residue_J`, in [0, 1e-9], holds what makes no whole nanojoule yet.
+
+        Raises
+        ------
+        InvalidParameter : negative, not finite, or the total would reach 2^63 nJ.
+        """
+        if not 0.0 <= energy_J < MAX_TOTAL_NJ / 1e9:
+            raise InvalidParameter("energy", energy_J, "a finite energy >= 0 J")
+        held_J = self.residue_J + energy_J
+        whole_nJ = floor(held_J * 1e9)
+        if whole_nJ / 1e9 > held_J:  # the product was rounded up to the next integer
+            whole_nJ -= 1
+        if self.sent_nJ + whole_nJ >= MAX_TOTAL_NJ:
+            raise InvalidParameter("energy", energy_J, "a total below 2^63 nJ")
+        self.sent_nJ += whole_nJ
+        self.residue_J = held_J - whole_nJ / 1e9
+
+    def receive(self, total_nJ: int, acked_nJ: int, now_ns: int) -> int:
+        """A message of the peer; returns what is credited now [nJ].
+
+        Raises
+        ------
+        BadMessage : it acknowledges energy that was never announced. Nothing has changed then.
+        """
+        self.acknowledge(acked_nJ, now_ns)
+        if total_nJ > 0:
+            self._owe_ack(now_ns)
+        self._claimed_nJ = max(self._claimed_nJ, total_nJ)
+        return self.admit(now_ns)
+
+    def acknowledge(self, acked_nJ: int, now_ns: int) -> None:
+        """The peer has credited `acked_nJ` in all; a lower value than before is stale and ignored."""
+        if acked_nJ > self._told_nJ:
+            raise BadMessage("acknowledgement", f"{acked_nJ} nJ acknowledged of {self._told_nJ} nJ announced")
+        if self._closed or acked_nJ <= self.acked_nJ:
+            return
+        self.acked_nJ = acked_nJ
+        total_nJ = sent_ns = 0
+        while self._timed and self._timed[0][0] <= acked_nJ:
+            total_nJ, sent_ns = self._timed.popleft()
+        if total_nJ == acked_nJ:
+            self.rto.sample(now_ns - sent_ns)
+        else:  # credited in part: what is on its way would measure the peer's bucket, not the path
+            self._timed.clear()
+        self._retransmit_ns = now_ns + self.rto.rto_ns if self._told_nJ > acked_nJ else None
+
+    def admit(self, now_ns: int) -> int:
+        """Credit what waits, as far as the bucket allows; returns it [nJ]."""
+        waiting_nJ = self._claimed_nJ - self.credited_nJ
+        if self._closed or waiting_nJ == 0:
+            return 0
+        credit_nJ = self._admission.take(waiting_nJ, now_ns)
+        if credit_nJ:
+            self.credited_nJ += credit_nJ
+            self._owe_ack(now_ns)
+        return credit_nJ
+
+    def poll(self, now_ns: int) -> tuple[int, int] | None:
+        """(total_nJ, acked_nJ) of the message to send now, if one is due."""
+        if self._closed:
+            return None
+        expired = self._retransmit_ns is not None and now_ns >= self._retransmit_ns
+        if expired or (self.sent_nJ > self._told_nJ and now_ns >= self._spaced_ns):
+            if expired:
+                self.rto.back_off()
+            if self.sent_nJ > self._told_nJ:
+                self._told_nJ = self.sent_nJ
+                self._timed.append((self.sent_nJ, now_ns))
+            elif self._timed and self._timed[-1][0] == self._told_nJ:
+                self._timed.pop()  # Karn: its acknowledgement could belong to either copy
+            self._spaced_ns = now_ns + self._spacing_ns
+            self._retransmit_ns = now_ns + self.rto.rto_ns
+            self._ack_ns = None
+            return self._told_nJ, self.credited_nJ
+        if self._ack_ns is not None and now_ns >= self._ack_ns:
+            self._ack_ns = None
+            return 0, self.credited_nJ
+        return None
+
+    @property
+    def next_due_ns(self) -> int | None:
+        """When to call `admit` and `poll` next; a time that has passed means now."""
+        if self._closed:
+            return None
+        due = self._retransmit_ns
+        if self._ack_ns is not None and (due is None or self._ack_ns < due):
+            due = self._ack_ns
+        if self.sent_nJ > self._told_nJ and (due is None or self._spaced_ns < due):
+            due = self._spaced_ns
+        if self._claimed_nJ > self.credited_nJ:
+            admission_ns = self._admission.due_ns(self._claimed_nJ - self.credited_nJ, ADMISSION_STEP_NS)
+            due = admission_ns if due is None else min(due, admission_ns)
+        return due
+
+    def abandon(self) -> int:
+        """End the pair: what is in flight is given up, never resent; returns it [nJ]. Nothing is credited any more.
+
+        The peer may have credited a part whose acknowledgement was lost: abandoned is an upper bound of what is gone.
+        """
+        self._closed = True
+        given_up_nJ = self.in_flight_nJ
+        self.abandoned_nJ += given_up_nJ
+        return given_up_nJ
+
+    def _owe_ack(self, now_ns: int) -> None:
+        if self._ack_ns is None:
+            self._ack_ns = now_ns + self._ack_delay_ns

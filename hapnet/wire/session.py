@@ -1,0 +1,305 @@
+"""One side of the protocol: handshake, position stream and energy channel behind one interface.
+
+Bytes and the time go in, events and bytes come out; there is no clock and no I/O here. A runtime
+
+* hands every datagram that arrives, on whatever key, to `receive`, and acts on the events;
+* calls `poll` after that, after `give` and `close`, and when `next_due_ns` says so, and sends what comes out;
+* calls `position` whenever there is a set-position to send. This one method may run in another thread than all the
+  rest: it shares nothing with them that changes.
+
+Network input never raises: a bad message is counted in `dropped` by its kind and changes nothing.
+
+The account over all pairs is exact at every instant: `sent_nJ == acked_nJ + in_flight_nJ + abandoned_nJ` here, and for
+each pair `acked_nJ (here) <= credited_nJ (peer) <= sent_nJ (here)`. What is abandoned may have been credited if only
+its acknowledgement was lost; a peer that leaves with a bye says how much exactly.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from hapnet.errors import BadMessage, InvalidParameter
+from hapnet.wire.admission import DEFAULT_BURST_J, DEFAULT_POWER_W, Admission
+from hapnet.wire.energy_channel import ACK_DELAY_NS, SPACING_NS, EnergyChannel
+from hapnet.wire.events import EnergyCredited, Event, PositionReceived
+from hapnet.wire.handshake import HELLO_PERIOD_NS, Handshake
+from hapnet.wire.messages import (
+    MAX_TEXT,
+    Bye,
+    Channel,
+    Energy,
+    Hello,
+    Identity,
+    Message,
+    OtherVersion,
+    Position,
+    Refuse,
+    Role,
+    Scalar,
+    Welcome,
+    decode,
+    encode,
+    encode_position,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Outgoing:
+    """A frame to send, and the last part of the key expression that it goes on."""
+
+    kind: Channel
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class SessionSettings:
+    """What a session may be told.
+
+    accept_stale : hand out positions older than one already received (the theory allows it); else the newest wins.
+    admission_W, admission_burst_J : what the peer may hand in at length [W] and at once [J].
+    hello_period_ns : time between two hellos while unpaired.
+    spacing_ns : least time between two messages with new energy.
+    ack_delay_ns : how long an acknowledgement waits for a message to ride on.
+    """
+
+    accept_stale: bool = False
+    admission_W: float = DEFAULT_POWER_W
+    admission_burst_J: float = DEFAULT_BURST_J
+    hello_period_ns: int = HELLO_PERIOD_NS
+    spacing_ns: int = SPACING_NS
+    ack_delay_ns: int = ACK_DELAY_NS
+
+    def __post_init__(self) -> None:
+        for name in ("hello_period_ns", "spacing_ns", "ack_delay_ns"):
+            value = getattr(self, name)
+            if not 1_000_000 <= value <= 10_000_000_000:
+                raise InvalidParameter(name, value, "1 ms to 10 s, in ns")
+
+
+@dataclass(slots=True)
+class _Account:
+    """Totals of the pairs that are over [nJ]."""
+
+    sent: int = 0
+    acked: int = 0
+    credited: int = 0
+    abandoned: int = 0
+
+    def add(self, channel: EnergyChannel) -> None:
+        self.sent += channel.sent_nJ
+        self.acked += channel.acked_nJ
+        self.credited += channel.credited_nJ
+        self.abandoned += channel.abandoned_nJ
+
+
+class Session:
+    """One side, from its process's start to its end.
+
+    Parameters
+    ----------
+    role, dof, name, about : this side's identity, told to the peer. `about` is small: what this side runs.
+    incarnation : 64 random bits, not 0, drawn at the process's start.
+    settings : see `SessionSettings`.
+
+    Raises
+    ------
+    InvalidParameter : an identity that no peer would accept; a setting out of range.
+    """
+
+    def __init__(
+        self,
+        *,
+        role: Role,
+        dof: int,
+        name: str,
+        incarnation: int,
+        about: dict[str, Scalar] | None = None,
+        settings: SessionSettings | None = None,
+    ) -> None:
+        self.identity = Identity(incarnation, role, dof, name, dict(about or {}))
+        _check_identity(self.identity)
+        self.settings = settings or SessionSettings()
+        self.dropped: Counter[str] = Counter()
+        self.closed = False
+        self._handshake = Handshake(self.identity, self.settings.hello_period_ns)
+        self._admission = Admission(self.settings.admission_W, self.settings.admission_burst_J)
+        self._past = _Account()
+        self._channel = self._open_channel(0.0)
+        self._next_sequence = 0
+        self._newest_sequence = -1
+
+    @property
+    def peer(self) -> Identity | None:
+        """The peer, while paired."""
+        return self._handshake.peer
+
+    def position(self, now_ns: int, position: Sequence[float]) -> bytes:
+        """The next frame for the position key: `position` [m or rad], `dof` finite coordinates (not checked here)."""
+        sequence = self._next_sequence
+        self._next_sequence = sequence + 1
+        return encode_position(self.identity.incarnation, sequence, now_ns, tuple(map(float, position)))
+
+    def give(self, energy_J: float) -> None:
+        """Shuffle `energy_J` [J] to the peer. While there is none it is abandoned, which is safe, and counted.
+
+        Raises
+        ------
+        InvalidParameter : negative or not finite.
+        """
+        self._channel.send(energy_J)
+        if self.peer is None or self.closed:
+            self._channel.abandon()
+
+    def receive(self, now_ns: int, data: bytes) -> tuple[Event, ...]:
+        """What the datagram `data` brings. Never raises for its content."""
+        if self.closed:
+            self.dropped["closed"] += 1
+            return ()
+        before = self.peer
+        try:
+            events = self._dispatch(decode(data), now_ns)
+        except OtherVersion as error:
+            self.dropped[error.kind] += 1
+            events = self._handshake.other_version(error)
+        except BadMessage as error:
+            self.dropped[error.kind] += 1
+            events = ()
+        if self.peer is not before:
+            self._change_pair()
+        return events
+
+    def poll(self, now_ns: int) -> tuple[list[Outgoing], tuple[Event, ...]]:
+        """What to send now, and what the passing of time itself brought (energy that became admissible)."""
+        events = self._credited(self._channel.admit(now_ns))
+        outgoing: list[Outgoing] = []
+        if self.peer is not None and (due := self._channel.poll(now_ns)) is not None:
+            outgoing.append(_outgoing(Energy(self.identity.incarnation, self.peer.incarnation, *due)))
+        outgoing.extend(_outgoing(message) for message in self._handshake.poll(now_ns))
+        return outgoing, events
+
+    @property
+    def next_due_ns(self) -> int | None:
+        """When to call `poll` next at the latest; a time that has passed means now, None that nothing is planned."""
+        handshake, channel = self._handshake.next_due_ns, self._channel.next_due_ns
+        if handshake is None or channel is None:
+            return channel if handshake is None else handshake
+        return min(handshake, channel)
+
+    def close(self, now_ns: int, reason: str) -> None:
+        """Part from the peer: some byes remain to be polled, then nothing is due any more.
+
+        What is in flight is abandoned: wait for `settled` first, as long as there is time.
+        """
+        if not self.closed:
+            self.closed = True
+            self._channel.abandon()
+            self._handshake.close(now_ns, self._channel.credited_nJ, _printable(reason))
+
+    @property
+    def settled(self) -> bool:
+        """Everything sent is accounted for: acknowledged or abandoned."""
+        return self.in_flight_nJ == 0
+
+    @property
+    def incarnations(self) -> int:
+        """How many incarnations of the peer this side was paired with."""
+        return self._handshake.pairs
+
+    @property
+    def sent_nJ(self) -> int:
+        """Everything given, in whole nJ, over all pairs and none."""
+        return self._past.sent + self._channel.sent_nJ
+
+    @property
+    def acked_nJ(self) -> int:
+        """What the peers acknowledged."""
+        return self._past.acked + self._channel.acked_nJ
+
+    @property
+    def credited_nJ(self) -> int:
+        """What the peers sent and this side credited: the sum of all `EnergyCredited`."""
+        return self._past.credited + self._channel.credited_nJ
+
+    @property
+    def abandoned_nJ(self) -> int:
+        """What was given without a peer, or not acknowledged when the pair ended."""
+        return self._past.abandoned + self._channel.abandoned_nJ
+
+    @property
+    def in_flight_nJ(self) -> int:
+        """What was sent and is neither acknowledged nor abandoned."""
+        return self._channel.in_flight_nJ
+
+    @property
+    def residue_J(self) -> float:
+        """What was given and makes no whole nanojoule yet: all that was given is sent_nJ plus this."""
+        return self._channel.residue_J
+
+    def _dispatch(self, message: Message, now_ns: int) -> tuple[Event, ...]:
+        match message:
+            case Position():
+                return self._on_position(message, now_ns)
+            case Energy():
+                self._handshake.check_peer(message.incarnation, now_ns)
+                self._handshake.check_addressee(message.addressee)
+                return self._credited(self._channel.receive(message.total_nJ, message.acked_nJ, now_ns))
+            case Hello():
+                return self._handshake.hello(message, now_ns)
+            case Welcome():
+                return self._handshake.welcome(message, now_ns)
+            case Refuse():
+                return self._handshake.refuse(message, now_ns)
+            case Bye():
+                return self._on_bye(message, now_ns)
+
+    def _on_position(self, message: Position, now_ns: int) -> tuple[Event, ...]:
+        self._handshake.check_peer(message.incarnation, now_ns)
+        if len(message.position) != self.identity.dof:
+            raise BadMessage("dimension", f"{len(message.position)} coordinates; allowed: {self.identity.dof}")
+        if message.sequence <= self._newest_sequence and not self.settings.accept_stale:
+            raise BadMessage("stale", f"position {message.sequence} after {self._newest_sequence}")
+        self._newest_sequence = max(self._newest_sequence, message.sequence)
+        return (PositionReceived(message.sequence, message.sent_ns, message.position),)
+
+    def _on_bye(self, message: Bye, now_ns: int) -> tuple[Event, ...]:
+        peer = self.peer
+        mine = message.addressee == self.identity.incarnation
+        if mine and peer is not None and peer.incarnation == message.incarnation:
+            self._channel.acknowledge(message.acked_nJ, now_ns)
+        return self._handshake.bye(message, now_ns)
+
+    def _credited(self, credited_nJ: int) -> tuple[Event, ...]:
+        return (EnergyCredited(credited_nJ),) if credited_nJ else ()
+
+    def _change_pair(self) -> None:
+        self._channel.abandon()
+        self._past.add(self._channel)
+        self._channel = self._open_channel(self._channel.residue_J)
+        self._newest_sequence = -1
+
+    def _open_channel(self, residue_J: float) -> EnergyChannel:
+        spacing_ns, ack_delay_ns = self.settings.spacing_ns, self.settings.ack_delay_ns
+        return EnergyChannel(self._admission, residue_J=residue_J, spacing_ns=spacing_ns, ack_delay_ns=ack_delay_ns)
+
+
+def _outgoing(message: Message) -> Outgoing:
+    return Outgoing(message.CHANNEL, encode(message))
+
+
+def _printable(text: str) -> str:
+    return "".join(c if c.isprintable() else " " for c in text)[:MAX_TEXT]
+
+
+def _check_identity(identity: Identity) -> None:
+    """A side must be able to read its own hello (of any number: the largest is tried)."""
+    try:
+        me = identity
+        data = encode(Welcome(me.incarnation, 2**64 - 1, 2**64 - 1, me.role, me.dof, me.name, me.about))
+        if not me.name:
+            raise BadMessage("range", "name is empty")
+        decode(data)
+    except (BadMessage, TypeError, ValueError, OverflowError) as error:
+        allowed = f"incarnation of 64 bits, not 0; role device or world; 1 to 64 dof; short texts and numbers ({error})"
+        raise InvalidParameter("identity", identity, allowed) from None

@@ -1,0 +1,398 @@
+from __future__ import annotations
+
+import random
+from collections import Counter
+from typing import Any
+
+import msgpack
+import pytest
+
+from hapnet.errors import InvalidParameter
+from hapnet.wire.events import EnergyCredited, Event, Mismatch, Paired, PeerLeft, PeerRefused, PositionReceived
+from hapnet.wire.handshake import MAX_REPLIES
+from hapnet.wire.messages import Bye, Energy, Hello, Identity, Position, Refuse, Role, Welcome, decode, encode
+from hapnet.wire.session import Session, SessionSettings
+
+MS = 1_000_000
+OPEN = SessionSettings(admission_W=1e6, admission_burst_J=1e6)
+
+
+def session(role: Role, incarnation: int, *, dof: int = 1, settings: SessionSettings = OPEN) -> Session:
+    return Session(role=role, dof=dof, name=f"{role}-{incarnation}", incarnation=incarnation, settings=settings)
+
+
+class Network:
+    """Sessions on one pair of keys: what one says, the other role hears late, in any order, repeatedly or never."""
+
+    def __init__(self, *sessions: Session, seed: int = 0, loss: float = 0.0, repeat: float = 0.0, jitter: int = 0):
+        self.sessions = list(sessions)
+        self.gone: list[Session] = []
+        self.one_key = False  # everybody hears everybody
+        self.rng = random.Random(seed)
+        self.loss, self.repeat, self.jitter = loss, repeat, jitter
+        self.now = 0
+        self.path: list[tuple[int, Session, bytes]] = []
+        self.events: dict[int, list[Event]] = {}
+        self.sent: list[bytes] = []
+
+    def kill(self, s: Session) -> None:
+        self.sessions.remove(s)
+        self.gone.append(s)
+
+    def put(self, sender: Session, data: bytes) -> None:
+        self.sent.append(data)
+        copies = 0 if self.rng.random() < self.loss else 1 + (self.rng.random() < self.repeat)
+        for _ in range(copies):
+            self.path.append((self.now + 5 * MS + self.rng.randrange(self.jitter + 1), sender, data))
+
+    def happened(self, s: Session, *kinds: type[Event]) -> list[Event]:
+        return [e for e in self.events.get(s.identity.incarnation, []) if isinstance(e, kinds or object)]
+
+    def run(self, duration_ns: int) -> None:
+        end = self.now + duration_ns
+        while self.now < end:
+            for s in self.sessions:
+                due = s.next_due_ns
+                if due is not None and due <= self.now:
+                    outgoing, events = s.poll(self.now)
+                    self.events.setdefault(s.identity.incarnation, []).extend(events)
+                    for frame in outgoing:
+                        assert frame.kind == decode(frame.data).CHANNEL
+                        self.put(s, frame.data)
+            self.now += MS
+            ready = [item for item in self.path if item[0] <= self.now]
+            self.path = [item for item in self.path if item[0] > self.now]
+            for _, sender, data in ready:
+                for s in self.sessions:
+                    if s is not sender and (self.one_key or s.identity.role != sender.identity.role):
+                        self.events.setdefault(s.identity.incarnation, []).extend(s.receive(self.now, data))
+            self.check()
+
+    def check(self) -> None:
+        sent, credited = Counter[str](), Counter[str]()
+        for s in self.sessions + self.gone:
+            assert s.sent_nJ == s.acked_nJ + s.in_flight_nJ + s.abandoned_nJ
+            assert s.credited_nJ == sum(e.credited_nJ for e in self.happened(s) if isinstance(e, EnergyCredited))
+            sent[s.identity.role] += s.sent_nJ
+            credited[s.identity.role] += s.credited_nJ
+        assert credited["device"] <= sent["world"]
+        assert credited["world"] <= sent["device"]
+
+
+def paired(**kwargs: Any) -> tuple[Network, Session, Session]:
+    device, world = session("device", 1), session("world", 2)
+    network = Network(device, world, **kwargs)
+    network.run(300 * MS)
+    assert device.peer == world.identity
+    assert world.peer == device.identity
+    return network, device, world
+
+
+def test_pairs_once_and_falls_silent() -> None:
+    network, device, world = paired()
+    assert network.happened(device) == [Paired(world.identity, 1)]
+    assert network.happened(world) == [Paired(device.identity, 1)]
+    before = len(network.sent)
+    network.run(1000 * MS)
+    assert len(network.sent) == before <= 8
+    assert (device.next_due_ns, world.next_due_ns) == (None, None)
+    assert not device.dropped + world.dropped
+
+
+def test_the_second_may_start_much_later() -> None:
+    device, world = session("device", 1), session("world", 2)
+    network = Network(device)
+    network.run(1000 * MS)
+    assert len(network.sent) == 5  # one hello a period
+    network.sessions.append(world)
+    network.run(230 * MS)
+    assert device.peer is not None
+    assert world.peer is not None
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_hostile_channel_loses_and_creates_no_energy(seed: int) -> None:
+    device, world = session("device", 1), session("world", 2)
+    network = Network(device, world, seed=seed, loss=0.4, repeat=0.3, jitter=80 * MS)
+    for _ in range(100):
+        for s in (device, world):
+            s.give(network.rng.expovariate(1e3))
+            network.put(s, s.position(network.now, [0.5]))
+        network.run(network.rng.randrange(1, 30) * MS)
+    network.loss = 0.0
+    network.run(6000 * MS)
+    assert device.settled
+    assert world.settled
+    for here, there in ((device, world), (world, device)):
+        assert there.credited_nJ == here.acked_nJ == here.sent_nJ - here.abandoned_nJ > 0
+        received = [e.sequence for e in network.happened(here) if isinstance(e, PositionReceived)]
+        assert received == sorted(set(received))
+        assert len(received) > 10
+    assert device.next_due_ns is None
+    assert set(device.dropped) <= {"stale", "stranger"}
+
+
+def test_positions_newest_wins_unless_stale_ones_are_wanted() -> None:
+    for accept, expected in ((False, [1, 2]), (True, [1, 0, 2, 2])):
+        device = session("device", 1)
+        world = session("world", 2, settings=SessionSettings(accept_stale=accept))
+        Network(device, world).run(300 * MS)
+        frames = [device.position(k, [0.25]) for k in range(3)]
+        events = [e for k in (1, 0, 2, 2) for e in world.receive(10**9, frames[k])]
+        assert events == [PositionReceived(k, k, (0.25,)) for k in expected]
+        assert world.dropped["stale"] == 4 - len(expected)
+
+
+def test_restart_makes_a_new_pair_and_abandons_what_was_in_flight() -> None:
+    network, device, world = paired()
+    device.give(0.5e-6)
+    network.run(300 * MS)
+    network.kill(world)
+    device.give(1e-6)
+    network.run(300 * MS)
+    late = [item for item in network.path if item[1] is device]
+    assert device.in_flight_nJ == 1000
+    reborn = session("world", 3)
+    network.sessions.append(reborn)
+    network.run(300 * MS)
+    for _ in range(20):  # positions of the survivor reach a stranger, and the other way round
+        network.put(device, device.position(network.now, [0.0]))
+        network.put(reborn, reborn.position(network.now, [0.0]))
+        network.run(20 * MS)
+    assert network.happened(device, Paired) == [Paired(world.identity, 1), Paired(reborn.identity, 2)]
+    assert (device.sent_nJ, device.acked_nJ, device.abandoned_nJ, device.in_flight_nJ) == (1500, 500, 1000, 0)
+    assert (reborn.credited_nJ, device.incarnations, reborn.incarnations) == (0, 2, 1)
+    for _, _, data in late:
+        assert reborn.receive(network.now, data) == ()
+    device.give(2e-6)
+    network.run(300 * MS)
+    assert (reborn.credited_nJ, device.settled) == (2000, True)
+
+
+def test_frames_of_the_dead_change_nothing() -> None:
+    network, device, world = paired()
+    world.give(1e-6)
+    network.run(300 * MS)
+    old = [data for data in network.sent if decode(data).incarnation == 2] + [world.position(0, [1.0])]
+    network.kill(world)
+    reborn = session("world", 3)
+    network.sessions.append(reborn)
+    network.put(reborn, reborn.position(network.now, [0.0]))
+    network.run(500 * MS)
+    assert device.peer == reborn.identity
+    for data in old * 2:
+        assert device.receive(network.now, data) == ()
+    assert device.peer == reborn.identity
+    assert device.credited_nJ == 1000
+    assert device.dropped["retired"] >= 2 * (len(old) - 3)
+
+
+def test_what_a_dead_process_left_cannot_displace_the_living() -> None:
+    """A world that never paired dies; its hello, and a welcome to an early hello, arrive after its successor's."""
+    device = session("device", 1)
+    dead = session("world", 9)
+    hello = dead.poll(0)[0][0].data
+    early = device.poll(0)[0][0].data
+    dead.receive(0, early)
+    welcome = dead.poll(0)[0][0].data
+    assert isinstance(decode(welcome), Welcome)
+    world = session("world", 2)
+    network = Network(device, world)
+    network.now = 200 * MS
+    network.run(500 * MS)
+    assert device.peer == world.identity
+    for data in (hello, welcome, hello):
+        assert device.receive(network.now, data) == ()
+        network.run(300 * MS)
+        assert device.peer == world.identity
+    assert network.happened(device) == [Paired(world.identity, 1)]
+    assert device.dropped == {"stale": 1}
+
+
+def test_a_displaced_peer_is_told_and_never_comes_back() -> None:
+    network, device, world = paired()
+    rival = session("world", 3)
+    network.sessions.append(rival)
+    network.run(600 * MS)
+    assert device.peer == rival.identity
+    assert network.happened(world)[1] == PeerRefused("replaced by world-3")
+    world.give(1.0)
+    network.run(2000 * MS)
+    assert device.peer == rival.identity
+    assert world.peer is None
+    assert device.credited_nJ == 0
+    assert world.abandoned_nJ == 10**9
+
+
+@pytest.mark.parametrize(
+    ("other", "reason"),
+    [
+        (session("world", 2, dof=3), "degrees of freedom"),
+        (session("device", 2), "both sides are a device"),
+    ],
+)
+def test_misfits_are_refused_in_words_once(other: Session, reason: str) -> None:
+    device = session("device", 1)
+    network = Network(device, other)
+    network.one_key = True
+    network.run(1500 * MS)
+    for s in (device, other):
+        assert s.peer is None
+        events = network.happened(s)
+        assert {type(e) for e in events} == {Mismatch, PeerRefused}
+        assert len(events) == 2
+        assert all(reason in e.reason for e in events if isinstance(e, Mismatch | PeerRefused))
+
+
+def test_another_version_is_refused_in_words() -> None:
+    device = session("device", 1)
+    hello = msgpack.packb([2, Hello.KIND, 77, "new fields"])
+    assert device.receive(0, hello) == (Mismatch("peer speaks protocol 2, this side speaks 1"),)
+    assert device.receive(0, hello) == ()
+    replies = [decode(o.data) for o in device.poll(0)[0]]
+    assert Refuse(1, 77, "peer speaks protocol 2, this side speaks 1") in replies
+    assert device.receive(0, msgpack.packb([2, 5, 77, 1, "speak 2"])) == (PeerRefused("speak 2"),)
+    assert device.dropped == {"version": 2}
+
+
+def test_bye_settles_the_account_exactly() -> None:
+    network, device, world = paired()
+    world.give(3e-6)
+    device.give(5e-6)
+    network.run(8 * MS)  # delivered; the acknowledgements are still owed
+    assert (device.credited_nJ, world.acked_nJ) == (3000, 0)
+    device.close(network.now, "the\nend")
+    assert device.settled
+    network.run(300 * MS)
+    assert network.happened(world)[-1] == PeerLeft("the end")
+    assert (world.acked_nJ, world.abandoned_nJ, world.peer) == (3000, 0, None)
+    assert (device.next_due_ns, device.poll(network.now)) == (None, ([], ()))
+    byes = [d for d in network.sent if isinstance(decode(d), Bye)]
+    assert len(byes) == 3
+    assert device.receive(network.now, b"x") == ()
+    assert device.dropped["closed"] > 0
+
+
+def test_energy_without_a_peer_is_abandoned_and_counted() -> None:
+    device = session("device", 1)
+    for _ in range(2):
+        device.give(2.6e-9)
+    assert (device.sent_nJ, device.abandoned_nJ, device.settled) == (5, 5, True)
+    world = session("world", 2)
+    device.give(0.4e-9)
+    Network(device, world).run(300 * MS)
+    assert device.peer is not None
+    device.give(0.5e-9)  # the fraction came along
+    assert device.sent_nJ == 6
+
+
+def test_what_the_bucket_kept_waiting_comes_from_poll() -> None:
+    device = session("device", 1, settings=SessionSettings(admission_W=1.0, admission_burst_J=0.001))
+    world = session("world", 2)
+    network = Network(device, world)
+    network.run(300 * MS)
+    world.give(0.003)
+    network.run(5 * MS)
+    assert device.credited_nJ == 10**6
+    network.run(100 * MS)
+    assert (device.credited_nJ, world.settled) == (3 * 10**6, True)
+
+
+def test_a_restart_earns_no_fresh_burst() -> None:
+    device = session("device", 1, settings=SessionSettings(admission_W=1e-9, admission_burst_J=0.001))
+    network = Network(device)
+    for incarnation in range(2, 7):
+        world = session("world", incarnation)
+        network.sessions.append(world)
+        network.run(400 * MS)
+        assert device.peer == world.identity
+        world.give(1.0)
+        network.run(50 * MS)
+        network.kill(world)
+        assert 10**6 <= device.credited_nJ <= 10**6 + 5
+    assert device.incarnations == 5
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        ("own", Position(1, 5, 0, (0.0,))),
+        ("stranger", Position(8, 5, 0, (0.0,))),
+        ("dimension", Position(2, 5, 0, (0.0, 0.0))),
+        ("addressee", Energy(2, 9, 10, 0)),
+        ("stranger", Energy(9, 1, 10, 0)),
+        ("acknowledgement", Energy(2, 1, 10, 1)),
+        ("addressee", Welcome(8, 7, 1, "world", 1, "w", {})),
+        ("stale", Welcome(8, 1, 10**6, "world", 1, "w", {})),
+        ("stranger", Bye(8, 1, 0, "")),
+        ("acknowledgement", Bye(2, 1, 10, "")),
+    ],
+)
+def test_bad_messages_are_counted_and_change_nothing(kind: str, message: Any) -> None:
+    _, device, world = paired()
+    assert device.receive(10**9, encode(message)) == ()
+    assert device.dropped == {kind: 1}
+    assert (device.peer, device.credited_nJ) == (world.identity, 0)
+
+
+def test_a_flood_of_strangers_costs_bounded_memory_and_replies() -> None:
+    network, device, world = paired()
+    replies = 0
+    for k in range(20_000):
+        now = 10**9 + k * 10_000  # 0.2 s
+        device.receive(now, encode(Hello(1000 + k, 1, "world", 1, "w", {})))
+        replies += len(device.poll(now)[0])
+    assert replies <= 21 * MAX_REPLIES + 11
+    assert device.peer == world.identity
+    assert not network.happened(device)[1:]
+
+
+def test_noise_never_raises_and_the_account_holds() -> None:
+    network, device, world = paired()
+    device.give(1e-3)
+    network.run(300 * MS)
+    frames = [*network.sent, world.position(0, [0.0])]
+    rng = random.Random(3)
+    for k in range(20_000):
+        data = bytearray(rng.choice(frames))
+        for _ in range(rng.randrange(3)):
+            data[rng.randrange(len(data))] = rng.randrange(256)
+        device.receive(10**9 + k, bytes(data[: rng.randrange(1, 200)]))
+        device.poll(10**9 + k)
+        assert device.sent_nJ == device.acked_nJ + device.in_flight_nJ + device.abandoned_nJ
+    assert len(device.dropped) <= 16
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"incarnation": 0},
+        {"incarnation": 2**64},
+        {"dof": 0},
+        {"dof": 65},
+        {"name": ""},
+        {"name": "two\nlines"},
+        {"role": "human"},
+        {"about": {"a": float("nan")}},
+        {"about": {f"{k:0250}": "x" * 250 for k in range(20)}},
+        {"about": {"a": object()}},
+    ],
+)
+def test_an_identity_no_peer_would_accept_is_refused_at_once(change: dict[str, Any]) -> None:
+    given: dict[str, Any] = {"role": "device", "dof": 1, "name": "pen", "incarnation": 5} | change
+    with pytest.raises(InvalidParameter, match="identity"):
+        Session(**given)
+
+
+def test_bad_settings() -> None:
+    with pytest.raises(InvalidParameter, match="hello_period_ns"):
+        SessionSettings(hello_period_ns=0)
+    with pytest.raises(InvalidParameter, match="admission"):
+        session("device", 1, settings=SessionSettings(admission_W=-1.0))
+
+
+def test_identity_is_what_the_peer_sees() -> None:
+    device = Session(role="device", dof=2, name="pen", incarnation=5, about={"program": "x", "sampled": True})
+    world = session("world", 2, dof=2)
+    Network(device, world).run(300 * MS)
+    assert world.peer == Identity(5, "device", 2, "pen", {"program": "x", "sampled": True})
