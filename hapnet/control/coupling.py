@@ -64,6 +64,10 @@ class Coupling:
         self.ledger = Ledger(kinetic, modulator.account)
         self.target: Vector = modulator.set_position
         """y(k) as asked of the modulator [m]: after the stages and silence, before the step limit."""
+        self.has_datum = False
+        """Has something arrived that no update has used yet?"""
+        self.account = modulator.account
+        """The reservoir's content as the ledger counts it [J]: energy less deficit."""
         self.energy_min = modulator.energy
         self.deficit_max = 0.0
         self.discarded = 0.0
@@ -77,19 +81,16 @@ class Coupling:
         """ybar [m]."""
         return self.modulator.set_position
 
-    @property
-    def has_datum(self) -> bool:
-        """Has something arrived that no update has used yet?"""
-        return self._sent_s is not None or self._credit > 0.0
-
     def receive(self, y: Vector, sent_s: float) -> None:
         """A set-position arrived [m]; `sent_s` is the sender's time [s]."""
         self._received = y
         self._sent_s = sent_s
+        self.has_datum = True
 
     def credit(self, energy: float) -> None:
         """Shuffled energy arrived [J]; the next update uses it, once."""
         self._credit += energy
+        self.has_datum = True
 
     def potential(self, x: Vector) -> float:
         """phi [J] with the present ybar."""
@@ -104,6 +105,7 @@ class Coupling:
         credit = self._credit
         self._sent_s = None
         self._credit = 0.0
+        self.has_datum = False
         y = self.stages.step(dt, self._received, sent_s)
         if self.silence.step(dt, fresh=sent_s is not None):
             y = x
@@ -115,6 +117,7 @@ class Coupling:
         self.ledger.credit(credit)
         if result.sent:
             self.ledger.send(result.sent)
+        self.account = modulator.account
         if result.energy < self.energy_min:
             self.energy_min = result.energy
         if result.deficit > self.deficit_max:

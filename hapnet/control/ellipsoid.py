@@ -32,7 +32,7 @@ class Ellipsoid:
     __slots__ = ("_columns", "_ratios", "_rows", "eigenvalues", "isotropic", "largest", "n")
 
     def __init__(self, K: Array) -> None:
-        self.n = K.shape[0]
+        self.n: int = K.shape[0]
         self._rows: tuple[Vector, ...] | None = None
         self._columns: tuple[Vector, ...] | None = None
         if np.array_equal(K, np.diag(np.diagonal(K))):

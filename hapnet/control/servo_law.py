@@ -8,6 +8,7 @@ measurement (or by (10), which then needs damping of the device's own).
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from operator import mul, sub
 from typing import Literal
 
@@ -18,6 +19,8 @@ from hapnet.control.pspm import Modulation
 
 Harvest = Literal["range", "measured"]
 HARVESTS: tuple[Harvest, ...] = ("range", "measured")
+
+Extremes = Callable[[], tuple[Vector, Vector]]
 
 _TICK_SLACK = 1e-9  # s: a clock of whole nanoseconds may call a period a nanosecond short
 
@@ -35,33 +38,27 @@ class ContinuousServo:
     def __init__(self, coupling: Coupling, *, damping: Vector, period: float) -> None:
         self.coupling = coupling
         self.damping = damping
-        self.period = period
+        self._due = period - _TICK_SLACK
         self._elapsed = 0.0
-        start = coupling.set_position
-        self._low = start
-        self._high = start
 
-    def tick(self, dt: float, x: Vector, low: Vector, high: Vector) -> Modulation | None:
+    def tick(self, dt: float, x: Vector, extremes: Extremes, work: float, kinetic: float) -> Modulation | None:
         """A tick `dt` seconds after the last; what PSPM did, if it ran.
 
-        `low` and `high` are the extremes of the position over the tick [m], both ends included.
+        `extremes` gives the extremes of the position since it was last called [m], both ends included. The ledger is
+        at the human's port: `work` is what the hand put in over the tick [J], `kinetic` the device's kinetic energy
+        now [J].
         """
-        self._elapsed += dt
-        self._low = low = tuple(map(min, self._low, low))
-        self._high = high = tuple(map(max, self._high, high))
-        if not self.coupling.has_datum and self._elapsed < self.period - _TICK_SLACK:
-            return None
-        dissipated = dissipated_by_range(self.damping, low, high, self._elapsed)
-        result = self.coupling.update(self._elapsed, x, dissipated)
-        self._elapsed = 0.0
-        self._low = self._high = x
-        return result
-
-    def observe(self, x: Vector, work: float, kinetic: float) -> None:
-        """Ledger at the human's port: `work` [J] done by the hand since the last call, kinetic energy [J] now."""
-        ledger = self.coupling.ledger
+        coupling = self.coupling
+        ledger = coupling.ledger
         ledger.put_in(work)
-        ledger.observe(kinetic + self.coupling.potential(x), self.coupling.modulator.account)
+        ledger.observe(kinetic + coupling.potential(x), coupling.account)
+        elapsed = self._elapsed = self._elapsed + dt
+        if elapsed < self._due and not coupling.has_datum:
+            return None
+        result = coupling.update(elapsed, x, dissipated_by_range(self.damping, *extremes(), elapsed))
+        self._elapsed = 0.0
+        ledger.observe(kinetic + coupling.potential(x), coupling.account)
+        return result
 
 
 class SampledServo:
@@ -91,13 +88,14 @@ class SampledServo:
     ) -> None:
         self.coupling = coupling
         self.damping = damping
-        self.period = period
+        self._due = period - _TICK_SLACK
         self.harvest = harvest
         self.force_limit = math.inf if force_limit is None else force_limit
         self.resolution = resolution
         self.force: Vector = (0.0,) * len(position)
         """The force held now [N]."""
-        self._measured = MeasuredHarvest(trusted_damping or self.force)
+        self.trusted_damping = trusted_damping or self.force
+        self._measured = MeasuredHarvest(self.trusted_damping)
         self._position = position
         self._low = self._high = position
         self._elapsed = 0.0
@@ -119,6 +117,11 @@ class SampledServo:
         return r / 2.0 * (self._torque_path + self._boundary) + r * r / 8.0 * self.coupling.spring.curvature_bound()
 
     @property
+    def account(self) -> float:
+        """The reservoir's content with the harvest of the running interval [J]: what the ledger counts."""
+        return self.coupling.account + self._pending
+
+    @property
     def _pending(self) -> float:
         """Harvest of the running interval, not yet in the reservoir [J]."""
         if self.harvest == "range":
@@ -131,19 +134,21 @@ class SampledServo:
         Sets `force`; returns what PSPM did, if it ran.
         """
         coupling = self.coupling
-        coupling.ledger.put_in(self._measured.hold(self.force, self._position, x, dt))
+        ledger = coupling.ledger
+        ledger.put_in(self._measured.hold(self.force, self._position, x, dt))
         self._position = x
+        ledger.observe(coupling.potential(x), self.account)
         self._elapsed += dt
         self._low = tuple(map(min, self._low, x))
         self._high = tuple(map(max, self._high, x))
         result = None
-        if coupling.has_datum or self._elapsed >= self.period - _TICK_SLACK:
+        if coupling.has_datum or self._elapsed >= self._due:
             result = coupling.update(self._elapsed, x, self._dissipated(x))
             self._potential = coupling.potential(x)
             self._elapsed = 0.0
             self._low = self._high = x
+            ledger.observe(self._potential, coupling.account)
         self._render(x, v)
-        coupling.ledger.observe(coupling.potential(x), coupling.modulator.account + self._pending)
         return result
 
     def _dissipated(self, x: Vector) -> float:

@@ -36,19 +36,20 @@ class Spring:
     InvalidParameter : K is not symmetric positive definite, or has another dimension.
     """
 
-    __slots__ = ("K", "_rows", "dof", "ellipsoid", "force_limit", "knee")
+    __slots__ = ("K", "_K11", "_rows", "dof", "ellipsoid", "force_limit", "knee")
 
     def __init__(self, stiffness: ArrayLike, dof: int, force_limit: float | None = None) -> None:
         self.K = checks.spd("stiffness", stiffness, dof)
         self.dof = dof
         self.ellipsoid = Ellipsoid(self.K)
+        self._K11 = float(self.K[0, 0])
         self._rows: tuple[Vector, ...] = tuple(tuple(row) for row in self.K.tolist())
         self.force_limit = None if force_limit is None else checks.positive("force_limit", force_limit)
         self.knee = math.inf if self.force_limit is None else self.force_limit / math.sqrt(self.ellipsoid.largest)
 
     def potential(self, e: Vector) -> float:
         """phi [J] at the offset ``e = x - ybar`` [m]."""
-        square = self.ellipsoid.square(e)
+        square = self._K11 * e[0] * e[0] if self.dof == 1 else self.ellipsoid.square(e)
         knee = self.knee
         if square <= knee * knee:
             return 0.5 * square

@@ -13,8 +13,7 @@ is replaced by the discrete gradient of its potential, ``-c K e_mid``, with the 
 from __future__ import annotations
 
 import math
-from operator import mul
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -46,18 +45,6 @@ class Device(Protocol):
         """Hold this force [N] until the next call."""
 
 
-class Tick(NamedTuple):
-    """What happened in one tick of a simulated device, at the human's port."""
-
-    work: float
-    """Done by the hand on the device [J]."""
-    low: Vector
-    """Smallest position of each axis in the tick, both ends included [m]."""
-    high: Vector
-    force: Vector
-    """The hand's force, mean over the last substep [N]."""
-
-
 class SimulatedDevice:
     """An n-axis device with constant mass, in a simulated hand.
 
@@ -85,21 +72,27 @@ class SimulatedDevice:
         resolution: float = 0.0,
         force_limit: float | None = None,
     ) -> None:
-        self.operator = operator
         self.mass = checks.positive("device.mass", mass)
         self.damping = checks.non_negative("device.own_damping", damping)
         self.period = checks.positive("device period", period)
         if substeps < 1:
             raise InvalidParameter("device.substeps", substeps, "1 or more")
-        self.substeps = substeps
+        self._substeps = range(substeps)
+        self._h = self.period / substeps
+        self._hand = operator.impedance
         self.resolution = checks.non_negative("device.resolution", resolution)
         self.force_limit = None if force_limit is None else checks.positive("device.force_limit", force_limit)
         self.time = 0.0
         self._ticks = 0
+        self._follow = operator.reference
         self._reference = operator.reference(0.0)
         self.position: Vector = self._reference
         self.velocity: Vector = (0.0,) * len(self.position)
+        self.hand_force: Vector = self.velocity
+        """The hand's force on the device, mean over the last substep [N]."""
+        self._low = self._high = self.position
         self._read = self._count()
+        self._read_time = 0.0
         self._torque: Vector = self.velocity
         self._set_position: Vector | None = None
         self._knee = math.inf
@@ -113,15 +106,20 @@ class SimulatedDevice:
     @property
     def kinetic(self) -> float:
         """Of the device's own mass [J]."""
-        square: float = sum(map(mul, self.velocity, self.velocity))
+        square = 0.0
+        for v in self.velocity:
+            square += v * v
         return 0.5 * self.mass * square
 
     def read(self) -> tuple[Vector, Vector]:
-        """Position and velocity; with encoders, whole counts and their backward difference over the last tick."""
+        """Position and velocity; with encoders, whole counts and their backward difference since the last read."""
         if self.resolution == 0.0:
             return self.position, self.velocity
         before, self._read = self._read, self._count()
-        return self._read, tuple([(b - a) / self.period for a, b in zip(before, self._read, strict=True)])
+        span, self._read_time = self.time - self._read_time, self.time
+        if span == 0.0:
+            return self._read, (0.0,) * self.dof
+        return self._read, tuple([(b - a) / span for a, b in zip(before, self._read, strict=True)])
 
     def apply(self, force: Vector) -> None:
         """Hold a force [N], cut to the actuators' limit."""
@@ -151,90 +149,80 @@ class SimulatedDevice:
         """A new ybar [m] for the coupling that is in force."""
         self._set_position = set_position
 
-    def advance(self) -> Tick:
-        """One tick of the servo's period."""
+    def extremes(self) -> tuple[Vector, Vector]:
+        """Smallest and largest position of each axis [m] since the last call, both ends included."""
+        result = self._low, self._high
+        self._low = self._high = self.position
+        return result
+
+    def advance(self) -> float:
+        """One tick of the servo's period; the work done by the hand on the device [J]."""
         self._ticks += 1
         self.time = self._ticks * self.period
         start = self._reference
-        self._reference = self.operator.reference(self.time)
-        if self._decoupled is not None:
-            tick = self._advance_axes(start)
-            if tick is not None:
-                return tick
+        self._reference = self._follow(self.time)
+        if self._decoupled:
+            work = self._advance_axes(start)
+            if work is not None:
+                return work
         return self._advance_coupled(start)
 
     # -- axis by axis: K diagonal and not saturated ------------------------------------------------------------------
 
-    def _advance_axes(self, reference: Vector) -> Tick | None:
-        """The tick with every axis on its own, or None (and nothing changed) if the spring may have saturated."""
-        assert self._decoupled is not None
-        h = self.period / self.substeps
-        hand = self.operator.impedance
-        kh, bh, mh = hand.stiffness, hand.damping, 2.0 * hand.mass / h
-        inertia = 2.0 * (self.mass + hand.mass) / h
-        response = kh * h / 2.0 + bh + mh
+    def _advance_axes(self, reference: Vector) -> float | None:
+        """The tick with each axis on its own: its work; None, and nothing changed, if the spring may have saturated."""
+        kh, bh, h = self._hand.stiffness, self._hand.damping, self._h
         ybar = self._set_position or self.position
-        positions, velocities, lows, highs, forces = [], [], [], [], []
         work = stretch = 0.0
-        for axis, (k, inverse) in enumerate(self._decoupled):
-            x, v = self.position[axis], self.velocity[axis]
-            y = ybar[axis]
+        moved = []
+        for axis, (k, constants) in enumerate(self._decoupled):
             rate = (self._reference[axis] - reference[axis]) / self.period
-            step = kh * rate * h
-            hand_drive = kh * reference[axis] + bh * rate - 0.5 * step
-            drive = k * y + self._torque[axis]
-            stiffness = k + kh
-            low = high = x
-            done = f = 0.0
-            for _ in range(self.substeps):
-                hand_drive += step
-                middle = (inertia * v + drive + hand_drive - stiffness * x) * inverse
-                f = hand_drive - kh * x + mh * v - response * middle
-                done += f * middle
-                v = middle + middle - v
-                x += h * middle
-                if x < low:
-                    low = x
-                elif x > high:
-                    high = x
-            work += done
-            farthest = max(high - y, y - low)
+            y = ybar[axis]
+            after = _advance_axis(
+                self.position[axis],
+                self.velocity[axis],
+                k * y + self._torque[axis],
+                kh * reference[axis] + (bh - 0.5 * kh * h) * rate,
+                kh * h * rate,
+                self._low[axis],
+                self._high[axis],
+                constants,
+                self._substeps,
+            )
+            work += after[0]
+            farthest = max(after[4] - y, y - after[3])
             stretch += k * farthest * farthest
-            positions.append(x)
-            velocities.append(v)
-            lows.append(low)
-            highs.append(high)
-            forces.append(f)
-        if stretch > self._knee * self._knee:
+            moved.append(after)
+        if stretch > self._knee_square:
             return None
-        self.position = tuple(positions)
-        self.velocity = tuple(velocities)
-        return Tick(work * h, tuple(lows), tuple(highs), tuple(forces))
+        if len(moved) == 1:
+            _, x, v, low, high, f = moved[0]
+            self.position, self.velocity, self._low, self._high, self.hand_force = (x,), (v,), (low,), (high,), (f,)
+        else:
+            _, self.position, self.velocity, self._low, self._high, self.hand_force = zip(*moved, strict=True)
+        return work * h
 
     # -- any K, saturated or not -------------------------------------------------------------------------------------
 
-    def _advance_coupled(self, reference: Vector) -> Tick:
-        h = self.period / self.substeps
-        hand = self.operator.impedance
-        kh, bh, mh = hand.stiffness, hand.damping, 2.0 * hand.mass / h
-        inertia = 2.0 * (self.mass + hand.mass) / h
+    def _advance_coupled(self, reference: Vector) -> float:
+        h, kh, bh = self._h, self._hand.stiffness, self._hand.damping
         K, knee = self._K, self._knee
         x, v = np.array(self.position), np.array(self.velocity)
         ybar = np.array(self._set_position or self.position)
         rate = (np.array(self._reference) - np.array(reference)) / self.period
         hand_drive = kh * np.array(reference) + (bh - 0.5 * kh * h) * rate
-        low = high = x
+        low, high = np.array(self._low), np.array(self._high)
         work = 0.0
         f = np.zeros(self.dof)
-        for _ in range(self.substeps):
+        for _ in self._substeps:
             hand_drive = hand_drive + kh * h * rate
-            push = inertia * v + self._torque + hand_drive - kh * x
+            push = self._inertia * v + self._torque + hand_drive - kh * x
             e = x - ybar
             pull = K @ e
             middle: Array = self._inverse @ (push - pull)
             if knee != math.inf:
                 middle = self._saturate(middle, push, e, pull, h)
-            f = hand_drive - kh * x + mh * v - (kh * h / 2.0 + bh + mh) * middle
+            f = hand_drive - kh * x + self._hand_mass * v - self._response * middle
             work += float(f @ middle) * h
             v = 2.0 * middle - v
             x = x + h * middle
@@ -242,7 +230,9 @@ class SimulatedDevice:
             high = np.maximum(high, x)
         self.position = tuple(x.tolist())
         self.velocity = tuple(v.tolist())
-        return Tick(work, tuple(low.tolist()), tuple(high.tolist()), tuple(f.tolist()))
+        self._low, self._high = tuple(low.tolist()), tuple(high.tolist())
+        self.hand_force = tuple(f.tolist())
+        return work
 
     def _saturate(self, middle: Array, push: Array, e: Array, pull: Array, h: float) -> Array:
         """The substep's vhat with the saturated spring: c of the discrete gradient by fixed point, 1 unsaturated.
@@ -265,24 +255,63 @@ class SimulatedDevice:
 
     def _prepare(self) -> None:
         """All that depends on the coupling but not on the state."""
-        h = self.period / self.substeps
-        hand = self.operator.impedance
+        h, hand = self._h, self._hand
         if self._set_position is not None:
             self._torque = (0.0,) * self.dof
         own = 2.0 * (self.mass + hand.mass) / h + self.damping + hand.damping + hand.stiffness * h / 2.0
+        self._inertia = 2.0 * (self.mass + hand.mass) / h
+        self._hand_mass = 2.0 * hand.mass / h
+        self._response = hand.stiffness * h / 2.0 + hand.damping + self._hand_mass
+        self._knee_square = self._knee * self._knee
         self._bare = own * np.eye(self.dof) + self._coupling_damping
         self._inverse = np.linalg.inv(self._bare + self._K * (h / 2.0))
-        self._decoupled: tuple[tuple[float, float], ...] | None = None
-        """(k, 1 / midpoint system) of each axis, if they are independent."""
+        self._decoupled: tuple[tuple[float, tuple[float, ...]], ...] = ()
+        """(k, constants of `_advance_axis`) of each axis, if they are independent."""
         if np.array_equal(self._K, np.diag(np.diagonal(self._K))):
-            k, b = np.diagonal(self._K).tolist(), np.diagonal(self._coupling_damping).tolist()
-            self._decoupled = tuple((ki, 1.0 / (own + bi + ki * h / 2.0)) for ki, bi in zip(k, b, strict=True))
+            kh, mass, response = hand.stiffness, self._hand_mass, self._response
+            self._decoupled = tuple(
+                (k, (k + kh, self._inertia, 1.0 / (own + b + k * h / 2.0), kh, mass, response, h))
+                for k, b in zip(
+                    np.diagonal(self._K).tolist(), np.diagonal(self._coupling_damping).tolist(), strict=True
+                )
+            )
 
     def _count(self) -> Vector:
         r = self.resolution
         if r == 0.0:
             return self.position
         return tuple([r * round(x / r) for x in self.position])
+
+
+def _advance_axis(
+    x: float,
+    v: float,
+    drive: float,
+    hand_drive: float,
+    hand_step: float,
+    low: float,
+    high: float,
+    constants: tuple[float, ...],
+    substeps: range,
+) -> tuple[float, float, float, float, float, float]:
+    """The substeps of one axis that is independent of the others: (sum of f vhat, x, v, low, high, f).
+
+    `drive` is what the coupling pushes with at x = 0; `hand_drive` likewise the hand, growing by `hand_step` a substep.
+    """
+    stiffness, inertia, inverse, hand_stiffness, hand_mass, response, h = constants
+    work = f = 0.0
+    for _ in substeps:
+        hand_drive += hand_step
+        middle = (inertia * v + drive + hand_drive - stiffness * x) * inverse
+        f = hand_drive - hand_stiffness * x + hand_mass * v - response * middle
+        work += f * middle
+        v = middle + middle - v
+        x += h * middle
+        if x < low:
+            low = x
+        elif x > high:
+            high = x
+    return work, x, v, low, high, f
 
 
 def _discrete_gradient(start: float, end: float, knee: float) -> float:

@@ -113,13 +113,16 @@ class Press:
         self._hold = checks.non_negative("operator.hold_s", hold)
         self._wait = checks.non_negative("operator.wait_s", wait)
         self._cycle = 2.0 * reach + hold + wait
+        self._last = (0.0, start)
 
     def reference(self, t: float) -> Vector:
         phase = t % self._cycle - self._wait
         if phase > self._reach + self._hold:
             phase = 2.0 * self._reach + self._hold - phase  # the way back is the way there, mirrored in time
         share = minimum_jerk(phase / self._reach)
-        return tuple([a + share * d for a, d in zip(self._start, self._way, strict=True)])
+        if share != self._last[0]:
+            self._last = (share, tuple([a + share * d for a, d in zip(self._start, self._way, strict=True)]))
+        return self._last[1]
 
 
 class Recorded:

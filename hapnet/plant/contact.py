@@ -1,0 +1,295 @@
+"""One-sided walls for the passive integrator: exactly passive, in closed form, at any step size.
+
+A wall is the potential ``U(p) = 1/2 K_w max(0, p)^2`` of the penetration ``p = n.x - offset`` and a damper. Over a step
+of length T in which p goes from p0 to p1 = p0 + T vn, it pushes along n with the *discrete gradient* of U and with the
+damper for the fraction of the path that lies inside:
+
+    f = -(U(p1) - U(p0)) / (p1 - p0)  -  B_w vn (max(0, p1) - max(0, p0)) / (p1 - p0)
+
+so f vn T = U(p0) - U(p1) - (what the damper takes), whatever T is. The integrator answers with ``a (vn - w) = f``,
+where w is the velocity along n without contact and ``a = 1 / (n' A^-1 n)`` (`hapnet.plant.integrator`); f never
+increases with vn, so the solution is unique, and it is at worst the root of a quadratic. A wall that would pull (its
+damper outweighs its spring on the way out) is left out of the step and the rest solved again: the mass then leaves it
+faster still, so its U does not grow and the step stays passive.
+
+Two walls do not feel each other iff ``n_i' A^-1 n_j = 0``. Opposite faces of one axis share one potential; a fast mass
+may cross the whole gap between them in one step. Other couplings are refused.
+
+The law is not in D. J. Lee and K. Huang (World Haptics 2009), who take their wall from a companion paper; it is derived
+from energy, on their integrator L_dp.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import hypot, inf, isfinite, sqrt
+from operator import mul
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hapnet.errors import InvalidParameter
+
+Vector = tuple[float, ...]
+
+# Cosine, in the metric of A^-1, up to which two normals count as separate: rounding, and no more.
+_SEPARATE = 1e-12
+
+
+def as_vector(name: str, value: ArrayLike, dof: int | None = None) -> Vector:
+    """`value` as a tuple of floats; raises InvalidParameter unless it is `dof` (or at least one) finite numbers."""
+    allowed = f"{dof} finite number{'s' if dof != 1 else ''}" if dof else "one or more finite numbers"
+    try:
+        array = np.atleast_1d(np.asarray(value, dtype=float))
+    except (TypeError, ValueError):
+        raise InvalidParameter(name, value, allowed) from None
+    if array.ndim != 1 or not array.size or (dof and array.size != dof) or not np.isfinite(array).all():
+        raise InvalidParameter(name, value, allowed)
+    return tuple(array.tolist())
+
+
+@dataclass(frozen=True, slots=True)
+class Wall:
+    """A plane with a one-sided spring and damper behind it.
+
+    Parameters
+    ----------
+    normal : (n,) direction pointing into the wall; any length, stored as a unit vector.
+    offset : [m] where the surface lies along the unit normal: ``p = normal . x - offset``, free where p <= 0.
+    stiffness : K_w [N/m], positive.
+    damping : B_w [Ns/m], zero or positive.
+
+    Raises InvalidParameter.
+    """
+
+    normal: Vector
+    offset: float
+    stiffness: float
+    damping: float = 0.0
+
+    def __post_init__(self) -> None:
+        normal = as_vector("normal", self.normal)
+        length = hypot(*normal)
+        if not 0.0 < length < inf:
+            raise InvalidParameter("normal", self.normal, "a vector of non-zero length")
+        object.__setattr__(self, "normal", tuple(x / length for x in normal))
+        check_number("offset", self.offset, "a finite number [m]", isfinite)
+        check_number("stiffness", self.stiffness, "a positive number [N/m]", lambda k: 0.0 < k < inf)
+        check_number("damping", self.damping, "zero or a positive number [Ns/m]", lambda b: 0.0 <= b < inf)
+
+    def penetration(self, position: Sequence[float]) -> float:
+        """Signed penetration p [m] of `position` (n,) [m]: negative on the free side."""
+        return float(sum(map(mul, self.normal, position)) - self.offset)
+
+
+class Face(NamedTuple):
+    """One end of an axis: where it lies along the axis [m], K_w [N/m], B_w [Ns/m]."""
+
+    at: float
+    stiffness: float
+    damping: float
+
+
+_NOWHERE = Face(-inf, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """The walls that share one normal: free for ``lower.at <= q <= upper.at`` with ``q = normal . x``."""
+
+    normal: Vector
+    upper: Face
+    lower: Face
+
+    def force(self, q: float, w: float, a: float, dt: float) -> float:
+        """Force along the normal [N] over a step from coordinate `q` that without contact goes at `w` [m/s].
+
+        `a` [Ns/m] is the mass's resistance along the normal, `dt` [s] the step.
+        """
+        if q > self.upper.at:
+            return -_out_of(self.upper, self.lower, q - self.upper.at, self.upper.at - self.lower.at, -w, a, dt)
+        if q < self.lower.at:
+            return _out_of(self.lower, self.upper, self.lower.at - q, self.upper.at - self.lower.at, w, a, dt)
+        if w > 0.0:
+            return -_into(self.upper, self.upper.at - q, w, a, dt)
+        return _into(self.lower, q - self.lower.at, -w, a, dt)
+
+    def potential_J(self, q: float) -> float:
+        """Energy stored in the axis's springs at coordinate `q` [m]."""
+        above, below = max(0.0, q - self.upper.at), max(0.0, self.lower.at - q)
+        return 0.5 * (self.upper.stiffness * above * above + self.lower.stiffness * below * below)
+
+
+def _into(face: Face, distance: float, w: float, a: float, dt: float) -> float:
+    """Resistance (>= 0) of a face that lies `distance` >= 0 ahead of a mass going at `w` towards it."""
+    free_depth = dt * w - distance
+    if not free_depth > 0.0:
+        return 0.0
+    K, B, h = face.stiffness, face.damping, distance
+    # With e the depth at the end: (a + K T/2 + B) e^2 + (a (h - free_depth) + B h) e - a free_depth h = 0. In e, not in
+    # the velocity, no term of the discriminant or of the force cancels another.
+    e = _positive_root(a + K * dt / 2 + B, a * (h - free_depth) + B * h, -a * free_depth * h)
+    return K * e * (e / (h + e)) / 2 + B * e / dt if e > 0.0 else 0.0
+
+
+def _out_of(near: Face, far: Face, depth: float, gap: float, w: float, a: float, dt: float) -> float:
+    """Push out of `near`, for a mass `depth` > 0 inside it and going at `w` outwards; `far` is across the `gap`."""
+    K, B, d = near.stiffness, near.damping, depth
+    if (a - K * dt / 2 + B) * d >= a * w * dt:  # inside: the end is not beyond the surface
+        push = a * (K * d - (K * dt / 2 + B) * w) / (a + K * dt / 2 + B)
+        return push if push >= 0.0 else -_into(far, d + gap, w, a, dt)
+    # Leaving over u >= d: a u^2 + (B d - a w T) u - K T d^2/2 = 0.
+    h = d + gap
+    u = max(d, _positive_root(a, B * d - a * w * dt, -K * dt * d * d / 2))
+    e = 0.0
+    if u > h:  # Crossing to e inside the far face: u = h + e, both faces in one balance.
+        e = _positive_root(
+            a + far.stiffness * dt / 2 + far.damping,
+            a * (2 * h - w * dt) + far.damping * h + B * d,
+            -(a * (w * dt - h) * h + K * dt * d * d / 2 - B * d * h),
+        )
+        u = h + e
+    push = K * d * (d / u) / 2 - B * d / dt
+    if push < 0.0:
+        return -_into(far, h, w, a, dt)
+    return push - (far.stiffness * e * (e / u) / 2 + far.damping * e / dt)
+
+
+def _positive_root(a: float, b: float, c: float) -> float:
+    """Positive root of ``a z^2 + b z + c`` for a > 0 >= c, without cancellation (0 where rounding made c positive)."""
+    if c > 0.0:
+        return 0.0
+    root = sqrt(b * b - 4.0 * a * c)
+    if b > 0.0:
+        return -2.0 * c / (b + root)
+    return (root - b) / (2.0 * a)
+
+
+class Contacts:
+    """Walls that act together on one mass, grouped into the axes that solve apart from one another.
+
+    Parameters
+    ----------
+    walls : the walls, all of one dimension; two may be parallel only as opposite faces with a gap between them.
+    dof : the dimension n; needed only when there are no walls.
+
+    Raises InvalidParameter when dimensions differ, or parallel walls overlap or face the same way.
+    """
+
+    def __init__(self, walls: Sequence[Wall], dof: int | None = None) -> None:
+        self.walls = tuple(walls)
+        if dof is None and not self.walls:
+            raise InvalidParameter("dof", dof, "the number of degrees of freedom, as there are no walls to tell it")
+        self.dof = len(self.walls[0].normal) if dof is None else dof
+        for i, wall in enumerate(self.walls):
+            if len(wall.normal) != self.dof:
+                raise InvalidParameter(
+                    f"walls[{i}].normal", wall.normal, f"{self.dof} numbers, one a degree of freedom"
+                )
+        self.axes = self._axes()
+        self._spans = tuple((axis, axis.normal, axis.lower.at, axis.upper.at) for axis in self.axes)
+
+    def _axes(self) -> tuple[Axis, ...]:
+        axes: list[Axis] = []
+        first: list[int] = []  # index of the wall that each axis began with
+        for i, wall in enumerate(self.walls):
+            for k, axis in enumerate(axes):
+                name = f"walls[{first[k]}] and walls[{i}]"
+                if _same_direction(wall.normal, axis.normal):
+                    raise InvalidParameter(name, (axis.normal, wall.normal), "one wall a direction")
+                if _same_direction(tuple(-x for x in wall.normal), axis.normal):
+                    lower = Face(-wall.offset, wall.stiffness, wall.damping)
+                    if axis.lower is not _NOWHERE:
+                        raise InvalidParameter(name, (axis.normal, wall.normal), "one wall a direction")
+                    if not lower.at < axis.upper.at:
+                        raise InvalidParameter(
+                            name, f"gap {axis.upper.at - lower.at} m", "opposite faces with a gap between them"
+                        )
+                    axes[k] = Axis(axis.normal, axis.upper, lower)
+                    break
+            else:
+                axes.append(Axis(wall.normal, Face(wall.offset, wall.stiffness, wall.damping), _NOWHERE))
+                first.append(i)
+        return tuple(axes)
+
+    def penetration(self, position: Sequence[float]) -> float:
+        """Depth [m] of `position` (n,) in the wall that it is deepest in; 0 outside all of them."""
+        deepest = 0.0
+        for _, normal, low, high in self._spans:
+            q = sum(map(mul, normal, position))
+            if q - high > deepest:
+                deepest = q - high
+            elif low - q > deepest:
+                deepest = low - q
+        return deepest
+
+    def potential_J(self, position: Sequence[float]) -> float:
+        """Energy stored in all springs at `position` (n,) [m]."""
+        return sum(axis.potential_J(sum(map(mul, axis.normal, position))) for axis in self.axes)
+
+    def require_outside(self, position: Sequence[float]) -> None:
+        """Raise InvalidParameter if `position` (n,) is inside a wall: a world that starts there owes its energy."""
+        for i, wall in enumerate(self.walls):
+            if wall.penetration(position) > 0.0:
+                surface = f"outside walls[{i}] (normal {wall.normal}, offset {wall.offset} m)"
+                raise InvalidParameter("position", tuple(position), surface)
+
+    def require_separate(self, inverse: Callable[[Vector], Sequence[float]]) -> None:
+        """Raise InvalidParameter, naming the walls, if ``n_i' A^-1 n_j != 0`` for two axes; `inverse` applies A^-1."""
+        responses = [inverse(axis.normal) for axis in self.axes]
+        for i, one in enumerate(self.axes):
+            for j in range(i):
+                other = self.axes[j]
+                coupling = sum(map(mul, other.normal, responses[i]))
+                own = sum(map(mul, one.normal, responses[i])) * sum(map(mul, other.normal, responses[j]))
+                if abs(coupling) > _SEPARATE * sqrt(own):
+                    pair = [
+                        next(k for k, w in enumerate(self.walls) if w.normal == n) for n in (other.normal, one.normal)
+                    ]
+                    raise InvalidParameter(
+                        f"walls[{pair[0]}] and walls[{pair[1]}]",
+                        (other.normal, one.normal),
+                        "walls that do not act on each other (n_i' A^-1 n_j = 0): orthogonal normals with scalar mass, "
+                        "damping and stiffness, or normals along common eigenvectors of these",
+                    )
+
+    def solve(
+        self, dt: float, position: Sequence[float], velocity: list[float], inverse: Callable[[Vector], Sequence[float]]
+    ) -> tuple[list[float], list[float]]:
+        """Contact force and mean velocity over a step.
+
+        Parameters
+        ----------
+        dt : T [s].
+        position : (n,) x_k [m].
+        velocity : (n,) the mean velocity vhat = A^-1 c [m/s] that the step has without contact.
+        inverse : applies A^-1 to a vector.
+
+        Returns
+        -------
+        (n,) force [N] and (n,) velocity vhat [m/s], with A vhat = c + force.
+        """
+        force = [0.0] * len(velocity)
+        vhat = velocity
+        for axis, normal, low, high in self._spans:
+            q = sum(map(mul, normal, position))
+            w = sum(map(mul, normal, velocity))
+            if low <= q <= high and low <= q + dt * w <= high:
+                continue
+            response = inverse(normal)
+            f = axis.force(q, w, 1.0 / sum(map(mul, normal, response)), dt)
+            force = [g + f * n for g, n in zip(force, normal, strict=True)]
+            vhat = [v + f * r for v, r in zip(vhat, response, strict=True)]
+        return force, vhat
+
+
+def _same_direction(one: Vector, other: Vector) -> bool:
+    return max(abs(x - y) for x, y in zip(one, other, strict=True)) < _SEPARATE
+
+
+def check_number(name: str, value: object, allowed: str, accept: Callable[[float], bool]) -> None:
+    """Raise InvalidParameter unless `value` is a number that `accept` says yes to."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not accept(value):
+        raise InvalidParameter(name, value, allowed)

@@ -1,0 +1,236 @@
+"""The passive midpoint integrator L_dp of the virtual world (D. J. Lee and K. Huang, World Haptics 2009).
+
+A virtual mass is tied to the set-position ybar by the virtual coupling K', B' and pushed by the environment's force f.
+A step of any length T, with the mean velocity vhat = (v_{k+1} + v_k)/2:
+
+    M (v_{k+1} - v_k)/T = tau + f,    x_{k+1} - x_k = T vhat,    tau = -B' vhat - K' ((x_{k+1} + x_k)/2 - ybar)
+
+that is ``A vhat = c + f`` with ``A = 2M/T + B' + K' T/2`` and ``c = 2M/T v_k - K' (x_k - ybar)``: no iteration. With
+kappa = 1/2 |v|_M^2 and phi = 1/2 |x - ybar|_K'^2 it obeys, exactly and for any T,
+
+    f . vhat T = kappa_{k+1} + phi_{k+1} - kappa_k - phi_k + |vhat|_B'^2 T                                   (13)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import inf, isfinite
+from operator import add, mul
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hapnet.errors import InvalidParameter
+from hapnet.plant.contact import Contacts, Vector, as_vector
+
+# Above this condition number a matrix is refused: |v|^2 in it could round to a negative number.
+_MAX_CONDITION = 1e12
+
+
+class Step(NamedTuple):
+    """What one step did; vectors are (n,) tuples."""
+
+    velocity: Vector  #: vhat [m/s], the mean over the step
+    force: Vector  #: f [N], all that acted on the mass but the virtual coupling
+    work_J: float  #: f . vhat T, put in at the world's port
+    dissipated_J: float  #: |vhat|_B'^2 T, taken by the virtual coupling's damper; the exact D of PSPM
+    coupling_force: Vector  #: tau [N]
+    position: Vector  #: x_{k+1} [m]
+    penetration_m: float  #: depth of x_{k+1} in the wall that it is deepest in, 0 outside
+
+
+class PassiveIntegrator:
+    """A virtual mass on a virtual coupling, integrated passively with a step that may change every time.
+
+    Parameters
+    ----------
+    mass, damping, stiffness : M [kg], B' [Ns/m], K' [N/m]; each a positive scalar (times the identity), n positive
+        numbers (a diagonal), or a symmetric positive definite n x n matrix.
+    position : x_0 [m]; sets n.
+    velocity : v_0 [m/s]; at rest by default.
+
+    Raises InvalidParameter.
+
+    Vectors come out as tuples of floats; any sequence of numbers goes in, tuples at the least cost. Plain floats, since
+    at n <= 3 numpy's cost per call is several times that of the arithmetic.
+    """
+
+    def __init__(
+        self,
+        mass: ArrayLike,
+        damping: ArrayLike,
+        stiffness: ArrayLike,
+        position: ArrayLike,
+        velocity: ArrayLike | None = None,
+    ) -> None:
+        self._x = as_vector("position", position)
+        self._n = n = len(self._x)
+        self._v = (0.0,) * n if velocity is None else as_vector("velocity", velocity, n)
+        self._M = _positive_definite("mass", mass, n)
+        self._B = _positive_definite("damping", damping, n)
+        self._K = _positive_definite("stiffness", stiffness, n)
+        # Lower triangle of A in powers of T: 2M, B', K'/2.
+        self._terms = [
+            [(2.0 * self._M[i][j], self._B[i][j], 0.5 * self._K[i][j]) for j in range(i + 1)] for i in range(n)
+        ]
+        self._dt = 0.0
+        self._contacts: Contacts | None = None
+
+    @property
+    def position(self) -> Vector:
+        """x_k [m]."""
+        return self._x
+
+    @property
+    def velocity(self) -> Vector:
+        """v_k [m/s]."""
+        return self._v
+
+    @property
+    def kinetic_J(self) -> float:
+        """kappa_k = 1/2 |v_k|_M^2."""
+        return 0.5 * _quadratic(self._M, self._v)
+
+    def potential_J(self, set_position: ArrayLike) -> float:
+        """phi_k = 1/2 |x_k - ybar|_K'^2 for the set-position ybar (n,) [m]."""
+        ybar = self._input("set_position", set_position)
+        return 0.5 * _quadratic(self._K, [x - y for x, y in zip(self._x, ybar, strict=True)])
+
+    def adopt(self, contacts: Contacts | None) -> None:
+        """Check `contacts` against this mass, as `step` does when it first meets them; call it to fail early.
+
+        Raises InvalidParameter if the dimension differs, the mass is inside a wall (energy from nothing), or two walls
+        act on each other through M, B' and K' (`Contacts.require_separate`).
+        """
+        if contacts is not None:
+            if contacts.dof != self._n:
+                raise InvalidParameter("contacts.dof", contacts.dof, f"{self._n}, as the position has")
+            contacts.require_outside(self._x)
+            # n_i' A^-1 n_j is, but for positive factors, a polynomial in T of degree 2 (n - 1): zero at 2n - 1 values
+            # of T, it is zero for every step.
+            for dt in np.geomspace(1e-4, 1.0, 2 * self._n - 1).tolist():
+                self._factor(dt)
+                contacts.require_separate(self._solve)
+        self._contacts = contacts
+
+    def step(
+        self,
+        dt: float,
+        set_position: ArrayLike,
+        contacts: Contacts | None = None,
+        force: ArrayLike | None = None,
+    ) -> Step:
+        """Advance by `dt`.
+
+        Parameters
+        ----------
+        dt : T_k [s], positive; may differ from step to step.
+        set_position : (n,) ybar_k [m], held over the step.
+        contacts : walls, whose force is solved together with the step.
+        force : (n,) further force [N] on the mass, constant over the step.
+
+        Raises InvalidParameter; the state is then as before.
+        """
+        ybar = self._input("set_position", set_position)
+        if contacts is not self._contacts:
+            self.adopt(contacts)
+        if dt != self._dt:
+            self._factor(dt)
+        x, v, K = self._x, self._v, self._K
+        error = [p - y for p, y in zip(x, ybar, strict=True)]
+        gain = 2.0 / dt
+        c = [
+            gain * sum(map(mul, m_row, v)) - sum(map(mul, k_row, error))
+            for m_row, k_row in zip(self._M, K, strict=True)
+        ]
+        f: Sequence[float] = (0.0,) * self._n
+        if force is not None:
+            f = self._input("force", force)
+            c = list(map(add, c, f))
+        vhat = self._solve(c)
+        if contacts is not None:
+            push, vhat = contacts.solve(dt, x, vhat, self._solve)
+            f = push if force is None else [g + p for g, p in zip(f, push, strict=True)]
+
+        half = 0.5 * dt
+        damper = [sum(map(mul, b_row, vhat)) for b_row in self._B]
+        middle = [e + half * u for e, u in zip(error, vhat, strict=True)]
+        tau = tuple([-d - sum(map(mul, k_row, middle)) for d, k_row in zip(damper, K, strict=True)])
+        self._x = x = tuple([p + dt * u for p, u in zip(x, vhat, strict=True)])
+        self._v = tuple([2.0 * u - w for u, w in zip(vhat, v, strict=True)])
+        return Step(
+            tuple(vhat),
+            tuple(f),
+            dt * sum(map(mul, f, vhat)),
+            dt * sum(map(mul, damper, vhat)),
+            tau,
+            x,
+            0.0 if contacts is None else contacts.penetration(x),
+        )
+
+    def _input(self, name: str, value: ArrayLike) -> Vector:
+        if isinstance(value, tuple) and len(value) == self._n:
+            try:
+                if isfinite(sum(value)):
+                    return value
+            except TypeError as error:
+                raise InvalidParameter(name, value, f"{self._n} finite numbers ({error})") from None
+        return as_vector(name, value, self._n)
+
+    def _factor(self, dt: float) -> None:
+        """A = L D L' for this step size; keeps the strict lower rows of L and 1/D."""
+        if not 0.0 < dt < inf:
+            raise InvalidParameter("dt", dt, "a positive, finite number of seconds")
+        rows: list[list[float]] = []
+        inverse_pivots: list[float] = []
+        for terms in self._terms:
+            u = [m / dt + b + k * dt for m, b, k in terms]
+            pivot = u.pop()
+            row: list[float] = []
+            for j, other in enumerate(rows):
+                for k in range(j):
+                    u[j] -= u[k] * other[k]
+                row.append(u[j] * inverse_pivots[j])
+                pivot -= u[j] * row[j]
+            if not 0.0 < pivot < inf:
+                raise InvalidParameter("dt", dt, "a step that 2M/T + B' + K' T/2 can be computed for")
+            rows.append(row)
+            inverse_pivots.append(1.0 / pivot)
+        self._dt, self._L, self._inverse_pivots = dt, rows, inverse_pivots
+
+    def _solve(self, b: Sequence[float]) -> list[float]:
+        """A^-1 b by substitution, so that the residual stays at rounding whatever A's condition."""
+        z: list[float] = []
+        for value, row in zip(b, self._L, strict=True):
+            z.append(value - sum(map(mul, row, z)))
+        z = list(map(mul, z, self._inverse_pivots))
+        for i in range(self._n - 1, 0, -1):
+            top = z[i]
+            for j, factor in enumerate(self._L[i]):
+                z[j] -= factor * top
+        return z
+
+
+def _quadratic(matrix: Sequence[Vector], vector: Sequence[float]) -> float:
+    return float(sum(x * sum(map(mul, row, vector)) for x, row in zip(vector, matrix, strict=True)))
+
+
+def _positive_definite(name: str, value: ArrayLike, n: int) -> tuple[Vector, ...]:
+    """Rows of the n x n matrix that a scalar, a diagonal or a matrix stands for."""
+    allowed = f"a positive number, {n} positive numbers, or a symmetric positive definite {n} x {n} matrix"
+    try:
+        matrix = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise InvalidParameter(name, value, allowed) from None
+    if matrix.ndim == 0 or matrix.shape == (n,):
+        matrix = np.diag(np.broadcast_to(matrix, (n,)))
+    if matrix.shape != (n, n) or not np.isfinite(matrix).all():
+        raise InvalidParameter(name, value, allowed)
+    symmetric = (matrix + matrix.T) / 2
+    if np.abs(matrix - symmetric).max() > 1e-12 * np.abs(matrix).max():
+        raise InvalidParameter(name, value, allowed)
+    eigenvalues = np.linalg.eigvalsh(symmetric)
+    if not eigenvalues[0] * _MAX_CONDITION > eigenvalues[-1]:
+        raise InvalidParameter(name, value, allowed)
+    return tuple(tuple(row) for row in symmetric.tolist())

@@ -1,0 +1,180 @@
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from hapnet.errors import InvalidParameter
+from hapnet.plant.contact import Contacts, Wall
+from hapnet.plant.integrator import PassiveIntegrator
+
+Array = NDArray[np.float64]
+
+
+def random_spd(rng: np.random.Generator, n: int, low: float, high: float) -> Array:
+    """Random SPD matrix with eigenvalues log-uniform in [low, high]."""
+    Q, _ = np.linalg.qr(rng.normal(size=(n, n)))
+    matrix = Q @ np.diag(np.exp(rng.uniform(np.log(low), np.log(high), n))) @ Q.T
+    symmetric: Array = (matrix + matrix.T) / 2
+    return symmetric
+
+
+def stored_energy(M: Array, K: Array, x: Array, v: Array, ybar: Array) -> Array:
+    """kappa + phi of a batch of states."""
+    e = x - ybar
+    total: Array = 0.5 * np.einsum("ki,ij,kj->k", v, M, v) + 0.5 * np.einsum("ki,ij,kj->k", e, K, e)
+    return total
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("walled", [False, True])
+def test_identity_13_over_random_steps(n: int, walled: bool) -> None:
+    # 1e5 steps in all. Relative to the energies that the identity adds up, the external work among them.
+    rng = np.random.default_rng([n, walled])
+    for _ in range(10):
+        M, B, K = random_spd(rng, n, 1e-3, 1.0), random_spd(rng, n, 0.1, 50.0), random_spd(rng, n, 10.0, 5e3)
+        integrator = PassiveIntegrator(M, B, K, np.zeros(n), rng.normal(size=n))
+        contacts = Contacts([Wall(tuple(rng.normal(size=n)), 0.01, 3000.0, 10.0)]) if walled else None
+        count = 1700
+        dts = np.exp(rng.uniform(np.log(1e-4), np.log(0.1), count))
+        ybar, force = rng.normal(0.0, 0.05, (count, n)), rng.normal(0.0, 5.0, (count, n))
+        states, steps = [(integrator.position, integrator.velocity)], []
+        for dt, y, f in zip(dts.tolist(), ybar.tolist(), force.tolist(), strict=True):
+            steps.append(integrator.step(dt, tuple(y), contacts, tuple(f)))
+            states.append((integrator.position, integrator.velocity))
+        x, v = (np.array([s[i] for s in states]) for i in (0, 1))
+        f, vhat = np.array([s.force for s in steps]), np.array([s.velocity for s in steps])
+        before, after = stored_energy(M, K, x[:-1], v[:-1], ybar), stored_energy(M, K, x[1:], v[1:], ybar)
+        dissipated = np.einsum("ki,ij,kj->k", vhat, B, vhat) * dts
+        work = np.einsum("ki,ki->k", f, vhat) * dts
+        scale = before + after + dissipated + np.abs(work)
+        assert np.all(np.abs(work - (after - before + dissipated)) <= 1e-12 * scale)
+        np.testing.assert_allclose([s.work_J for s in steps], work, rtol=1e-12, atol=1e-15 * scale.max())
+        np.testing.assert_allclose([s.dissipated_J for s in steps], dissipated, rtol=1e-12)
+        if walled:
+            assert np.any(np.array([s.penetration_m for s in steps]) > 0.0)
+        else:
+            np.testing.assert_array_equal(f, force)
+
+
+def test_step_obeys_its_equations() -> None:
+    rng = np.random.default_rng(3)
+    for n in (1, 2, 3, 5):
+        M, B, K = random_spd(rng, n, 1e-2, 1.0), random_spd(rng, n, 1.0, 50.0), random_spd(rng, n, 10.0, 5e3)
+        integrator = PassiveIntegrator(M, B, K, rng.normal(size=n), rng.normal(size=n))
+        for dt in (0.001, 0.03, 0.03, 0.2):
+            x, v = np.array(integrator.position), np.array(integrator.velocity)
+            y, f = rng.normal(size=n), rng.normal(size=n)
+            step = integrator.step(dt, y, force=f)
+            x1, v1, tau = np.array(integrator.position), np.array(integrator.velocity), np.array(step.coupling_force)
+            np.testing.assert_allclose(step.velocity, (v + v1) / 2, rtol=1e-12, atol=1e-13)
+            np.testing.assert_allclose(x1 - x, dt * np.array(step.velocity), rtol=1e-12, atol=1e-14)
+            np.testing.assert_allclose(tau, -B @ step.velocity - K @ ((x + x1) / 2 - y), rtol=1e-9, atol=1e-9)
+            np.testing.assert_allclose(M @ (v1 - v) / dt, tau + f, rtol=1e-9, atol=1e-8)
+            assert step.position == integrator.position
+            assert step.force == tuple(f)
+            assert step.penetration_m == 0.0
+
+
+def test_energies_are_those_of_the_state() -> None:
+    integrator = PassiveIntegrator([2.0, 4.0], 1.0, [[3.0, 1.0], [1.0, 5.0]], (1.0, 2.0), (3.0, -1.0))
+    assert integrator.kinetic_J == pytest.approx(0.5 * (2 * 9 + 4 * 1))
+    assert integrator.potential_J((0.0, 1.0)) == pytest.approx(0.5 * (3 + 2 + 5))  # e = (1, 1)
+
+
+def test_order_of_convergence_is_two() -> None:
+    rng = np.random.default_rng(5)
+    n = 3
+    M, B, K = random_spd(rng, n, 0.05, 0.5), random_spd(rng, n, 0.2, 2.0), random_spd(rng, n, 20.0, 200.0)
+    x0, v0, y, f = (rng.normal(size=n) for _ in range(4))
+    inverse = np.linalg.inv(M)
+    flow = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ K, -inverse @ B]])
+    rest = np.concatenate([y + np.linalg.solve(K, f), np.zeros(n)])
+    exact = rest + expm(flow * 0.5) @ (np.concatenate([x0, v0]) - rest)
+    errors = []
+    for count in (200, 400, 800, 1600):
+        integrator = PassiveIntegrator(M, B, K, x0, v0)
+        for _ in range(count):
+            integrator.step(0.5 / count, y, force=f)
+        errors.append(float(np.linalg.norm(np.concatenate([integrator.position, integrator.velocity]) - exact)))
+    orders = [np.log2(a / b) for a, b in pairwise(errors)]
+    assert all(1.98 < order < 2.02 for order in orders)
+
+
+def test_scalar_diagonal_and_matrix_are_the_same_thing() -> None:
+    results = []
+    for kind in (lambda s: s, lambda s: [s, s], lambda s: s * np.eye(2)):
+        integrator = PassiveIntegrator(kind(0.02), kind(14.0), kind(500.0), (0.0, 0.0))
+        results.append([integrator.step(dt, np.array([0.02, -0.01])) for dt in (0.01, 0.05, 0.03)])
+    assert results[0] == results[1] == results[2]
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"mass": 0.0}, "mass"),
+        ({"mass": "heavy"}, "mass"),
+        ({"mass": float("nan")}, "mass"),
+        ({"damping": [1.0, -1.0]}, "damping"),
+        ({"damping": [1.0, 1.0, 1.0]}, "damping"),
+        ({"stiffness": [[1.0, 2.0], [2.0, 1.0]]}, "stiffness"),
+        ({"stiffness": [[2.0, 1.0], [0.0, 2.0]]}, "stiffness"),
+        ({"stiffness": np.eye(3)}, "stiffness"),
+        ({"stiffness": [[1.0, 1.0], [1.0, 1.0]]}, "stiffness"),
+        ({"position": []}, "position"),
+        ({"position": [[0.0, 0.0]]}, "position"),
+        ({"position": [0.0, float("inf")]}, "position"),
+        ({"velocity": [0.0]}, "velocity"),
+    ],
+)
+def test_bad_parameters_are_named(change: dict[str, object], named: str) -> None:
+    good: dict[str, object] = {"mass": 1.0, "damping": 1.0, "stiffness": 1.0, "position": [0.0, 0.0]}
+    with pytest.raises(InvalidParameter) as caught:
+        PassiveIntegrator(**{**good, **change})  # type: ignore[arg-type]  # wrong types are among the cases
+    assert caught.value.name == named
+
+
+@pytest.mark.parametrize("dt", [0.0, -0.01, float("nan"), float("inf"), 1e-320])
+def test_bad_step_leaves_the_state_alone(dt: float) -> None:
+    integrator = PassiveIntegrator(0.02, 14.0, 500.0, (0.01,), (0.3,))
+    twin = PassiveIntegrator(0.02, 14.0, 500.0, (0.01,), (0.3,))
+    for each in (integrator, twin):
+        each.step(0.02, (0.0,))
+    with pytest.raises(InvalidParameter) as caught:
+        integrator.step(dt, (0.0,))
+    assert caught.value.name == "dt"
+    assert integrator.step(0.02, (0.0,)) == twin.step(0.02, (0.0,))
+
+
+@pytest.mark.parametrize("bad", [(0.0,), (0.0, float("nan")), (0.0, float("-inf")), "ab", (0.0, "b"), None])
+@pytest.mark.parametrize("argument", ["set_position", "force"])
+def test_bad_vectors_in_a_step(bad: object, argument: str) -> None:
+    if argument == "force" and bad is None:
+        return
+    integrator = PassiveIntegrator(0.02, 14.0, 500.0, (0.0, 0.0))
+    with pytest.raises(InvalidParameter) as caught:
+        integrator.step(0.01, **{"set_position": (0.0, 0.0), argument: bad})  # type: ignore[arg-type]
+    assert caught.value.name == argument
+    assert integrator.position == (0.0, 0.0)
+
+
+def test_contacts_must_fit() -> None:
+    integrator = PassiveIntegrator(0.02, 14.0, 500.0, (0.0, 0.0))
+    with pytest.raises(InvalidParameter, match=r"contacts.dof is 1"):
+        integrator.adopt(Contacts([Wall((1.0,), 0.02, 3000.0)]))
+    with pytest.raises(InvalidParameter, match=r"outside walls\[1\]"):
+        integrator.step(0.01, (0.0, 0.0), Contacts([Wall((1.0, 0.0), 0.02, 3e3), Wall((0.0, 1.0), -1e-9, 3e3)]))
+
+
+def test_walls_that_appear_around_the_mass_are_refused() -> None:
+    # The same walls, let go of and taken up again while the mass is inside: their energy would come from nothing.
+    contacts = Contacts([Wall((1.0,), 0.02, 3000.0)])
+    integrator = PassiveIntegrator(0.02, 14.0, 500.0, (0.0,))
+    integrator.step(0.03, (0.0,), contacts)
+    for _ in range(20):
+        integrator.step(0.03, (0.05,))
+    with pytest.raises(InvalidParameter, match="outside"):
+        integrator.step(0.03, (0.05,), contacts)
