@@ -1,0 +1,57 @@
+"""Figures of merit of a run: how well the proxy followed the hand, and how hard the hand touched."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapnet.record import Columns, Recording
+
+
+def motion(recording: Recording) -> dict[str, float | int | None]:
+    """Position errors, peaks and the number of contacts; a value is None where the recording cannot tell it.
+
+    The position error is the Euclidean distance between the device and the proxy [m], the proxy interpolated linearly
+    at the device's sample times; device samples before the proxy's first or after its last are left out. The device is
+    in contact while the latest world sample has a positive penetration.
+
+    Returns
+    -------
+    free_rms_m, contact_rms_m : root mean square of the position error outside and in contact [m]; None without both
+        sides, without a sample of that sort, or where the two sides' clocks could not be aligned.
+    peak_force_N : largest Euclidean norm of the coupling's force on the device [N].
+    peak_penetration_m : largest depth of the proxy in a wall [m]; 0 if it never was in one.
+    contacts : how many separate visits to a wall there were, one that was under way at the start included.
+    """
+    device, world = recording.device, recording.world
+    result: dict[str, float | int | None] = dict.fromkeys(
+        ("free_rms_m", "contact_rms_m", "peak_force_N", "peak_penetration_m", "contacts")
+    )
+    if device is not None:
+        result["peak_force_N"] = _finite(np.linalg.norm(device["force_N"], axis=1).max())
+    if world is not None:
+        inside = world["penetration_m"] > 0.0
+        result["peak_penetration_m"] = _finite(max(world["penetration_m"].max(), 0.0))
+        result["contacts"] = int(inside[0]) + int(np.count_nonzero(inside[1:] & ~inside[:-1]))
+    if device is not None and world is not None and recording.meta.get("aligned", True):
+        error, contact = _position_error(device, world)
+        result["free_rms_m"] = _rms(error[~contact])
+        result["contact_rms_m"] = _rms(error[contact])
+    return result
+
+
+def _position_error(device: Columns, world: Columns) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Distance between device and proxy [m] where both are known, and whether the proxy was in a wall then."""
+    known = (device["time_s"] >= world["time_s"][0]) & (device["time_s"] <= world["time_s"][-1])
+    times, positions = device["time_s"][known], device["position_m"][known]
+    proxy = np.column_stack([np.interp(times, world["time_s"], axis) for axis in world["position_m"].T])
+    latest = np.searchsorted(world["time_s"], times, side="right") - 1
+    return np.linalg.norm(positions - proxy, axis=1), world["penetration_m"][latest] > 0.0
+
+
+def _rms(values: NDArray[np.float64]) -> float | None:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else None
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

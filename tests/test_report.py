@@ -1,0 +1,220 @@
+from __future__ import annotations
+
+import io
+import math
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.image import imread
+from rich.console import Console
+
+from hapnet.errors import RecordingError
+from hapnet.record import DeviceSample, MemoryRecorder, Recording, WorldSample
+from hapnet.report import figure, save_figure, summary_text, verdict
+
+LINK = "delay 40ms 10ms distribution normal loss 2%"
+
+
+def run(n: int = 1, sides: str = "device world", scene: str = "wall", seconds: int = 4) -> Recording:
+    """A hand that presses along the last axis, 20 mm deep at most, and circles along the others."""
+    meta = {"origin_ns": 0, "seed": 3, "coupling": "pspm", "params": {"scene": scene}, "links": {"up": LINK}}
+    recorder = MemoryRecorder(meta)
+
+    def hand(t: float) -> tuple[float, ...]:
+        return (0.02 * math.cos(3 * t), 0.015 * math.sin(5 * t), 0.03 * math.sin(2 * t))[3 - n :]
+
+    for i in range(seconds * 200 if "device" in sides else 0):
+        x = hand(i / 200)
+        force = tuple(-30 * a for a in x)
+        recorder.write(DeviceSample(i * 5_000_000, x, x, x, force, None, 0.05, 0, 0, 0, 0, 0.05 + 1e-5 * i, 0.0))
+    for i in range(seconds * 30 if "world" in sides else 0):
+        x = hand(i / 30)
+        depth = x[-1] - 0.02
+        contact = (*(0.0 for _ in x[1:]), -300 * max(0.0, depth))
+        recorder.write(WorldSample(i * 33_333_333, 1 / 30, x, x, x, x, x, contact, depth, 0.04, 0, 0, 0, 0.03, 0.0))
+    return recorder.recording()
+
+
+def lines(panel: Axes) -> dict[str, Any]:
+    return {str(line.get_label()): line for line in panel.get_lines() if not str(line.get_label()).startswith("_")}
+
+
+def test_four_panels_with_units_and_styles_that_differ_without_colour() -> None:
+    fig = figure(run())
+    position, force, reservoir, margin = fig.axes
+    labels = [panel.get_ylabel() for panel in fig.axes]
+    assert labels == ["position [mm]", "force [N]", "reservoir [mJ]", "passivity margin [mJ]"]
+    assert margin.get_xlabel() == "time [s]"
+    assert all(panel.get_shared_x_axes().joined(panel, position) for panel in (force, reservoir, margin))
+    assert set(lines(position)) == {"device", "proxy", "device's set-position (modulated)"}
+    for panel in fig.axes:
+        drawn = lines(panel).values()
+        assert len({line.get_linestyle() + str(line._unscaled_dash_pattern) for line in drawn}) == len(drawn)
+    assert lines(force)["coupling on the device"].get_ydata()[20] == pytest.approx(
+        -30 * 0.03 * math.sin(0.2), rel=1e-12
+    )
+    assert lines(margin)["sum"].get_ydata()[0] == pytest.approx(80.0, rel=1e-12)
+    assert lines(reservoir)["world"].get_ydata()[0] == pytest.approx(40.0, rel=1e-12)
+    assert margin.get_ylim()[0] < 0
+
+
+def test_print_size_and_legends_clear_of_the_data(tmp_path: Path) -> None:
+    fig = figure(run(3, scene="paper"))
+    assert fig.get_figwidth() == pytest.approx(180 / 25.4)
+    fig.canvas.draw()
+    for panel in fig.axes:
+        legend = panel.get_legend()
+        assert legend is not None
+        box, frame = legend.get_window_extent(), panel.get_window_extent()
+        assert box.y0 >= frame.y1
+        assert box.x1 <= fig.bbox.x1
+        texts = [panel.yaxis.label, panel.xaxis.label, *legend.get_texts(), *panel.get_xticklabels()]
+        assert min(float(text.get_fontsize()) for text in texts) >= 8
+    save_figure(fig, tmp_path / "run.png")
+    image = imread(tmp_path / "run.png")
+    assert image.shape[1] == pytest.approx(180 / 25.4 * 150, abs=1)
+    assert [p.name for p in tmp_path.iterdir()] == ["run.png"]
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("sides", ["device", "world", "device world", ""])
+def test_any_dimension_and_either_side_alone(n: int, sides: str) -> None:
+    fig = figure(run(n, sides))
+    assert len(fig.axes) == (5 if n > 1 and sides else 4)
+    fig.canvas.draw()
+
+
+def test_the_axis_of_contact_and_the_path_across_it() -> None:
+    fig = figure(run(3))
+    assert fig.axes[0].get_ylabel() == "position along z [mm]"
+    assert (fig.axes[4].get_xlabel(), fig.axes[4].get_ylabel()) == ("x [mm]", "y [mm]")
+    assert set(lines(fig.axes[4])) == {"device", "proxy"}
+    ink = lines(figure(run(3, scene="paper")).axes[4])["proxy, where it touched"].get_ydata()
+    world = run(3).world
+    assert world is not None
+    np.testing.assert_array_equal(np.isnan(ink), world["penetration_m"] <= 0)
+
+
+def test_a_long_run_keeps_its_extremes() -> None:
+    recording = run(seconds=60)
+    assert recording.device is not None
+    recording.device["force_N"][7001] = 99.0
+    drawn = lines(figure(recording).axes[1])["coupling on the device"]
+    assert len(drawn.get_ydata()) <= 4002 < len(recording.device["time_s"])
+    assert max(drawn.get_ydata()) == 99.0
+    assert drawn.get_xdata()[0] == 0.0
+    assert drawn.get_xdata()[-1] == recording.device["time_s"][-1]
+
+
+def title(fig: Figure) -> str:
+    return fig.get_suptitle()
+
+
+def test_the_title_tells_the_link_the_coupling_the_seed_and_the_verdict() -> None:
+    assert title(figure(run())) == (f"uplink: {LINK}, coupling pspm, seed 3\npassive: margin ≥ 80 mJ")
+    summary = {
+        "links": {"up": {"profile": "lan"}, "down": {"profile": "lan"}},
+        "coupling": "zoh",
+        "seed": 8,
+        "theorem": {"margin_J": -0.0125, "bound_J": 0.1},
+    }
+    recording = run()
+    told = Recording(recording.meta, recording.device, recording.world, [], summary)
+    assert title(figure(told)) == "link: lan, coupling zoh, seed 8\nNOT passive: margin -12.5 mJ of d² = 100 mJ"
+
+
+@pytest.mark.parametrize(
+    ("summary", "line"),
+    [
+        ({"theorem": {"margin_J": 0.0312, "bound_J": 0.1}}, "passive: margin ≥ 31.2 mJ of d² = 100 mJ"),
+        ({"theorem": {"margin_J": -1e-12, "bound_J": 0.1}}, "passive: margin ≥ -1e-09 mJ of d² = 100 mJ"),
+        ({"theorem": {"margin_J": -2e-9, "bound_J": None}}, "NOT passive: margin -2e-06 mJ"),
+        ({"theorem": None, "device": {"ledger": {"margin_J": 0.5}}}, "device's half passive: margin ≥ 500 mJ"),
+        (
+            {"device": {"ledger": {"margin_J": 0.5}}, "world": {"ledger": {"margin_J": 0.25}}},
+            "passive: margin ≥ 750 mJ",
+        ),
+        ({}, "passivity unknown: no ledger"),
+        (None, "passivity unknown: no ledger"),
+    ],
+)
+def test_verdict(summary: dict[str, Any] | None, line: str) -> None:
+    assert verdict(summary) == line
+
+
+def printed(summary: dict[str, Any]) -> str:
+    out = io.StringIO()
+    Console(file=out, width=100).print(summary_text(summary))
+    return out.getvalue()
+
+
+def cells(text: str) -> dict[str, list[str]]:
+    """Row label -> its cells; columns are two or more blanks apart."""
+    rows = [[cell for cell in line.split("  ") if cell.strip()] for line in text.splitlines()]
+    return {row[0].strip(): [cell.strip() for cell in row[1:]] for row in rows if row}
+
+
+def test_the_summary_as_a_table() -> None:
+    text = printed(
+        {
+            "theorem": {"margin_J": 0.0312, "bound_J": 0.1},
+            "device": {
+                "ledger": {"margin_J": 0.02, "slack_J": 1e-12},
+                "reservoir_min_J": 0.0012,
+                "sent_nJ": 1_123_456_789,
+                "credited_nJ": 5,
+                "quantisation_J": None,
+                "servo": {"ticks": 10000, "late_p50_us": 21.3, "late_p99_us": 61.2, "skipped": 0},
+            },
+            "world": {"ledger": {"margin_J": 0.0112, "slack_J": 0.0}, "step": {"count": 333, "mean_s": 0.03}},
+            "energy": {"up": {"sent_nJ": 1_123_456_789, "in_flight_nJ": 789}, "down": {"in_flight_nJ": 0}},
+            "links": {"up": {"profile": LINK, "offered": 400, "lost": 9, "delay_p50_ms": 40.2}, "down": None},
+            "motion": {"free_rms_m": 0.00123, "peak_force_N": 3.2, "contacts": 3, "contact_rms_m": None},
+            "coupling": "pspm",
+            "seed": 3,
+            "duration_s": 10.0,
+        }
+    )
+    assert text.splitlines()[0] == "passive: margin ≥ 31.2 mJ of d² = 100 mJ"
+    assert text.splitlines()[1] == "coupling pspm, seed 3, duration 10 s"
+    rows = cells(text)
+    assert rows["margin, least [mJ]"] == ["20", "11.2"]
+    assert rows["reservoir, least [mJ]"] == ["1.2", "-"]
+    assert rows["sent [J]"] == ["1.123456789", "-"]
+    assert rows["credited [J]"] == ["0.000000005", "-"]
+    assert rows["quantisation [mJ]"] == ["-", "-"]
+    assert rows["servo late p99 [µs]"] == ["61.2", "-"]
+    assert rows["step mean [ms]"] == ["-", "30"]
+    assert rows["energy in flight [J]"] == ["0.000000789", "0.000000000"]
+    assert rows["asked"] == [LINK, "-"]
+    assert rows["delay p50 [ms]"] == ["40.2", "-"]
+    assert rows["lost [%]"] == ["2.25", "-"]
+    assert rows["position error, free (rms) [mm]"] == ["1.23"]
+    assert rows["position error, in contact (rms) [mm]"] == ["-"]
+    assert rows["force, largest [N]"] == ["3.2"]
+
+
+def test_a_summary_that_knows_nothing_is_still_a_table() -> None:
+    rows = cells(printed({"theorem": None, "links": None}))
+    assert "energy sent [J]" not in rows
+    assert rows["lost [%]"] == ["-", "-"]
+
+
+def test_a_figure_that_cannot_be_written(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"cannot write figure .*a\.png: No such file"):
+        save_figure(figure(run(seconds=1)), tmp_path / "no" / "a.png")
+
+
+def test_no_pyplot_and_nothing_heavy_on_import() -> None:
+    code = (
+        "import sys, hapnet.report; print([m for m in ('matplotlib', 'rich', 'mcap') if m in sys.modules])\n"
+        "from tests.test_report import figure, run; figure(run(seconds=1)); print('matplotlib.pyplot' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["[]", "False"]
