@@ -1,0 +1,156 @@
+"""One side of the coupling, whole: control and wire together, without clock or I/O.
+
+An endpoint has two halves, each with one owner. Control belongs to the servo (or to the world's loop): it ticks, and
+never waits. Wire belongs to whoever moves bytes: it receives, and asks what to send. Between them go only whole values,
+through deques: set-positions and credited energy one way, surplus energy the other. In virtual time one loop owns both.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+
+from hapnet.checks import Vector
+from hapnet.control.coupling import Coupling
+from hapnet.control.pspm import Modulation
+from hapnet.control.servo_law import ContinuousServo, Extremes, SampledServo
+from hapnet.wire.events import EnergyCredited, Event, Paired, PositionReceived
+from hapnet.wire.session import Outgoing, Session
+
+NANO = 1e-9
+
+
+class Endpoint:
+    """What both sides share: a session, and the hand-over between its wire half and the control half.
+
+    Parameters
+    ----------
+    session : this side's protocol state.
+    coupling : the set-position's way, made when control starts.
+    """
+
+    def __init__(self, session: Session) -> None:
+        self.session = session
+        self.paired = False
+        """Set by the wire half when a peer was first found: control may start."""
+        self._coupling: Coupling | None = None
+        self._arrived: deque[tuple[Vector, float]] = deque(maxlen=1)
+        self._credits: deque[int] = deque()
+        self._surplus: deque[float] = deque()
+
+    @property
+    def coupling(self) -> Coupling:
+        """The control half's coupling; it exists once control has started."""
+        assert self._coupling is not None, "control has not started"
+        return self._coupling
+
+    @property
+    def started(self) -> bool:
+        """Has control started?"""
+        return self._coupling is not None
+
+    # -- the wire half ----------------------------------------------------------------------------------------------
+
+    def receive(self, now_ns: int, data: bytes) -> tuple[Event, ...]:
+        """Bytes arrived from the network; whatever they are, this does not raise."""
+        events = self.session.receive(now_ns, data)
+        self._hand_over(events)
+        return events
+
+    def poll(self, now_ns: int) -> tuple[list[Outgoing], tuple[Event, ...]]:
+        """What to send now, and what time alone has brought about."""
+        while self._surplus:
+            self.session.give(self._surplus.popleft())
+        outgoing, events = self.session.poll(now_ns)
+        self._hand_over(events)
+        return outgoing, events
+
+    @property
+    def next_due_ns(self) -> int | None:
+        """When `poll` must be called again, if nothing else happens; energy waiting to go out is due at once."""
+        return 0 if self._surplus else self.session.next_due_ns
+
+    def _hand_over(self, events: tuple[Event, ...]) -> None:
+        for event in events:
+            if isinstance(event, PositionReceived):
+                self._arrived.append((event.position, event.sent_ns * NANO))
+            elif isinstance(event, EnergyCredited):
+                self._credits.append(event.credited_nJ)
+            elif isinstance(event, Paired):
+                self.paired = True
+
+    # -- the control half -------------------------------------------------------------------------------------------
+
+    def _take(self) -> Coupling:
+        """Give the coupling what has arrived since the last tick."""
+        coupling = self._coupling
+        assert coupling is not None, "control has not started"
+        if self._arrived:
+            coupling.receive(*self._arrived.popleft())
+        while self._credits:
+            coupling.credit(self._credits.popleft() * NANO)
+        return coupling
+
+    def _send(self, now_ns: int, x: Vector, result: Modulation) -> bytes:
+        """After a PSPM instant: hand on the surplus; the position message (x(t_k)) to put on the link."""
+        if result.sent > 0.0:
+            self._surplus.append(result.sent)
+        return self.session.position(now_ns, x)
+
+
+class DeviceEndpoint(Endpoint):
+    """The device's side."""
+
+    def start(self, servo: ContinuousServo | SampledServo) -> None:
+        """Begin to render: `servo` is at rest at the device's position (ybar = x)."""
+        self._tick: Callable[..., Modulation | None] = servo.tick
+        self._coupling = servo.coupling
+
+    def tick_sampled(self, now_ns: int, dt: float, x: Vector, v: Vector) -> bytes | None:
+        """A tick of a servo that holds its torque: the servo's `force` is then the force to apply.
+
+        Returns the position message to send, if PSPM ran.
+        """
+        self._take()
+        result = self._tick(dt, x, v)
+        return None if result is None else self._send(now_ns, x, result)
+
+    def tick_continuous(
+        self, now_ns: int, dt: float, x: Vector, extremes: Extremes, work: float, kinetic: float
+    ) -> bytes | None:
+        """A tick of a device that renders the coupling itself: `coupling.set_position` is then where its spring goes.
+
+        The arguments are `ContinuousServo.tick`'s. Returns the position message to send, if PSPM ran.
+        """
+        self._take()
+        result = self._tick(dt, x, extremes, work, kinetic)
+        return None if result is None else self._send(now_ns, x, result)
+
+
+class WorldEndpoint(Endpoint):
+    """The virtual world's side: PSPM at the onset of every integration step."""
+
+    def start(self, coupling: Coupling) -> None:
+        """Begin to step: the coupling is at rest at the virtual mass's position."""
+        self._coupling = coupling
+
+    def step(self, now_ns: int, dt: float, x: Vector, kinetic: float, work: float, dissipated: float) -> bytes:
+        """The onset of step k: PSPM with the newest set-position; `coupling.set_position` is then ybar_k.
+
+        Parameters
+        ----------
+        dt : T_{k-1}, the length of the step that has ended [s].
+        x, kinetic : position x_k [m] and kinetic energy kappa_k [J] of the virtual mass.
+        work : f_{k-1} . vhat_{k-1} T_{k-1} [J], put in by the environment in the step that has ended.
+        dissipated : D_{k-1} = |vhat|_B'^2 T of the step that has ended [J].
+
+        Returns the position message to send. The ledger is checked before PSPM (steps to k-1 with ybar_{k-1}) and after
+        (with ybar_k): both pairings of Theorem 1.
+        """
+        coupling = self._take()
+        ledger = coupling.ledger
+        ledger.put_in(work)
+        ledger.observe(kinetic + coupling.potential(x), coupling.account)
+        result = coupling.update(dt, x, dissipated)
+        ledger.observe(kinetic + coupling.potential(x), coupling.account)
+        return self._send(now_ns, x, result)

@@ -1,0 +1,281 @@
+"""From parameters to the objects of a run: the one place where names on a command line become parts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from hapnet import checks
+from hapnet.checks import Vector
+from hapnet.control.coupling import Coupling, Modulator
+from hapnet.control.harvest import damping_conditions
+from hapnet.control.limits import OnSilence, Silence
+from hapnet.control.pspm import SetPositionModulator, Shuffle
+from hapnet.control.servo_law import ContinuousServo, Harvest, SampledServo
+from hapnet.control.smoothing import Pipeline, SmoothingFilter, Stage, VelocityPredictor
+from hapnet.control.spring import Spring
+from hapnet.control.zoh import ZeroOrderHold
+from hapnet.endpoint import NANO, DeviceEndpoint, WorldEndpoint
+from hapnet.errors import InvalidParameter
+from hapnet.params import DeviceParams, Params, WorldParams
+from hapnet.plant.device import SimulatedDevice
+from hapnet.plant.integrator import PassiveIntegrator
+from hapnet.plant.operator import Impedance, Operator, Press, Rest, Sine, read_motion
+from hapnet.plant.scene import Scene, make_scene, scene_parameters
+from hapnet.runtime.sides import Clock, ContinuousDeviceSide, DeviceSide, SampledDeviceSide, WorldSide, Write
+from hapnet.wire.messages import Role
+from hapnet.wire.session import Session, SessionSettings
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Parameters, checked as a whole, with what follows from them."""
+
+    params: Params
+    scene: Scene
+    servo: str
+    harvest: Harvest
+    warnings: tuple[str, ...] = field(default=())
+
+    @property
+    def dof(self) -> int:
+        return self.scene.dof
+
+
+def prepare(params: Params, default_servo: str) -> Setup:
+    """Check parameters that only make sense together, and resolve what "auto" stands for.
+
+    Raises
+    ------
+    InvalidParameter : names the parameter that does not fit.
+    """
+    scene = _scene(params)
+    device = params.device
+    servo = default_servo if device.servo == "auto" else device.servo
+    harvest = cast(
+        Harvest, ("range" if servo == "continuous" else "measured") if device.harvest == "auto" else device.harvest
+    )
+    if servo == "continuous":
+        if harvest == "measured":
+            raise InvalidParameter("device.harvest", "measured", "range with the continuous servo: no torque is held")
+        if device.resolution_m:
+            raise InvalidParameter("device.resolution_m", device.resolution_m, "0 with the continuous servo")
+    if harvest == "range" and device.trusted_damping:
+        raise InvalidParameter("device.trusted_damping", device.trusted_damping, "0 with the range harvest")
+    if not 0.0 < device.spring_share <= 1.0:
+        raise InvalidParameter("device.spring_share", device.spring_share, "above 0, at most 1")
+    warnings = []
+    if servo == "sampled" and harvest == "range" and params.coupling == "pspm":
+        warnings.extend(_range_warning(device, scene.dof))
+    return Setup(params, scene, servo, harvest, tuple(warnings))
+
+
+def device_session(setup: Setup, incarnation: int, name: str = "device") -> Session:
+    """The device's protocol state, for one start of the process."""
+    return _session(setup, "device", name, incarnation)
+
+
+def world_session(setup: Setup, incarnation: int, name: str = "world") -> Session:
+    """The world's protocol state, for one start of the process."""
+    return _session(setup, "world", name, incarnation)
+
+
+def device_side(setup: Setup, session: Session, clock: Clock, write: Write) -> DeviceSide:
+    """The simulated device with its hand, servo and endpoint."""
+    params = setup.params
+    device = params.device
+    period = 1.0 / device.servo_hz
+    simulated = SimulatedDevice(
+        _operator(setup),
+        mass=device.mass,
+        damping=device.own_damping,
+        period=period,
+        substeps=device.substeps,
+        resolution=device.resolution_m,
+        force_limit=device.force_limit_N or None,
+    )
+    if simulated.dof != setup.dof:
+        raise InvalidParameter("operator", params.operator, f"a hand with {setup.dof} axes, as the scene has")
+    endpoint = DeviceEndpoint(session)
+    every = max(1, round(device.servo_hz / params.record_hz))
+    period_ns = round(period / NANO)
+    if setup.servo == "continuous":
+        make = _continuous_servo(setup)
+        make(simulated.position, 0.0)  # so that what is wrong is said now and not at pairing
+        return ContinuousDeviceSide(
+            endpoint, simulated, make, period_ns=period_ns, clock=clock, write=write, record_every=every
+        )
+    hold = _sampled_servo(setup)
+    hold(simulated.position)
+    return SampledDeviceSide(
+        endpoint, simulated, hold, period_ns=period_ns, clock=clock, write=write, record_every=every
+    )
+
+
+def world_side(setup: Setup, session: Session, rng: np.random.Generator, write: Write) -> WorldSide:
+    """The virtual mass in its scene, and its endpoint."""
+    world = setup.params.world
+    mass = PassiveIntegrator(world.mass, world.damping, world.stiffness, setup.scene.start)
+    mass.adopt(setup.scene.contacts)
+
+    def make_coupling(position: Vector, kinetic: float) -> Coupling:
+        spring = Spring(world.stiffness, setup.dof)
+        return Coupling(
+            _modulator(setup, world, spring, position, None),
+            stages=_stages(world),
+            silence=Silence(cast(OnSilence, world.on_silence), world.silence_after_s),
+            kinetic=kinetic,
+        )
+
+    make_coupling(mass.position, 0.0)  # so that what is wrong is said now and not at pairing
+    return WorldSide(WorldEndpoint(session), mass, setup.scene, make_coupling, rng=rng, write=write)
+
+
+def _session(setup: Setup, role: Role, name: str, incarnation: int) -> Session:
+    wire = setup.params.wire
+    return Session(
+        role=role,
+        dof=setup.dof,
+        name=name,
+        incarnation=incarnation,
+        about={"scene": setup.params.scene, "coupling": setup.params.coupling},
+        settings=SessionSettings(
+            accept_stale=wire.accept_stale,
+            admission_W=wire.admission_W,
+            admission_burst_J=wire.admission_burst_J,
+            hello_period_ns=round(wire.hello_period_s / NANO),
+            spacing_ns=round(wire.energy_spacing_s / NANO),
+        ),
+    )
+
+
+def _continuous_servo(setup: Setup) -> Callable[[Vector, float], ContinuousServo]:
+    device = setup.params.device
+    damping = checks.diagonal("device.damping", device.damping, setup.dof)
+
+    def make(position: Vector, kinetic: float) -> ContinuousServo:
+        return ContinuousServo(_device_coupling(setup, position, kinetic), damping=damping, period=device.pspm_period_s)
+
+    return make
+
+
+def _sampled_servo(setup: Setup) -> Callable[[Vector], SampledServo]:
+    device = setup.params.device
+    damping = checks.diagonal("device.damping", device.damping, setup.dof)
+
+    def make(position: Vector) -> SampledServo:
+        return SampledServo(
+            _device_coupling(setup, position, 0.0),
+            damping=damping,
+            period=device.pspm_period_s,
+            position=position,
+            harvest=setup.harvest,
+            trusted_damping=(device.trusted_damping,) * setup.dof,
+            force_limit=device.force_limit_N or None,
+            resolution=device.resolution_m,
+        )
+
+    return make
+
+
+def _device_coupling(setup: Setup, position: Vector, kinetic: float) -> Coupling:
+    device = setup.params.device
+    limit = device.force_limit_N * device.spring_share or None
+    spring = Spring(device.stiffness, setup.dof, limit)
+    longest = math.inf
+    if device.step_limit_N and setup.params.coupling == "pspm":
+        longest = device.step_limit_N / spring.ellipsoid.largest
+    return Coupling(
+        _modulator(setup, device, spring, position, limit),
+        stages=_stages(device),
+        silence=Silence(cast(OnSilence, device.on_silence), device.silence_after_s),
+        longest_step=longest,
+        kinetic=kinetic,
+    )
+
+
+def _modulator(
+    setup: Setup, side: DeviceParams | WorldParams, spring: Spring, position: Vector, force_limit: float | None
+) -> Modulator:
+    if setup.params.coupling == "zoh":
+        return ZeroOrderHold(spring, position, side.ceiling_J)
+    return SetPositionModulator(
+        stiffness=side.stiffness,
+        position=position,
+        ceiling=side.ceiling_J,
+        shuffle=cast(Shuffle, side.shuffle),
+        force_limit=force_limit,
+    )
+
+
+def _stages(side: DeviceParams | WorldParams) -> Pipeline:
+    stages: list[Stage] = []
+    if side.predict_s:
+        stages.append(VelocityPredictor(side.predict_s))
+    if side.smoothing_s:
+        stages.append(SmoothingFilter(side.smoothing_s))
+    return Pipeline(stages)
+
+
+def _scene(params: Params) -> Scene:
+    world = params.world
+    known = scene_parameters(params.scene)
+    values: dict[str, Any] = {
+        "stiffness": world.wall.stiffness,
+        "damping": world.wall.damping,
+        "step_min_s": world.step_min_s,
+        "step_max_s": world.step_max_s,
+        "size": world.wall.half_width_m,
+        **({"position": world.wall.position_m} if params.scene == "wall" else {}),
+        **({"dof": params.dof} if params.dof else {}),
+    }
+    if "dof" in values and "dof" not in known:
+        raise InvalidParameter("dof", params.dof, f"0: the scene {params.scene} sets its own")
+    return make_scene(params.scene, **{name: value for name, value in values.items() if name in known})
+
+
+def _operator(setup: Setup) -> Operator:
+    name, hand, dof = setup.params.operator, setup.params.operator_hand, setup.dof
+    impedance = Impedance(hand.mass, hand.damping, hand.stiffness)
+    walls = setup.scene.walls
+    normal = walls[0].normal if walls else (1.0, *(0.0,) * (dof - 1))
+    start = tuple([hand.start_m * component for component in normal])
+    if name == "rest":
+        return Rest(dof, impedance, start)
+    if name == "sine":
+        return Sine(dof, impedance, hand.amplitude_m, hand.frequency_hz)
+    if name == "press":
+        goal = tuple([hand.goal_m * component for component in normal])
+        return Press(start, goal, impedance, reach=hand.reach_s, hold=hand.hold_s, wait=hand.wait_s)
+    if name.endswith(".csv") or Path(name).exists():
+        return read_motion(Path(name), dof, impedance, press_depth=hand.press_depth_m, hover=hand.hover_m)
+    module, colon, attribute = name.partition(":")
+    allowed = "rest, sine, press, a recording's path (.csv), or module:Class"
+    if not (module and colon and attribute):
+        raise InvalidParameter("operator", name, allowed)
+    try:
+        made: Operator = getattr(import_module(module), attribute)(dof=dof, impedance=impedance)
+    except (ImportError, AttributeError, TypeError, ValueError) as error:
+        raise InvalidParameter("operator", name, f"{allowed} taking dof and impedance ({error})") from None
+    return made
+
+
+def _range_warning(device: DeviceParams, dof: int) -> list[str]:
+    K = np.diagonal(checks.spd("device.stiffness", device.stiffness, dof))
+    B = checks.diagonal("device.damping", device.damping, dof)
+    own = (device.own_damping,) * dof
+    necessary, sufficient = damping_conditions(own, tuple(K.tolist()), B, 1.0 / device.servo_hz)
+    if sufficient:
+        return []
+    need = max(k / device.servo_hz / 2.0 + 2.0 * b for k, b in zip(K, B, strict=True))
+    word = "can be" if necessary else "is"
+    return [
+        f"the range harvest {word} not passive with a sampled servo: own damping {device.own_damping} Ns/m, "
+        f"passive for any motion above {need:.3g} Ns/m; use device.harvest=measured"
+    ]

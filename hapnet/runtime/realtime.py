@@ -1,0 +1,402 @@
+"""Real time: one side in this process, over Zenoh, through the emulated link.
+
+Three kinds of thread share a side. The control thread (servo, or the world's stepper) owns the control half and puts a
+position that the link does not delay on the wire itself. Zenoh's receiving thread decodes what arrives into the control
+half's slots. The event loop does what is left: delayed release, retransmission, recording. The wire half and the link
+have one lock, held for microseconds and never across I/O.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from hapnet.endpoint import NANO
+from hapnet.errors import HapnetError, RecordingError
+from hapnet.record import Event as Note
+from hapnet.record import RecordingWriter, Sample
+from hapnet.runtime.build import Setup, device_session, device_side, world_session, world_side
+from hapnet.runtime.parcel import FRAME_OVERHEAD, Parcel
+from hapnet.runtime.servo import Servo, set_timer_slack, tuned_interpreter
+from hapnet.runtime.sides import DeviceSide, WorldSide
+from hapnet.runtime.summary import Summary, combine, device_summary, versions, world_summary
+from hapnet.runtime.zenoh_transport import ZenohSettings, ZenohTransport
+from hapnet.wire.events import Event, Mismatch, Paired, PeerLeft, PeerRefused
+from netem import Link, LinkProfile
+from netem.aio import DeadlineTimer
+
+Role = Literal["device", "world"]
+
+LINGER_S = 2.0
+"""After control has stopped, how long the energy in flight may take to be acknowledged [s]."""
+
+_HOUSEKEEPING_S = 0.05
+_COLLECT_EVERY = 20  # housekeepings
+
+
+@dataclass(frozen=True)
+class Notice:
+    """Something a person who runs this wants to know: `kind` for programs, `text` for people."""
+
+    kind: str
+    text: str
+
+
+class Stepper:
+    """A thread that calls ``step(now_ns)`` at deadlines that it is told: each call returns the next step's length [ns].
+
+    A step that comes late is one longer step; the next is counted from when it came, so there is never a burst.
+    """
+
+    def __init__(
+        self, step: Callable[[int], int], on_error: Callable[[BaseException], None], clock: Callable[[], int]
+    ) -> None:
+        self._step, self._on_error, self._clock = step, on_error, clock
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._main, name="world", daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the thread and wait for it."""
+        self._stopping.set()
+        self._thread.join()
+
+    def _main(self) -> None:
+        set_timer_slack()
+        try:
+            deadline_ns = self._clock()
+            while not self._stopping.is_set():
+                now_ns = self._clock()
+                if now_ns < deadline_ns:
+                    time.sleep((deadline_ns - now_ns) * NANO)
+                else:
+                    deadline_ns = now_ns + self._step(now_ns)
+        except BaseException as error:
+            self._on_error(error)
+
+
+class RealtimeSide:
+    """One side, running.
+
+    Parameters
+    ----------
+    setup : checked parameters. role : "device" or "world".
+    zenoh : how to reach the other side. session, name : of the key expressions.
+    words : this side's own link, as tc would write it. seed : of the link and the world's steps; None: drawn.
+    record : path of the recording; None: none.
+    realtime : ask for SCHED_FIFO and locked memory for the servo.
+    notify : told what happens; called on the event loop.
+    """
+
+    def __init__(
+        self,
+        setup: Setup,
+        role: Role,
+        zenoh: ZenohSettings,
+        *,
+        words: str,
+        session: str = "default",
+        name: str = "device",
+        seed: int | None = None,
+        record: Path | None = None,
+        realtime: bool = False,
+        notify: Callable[[Notice], None] = lambda notice: None,
+    ) -> None:
+        self.setup, self.role = setup, role
+        self.seed = secrets.randbits(32) if seed is None else seed
+        self.profile = LinkProfile.parse(words)
+        self._clock = time.monotonic_ns
+        self._notify = notify
+        self._record_path = record
+        self._writer: RecordingWriter | None = None
+        self._samples: deque[Sample] = deque()
+        self._lock = threading.Lock()
+        self._pump_pending = False
+        self._failure: BaseException | None = None
+        self._names = (session, name)
+        incarnation = secrets.randbits(63) + 1
+        entropy = np.random.SeedSequence(self.seed).spawn(4)
+        write = self._samples.append if record is not None else _discard
+        self.side: DeviceSide | WorldSide
+        if role == "device":
+            self.side = device_side(setup, device_session(setup, incarnation), self._clock, write)
+            self._control: Servo | Stepper = Servo(
+                round(1e9 / setup.params.device.servo_hz),
+                self._tick,
+                safe=self.side.stop,
+                on_error=self._fail,
+                realtime=realtime,
+                clock=self._clock,
+            )
+        else:
+            self.side = world_side(setup, world_session(setup, incarnation), np.random.default_rng(entropy[2]), write)
+            self._control = Stepper(self._step, self._fail, self._clock)
+        self.endpoint = self.side.endpoint
+        self.link: Link[Parcel] = Link(self.profile, seed=entropy[0 if role == "device" else 1])
+        self._transport = ZenohTransport(zenoh, self._on_message, session=session, device=name, role=role)
+        self._started_ns = self._clock()
+        if record is not None:
+            _require_writable(record)
+
+    # -- threads of their own ----------------------------------------------------------------------------------------
+
+    def _tick(self, now_ns: int) -> None:
+        assert isinstance(self.side, DeviceSide)
+        message = self.side.tick(now_ns)
+        if message is not None:
+            self._send("position", message)
+
+    def _step(self, now_ns: int) -> int:
+        assert isinstance(self.side, WorldSide)
+        message = self.side.step(now_ns)
+        if message is None:
+            return 1_000_000  # not paired yet: look again
+        self._send("position", message)
+        return self.side.next_step_ns()
+
+    def _send(self, kind: str, data: bytes) -> None:
+        """Offer a message to the link, and put on the wire what it does not delay; from any thread."""
+        now_ns = self._clock()
+        with self._lock:
+            self.link.send(now_ns, Parcel(kind, data), size=len(data) + FRAME_OVERHEAD)
+            released = self.link.poll(now_ns)
+            self._arm()
+        for _, parcel in released:
+            self._transport.put(parcel.kind, parcel.data)
+
+    def _on_message(self, kind: str, data: bytes) -> None:
+        """On Zenoh's thread."""
+        now_ns = self._clock()
+        with self._lock:
+            events = self.endpoint.receive(now_ns, data)
+            self._arm()
+        self._report(events)
+
+    def _report(self, events: tuple[Event, ...]) -> None:
+        told = tuple(event for event in events if isinstance(event, Paired | PeerLeft | Mismatch | PeerRefused))
+        if told:
+            self._loop.call_soon_threadsafe(self._tell, told)
+
+    def _fail(self, error: BaseException) -> None:
+        self._failure = error
+        self._loop.call_soon_threadsafe(self._stop.set)
+
+    def _arm(self) -> None:
+        """Wake the loop when the link or the protocol is due next; the lock is held."""
+        link_ns, wire_ns = self.link.next_due_ns, self.endpoint.next_due_ns
+        due_ns = wire_ns if link_ns is None else link_ns if wire_ns is None else min(link_ns, wire_ns)
+        if self._timer.kind == "timerfd":  # may be set from any thread
+            self._timer.arm(due_ns)
+        elif due_ns != self._timer.due_ns:
+            self._loop.call_soon_threadsafe(self._timer.arm, due_ns)
+
+    # -- the event loop ----------------------------------------------------------------------------------------------
+
+    async def run(self, stop: asyncio.Event, duration_s: float) -> Summary:
+        """Run until `duration_s` seconds after pairing (0: no end) or until `stop` is set; the side's summary.
+
+        Raises
+        ------
+        HapnetError : the peer does not fit, the transport cannot be opened, or the control thread failed.
+        """
+        self._loop = asyncio.get_running_loop()
+        self._stop = stop
+        self._timer = DeadlineTimer(self._loop, self._pump)
+        try:
+            await self._transport.open()
+            with tuned_interpreter() as collect:
+                refused = self._control.start()
+                if refused:
+                    self._notify(Notice("realtime", refused))
+                with self._lock:
+                    self._arm()
+                await self._keep(stop, duration_s, collect)
+                await asyncio.to_thread(self._control.stop)
+            if self._failure is not None:
+                raise self._failure
+            await self._part("the run is over")
+        finally:
+            if isinstance(self._control, Servo):
+                self._control.stop()
+            self._timer.close()
+            await self._transport.close()
+            summary = self.summary()
+            self._drain()
+            if self._writer is not None:
+                self._close_writer(summary)
+        return summary
+
+    async def _keep(self, stop: asyncio.Event, duration_s: float, collect: Callable[[], int]) -> None:
+        """Housekeeping until it is time to stop."""
+        status = ""
+        rounds = 0
+        while not stop.is_set():
+            origin_ns = self.side.origin_ns
+            if origin_ns is None:
+                now = f"waiting for the {'world' if self.role == 'device' else 'device'}: {self._transport.status}"
+                if now != status:
+                    self._notify(Notice("waiting", now))
+                status = now
+            elif duration_s > 0.0 and self._clock() - origin_ns >= duration_s / NANO:
+                return
+            self._drain()
+            rounds += 1
+            if rounds % _COLLECT_EVERY == 0:
+                collect()
+                if origin_ns is not None:
+                    elapsed = (self._clock() - origin_ns) * NANO
+                    self._notify(Notice("progress", f"{elapsed:.1f}"))
+            try:
+                await asyncio.wait_for(stop.wait(), _HOUSEKEEPING_S)
+            except TimeoutError:
+                continue
+
+    async def _part(self, reason: str) -> None:
+        """Control has stopped: let energy in flight be acknowledged, then say goodbye."""
+        session = self.endpoint.session
+        deadline = self._loop.time() + LINGER_S
+        self._pump()
+        while session.peer is not None and not session.settled and self._loop.time() < deadline:
+            await asyncio.sleep(0.005)
+        with self._lock:
+            session.close(self._clock(), reason)
+        self._pump()
+        while (self.link.next_due_ns, session.next_due_ns) != (None, None) and self._loop.time() < deadline + 1.0:
+            await asyncio.sleep(0.005)
+
+    def _pump(self) -> None:
+        """Send what the protocol has to say and what the link releases, and wait for what is due next."""
+        now_ns = self._clock()
+        with self._lock:
+            outgoing, events = self.endpoint.poll(now_ns)
+            for message in outgoing:
+                data = message.data
+                self.link.send(now_ns, Parcel(message.kind, data), size=len(data) + FRAME_OVERHEAD)
+            released = self.link.poll(now_ns)
+            self._arm()
+        for _, parcel in released:
+            self._transport.put(parcel.kind, parcel.data)
+        self._report(events)
+
+    def _tell(self, events: tuple[Event, ...]) -> None:
+        other = "world" if self.role == "device" else "device"
+        for event in events:
+            match event:
+                case Paired(peer, number):
+                    notice = Notice("paired", f"paired with the {other} {peer.name}" + _again(number))
+                case PeerLeft(reason):
+                    notice = Notice("left", f"the {other} left: {reason}")
+                case Mismatch(reason) | PeerRefused(reason):
+                    notice = Notice("refused", f"the {other} does not fit: {reason}")
+                    if self.side.origin_ns is None:
+                        self._fail(HapnetError(notice.text))
+                case _:
+                    continue
+            self._samples.append(Note(self._clock(), notice.kind, notice.text))
+            self._notify(notice)
+
+    # -- recording and summary ---------------------------------------------------------------------------------------
+
+    def summary(self) -> Summary:
+        """This side's summary so far; the other side's part is None."""
+        params = self.setup.params
+        own: dict[str, Any] = {"device": None, "world": None}
+        links: dict[str, Any] = {"up": None, "down": None}
+        with self._lock:
+            stats = self.link.stats.as_dict()
+            if isinstance(self.side, DeviceSide):
+                assert isinstance(self._control, Servo)
+                timing = self._control.stats()
+                servo = {
+                    "late_p50_us": timing.late_p50_us,
+                    "late_p99_us": timing.late_p99_us,
+                    "late_max_us": timing.late_max_us,
+                    "skipped": timing.skipped,
+                }
+                own["device"], links["up"] = device_summary(self.side, params.coupling, servo), stats
+            else:
+                own["world"], links["down"] = world_summary(self.side, params.coupling), stats
+        origin_ns = self.side.origin_ns
+        elapsed = None if origin_ns is None else (self._clock() - origin_ns) * NANO
+        summary = combine(
+            own["device"], own["world"], links, seed=self.seed, duration_s=elapsed, coupling=params.coupling
+        )
+        summary["wall_clock"] = {"elapsed_s": (self._clock() - self._started_ns) * NANO}
+        return summary
+
+    def _drain(self) -> None:
+        """Write what was recorded since the last call."""
+        if self._record_path is None or self.side.origin_ns is None:
+            return
+        try:
+            if self._writer is None:
+                self._writer = RecordingWriter(self._record_path, self._meta())
+            while self._samples:
+                self._writer.write(self._samples.popleft())
+            self._writer.flush(self._clock())
+        except RecordingError as error:
+            self._give_up_recording(error)
+
+    def _close_writer(self, summary: Summary) -> None:
+        assert self._writer is not None
+        try:
+            self._writer.close(summary)
+        except RecordingError as error:
+            self._give_up_recording(error)
+
+    def _give_up_recording(self, error: RecordingError) -> None:
+        """A full disk ends the recording, not the run."""
+        self._record_path = self._writer = None
+        self._notify(Notice("recording", f"{error}; the run goes on without a recording"))
+
+    def _meta(self) -> dict[str, Any]:
+        session, name = self._names
+        return {
+            "params": self.setup.params.as_dict(),
+            "seed": self.seed,
+            "role": self.role,
+            "clock": _boot_id(),
+            "origin_ns": self.side.origin_ns,
+            "session": session,
+            "name": name,
+            "scene": self.setup.scene.name,
+            "coupling": self.setup.params.coupling,
+            "surfaces": [surface._asdict() for surface in self.setup.scene.surfaces],
+            "links": {"up" if self.role == "device" else "down": str(self.profile)},
+            "versions": versions(),
+        }
+
+
+def _discard(sample: Sample) -> None:
+    """Nobody records."""
+
+
+def _again(number: int) -> str:
+    return "" if number == 1 else f" (it restarted; pair {number})"
+
+
+def _require_writable(path: Path) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.open("ab").close()
+    except OSError as error:
+        raise RecordingError(f"cannot write recording {path}: {error.strerror or error}") from None
+
+
+def _boot_id() -> str:
+    """Names this machine's monotonic clock: two recordings with the same name can be aligned."""
+    try:
+        return "boot:" + Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
+    except OSError:
+        return "process:" + secrets.token_hex(8)

@@ -1,0 +1,287 @@
+"""The servo: one thread that calls ``tick`` once a period, on absolute deadlines.
+
+* Deadlines lie on the grid ``start + k period``; lateness never accumulates. After an overrun there is no burst: the
+  grid points that passed meanwhile are skipped and counted (`DeadlineGrid`).
+* The thread asks for a timer slack of 1 ns (Linux: the default of 50 us would be added to every sleep).
+* Whatever ends the thread, ``safe`` is called last of all ticks: that is where the force goes to zero.
+
+A process that runs a servo also wants `tuned_interpreter` around its work: a short switch interval, and no garbage
+collection inside ticks.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import ctypes
+import gc
+import logging
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from hapnet.errors import InvalidParameter
+
+_log = logging.getLogger(__name__)
+
+SWITCH_INTERVAL_S = 1e-4
+"""Beside a busy Python thread the default of 5 ms let the servo oversleep by 5 ms; 1e-5 s measured worse than both."""
+
+FIFO_PRIORITY = 80
+"""Above the kernel's threaded interrupts (50), below its watchdogs (99)."""
+
+_PR_SET_TIMERSLACK = 29
+_MCL_CURRENT_AND_FUTURE = 3
+
+
+class DeadlineGrid:
+    """The next deadline on the grid ``start_ns + k period_ns``: integer arithmetic, no clock.
+
+    Attributes
+    ----------
+    deadline_ns : the next deadline.
+    skipped : how many deadlines were given up so far, because they had passed before the tick before them was over.
+
+    Raises
+    ------
+    InvalidParameter : the period is not positive.
+    """
+
+    def __init__(self, start_ns: int, period_ns: int) -> None:
+        if period_ns <= 0:
+            raise InvalidParameter("period_ns", period_ns, "a positive number of nanoseconds")
+        self.deadline_ns = start_ns
+        self.period_ns = period_ns
+        self.skipped = 0
+
+    def advance(self, now_ns: int) -> int:
+        """Go to the first later grid point that has not passed at `now_ns`; return how many were skipped."""
+        following = self.deadline_ns + self.period_ns
+        missed = max(0, -((following - now_ns) // self.period_ns))  # ceil((now - following) / period)
+        self.deadline_ns = following + missed * self.period_ns
+        self.skipped += missed
+        return missed
+
+
+class Histogram:
+    """Counts of non-negative integers in a fixed number of bins, 32 to an octave: a quantile is at most 1/32 too high.
+
+    Values below 64 have a bin each. Values of 2^42 and above (73 minutes in ns) share the last bin; `max` stays exact.
+    """
+
+    _SUB_BITS = 5
+    _MAX_BITS = 42
+
+    def __init__(self) -> None:
+        self._counts = [0] * (self._index((1 << self._MAX_BITS) - 1) + 1)
+        self.max = 0
+
+    @classmethod
+    def _index(cls, value: int) -> int:
+        shift = max(0, value.bit_length() - cls._SUB_BITS - 1)
+        return (shift << cls._SUB_BITS) + (value >> shift)
+
+    @classmethod
+    def _highest(cls, index: int) -> int:
+        """Highest value that falls in the bin."""
+        shift = max(0, (index >> cls._SUB_BITS) - 1)
+        return ((index - (shift << cls._SUB_BITS) + 1) << shift) - 1
+
+    def add(self, value: int) -> None:
+        """Count one value; a negative one counts as 0."""
+        value = max(0, value)
+        self._counts[min(self._index(value), len(self._counts) - 1)] += 1
+        if value > self.max:
+            self.max = value
+
+    @property
+    def total(self) -> int:
+        """How many values were counted."""
+        return sum(self._counts)
+
+    def quantile(self, q: float) -> int | None:
+        """Smallest bin edge that at least a share `q` of the values does not exceed (None if there is no value)."""
+        counts = self._counts.copy()
+        total = sum(counts)
+        if total == 0:
+            return None
+        seen = 0
+        for index, count in enumerate(counts[:-1]):
+            seen += count
+            if seen >= q * total and seen > 0:
+                return min(self._highest(index), self.max)
+        return self.max
+
+
+@dataclass(frozen=True, slots=True)
+class ServoStats:
+    """How the servo kept its deadlines: lateness is from the deadline to the call of tick (None before the first)."""
+
+    ticks: int
+    skipped: int
+    late_p50_us: float | None
+    late_p99_us: float | None
+    late_max_us: float | None
+
+
+class Servo:
+    """A thread that calls ``tick(now_ns)`` once every `period_ns`.
+
+    Parameters
+    ----------
+    period_ns : the period [ns].
+    tick : called on the servo's thread with the clock's reading [ns]. An exception ends the servo.
+    safe : called on the servo's thread when it ends, for whatever reason: the place to render zero force. An
+        interpreter that exits stops its servos first.
+    on_error : called with the exception that ended the servo, on its thread, after `safe`. It is kept in `error` too.
+    realtime : ask for SCHED_FIFO and locked memory; `start` returns why not, if not.
+    clock, sleep : a monotonic clock [ns], and what waits so many seconds on it.
+
+    Raises
+    ------
+    InvalidParameter : the period is not positive.
+    """
+
+    def __init__(
+        self,
+        period_ns: int,
+        tick: Callable[[int], None],
+        *,
+        safe: Callable[[], None] | None = None,
+        on_error: Callable[[BaseException], None] | None = None,
+        realtime: bool = False,
+        clock: Callable[[], int] = time.monotonic_ns,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self._grid = DeadlineGrid(0, period_ns)
+        self._tick, self._safe, self._on_error = tick, safe, on_error
+        self._realtime, self._clock, self._sleep = realtime, clock, sleep
+        self._lateness = Histogram()
+        self._stopping = threading.Event()
+        self._ready = threading.Event()
+        self._refusal: str | None = None
+        self._thread = threading.Thread(target=self._main, name="servo", daemon=True)
+        self.error: BaseException | None = None
+
+    @property
+    def running(self) -> bool:
+        """Whether the thread lives."""
+        return self._thread.is_alive()
+
+    def start(self) -> str | None:
+        """Start the thread, once; return why real-time scheduling was refused, in one line, or None if it was not."""
+        # A daemon is killed where it stands when the interpreter exits, any other thread keeps it from exiting:
+        # so it is a daemon, and atexit stops it in time for `safe`.
+        atexit.register(self.stop)
+        self._thread.start()
+        self._ready.wait()
+        if self._refusal is not None:
+            _log.warning("%s", self._refusal)
+        return self._refusal
+
+    def stop(self) -> None:
+        """End the servo and wait until `safe` has returned (inside `tick`: without waiting). May be called again."""
+        self._stopping.set()
+        if self._thread is not threading.current_thread() and self._thread.ident is not None:
+            self._thread.join()
+        atexit.unregister(self.stop)
+
+    def stats(self) -> ServoStats:
+        """How the deadlines were kept so far; from any thread."""
+        late = self._lateness
+        p50, p99 = late.quantile(0.50), late.quantile(0.99)
+        return ServoStats(
+            ticks=late.total,
+            skipped=self._grid.skipped,
+            late_p50_us=None if p50 is None else p50 / 1e3,
+            late_p99_us=None if p99 is None else p99 / 1e3,
+            late_max_us=None if p50 is None else late.max / 1e3,
+        )
+
+    def _main(self) -> None:
+        try:
+            try:
+                self._prepare_thread()
+            finally:
+                self._ready.set()
+            self._run()
+        except BaseException as error:
+            self.error = error
+        try:
+            if self._safe is not None:
+                self._safe()
+        except BaseException as error:
+            _log.exception("the servo's safe() failed")
+            self.error = self.error or error
+        if self.error is not None and self._on_error is not None:
+            self._on_error(self.error)
+
+    def _prepare_thread(self) -> None:
+        set_timer_slack()
+        if self._realtime:
+            self._refusal = request_realtime()
+
+    def _run(self) -> None:
+        clock, sleep, tick, grid, lateness = self._clock, self._sleep, self._tick, self._grid, self._lateness
+        grid.deadline_ns = clock() + grid.period_ns
+        while not self._stopping.is_set():
+            now_ns = clock()
+            while now_ns < grid.deadline_ns:
+                sleep((grid.deadline_ns - now_ns) * 1e-9)
+                now_ns = clock()
+            if self._stopping.is_set():
+                return
+            lateness.add(now_ns - grid.deadline_ns)
+            tick(now_ns)
+            grid.advance(clock())
+
+
+def set_timer_slack(slack_ns: int = 1) -> bool:
+    """Ask the kernel to wake the calling thread at most `slack_ns` after its time; False where that can't be had."""
+    if sys.platform != "linux":
+        return False
+    libc = ctypes.CDLL(None, use_errno=True)
+    return bool(libc.prctl(_PR_SET_TIMERSLACK, ctypes.c_ulong(slack_ns), 0, 0, 0) == 0)
+
+
+def request_realtime(priority: int = FIFO_PRIORITY) -> str | None:
+    """Put the calling thread under SCHED_FIFO and lock the process's memory; one line on what was refused, or None."""
+    if sys.platform != "linux":
+        return f"no real-time scheduling: not available on {sys.platform}"
+    refused = []
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except OSError as error:
+        refused.append(f"SCHED_FIFO: {error.strerror} (needs CAP_SYS_NICE, or an rtprio limit of {priority})")
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.mlockall(_MCL_CURRENT_AND_FUTURE) != 0:
+        reason = os.strerror(ctypes.get_errno())
+        refused.append(f"locked memory: {reason} (needs CAP_IPC_LOCK, or a higher memlock limit)")
+    return "no real-time scheduling: " + "; ".join(refused) if refused else None
+
+
+@contextlib.contextmanager
+def tuned_interpreter() -> Iterator[Callable[[], int]]:
+    """Inside this context the interpreter suits a servo; on leaving, everything is as before.
+
+    Threads take turns every `SWITCH_INTERVAL_S`. Everything alive is frozen out of garbage collection, and automatic
+    collection is off: it would run inside whichever thread allocates, the servo's too, for as long as it takes.
+    Reference counting goes on, and frees what is not in a cycle. For cycles, the context gives a function to be called
+    about once a second outside the servo's thread: it collects the young generations only, so its pause is bounded by
+    what was allocated since the last call, not by the size of the heap. It returns how many objects it found.
+    """
+    interval, automatic = sys.getswitchinterval(), gc.isenabled()
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
+    try:
+        yield lambda: gc.collect(1)
+    finally:
+        sys.setswitchinterval(interval)
+        gc.unfreeze()
+        if automatic:
+            gc.enable()

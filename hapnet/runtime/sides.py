@@ -1,0 +1,298 @@
+"""The two sides of a run, complete: endpoint, plant and record, driven by either runtime."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from operator import sub
+
+import numpy as np
+
+from hapnet.checks import Vector
+from hapnet.control.coupling import Coupling
+from hapnet.control.harvest import MeasuredHarvest
+from hapnet.control.ledger import Ledger
+from hapnet.control.servo_law import ContinuousServo, SampledServo
+from hapnet.endpoint import NANO, DeviceEndpoint, WorldEndpoint
+from hapnet.plant.device import Device, SimulatedDevice
+from hapnet.plant.integrator import PassiveIntegrator
+from hapnet.plant.scene import Scene
+from hapnet.record import DeviceSample, Sample, WorldSample
+
+Write = Callable[[Sample], None]
+Clock = Callable[[], int]
+
+
+class DeviceSide(ABC):
+    """A device, its servo and its endpoint; one subclass for each kind of servo.
+
+    Parameters
+    ----------
+    endpoint : this side's endpoint. device : simulated or real.
+    period_ns : of the servo. record_every : ticks between two samples given to `write`.
+    clock : read once more after the device was read, so that an interval is never taken too short (10).
+    """
+
+    def __init__(
+        self,
+        endpoint: DeviceEndpoint,
+        device: Device,
+        *,
+        period_ns: int,
+        clock: Clock,
+        write: Write,
+        record_every: int = 1,
+    ) -> None:
+        self.endpoint = endpoint
+        self.device = device
+        self.origin_ns: int | None = None
+        """When control started, on this side's clock."""
+        self.ledger: Ledger | None = None
+        """This side's account, once control has started."""
+        self.ticks = 0
+        self._period_ns = period_ns
+        self._clock = clock
+        self._write = write
+        self._record_every = record_every
+        self._last_ns = 0
+
+    @property
+    def coupling(self) -> Coupling:
+        return self.endpoint.coupling
+
+    @property
+    def true_slack(self) -> float | None:
+        """Smallest slack at the actuator's port with the true positions [J], where a simulation knows them."""
+        return None
+
+    @property
+    def quantisation(self) -> float | None:
+        """How far encoders may make the slack look too good [J]."""
+        return None
+
+    def tick(self, now_ns: int) -> bytes | None:
+        """One servo tick; the position message to send, if there is one. Before pairing the device gets no force."""
+        if self.origin_ns is None:
+            if self.endpoint.paired:
+                self.origin_ns = self._last_ns = now_ns
+                self._start(self.device.read()[0])
+                self.ledger = self.coupling.ledger
+            return None
+        message = self._control(now_ns)
+        self._last_ns = now_ns
+        self.ticks += 1
+        if self.ticks % self._record_every == 0:
+            self._write(self._sample(now_ns))
+        return message
+
+    def stop(self) -> None:
+        """Zero force, for good."""
+        self.device.apply((0.0,) * self.device.dof)
+
+    @abstractmethod
+    def _start(self, x: Vector) -> None: ...
+
+    @abstractmethod
+    def _control(self, now_ns: int) -> bytes | None: ...
+
+    @abstractmethod
+    def _sample(self, now_ns: int) -> DeviceSample: ...
+
+    def _periods(self, now_ns: int) -> int:
+        """How many periods a simulated device moves on: more than one if the servo was late."""
+        elapsed = now_ns - self._last_ns
+        return 1 if 2 * elapsed < 3 * self._period_ns else round(elapsed / self._period_ns)
+
+    def _sampled(self, now_ns: int, x: Vector, force: Vector, hand: Vector | None) -> DeviceSample:
+        coupling = self.coupling
+        modulator, ledger = coupling.modulator, coupling.ledger
+        return DeviceSample(
+            now_ns, x, modulator.set_position, coupling.target, force, hand, modulator.energy, modulator.deficit,
+            coupling.potential(x), ledger.sent, ledger.credited, ledger.margin, ledger.slack,
+        )  # fmt: skip
+
+
+class ContinuousDeviceSide(DeviceSide):
+    """A simulated device whose coupling acts continuously: the paper's, with its account at the human's port.
+
+    make_servo : makes the servo's law at a position [m] with a kinetic energy [J].
+    """
+
+    def __init__(
+        self,
+        endpoint: DeviceEndpoint,
+        device: SimulatedDevice,
+        make_servo: Callable[[Vector, float], ContinuousServo],
+        *,
+        period_ns: int,
+        clock: Clock,
+        write: Write,
+        record_every: int = 1,
+    ) -> None:
+        super().__init__(endpoint, device, period_ns=period_ns, clock=clock, write=write, record_every=record_every)
+        self._simulated = device
+        self._make_servo = make_servo
+
+    def _start(self, x: Vector) -> None:
+        device = self._simulated
+        servo = self._servo = self._make_servo(x, device.kinetic)
+        self.endpoint.start(servo)
+        spring = servo.coupling.spring
+        device.couple(spring.K, servo.damping, x, spring.force_limit)
+        device.extremes()
+
+    def _control(self, now_ns: int) -> bytes | None:
+        device, last_ns = self._simulated, self._last_ns
+        work = device.advance()
+        if now_ns - last_ns != self._period_ns:
+            for _ in range(self._periods(now_ns) - 1):
+                work += device.advance()
+        x = device.position
+        dt = (self._clock() - last_ns) * NANO
+        message = self.endpoint.tick_continuous(now_ns, dt, x, device.extremes, work, device.kinetic)
+        if message is not None:
+            device.move_set_position(self._servo.coupling.set_position)
+        return message
+
+    def _sample(self, now_ns: int) -> DeviceSample:
+        device, servo = self._simulated, self._servo
+        x = device.position
+        spring = servo.coupling.spring.force(tuple(map(sub, x, servo.coupling.set_position)))
+        force = tuple([f - b * v for f, b, v in zip(spring, servo.damping, device.velocity, strict=True)])
+        return self._sampled(now_ns, x, force, device.hand_force)
+
+
+class SampledDeviceSide(DeviceSide):
+    """Any device, its torque held from tick to tick, with its account at the actuator's port.
+
+    make_servo : makes the servo's law at a measured position [m].
+    """
+
+    def __init__(
+        self,
+        endpoint: DeviceEndpoint,
+        device: Device,
+        make_servo: Callable[[Vector], SampledServo],
+        *,
+        period_ns: int,
+        clock: Clock,
+        write: Write,
+        record_every: int = 1,
+    ) -> None:
+        super().__init__(endpoint, device, period_ns=period_ns, clock=clock, write=write, record_every=record_every)
+        self._simulated = device if isinstance(device, SimulatedDevice) else None
+        self._make_servo = make_servo
+        self._true_ledger: Ledger | None = None
+
+    @property
+    def true_slack(self) -> float | None:
+        return None if self._true_ledger is None else self._true_ledger.slack_min
+
+    @property
+    def quantisation(self) -> float | None:
+        return self._servo.quantisation if self.origin_ns is not None else None
+
+    def _start(self, x: Vector) -> None:
+        servo = self._servo = self._make_servo(x)
+        self.endpoint.start(servo)
+        self._x = x
+        if self._simulated is not None:
+            self._true_work = MeasuredHarvest(servo.trusted_damping)
+            stored = servo.coupling.potential(self._simulated.position)
+            self._true_ledger = Ledger(stored, servo.coupling.account)
+
+    def _control(self, now_ns: int) -> bytes | None:
+        simulated, servo = self._simulated, self._servo
+        before: Vector = ()
+        if simulated is not None:
+            before = simulated.position
+            for _ in range(self._periods(now_ns)):
+                simulated.advance()
+        self._x, v = self.device.read()
+        dt = (self._clock() - self._last_ns) * NANO
+        held = servo.force
+        message = self.endpoint.tick_sampled(now_ns, dt, self._x, v)
+        self.device.apply(servo.force)
+        if simulated is not None:
+            self._observe_truth(held, before, simulated.position, dt)
+        return message
+
+    def _observe_truth(self, held: Vector, before: Vector, after: Vector, dt: float) -> None:
+        ledger = self._true_ledger
+        assert ledger is not None
+        own = self.coupling.ledger
+        ledger.put_in(self._true_work.hold(held, before, after, dt))
+        ledger.credited, ledger.sent = own.credited, own.sent
+        ledger.observe(self.coupling.potential(after), self._servo.account)
+
+    def _sample(self, now_ns: int) -> DeviceSample:
+        hand = None if self._simulated is None else self._simulated.hand_force
+        return self._sampled(now_ns, self._x, self._servo.force, hand)
+
+
+class WorldSide:
+    """A virtual mass among the contacts of a scene, and its endpoint.
+
+    Parameters
+    ----------
+    endpoint, mass, scene : of this side.
+    make_coupling : makes the coupling at the virtual mass's position, with its kinetic energy, when control starts.
+    rng : draws the steps' lengths.
+    """
+
+    def __init__(
+        self,
+        endpoint: WorldEndpoint,
+        mass: PassiveIntegrator,
+        scene: Scene,
+        make_coupling: Callable[[Vector, float], Coupling],
+        *,
+        rng: np.random.Generator,
+        write: Write,
+    ) -> None:
+        self.endpoint = endpoint
+        self.mass = mass
+        self.scene = scene
+        self.origin_ns: int | None = None
+        self.steps = 0
+        self.longest_step_s = 0.0
+        self.stepped_s = 0.0
+        self._make_coupling = make_coupling
+        self._rng = rng
+        self._write = write
+        self._last_ns = 0
+
+    @property
+    def coupling(self) -> Coupling:
+        return self.endpoint.coupling
+
+    def step(self, now_ns: int) -> bytes | None:
+        """End the running step, whatever it took, and begin the next; the position message to send."""
+        endpoint, mass = self.endpoint, self.mass
+        if self.origin_ns is None:
+            if not endpoint.paired:
+                return None
+            endpoint.start(self._make_coupling(mass.position, mass.kinetic_J))
+            self.origin_ns = self._last_ns = now_ns
+            return endpoint.step(now_ns, 0.0, mass.position, mass.kinetic_J, 0.0, 0.0)
+        dt = (now_ns - self._last_ns) * NANO
+        self._last_ns = now_ns
+        coupling = endpoint.coupling
+        done = mass.step(dt, coupling.set_position, self.scene.contacts)
+        message = endpoint.step(now_ns, dt, done.position, mass.kinetic_J, done.work_J, done.dissipated_J)
+        self.steps += 1
+        self.stepped_s += dt
+        self.longest_step_s = max(self.longest_step_s, dt)
+        ledger, modulator = coupling.ledger, coupling.modulator
+        self._write(
+            WorldSample(
+                now_ns, dt, done.position, mass.velocity, modulator.set_position, coupling.target,
+                done.coupling_force, done.force, done.penetration_m, modulator.energy,
+                coupling.potential(done.position), ledger.sent, ledger.credited, ledger.margin, ledger.slack,
+            )
+        )  # fmt: skip
+        return message
+
+    def next_step_ns(self) -> int:
+        """How long the scene wants the step that has begun to be [ns]."""
+        return max(1, round(self.scene.next_step_s(self._rng) / NANO))

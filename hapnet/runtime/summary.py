@@ -1,0 +1,136 @@
+"""The summary of a run, for machines: one nested dictionary with stable keys; None where something is unknown."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping
+from importlib import metadata
+from typing import Any
+
+from hapnet.endpoint import Endpoint
+from hapnet.runtime.build import Setup
+from hapnet.runtime.sides import DeviceSide, WorldSide
+
+Summary = dict[str, Any]
+
+
+def versions() -> dict[str, str]:
+    """What matters in a bug report."""
+    names = ("hapnet-haptics", "numpy", "eclipse-zenoh", "msgpack", "mcap")
+    found = {name: _version(name) for name in names}
+    return {**found, "python": platform.python_version()}
+
+
+def device_summary(side: DeviceSide, coupling_name: str, servo: Mapping[str, Any] | None = None) -> Summary:
+    """The device's part. `servo`: timing of the servo thread, in real time."""
+    result = _side_summary(side.endpoint, coupling_name)
+    timing = {"ticks": side.ticks, "late_p50_us": None, "late_p99_us": None, "skipped": None}
+    result["servo"] = {**timing, **(servo or {})}
+    result["quantisation_J"] = side.quantisation
+    result["true_slack_J"] = side.true_slack
+    return result
+
+
+def world_summary(side: WorldSide, coupling_name: str) -> Summary:
+    """The world's part."""
+    result = _side_summary(side.endpoint, coupling_name)
+    mean = side.stepped_s / side.steps if side.steps else None
+    result["step"] = {"count": side.steps, "mean_s": mean, "max_s": side.longest_step_s if side.steps else None}
+    return result
+
+
+def combine(
+    device: Summary | None,
+    world: Summary | None,
+    links: Mapping[str, Mapping[str, Any] | None],
+    *,
+    seed: int | None,
+    duration_s: float | None,
+    coupling: str,
+    two_port_J: float | None = None,
+) -> Summary:
+    """One summary of both sides.
+
+    `two_port_J` is the minimum over time of the energy put in at both ports, where one clock saw both. Else the
+    theorem's margin is the sum of both sides' margins, a lower bound of the true one; None with one side only.
+    """
+    sides = [side for side in (device, world) if side is not None]
+    margins = [side["ledger"]["margin_J"] for side in sides]
+    bounds = [side["ledger"]["bound_J"] for side in sides]
+    whole = len(sides) == 2 and None not in margins
+    margin = None
+    if whole:
+        margin = sum(bounds) + two_port_J if two_port_J is not None else sum(margins)
+    return {
+        "theorem": {"margin_J": margin, "bound_J": sum(bounds) if whole else None},
+        "device": device,
+        "world": world,
+        "energy": {"up": _flow(device, world), "down": _flow(world, device)},
+        "links": dict(links),
+        "motion": dict.fromkeys(("free_rms_m", "contact_rms_m", "peak_force_N", "peak_penetration_m", "contacts")),
+        "seed": seed,
+        "duration_s": duration_s,
+        "coupling": coupling,
+        "versions": versions(),
+        "wall_clock": {},
+    }
+
+
+def summarise(
+    setup: Setup, device: DeviceSide, world: WorldSide, up: Any, down: Any, two_port_J: float, *, seed: int
+) -> Summary:
+    """The summary of a simulated run."""
+    params = setup.params
+    return combine(
+        device_summary(device, params.coupling),
+        world_summary(world, params.coupling),
+        {"up": up.as_dict(), "down": down.as_dict()},
+        seed=seed,
+        duration_s=params.duration_s,
+        coupling=params.coupling,
+        two_port_J=two_port_J,
+    )
+
+
+def _side_summary(endpoint: Endpoint, coupling_name: str) -> Summary:
+    session = endpoint.session
+    ledger: dict[str, float | None] = {"margin_J": None, "slack_J": None, "bound_J": None}
+    minimum = deficit = None
+    discarded = 0.0
+    if endpoint.started:
+        coupling = endpoint.coupling
+        account = coupling.ledger
+        ledger = {"margin_J": account.margin_min, "slack_J": account.slack_min, "bound_J": account.bound}
+        discarded = coupling.discarded
+        if coupling_name == "pspm":
+            minimum, deficit = coupling.energy_min, coupling.deficit_max
+    return {
+        "ledger": ledger,
+        "reservoir_min_J": minimum,
+        "deficit_max_J": deficit,
+        "sent_nJ": session.sent_nJ,
+        "credited_nJ": session.credited_nJ,
+        "in_flight_nJ": session.in_flight_nJ,
+        "discarded_nJ": round(discarded * 1e9),
+        "abandoned_nJ": session.abandoned_nJ,
+        "incarnations": session.incarnations,
+        "dropped": dict(session.dropped),
+    }
+
+
+def _flow(sender: Summary | None, receiver: Summary | None) -> dict[str, int | None]:
+    """Shuffled energy one way [nJ]: sent = credited + in flight + abandoned."""
+    if sender is None:
+        credited = None if receiver is None else receiver["credited_nJ"]
+        return {"sent_nJ": None, "credited_nJ": credited, "in_flight_nJ": None, "abandoned_nJ": None}
+    sent, abandoned = sender["sent_nJ"], sender["abandoned_nJ"]
+    credited = None if receiver is None else receiver["credited_nJ"]
+    in_flight = sender["in_flight_nJ"] if credited is None else sent - credited - abandoned
+    return {"sent_nJ": sent, "credited_nJ": credited, "in_flight_nJ": in_flight, "abandoned_nJ": abandoned}
+
+
+def _version(name: str) -> str:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return "not installed"

@@ -1,0 +1,239 @@
+"""Virtual time: both sides and both links in one process, deterministic under one seed, faster than real time.
+
+The clock jumps to whatever is due next. What is due at the same nanosecond runs in a fixed order: deliveries, protocol
+timers, the world's step, the device's tick.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from hapnet.endpoint import NANO, Endpoint
+from hapnet.errors import HapnetError
+from hapnet.metrics import motion
+from hapnet.params import Params
+from hapnet.record import MemoryRecorder, Recording
+from hapnet.runtime.build import Setup, device_session, device_side, prepare, world_session, world_side
+from hapnet.runtime.parcel import FRAME_OVERHEAD, Parcel
+from hapnet.runtime.sides import DeviceSide, WorldSide
+from hapnet.runtime.summary import Summary, summarise, versions
+from netem import Link, LinkProfile
+
+PAIRING_LIMIT_NS = 60_000_000_000
+LINGER_NS = 10_000_000_000
+"""How long after the end the links may still deliver shuffled energy, so that the accounts can be closed."""
+
+
+_UP, _DOWN, _DEVICE_TIMER, _WORLD_TIMER, _STEP, _TICK = range(6)
+"""What can be due, in the order in which it runs at the same nanosecond."""
+
+_NEVER = 2**63
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a simulated run gave."""
+
+    summary: Summary
+    recording: Recording
+    device: DeviceSide
+    world: WorldSide
+    warnings: tuple[str, ...]
+
+
+class TwoPort:
+    """Theorem 1 over both ports: the minimum over time of the energy put in at both, plus d^2.
+
+    For every time T the world's sum runs to the step that has begun by then. A step's work is known at its end, so each
+    is paired with the smallest work of the device's port since it began, both with and without that step.
+    """
+
+    def __init__(self) -> None:
+        self.lowest = 0.0
+        self._device = 0.0
+        self._device_low = 0.0
+        self._world = 0.0
+
+    def device(self, work: float) -> None:
+        """W of the device's port so far [J]."""
+        self._device = work
+        if work < self._device_low:
+            self._device_low = work
+
+    def world(self, work: float) -> None:
+        """W of the world's port so far, its last step included [J]."""
+        self.lowest = min(self.lowest, self._device_low + self._world, self._device_low + work)
+        self._world = work
+        self._device_low = self._device
+
+
+class Simulation:
+    """One run in virtual time.
+
+    Parameters
+    ----------
+    params : what to run. seed : of everything random.
+    progress : called now and then with the simulated seconds since pairing.
+    """
+
+    def __init__(self, params: Params, seed: int = 0, progress: Callable[[float], None] | None = None) -> None:
+        self.seed = seed
+        self.setup: Setup = prepare(params, "continuous")
+        self.now_ns = 0
+        self.two_port = TwoPort()
+        up, down, steps, names = np.random.SeedSequence(seed).spawn(4)
+        meta = {
+            "params": params.as_dict(),
+            "seed": seed,
+            "role": "both",
+            "clock": "virtual",
+            "origin_ns": 0,
+            "surfaces": [surface._asdict() for surface in self.setup.scene.surfaces],
+            "scene": self.setup.scene.name,
+            "versions": versions(),
+        }
+        self._recorder = MemoryRecorder(meta)
+        self._meta = meta
+        incarnations = np.random.default_rng(names).integers(1, 2**63, size=2).tolist()
+        write = self._recorder.write
+        self.device = device_side(self.setup, device_session(self.setup, incarnations[0]), lambda: self.now_ns, write)
+        self.world = world_side(
+            self.setup, world_session(self.setup, incarnations[1]), np.random.default_rng(steps), write
+        )
+        self.up: Link[Parcel] = Link(LinkProfile.parse(params.link.up), seed=up)
+        self.down: Link[Parcel] = Link(LinkProfile.parse(params.link.down), seed=down)
+        self._progress = progress
+        self._period_ns = round(1e9 / params.device.servo_hz)
+        self._due = [_NEVER, _NEVER, 0, 0, 0, self._period_ns]
+
+    def run(self) -> Result:
+        """Run to the end, then let the links deliver what is under way.
+
+        Raises
+        ------
+        HapnetError : the sides did not find each other, or the duration is unlimited.
+        """
+        duration_s = self.setup.params.duration_s
+        if duration_s <= 0.0:
+            raise HapnetError("a simulation needs a duration above 0 s")
+        while not (self.device.endpoint.started and self.world.endpoint.started):
+            if self.now_ns > PAIRING_LIMIT_NS:
+                raise HapnetError(f"the two sides did not find each other within {PAIRING_LIMIT_NS * NANO:.0f} s: "
+                                  f"uplink {self.up.profile}, downlink {self.down.profile}")  # fmt: skip
+            self._advance(_NEVER)
+        start_ns = self.now_ns
+        self._meta["origin_ns"] = start_ns
+        end_ns = start_ns + round(duration_s / NANO)
+        while self._progress is not None and self.now_ns < end_ns:
+            self._until(min(end_ns, self.now_ns + 500_000_000))
+            self._progress((self.now_ns - start_ns) * NANO)
+        self._until(end_ns)
+        self._due[_STEP] = self._due[_TICK] = _NEVER
+        while not self._settled and self.now_ns < end_ns + LINGER_NS:
+            if not self._advance(end_ns + LINGER_NS):
+                break
+        summary = summarise(self.setup, self.device, self.world, self.up.stats, self.down.stats, self.two_port.lowest,
+                            seed=self.seed)  # fmt: skip
+        recording = self._recorder.recording(summary)
+        summary["motion"] = motion(recording)
+        return Result(summary, recording, self.device, self.world, self.setup.warnings)
+
+    @property
+    def _settled(self) -> bool:
+        return self.device.endpoint.session.settled and self.world.endpoint.session.settled
+
+    def _until(self, end_ns: int) -> None:
+        due = self._due
+        while (at := min(due)) <= end_ns:
+            if due.index(at) == _TICK:
+                self._ticks(end_ns)
+            else:
+                self._advance(end_ns)
+        self.now_ns = end_ns
+
+    def _advance(self, end_ns: int) -> bool:
+        """Jump to what is due next and run it; False if nothing is due by `end_ns`."""
+        due = self._due
+        at = min(due)
+        if at > end_ns:
+            return False
+        source = due.index(at)
+        now = self.now_ns = max(self.now_ns, at)
+        if source == _TICK:
+            self._ticks(now)
+        elif source == _STEP:
+            self._step()
+        elif source == _UP:
+            for _, parcel in self.up.poll(now):
+                self.world.endpoint.receive(now, parcel.data)
+            self._look_at_world()
+        elif source == _DOWN:
+            for _, parcel in self.down.poll(now):
+                self.device.endpoint.receive(now, parcel.data)
+            self._look_at_device()
+        elif source == _DEVICE_TIMER:
+            self._poll(self.device.endpoint, self.up)
+            self._look_at_device()
+        else:
+            self._poll(self.world.endpoint, self.down)
+            self._look_at_world()
+        return True
+
+    def _look_at_device(self) -> None:
+        """Something happened on the device's side: when are its timers, and the links it touches, due now?"""
+        self._due[_DEVICE_TIMER] = _or_never(self.device.endpoint.next_due_ns)
+        self._due[_UP] = _or_never(self.up.next_due_ns)
+        self._due[_DOWN] = _or_never(self.down.next_due_ns)
+
+    def _look_at_world(self) -> None:
+        self._due[_WORLD_TIMER] = _or_never(self.world.endpoint.next_due_ns)
+        self._due[_UP] = _or_never(self.up.next_due_ns)
+        self._due[_DOWN] = _or_never(self.down.next_due_ns)
+
+    def _poll(self, endpoint: Endpoint, link: Link[Parcel]) -> None:
+        outgoing, _ = endpoint.poll(self.now_ns)
+        for message in outgoing:
+            self._send(link, message.kind, message.data)
+
+    def _send(self, link: Link[Parcel], kind: str, data: bytes) -> None:
+        link.send(self.now_ns, Parcel(kind, data), size=len(data) + FRAME_OVERHEAD)
+
+    def _step(self) -> None:
+        world = self.world
+        message = world.step(self.now_ns)
+        if message is None:
+            self._due[_STEP] = self.now_ns + self._period_ns  # not paired yet
+            return
+        self._send(self.down, "position", message)
+        self._due[_STEP] = self.now_ns + world.next_step_ns()
+        self.two_port.world(world.endpoint.coupling.ledger.work)
+        self._look_at_world()
+
+    def _ticks(self, end_ns: int) -> None:
+        """Ticks, the most frequent event by far, until something else is due or `end_ns` is reached."""
+        device, due, two_port = self.device, self._due, self.two_port
+        now = due[_TICK]
+        others_ns = min(due[:_TICK])
+        while now <= end_ns and now < others_ns:
+            self.now_ns = now
+            message = device.tick(now)
+            if message is not None:
+                self._send(self.up, "position", message)
+                self._look_at_device()
+                others_ns = min(due[:_TICK])
+            if device.ledger is not None:
+                two_port.device(device.ledger.work)
+            now += self._period_ns
+        due[_TICK] = now
+
+
+def _or_never(due_ns: int | None) -> int:
+    return _NEVER if due_ns is None else due_ns
+
+
+def simulate(params: Params | None = None, seed: int = 0, progress: Callable[[float], None] | None = None) -> Result:
+    """Run both sides and both links in virtual time; see `Simulation`."""
+    return Simulation(params or Params(), seed, progress).run()

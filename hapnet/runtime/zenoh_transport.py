@@ -1,0 +1,425 @@
+"""Zenoh between the two sides: bytes out on three keys, bytes in on three, and nothing that blocks a servo.
+
+Keys are ``hapnet/<session>/<device>/{up,down}/{position,energy,control}``; up is from the device. All are best effort,
+express, of the highest priority, and dropped on congestion: what must not be lost, the energy channel repeats itself.
+
+Threads: `ZenohTransport.put` may be called from any. What arrives is handed over on Zenoh's own receiving threads,
+where nothing may block.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import atexit
+import contextlib
+import json
+import logging
+import re
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, TypeVar
+
+import zenoh
+
+from hapnet.errors import InvalidParameter, TransportError
+
+_log = logging.getLogger(__name__)
+
+KINDS = ("position", "energy", "control")
+"""The kinds of message, each a key of its own."""
+
+_T = TypeVar("_T")
+
+Mode = Literal["peer", "client", "router"]
+Role = Literal["device", "world"]
+
+EXIT_TIMEOUT_S = 2.0
+"""How long an interpreter that exits without `close` waits for Zenoh to close [s]."""
+
+_MODES = ("peer", "client", "router")
+_DIRECTION = {"device": "up", "world": "down"}
+_OTHER: dict[Role, Role] = {"device": "world", "world": "device"}
+
+_ANY_PORT = "tcp/[::]:0"
+_PROTOCOLS = "tcp, udp, tls, quic, ws or unixsock-stream"
+_ENDPOINT = re.compile(
+    r"(?:(?:tcp|udp|tls|quic|ws)/(?:\[[^\]/]+\]|[^\s:/?#\[\]]+):(?P<port>\d{1,5})|unixsock-stream/[^\s?#]+)"
+    r"(?:\?[^\s#]*)?(?:#\S*)?"
+)
+
+# What suits a stream of small messages at 1 kHz; each replaces Zenoh's own default, never what a file sets otherwise.
+_DEFAULTS: dict[str, object] = {
+    "scouting/gossip/enabled": False,
+    "scouting/multicast/autoconnect_strategy": {"peer": {"to_peer": "greater-zid"}},  # only one of two peers dials
+    "connect/timeout_ms": 1000,
+    "connect/exit_on_failure": False,
+    "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},
+    "transport/shared_memory/enabled": False,
+    "transport/unicast/open_timeout": 1000,
+    "transport/unicast/accept_timeout": 1000,
+    "transport/link/tx/lease": 2000,
+    "transport/link/tx/queue/size/real_time": 16,  # with 2, express messages are lost when the processor is busy
+    "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 0,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class ZenohSettings:
+    """What Zenoh's own tools take as flags.
+
+    Attributes
+    ----------
+    mode : peer, client (of a router) or router. None: what the file says, else peer.
+    connect : endpoints to dial, such as ``tcp/192.168.0.2:17447``. Only one of two sides should dial.
+    listen : endpoints to listen on. None given: a side that dials does not listen.
+    config : path of a Zenoh configuration file, JSON5 or YAML.
+    multicast_scouting : find peers on the local network by multicast.
+    cfg : ``KEY:JSON5`` overrides, applied last.
+    """
+
+    mode: Mode | None = None
+    connect: tuple[str, ...] = ()
+    listen: tuple[str, ...] = ()
+    config: str | None = None
+    multicast_scouting: bool = False
+    cfg: tuple[str, ...] = ()
+
+
+def zenoh_config(settings: ZenohSettings) -> zenoh.Config:
+    """Zenoh's configuration for these settings: file, then flags, then `cfg`; hapnet's defaults where none says a word.
+
+    Raises
+    ------
+    InvalidParameter : a mode, endpoint or override that Zenoh would not take, or nowhere to dial, listen or scout.
+    TransportError : the file cannot be read, or is not a Zenoh configuration.
+    """
+    if settings.mode is not None and settings.mode not in _MODES:
+        raise InvalidParameter("mode", settings.mode, "one of " + ", ".join(_MODES))
+    for name, endpoints in (("connect", settings.connect), ("listen", settings.listen)):
+        for endpoint in endpoints:
+            _check_endpoint(name, endpoint)
+    plain = zenoh.Config()
+    try:
+        config = zenoh.Config() if settings.config is None else zenoh.Config.from_file(settings.config)
+    except zenoh.ZError as error:
+        raise TransportError(f"config file {settings.config!r} is not usable: {_reason(error)}") from None
+
+    def untouched(key: str) -> bool:
+        return bool(config.get_json(key) == plain.get_json(key))
+
+    def insert(key: str, value: object) -> None:
+        config.insert_json5(key, json.dumps(value))
+
+    for key, value in _DEFAULTS.items():
+        if untouched(key):
+            insert(key, value)
+    if settings.mode is not None or untouched("mode"):
+        insert("mode", settings.mode or "peer")
+    if settings.multicast_scouting or untouched("scouting/multicast/enabled"):
+        insert("scouting/multicast/enabled", settings.multicast_scouting)
+    if settings.connect:
+        insert("connect/endpoints", settings.connect)
+    if settings.listen or untouched("listen/endpoints"):
+        # Zenoh's default would listen on every interface
+        scouts_only = settings.multicast_scouting and not settings.connect and settings.mode != "client"
+        insert("listen/endpoints", settings.listen or ([_ANY_PORT] if scouts_only else []))
+    for item in settings.cfg:
+        key, colon, text = item.partition(":")
+        try:
+            if not colon:
+                raise InvalidParameter("cfg", item, "KEY:JSON5, such as transport/link/tx/lease:2000")
+            config.insert_json5(key, text)
+        except zenoh.ZError as error:
+            raise InvalidParameter("cfg", item, f"KEY:JSON5 that Zenoh accepts ({_reason(error)})") from None
+    nowhere = all(_endpoints(config, side) == [] for side in ("connect", "listen"))
+    if nowhere and config.get_json("scouting/multicast/enabled") != "true":
+        raise InvalidParameter(
+            "connect", settings.connect, "an endpoint to dial or to listen on, or multicast scouting"
+        )
+    return config
+
+
+class ZenohTransport:
+    """One side's connection: `put` sends a message of a kind, `on_message` gets each one that arrives.
+
+    Parameters
+    ----------
+    settings : how to reach the other side.
+    on_message : called as ``on_message(kind, data)`` on one of Zenoh's threads; must not block.
+        An exception in it is logged once and counted in `callback_errors`.
+    session, device : names in the keys, without any of ``/ # ? $ *``; both sides give the same.
+    role : which side this is.
+    on_change : called on the loop when a link or the other side came or went.
+
+    Attributes
+    ----------
+    failed_puts : messages that Zenoh did not take (not open yet, closed).
+    callback_errors : exceptions out of `on_message`.
+
+    Raises
+    ------
+    InvalidParameter, TransportError : as `zenoh_config`, and for names that no key can contain.
+    """
+
+    def __init__(
+        self,
+        settings: ZenohSettings,
+        on_message: Callable[[str, bytes], None],
+        *,
+        session: str = "default",
+        device: str = "device",
+        role: Role = "device",
+        on_change: Callable[[], None] | None = None,
+    ) -> None:
+        if role not in _DIRECTION:
+            raise InvalidParameter("role", role, "one of " + ", ".join(_DIRECTION))
+        prefix = f"hapnet/{_check_name('session', session)}/{_check_name('device', device)}"
+        self.role: Role = role
+        self._mine = f"{prefix}/{_DIRECTION[role]}"
+        self._theirs = f"{prefix}/{_DIRECTION[_OTHER[role]]}"
+        self._config = zenoh_config(settings)
+        self._on_message, self._on_change = on_message, on_change
+        self._lock = threading.Lock()
+        self._closing = threading.Event()
+        self._session: zenoh.Session | None = None
+        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._token: zenoh.LivelinessToken | None = None
+        self._partners: set[str] = set()
+        self._changed, self._closed = asyncio.Event(), asyncio.Event()
+        self._keeper: threading.Thread | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self.failed_puts = 0
+        self.callback_errors = 0
+
+    async def open(self) -> None:
+        """Open once. A peer returns within a second, connected or not; a client when its router answers.
+
+        Raises
+        ------
+        TransportError : Zenoh cannot be opened: an address in use, a certificate missing, and so on.
+        """
+        loop = self._loop = asyncio.get_running_loop()
+        opened: asyncio.Future[None] = loop.create_future()
+        self._keeper = threading.Thread(target=self._keep_session, args=(opened,), name="zenoh", daemon=True)
+        self._keeper.start()
+        try:
+            await opened
+        except asyncio.CancelledError:
+            self._closing.set()
+            raise
+
+    async def close(self, timeout_s: float = 2.0) -> bool:
+        """Close for good; False if Zenoh was not done in time (it can take 10 s under loss, and goes on alone)."""
+        self._closing.set()
+        try:
+            if self._keeper is not None:
+                await asyncio.wait_for(self._closed.wait(), timeout_s)
+        except TimeoutError:
+            _log.warning("Zenoh did not close within %g s", timeout_s)
+            return False
+        return True
+
+    def put(self, kind: str, data: bytes) -> bool:
+        """Send; from any thread. Never blocks, and never raises for a lost link. False if Zenoh did not take it."""
+        publisher = self._publishers.get(kind)
+        if publisher is not None:
+            try:
+                publisher.put(data)
+                return True
+            except zenoh.ZError:
+                pass
+        elif kind not in KINDS:
+            raise InvalidParameter("kind", kind, "one of " + ", ".join(KINDS))
+        with self._lock:
+            self.failed_puts += 1
+        return False
+
+    @property
+    def peers(self) -> int:
+        """How many Zenoh nodes this one is connected to now: the other side, or a router, or strangers too."""
+        session = self._session
+        return 0 if session is None else len(session.info.transports())
+
+    @property
+    def partners(self) -> int:
+        """How many processes play the other side under these names now: 1 when all is well."""
+        return len(self._partners)
+
+    @property
+    def status(self) -> str:
+        """What this side is doing, in words: whom it waits for, and where."""
+        if self._closing.is_set():
+            return "closed"
+        other = _OTHER[self.role]
+        if self._partners:
+            return f"connected to the {other}" if self.partners == 1 else f"{self.partners} of the {other} answer"
+        if self.peers:
+            return f"connected to {self.peers} Zenoh node{'s' * (self.peers > 1)}, no {other} on {self._theirs} yet"
+        return _where(self._config) + ", no peer yet"
+
+    async def wait_for_partner(self) -> None:
+        """Return when the other side is there and its subscriptions are known: from now on puts reach it."""
+        while not self._partners:
+            self._changed.clear()
+            await self._changed.wait()
+
+    # On the keeper's thread, since opening and closing block; a daemon, since an exit would wait for any other.
+
+    def _keep_session(self, opened: asyncio.Future[None]) -> None:
+        # A callback into an interpreter that is going away aborts the process: close before that.
+        atexit.register(self._at_exit)
+        try:
+            self._connect()
+        except BaseException as error:
+            self._post(_settle, opened, error)
+        else:
+            self._post(_settle, opened, None)
+            self._closing.wait()
+            self._disconnect()
+        atexit.unregister(self._at_exit)
+        self._post(self._closed.set)
+
+    def _at_exit(self) -> None:
+        self._closing.set()
+        if self._keeper is not None:
+            self._keeper.join(EXIT_TIMEOUT_S)
+
+    def _connect(self) -> None:
+        session = self._open_session()
+        try:
+            publishers = {kind: _publisher(session, f"{self._mine}/{kind}") for kind in KINDS}
+            for kind in KINDS:
+                session.declare_subscriber(f"{self._theirs}/{kind}", _direct(self._receiver(kind)))
+            # the token comes after the subscribers: who sees it knows them
+            session.liveliness().declare_subscriber(f"{self._theirs}/*", _direct(self._on_token), history=True)
+            self._token = session.liveliness().declare_token(f"{self._mine}/{session.zid()}")
+            session.info.declare_transport_events_listener(_direct(self._on_link), history=True)
+        except zenoh.ZError as error:
+            _close(session)
+            raise TransportError(f"cannot use Zenoh ({_where(self._config)}): {_reason(error)}") from None
+        with self._lock:
+            self._session, self._publishers = session, publishers
+
+    def _open_session(self) -> zenoh.Session:
+        while True:
+            try:
+                return zenoh.open(self._config)
+            except zenoh.ZError as error:
+                # A client, unlike a peer, gives up when its router isn't there yet.
+                if "Unable to connect" not in str(error) or self._closing.wait(0.1):
+                    raise TransportError(f"cannot open Zenoh ({_where(self._config)}): {_reason(error)}") from None
+
+    def _disconnect(self) -> None:
+        with self._lock:
+            session, self._session, self._publishers = self._session, None, {}
+        if session is not None:
+            _close(session)
+
+    # On Zenoh's threads
+
+    def _receiver(self, kind: str) -> Callable[[zenoh.Sample], None]:
+        on_message = self._on_message
+
+        def receive(sample: zenoh.Sample) -> None:
+            try:
+                on_message(kind, sample.payload.to_bytes())
+            except Exception:
+                with self._lock:
+                    self.callback_errors += 1
+                    first = self.callback_errors == 1
+                if first:
+                    _log.exception("on_message failed for a %s message; further failures are only counted", kind)
+
+        return receive
+
+    def _on_link(self, event: zenoh.TransportEvent) -> None:
+        self._notify()
+
+    def _on_token(self, sample: zenoh.Sample) -> None:
+        key = str(sample.key_expr)
+        if sample.kind == zenoh.SampleKind.PUT:
+            self._partners.add(key)
+        else:
+            self._partners.discard(key)
+        self._notify()
+
+    def _notify(self) -> None:
+        self._post(self._tell)
+
+    def _post(self, call: Callable[..., object], *args: object) -> None:
+        assert self._loop is not None
+        with contextlib.suppress(RuntimeError):  # the loop is closed: nobody is left to tell
+            self._loop.call_soon_threadsafe(call, *args)
+
+    def _tell(self) -> None:
+        self._changed.set()
+        if self._on_change is not None:
+            self._on_change()
+
+
+def _settle(future: asyncio.Future[None], error: BaseException | None) -> None:
+    if future.cancelled():
+        return
+    if error is None:
+        future.set_result(None)
+    else:
+        future.set_exception(error)
+
+
+def _close(session: zenoh.Session) -> None:
+    close: Callable[[], None] = session.close  # zenoh's stub leaves its type out
+    close()
+
+
+def _publisher(session: zenoh.Session, key: str) -> zenoh.Publisher:
+    return session.declare_publisher(
+        key,
+        congestion_control=zenoh.CongestionControl.DROP,
+        priority=zenoh.Priority.REAL_TIME,
+        express=True,
+        reliability=zenoh.Reliability.BEST_EFFORT,
+    )
+
+
+def _direct(f: Callable[[_T], None]) -> zenoh.handlers.Callback[_T]:
+    """A callback on Zenoh's own thread: a default one costs a thread that keeps the interpreter from exiting."""
+    return zenoh.handlers.Callback(f, indirect=False)
+
+
+def _check_name(name: str, value: str) -> str:
+    if not value or not value.isprintable() or set(value) & set("/#?$* "):
+        raise InvalidParameter(name, value, "a name without spaces or any of / # ? $ *")
+    return value
+
+
+def _check_endpoint(name: str, value: str) -> None:
+    match = _ENDPOINT.fullmatch(value)
+    if match is None or int(match["port"] or 0) > 65535:
+        allowed = f"PROTOCOL/ADDRESS:PORT, such as tcp/127.0.0.1:17447, the protocol {_PROTOCOLS}"
+        raise InvalidParameter(name, value, allowed)
+
+
+def _endpoints(config: zenoh.Config, side: str) -> object:
+    """A list of endpoints; in a file it may also be a table by mode, or a list of lists."""
+    return json.loads(config.get_json(f"{side}/endpoints"))
+
+
+def _where(config: zenoh.Config) -> str:
+    words = []
+    for side, verb in (("listen", "listening on"), ("connect", "dialling")):
+        endpoints = _endpoints(config, side)
+        if isinstance(endpoints, list) and endpoints:
+            words.append(f"{verb} {', '.join(map(str, endpoints))}")
+        elif endpoints:
+            words.append(f"{verb} {json.dumps(endpoints)}")
+    if config.get_json("scouting/multicast/enabled") == "true":
+        words.append("scouting by multicast")
+    return ", ".join(words)
+
+
+def _reason(error: zenoh.ZError) -> str:
+    """What Zenoh says, in one line, without the places in its source and the names of its error types."""
+    text = " ".join(re.sub(r" at \S+\.rs:\d+\.?", "", str(error)).split())
+    inner = re.search(r'msg: "(.*)", location', text) or re.search(r'Str\("(.*)"\)', text)
+    return (inner[1] if inner else text).replace("\\n", " ").strip()

@@ -1,0 +1,324 @@
+from __future__ import annotations
+
+import ctypes
+import gc
+import itertools
+import math
+import subprocess
+import sys
+import textwrap
+import threading
+from collections.abc import Callable
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hapnet.errors import InvalidParameter
+from hapnet.runtime.servo import DeadlineGrid, Histogram, Servo, request_realtime, set_timer_slack, tuned_interpreter
+
+MS = 1_000_000
+WAIT_S = 10.0
+
+
+class VirtualTime:
+    """A clock that only `sleep` and `spend` move, with a fixed oversleep."""
+
+    def __init__(self, oversleep_ns: int = 0) -> None:
+        self.now_ns = 123_456_789
+        self.oversleep_ns = oversleep_ns
+
+    def clock(self) -> int:
+        return self.now_ns
+
+    def sleep(self, seconds: float) -> None:
+        self.now_ns += round(seconds * 1e9) + self.oversleep_ns
+
+    def spend(self, ns: int) -> None:
+        self.now_ns += ns
+
+
+def run_virtual(
+    costs_ns: list[int], *, oversleep_ns: int = 0, period_ns: int = MS
+) -> tuple[list[int], Servo, VirtualTime]:
+    """Run one tick for each cost, which is the time that the tick takes; return when the ticks were called."""
+    time = VirtualTime(oversleep_ns)
+    called: list[int] = []
+
+    def tick(now_ns: int) -> None:
+        time.spend(costs_ns[len(called)])
+        called.append(now_ns)
+        if len(called) == len(costs_ns):
+            servo.stop()
+
+    servo = Servo(period_ns, tick, clock=time.clock, sleep=time.sleep)
+    assert servo.start() is None
+    servo.stop()
+    assert not servo.running
+    assert servo.error is None
+    return called, servo, time
+
+
+# The grid
+
+
+@given(
+    start=st.integers(-(10**18), 10**18),
+    period=st.integers(1, 10**9),
+    elapsed=st.lists(st.integers(0, 10**10), max_size=30),
+)
+def test_grid_takes_the_first_grid_point_not_passed_and_counts_the_others(
+    start: int, period: int, elapsed: list[int]
+) -> None:
+    grid = DeadlineGrid(start, period)
+    now = start
+    for i, step in enumerate(elapsed, 1):
+        now += step
+        before = grid.deadline_ns
+        missed = grid.advance(now)
+        assert (grid.deadline_ns - start) % period == 0
+        assert grid.deadline_ns >= now
+        assert grid.deadline_ns > before
+        assert grid.deadline_ns == before + period or grid.deadline_ns - period < now
+        assert missed == (grid.deadline_ns - before) // period - 1
+        assert grid.deadline_ns == start + (i + grid.skipped) * period
+
+
+def test_grid_in_time_skips_nothing_even_when_a_tick_ends_exactly_on_the_next_deadline() -> None:
+    grid = DeadlineGrid(0, 10)
+    assert [grid.advance(now) for now in (9, 20, 31)] == [0, 0, 1]
+    assert grid.deadline_ns == 40
+
+
+@pytest.mark.parametrize("period", [0, -1])
+def test_a_period_must_be_positive(period: int) -> None:
+    with pytest.raises(InvalidParameter, match=f"period_ns is {period}; allowed: a positive"):
+        DeadlineGrid(0, period)
+    with pytest.raises(InvalidParameter, match="period_ns"):
+        Servo(period, lambda now_ns: None)
+
+
+# The histogram
+
+
+@given(values=st.lists(st.integers(0, 2**41), min_size=1), q=st.floats(0.0, 1.0))
+def test_quantile_is_the_nearest_rank_to_one_part_in_32(values: list[int], q: float) -> None:
+    histogram = Histogram()
+    for value in values:
+        histogram.add(value)
+    rank = max(1, math.ceil(q * len(values)))
+    exact = sorted(values)[rank - 1]
+    found = histogram.quantile(q)
+    assert found is not None
+    assert exact <= found <= exact + exact / 32
+    assert found <= histogram.max == max(values)
+    assert histogram.total == len(values)
+
+
+def test_histogram_does_not_grow_and_takes_any_integer() -> None:
+    histogram = Histogram()
+    assert histogram.quantile(0.5) is None
+    size = len(histogram._counts)
+    for value in (-5, 0, 2**42 - 1, 2**42, 2**80):
+        histogram.add(value)
+    assert len(histogram._counts) == size
+    assert histogram.total == 5
+    assert histogram.quantile(0.2) == 0
+    assert histogram.quantile(1.0) == histogram.max == 2**80
+
+
+# The servo in virtual time
+
+
+@given(st.lists(st.integers(0, 5 * MS), min_size=1, max_size=20))
+def test_ticks_are_called_on_grid_points_only_and_never_in_a_burst(costs_ns: list[int]) -> None:
+    called, servo, _ = run_virtual(costs_ns)
+    gaps = [b - a for a, b in itertools.pairwise(called)]
+    assert gaps == [max(1, math.ceil(cost / MS)) * MS for cost in costs_ns[:-1]]
+    stats = servo.stats()
+    assert stats.ticks == len(costs_ns)
+    assert stats.skipped == sum(max(0, math.ceil(cost / MS) - 1) for cost in costs_ns)
+    assert (stats.late_p50_us, stats.late_p99_us, stats.late_max_us) == (0.0, 0.0, 0.0)
+
+
+def test_oversleep_is_lateness_and_does_not_accumulate() -> None:
+    called, servo, _ = run_virtual([0] * 1000, oversleep_ns=50_000)
+    assert called[-1] - called[0] == 999 * MS
+    stats = servo.stats()
+    assert (stats.ticks, stats.skipped) == (1000, 0)
+    assert stats.late_max_us == 50.0
+    assert stats.late_p50_us == stats.late_p99_us == 50.0
+
+
+def test_before_the_first_tick_there_is_no_lateness() -> None:
+    stats = Servo(MS, lambda now_ns: None).stats()
+    assert (stats.ticks, stats.skipped, stats.late_p50_us, stats.late_max_us) == (0, 0, None, None)
+
+
+# How it ends
+
+
+def test_stop_calls_safe_once_after_the_last_tick_and_may_be_repeated() -> None:
+    events: list[str] = []
+    ticked = threading.Event()
+
+    def tick(now_ns: int) -> None:
+        events.append("tick")
+        ticked.set()
+
+    servo = Servo(MS, tick, safe=lambda: events.append("safe"))
+    servo.start()
+    assert ticked.wait(WAIT_S)
+    servo.stop()
+    servo.stop()
+    assert events.count("safe") == 1
+    assert events[-1] == "safe"
+    assert not servo.running
+
+
+def test_stop_before_start_ends_it_before_a_tick() -> None:
+    events: list[str] = []
+    servo = Servo(MS, lambda now_ns: events.append("tick"), safe=lambda: events.append("safe"))
+    servo.stop()
+    servo.start()
+    servo.stop()
+    assert events == ["safe"]
+
+
+def test_an_exception_in_tick_makes_safe_first_then_tells_the_owner() -> None:
+    events: list[object] = []
+    told = threading.Event()
+    error = ZeroDivisionError("in tick")
+
+    def tick(now_ns: int) -> None:
+        raise error
+
+    def on_error(exc: BaseException) -> None:
+        events.append(exc)
+        told.set()
+
+    servo = Servo(MS, tick, safe=lambda: events.append("safe"), on_error=on_error)
+    servo.start()
+    assert told.wait(WAIT_S)
+    servo.stop()
+    assert events == ["safe", error]
+    assert servo.error is error
+    assert servo.stats().ticks == 1
+
+
+def test_a_failing_safe_is_reported_and_does_not_hide_the_first_error(caplog: pytest.LogCaptureFixture) -> None:
+    def fail(error: Exception) -> Callable[..., None]:
+        def call(*_: object) -> None:
+            raise error
+
+        return call
+
+    first, second = ValueError("tick"), OSError("safe")
+    reported: list[BaseException] = []
+    servo = Servo(MS, fail(first), safe=fail(second), on_error=reported.append)
+    servo.start()
+    servo._thread.join(WAIT_S)
+    assert reported == [first]
+    assert "safe() failed" in caplog.text
+
+    servo = Servo(MS, lambda now_ns: servo.stop(), safe=fail(second), on_error=reported.append)
+    servo.start()
+    servo.stop()
+    assert reported == [first, second]
+
+
+def test_an_interpreter_that_exits_makes_safe_first() -> None:
+    program = """
+        import threading
+        from hapnet.runtime.servo import Servo
+        ticked = threading.Event()
+        Servo(1_000_000, lambda now_ns: ticked.set(), safe=lambda: print("safe", flush=True)).start()
+        assert ticked.wait(10)
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True, timeout=WAIT_S, check=True
+    )
+    assert (done.stdout, done.stderr) == ("safe\n", "")
+
+
+# What is asked of the machine
+
+
+def test_realtime_is_granted_or_refused_in_one_line() -> None:
+    # in a process of its own: locked memory and SCHED_FIFO would stay with this one
+    program = """
+        import os, sys, threading
+        from hapnet.runtime.servo import Servo
+        policies, ticked = [], threading.Event()
+        def tick(now_ns):
+            policies.append(os.sched_getscheduler(0))
+            ticked.set()
+        servo = Servo(1_000_000, tick, realtime=True)
+        refusal = servo.start()
+        assert ticked.wait(10) and servo.error is None
+        servo.stop()
+        fifo = policies[0] == os.SCHED_FIFO
+        assert os.sched_getscheduler(0) == os.SCHED_OTHER
+        assert fifo == ("SCHED_FIFO" not in (refusal or "")), refusal
+        locked = [line.split()[1] for line in open("/proc/self/status") if line.startswith("VmLck")][0] != "0"
+        assert locked == ("locked memory" not in (refusal or "")), refusal
+        assert refusal is None or "\\n" not in refusal
+    """
+    subprocess.run([sys.executable, "-c", textwrap.dedent(program)], timeout=WAIT_S, check=True)
+
+
+def test_realtime_refused_says_what_is_needed(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Libc:
+        @staticmethod
+        def mlockall(flags: int) -> int:
+            return -1
+
+    def refuse(*_: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr("os.sched_setscheduler", refuse)
+    monkeypatch.setattr("ctypes.CDLL", lambda *_, **__: Libc)
+    line = request_realtime()
+    assert line is not None
+    assert "SCHED_FIFO: Operation not permitted (needs CAP_SYS_NICE" in line
+    assert "locked memory: " in line
+    assert "\n" not in line
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="timer slack is Linux's")
+def test_timer_slack_is_set_for_the_calling_thread_only() -> None:
+    libc = ctypes.CDLL(None)
+    get_timerslack = 30
+    before = libc.prctl(get_timerslack, 0, 0, 0, 0)
+    seen: list[object] = []
+
+    def thread() -> None:
+        seen.append(set_timer_slack())
+        seen.append(libc.prctl(get_timerslack, 0, 0, 0, 0))
+
+    worker = threading.Thread(target=thread)
+    worker.start()
+    worker.join()
+    assert seen == [True, 1]
+    assert libc.prctl(get_timerslack, 0, 0, 0, 0) == before
+
+
+def test_tuned_interpreter_collects_only_when_asked_and_restores_everything() -> None:
+    class Node:
+        itself: Node
+
+    interval = sys.getswitchinterval()
+    assert gc.isenabled()
+    frozen = gc.get_freeze_count()
+    with tuned_interpreter() as collect:
+        assert sys.getswitchinterval() == pytest.approx(1e-4)
+        assert not gc.isenabled()
+        assert gc.get_freeze_count() > frozen
+        collect()
+        node = Node()
+        node.itself = node
+        del node
+        assert collect() >= 1
+    assert sys.getswitchinterval() == interval
+    assert gc.isenabled()
+    assert gc.get_freeze_count() == 0
