@@ -61,7 +61,7 @@ class OperatorParams:
     stiffness: float = _p(135.0, "[N/m]")
     amplitude_m: float = _p(0.03, "of the sine [m]")
     frequency_hz: float = _p(0.5, "of the sine [Hz]")
-    start_m: float = _p(-0.01, "where the press begins, along the wall's normal [m]")
+    start_m: float = _p(0.0, "where the press begins, along the wall's normal [m]")
     goal_m: float = _p(0.04, "where the press wants to go, along the wall's normal [m]")
     reach_s: float = _p(1.0, "duration of a way of the press [s]")
     hold_s: float = _p(1.5, "how long the press is held [s]")

@@ -145,10 +145,12 @@ def compose(
     loss: str | None = None,
     reorder: str | None = None,
     rate: str | None = None,
+    base: LinkProfile | None = None,
 ) -> LinkProfile:
     """One profile from a command's options, values as tc writes them: ``"40ms"``, ``"10ms 25%"``, ``"gemodel 1% 20%"``.
 
-    Options override a preset; beside `words` they may only add what the words leave out.
+    Options override a preset; beside `words` they may only add what the words leave out. Without words and preset they
+    change `base` (by default a link that does nothing).
 
     Raises
     ------
@@ -156,7 +158,10 @@ def compose(
     """
     if words is not None and preset is not None:
         raise ProfileError("profile name", preset, "either the profile's name or its words, not both")
-    profile = LinkProfile.parse(words) if words is not None else LinkProfile.preset(preset or "ideal")
+    if words is not None:
+        profile = LinkProfile.parse(words)
+    else:
+        profile = LinkProfile.preset(preset) if preset is not None else base or LinkProfile()
     said = {_ALIASES.get(word, word) for word in (words or "").split()}
     said |= ({"jitter"} if "delay" in said else set()) | ({"reorder"} if "gap" in said else set())
     fields: dict[str, object] = {}

@@ -41,11 +41,13 @@ class MeasuredHarvest:
     Parameters
     ----------
     trusted_damping : a lower bound of the device's own damping [Ns/m] an axis that may be harvested too; 0 if unknown.
+    resolution : of the encoder [m]: chatter of one count is not motion that a damper feels.
     """
 
-    __slots__ = ("_trusted", "work")
+    __slots__ = ("_resolution", "_trusted", "work")
 
-    def __init__(self, trusted_damping: Vector) -> None:
+    def __init__(self, trusted_damping: Vector, resolution: float = 0.0) -> None:
+        self._resolution = resolution
         self._trusted = trusted_damping if any(trusted_damping) else None
         self.work = 0.0
         """Energy put in at the actuator's port since the last `take` [J]."""
@@ -58,7 +60,8 @@ class MeasuredHarvest:
         travel = tuple(map(sub, end, start))
         work: float = -sum(map(mul, torque, travel))
         if self._trusted is not None and period > 0.0:
-            work += sum(b * dx * dx for b, dx in zip(self._trusted, travel, strict=True)) / period
+            low, high = tuple(map(min, start, end)), tuple(map(max, start, end))
+            work += dissipated_by_range(self._trusted, low, high, period, self._resolution)
         self.work += work
         return work
 

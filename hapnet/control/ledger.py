@@ -27,7 +27,8 @@ class Ledger:
     """
 
     __slots__ = (
-        "_carry", "_sent_carry", "bound", "credited", "margin", "margin_min", "sent", "slack", "slack_min", "work",
+        "_carry", "_credited_carry", "_sent_carry", "bound", "credited", "margin", "margin_min", "sent", "slack",
+        "slack_min", "work",
     )  # fmt: skip
 
     def __init__(self, stored: float, reservoir: float) -> None:
@@ -39,19 +40,15 @@ class Ledger:
         self.margin = self.margin_min = self.bound
         self.slack = 0.0
         self.slack_min = math.inf
-        self._carry = 0.0
-        self._sent_carry = 0.0
+        self._carry = self._sent_carry = self._credited_carry = 0.0
 
     def credit(self, energy: float) -> None:
         """Energy received from the other side, each joule once."""
-        self.credited += energy
+        self.credited, self._credited_carry = _added(self.credited, energy, self._credited_carry)
 
     def send(self, energy: float) -> None:
         """Energy shuffled to the other side."""
-        term = energy - self._sent_carry
-        total = self.sent + term
-        self._sent_carry = (total - self.sent) - term
-        self.sent = total
+        self.sent, self._sent_carry = _added(self.sent, energy, self._sent_carry)
 
     def put_in(self, work: float) -> None:
         """Work done on this side at its port since the last call; negative if it gave energy out."""
@@ -70,3 +67,10 @@ class Ledger:
             self.margin_min = margin
         if slack < self.slack_min:
             self.slack_min = slack
+
+
+def _added(total: float, term: float, carry: float) -> tuple[float, float]:
+    """Kahan: the new total, and what rounding added to it too much."""
+    term -= carry
+    new = total + term
+    return new, (new - total) - term

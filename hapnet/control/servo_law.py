@@ -95,7 +95,7 @@ class SampledServo:
         self.force: Vector = (0.0,) * len(position)
         """The force held now [N]."""
         self.trusted_damping = trusted_damping or self.force
-        self._measured = MeasuredHarvest(self.trusted_damping)
+        self._measured = MeasuredHarvest(self.trusted_damping, resolution)
         self._position = position
         self._low = self._high = position
         self._elapsed = 0.0
@@ -170,11 +170,13 @@ class SampledServo:
             self._clipped = True
         if self.resolution:
             self._torque_path += sum(map(abs, map(sub, force, self.force)))
-            self._boundary = sum(map(abs, map(sub, force, spring)))
+            self._boundary = max(self._boundary, sum(map(abs, map(sub, force, spring))))
         self.force = force
 
     def stop(self) -> None:
-        """Zero force from now on, the energy account still right: ybar = x is where the spring would be at rest."""
+        """No force from now until the next tick, the energy account still right."""
         if self.resolution:
+            spring = self.coupling.spring.force(tuple(map(sub, self._position, self.coupling.set_position)))
             self._torque_path += sum(map(abs, self.force))
+            self._boundary = max(self._boundary, sum(map(abs, spring)))
         self.force = (0.0,) * len(self.force)

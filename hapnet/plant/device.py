@@ -13,13 +13,14 @@ is replaced by the discrete gradient of its potential, ``-c K e_mid``, with the 
 from __future__ import annotations
 
 import math
+from operator import add, mul, sub
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hapnet import checks
-from hapnet.checks import Array, Vector
+from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
 from hapnet.plant.operator import Operator
 
@@ -96,6 +97,9 @@ class SimulatedDevice:
         self._torque: Vector = self.velocity
         self._set_position: Vector | None = None
         self._knee = math.inf
+        self._largest = 0.0
+        self._saturated = False
+        """Was the spring beyond its knee at the end of the last tick? Which way to compute the next one, no more."""
         self._K = self._coupling_damping = np.zeros((self.dof, self.dof))
         self._prepare()
 
@@ -140,8 +144,8 @@ class SimulatedDevice:
         """
         self._K = checks.spd("stiffness", stiffness, self.dof)
         self._coupling_damping = np.diag(checks.diagonal("damping", damping, self.dof, zero_allowed=True))
-        largest = float(np.linalg.eigvalsh(self._K)[-1])
-        self._knee = math.inf if force_limit is None else force_limit / math.sqrt(largest)
+        self._largest = float(np.linalg.eigvalsh(self._K)[-1])
+        self._knee = math.inf if force_limit is None else force_limit / math.sqrt(self._largest)
         self._set_position = set_position
         self._prepare()
 
@@ -161,11 +165,11 @@ class SimulatedDevice:
         self.time = self._ticks * self.period
         start = self._reference
         self._reference = self._follow(self.time)
-        if self._decoupled:
-            work = self._advance_axes(start)
+        if not self._saturated:
+            work = self._advance_axes(start) if self._decoupled else self._advance_linear(start)
             if work is not None:
                 return work
-        return self._advance_coupled(start)
+        return self._advance_saturated(start)
 
     # -- axis by axis: K diagonal and not saturated ------------------------------------------------------------------
 
@@ -202,56 +206,98 @@ class SimulatedDevice:
             _, self.position, self.velocity, self._low, self._high, self.hand_force = zip(*moved, strict=True)
         return work * h
 
+    # -- any K, not saturated ----------------------------------------------------------------------------------------
+
+    def _advance_linear(self, reference: Vector) -> float | None:
+        """The tick with ``vhat = linear (v, x) + drive``: its work; None, and nothing changed, if it may saturate."""
+        h, kh, bh = self._h, self._hand.stiffness, self._hand.damping
+        hand_mass, response = self._hand_mass, self._response
+        x, v, low, high = self.position, self.velocity, self._low, self._high
+        ybar = self._set_position or x
+        rate = [(b - a) / self.period for a, b in zip(reference, self._reference, strict=True)]
+        hand = [kh * a + (bh - 0.5 * kh * h) * r for a, r in zip(reference, rate, strict=True)]
+        hand_step = [kh * h * r for r in rate]
+        fixed = [t + d + sum(map(mul, row, ybar)) for t, d, row in zip(self._torque, hand, self._K_rows, strict=True)]
+        drive = [sum(map(mul, row, fixed)) for row in self._inverse]
+        drive_step = [sum(map(mul, row, hand_step)) for row in self._inverse]
+        linear = self._linear
+        work = 0.0
+        f: Vector = v
+        for _ in self._substeps:
+            hand = list(map(add, hand, hand_step))
+            drive = list(map(add, drive, drive_step))
+            state = v + x
+            middle = [sum(map(mul, row, state), d) for row, d in zip(linear, drive, strict=True)]
+            f = tuple(
+                [d - kh * p + hand_mass * u - response * m for d, p, u, m in zip(hand, x, v, middle, strict=True)]
+            )
+            work += sum(map(mul, f, middle))
+            v = tuple([m + m - u for m, u in zip(middle, v, strict=True)])
+            x = tuple([p + h * m for p, m in zip(x, middle, strict=True)])
+            low = tuple(map(min, low, x))
+            high = tuple(map(max, high, x))
+        if self._knee != math.inf:
+            stretch = sum([max(b - y, y - a) ** 2 for a, b, y in zip(low, high, ybar, strict=True)])
+            if self._largest * stretch > self._knee_square:
+                return None
+        self.position, self.velocity, self._low, self._high, self.hand_force = x, v, low, high, f
+        return work * h
+
     # -- any K, saturated or not -------------------------------------------------------------------------------------
 
-    def _advance_coupled(self, reference: Vector) -> float:
+    def _advance_saturated(self, reference: Vector) -> float:
         h, kh, bh = self._h, self._hand.stiffness, self._hand.damping
-        K, knee = self._K, self._knee
-        x, v = np.array(self.position), np.array(self.velocity)
-        ybar = np.array(self._set_position or self.position)
-        rate = (np.array(self._reference) - np.array(reference)) / self.period
-        hand_drive = kh * np.array(reference) + (bh - 0.5 * kh * h) * rate
-        low, high = np.array(self._low), np.array(self._high)
+        inertia, hand_mass, response = self._inertia, self._hand_mass, self._response
+        K, torque = self._K_rows, self._torque
+        x, v, low, high = self.position, self.velocity, self._low, self._high
+        e: Vector = tuple(map(sub, x, self._set_position or x))
+        pull = [sum(map(mul, row, e)) for row in K]
+        square: float = sum(map(mul, e, pull))
+        rate = [(b - a) / self.period for a, b in zip(reference, self._reference, strict=True)]
+        hand = [kh * a + (bh - 0.5 * kh * h) * r for a, r in zip(reference, rate, strict=True)]
+        hand_step = [kh * h * r for r in rate]
         work = 0.0
-        f = np.zeros(self.dof)
+        f: Vector = v
         for _ in self._substeps:
-            hand_drive = hand_drive + kh * h * rate
-            push = self._inertia * v + self._torque + hand_drive - kh * x
-            e = x - ybar
-            pull = K @ e
-            middle: Array = self._inverse @ (push - pull)
-            if knee != math.inf:
-                middle = self._saturate(middle, push, e, pull, h)
-            f = hand_drive - kh * x + self._hand_mass * v - self._response * middle
-            work += float(f @ middle) * h
-            v = 2.0 * middle - v
-            x = x + h * middle
-            low = np.minimum(low, x)
-            high = np.maximum(high, x)
-        self.position = tuple(x.tolist())
-        self.velocity = tuple(v.tolist())
-        self._low, self._high = tuple(low.tolist()), tuple(high.tolist())
-        self.hand_force = tuple(f.tolist())
-        return work
+            hand = list(map(add, hand, hand_step))
+            push = [t + d + inertia * u - kh * p for t, d, u, p in zip(torque, hand, v, x, strict=True)]
+            middle = self._saturate(push, pull, square)
+            f = tuple(
+                [d - kh * p + hand_mass * u - response * m for d, p, u, m in zip(hand, x, v, middle, strict=True)]
+            )
+            work += sum(map(mul, f, middle))
+            v = tuple([m + m - u for m, u in zip(middle, v, strict=True)])
+            x = tuple([p + h * m for p, m in zip(x, middle, strict=True)])
+            e = tuple([a + h * m for a, m in zip(e, middle, strict=True)])
+            pull = [sum(map(mul, row, e)) for row in K]
+            square = sum(map(mul, e, pull))
+            low = tuple(map(min, low, x))
+            high = tuple(map(max, high, x))
+        self._saturated = square > self._knee_square
+        self.position, self.velocity, self._low, self._high, self.hand_force = x, v, low, high, f
+        return work * h
 
-    def _saturate(self, middle: Array, push: Array, e: Array, pull: Array, h: float) -> Array:
+    def _saturate(self, push: list[float], pull: list[float], square: float) -> list[float]:
         """The substep's vhat with the saturated spring: c of the discrete gradient by fixed point, 1 unsaturated.
 
-        The change of force with c is at most K h/2 against 2M/h: the iteration contracts by about K h^2 / 4M, to
-        rounding in a few rounds. At the fixed point the spring's work is exactly the change of its potential.
+        In the modes of K against the rest of A, ``w = (push - c pull)/(1 + c h/2 lambda)``, ``vhat = modes' w`` and
+        ``|e1|_K^2 = |e|_K^2 + 2 h w . pull + h^2 sum lambda w^2``. The change of force with c is at most K h/2 against
+        2M/h: the iteration contracts by about K h^2 / 4M, to rounding in a few rounds. At the fixed point the spring's
+        work is exactly the change of its potential.
         """
-        K = self._K
-        start = math.sqrt(max(0.0, float(e @ pull)))
-        c = 1.0
+        h, values, modes = self._h, self._mode_values, self._modes
+        pushes = [sum(map(mul, mode, push)) for mode in modes]
+        pulls = [sum(map(mul, mode, pull)) for mode in modes]
+        start = math.sqrt(max(0.0, square))
+        c = 1.0 if start <= self._knee else self._knee / start
+        w = pushes
         for _ in range(50):
-            e1 = e + h * middle
-            end = math.sqrt(max(0.0, float(e1 @ K @ e1)))
-            before, c = c, _discrete_gradient(start, end, self._knee)
+            w = [(a - c * b) / (1.0 + 0.5 * c * h * k) for a, b, k in zip(pushes, pulls, values, strict=True)]
+            gain = sum([a * (2.0 * b + h * k * a) for a, b, k in zip(w, pulls, values, strict=True)])
+            before, c = c, _discrete_gradient(start, math.sqrt(max(0.0, square + h * gain)), self._knee)
             if abs(c - before) <= 1e-15:
                 break
-            A = self._bare + (c * h / 2.0) * K
-            middle = np.asarray(np.linalg.solve(A, push - c * pull), dtype=np.float64)
-        return middle
+        return [sum(map(mul, column, w)) for column in zip(*modes, strict=True)]
 
     def _prepare(self) -> None:
         """All that depends on the coupling but not on the state."""
@@ -263,8 +309,17 @@ class SimulatedDevice:
         self._hand_mass = 2.0 * hand.mass / h
         self._response = hand.stiffness * h / 2.0 + hand.damping + self._hand_mass
         self._knee_square = self._knee * self._knee
-        self._bare = own * np.eye(self.dof) + self._coupling_damping
-        self._inverse = np.linalg.inv(self._bare + self._K * (h / 2.0))
+        bare = own + np.diagonal(self._coupling_damping)
+        self._K_rows = _rows(self._K)
+        inverse = np.linalg.inv(np.diag(bare) + self._K * (h / 2.0))
+        self._inverse = _rows(inverse)
+        to_rest = self._K + hand.stiffness * np.eye(self.dof)
+        self._linear = _rows(np.hstack([self._inertia * inverse, -inverse @ to_rest]))
+        # Modes of K x = lambda bare x, so that (bare + c h/2 K)^-1 = modes' diag(1 / (1 + c h/2 lambda)) modes.
+        root = 1.0 / np.sqrt(bare)
+        values, vectors = np.linalg.eigh(self._K * np.outer(root, root))
+        self._mode_values: Vector = tuple(values.tolist())
+        self._modes = _rows(vectors.T * root)
         self._decoupled: tuple[tuple[float, tuple[float, ...]], ...] = ()
         """(k, constants of `_advance_axis`) of each axis, if they are independent."""
         if np.array_equal(self._K, np.diag(np.diagonal(self._K))):
@@ -281,6 +336,10 @@ class SimulatedDevice:
         if r == 0.0:
             return self.position
         return tuple([r * round(x / r) for x in self.position])
+
+
+def _rows(matrix: ArrayLike) -> tuple[Vector, ...]:
+    return tuple(tuple(row) for row in np.asarray(matrix).tolist())
 
 
 def _advance_axis(

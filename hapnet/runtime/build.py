@@ -31,6 +31,7 @@ from hapnet.plant.scene import Scene, make_scene, scene_parameters
 from hapnet.runtime.sides import Clock, ContinuousDeviceSide, DeviceSide, SampledDeviceSide, WorldSide, Write
 from hapnet.wire.messages import Role
 from hapnet.wire.session import Session, SessionSettings
+from netem import PRESETS, LinkProfile
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,8 @@ class Setup:
     scene: Scene
     servo: str
     harvest: Harvest
+    up: LinkProfile
+    down: LinkProfile
     warnings: tuple[str, ...] = field(default=())
 
     @property
@@ -73,7 +76,13 @@ def prepare(params: Params, default_servo: str) -> Setup:
     warnings = []
     if servo == "sampled" and harvest == "range" and params.coupling == "pspm":
         warnings.extend(_range_warning(device, scene.dof))
-    return Setup(params, scene, servo, harvest, tuple(warnings))
+    up, down = link_profile(params.link.up), link_profile(params.link.down)
+    return Setup(params, scene, servo, harvest, up, down, tuple(warnings))
+
+
+def link_profile(words: str) -> LinkProfile:
+    """A link from tc's words or a preset's name; netem's ProfileError names what is wrong."""
+    return LinkProfile.preset(words) if words in PRESETS else LinkProfile.parse(words)
 
 
 def device_session(setup: Setup, incarnation: int, name: str = "device") -> Session:
@@ -267,13 +276,15 @@ def _operator(setup: Setup) -> Operator:
 
 
 def _range_warning(device: DeviceParams, dof: int) -> list[str]:
-    K = np.diagonal(checks.spd("device.stiffness", device.stiffness, dof))
+    K = checks.spd("device.stiffness", device.stiffness, dof)
     B = checks.diagonal("device.damping", device.damping, dof)
     own = (device.own_damping,) * dof
-    necessary, sufficient = damping_conditions(own, tuple(K.tolist()), B, 1.0 / device.servo_hz)
-    if sufficient:
+    period = 1.0 / device.servo_hz
+    necessary, _ = damping_conditions(own, tuple(np.diagonal(K).tolist()), B, period)
+    rows = tuple(np.abs(K).sum(axis=1).tolist())  # bound a K that couples the axes (Gershgorin)
+    if damping_conditions(own, rows, B, period)[1]:
         return []
-    need = max(k / device.servo_hz / 2.0 + 2.0 * b for k, b in zip(K, B, strict=True))
+    need = max(k * period / 2.0 + 2.0 * b for k, b in zip(rows, B, strict=True))
     word = "can be" if necessary else "is"
     return [
         f"the range harvest {word} not passive with a sampled servo: own damping {device.own_damping} Ns/m, "

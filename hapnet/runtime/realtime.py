@@ -31,7 +31,7 @@ from hapnet.runtime.sides import DeviceSide, WorldSide
 from hapnet.runtime.summary import Summary, combine, device_summary, versions, world_summary
 from hapnet.runtime.zenoh_transport import ZenohSettings, ZenohTransport
 from hapnet.wire.events import Event, Mismatch, Paired, PeerLeft, PeerRefused
-from netem import Link, LinkProfile
+from netem import Link
 from netem.aio import DeadlineTimer
 
 Role = Literal["device", "world"]
@@ -93,7 +93,7 @@ class RealtimeSide:
     ----------
     setup : checked parameters. role : "device" or "world".
     zenoh : how to reach the other side. session, name : of the key expressions.
-    words : this side's own link, as tc would write it. seed : of the link and the world's steps; None: drawn.
+    seed : of this side's link and the world's steps; None: drawn.
     record : path of the recording; None: none.
     realtime : ask for SCHED_FIFO and locked memory for the servo.
     notify : told what happens; called on the event loop.
@@ -105,7 +105,6 @@ class RealtimeSide:
         role: Role,
         zenoh: ZenohSettings,
         *,
-        words: str,
         session: str = "default",
         name: str = "device",
         seed: int | None = None,
@@ -115,7 +114,7 @@ class RealtimeSide:
     ) -> None:
         self.setup, self.role = setup, role
         self.seed = secrets.randbits(32) if seed is None else seed
-        self.profile = LinkProfile.parse(words)
+        self.profile = setup.up if role == "device" else setup.down
         self._clock = time.monotonic_ns
         self._notify = notify
         self._record_path = record
@@ -146,6 +145,7 @@ class RealtimeSide:
         self.link: Link[Parcel] = Link(self.profile, seed=entropy[0 if role == "device" else 1])
         self._transport = ZenohTransport(zenoh, self._on_message, session=session, device=name, role=role)
         self._started_ns = self._clock()
+        self._stopped_ns: int | None = None
         if record is not None:
             _require_writable(record)
 
@@ -223,6 +223,7 @@ class RealtimeSide:
                     self._arm()
                 await self._keep(stop, duration_s, collect)
                 await asyncio.to_thread(self._control.stop)
+                self._stopped_ns = self._clock()
             if self._failure is not None:
                 raise self._failure
             await self._part("the run is over")
@@ -293,8 +294,8 @@ class RealtimeSide:
         other = "world" if self.role == "device" else "device"
         for event in events:
             match event:
-                case Paired(peer, number):
-                    notice = Notice("paired", f"paired with the {other} {peer.name}" + _again(number))
+                case Paired(_, number):
+                    notice = Notice("paired", f"paired with the {other}{_again(number)}")
                 case PeerLeft(reason):
                     notice = Notice("left", f"the {other} left: {reason}")
                 case Mismatch(reason) | PeerRefused(reason):
@@ -328,7 +329,8 @@ class RealtimeSide:
             else:
                 own["world"], links["down"] = world_summary(self.side, params.coupling), stats
         origin_ns = self.side.origin_ns
-        elapsed = None if origin_ns is None else (self._clock() - origin_ns) * NANO
+        end_ns = self._stopped_ns or self._clock()
+        elapsed = None if origin_ns is None else (end_ns - origin_ns) * NANO
         summary = combine(
             own["device"], own["world"], links, seed=self.seed, duration_s=elapsed, coupling=params.coupling
         )

@@ -144,11 +144,13 @@ class ContinuousDeviceSide(DeviceSide):
     def _control(self, now_ns: int) -> bytes | None:
         device, last_ns = self._simulated, self._last_ns
         work = device.advance()
+        periods = 1
         if now_ns - last_ns != self._period_ns:
-            for _ in range(self._periods(now_ns) - 1):
+            periods = self._periods(now_ns)
+            for _ in range(periods - 1):
                 work += device.advance()
         x = device.position
-        dt = (self._clock() - last_ns) * NANO
+        dt = max((self._clock() - last_ns) * NANO, periods * device.period)  # the device has lived through the latter
         message = self.endpoint.tick_continuous(now_ns, dt, x, device.extremes, work, device.kinetic)
         if message is not None:
             device.move_set_position(self._servo.coupling.set_position)
@@ -191,6 +193,11 @@ class SampledDeviceSide(DeviceSide):
     @property
     def quantisation(self) -> float | None:
         return self._servo.quantisation if self.origin_ns is not None else None
+
+    def stop(self) -> None:
+        super().stop()
+        if self.origin_ns is not None:
+            self._servo.stop()
 
     def _start(self, x: Vector) -> None:
         servo = self._servo = self._make_servo(x)

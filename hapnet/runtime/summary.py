@@ -8,6 +8,7 @@ from importlib import metadata
 from typing import Any
 
 from hapnet.endpoint import Endpoint
+from hapnet.record import Recording
 from hapnet.runtime.build import Setup
 from hapnet.runtime.sides import DeviceSide, WorldSide
 
@@ -57,12 +58,14 @@ def combine(
     sides = [side for side in (device, world) if side is not None]
     margins = [side["ledger"]["margin_J"] for side in sides]
     bounds = [side["ledger"]["bound_J"] for side in sides]
-    whole = len(sides) == 2 and None not in margins
+    bound = sum(bounds) if len(sides) == 2 and None not in bounds else None
     margin = None
-    if whole:
-        margin = sum(bounds) + two_port_J if two_port_J is not None else sum(margins)
+    if bound is not None and two_port_J is not None:
+        margin = bound + two_port_J
+    elif len(sides) == 2 and None not in margins:
+        margin = sum(margins)
     return {
-        "theorem": {"margin_J": margin, "bound_J": sum(bounds) if whole else None},
+        "theorem": {"margin_J": margin, "bound_J": bound},
         "device": device,
         "world": world,
         "energy": {"up": _flow(device, world), "down": _flow(world, device)},
@@ -74,6 +77,20 @@ def combine(
         "versions": versions(),
         "wall_clock": {},
     }
+
+
+def merge(device: Summary, world: Summary, *, seed: int | None = None) -> Summary:
+    """One summary out of the device's and the world's own."""
+    whole = combine(
+        device["device"],
+        world["world"],
+        {"up": device["links"]["up"], "down": world["links"]["down"]},
+        seed=device["seed"] if seed is None else seed,
+        duration_s=device["duration_s"],
+        coupling=device["coupling"],
+    )
+    whole["wall_clock"] = {"device": device["wall_clock"], "world": world["wall_clock"]}
+    return whole
 
 
 def summarise(
@@ -125,7 +142,9 @@ def _flow(sender: Summary | None, receiver: Summary | None) -> dict[str, int | N
         return {"sent_nJ": None, "credited_nJ": credited, "in_flight_nJ": None, "abandoned_nJ": None}
     sent, abandoned = sender["sent_nJ"], sender["abandoned_nJ"]
     credited = None if receiver is None else receiver["credited_nJ"]
-    in_flight = sender["in_flight_nJ"] if credited is None else sent - credited - abandoned
+    in_flight = sender["in_flight_nJ"]
+    if None not in (credited, abandoned):
+        in_flight = sent - credited - abandoned
     return {"sent_nJ": sent, "credited_nJ": credited, "in_flight_nJ": in_flight, "abandoned_nJ": abandoned}
 
 
@@ -134,3 +153,36 @@ def _version(name: str) -> str:
         return metadata.version(name)
     except metadata.PackageNotFoundError:
         return "not installed"
+
+
+def from_recording(recording: Recording) -> Summary:
+    """The summary of a recording whose writer was killed: what its samples tell, at their rate; None for the rest."""
+    meta = recording.meta
+    parts = {
+        side: _from_columns(columns) for side, columns in (("device", recording.device), ("world", recording.world))
+    }
+    ends = [columns["time_s"][-1] for columns in (recording.device, recording.world) if columns is not None]
+    asked = meta.get("links") or {}
+    links = {way: {"profile": asked[way]} if way in asked else None for way in ("up", "down")}
+    return combine(
+        parts["device"],
+        parts["world"],
+        links,
+        seed=meta.get("seed"),
+        duration_s=float(max(ends)) if ends else None,
+        coupling=meta.get("coupling", "pspm"),
+    )
+
+
+def _from_columns(columns: Mapping[str, Any] | None) -> Summary | None:
+    if columns is None:
+        return None
+    ledger = {name: float(columns[name].min()) for name in ("margin_J", "slack_J")}
+    unknown = ("in_flight_nJ", "discarded_nJ", "abandoned_nJ", "incarnations", "quantisation_J", "true_slack_J")
+    return {
+        "ledger": {**ledger, "bound_J": None},
+        "reservoir_min_J": float(columns["reservoir_J"].min()),
+        "sent_nJ": round(float(columns["sent_J"][-1]) * 1e9),
+        "credited_nJ": round(float(columns["credited_J"][-1]) * 1e9),
+        **dict.fromkeys(unknown),
+    }

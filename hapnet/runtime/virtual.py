@@ -20,7 +20,7 @@ from hapnet.runtime.build import Setup, device_session, device_side, prepare, wo
 from hapnet.runtime.parcel import FRAME_OVERHEAD, Parcel
 from hapnet.runtime.sides import DeviceSide, WorldSide
 from hapnet.runtime.summary import Summary, summarise, versions
-from netem import Link, LinkProfile
+from netem import Link
 
 PAIRING_LIMIT_NS = 60_000_000_000
 LINGER_NS = 10_000_000_000
@@ -52,10 +52,15 @@ class TwoPort:
     """
 
     def __init__(self) -> None:
-        self.lowest = 0.0
+        self._lowest = 0.0
         self._device = 0.0
         self._device_low = 0.0
         self._world = 0.0
+
+    @property
+    def lowest(self) -> float:
+        """The minimum so far [J], the running step counted without its work, which is not known yet."""
+        return min(self._lowest, self._device_low + self._world)
 
     def device(self, work: float) -> None:
         """W of the device's port so far [J]."""
@@ -65,7 +70,7 @@ class TwoPort:
 
     def world(self, work: float) -> None:
         """W of the world's port so far, its last step included [J]."""
-        self.lowest = min(self.lowest, self._device_low + self._world, self._device_low + work)
+        self._lowest = min(self._lowest, self._device_low + self._world, self._device_low + work)
         self._world = work
         self._device_low = self._device
 
@@ -76,10 +81,13 @@ class Simulation:
     Parameters
     ----------
     params : what to run. seed : of everything random.
-    progress : called now and then with the simulated seconds since pairing.
+
+    Raises
+    ------
+    InvalidParameter, netem.NetemError : the parameters do not make a run.
     """
 
-    def __init__(self, params: Params, seed: int = 0, progress: Callable[[float], None] | None = None) -> None:
+    def __init__(self, params: Params, seed: int = 0) -> None:
         self.seed = seed
         self.setup: Setup = prepare(params, "continuous")
         self.now_ns = 0
@@ -93,6 +101,8 @@ class Simulation:
             "origin_ns": 0,
             "surfaces": [surface._asdict() for surface in self.setup.scene.surfaces],
             "scene": self.setup.scene.name,
+            "coupling": params.coupling,
+            "links": {"up": str(self.setup.up), "down": str(self.setup.down)},
             "versions": versions(),
         }
         self._recorder = MemoryRecorder(meta)
@@ -103,14 +113,15 @@ class Simulation:
         self.world = world_side(
             self.setup, world_session(self.setup, incarnations[1]), np.random.default_rng(steps), write
         )
-        self.up: Link[Parcel] = Link(LinkProfile.parse(params.link.up), seed=up)
-        self.down: Link[Parcel] = Link(LinkProfile.parse(params.link.down), seed=down)
-        self._progress = progress
+        self.up: Link[Parcel] = Link(self.setup.up, seed=up)
+        self.down: Link[Parcel] = Link(self.setup.down, seed=down)
         self._period_ns = round(1e9 / params.device.servo_hz)
         self._due = [_NEVER, _NEVER, 0, 0, 0, self._period_ns]
 
-    def run(self) -> Result:
+    def run(self, progress: Callable[[float], None] | None = None) -> Result:
         """Run to the end, then let the links deliver what is under way.
+
+        `progress` is called now and then with the simulated seconds since pairing.
 
         Raises
         ------
@@ -127,9 +138,9 @@ class Simulation:
         start_ns = self.now_ns
         self._meta["origin_ns"] = start_ns
         end_ns = start_ns + round(duration_s / NANO)
-        while self._progress is not None and self.now_ns < end_ns:
+        while progress is not None and self.now_ns < end_ns:
             self._until(min(end_ns, self.now_ns + 500_000_000))
-            self._progress((self.now_ns - start_ns) * NANO)
+            progress((self.now_ns - start_ns) * NANO)
         self._until(end_ns)
         self._due[_STEP] = self._due[_TICK] = _NEVER
         while not self._settled and self.now_ns < end_ns + LINGER_NS:
@@ -234,6 +245,6 @@ def _or_never(due_ns: int | None) -> int:
     return _NEVER if due_ns is None else due_ns
 
 
-def simulate(params: Params | None = None, seed: int = 0, progress: Callable[[float], None] | None = None) -> Result:
+def simulate(params: Params | None = None, seed: int = 0) -> Result:
     """Run both sides and both links in virtual time; see `Simulation`."""
-    return Simulation(params or Params(), seed, progress).run()
+    return Simulation(params or Params(), seed).run()

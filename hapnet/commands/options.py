@@ -1,0 +1,79 @@
+"""From a command line's options to parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from hapnet.errors import InvalidParameter
+from hapnet.params import LinkParams, Params
+from netem.profile import PRESETS, LinkProfile, compose
+
+NO_LINK = LinkParams("", "")
+"""What two hosts on a real network start from: nothing is emulated unless asked for."""
+
+
+@dataclass(frozen=True)
+class LinkOptions:
+    """The link flags as given."""
+
+    link: str | None = None
+    profile: str | None = None
+    delay: str | None = None
+    jitter: str | None = None
+    loss: str | None = None
+    reorder: str | None = None
+    rate: str | None = None
+    uplink: str | None = None
+    downlink: str | None = None
+
+    def over(self, default: str) -> str:
+        """The words of one direction: what the flags make of the default."""
+        flags = (self.delay, self.jitter, self.loss, self.reorder, self.rate)
+        if self.link is None and self.profile is None and all(flag is None for flag in flags):
+            return default
+        words = None if self.link is None else PRESETS.get(self.link, self.link)
+        return str(compose(words, self.profile, *flags, base=_parse(default)))
+
+
+def parameters(
+    base: Params,
+    *,
+    file: Path | None = None,
+    assignments: Sequence[str] = (),
+    links: LinkOptions | None = None,
+    **named: str | float | int | None,
+) -> Params:
+    """Defaults, then the file, then named options, then the link flags, then `--set`; each overrides what is before.
+
+    Raises
+    ------
+    InvalidParameter, netem.NetemError : in one line, what is wrong and what is allowed.
+    """
+    params = base if file is None else base.load(file)
+    params = params.set({name.replace("__", "."): value for name, value in named.items() if value is not None})
+    if links is not None:
+        up, down = links.over(params.link.up), links.over(params.link.down)
+        up = up if links.uplink is None else links.uplink
+        down = down if links.downlink is None else links.downlink
+        params = params.set({"link.up": up, "link.down": down})
+    params = params.set_words(assignments)
+    for words in (params.link.up, params.link.down):
+        _parse(words)
+    return params
+
+
+def json_target(target: str | None) -> Path | None:
+    """Where `--json` writes: None for standard output."""
+    if target in (None, "-"):
+        return None
+    assert target is not None
+    path = Path(target)
+    if not path.absolute().parent.is_dir():
+        raise InvalidParameter("--json", target, "- or a file in a directory that exists")
+    return path
+
+
+def _parse(words: str) -> LinkProfile:
+    return LinkProfile.preset(words) if words in PRESETS else LinkProfile.parse(words)

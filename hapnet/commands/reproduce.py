@@ -1,0 +1,111 @@
+"""`hapnet reproduce`: the paper's Figures 4, 5 and 6 from the simulation, with the reconstructed numbers.
+
+The printing of the paper lost digits. The defaults of `hapnet.params` restore them (servo 1 ms, device PSPM 5 ms, K 100
+N/m and B 0.1 Ns/m, K' 500 N/m and B' 14 Ns/m, mass 20 g, wall 3 kN/m and 10 Ns/m, T_k 10 to 50 ms). The law of Figure
+6's filter was not printed: here it is a first-order low-pass with a time constant of 15 ms, run every 5 ms.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hapnet.commands import output
+from hapnet.errors import InvalidParameter
+from hapnet.params import Params
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from hapnet.record import Recording
+
+FIGURES = ("fig4", "fig5", "fig6")
+SECTION_4 = {"scene": "wall", "operator": "press", "link.up": "", "link.down": "", "record_hz": 1000.0}
+"""One computer: device and virtual world on the same machine, no link between."""
+SMOOTHING_S = 0.015
+
+
+def main(figure: str, params: Params, seed: int, json_to: str | None, out: Path | None) -> int:
+    """Simulate Section 4, draw the figure, print the summary."""
+    from hapnet import report
+    from hapnet.record import save
+    from hapnet.runtime.virtual import simulate
+
+    if figure not in FIGURES:
+        raise InvalidParameter("figure", figure, "one of " + ", ".join(FIGURES))
+    words = output.console(json_to)
+    result = simulate(params, seed)
+    directory = output.run_directory(out, seed)
+    recording = result.recording
+    drawn = timesteps(recording) if figure == "fig4" else profiles(recording, smoothed=params.device.smoothing_s > 0.0)
+    report.save_figure(drawn, directory / f"{figure}.png")
+    save(recording, directory / f"{figure}.mcap")
+    result.summary["reconstructed"] = True
+    output.write_json(result.summary, str(directory / f"{figure}.json"))
+    output.show_summary(words, result.summary, result.warnings)
+    words.print(f"{figure}.png, {figure}.mcap and {figure}.json in {directory} (the paper's lost digits reconstructed)")
+    output.write_json(result.summary, json_to)
+    return 0
+
+
+def timesteps(recording: Recording) -> Figure:
+    """Figure 4: the world's step T_k against k."""
+    fig = _figure(80)
+    world = recording.world
+    assert world is not None
+    axes = fig.subplots()
+    axes.plot(
+        np.arange(len(world["step_s"])), 1e3 * world["step_s"], color="0.2", linewidth=0.8, marker=".", markersize=3
+    )
+    axes.set(xlabel="index k", ylabel="integration step T_k [ms]", ylim=(0.0, None))
+    axes.set_title("Figure 4: integration step of the virtual world (reconstructed: uniform, 10 to 50 ms)")
+    axes.grid(visible=True, color="0.88")
+    return fig
+
+
+def profiles(recording: Recording, *, smoothed: bool) -> Figure:
+    """Figures 5 and 6: positions, forces and reservoirs over contact with the wall."""
+    fig = _figure(180)
+    device, world = recording.device, recording.world
+    assert device is not None
+    assert world is not None
+    top, middle, bottom = fig.subplots(3, 1, sharex=True)
+    name, filtered = ("Figure 6", "with") if smoothed else ("Figure 5", "without")
+    fig.suptitle(f"{name}: Section 4 {filtered} smoothing filter (lost digits reconstructed)", fontsize=9)
+    t, s = device["time_s"], world["time_s"]
+    _pair(top, (t, device["position_m"][:, 0]), (s, world["position_m"][:, 0]), ("haptic device", "virtual mass"))
+    for surface in recording.meta["surfaces"]:
+        if surface["axis"] == 0:
+            top.axhline(surface["position_m"], color="0.4", linewidth=0.8)
+            top.annotate("wall", (t[0], surface["position_m"]), xytext=(2, 2), textcoords="offset points", fontsize=8)
+    top.set_ylabel("position [m]")
+    hand, wall = device["operator_force_N"][:, 0], -world["contact_force_N"][:, 0]
+    _pair(middle, (t, hand), (s, wall / 5.0), ("hand on the device", "virtual mass on the wall, divided by K'/K = 5"))
+    middle.set_ylabel("force [N]")
+    _pair(bottom, (t, device["reservoir_J"]), (s, world["reservoir_J"]), ("device E(k)", "virtual world E_k"))
+    bottom.set(xlabel="time [s]", ylabel="energy reservoir [J]", ylim=(0.0, None))
+    return fig
+
+
+def _figure(height_mm: float) -> Figure:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    fig = Figure(figsize=(180 / 25.4, height_mm / 25.4), dpi=150, layout="constrained")
+    FigureCanvasAgg(fig)
+    return fig
+
+
+def _pair(
+    axes: Axes,
+    device: tuple[np.ndarray, np.ndarray],
+    world: tuple[np.ndarray, np.ndarray],
+    labels: tuple[str, str],
+) -> None:
+    axes.plot(*device, color="#08306b", linewidth=1.0, label=labels[0])
+    axes.plot(*world, color="#e6550d", linewidth=1.0, linestyle=(0, (5, 1.5)), drawstyle="steps-post", label=labels[1])
+    axes.grid(visible=True, color="0.88")
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False, fontsize=8)

@@ -1,0 +1,112 @@
+"""`hapnet device` and `hapnet world`: one side in this process."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hapnet.commands import output
+from hapnet.params import Params
+from hapnet.runtime.build import prepare
+from hapnet.runtime.realtime import Notice, RealtimeSide, Role
+from hapnet.runtime.zenoh_transport import ZenohSettings
+
+
+@dataclass(frozen=True)
+class SideOptions:
+    """What one side is told beside its parameters."""
+
+    role: Role
+    zenoh: ZenohSettings
+    session: str
+    name: str
+    seed: int | None
+    record: Path | None
+    realtime: bool
+    json_to: str | None
+    events: bool
+    """Notices as JSON lines on standard output, for a parent process, and no words for people."""
+
+
+def zenoh_settings(
+    mode: str | None,
+    connect: list[str] | None,
+    listen: list[str] | None,
+    config: str | None,
+    no_multicast_scouting: bool,
+    cfg: list[str] | None,
+) -> ZenohSettings:
+    """Zenoh's flags. Without an endpoint or a configuration file the sides find each other by multicast scouting."""
+    alone = not connect and not listen and config is None
+    return ZenohSettings(
+        mode=mode,  # type: ignore[arg-type]  # checked when the configuration is made
+        connect=tuple(connect or ()),
+        listen=tuple(listen or ()),
+        config=config,
+        multicast_scouting=alone and not no_multicast_scouting,
+        cfg=tuple(cfg or ()),
+    )
+
+
+def main(params: Params, options: SideOptions) -> int:
+    """Run one side until its duration is over or it is told to stop."""
+    setup = prepare(params, "sampled")
+    words = output.console("-" if options.events else options.json_to)
+    if not options.events:
+        for warning in setup.warnings if options.role == "device" else ():
+            words.print(f"warning: {warning}", style="yellow")
+
+    def tell(notice: Notice) -> None:
+        if options.events:
+            sys.stdout.write(json.dumps({"kind": notice.kind, "text": notice.text}) + "\n")
+            sys.stdout.flush()
+        elif notice.kind != "progress":
+            words.print(notice.text)
+
+    side = RealtimeSide(
+        setup,
+        options.role,
+        options.zenoh,
+        session=options.session,
+        name=options.name,
+        seed=options.seed,
+        record=options.record,
+        realtime=options.realtime,
+        notify=tell,
+    )
+    summary, code = asyncio.run(_run(side, params.duration_s))
+    if not options.events:
+        output.show_summary(words, summary)
+    output.write_json(summary, options.json_to)
+    return code
+
+
+async def _run(side: RealtimeSide, duration_s: float) -> tuple[dict[str, Any], int]:
+    stop = asyncio.Event()
+    caught: list[signal.Signals] = []
+    catch(stop, caught.append)
+    summary = await side.run(stop, duration_s)
+    return summary, exit_code(caught)
+
+
+def catch(stop: asyncio.Event, note: Callable[[signal.Signals], None]) -> None:
+    """SIGINT, SIGTERM and a closed terminal ask for a clean stop."""
+    loop = asyncio.get_running_loop()
+
+    def on_signal(number: signal.Signals) -> None:
+        note(number)
+        stop.set()
+
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        loop.add_signal_handler(number, on_signal, number)
+
+
+def exit_code(caught: list[signal.Signals]) -> int:
+    """0, or as a shell says that a signal ended a program: 128 and its number."""
+    return 128 + caught[0] if caught else 0

@@ -1,0 +1,33 @@
+"""`hapnet simulate`: both sides in virtual time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from hapnet.commands import output
+from hapnet.params import Params
+
+
+def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, files: bool) -> int:
+    """Simulate, write recording, figure and summary, print the summary."""
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from hapnet.record import save
+    from hapnet.runtime.virtual import Simulation
+
+    words = output.console(json_to)
+    simulation = Simulation(params, seed)
+    directory = output.run_directory(out, seed) if files else None
+    columns = (TextColumn("simulating"), BarColumn(), TextColumn("{task.completed:.1f} of {task.total:g} s"))
+    with Progress(*columns, TimeRemainingColumn(), console=words, disable=not words.is_terminal) as bar:
+        task = bar.add_task("", total=params.duration_s)
+        result = simulation.run(lambda done: bar.update(task, completed=done))
+    if directory is not None:
+        save(result.recording, directory / "run.mcap")
+        output.save_figure(result.recording, directory / "figure.png")
+        output.write_json(result.summary, str(directory / "summary.json"))
+    output.show_summary(words, result.summary, result.warnings)
+    if directory is not None:
+        words.print(f"recording, figure and summary in {directory}")
+    output.write_json(result.summary, json_to)
+    return 0
