@@ -123,6 +123,7 @@ class Params:
 
     scene: str = _p("wall", "free, wall, box, paper, or module:Class")
     operator: str = _p("press", "rest, sine, press, a recording's path, or module:Class")
+    hardware: str = _p("simulated", "the device: simulated, or module:Class of your own")
     coupling: str = _p("pspm", "pspm; zoh: a plain virtual coupling, not passive", ("pspm", "zoh"))
     dof: int = _p(0, "degrees of freedom; 0: the scene's own")
     duration_s: float = _p(10.0, "from pairing [s]; 0: until stopped")
@@ -268,8 +269,8 @@ def _convert(name: str, value: object, default: Any, spec: dataclasses.Field[Any
             value = json.loads(value)
         except json.JSONDecodeError:
             raise InvalidParameter(name, value, words) from None
-    if matrix and isinstance(value, list):
-        return tuple(tuple(row) if isinstance(row, list) else row for row in value)
+    if matrix and isinstance(value, list | tuple):
+        return tuple(tuple(row) if isinstance(row, list | tuple) else row for row in value)
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if (matrix or isinstance(default, float)) and number:
         return float(str(value))

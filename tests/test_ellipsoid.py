@@ -95,3 +95,15 @@ def test_an_empty_ball_is_its_centre() -> None:
 def test_a_vanishing_ball_ends(radius: float) -> None:
     ellipsoid = Ellipsoid(random_spd(np.random.default_rng(1), 3, 1.0, 1e4))
     assert ellipsoid.square(ellipsoid.project((0.1, -0.2, 0.3), radius)) <= radius * radius
+
+
+@pytest.mark.parametrize("exponent", range(-139, -3, 4))
+def test_a_nearly_empty_ball_is_projected_on_and_not_divided_by(exponent: int) -> None:
+    """Far offsets on tiny balls: the point is on the boundary, and as for any tiny ball in the direction of K^-1 e."""
+    K = random_spd(np.random.default_rng(exponent + 200), 3, 1.0, 1e4)
+    ellipsoid, radius, e = Ellipsoid(K), 10.0**exponent, (0.1, -0.2, 0.3)
+    p = np.array(ellipsoid.project(e, radius)) / radius
+    assert math.sqrt(p @ K @ p) == pytest.approx(1.0, rel=1e-7)
+    if exponent < -11:
+        far = np.linalg.solve(K, e)
+        assert p == pytest.approx(far / math.sqrt(far @ K @ far), rel=1e-6)

@@ -78,13 +78,14 @@ class Ellipsoid:
         return p
 
     def _secular(self, e: Vector, radius: float) -> Vector:
-        """Solve ``|p(mu)|_K = radius``, ``p_i = u_i / (1 + mu r_i)``, by Newton on ``1/|p(mu)|_K - 1/radius``.
+        """Solve ``|p(mu)|_K = radius``, ``p_i = u_i / (1 + mu r_i)``, by Newton on ``radius/|p(mu)|_K - 1``.
 
         That function is increasing and concave in mu, so Newton from mu = 0 climbs to the root without overshooting
         (More and Sorensen's argument for trust regions). mu is scaled by the largest eigenvalue (r = lambda/largest).
         """
         u = e if self._columns is None else [sum(map(mul, column, e)) for column in self._columns]
-        weights = [value * component * component for value, component in zip(self.eigenvalues, u, strict=True)]
+        # In units of the radius: p^2 and its slope would underflow where the reservoir is all but empty.
+        weights = [value * (component / radius) ** 2 for value, component in zip(self.eigenvalues, u, strict=True)]
         ratios = self._ratios
         mu = 0.0
         for _ in range(_MOST_ITERATIONS):
@@ -94,7 +95,7 @@ class Ellipsoid:
                 term = weight * shrink * shrink
                 square += term
                 slope += term * shrink * ratio
-            step = (math.sqrt(square) / radius - 1.0) * square / slope
+            step = (math.sqrt(square) - 1.0) * (square / slope)
             mu += step
             if step <= 1e-9 * mu:  # quadratic convergence: the next step would be 1e-18
                 break

@@ -290,13 +290,16 @@ class SimulatedDevice:
         pulls = [sum(map(mul, mode, pull)) for mode in modes]
         start = math.sqrt(max(0.0, square))
         c = 1.0 if start <= self._knee else self._knee / start
-        w = pushes
+        terms = list(zip(pushes, pulls, values, strict=True))
         for _ in range(50):
-            w = [(a - c * b) / (1.0 + 0.5 * c * h * k) for a, b, k in zip(pushes, pulls, values, strict=True)]
-            gain = sum([a * (2.0 * b + h * k * a) for a, b, k in zip(w, pulls, values, strict=True)])
+            gain = 0.0
+            for a, b, k in terms:
+                u = (a - c * b) / (1.0 + 0.5 * c * h * k)
+                gain += u * (2.0 * b + h * k * u)
             before, c = c, _discrete_gradient(start, math.sqrt(max(0.0, square + h * gain)), self._knee)
             if abs(c - before) <= 1e-15:
                 break
+        w = [(a - c * b) / (1.0 + 0.5 * c * h * k) for a, b, k in terms]
         return [sum(map(mul, column, w)) for column in zip(*modes, strict=True)]
 
     def _prepare(self) -> None:

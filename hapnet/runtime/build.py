@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -24,7 +25,7 @@ from hapnet.control.zoh import ZeroOrderHold
 from hapnet.endpoint import NANO, DeviceEndpoint, WorldEndpoint
 from hapnet.errors import InvalidParameter
 from hapnet.params import DeviceParams, Params, WorldParams
-from hapnet.plant.device import SimulatedDevice
+from hapnet.plant.device import Device, SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.operator import Impedance, Operator, Press, Rest, Sine, read_motion
 from hapnet.plant.scene import Scene, make_scene, scene_parameters
@@ -96,7 +97,9 @@ def world_session(setup: Setup, incarnation: int, name: str = "world") -> Sessio
 
 
 def device_side(setup: Setup, session: Session, clock: Clock, write: Write) -> DeviceSide:
-    """The simulated device with its hand, servo and endpoint."""
+    """The device (simulated in its hand, or the user's own) with servo and endpoint."""
+    if setup.params.hardware != "simulated":
+        return _own_device_side(setup, session, clock, write)
     params = setup.params
     device = params.device
     period = 1.0 / device.servo_hz
@@ -125,6 +128,43 @@ def device_side(setup: Setup, session: Session, clock: Clock, write: Write) -> D
     return SampledDeviceSide(
         endpoint, simulated, hold, period_ns=period_ns, clock=clock, write=write, record_every=every
     )
+
+
+def _own_device_side(setup: Setup, session: Session, clock: Clock, write: Write) -> DeviceSide:
+    """A user's own device, which only a sampled servo can drive."""
+    params = setup.params
+    if setup.servo != "sampled":
+        raise InvalidParameter("device.servo", setup.servo, "sampled with a device of your own")
+    device = _load_device(params.hardware, setup.dof)
+    limits = [limit for limit in (params.device.force_limit_N, device.force_limit) if limit]
+    own = dataclasses.replace(params.device, force_limit_N=min(limits, default=0.0), resolution_m=device.resolution)
+    hold = _sampled_servo(dataclasses.replace(setup, params=dataclasses.replace(params, device=own)))
+    return SampledDeviceSide(
+        DeviceEndpoint(session),
+        device,
+        hold,
+        period_ns=round(1.0 / params.device.servo_hz / NANO),
+        clock=clock,
+        write=write,
+        record_every=max(1, round(params.device.servo_hz / params.record_hz)),
+    )
+
+
+def _load_device(name: str, dof: int) -> Device:
+    module, colon, attribute = name.partition(":")
+    allowed = "simulated, or module:Class with dof, force_limit, resolution, read and apply"
+    if not (module and colon and attribute):
+        raise InvalidParameter("hardware", name, allowed)
+    try:
+        device: Device = getattr(import_module(module), attribute)(dof=dof)
+    except (ImportError, AttributeError, TypeError, ValueError) as error:
+        raise InvalidParameter("hardware", name, f"{allowed}, made with dof ({error})") from None
+    missing = [part for part in ("dof", "force_limit", "resolution", "read", "apply") if not hasattr(device, part)]
+    if missing:
+        raise InvalidParameter("hardware", name, f"{allowed}; it lacks {', '.join(missing)}")
+    if device.dof != dof:
+        raise InvalidParameter("hardware", name, f"a device with {dof} degrees of freedom, as the scene has")
+    return device
 
 
 def world_side(setup: Setup, session: Session, rng: np.random.Generator, write: Write) -> WorldSide:

@@ -62,7 +62,10 @@ class DeviceSide(ABC):
 
     @property
     def true_slack(self) -> float | None:
-        """Smallest slack at the actuator's port with the true positions [J], where a simulation knows them."""
+        """Smallest slack with the true positions [J], where a simulation knows them.
+
+        At the actuator's port; with the range harvest at the hand's, since that one counts on the device's own damping.
+        """
         return None
 
     @property
@@ -185,6 +188,7 @@ class SampledDeviceSide(DeviceSide):
         self._simulated = device if isinstance(device, SimulatedDevice) else None
         self._make_servo = make_servo
         self._true_ledger: Ledger | None = None
+        self._hand_work = 0.0
 
     @property
     def true_slack(self) -> float | None:
@@ -205,7 +209,7 @@ class SampledDeviceSide(DeviceSide):
         self._x = x
         if self._simulated is not None:
             self._true_work = MeasuredHarvest(servo.trusted_damping)
-            stored = servo.coupling.potential(self._simulated.position)
+            stored = servo.coupling.potential(self._simulated.position) + self._kinetic
             self._true_ledger = Ledger(stored, servo.coupling.account)
 
     def _control(self, now_ns: int) -> bytes | None:
@@ -214,23 +218,29 @@ class SampledDeviceSide(DeviceSide):
         if simulated is not None:
             before = simulated.position
             for _ in range(self._periods(now_ns)):
-                simulated.advance()
+                self._hand_work += simulated.advance()
         self._x, v = self.device.read()
         dt = (self._clock() - self._last_ns) * NANO
         held = servo.force
         message = self.endpoint.tick_sampled(now_ns, dt, self._x, v)
         self.device.apply(servo.force)
         if simulated is not None:
-            self._observe_truth(held, before, simulated.position, dt)
+            self._observe_truth(self._true_work.hold(held, before, simulated.position, dt), simulated.position)
         return message
 
-    def _observe_truth(self, held: Vector, before: Vector, after: Vector, dt: float) -> None:
+    @property
+    def _kinetic(self) -> float:
+        """The device's kinetic energy [J], if it lies behind the port of the true account."""
+        return self._simulated.kinetic if self._simulated is not None and self._servo.harvest == "range" else 0.0
+
+    def _observe_truth(self, actuator_work: float, x: Vector) -> None:
         ledger = self._true_ledger
         assert ledger is not None
         own = self.coupling.ledger
-        ledger.put_in(self._true_work.hold(held, before, after, dt))
+        ledger.put_in(self._hand_work if self._servo.harvest == "range" else actuator_work)
+        self._hand_work = 0.0
         ledger.credited, ledger.sent = own.credited, own.sent
-        ledger.observe(self.coupling.potential(after), self._servo.account)
+        ledger.observe(self.coupling.potential(x) + self._kinetic, self._servo.account)
 
     def _sample(self, now_ns: int) -> DeviceSample:
         hand = None if self._simulated is None else self._simulated.hand_force
