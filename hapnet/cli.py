@@ -17,7 +17,7 @@ app = typer.Typer(
     name="hapnet",
     help="Passive haptics over bad networks: a haptic device and a virtual world, coupled by passive set-position "
     "modulation (PSPM) over Zenoh through an emulated lossy link. `hapnet run` shows it.",
-    no_args_is_help=True,
+    add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -28,6 +28,10 @@ _PARAMS = "Parameters"
 
 Scene = Annotated[str | None, typer.Option(help="free, wall, box, paper, or module:Class.")]
 Operator = Annotated[str | None, typer.Option(help="The hand: rest, sine, press, or a recorded motion's path (.csv).")]
+Hardware = Annotated[
+    str | None,
+    typer.Option("--device", metavar="MODULE:CLASS", help="A device of your own instead of the simulated one."),
+]
 Coupling = Annotated[str | None, typer.Option(help="pspm, or zoh: a plain virtual coupling, not passive.")]
 ServoKind = Annotated[
     str | None, typer.Option("--servo", help="sampled (as on hardware) or continuous (as in theory).")
@@ -96,6 +100,7 @@ Events = Annotated[bool, typer.Option("--events", hidden=True)]
 def run(
     scene: Scene = None,
     operator: Operator = None,
+    hardware: Hardware = None,
     coupling: Coupling = None,
     servo: ServoKind = None,
     dof: Dof = None,
@@ -119,13 +124,14 @@ def run(
 ) -> int:
     """Both processes on this machine, over Zenoh: a hand presses a virtual wall over a link that delays and loses.
 
-    Default: 10 s, a link with 40 ms delay, 10 ms jitter and 2 % loss each way. Writes two recordings, a figure and a
-    summary.
+    Default: 10 s, a link with 40 ms delay, 10 ms jitter and 2 % loss each way.
+
+    Writes two recordings, a figure and a summary.
     """
     links = LinkOptions(link, profile, delay, jitter, loss, reorder, rate, uplink, downlink)
     params = parameters(
-        Params(), file=params_file, assignments=assign or (), links=links, scene=scene, operator=operator,
-        coupling=coupling, device__servo=servo, dof=dof, duration_s=duration,
+        Params(), file=params_file, assignments=assign or (), links=links, hardware=hardware, scene=scene,
+        operator=operator, coupling=coupling, device__servo=servo, dof=dof, duration_s=duration,
     )  # fmt: skip
     if show_params:
         return _show(params)
@@ -178,6 +184,7 @@ def simulate(
 def device(
     scene: Scene = None,
     operator: Operator = None,
+    hardware: Hardware = None,
     coupling: Coupling = None,
     servo: ServoKind = None,
     dof: Dof = None,
@@ -209,8 +216,9 @@ def device(
     """The device's side only: a simulated device and hand, for two hosts. Start it before or after `hapnet world`."""
     links = LinkOptions(link, profile, delay, jitter, loss, reorder, rate)
     params = parameters(
-        Params(link=NO_LINK, duration_s=0.0), file=params_file, assignments=assign or (), links=links, scene=scene, operator=operator,
-        coupling=coupling, device__servo=servo, dof=dof, duration_s=duration,
+        Params(link=NO_LINK, duration_s=0.0), file=params_file, assignments=assign or (), links=links,
+        hardware=hardware, scene=scene, operator=operator, coupling=coupling, device__servo=servo, dof=dof,
+        duration_s=duration,
     )  # fmt: skip
     zenoh = (mode, connect, listen, config, no_multicast_scouting, cfg)
     return _side("device", params, zenoh, session, name, seed, record, json_to, show_params, realtime, events)
@@ -248,8 +256,8 @@ def world(
     """The virtual world's side only, for two hosts. Start it before or after `hapnet device`."""
     links = LinkOptions(link, profile, delay, jitter, loss, reorder, rate)
     params = parameters(
-        Params(link=NO_LINK, duration_s=0.0), file=params_file, assignments=assign or (), links=links, scene=scene, coupling=coupling,
-        dof=dof, duration_s=duration,
+        Params(link=NO_LINK, duration_s=0.0), file=params_file, assignments=assign or (), links=links, scene=scene,
+        coupling=coupling, dof=dof, duration_s=duration,
     )  # fmt: skip
     zenoh = (mode, connect, listen, config, no_multicast_scouting, cfg)
     return _side("world", params, zenoh, session, name, seed, record, json_to, show_params, False, events)
@@ -296,8 +304,11 @@ def report(
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command: 0, or 2 after one line on standard error where something given is wrong, or its own code."""
+    args = sys.argv[1:] if argv is None else argv
+    if "" not in sys.path:
+        sys.path.append("")  # module:Class is looked up from the current directory too
     try:
-        code = app(args=argv, prog_name="hapnet", standalone_mode=False)
+        code = app(args=args or ["--help"], prog_name="hapnet", standalone_mode=False)
     except (HapnetError, NetemError) as error:
         return _fail(str(error))
     except typer.Abort:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import json
+import math
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
@@ -139,6 +140,8 @@ class Params:
             allowed = spec.metadata["allowed"]
             if allowed is not None and value not in allowed:
                 raise InvalidParameter(name, value, "one of " + ", ".join(allowed))
+            if isinstance(value, float) and not math.isfinite(value):
+                raise InvalidParameter(name, value, "a finite number")
             if (
                 isinstance(value, float | int)
                 and not isinstance(value, bool)
@@ -146,11 +149,12 @@ class Params:
                 and value <= 0
             ):
                 raise InvalidParameter(name, value, "a number above 0")
-            if isinstance(value, float) and value != value:
-                raise InvalidParameter(name, value, "a number")
         for name in ("duration_s", "device.smoothing_s", "device.predict_s", "world.smoothing_s", "world.predict_s"):
             if self.get(name) < 0:
                 raise InvalidParameter(name, self.get(name), "0 or above")
+        for name, low, high in (("device.servo_hz", 10.0, 20_000.0), ("device.substeps", 1, 1000)):
+            if not low <= self.get(name) <= high:
+                raise InvalidParameter(name, self.get(name), f"{low:g} to {high:g}")
         if self.world.step_min_s > self.world.step_max_s:
             raise InvalidParameter("world.step_min_s", self.world.step_min_s, "at most world.step_max_s")
 

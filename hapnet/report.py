@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,10 +19,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from rich.console import RenderableType
+    from rich.table import Table
 
 ROUNDING_J = 1e-9
 """A margin is called negative below minus this [J]: what minutes of double precision may add up to."""
 
+_NOTHING_J = 1e-12  # printed as 0: rounding
 _MM = 1 / 25.4
 _POINTS = 4000  # a curve keeps at most about this many: more than the paper can resolve
 _STYLE: dict[Any, Any] = {  # Any: matplotlib types its keys as literals
@@ -106,8 +108,8 @@ def verdict(summary: Mapping[str, Any] | None) -> str:
         margin = sum(known.values())
     of = "" if bound is None else f" of d² = {_milli(bound)} mJ"
     if margin < -ROUNDING_J:
-        return f"{who}NOT passive: margin {_milli(margin)} mJ{of}"
-    return f"{who}passive: margin ≥ {_milli(margin)} mJ{of}"
+        return f"{who}NOT passive: margin {_millijoule(margin)} mJ{of}"
+    return f"{who}passive: margin ≥ {_millijoule(margin)} mJ{of}"
 
 
 def summary_text(summary: Mapping[str, Any]) -> RenderableType:
@@ -122,14 +124,16 @@ def summary_text(summary: Mapping[str, Any]) -> RenderableType:
     layout: dict[str, Any] = {"title_justify": "left", "box": box.SIMPLE_HEAD, "pad_edge": False}
     sides = Table("", "device", "world", title="sides", **layout)
     for label, unit, path, convert in (
-        ("margin, least", "mJ", ("ledger", "margin_J"), _milli),
-        ("slack, least", "mJ", ("ledger", "slack_J"), _milli),
-        ("reservoir, least", "mJ", ("reservoir_min_J",), _milli),
+        ("margin, least", "mJ", ("ledger", "margin_J"), _millijoule),
+        ("slack, least", "mJ", ("ledger", "slack_J"), _millijoule),
+        ("true slack, least", "mJ", ("true_slack_J",), _millijoule),
+        ("reservoir, least", "mJ", ("reservoir_min_J",), _millijoule),
+        ("deficit, largest", "mJ", ("deficit_max_J",), _millijoule),
         ("sent", "J", ("sent_nJ",), _exact_joule),
         ("credited", "J", ("credited_nJ",), _exact_joule),
         ("discarded", "J", ("discarded_nJ",), _exact_joule),
         ("abandoned", "J", ("abandoned_nJ",), _exact_joule),
-        ("quantisation", "mJ", ("quantisation_J",), _milli),
+        ("quantisation", "mJ", ("quantisation_J",), _millijoule),
         ("incarnations", "", ("incarnations",), _number),
         ("servo ticks", "", ("servo", "ticks"), _number),
         ("servo late p50", "µs", ("servo", "late_p50_us"), _number),
@@ -139,8 +143,7 @@ def summary_text(summary: Mapping[str, Any]) -> RenderableType:
         ("step mean", "ms", ("step", "mean_s"), _milli),
         ("step longest", "ms", ("step", "max_s"), _milli),
     ):
-        values = [_get(summary, side, *path) for side in ("device", "world")]
-        sides.add_row(_labelled(label, unit), *map(convert, values))
+        _add_known(sides, label, unit, convert, [_get(summary, side, *path) for side in ("device", "world")])
     links = Table("", "up", "down", title="links (up: from the device)", **layout)
     for label, unit, key, convert in (
         ("energy sent", "J", "sent_nJ", _exact_joule),
@@ -148,11 +151,9 @@ def summary_text(summary: Mapping[str, Any]) -> RenderableType:
         ("energy in flight", "J", "in_flight_nJ", _exact_joule),
         ("energy abandoned", "J", "abandoned_nJ", _exact_joule),
     ):
-        if _get(summary, "energy") is not None:
-            values = [_get(summary, "energy", way, key) for way in ("up", "down")]
-            links.add_row(_labelled(label, unit), *map(convert, values))
+        _add_known(links, label, unit, convert, [_get(summary, "energy", way, key) for way in ("up", "down")])
     ways = [_get(summary, "links", way) for way in ("up", "down")]
-    links.add_row("asked", *(str(_get(way, "profile") or "-") for way in ways))
+    _add_known(links, "asked", "", _text, [_get(way, "profile") for way in ways])
     for label, unit, key in (
         ("delay p50", "ms", "delay_p50_ms"),
         ("delay p99", "ms", "delay_p99_ms"),
@@ -160,8 +161,8 @@ def summary_text(summary: Mapping[str, Any]) -> RenderableType:
         ("delivered", "", "delivered"),
         ("reordered", "", "reordered"),
     ):
-        links.add_row(_labelled(label, unit), *(_number(_get(way, key)) for way in ways))
-    links.add_row("lost [%]", *map(_loss, ways))
+        _add_known(links, label, unit, _number, [_get(way, key) for way in ways])
+    _add_known(links, "lost", "%", _text, [_loss(way) for way in ways])
     motion = Table("", "", title="motion", show_header=False, **layout)
     for label, unit, key, convert in (
         ("position error, free (rms)", "mm", "free_rms_m", _milli),
@@ -170,7 +171,7 @@ def summary_text(summary: Mapping[str, Any]) -> RenderableType:
         ("force, largest", "N", "peak_force_N", _number),
         ("contacts", "", "contacts", _number),
     ):
-        motion.add_row(_labelled(label, unit), convert(_get(summary, "motion", key)))
+        _add_known(motion, label, unit, convert, [_get(summary, "motion", key)])
     for table in (sides, links, motion):
         for column in table.columns[1:]:
             column.justify = "right"
@@ -183,7 +184,7 @@ def summary_text(summary: Mapping[str, Any]) -> RenderableType:
         )
         if value is not None
     )
-    return Group(Text(line, style=style), Text(about), sides, links, motion)
+    return Group(Text(line, style=style), Text(about), *(table for table in (sides, links, motion) if table.row_count))
 
 
 def _positions(panel: Axes, recording: Recording, axis: int) -> None:
@@ -229,7 +230,9 @@ def _margins(panel: Axes, recording: Recording) -> None:
             _curve(panel, columns, columns["margin_J"] * 1e3, label, drawstyle="steps-post", **style)
     if (total := _total_margin(recording)) is not None:
         low = min(low, _least(total["margin_J"]) * 1e3)
-        _curve(panel, total, total["margin_J"] * 1e3, "sum", color="black", linestyle="-.", linewidth=0.9)
+        known = _get(recording.summary, "theorem", "margin_J")
+        label = "sum" if known is None else f"sum (theorem's margin: {_millijoule(known)} mJ)"
+        _curve(panel, total, total["margin_J"] * 1e3, label, color="black", linestyle="-.", linewidth=0.9)
     top = panel.get_ylim()[1]
     bottom = low * 1.1 - 0.08 * (top - low)
     panel.set_ylim(bottom, top)
@@ -334,8 +337,9 @@ def _title(recording: Recording) -> str:
     words = [f"{name}: {profile}" for name, profile in asked.items() if profile is not None]
     for name in ("coupling", "seed"):
         value = summary.get(name, meta.get(name))
-        words += [] if value is None else [f"{name} {value}"]
-    return "\n".join([*textwrap.wrap(", ".join(words), 105), verdict(_known(recording))])
+        words += [] if value is None else [f"{name}\N{NO-BREAK SPACE}{value}"]
+    about = (line.replace("\N{NO-BREAK SPACE}", " ") for line in textwrap.wrap(", ".join(words), 100))
+    return "\n".join([*about, verdict(_known(recording))])
 
 
 def _known(recording: Recording) -> Mapping[str, Any]:
@@ -360,8 +364,10 @@ def _get(tree: Any, *keys: str) -> Any:
     return tree
 
 
-def _labelled(label: str, unit: str) -> str:
-    return f"{label} \\[{unit}]" if unit else label
+def _add_known(table: Table, label: str, unit: str, convert: Callable[[Any], str], values: list[Any]) -> None:
+    """A row of `table`, unless nothing of it is known."""
+    if any(value is not None for value in values):
+        table.add_row(f"{label} \\[{unit}]" if unit else label, *map(convert, values))
 
 
 def _number(value: float | None) -> str:
@@ -372,7 +378,12 @@ def _number(value: float | None) -> str:
 
 def _milli(value: float | None) -> str:
     """Joules, metres or seconds in thousandths."""
-    return _number(None if value is None else value * 1e3)
+    return _number(None if value is None else value * 1e3 if value else 0)
+
+
+def _millijoule(value: float | None) -> str:
+    """As `_milli`; what is pure rounding is 0."""
+    return _milli(0 if value is not None and abs(value) < _NOTHING_J else value)
 
 
 def _exact_joule(value_nJ: int | None) -> str:
@@ -383,6 +394,10 @@ def _exact_joule(value_nJ: int | None) -> str:
     return f"{'-' if value_nJ < 0 else ''}{whole}.{rest:09d}"
 
 
-def _loss(link: Mapping[str, Any] | None) -> str:
+def _text(value: str | None) -> str:
+    return "-" if value is None else value
+
+
+def _loss(link: Mapping[str, Any] | None) -> str | None:
     lost, offered = _get(link, "lost"), _get(link, "offered")
-    return "-" if lost is None or not offered else f"{100 * lost / offered:.2f}"
+    return None if lost is None or not offered else f"{100 * lost / offered:.2f}"

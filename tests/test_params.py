@@ -40,7 +40,9 @@ def test_defaults_are_section_4s() -> None:
         ("device.smoothing_s=-1", "0 or above"),
         ("wire.accept_stale=1", "true or false"),
         ("device.servo_hz=[1]", "a number"),
-        ("device.servo_hz=NaN", "a number"),
+        ("device.servo_hz=NaN", "finite"),
+        ("duration_s=Infinity", "finite"),
+        ("device.servo_hz=1e9", "20000"),
     ],
 )
 def test_what_is_wrong_is_named(word: str, names: str) -> None:

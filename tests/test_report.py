@@ -127,13 +127,24 @@ def test_the_title_tells_the_link_the_coupling_the_seed_and_the_verdict() -> Non
     recording = run()
     told = Recording(recording.meta, recording.device, recording.world, [], summary)
     assert title(figure(told)) == "link: lan, coupling zoh, seed 8\nNOT passive: margin -12.5 mJ of d² = 100 mJ"
+    assert "sum (theorem's margin: -12.5 mJ)" in lines(figure(told).axes[3])
+
+
+def test_a_long_title_is_not_broken_inside_a_setting() -> None:
+    recording = run()
+    link = "delay 500ms 100ms 25% distribution paretonormal loss gemodel 5% 15% 100% 0% rate 1mbit"
+    meta = {**recording.meta, "links": {"up": link, "down": link}}
+    told = title(figure(Recording(meta, recording.device, recording.world, [], None)))
+    assert "coupling pspm" in told
+    assert "seed 3" in told
+    assert max(map(len, told.splitlines())) <= 100
 
 
 @pytest.mark.parametrize(
     ("summary", "line"),
     [
         ({"theorem": {"margin_J": 0.0312, "bound_J": 0.1}}, "passive: margin ≥ 31.2 mJ of d² = 100 mJ"),
-        ({"theorem": {"margin_J": -1e-12, "bound_J": 0.1}}, "passive: margin ≥ -1e-09 mJ of d² = 100 mJ"),
+        ({"theorem": {"margin_J": -9e-13, "bound_J": 0.1}}, "passive: margin ≥ 0 mJ of d² = 100 mJ"),
         ({"theorem": {"margin_J": -2e-9, "bound_J": None}}, "NOT passive: margin -2e-06 mJ"),
         ({"theorem": None, "device": {"ledger": {"margin_J": 0.5}}}, "device's half passive: margin ≥ 500 mJ"),
         (
@@ -165,8 +176,10 @@ def test_the_summary_as_a_table() -> None:
         {
             "theorem": {"margin_J": 0.0312, "bound_J": 0.1},
             "device": {
-                "ledger": {"margin_J": 0.02, "slack_J": 1e-12},
+                "ledger": {"margin_J": 0.02, "slack_J": 9e-13},
                 "reservoir_min_J": 0.0012,
+                "deficit_max_J": -0.9e-12,
+                "true_slack_J": 0.003,
                 "sent_nJ": 1_123_456_789,
                 "credited_nJ": 5,
                 "quantisation_J": None,
@@ -188,7 +201,10 @@ def test_the_summary_as_a_table() -> None:
     assert rows["reservoir, least [mJ]"] == ["1.2", "-"]
     assert rows["sent [J]"] == ["1.123456789", "-"]
     assert rows["credited [J]"] == ["0.000000005", "-"]
-    assert rows["quantisation [mJ]"] == ["-", "-"]
+    assert rows["slack, least [mJ]"] == ["0", "0"]
+    assert rows["deficit, largest [mJ]"] == ["0", "-"]
+    assert rows["true slack, least [mJ]"] == ["3", "-"]
+    assert "quantisation [mJ]" not in rows
     assert rows["servo late p99 [µs]"] == ["61.2", "-"]
     assert rows["step mean [ms]"] == ["-", "30"]
     assert rows["energy in flight [J]"] == ["0.000000789", "0.000000000"]
@@ -196,14 +212,12 @@ def test_the_summary_as_a_table() -> None:
     assert rows["delay p50 [ms]"] == ["40.2", "-"]
     assert rows["lost [%]"] == ["2.25", "-"]
     assert rows["position error, free (rms) [mm]"] == ["1.23"]
-    assert rows["position error, in contact (rms) [mm]"] == ["-"]
+    assert "position error, in contact (rms) [mm]" not in rows
     assert rows["force, largest [N]"] == ["3.2"]
 
 
-def test_a_summary_that_knows_nothing_is_still_a_table() -> None:
-    rows = cells(printed({"theorem": None, "links": None}))
-    assert "energy sent [J]" not in rows
-    assert rows["lost [%]"] == ["-", "-"]
+def test_a_summary_that_knows_nothing_is_its_verdict_alone() -> None:
+    assert printed({"theorem": None, "links": None}).strip() == "passivity unknown: no ledger"
 
 
 def test_a_figure_that_cannot_be_written(tmp_path: Path) -> None:

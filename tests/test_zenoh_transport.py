@@ -14,7 +14,8 @@ from typing import cast
 import pytest
 
 from hapnet.errors import InvalidParameter, TransportError
-from hapnet.runtime.zenoh_transport import KINDS, Mode, Role, ZenohSettings, ZenohTransport, zenoh_config
+from hapnet.runtime.zenoh_config import Mode, ZenohSettings, zenoh_config
+from hapnet.runtime.zenoh_transport import KINDS, Role, ZenohTransport
 
 WAIT_S = 10.0
 
@@ -304,7 +305,8 @@ async def test_a_cancelled_open_leaves_nothing_behind() -> None:
 def test_the_interpreter_exits_without_close_and_quietly(end: str) -> None:
     program = f"""
         import asyncio
-        from hapnet.runtime.zenoh_transport import ZenohSettings, ZenohTransport
+        from hapnet.runtime.zenoh_config import ZenohSettings
+        from hapnet.runtime.zenoh_transport import ZenohTransport
         async def main():
             got = asyncio.Event()
             loop = asyncio.get_running_loop()

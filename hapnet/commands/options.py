@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -70,8 +71,8 @@ def json_target(target: str | None) -> Path | None:
         return None
     assert target is not None
     path = Path(target)
-    if not path.absolute().parent.is_dir():
-        raise InvalidParameter("--json", target, "- or a file in a directory that exists")
+    if path.is_dir() or not os.access(path if path.exists() else path.absolute().parent, os.W_OK):
+        raise InvalidParameter("--json", target, "- or a file that can be written, in a directory that exists")
     return path
 
 

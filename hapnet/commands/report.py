@@ -7,8 +7,9 @@ from typing import Any
 
 from hapnet.commands import output
 from hapnet.errors import InvalidParameter
+from hapnet.mcap_file import read_recording, repair
 from hapnet.metrics import motion
-from hapnet.record import Recording, join, read_recording, repair
+from hapnet.record import Recording, join
 from hapnet.runtime.summary import from_recording, merge
 
 

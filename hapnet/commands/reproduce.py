@@ -31,7 +31,7 @@ SMOOTHING_S = 0.015
 def main(figure: str, params: Params, seed: int, json_to: str | None, out: Path | None) -> int:
     """Simulate Section 4, draw the figure, print the summary."""
     from hapnet import report
-    from hapnet.record import save
+    from hapnet.mcap_file import save
     from hapnet.runtime.virtual import simulate
 
     if figure not in FIGURES:
@@ -61,7 +61,7 @@ def timesteps(recording: Recording) -> Figure:
         np.arange(len(world["step_s"])), 1e3 * world["step_s"], color="0.2", linewidth=0.8, marker=".", markersize=3
     )
     axes.set(xlabel="index k", ylabel="integration step T_k [ms]", ylim=(0.0, None))
-    axes.set_title("Figure 4: integration step of the virtual world (reconstructed: uniform, 10 to 50 ms)")
+    axes.set_title("Figure 4: integration step of the virtual world (reconstructed: uniform, 10 to 50 ms)", fontsize=9)
     axes.grid(visible=True, color="0.88")
     return fig
 

@@ -9,17 +9,21 @@ import secrets
 import signal
 import socket
 import sys
+import time
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from hapnet.commands import output
 from hapnet.commands.side import catch, exit_code
 from hapnet.errors import HapnetError, RecordingError
+from hapnet.mcap_file import read_recording
 from hapnet.metrics import motion
 from hapnet.params import Params
-from hapnet.record import Recording, join, read_recording
-from hapnet.runtime.build import Setup, prepare
+from hapnet.record import Recording, join
+from hapnet.runtime.build import Setup, device_session, device_side, prepare, world_session, world_side
 from hapnet.runtime.summary import merge
 
 if TYPE_CHECKING:
@@ -32,11 +36,15 @@ STOP_LIMIT_S = 15.0
 def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, realtime: bool) -> int:
     """Start both processes, wait for them, write the run's figure and summary."""
     setup = prepare(params, "sampled")
+    check_sides(setup)
     words = output.console(json_to)
     directory = output.run_directory(out, seed)
     (directory / "params.toml").write_text(params.toml(), encoding="utf-8")
     pair = Pair(setup, seed, directory, words, realtime=realtime)
     code = asyncio.run(pair.run())
+    if not pair.reported:
+        words.print("stopped before both processes ran: there is nothing to report", style="yellow")
+        return code
     summary, recording = pair.result()
     output.write_json(summary, str(directory / "summary.json"))
     figure = "" if recording is None else f", figure {output.save_figure(recording, directory / 'figure.png').name}"
@@ -44,6 +52,17 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, re
     words.print(f"recordings device.mcap and world.mcap{figure}, summary.json in {directory}")
     output.write_json(summary, json_to)
     return code
+
+
+def check_sides(setup: Setup) -> None:
+    """Make both sides once, so that what does not fit is said here, before anything is started or written.
+
+    Raises
+    ------
+    InvalidParameter : as `device_side` and `world_side` do.
+    """
+    device_side(setup, device_session(setup, 1), time.monotonic_ns, lambda sample: None)
+    world_side(setup, world_session(setup, 1), np.random.default_rng(0), lambda sample: None)
 
 
 class Pair:
@@ -82,6 +101,11 @@ class Pair:
                 await asyncio.wait(watchers)
         self._raise_failure(caught)
         return exit_code(caught)
+
+    @property
+    def reported(self) -> bool:
+        """Have both processes left their summary? One that is interrupted while it starts does not."""
+        return all(self._file(role, "json").exists() for role in self._children)
 
     def result(self) -> tuple[dict[str, Any], Recording | None]:
         """The summary of both sides, and what they recorded."""
@@ -129,7 +153,8 @@ class Pair:
         for role, child in self._children.items():
             if child.returncode and not caught and child.returncode != 128 + signal.SIGINT:
                 said = self._errors[role].decode(errors="replace").strip().splitlines()
-                raise HapnetError(said[-1] if said else f"the {role} process ended with exit code {child.returncode}")
+                line = f"the {role} process ended with exit code {child.returncode}"
+                raise HapnetError(said[-1].removeprefix("hapnet: ") if said else line)
 
     def _file(self, role: str, ending: str) -> Path:
         return self.directory / f"{role}.{ending}"

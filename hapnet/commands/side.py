@@ -15,7 +15,7 @@ from hapnet.commands import output
 from hapnet.params import Params
 from hapnet.runtime.build import prepare
 from hapnet.runtime.realtime import Notice, RealtimeSide, Role
-from hapnet.runtime.zenoh_transport import ZenohSettings
+from hapnet.runtime.zenoh_config import ZenohSettings
 
 
 @dataclass(frozen=True)

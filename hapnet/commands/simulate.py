@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from hapnet.commands import output
+from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 
 
@@ -12,9 +13,11 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, fi
     """Simulate, write recording, figure and summary, print the summary."""
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from hapnet.record import save
+    from hapnet.mcap_file import save
     from hapnet.runtime.virtual import Simulation
 
+    if params.duration_s <= 0.0:
+        raise InvalidParameter("duration_s", params.duration_s, "above 0 in virtual time")
     words = output.console(json_to)
     simulation = Simulation(params, seed)
     directory = output.run_directory(out, seed) if files else None

@@ -22,14 +22,17 @@ import numpy as np
 
 from hapnet.endpoint import NANO
 from hapnet.errors import HapnetError, RecordingError
+from hapnet.mcap_file import RecordingWriter
 from hapnet.record import Event as Note
-from hapnet.record import RecordingWriter, Sample
+from hapnet.record import Sample
 from hapnet.runtime.build import Setup, device_session, device_side, world_session, world_side
 from hapnet.runtime.parcel import FRAME_OVERHEAD, Parcel
-from hapnet.runtime.servo import Servo, set_timer_slack, tuned_interpreter
+from hapnet.runtime.servo import Servo, tuned_interpreter
 from hapnet.runtime.sides import DeviceSide, WorldSide
+from hapnet.runtime.stepper import Stepper
 from hapnet.runtime.summary import Summary, combine, device_summary, versions, world_summary
-from hapnet.runtime.zenoh_transport import ZenohSettings, ZenohTransport
+from hapnet.runtime.zenoh_config import ZenohSettings
+from hapnet.runtime.zenoh_transport import ZenohTransport
 from hapnet.wire.events import Event, Mismatch, Paired, PeerLeft, PeerRefused
 from netem import Link
 from netem.aio import DeadlineTimer
@@ -38,6 +41,12 @@ Role = Literal["device", "world"]
 
 LINGER_S = 2.0
 """After control has stopped, how long the energy in flight may take to be acknowledged [s]."""
+
+QUIET_S = 0.3
+"""So long nothing must have been credited before a side leaves: the other, which ends a little later, sends no more."""
+
+REFUSE_S = 0.4
+"""How long a side goes on refusing one that does not fit before it ends: some refusals get lost [s]."""
 
 _HOUSEKEEPING_S = 0.05
 _COLLECT_EVERY = 20  # housekeepings
@@ -49,41 +58,6 @@ class Notice:
 
     kind: str
     text: str
-
-
-class Stepper:
-    """A thread that calls ``step(now_ns)`` at deadlines that it is told: each call returns the next step's length [ns].
-
-    A step that comes late is one longer step; the next is counted from when it came, so there is never a burst.
-    """
-
-    def __init__(
-        self, step: Callable[[int], int], on_error: Callable[[BaseException], None], clock: Callable[[], int]
-    ) -> None:
-        self._step, self._on_error, self._clock = step, on_error, clock
-        self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._main, name="world", daemon=True)
-
-    def start(self) -> None:
-        self._thread.start()
-
-    def stop(self) -> None:
-        """End the thread and wait for it."""
-        self._stopping.set()
-        self._thread.join()
-
-    def _main(self) -> None:
-        set_timer_slack()
-        try:
-            deadline_ns = self._clock()
-            while not self._stopping.is_set():
-                now_ns = self._clock()
-                if now_ns < deadline_ns:
-                    time.sleep((deadline_ns - now_ns) * NANO)
-                else:
-                    deadline_ns = now_ns + self._step(now_ns)
-        except BaseException as error:
-            self._on_error(error)
 
 
 class RealtimeSide:
@@ -268,7 +242,12 @@ class RealtimeSide:
         session = self.endpoint.session
         deadline = self._loop.time() + LINGER_S
         self._pump()
-        while session.peer is not None and not session.settled and self._loop.time() < deadline:
+        credited, quiet_until = session.credited_nJ, self._loop.time() + QUIET_S
+        while session.peer is not None and self._loop.time() < deadline:
+            if session.credited_nJ != credited:
+                credited, quiet_until = session.credited_nJ, self._loop.time() + QUIET_S
+            if session.settled and self._loop.time() >= quiet_until:
+                break
             await asyncio.sleep(0.005)
         with self._lock:
             session.close(self._clock(), reason)
@@ -301,7 +280,8 @@ class RealtimeSide:
                 case Mismatch(reason) | PeerRefused(reason):
                     notice = Notice("refused", f"the {other} does not fit: {reason}")
                     if self.side.origin_ns is None:
-                        self._fail(HapnetError(notice.text))
+                        self._loop.call_later(REFUSE_S, self._fail, HapnetError(notice.text))
+                        continue
                 case _:
                     continue
             self._samples.append(Note(self._clock(), notice.kind, notice.text))
@@ -391,7 +371,10 @@ def _again(number: int) -> str:
 def _require_writable(path: Path) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        existed = path.exists()
         path.open("ab").close()
+        if not existed:
+            path.unlink()  # nothing is written before the sides have met
     except OSError as error:
         raise RecordingError(f"cannot write recording {path}: {error.strerror or error}") from None
 

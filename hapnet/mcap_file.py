@@ -1,0 +1,294 @@
+"""Recordings as files: MCAP with one JSON schema a topic, written as the run goes, readable when torn.
+
+Topics: ``/device/state`` (`DeviceSample`), ``/world/state`` (`WorldSample`), ``/events`` (`Event` as ``foxglove.Log``).
+A sample's time is its message's log time in nanoseconds on the recording process's clock; its other fields are the JSON
+object, vectors as arrays, null where a value is unknown. The settings are an MCAP metadata record at the start of the
+file (``hapnet``), the final summary one at the end (``hapnet.summary``), each a JSON text under the key ``json``.
+
+The schemas use one plain type a field, though null may stand in its place: Foxglove's schema parser refuses a whole
+topic when a type is a list such as ``["number", "null"]``.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any, NoReturn
+
+from hapnet.errors import RecordingError
+from hapnet.record import VECTORS, DeviceSample, Event, Recording, Sample, WorldSample, from_samples, plain
+
+if TYPE_CHECKING:
+    from mcap.records import McapRecord
+
+CHUNK_BYTES = 16 * 1024
+"""No chunk is larger: what one chunk holds is what a torn file can lose beside the last flush."""
+
+FLUSH_NS = 100_000_000
+"""How old unwritten samples may become while `RecordingWriter.flush` is called [ns]."""
+
+_MESSAGE_ROOM = 1024  # mcap closes a chunk after the message that passes its limit; a sample is smaller than this
+_TEXT_LIMIT = 2000
+_META, _SUMMARY, _KEY = "hapnet", "hapnet.summary", "json"
+_TOPICS: dict[type[Sample], str] = {DeviceSample: "/device/state", WorldSample: "/world/state", Event: "/events"}
+
+
+class RecordingWriter:
+    """Writes a recording while the run goes; what is on disk can be read at any time.
+
+    Parameters
+    ----------
+    path : the file; one that exists is overwritten.
+    meta : settings, seed, versions, role; ``origin_ns`` is the instant that ``time_s`` counts from, ``clock`` names the
+        clock (recordings of the same clock can be aligned by `join`).
+
+    Raises
+    ------
+    RecordingError : from any method, when the file cannot be written (no such directory, disk full, ...).
+    """
+
+    def __init__(self, path: str | os.PathLike[str], meta: Mapping[str, Any]) -> None:
+        self._path = Path(path)
+        self._channels: dict[type[Sample], int] = {}
+        self._flushed_ns: int | None = None
+        self._encode = json.JSONEncoder(allow_nan=False, ensure_ascii=False, separators=(",", ":")).encode
+        text = self._encode(plain(meta))
+        try:
+            self._file = self._path.open("wb")
+        except OSError as error:
+            raise self._error(error) from error
+        self._writer = _mcap_writer(self._file)
+        try:
+            self._writer.start()
+            self._writer.add_metadata(_META, {_KEY: text})
+            self._writer.flush()
+        except OSError as error:
+            self._give_up(error)
+
+    def write(self, sample: Sample) -> None:
+        """Append one sample; samples of one kind come in the order of their times."""
+        self._check_open()
+        kind = type(sample)
+        time_ns = sample[0]
+        try:
+            if isinstance(sample, Event):
+                self._writer.flush()  # a long text starts a chunk, so that no chunk passes its limit
+                data = self._encode(_log_message(sample))
+            else:
+                fields = dict(zip(kind._fields, sample, strict=True))
+                del fields["time_ns"]
+                try:
+                    data = self._encode(fields)
+                except ValueError:
+                    data = self._encode(plain(fields))
+            channel = self._channels.get(kind) or self._register(kind)
+            self._writer.add_message(channel, time_ns, data.encode(), time_ns)
+        except OSError as error:
+            self._give_up(error)
+
+    def flush(self, now_ns: int) -> None:
+        """Hand everything to the operating system if `FLUSH_NS` passed since that was last done; call it often."""
+        self._check_open()
+        if self._flushed_ns is not None and 0 <= now_ns - self._flushed_ns < FLUSH_NS:
+            return
+        self._flushed_ns = now_ns
+        try:
+            self._writer.flush()
+        except OSError as error:
+            self._give_up(error)
+
+    def close(self, summary: Mapping[str, Any] | None = None) -> None:
+        """Write the summary and the index, and close the file. Closing again does nothing."""
+        if self._file.closed:
+            return
+        try:
+            self._writer.flush()
+            if summary is not None:
+                self._writer.add_metadata(_SUMMARY, {_KEY: self._encode(plain(summary))})
+            self._writer.finish()
+            self._file.close()
+        except OSError as error:
+            self._give_up(error)
+
+    def _register(self, kind: type[Sample]) -> int:
+        name, schema = _schema(kind)
+        schema_id: int = self._writer.register_schema(name, "jsonschema", self._encode(schema).encode())
+        channel: int = self._writer.register_channel(_TOPICS[kind], "json", schema_id)
+        self._channels[kind] = channel
+        return channel
+
+    def _check_open(self) -> None:
+        if self._file.closed:
+            raise RecordingError(f"recording {self._path} is closed")
+
+    def _error(self, error: OSError) -> RecordingError:
+        return RecordingError(f"cannot write recording {self._path}: {error.strerror or error}")
+
+    def _give_up(self, error: OSError) -> NoReturn:
+        with suppress(OSError):  # closing flushes again, and fails again; the file is closed all the same
+            self._file.close()
+        raise self._error(error) from error
+
+
+def read_recording(path: str | os.PathLike[str]) -> Recording:
+    """Read a recording, complete or torn; of a torn one, everything up to its last whole chunk.
+
+    Raises
+    ------
+    RecordingError : the file cannot be read, or is not a recording.
+    """
+    from mcap.records import Channel, Message, Metadata
+
+    kinds = {topic: kind for kind, topic in _TOPICS.items()}
+    channels: dict[int, type[Sample]] = {}
+    samples: list[Sample] = []
+    texts: dict[str, str] = {}
+    records = _Records(Path(path))
+    try:
+        for record in records:
+            if isinstance(record, Message) and record.channel_id in channels:
+                samples.append(_sample(channels[record.channel_id], record.log_time, json.loads(record.data)))
+            elif isinstance(record, Channel) and record.topic in kinds:
+                channels[record.id] = kinds[record.topic]
+            elif isinstance(record, Metadata) and _KEY in record.metadata:
+                texts[record.name] = record.metadata[_KEY]
+        if _META not in texts:
+            raise RecordingError(f"{path} is not a recording: an MCAP file, but without the metadata record {_META!r}")
+        summary = json.loads(texts[_SUMMARY]) if _SUMMARY in texts else None
+        return from_samples(json.loads(texts[_META]), samples, summary, records.torn)
+    except (AttributeError, TypeError, ValueError) as error:
+        raise RecordingError(f"{path} is not a recording: its content does not fit ({error})") from error
+
+
+def save(recording: Recording, path: str | os.PathLike[str]) -> None:
+    """Write `recording` to `path`, which appears only when it is complete.
+
+    Raises
+    ------
+    RecordingError : the file cannot be written.
+    """
+    with _complete_or_absent(Path(path)) as part:
+        writer = RecordingWriter(part, recording.meta)
+        for sample in recording.samples():
+            writer.write(sample)
+        writer.close(recording.summary)
+
+
+def repair(path: str | os.PathLike[str]) -> Path:
+    """Copy all that can be read of `path` to an indexed, complete ``NAME.repaired.mcap`` beside it; return its path.
+
+    The original is not touched. Raises `RecordingError` as `read_recording` and `RecordingWriter` do.
+    """
+    from mcap.records import Channel, Message, Metadata, Schema
+
+    source = Path(path)
+    target = source.with_name(source.name.removesuffix(".mcap") + ".repaired.mcap")
+    schemas, channels = {0: 0}, dict[int, int]()
+    records = _Records(source)
+    with _complete_or_absent(target) as part, part.open("wb") as file:
+        writer = _mcap_writer(file)
+        writer.start()
+        for r in records:
+            if isinstance(r, Message) and r.channel_id in channels:
+                writer.add_message(channels[r.channel_id], r.log_time, r.data, r.publish_time, r.sequence)
+            elif isinstance(r, Schema) and r.id not in schemas:
+                schemas[r.id] = writer.register_schema(r.name, r.encoding, r.data)
+            elif isinstance(r, Channel) and r.id not in channels:
+                channels[r.id] = writer.register_channel(r.topic, r.message_encoding, schemas[r.schema_id], r.metadata)
+            elif isinstance(r, Metadata):
+                writer.flush()  # metadata stands outside chunks: keep what came before it before it
+                writer.add_metadata(r.name, r.metadata)
+        writer.finish()
+    return target
+
+
+def _mcap_writer(file: IO[bytes]) -> Any:  # Any: some of the class's methods have no annotations
+    from mcap.writer import CompressionType, Writer
+
+    # lz4 halves the file for 1 us a sample; zstd, the library's default, takes three times as long
+    return Writer(file, chunk_size=CHUNK_BYTES - _MESSAGE_ROOM, compression=CompressionType.LZ4)
+
+
+@contextmanager
+def _complete_or_absent(target: Path) -> Iterator[Path]:
+    """The path to write to; it becomes `target` if the body succeeds and is removed if not."""
+    part = target.with_name(target.name + ".part")
+    try:
+        yield part
+        part.replace(target)
+    except OSError as error:
+        raise RecordingError(f"cannot write recording {target}: {error.strerror or error}") from error
+    finally:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+
+
+class _Records:
+    """The records of an MCAP file in order, up to the first that is not whole; `torn` is known after the last."""
+
+    def __init__(self, path: Path) -> None:
+        self.torn = False
+        self._path = path
+
+    def __iter__(self) -> Iterator[McapRecord]:
+        import zstandard
+        from mcap.exceptions import McapError
+        from mcap.stream_reader import StreamReader
+        from mcap.writer import MCAP0_MAGIC
+
+        # what the reader and the decompressors raise on a record that is cut short or damaged (lz4: RuntimeError)
+        damage = (McapError, ValueError, struct.error, RuntimeError, zstandard.ZstdError)
+        try:
+            with self._path.open("rb") as file:
+                if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+                    raise RecordingError(f"{self._path} is not a recording: expected an MCAP file written by hapnet")
+                file.seek(0)
+                size = os.fstat(file.fileno()).st_size
+                records = iter(StreamReader(file, validate_crcs=True, record_size_limit=size).records)
+                while not self.torn:
+                    try:
+                        record = next(records, None)
+                    except damage:
+                        self.torn = True
+                    else:
+                        if record is None:
+                            return
+                        yield record
+        except OSError as error:
+            raise RecordingError(f"cannot read recording {self._path}: {error.strerror or error}") from error
+
+
+def _sample(kind: type[Sample], time_ns: int, fields: Mapping[str, Any]) -> Sample:
+    """A sample from its message; a field that is missing is unknown, one that has no name here is passed over."""
+    if kind is Event:
+        return Event(time_ns, str(fields.get("name")), str(fields.get("message")))
+    return kind._make((time_ns, *map(fields.get, kind._fields[1:])))
+
+
+def _log_message(event: Event) -> dict[str, Any]:
+    seconds, nanoseconds = divmod(event.time_ns, 1_000_000_000)
+    return {
+        "timestamp": {"sec": seconds, "nsec": nanoseconds},
+        "level": 2,
+        "message": event.text[:_TEXT_LIMIT],
+        "name": event.kind,
+        "file": "",
+        "line": 0,
+    }
+
+
+def _schema(kind: type[Sample]) -> tuple[str, dict[str, Any]]:
+    """Name and JSON schema of the messages that carry `kind`."""
+    number, integer, text = {"type": "number"}, {"type": "integer"}, {"type": "string"}
+    if kind is Event:
+        levels = enumerate(("UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL"))
+        time = {"type": "object", "title": "time", "properties": {"sec": integer, "nsec": integer}}
+        level = {"oneOf": [{"title": title, "const": value} for value, title in levels]}
+        fields = {"timestamp": time, "level": level, "message": text, "name": text, "file": text, "line": integer}
+        return "foxglove.Log", {"type": "object", "properties": fields}
+    properties = {f: {"type": "array", "items": number} if f in VECTORS else number for f in kind._fields[1:]}
+    return f"hapnet.{kind.__name__}", {"type": "object", "properties": properties}

@@ -1,0 +1,175 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hapnet.checks import Vector
+from hapnet.errors import InvalidParameter
+from hapnet.params import Params
+from hapnet.plant.operator import Impedance, Rest
+from hapnet.record import Sample
+from hapnet.runtime.build import (
+    Setup,
+    device_session,
+    device_side,
+    link_profile,
+    prepare,
+    world_session,
+    world_side,
+)
+from hapnet.runtime.sides import ContinuousDeviceSide, DeviceSide, SampledDeviceSide, WorldSide
+from netem.errors import NetemError
+
+
+def setup_of(default_servo: str = "continuous", /, **changes: object) -> Setup:
+    params = Params().set({name.replace("__", "."): value for name, value in changes.items()})
+    return prepare(params, default_servo)
+
+
+def discard(sample: Sample) -> None:
+    """Nobody records."""
+
+
+def device(setup: Setup) -> DeviceSide:
+    return device_side(setup, device_session(setup, 1), lambda: 0, discard)
+
+
+def world(setup: Setup) -> WorldSide:
+    return world_side(setup, world_session(setup, 2), np.random.default_rng(0), discard)
+
+
+class OwnHand(Rest):
+    """A hand from outside, as module:Class."""
+
+    def __init__(self, dof: int, impedance: Impedance) -> None:
+        super().__init__(dof, impedance, (0.01,) * dof)
+
+
+class OwnHandWithoutArguments:
+    """Not what module:Class must be."""
+
+
+@pytest.mark.parametrize(
+    ("default", "servo", "harvest", "expected"),
+    [
+        ("continuous", "auto", "auto", ("continuous", "range")),
+        ("sampled", "auto", "auto", ("sampled", "measured")),
+        ("sampled", "continuous", "auto", ("continuous", "range")),
+        ("continuous", "sampled", "auto", ("sampled", "measured")),
+        ("continuous", "sampled", "range", ("sampled", "range")),
+    ],
+)
+def test_auto_stands_for_the_commands_own(default: str, servo: str, harvest: str, expected: tuple[str, str]) -> None:
+    setup = setup_of(default, device__servo=servo, device__harvest=harvest)
+    assert (setup.servo, setup.harvest) == expected
+    assert isinstance(device(setup), ContinuousDeviceSide if setup.servo == "continuous" else SampledDeviceSide)
+
+
+@pytest.mark.parametrize(("scene", "dof"), [("free", 1), ("wall", 1), ("box", 3), ("paper", 3)])
+@pytest.mark.parametrize("operator", ["rest", "sine", "press"])
+def test_every_named_operator_fits_every_named_scene(scene: str, dof: int, operator: str) -> None:
+    setup = setup_of(scene=scene, operator=operator)
+    assert setup.dof == dof
+    assert len(device(setup).device.read()[0]) == dof
+    assert len(world(setup).mass.position) == dof
+
+
+@pytest.mark.parametrize(
+    ("changes", "name"),
+    [
+        ({"device__servo": "continuous", "device__harvest": "measured"}, "device.harvest"),
+        ({"device__servo": "continuous", "device__resolution_m": 1e-5}, "device.resolution_m"),
+        ({"device__servo": "sampled", "device__harvest": "range", "device__trusted_damping": 0.1}, "trusted_damping"),
+        ({"device__spring_share": 1.5}, "device.spring_share"),
+        ({"scene": "nosuch"}, "scene"),
+        ({"dof": 4, "scene": "free"}, "dof"),
+    ],
+)
+def test_what_does_not_fit_together_is_named(changes: dict[str, object], name: str) -> None:
+    with pytest.raises(InvalidParameter, match=name):
+        setup_of(**changes)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"device__stiffness": ((100, 0), (0, 100))},
+        {"scene": "free", "dof": 2, "device__stiffness": ((1, 2), (2, 1))},
+        {"scene": "free", "dof": 2, "device__stiffness": ((1, 2), (0, 1))},
+        {"scene": "free", "dof": 2, "device__damping": (0.1, 0.1, 0.1)},
+        {"scene": "free", "dof": 2, "device__damping": (0.1, -0.1)},
+        {"operator": "nosuch"},
+        {"operator": "nosuch.csv"},
+        {"operator": "tests.test_build:Nosuch"},
+        {"operator": "tests.test_build:OwnHandWithoutArguments"},
+    ],
+)
+@pytest.mark.parametrize("servo", ["continuous", "sampled"])
+def test_a_device_that_cannot_be_is_refused_when_it_is_made(changes: dict[str, object], servo: str) -> None:
+    with pytest.raises(InvalidParameter):
+        device(setup_of(servo, **changes))
+
+
+@pytest.mark.parametrize("name", ["stiffness", "damping", "mass"])
+def test_a_world_that_cannot_be_is_refused_when_it_is_made(name: str) -> None:
+    with pytest.raises(InvalidParameter, match=name):
+        world(setup_of(**{f"world__{name}": ((1, 2), (2, 1)), "scene": "free", "dof": 2}))
+
+
+def test_an_operator_from_outside() -> None:
+    made = device(setup_of(operator="tests.test_build:OwnHand", scene="free", dof=2))
+    position: Vector = made.device.read()[0]
+    assert position == (0.01, 0.01)
+
+
+def test_a_recorded_hand_without_enough_axes_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "hand.csv"
+    file.write_text("time_s,x_m\n" + "".join(f"{i / 100},{i / 1000}\n" for i in range(50)), "utf-8")
+    assert device(setup_of(scene="free", dof=1, operator=str(file))).device.dof == 1
+    with pytest.raises(InvalidParameter, match=r"hand\.csv"):
+        device(setup_of(scene="free", dof=3, operator=str(file)))
+
+
+def test_links_are_words_or_the_name_of_a_profile() -> None:
+    setup = setup_of(link__up="wifi", link__down="delay 3ms")
+    assert setup.up == link_profile("wifi")
+    assert str(setup.down) == "delay 3ms"
+    with pytest.raises(NetemError, match="jiggle"):
+        setup_of(link__up="jiggle 3")
+
+
+@pytest.mark.parametrize(
+    ("own_damping", "words"),
+    # K T/2 = 100 * 0.001 / 2 = 0.05 is necessary, K T/2 + 2 B = 0.05 + 0.2 = 0.25 is sufficient [Ns/m]
+    [(0.0, "is not passive"), (0.049, "is not passive"), (0.051, "can be not passive"), (0.251, None)],
+)
+def test_range_harvest_on_a_sampled_servo_is_warned_of(own_damping: float, words: str | None) -> None:
+    setup = setup_of("sampled", device__harvest="range", device__own_damping=own_damping)
+    if words is None:
+        assert setup.warnings == ()
+    else:
+        (warning,) = setup.warnings
+        assert words in warning
+        assert "0.25 Ns/m" in warning
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"device__servo": "continuous", "device__own_damping": 0.0},
+        {"device__servo": "sampled", "device__own_damping": 0.0},
+        {"device__servo": "sampled", "device__harvest": "range", "device__own_damping": 0.0, "coupling": "zoh"},
+    ],
+)
+def test_no_warning_where_nothing_is_wrong(changes: dict[str, object]) -> None:
+    assert setup_of(**changes).warnings == ()
+
+
+def test_sessions_tell_the_peer_what_this_side_runs() -> None:
+    setup = setup_of(scene="paper", coupling="zoh")
+    for session, role in ((device_session(setup, 5), "device"), (world_session(setup, 6), "world")):
+        assert session.identity.role == role
+        assert session.identity.dof == 3
+        assert session.identity.about == {"scene": "paper", "coupling": "zoh"}

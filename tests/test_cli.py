@@ -1,0 +1,308 @@
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hapnet import cli
+from netem import cli as netem_cli
+
+COMMANDS = ("run", "simulate", "device", "world", "reproduce", "report")
+HEAVY = ("matplotlib", "zenoh", "mcap", "numpy", "msgpack", "asyncio")
+QUICK = ("simulate", "--duration", "0.2", "--no-files")
+ADDRESS = "tcp/127.0.0.1:17447"
+
+Capture = pytest.CaptureFixture[str]
+
+
+@pytest.fixture(autouse=True)
+def empty_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Every command runs in a directory of its own, where what it writes shows."""
+    directory = tmp_path / "here"
+    directory.mkdir()
+    monkeypatch.chdir(directory)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    return directory
+
+
+def python(code: str, **environment: str) -> str:
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=30, env={**os.environ, **environment}
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def summary_of(*argv: str) -> dict[str, Any]:
+    assert cli.main([*argv, "--json", "summary.json"]) == 0
+    summary: dict[str, Any] = json.loads(Path("summary.json").read_text("utf-8"))
+    return summary
+
+
+# Help
+
+
+@pytest.mark.parametrize("flag", ["--help", "-h"])
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_explains_itself(command: str, flag: str, capsys: Capture) -> None:
+    assert cli.main([command, flag]) == 0
+    out, err = capsys.readouterr()
+    assert f"hapnet {command}" in out
+    assert "--json" in out
+    assert not err
+
+
+def test_no_arguments_are_a_question_for_help(capsys: Capture) -> None:
+    assert cli.main([]) == 0
+    out, err = capsys.readouterr()
+    assert all(command in out for command in COMMANDS)
+    assert not err
+
+
+@pytest.mark.parametrize("argv", [[], ["--help"], ["show", "--help"], ["profiles", "--help"]])
+def test_netem_explains_itself(argv: list[str], capsys: Capture) -> None:
+    assert netem_cli.main(argv) == 0
+    out, err = capsys.readouterr()
+    assert "Usage: netem" in out
+    assert not err
+
+
+@pytest.mark.parametrize("argv", [["--help"], *([command, "--help"] for command in COMMANDS)])
+def test_help_loads_nothing_heavy(argv: list[str]) -> None:
+    code = f"import sys\nfrom hapnet.cli import main\nmain({argv!r})\nprint(*sys.modules, file=sys.stdout)"
+    loaded = set(python(code, COLUMNS="200").splitlines()[-1].split())
+    assert "hapnet.cli" in loaded
+    assert not loaded & set(HEAVY)
+
+
+def test_help_in_a_pipe_has_no_escape_codes(capsys: Capture) -> None:
+    assert cli.main(["run", "--help"]) == 0
+    assert "\x1b" not in capsys.readouterr().out
+
+
+# Bad input: one line, exit code 2, nothing written
+
+
+def bad(*argv: str, says: tuple[str, ...]) -> Any:
+    return pytest.param(argv, says, id=" ".join(argv))
+
+
+BAD = [
+    bad("bogus", says=("bogus",)),
+    bad("run", "--bogus", says=("--bogus",)),
+    bad("reproduce", says=("figure",)),
+    bad("report", says=("FILE",)),
+    bad("run", "--duration", "soon", says=("--duration", "number")),
+    bad("run", "--duration", "-1", says=("duration_s", "-1", "0 or above")),
+    bad("simulate", "--duration", "0", says=("duration_s", "above 0")),
+    bad(*QUICK, "--downlink", "loss 100%", says=("did not find each other", "loss 100%")),
+    bad("run", "--duration", "nan", says=("duration_s", "nan")),
+    bad("run", "--seed", "-1", says=("--seed", "0")),
+    bad("run", "--seed", "1.5", says=("--seed",)),
+    bad("run", "--profile", "nosuch", says=("nosuch", "lossy-wifi")),
+    bad("run", "--link", "delay 40ms jiggle 3", says=("jiggle", "delay")),
+    bad("run", "--uplink", "delay fast", says=("fast", "unit")),
+    bad("run", "--downlink", "loss 200%", says=("200%", "100%")),
+    bad("run", "--delay", "40", says=("40", "ms")),
+    bad("run", "--link", "delay 1ms", "--profile", "wifi", says=("wifi", "not both")),
+    bad("run", "--scene", "nosuch", says=("nosuch", "paper")),
+    bad("run", "--scene", "no_such_module:Scene", says=("no_such_module",)),
+    bad("run", "--operator", "nosuch", says=("nosuch", "press")),
+    bad("run", "--operator", "nosuch.csv", says=("nosuch.csv", "CSV")),
+    bad("run", "--coupling", "nosuch", says=("nosuch", "pspm, zoh")),
+    bad("run", "--servo", "nosuch", says=("nosuch", "sampled")),
+    bad("run", "--dof", "4", says=("dof", "4", "1, 2 or 3")),
+    bad("reproduce", "fig7", says=("fig7", "fig4, fig5, fig6")),
+    bad("run", "--set", "device.stifness=3", says=("device.stifness", "device.stiffness")),
+    bad("run", "--set", "device.stiffness", says=("device.stiffness", "NAME=VALUE")),
+    bad("run", "--set", "device.stiffness=hard", says=("hard", "number")),
+    bad("run", "--set", "device.stiffness=[[1,0],[0,1]]", says=("stiffness", "1 x 1")),
+    bad("run", "--scene", "free", "--dof", "2", "--set", "device.stiffness=[[1,2],[2,1]]", says=("positive definite",)),
+    bad("run", "--scene", "free", "--dof", "2", "--set", "world.stiffness=[[1,2],[2,1]]", says=("positive definite",)),
+    bad("run", "--set", "world.mass=-1", says=("world.mass", "-1")),
+    bad("run", "--params", "nosuch.toml", says=("nosuch.toml",)),
+    bad("run", "--json", "no/such/dir.json", says=("no/such/dir.json", "directory")),
+    bad("run", "--json", "/", says=("--json", "/", "file")),
+    bad("run", "--out", "/proc/no", says=("/proc/no",)),
+    bad("simulate", "--out", "/proc/no", says=("/proc/no",)),
+    bad("report", "nosuch.mcap", says=("nosuch.mcap",)),
+    bad("report", "a.mcap", "b.mcap", "c.mcap", says=("c.mcap", "one recording")),
+    bad("device", "-e", "127.0.0.1:17447", says=("127.0.0.1:17447", "tcp/127.0.0.1:17447")),
+    bad("world", "-l", "tcp/127.0.0.1:99999", says=("tcp/127.0.0.1:99999",)),
+    bad("device", "-m", "boss", "-e", ADDRESS, says=("boss", "client")),
+    bad("device", "--no-multicast-scouting", says=("multicast scouting", "dial")),
+    bad("device", "-e", ADDRESS, "--session", "a/b", says=("a/b",)),
+    bad("device", "-e", ADDRESS, "--cfg", "nokey", says=("nokey", "KEY:JSON5")),
+    bad("device", "-c", "nosuch.json5", says=("nosuch.json5",)),
+    bad("device", "-e", ADDRESS, "--record", "/proc/no/x.mcap", says=("/proc/no/x.mcap",)),
+    bad("device", "-e", ADDRESS, "--record", "x.mcap", "--operator", "nosuch", says=("nosuch", "press")),
+]
+
+
+@pytest.mark.parametrize(("argv", "says"), BAD)
+def test_bad_input_is_one_line_and_exit_code_2(
+    argv: tuple[str, ...], says: tuple[str, ...], capsys: Capture, empty_directory: Path
+) -> None:
+    assert cli.main(list(argv)) == 2
+    out, err = capsys.readouterr()
+    assert not out
+    assert err.count("\n") == 1
+    assert err.endswith("\n")
+    assert err.startswith("hapnet: ")
+    assert err.count("hapnet: ") == 1
+    for words in says:
+        assert words in err
+    assert not list(empty_directory.iterdir())
+
+
+def test_a_file_that_is_no_recording(capsys: Capture, tmp_path: Path) -> None:
+    file = tmp_path / "letter.txt"
+    file.write_text("Dear Sir or Madam,\n" * 50, "utf-8")
+    assert cli.main(["report", str(file)]) == 2
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    assert "letter.txt is not a recording" in err
+    assert list(tmp_path.glob("letter*")) == [file]
+
+
+@pytest.mark.parametrize(
+    ("text", "says"), [("x = = 3", "TOML"), ("nosuch = 3", "nosuch"), ("[device]\nmass = 'big'", "device.mass")]
+)
+def test_parameter_files_that_do_not_fit(text: str, says: str, capsys: Capture, tmp_path: Path) -> None:
+    file = tmp_path / "bad.toml"
+    file.write_text(text, "utf-8")
+    assert cli.main(["run", "--params", str(file)]) == 2
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    assert says in err
+
+
+def test_a_recorded_hand_with_fewer_axes_than_the_scene(capsys: Capture, tmp_path: Path) -> None:
+    hand = tmp_path / "hand.csv"
+    hand.write_text("time_s,x_m\n" + "".join(f"{i / 100},{i / 1000}\n" for i in range(100)), "utf-8")
+    assert cli.main(["simulate", "--scene", "free", "--dof", "3", "--operator", str(hand)]) == 2
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    assert "hand.csv" in err
+
+
+# Parameters
+
+
+def test_shown_parameters_read_back_the_same(capsys: Capture, tmp_path: Path) -> None:
+    changes = ["--set", "world.wall.stiffness=30000", "--set", "device.stiffness=[[100,5],[5,80]]", "--scene", "free"]
+    assert cli.main(["run", "--show-params", *changes, "--dof", "2", "--loss", "5%"]) == 0
+    shown = capsys.readouterr().out
+    table = tomllib.loads(shown)
+    assert table["world"]["wall"]["stiffness"] == 30000
+    assert table["device"]["stiffness"] == [[100, 5], [5, 80]]
+    assert table["link"]["up"] == table["link"]["down"] == "delay 40ms 10ms loss 5%"
+    file = tmp_path / "p.toml"
+    file.write_text(shown, "utf-8")
+    for command in ("run", "simulate", "device", "reproduce"):
+        argv = [command, *(["fig5"] if command == "reproduce" else []), "--show-params", "--params", str(file)]
+        assert cli.main(argv) == 0
+        assert capsys.readouterr().out == shown
+
+
+def test_what_overrides_what(capsys: Capture, tmp_path: Path) -> None:
+    """The file, then named options and link flags, then --set."""
+    file = tmp_path / "p.toml"
+    file.write_text('coupling = "zoh"\nduration_s = 3.0\nrecord_hz = 50.0\n', "utf-8")
+    argv = ["run", "--show-params", "--params", str(file), "--duration", "4", "--set", "duration_s=5"]
+    assert cli.main([*argv, "--uplink", "lan", "--link", "delay 7ms", "--dof", "0"]) == 0
+    table = tomllib.loads(capsys.readouterr().out)
+    assert (table["coupling"], table["record_hz"], table["duration_s"]) == ("zoh", 50.0, 5.0)
+    assert (table["link"]["up"], table["link"]["down"]) == ("lan", "delay 7ms")
+
+
+def test_defaults_of_run_and_of_one_side(capsys: Capture) -> None:
+    assert cli.main(["run", "--show-params"]) == 0
+    table = tomllib.loads(capsys.readouterr().out)
+    assert (table["duration_s"], table["scene"], table["operator"]) == (10.0, "wall", "press")
+    assert table["link"] == dict.fromkeys(("up", "down"), "delay 40ms 10ms loss 2%")
+    assert cli.main(["device", "--show-params"]) == 0
+    table = tomllib.loads(capsys.readouterr().out)
+    assert table["link"] == {"up": "", "down": ""}
+    assert table["duration_s"] == 0.0
+
+
+# What is written, and where
+
+
+def test_json_on_standard_output_is_alone(capsys: Capture, empty_directory: Path) -> None:
+    assert cli.main([*QUICK, "--json", "-", "--seed", "3"]) == 0
+    out, err = capsys.readouterr()
+    summary = json.loads(out)
+    assert summary["seed"] == 3
+    assert "margin" in err
+    assert not list(empty_directory.iterdir())
+
+
+def test_json_in_a_file_leaves_words_on_standard_output(capsys: Capture) -> None:
+    summary = summary_of(*QUICK)
+    out, err = capsys.readouterr()
+    assert summary["duration_s"] == 0.2
+    assert "passive" in out
+    assert "\x1b" not in out
+    assert "\r" not in out
+    assert not err
+
+
+def test_a_seed_repeats_a_simulation() -> None:
+    first, again, other = (summary_of(*QUICK, "--seed", seed) for seed in ("1", "1", "2"))
+    for summary in (first, again, other):
+        del summary["wall_clock"]
+    assert first == again
+    assert first["links"] != other["links"]
+
+
+def test_set_and_link_flags_reach_the_simulation() -> None:
+    summary = summary_of(*QUICK, "--uplink", "delay 3ms", "--downlink", "delay 9ms", "--coupling", "zoh")
+    assert summary["links"]["up"]["profile"] == "delay 3ms"
+    assert summary["links"]["up"]["delay_p50_ms"] == pytest.approx(3.0, abs=1e-6)
+    assert summary["links"]["down"]["delay_p50_ms"] == pytest.approx(9.0, abs=1e-6)
+    assert summary["coupling"] == "zoh"
+    assert summary["device"]["reservoir_min_J"] is None
+
+
+def test_out_gets_everything_and_report_reads_it(tmp_path: Path, empty_directory: Path) -> None:
+    out = tmp_path / "made" / "here"
+    assert cli.main(["simulate", "--duration", "0.5", "--out", str(out)]) == 0
+    assert {file.name for file in out.iterdir()} == {"run.mcap", "figure.png", "summary.json"}
+    assert not list(empty_directory.iterdir())
+    simulated = json.loads((out / "summary.json").read_text("utf-8"))
+    reported = summary_of("report", str(out / "run.mcap"), "--out", str(out))
+    assert {key: reported[key] for key in ("theorem", "device", "world", "links", "seed")} == {
+        key: simulated[key] for key in ("theorem", "device", "world", "links", "seed")
+    }
+    assert (out / "run.png").stat().st_size > 10_000
+
+
+def test_default_directory_names_time_and_seed(empty_directory: Path) -> None:
+    assert cli.main(["simulate", "--duration", "0.1", "--seed", "42"]) == 0
+    (made,) = (empty_directory / "runs").iterdir()
+    assert made.name.endswith("Z-42")
+
+
+@pytest.mark.parametrize("figure", ["fig4", "fig5", "fig6"])
+def test_reproduce_says_that_numbers_are_reconstructed(figure: str, capsys: Capture, tmp_path: Path) -> None:
+    assert cli.main(["reproduce", figure, "--duration", "1", "--out", str(tmp_path / "r"), "--json", "-"]) == 0
+    out, err = capsys.readouterr()
+    summary = json.loads(out)
+    assert summary["reconstructed"] is True
+    assert summary["theorem"]["margin_J"] >= 0
+    assert "reconstructed" in err
+    assert {file.name for file in (tmp_path / "r").iterdir()} == {f"{figure}.{end}" for end in ("png", "mcap", "json")}
+
+
+def test_range_harvest_with_too_little_damping_is_warned_of(capsys: Capture) -> None:
+    argv = [*QUICK, "--servo", "sampled", "--set", "device.harvest=range", "--set", "device.own_damping=0"]
+    assert cli.main(argv) == 0
+    assert "warning: the range harvest is not passive" in capsys.readouterr().out

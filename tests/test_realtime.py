@@ -1,0 +1,356 @@
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import socket
+import threading
+import time
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import pytest
+import zenoh
+
+from hapnet import cli
+from hapnet.errors import HapnetError, RecordingError
+from hapnet.mcap_file import read_recording
+from hapnet.params import Params
+from hapnet.runtime.build import prepare
+from hapnet.runtime.realtime import Notice, RealtimeSide, Role
+from hapnet.runtime.sides import DeviceSide
+from hapnet.runtime.stepper import Stepper
+from hapnet.runtime.zenoh_config import ZenohSettings
+from hapnet.runtime.zenoh_transport import ZenohTransport
+
+WAIT_S = 10.0
+LINK = "delay 5ms 2ms loss 5%"
+
+
+def free_address() -> str:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+# The world's stepper
+
+
+class Steps:
+    """A step function with lengths given, which remembers when it was called."""
+
+    def __init__(self, lengths_ns: list[int], then: BaseException | None = None) -> None:
+        self.called_ns: list[int] = []
+        self.done = threading.Event()
+        self.error: BaseException | None = None
+        self._lengths, self._then = iter(lengths_ns), then
+
+    def step(self, now_ns: int) -> int:
+        self.called_ns.append(now_ns)
+        length = next(self._lengths, None)
+        if length is None:
+            self.done.set()
+            if self._then is not None:
+                raise self._then
+            return 1_000_000
+        return length
+
+    def on_error(self, error: BaseException) -> None:
+        self.error = error
+        self.done.set()
+
+
+def test_stepper_keeps_each_length_it_is_told() -> None:
+    lengths = [3_000_000, 1_000_000, 7_000_000, 2_000_000]
+    steps = Steps(lengths)
+    stepper = Stepper(steps.step, steps.on_error, time.monotonic_ns)
+    stepper.start()
+    assert steps.done.wait(WAIT_S)
+    stepper.stop()
+    gaps = [b - a for a, b in zip(steps.called_ns, steps.called_ns[1:], strict=False)]
+    assert all(gap >= length for gap, length in zip(gaps, lengths, strict=False))
+    assert steps.error is None
+    count = len(steps.called_ns)
+    assert len(steps.called_ns) == count  # stop has waited for the thread
+
+
+def test_a_late_step_is_followed_by_a_whole_one_and_no_burst() -> None:
+    """The clock jumps by a second during the first step: the next deadline counts from when a step was made."""
+    jump = 0
+    lengths = [1_000_000, 2_000_000, 2_000_000]
+    steps = Steps(lengths)
+
+    def clock() -> int:
+        return time.monotonic_ns() + jump
+
+    def step(now_ns: int) -> int:
+        nonlocal jump
+        length = steps.step(now_ns)
+        jump = 1_000_000_000
+        return length
+
+    stepper = Stepper(step, steps.on_error, clock)
+    stepper.start()
+    assert steps.done.wait(WAIT_S)
+    stepper.stop()
+    gaps = [b - a for a, b in zip(steps.called_ns, steps.called_ns[1:], strict=False)]
+    assert gaps[0] >= 1_000_000_000
+    assert all(gap >= 2_000_000 for gap in gaps[1:3])
+
+
+def test_an_error_in_a_step_ends_the_stepper_and_is_told() -> None:
+    error = ArithmeticError("the world broke")
+    steps = Steps([], then=error)
+    stepper = Stepper(steps.step, steps.on_error, time.monotonic_ns)
+    stepper.start()
+    assert steps.done.wait(WAIT_S)
+    stepper.stop()
+    assert steps.error is error
+    assert len(steps.called_ns) == 1
+
+
+# Two sides in one loop
+
+
+class Running:
+    """A side and what it told; `stop` ends it."""
+
+    def __init__(self, role: Role, address: str, params: Params, **more: Any) -> None:
+        self.notices: list[Notice] = []
+        self.stop = asyncio.Event()
+        where = ZenohSettings(listen=(address,)) if role == "world" else ZenohSettings(connect=(address,))
+        setup = prepare(params, "sampled")
+        self.side = RealtimeSide(setup, role, where, seed=1, notify=self.notices.append, **more)
+        self.task = asyncio.create_task(self.side.run(self.stop, params.duration_s))
+
+    async def until(self, condition: Callable[[], bool]) -> None:
+        """Poll until it holds; what ended the side meanwhile is raised."""
+        async with asyncio.timeout(WAIT_S):
+            while not condition():
+                if self.task.done():
+                    self.task.result()
+                    raise AssertionError(f"{self.side.role} has ended")
+                await asyncio.sleep(0.01)
+
+    async def end(self) -> dict[str, Any]:
+        self.stop.set()
+        return await asyncio.wait_for(self.task, WAIT_S)
+
+    @property
+    def count(self) -> int:
+        """Ticks of the device's servo, or steps of the world."""
+        side = self.side.side
+        return side.ticks if isinstance(side, DeviceSide) else side.steps
+
+    def told(self, kind: str) -> list[str]:
+        return [notice.text for notice in self.notices if notice.kind == kind]
+
+
+def parameters(**changes: object) -> Params:
+    given = {"duration_s": 0.0, "link.up": LINK, "link.down": LINK, **changes}
+    return Params().set({name.replace("__", "."): value for name, value in given.items()})
+
+
+@contextlib.asynccontextmanager
+async def running(*sides: Running) -> AsyncIterator[None]:
+    try:
+        yield
+    finally:
+        for side in sides:
+            side.stop.set()
+        await asyncio.gather(*(side.task for side in sides), return_exceptions=True)
+
+
+async def test_two_sides_run_part_and_agree(tmp_path: Path) -> None:
+    address, params = free_address(), parameters(operator="sine")
+    device = Running("device", address, params, record=tmp_path / "device.mcap")
+    await device.until(lambda: bool(device.told("waiting")))
+    assert f"dialling {address}" in device.told("waiting")[0]
+    world = Running("world", address, params, record=tmp_path / "world.mcap")
+    async with running(device, world):
+        await device.until(
+            lambda: device.side.side.origin_ns is not None and device.side.endpoint.session.sent_nJ > 1_000_000
+        )
+        await world.until(lambda: world.count >= 10)
+        of_world, of_device = await asyncio.gather(world.end(), device.end())
+    assert device.told("paired") == ["paired with the world"]
+    assert world.told("paired") == ["paired with the device"]
+    up, down = of_device["device"], of_world["world"]
+    for summary in (up, down):
+        assert summary["ledger"]["margin_J"] > 0.0
+        assert summary["ledger"]["slack_J"] >= -1e-9
+        assert summary["reservoir_min_J"] >= 0.0
+        assert set(summary["dropped"]) <= {"stale", "closed", "stranger", "retired"}
+    assert up["sent_nJ"] > 0
+    assert up["sent_nJ"] == down["credited_nJ"] + up["in_flight_nJ"] + up["abandoned_nJ"]
+    assert down["sent_nJ"] == up["credited_nJ"] + down["in_flight_nJ"] + down["abandoned_nJ"]
+    assert of_device["links"]["up"]["lost"] > 0
+    assert 3.0 <= of_device["links"]["up"]["delay_p50_ms"] <= 7.0
+    assert (of_device["links"]["down"], of_world["links"]["up"]) == (None, None)
+    for role in ("device", "world"):
+        recording = read_recording(tmp_path / f"{role}.mcap")
+        assert not recording.torn
+        assert recording.meta["role"] == role
+        assert recording.summary is not None
+
+
+async def test_duration_counts_from_pairing() -> None:
+    address, params = free_address(), parameters(duration_s=0.3)
+    device = Running("device", address, params)
+    await device.until(lambda: bool(device.told("waiting")))
+    world = Running("world", address, params)
+    summaries = await asyncio.wait_for(asyncio.gather(device.task, world.task), WAIT_S)
+    for summary in summaries:
+        assert 0.3 <= summary["duration_s"] < 1.0
+    assert summaries[0]["wall_clock"]["elapsed_s"] > summaries[0]["duration_s"]
+
+
+async def test_garbage_from_the_network_is_counted_and_the_servo_goes_on() -> None:
+    address, params = free_address(), parameters(link__up="", link__down="")
+    world, device = Running("world", address, params), Running("device", address, params)
+    config = zenoh.Config.from_json5(
+        f'{{mode: "client", connect: {{endpoints: ["{address}"]}}, scouting: {{multicast: {{enabled: false}}}}}}'
+    )
+    dropped = world.side.endpoint.session.dropped
+    async with running(world, device):
+        await world.until(lambda: world.side.side.origin_ns is not None)
+        stranger = await asyncio.to_thread(zenoh.open, config)
+        try:
+            before = world.count
+            frames = [b"", b"garbage", b"\xff" * 5000, msgpack.packb([1, 99, 5]), msgpack.packb([1, 1, 5, 0, 0, ["x"]])]
+            frames += [msgpack.packb([1, 1, 5, 0, 0, [float("nan")]]), msgpack.packb([1, 2, 5, 6, -1, 0])]
+            frames += [msgpack.packb([1, 1, 5, 10**6, 0, [0.5]]), msgpack.packb([1, 2, 5, 6, 10**12, 0])]
+
+            def shower() -> bool:
+                for frame in frames:
+                    for kind in ("position", "energy", "control"):
+                        stranger.put(f"hapnet/default/device/up/{kind}", frame)
+                return {"size", "malformed", "kind", "type", "range", "stranger"} <= set(dropped)
+
+            await world.until(shower)
+            seen = world.count
+            await world.until(lambda: world.count > seen + 5)
+            ticks = device.count
+            await device.until(lambda: device.count > ticks + 100)
+        finally:
+            await asyncio.to_thread(stranger.close)
+        summary = (await asyncio.gather(world.end(), device.end()))[0]
+    assert before <= seen
+    assert world.side._transport.callback_errors == 0
+    assert summary["world"]["dropped"]["malformed"] >= 3
+    assert summary["world"]["incarnations"] == 1
+    assert summary["world"]["ledger"]["slack_J"] >= -1e-9
+
+
+async def test_sides_that_do_not_fit_both_end_with_the_reason() -> None:
+    address = free_address()
+    world = Running("world", address, parameters(scene="free", dof=2))
+    device = Running("device", address, parameters(scene="free", dof=1, operator="rest"))
+    async with running(world, device):
+        for side in (world, device):
+            with pytest.raises(HapnetError, match=r"does not fit: .*degrees of freedom"):
+                await asyncio.wait_for(asyncio.shield(side.task), WAIT_S)
+
+
+async def test_a_world_that_restarts_is_paired_anew() -> None:
+    address, params = free_address(), parameters(operator="sine")
+    device = Running("device", address, params)
+    world = Running("world", address, params)
+    async with running(device, world):
+        await device.until(lambda: device.side.side.origin_ns is not None)
+        await world.end()
+        await device.until(lambda: bool(device.told("left")))
+        again = Running("world", address, params)
+        async with running(again):
+            await device.until(lambda: len(device.told("paired")) == 2)
+            await again.until(lambda: again.count >= 3)
+            later, summary = await asyncio.gather(again.end(), device.end())
+    assert device.told("left") == ["the world left: the run is over"]
+    assert device.told("paired")[1] == "paired with the world (it restarted; pair 2)"
+    assert summary["device"]["incarnations"] == 2
+    assert summary["device"]["ledger"]["slack_J"] >= -1e-9
+    assert later["world"]["ledger"]["margin_J"] > 0.0
+
+
+async def test_a_stop_while_waiting_leaves_no_file(tmp_path: Path) -> None:
+    side = Running("device", free_address(), parameters(), record=tmp_path / "x.mcap")
+    await side.until(lambda: bool(side.told("waiting")))
+    summary = await side.end()
+    assert summary["duration_s"] is None
+    assert summary["device"]["ledger"]["margin_J"] is None
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_recording_that_cannot_be_written_is_refused_at_once() -> None:
+    with pytest.raises(RecordingError, match=r"/proc/no\.mcap"):
+        RealtimeSide(
+            prepare(parameters(), "sampled"),
+            "world",
+            ZenohSettings(listen=("tcp/127.0.0.1:1",)),
+            record=Path("/proc/no.mcap"),
+        )
+
+
+async def test_a_failing_control_thread_ends_the_side_with_its_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    address, params = free_address(), parameters()
+    world, device = Running("world", address, params), Running("device", address, params)
+
+    def broken(now_ns: int) -> bytes | None:
+        raise ArithmeticError("a step failed")
+
+    async with running(world, device):
+        await world.until(lambda: world.side.side.origin_ns is not None)
+        monkeypatch.setattr(world.side.side, "step", broken)
+        with pytest.raises(ArithmeticError, match="a step failed"):
+            await asyncio.wait_for(asyncio.shield(world.task), WAIT_S)
+
+
+async def test_an_address_in_use_is_one_error() -> None:
+    address = free_address()
+    host, port = address.removeprefix("tcp/").split(":")
+    with socket.socket() as taken:
+        taken.bind((host, int(port)))
+        taken.listen()
+        world = Running("world", address, parameters())
+        with pytest.raises(HapnetError, match="cannot open Zenoh"):
+            await asyncio.wait_for(world.task, WAIT_S)
+
+
+# A peer of another version, seen from the command
+
+
+class OldPeer:
+    """A world of protocol version 2 on a thread of its own, which says hello until it is told to stop."""
+
+    def __init__(self, address: str) -> None:
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=lambda: asyncio.run(self._main(address)))
+
+    def __enter__(self) -> OldPeer:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self._stopping.set()
+        self._thread.join()
+
+    async def _main(self, address: str) -> None:
+        transport = ZenohTransport(ZenohSettings(listen=(address,)), lambda kind, data: None, role="world")
+        hello = msgpack.packb([2, 3, 77, 1, "world", 1, "of tomorrow", {}, "more"])
+        await transport.open()
+        while not self._stopping.is_set():
+            transport.put("control", hello)
+            await asyncio.sleep(0.02)
+        await transport.close()
+
+
+def test_a_peer_of_another_version_is_one_line_and_exit_code_2(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    address, record = free_address(), tmp_path / "device.mcap"
+    with OldPeer(address):
+        assert cli.main(["device", "-e", address, "--record", str(record)]) == 2
+    err = capsys.readouterr().err
+    assert err == "hapnet: the world does not fit: peer speaks protocol 2, this side speaks 1\n"
+    assert not record.exists()

@@ -1,0 +1,306 @@
+"""Real processes over Zenoh on loopback, as a user starts them."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hapnet.mcap_file import read_recording
+
+HAPNET = [sys.executable, "-m", "hapnet"]
+LIMIT_S = 30.0
+
+
+class Program:
+    """A started `hapnet`, its output read as it comes; in a process group of its own, so that what it leaves shows."""
+
+    def __init__(self, *argv: object) -> None:
+        self.process = subprocess.Popen(
+            [*HAPNET, *map(str, argv)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        self.out: list[str] = []
+        self.err: list[str] = []
+        self._readers = [
+            threading.Thread(target=lines.extend, args=(stream,), daemon=True)
+            for lines, stream in ((self.out, self.process.stdout), (self.err, self.process.stderr))
+        ]
+        for reader in self._readers:
+            reader.start()
+
+    def until(self, what: str, condition: Callable[[], bool]) -> None:
+        """Poll until it holds, for a bounded time."""
+        deadline = time.monotonic() + LIMIT_S
+        while not condition():
+            assert self.process.poll() is None, f"ended before: {what}\n{''.join(self.out + self.err)}"
+            assert time.monotonic() < deadline, f"not in time: {what}\n{''.join(self.out + self.err)}"
+            time.sleep(0.01)
+
+    def until_line(self, words: str) -> None:
+        self.until(f"a line with {words!r}", lambda: any(words in line for line in [*self.out, *self.err]))
+
+    def end(self) -> tuple[int, str, str]:
+        """Exit code, standard output and standard error, once it has ended."""
+        code = self.process.wait(LIMIT_S)
+        for reader in self._readers:
+            reader.join(LIMIT_S)
+        return code, "".join(self.out), "".join(self.err)
+
+    @property
+    def alive(self) -> bool:
+        """Does any process of its group live?"""
+        try:
+            os.killpg(self.process.pid, 0)
+        except ProcessLookupError:
+            return False
+        return True
+
+    def kill(self) -> None:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.process.pid, signal.SIGKILL)
+        self.end()
+        for stream in (self.process.stdout, self.process.stderr):
+            assert stream is not None
+            stream.close()
+
+
+@contextlib.contextmanager
+def started(*argv: object) -> Iterator[Program]:
+    program = Program(*argv)
+    try:
+        yield program
+    finally:
+        program.kill()
+
+
+def free_address() -> str:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+def size(file: Path) -> int:
+    return file.stat().st_size if file.exists() else 0
+
+
+def read_json(file: Path) -> dict[str, Any]:
+    value: dict[str, Any] = json.loads(file.read_text("utf-8"))
+    return value
+
+
+def assert_accounts_agree(summary: dict[str, Any]) -> None:
+    """To the nanojoule, both ways, from the two processes' own counts."""
+    for way, sender, receiver in (("up", "device", "world"), ("down", "world", "device")):
+        flow = summary["energy"][way]
+        assert flow["sent_nJ"] == summary[sender]["sent_nJ"]
+        assert flow["credited_nJ"] == summary[receiver]["credited_nJ"]
+        assert flow["in_flight_nJ"] >= 0
+        assert flow["sent_nJ"] == flow["credited_nJ"] + flow["in_flight_nJ"] + flow["abandoned_nJ"]
+
+
+def assert_passive(summary: dict[str, Any]) -> None:
+    assert summary["theorem"]["margin_J"] > 0.0
+    for side in ("device", "world"):
+        assert summary[side]["ledger"]["margin_J"] > 0.0
+        assert summary[side]["ledger"]["slack_J"] >= -1e-9
+        assert summary[side]["reservoir_min_J"] >= 0.0
+
+
+def test_the_main_job(tmp_path: Path) -> None:
+    """Both processes, the default link both ways: passive, accounts agree, everything written reads back."""
+    out = tmp_path / "run"
+    with started("run", "--duration", 3, "--seed", 1, "--json", "-", "--out", out) as program:
+        code, stdout, stderr = program.end()
+        assert not program.alive
+    assert code == 0, stderr
+    summary = json.loads(stdout)
+    assert "\x1b" not in stderr
+    assert "Traceback" not in stderr
+    assert_passive(summary)
+    assert_accounts_agree(summary)
+    assert summary["energy"]["up"]["sent_nJ"] > 0
+    assert summary["seed"] == 1
+    assert summary["duration_s"] == pytest.approx(3.0, abs=0.5)
+    for way in ("up", "down"):
+        link = summary["links"][way]
+        assert link["profile"] == "delay 40ms 10ms loss 2%"
+        assert 30.0 <= link["delay_p50_ms"] <= 50.0
+        assert link["offered"] >= 50
+        assert link["delivered"] + link["lost"] <= link["offered"]
+    up = summary["links"]["up"]
+    # at least 600 messages at 2 %: 12 expected, standard deviation 3.5; none lost has a chance of 5e-6
+    assert up["offered"] >= 600
+    assert 0 < up["lost"] < 0.06 * up["offered"]
+    assert summary["motion"]["contacts"] >= 1
+    assert summary["motion"]["peak_penetration_m"] > 0.0
+    servo = summary["device"]["servo"]
+    assert servo["ticks"] + servo["skipped"] == pytest.approx(1000.0 * summary["duration_s"], rel=0.1)
+    assert summary == read_json(out / "summary.json")
+    assert {file.name for file in out.iterdir()} == {
+        "device.mcap", "world.mcap", "figure.png", "summary.json", "params.toml",
+    }  # fmt: skip
+    device, world = (read_recording(out / f"{side}.mcap") for side in ("device", "world"))
+    assert device.device is not None
+    assert world.world is not None
+    assert not device.torn
+    assert not world.torn
+    assert device.device["time_s"][-1] == pytest.approx(3.0, abs=0.5)
+    assert len(world.world["time_s"]) == pytest.approx(summary["world"]["step"]["count"], abs=2)
+    assert (out / "figure.png").stat().st_size > 20_000
+
+    with started("report", out / "device.mcap", out / "world.mcap", "--json", tmp_path / "r.json") as program:
+        code, stdout, stderr = program.end()
+    assert (code, stderr) == (0, "")
+    assert "\x1b" not in stdout
+    report = read_json(tmp_path / "r.json")
+    for key in ("theorem", "device", "world", "energy", "links", "motion"):
+        assert report[key] == summary[key]
+    assert (out / "device-world.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.slow)]
+)
+def test_a_signal_stops_a_run_cleanly(number: signal.Signals, code: int, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    with started("run", "--duration", 60, "--operator", "sine", "--json", tmp_path / "s.json", "--out", out) as program:
+        program.until_line("device: paired")
+        program.until("samples on disk", lambda: size(out / "device.mcap") > 20_000)
+        program.process.send_signal(number)
+        got, stdout, stderr = program.end()
+        assert not program.alive
+    assert got == code
+    assert not stderr
+    assert "passive" in stdout
+    summary = read_json(tmp_path / "s.json")
+    assert summary["energy"]["up"]["sent_nJ"] > 0
+    assert_accounts_agree(summary)
+    assert_passive(summary)
+    for side in ("device", "world"):
+        assert not read_recording(out / f"{side}.mcap").torn
+    assert (out / "figure.png").exists()
+
+
+def test_ctrl_c_while_the_processes_start_leaves_no_traceback(tmp_path: Path) -> None:
+    """The terminal's Ctrl-C goes to the whole group: the children are still importing."""
+    out = tmp_path / "run"
+    with started("run", "--out", out) as program:
+        program.until("its directory", (out / "params.toml").exists)
+        os.killpg(program.process.pid, signal.SIGINT)
+        code, stdout, stderr = program.end()
+        assert not program.alive
+    assert code == 130
+    assert not stderr
+    assert "stopped before both processes ran" in stdout
+
+
+@pytest.mark.slow
+def test_a_run_whose_child_is_killed_says_so(tmp_path: Path) -> None:
+    """The other process is ended too, and what was recorded can be read."""
+    out = tmp_path / "run"
+    with started("run", "--duration", 60, "--out", out) as program:
+        program.until_line("device: paired")
+        program.until("samples on disk", lambda: size(out / "device.mcap") > 10_000)
+        os.kill(child_of(program.process.pid, "device"), signal.SIGKILL)
+        code, _, stderr = program.end()
+        assert not program.alive
+    assert code == 2
+    assert stderr == "hapnet: the device process ended with exit code -9\n"
+    torn = read_recording(out / "device.mcap")
+    assert torn.torn
+    assert torn.device is not None
+
+
+def child_of(parent: int, role: str) -> int:
+    for child in Path(f"/proc/{parent}/task/{parent}/children").read_text("ascii").split():
+        if role in Path(f"/proc/{child}/cmdline").read_bytes().decode().split("\0"):
+            return int(child)
+    raise AssertionError(f"{parent} has no child {role}")
+
+
+@pytest.mark.parametrize("first", ["device", "world"])
+def test_sides_start_in_either_order(first: str, tmp_path: Path) -> None:
+    address = free_address()
+    argv: dict[str, list[object]] = {"device": ["-e", address, "--operator", "sine"], "world": ["-l", address]}
+    second = "world" if first == "device" else "device"
+
+    def side(role: str) -> list[object]:
+        return [role, *argv[role], "--duration", 0.5, "--loss", "2%", "--json", tmp_path / f"{role}.json"]
+
+    with started(*side(first)) as early:
+        early.until_line(f"waiting for the {second}: ")
+        assert address in early.out[0]
+        with started(*side(second)) as late:
+            ends = [program.end() for program in (early, late)]
+    for code, stdout, stderr in ends:
+        assert (code, stderr) == (0, "")
+        assert "\x1b" not in stdout
+    assert f"paired with the {second}" in ends[0][1]
+    assert f"paired with the {first}" in ends[1][1]
+    device, world = (read_json(tmp_path / f"{role}.json") for role in ("device", "world"))
+    assert device["links"]["up"]["profile"] == "loss 2%"
+    assert device["device"]["sent_nJ"] == world["world"]["credited_nJ"] + device["energy"]["up"]["in_flight_nJ"]
+    assert device["device"]["ledger"]["margin_J"] > 0.0
+    assert world["world"]["ledger"]["margin_J"] > 0.0
+
+
+def test_a_killed_process_leaves_a_recording_that_report_repairs(tmp_path: Path) -> None:
+    address, file = free_address(), tmp_path / "device.mcap"
+    with (
+        started("world", "-l", address) as world,
+        started("device", "-e", address, "--record", file) as device,
+    ):
+        device.until("samples on disk", lambda: size(file) > 10_000)
+        device.process.send_signal(signal.SIGKILL)
+        device.end()
+        world.process.send_signal(signal.SIGTERM)
+        assert world.end()[0] == 143
+    torn = read_recording(file)
+    assert torn.torn
+    assert torn.device is not None
+    before = file.read_bytes()
+    with started("report", file, "--json", tmp_path / "r.json") as program:
+        code, stdout, stderr = program.end()
+    assert (code, stderr) == (0, "")
+    assert "is torn" in stdout
+    assert file.read_bytes() == before
+    copy = read_recording(tmp_path / "device.repaired.mcap")
+    assert not copy.torn
+    assert copy.device is not None
+    assert (copy.device["time_ns"] == torn.device["time_ns"]).all()
+    report = read_json(tmp_path / "r.json")
+    assert report["device"]["ledger"]["margin_J"] == torn.device["margin_J"].min()
+    assert report["world"] is None
+
+
+@pytest.mark.slow
+def test_the_recorded_hand_writes_on_paper(handwriting: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    argv = ["run", "--scene", "paper", "--operator", handwriting, "--json", "-", "--out", out]
+    with started(*argv) as program:
+        code, stdout, stderr = program.end()
+    assert code == 0, stderr
+    summary = json.loads(stdout)
+    assert_passive(summary)
+    assert_accounts_agree(summary)
+    assert summary["motion"]["contacts"] >= 1
+    recording = read_recording(out / "world.mcap")
+    assert recording.world is not None
+    touching = recording.world["penetration_m"] > 0.0
+    path = recording.world["position_m"][touching, :2]
+    assert (path.max(axis=0) - path.min(axis=0)).min() > 0.005  # it wrote, in both directions of the surface

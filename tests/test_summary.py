@@ -1,0 +1,137 @@
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+
+from hapnet.params import Params
+from hapnet.record import Recording
+from hapnet.runtime.summary import Summary, combine, from_recording, merge, versions
+from hapnet.runtime.virtual import simulate
+
+SIDE_KEYS = {"ledger", "reservoir_min_J", "sent_nJ", "credited_nJ", "discarded_nJ", "abandoned_nJ", "incarnations"}
+LINK_KEYS = {"profile", "offered", "delivered", "lost", "reordered", "delay_p50_ms", "delay_p99_ms"}
+
+
+def side(margin: float | None, bound: float | None, sent: int, credited: int, abandoned: int | None = 0) -> Summary:
+    return {
+        "ledger": {"margin_J": margin, "slack_J": 0.0, "bound_J": bound},
+        "sent_nJ": sent,
+        "credited_nJ": credited,
+        "in_flight_nJ": 3,
+        "abandoned_nJ": abandoned,
+    }
+
+
+def both(device: Summary | None, world: Summary | None, two_port_J: float | None = None) -> Summary:
+    links = {"up": None, "down": None}
+    return combine(device, world, links, seed=1, duration_s=2.0, coupling="pspm", two_port_J=two_port_J)
+
+
+@pytest.fixture(scope="module", params=["pspm", "zoh"])
+def simulated(request: pytest.FixtureRequest) -> Any:
+    params = Params().set({"duration_s": 1.0, "operator": "sine", "coupling": request.param})
+    return simulate(params, 1)
+
+
+def test_keys_that_programs_rely_on(simulated: Any) -> None:
+    summary = json.loads(json.dumps(simulated.summary, allow_nan=False))
+    assert set(summary) >= {
+        "theorem", "device", "world", "links", "motion", "seed", "duration_s", "coupling", "versions", "wall_clock",
+    }  # fmt: skip
+    assert set(summary["theorem"]) >= {"margin_J", "bound_J"}
+    assert set(summary["device"]) >= SIDE_KEYS | {"quantisation_J", "servo"}
+    assert set(summary["device"]["servo"]) >= {"ticks", "late_p50_us", "late_p99_us", "skipped"}
+    assert set(summary["world"]) >= SIDE_KEYS | {"step"}
+    assert set(summary["world"]["step"]) >= {"count", "mean_s", "max_s"}
+    for name in ("device", "world"):
+        assert set(summary[name]["ledger"]) >= {"margin_J", "slack_J"}
+    for way in ("up", "down"):
+        assert set(summary["links"][way]) >= LINK_KEYS
+    assert set(summary["motion"]) >= {
+        "free_rms_m", "contact_rms_m", "peak_force_N", "peak_penetration_m", "contacts",
+    }  # fmt: skip
+
+
+def test_without_pspm_there_is_no_reservoir(simulated: Any) -> None:
+    summary = simulated.summary
+    known = summary["coupling"] == "pspm"
+    for name in ("device", "world"):
+        assert (summary[name]["reservoir_min_J"] is not None) == known
+        assert (summary[name]["sent_nJ"] > 0 or name == "world") == known or summary[name]["sent_nJ"] == 0
+
+
+def test_both_reservoirs_full_bound_is_two_ceilings(simulated: Any) -> None:
+    """Everything starts at rest at ybar = x: d^2 = E(0) + E_0 = 0.05 J + 0.05 J, for either coupling."""
+    assert simulated.summary["theorem"]["bound_J"] == pytest.approx(0.1, rel=1e-12)
+
+
+def test_margin_of_two_processes_is_the_sum_of_their_own() -> None:
+    theorem = both(side(0.02, 0.05, 0, 0), side(0.03, 0.06, 0, 0))["theorem"]
+    assert theorem == {"margin_J": pytest.approx(0.05), "bound_J": pytest.approx(0.11)}
+
+
+def test_margin_on_one_clock_is_bound_plus_least_two_port_energy() -> None:
+    theorem = both(side(0.02, 0.05, 0, 0), side(0.03, 0.06, 0, 0), two_port_J=-0.01)["theorem"]
+    assert theorem["margin_J"] == pytest.approx(0.10)
+
+
+@pytest.mark.parametrize(
+    ("device", "world"),
+    [
+        (side(0.02, 0.05, 0, 0), None),
+        (None, side(0.02, 0.05, 0, 0)),
+        (side(None, None, 0, 0), side(0.02, 0.05, 0, 0)),
+        (None, None),
+    ],
+)
+def test_one_side_alone_has_no_theorem(device: Summary | None, world: Summary | None) -> None:
+    assert both(device, world)["theorem"] == {"margin_J": None, "bound_J": None}
+
+
+def test_energy_in_flight_is_what_neither_side_has() -> None:
+    energy = both(side(0, 0, sent=100, credited=7, abandoned=20), side(0, 0, sent=10, credited=70))["energy"]
+    assert energy["up"] == {"sent_nJ": 100, "credited_nJ": 70, "in_flight_nJ": 10, "abandoned_nJ": 20}
+    assert energy["down"] == {"sent_nJ": 10, "credited_nJ": 7, "in_flight_nJ": 3, "abandoned_nJ": 0}
+
+
+def test_one_side_knows_its_own_in_flight_and_not_what_was_credited() -> None:
+    energy = both(side(0, 0, sent=100, credited=7, abandoned=20), None)["energy"]
+    assert energy["up"] == {"sent_nJ": 100, "credited_nJ": None, "in_flight_nJ": 3, "abandoned_nJ": 20}
+    assert energy["down"] == {"sent_nJ": None, "credited_nJ": 7, "in_flight_nJ": None, "abandoned_nJ": None}
+
+
+def test_merge_takes_from_each_process_its_own() -> None:
+    links = {"up": {"profile": "delay 1ms"}, "down": None}, {"up": None, "down": {"profile": "delay 2ms"}}
+    parts = [
+        combine(a, b, link, seed=seed, duration_s=seed, coupling="pspm")
+        for a, b, link, seed in ((side(0.1, 0.2, 5, 0), None, links[0], 3), (None, side(0.3, 0.4, 0, 5), links[1], 4))
+    ]
+    whole = merge(*parts)
+    assert whole["device"] == side(0.1, 0.2, 5, 0)
+    assert whole["world"] == side(0.3, 0.4, 0, 5)
+    assert whole["links"] == {"up": {"profile": "delay 1ms"}, "down": {"profile": "delay 2ms"}}
+    assert (whole["seed"], whole["duration_s"]) == (3, 3)
+    assert whole["energy"]["up"]["in_flight_nJ"] == 0
+    assert merge(*parts, seed=9)["seed"] == 9
+
+
+def test_a_recording_tells_what_its_samples_tell(simulated: Any) -> None:
+    recording: Recording = simulated.recording
+    told = from_recording(recording)
+    summary = simulated.summary
+    assert recording.device is not None
+    for name, columns in (("device", recording.device), ("world", recording.world)):
+        assert columns is not None
+        assert told[name]["ledger"]["margin_J"] == columns["margin_J"].min() >= summary[name]["ledger"]["margin_J"]
+        assert told[name]["sent_nJ"] <= summary[name]["sent_nJ"] + 1  # the ledger counts what makes no whole nJ yet
+    assert told["duration_s"] == pytest.approx(summary["duration_s"], abs=0.06)
+    assert told["device"]["abandoned_nJ"] is None
+    assert told["theorem"]["bound_J"] is None
+
+
+def test_versions_name_what_is_installed() -> None:
+    found = versions()
+    assert {"hapnet-haptics", "numpy", "python"} <= set(found)
+    assert found["numpy"] != "not installed"
