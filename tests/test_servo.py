@@ -50,9 +50,12 @@ def run_virtual(
         called.append(now_ns)
         if len(called) == len(costs_ns):
             servo.stop()
+            done.set()
 
+    done = threading.Event()
     servo = Servo(period_ns, tick, clock=time.clock, sleep=time.sleep)
     assert servo.start() is None
+    assert done.wait(WAIT_S)
     servo.stop()
     assert not servo.running
     assert servo.error is None
