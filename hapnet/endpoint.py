@@ -15,6 +15,7 @@ from hapnet.control.coupling import Coupling
 from hapnet.control.pspm import Modulation
 from hapnet.control.servo_law import ContinuousServo, Extremes, SampledServo
 from hapnet.wire.events import EnergyCredited, Event, Paired, PositionReceived
+from hapnet.wire.handshake import EARLIER
 from hapnet.wire.session import Outgoing, Session
 
 NANO = 1e-9
@@ -33,6 +34,9 @@ class Endpoint:
         self.session = session
         self.paired = False
         """Set by the wire half when a peer was first found: control may start."""
+        self.restarted = False
+        """The peer had another one in this side's place before: this side starts with an empty reservoir, since every
+        start with a full one would be energy from nothing, and a crash loop a pump."""
         self._coupling: Coupling | None = None
         self._arrived: deque[tuple[Vector, float]] = deque(maxlen=1)
         self._credits: deque[int] = deque()
@@ -77,6 +81,8 @@ class Endpoint:
             elif isinstance(event, EnergyCredited):
                 self._credits.append(event.credited_nJ)
             elif isinstance(event, Paired):
+                if not self.paired:
+                    self.restarted = bool(event.peer.about.get(EARLIER))
                 self.paired = True
 
     # -- the control half -------------------------------------------------------------------------------------------

@@ -21,7 +21,31 @@ Matrix = float | tuple[float, ...] | tuple[tuple[float, ...], ...]
 """A scalar, one number an axis, or rows of a matrix."""
 
 
-def _p(default: object, doc: str, allowed: tuple[str, ...] | None = None) -> Any:
+@dataclass(frozen=True)
+class _Range:
+    """The numbers that a parameter may be; of a matrix, when it is given as a scalar."""
+
+    above: float | None = None
+    at_least: float | None = None
+    at_most: float | None = None
+
+    def __contains__(self, value: float) -> bool:
+        return (
+            (self.above is None or value > self.above)
+            and (self.at_least is None or value >= self.at_least)
+            and (self.at_most is None or value <= self.at_most)
+        )
+
+    def __str__(self) -> str:
+        if self.at_least is not None:
+            return f"{self.at_least:g} or above" if self.at_most is None else f"{self.at_least:g} to {self.at_most:g}"
+        return f"a number above {self.above:g}" + ("" if self.at_most is None else f", at most {self.at_most:g}")
+
+
+_ANY, _NOT_NEGATIVE, _POSITIVE = _Range(), _Range(at_least=0.0), _Range(above=0.0)
+
+
+def _p(default: object, doc: str, allowed: tuple[str, ...] | _Range = _ANY) -> Any:
     return field(default=default, metadata={"doc": doc, "allowed": allowed})
 
 
@@ -31,71 +55,80 @@ class DeviceParams:
 
     servo: str = _p("auto", "auto: continuous in simulate and reproduce, sampled in run and device",
                     ("auto", "continuous", "sampled"))  # fmt: skip
-    servo_hz: float = _p(1000.0, "servo rate [Hz]")
-    pspm_period_s: float = _p(0.005, "PSPM runs at least this often, and on new data [s]")
-    stiffness: Matrix = _p(100.0, "K [N/m], scalar, per axis or matrix (rec.)")
-    damping: Matrix = _p(0.1, "B [Ns/m], scalar or per axis")
-    ceiling_J: float = _p(0.05, "the reservoir's ceiling [J]")
+    servo_hz: float = _p(1000.0, "servo rate [Hz]", _Range(at_least=10.0, at_most=20_000.0))
+    pspm_period_s: float = _p(0.005, "PSPM runs at least this often, and on new data [s]", _POSITIVE)
+    stiffness: Matrix = _p(100.0, "K [N/m], scalar, per axis or matrix (rec.)", _POSITIVE)
+    damping: Matrix = _p(0.1, "B [Ns/m], scalar or per axis", _POSITIVE)
+    ceiling_J: float = _p(0.05, "the reservoir's ceiling [J]", _NOT_NEGATIVE)
     shuffle: str = _p("harvested", "what of the surplus is sent", ("harvested", "all"))
     harvest: str = _p("auto", "auto: range with the continuous servo, measured with the sampled one",
                       ("auto", "range", "measured"))  # fmt: skip
-    force_limit_N: float = _p(3.3, "longest force of the actuators [N]; 0: no limit")
-    spring_share: float = _p(0.9, "share of the force limit at which the spring saturates, the rest is the damper's")
-    step_limit_N: float = _p(0.5, "largest step of the spring's force an update [N]; 0: no limit")
-    smoothing_s: float = _p(0.0, "time constant of the smoothing filter before PSPM [s]; 0: none")
-    predict_s: float = _p(0.0, "horizon of the velocity predictor before PSPM [s]; 0: none")
+    force_limit_N: float = _p(3.3, "longest force of the actuators [N]; 0: no limit", _NOT_NEGATIVE)
+    spring_share: float = _p(
+        0.9,
+        "share of the force limit at which the spring saturates, the rest is the damper's",
+        _Range(above=0.0, at_most=1.0),
+    )
+    step_limit_N: float = _p(0.5, "largest step of the spring's force an update [N]; 0: no limit", _NOT_NEGATIVE)
+    smoothing_s: float = _p(0.0, "time constant of the smoothing filter before PSPM [s]; 0: none", _NOT_NEGATIVE)
+    predict_s: float = _p(0.0, "horizon of the velocity predictor before PSPM [s]; 0: none", _NOT_NEGATIVE)
     on_silence: str = _p("hold", "what y does when nothing arrives", ("hold", "release"))
-    silence_after_s: float = _p(0.5, "the silence that counts [s]")
-    mass: float = _p(0.045, "apparent mass of the simulated device [kg]")
-    own_damping: float = _p(0.3, "own damping of the simulated device [Ns/m]")
-    trusted_damping: float = _p(0.0, "lower bound of the device's own damping to harvest, measured harvest only [Ns/m]")
-    resolution_m: float = _p(0.0, "encoder resolution, sampled servo only [m]; 0: exact")
-    substeps: int = _p(4, "integration substeps of the simulated device a tick")
+    silence_after_s: float = _p(0.5, "the silence that counts [s]", _POSITIVE)
+    mass: float = _p(0.045, "apparent mass of the simulated device [kg]", _POSITIVE)
+    own_damping: float = _p(0.3, "own damping of the simulated device [Ns/m]", _NOT_NEGATIVE)
+    trusted_damping: float = _p(
+        0.0, "lower bound of the device's own damping to harvest, measured harvest only [Ns/m]", _NOT_NEGATIVE
+    )
+    resolution_m: float = _p(0.0, "encoder resolution, sampled servo only [m]; 0: exact", _NOT_NEGATIVE)
+    substeps: int = _p(4, "integration substeps of the simulated device a tick", _Range(at_least=1, at_most=1000))
 
 
 @dataclass(frozen=True)
 class OperatorParams:
     """The simulated hand: its impedance and its motion."""
 
-    mass: float = _p(0.554, "of hand and arm [kg]")
-    damping: float = _p(6.45, "[Ns/m]")
-    stiffness: float = _p(135.0, "[N/m]")
-    amplitude_m: float = _p(0.03, "of the sine [m]")
-    frequency_hz: float = _p(0.5, "of the sine [Hz]")
+    mass: float = _p(0.554, "of hand and arm [kg]", _NOT_NEGATIVE)
+    damping: float = _p(6.45, "[Ns/m]", _NOT_NEGATIVE)
+    stiffness: float = _p(135.0, "[N/m]", _NOT_NEGATIVE)
+    amplitude_m: float = _p(0.03, "of the sine [m]", _NOT_NEGATIVE)
+    frequency_hz: float = _p(0.5, "of the sine [Hz]", _NOT_NEGATIVE)
     start_m: float = _p(0.0, "where the press begins, along the wall's normal [m]")
     goal_m: float = _p(0.04, "where the press wants to go, along the wall's normal [m]")
-    reach_s: float = _p(1.0, "duration of a way of the press [s]")
-    hold_s: float = _p(1.5, "how long the press is held [s]")
-    wait_s: float = _p(0.5, "pause between presses [s]")
-    press_depth_m: float = _p(0.008, "how deep a recorded pen wants to be at full pressure [m]")
-    hover_m: float = _p(0.006, "how high a recorded pen hovers when lifted [m]")
+    reach_s: float = _p(1.0, "duration of a way of the press [s]", _POSITIVE)
+    hold_s: float = _p(1.5, "how long the press is held [s]", _NOT_NEGATIVE)
+    wait_s: float = _p(0.5, "pause between presses [s]", _NOT_NEGATIVE)
+    press_depth_m: float = _p(0.008, "how deep a recorded pen wants to be at full pressure [m]", _NOT_NEGATIVE)
+    hover_m: float = _p(0.006, "how high a recorded pen hovers when lifted [m]", _NOT_NEGATIVE)
 
 
 @dataclass(frozen=True)
 class WallParams:
     """The walls of the scene."""
 
-    stiffness: float = _p(3000.0, "K_w [N/m] (rec.)")
-    damping: float = _p(10.0, "B_w [Ns/m] (rec.)")
+    stiffness: float = _p(3000.0, "K_w [N/m] (rec.)", _POSITIVE)
+    damping: float = _p(10.0, "B_w [Ns/m] (rec.)", _NOT_NEGATIVE)
     position_m: float = _p(0.02, "where the wall of scene wall stands on the first axis [m]")
-    half_width_m: float = _p(0.03, "half the inner width of scene box [m]")
+    half_width_m: float = _p(0.03, "half the inner width of scene box [m]", _POSITIVE)
 
 
 @dataclass(frozen=True)
 class WorldParams:
     """The virtual world and its side of the coupling."""
 
-    mass: Matrix = _p(0.02, "virtual mass [kg] (rec.)")
-    stiffness: Matrix = _p(500.0, "K' [N/m] (rec.); K'/K scales the force that is felt")
-    damping: Matrix = _p(14.0, "B' [Ns/m]")
-    ceiling_J: float = _p(0.05, "the reservoir's ceiling [J]")
+    mass: Matrix = _p(0.02, "virtual mass [kg] (rec.)", _POSITIVE)
+    stiffness: Matrix = _p(500.0, "K' [N/m] (rec.); K'/K scales the force that is felt", _POSITIVE)
+    damping: Matrix = _p(14.0, "B' [Ns/m]", _POSITIVE)
+    ceiling_J: float = _p(0.05, "the reservoir's ceiling [J]", _NOT_NEGATIVE)
     shuffle: str = _p("harvested", "what of the surplus is sent", ("harvested", "all"))
-    step_min_s: float = _p(0.010, "shortest integration step T_k [s] (rec.)")
-    step_max_s: float = _p(0.050, "longest integration step T_k, uniform between [s] (rec.)")
-    smoothing_s: float = _p(0.0, "time constant of the smoothing filter before PSPM [s]; 0: none")
-    predict_s: float = _p(0.0, "horizon of the velocity predictor before PSPM [s]; 0: none")
+    step_min_s: float = _p(0.010, "shortest integration step T_k [s] (rec.)", _POSITIVE)
+    step_max_s: float = _p(0.050, "longest integration step T_k, uniform between [s] (rec.)", _POSITIVE)
+    step_limit_N: float = _p(
+        25.0, "largest step of the virtual coupling's force an update [N]; 0: no limit", _NOT_NEGATIVE
+    )
+    smoothing_s: float = _p(0.0, "time constant of the smoothing filter before PSPM [s]; 0: none", _NOT_NEGATIVE)
+    predict_s: float = _p(0.0, "horizon of the velocity predictor before PSPM [s]; 0: none", _NOT_NEGATIVE)
     on_silence: str = _p("hold", "what y does when nothing arrives", ("hold", "release"))
-    silence_after_s: float = _p(0.5, "the silence that counts [s]")
+    silence_after_s: float = _p(0.5, "the silence that counts [s]", _POSITIVE)
     wall: WallParams = field(default_factory=WallParams)
 
 
@@ -111,10 +144,16 @@ class LinkParams:
 class WireParams:
     """The protocol's timing and admission."""
 
-    hello_period_s: float = _p(0.1, "between greetings until the peer has answered [s]")
-    energy_spacing_s: float = _p(0.010, "least time between two energy messages with news [s]")
-    admission_W: float = _p(5.0, "most shuffled power that is credited [W]")
-    admission_burst_J: float = _p(0.5, "shuffled energy credited at once before that limit counts [J]")
+    hello_period_s: float = _p(
+        0.1, "between greetings until the peer has answered [s]", _Range(at_least=0.001, at_most=10.0)
+    )
+    energy_spacing_s: float = _p(
+        0.010, "least time between two energy messages with news [s]", _Range(at_least=0.001, at_most=10.0)
+    )
+    admission_W: float = _p(5.0, "most shuffled power that is credited [W]", _Range(at_least=1e-9, at_most=1e9))
+    admission_burst_J: float = _p(
+        0.5, "shuffled energy credited at once before that limit counts [J]", _Range(at_least=1e-9, at_most=1e9)
+    )
     accept_stale: bool = _p(False, "let set-positions through that arrive after newer ones")
 
 
@@ -126,9 +165,9 @@ class Params:
     operator: str = _p("press", "rest, sine, press, a recording's path, or module:Class")
     hardware: str = _p("simulated", "the device: simulated, or module:Class of your own")
     coupling: str = _p("pspm", "pspm; zoh: a plain virtual coupling, not passive", ("pspm", "zoh"))
-    dof: int = _p(0, "degrees of freedom; 0: the scene's own")
-    duration_s: float = _p(10.0, "from pairing [s]; 0: until stopped")
-    record_hz: float = _p(200.0, "recorded samples a second of the device [Hz]")
+    dof: int = _p(0, "degrees of freedom; 0: the scene's own", _NOT_NEGATIVE)
+    duration_s: float = _p(10.0, "from pairing [s]; 0: until stopped", _NOT_NEGATIVE)
+    record_hz: float = _p(200.0, "recorded samples a second of the device [Hz]", _POSITIVE)
     device: DeviceParams = field(default_factory=DeviceParams)
     operator_hand: OperatorParams = field(default_factory=OperatorParams)
     world: WorldParams = field(default_factory=WorldParams)
@@ -138,23 +177,14 @@ class Params:
     def __post_init__(self) -> None:
         for name, value, spec in _leaves(self):
             allowed = spec.metadata["allowed"]
-            if allowed is not None and value not in allowed:
-                raise InvalidParameter(name, value, "one of " + ", ".join(allowed))
-            if isinstance(value, float) and not math.isfinite(value):
-                raise InvalidParameter(name, value, "a finite number")
-            if (
-                isinstance(value, float | int)
-                and not isinstance(value, bool)
-                and _must_be_positive(name)
-                and value <= 0
-            ):
-                raise InvalidParameter(name, value, "a number above 0")
-        for name in ("duration_s", "device.smoothing_s", "device.predict_s", "world.smoothing_s", "world.predict_s"):
-            if self.get(name) < 0:
-                raise InvalidParameter(name, self.get(name), "0 or above")
-        for name, low, high in (("device.servo_hz", 10.0, 20_000.0), ("device.substeps", 1, 1000)):
-            if not low <= self.get(name) <= high:
-                raise InvalidParameter(name, self.get(name), f"{low:g} to {high:g}")
+            if isinstance(allowed, tuple):
+                if value not in allowed:
+                    raise InvalidParameter(name, value, "one of " + ", ".join(allowed))
+            elif isinstance(value, float | int):
+                if not math.isfinite(value):
+                    raise InvalidParameter(name, value, "a finite number")
+                if value not in allowed:
+                    raise InvalidParameter(name, value, str(allowed))
         if self.world.step_min_s > self.world.step_max_s:
             raise InvalidParameter("world.step_min_s", self.world.step_min_s, "at most world.step_max_s")
 
@@ -218,21 +248,9 @@ class Params:
                 lines.extend(["", f"[{prefix}]"])
                 section = prefix
             allowed = spec.metadata["allowed"]
-            choice = f" ({' | '.join(allowed)})" if allowed else ""
-            lines.append(f"{f'{last} = {json.dumps(value)}':<32} # {spec.metadata['doc']}{choice}")
+            choice = f" ({' | '.join(allowed)})" if isinstance(allowed, tuple) else ""
+            lines.append(f"{f'{last} = {_toml(value)}':<32} # {spec.metadata['doc']}{choice}")
         return "\n".join(lines) + "\n"
-
-
-def _must_be_positive(name: str) -> bool:
-    zero_means_none = {
-        "dof", "duration_s", "device.force_limit_N", "device.step_limit_N", "device.trusted_damping",
-        "device.resolution_m", "device.own_damping", "device.ceiling_J", "world.ceiling_J", "world.wall.damping",
-        "operator_hand.start_m", "operator_hand.goal_m", "operator_hand.hold_s", "operator_hand.wait_s",
-        "operator_hand.mass", "operator_hand.damping", "operator_hand.stiffness", "operator_hand.amplitude_m",
-        "operator_hand.frequency_hz", "operator_hand.press_depth_m", "operator_hand.hover_m",
-        "world.wall.position_m",
-    }  # fmt: skip
-    return name not in zero_means_none and not name.endswith(("smoothing_s", "predict_s"))
 
 
 def _leaves(node: Any, prefix: str = "") -> Iterator[tuple[str, Any, dataclasses.Field[Any]]]:
@@ -246,6 +264,11 @@ def _leaves(node: Any, prefix: str = "") -> Iterator[tuple[str, Any, dataclasses
             yield prefix + spec.name, value, spec
     for name, value in branches:
         yield from _leaves(value, name)
+
+
+def _toml(value: object) -> str:
+    """JSON is TOML for the values here, but for pairs of surrogates (so no escapes beyond ASCII) and the bare DEL."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _flatten(table: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:

@@ -132,7 +132,7 @@ def join(a: Recording, b: Recording) -> Recording:
 
     Raises
     ------
-    RecordingError : the two are not one device's and one world's.
+    RecordingError : the two are not one device's and one world's, or are of different runs.
     """
     if a.device is None and b.device is not None:
         a, b = b, a
@@ -141,6 +141,12 @@ def join(a: Recording, b: Recording) -> Recording:
             "cannot join these recordings: one must hold a device's samples and the other a world's; "
             f"the first holds {_sides(a)}, the second {_sides(b)}"
         )
+    for key in ("session", "name"):
+        ours, theirs = a.meta.get(key), b.meta.get(key)
+        if None not in (ours, theirs) and ours != theirs:
+            raise RecordingError(
+                f"cannot join recordings of different runs: the device's has the {key} {ours!r}, the world's {theirs!r}"
+            )
     device_origin, world_origin = _origin(a), _origin(b)
     aligned = a.meta.get("clock") is not None and a.meta.get("clock") == b.meta.get("clock")
     origin = max(device_origin, world_origin) if aligned else device_origin

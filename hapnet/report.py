@@ -157,6 +157,7 @@ def summary_text(summary: Mapping[str, Any]) -> RenderableType:
     for label, unit, key in (
         ("delay p50", "ms", "delay_p50_ms"),
         ("delay p99", "ms", "delay_p99_ms"),
+        ("released late, most", "ms", "late_max_ms"),
         ("packets offered", "", "offered"),
         ("delivered", "", "delivered"),
         ("reordered", "", "reordered"),

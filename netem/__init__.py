@@ -5,30 +5,54 @@ link = Link(profile, seed=1)
 link.send(now_ns, item, size=64)
 for due_ns, item in link.poll(now_ns): ...
 link.next_due_ns
+
+`LinkProfile` says in words what a link does, `Link` does it without clock or I/O, `netem.aio.AsyncLink` on an asyncio
+loop; `Timeline` changes it while it runs, and `expect` says what its statistics should come to.
 """
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from netem.errors import NetemError, ProfileError
 from netem.profile import PRESETS, LinkProfile, compose
+from netem.trace import CapacityTrace, ConditionTrace
 
 if TYPE_CHECKING:
+    from netem.expectation import Expectation, expect
     from netem.link import Link
     from netem.stats import LinkStats
+    from netem.timeline import Timeline, TimelinePlayer
 
-__all__ = ["PRESETS", "Link", "LinkProfile", "LinkStats", "NetemError", "ProfileError", "compose"]
+__all__ = [
+    "PRESETS",
+    "CapacityTrace",
+    "ConditionTrace",
+    "Expectation",
+    "Link",
+    "LinkProfile",
+    "LinkStats",
+    "NetemError",
+    "ProfileError",
+    "Timeline",
+    "TimelinePlayer",
+    "compose",
+    "expect",
+]
+
+_LAZY = {
+    "Link": "link",
+    "LinkStats": "stats",
+    "Expectation": "expectation",
+    "expect": "expectation",
+    "Timeline": "timeline",
+    "TimelinePlayer": "timeline",
+}
 
 
 def __getattr__(name: str) -> Any:
-    """`Link` and `LinkStats` on first use: they need numpy, and a command's --help does not."""
-    if name == "Link":
-        from netem.link import Link
-
-        return Link
-    if name == "LinkStats":
-        from netem.stats import LinkStats
-
-        return LinkStats
+    """What needs numpy, on first use: a command's --help does not."""
+    if name in _LAZY:
+        return getattr(import_module(f"netem.{_LAZY[name]}"), name)
     raise AttributeError(f"module 'netem' has no attribute {name!r}")

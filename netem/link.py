@@ -7,6 +7,8 @@ The order of effects is tc-netem's: loss, corruption, limit, reordering, delay, 
   has left already, so that the order does not depend on when somebody polls.)
 * Without a rate, messages leave in the order of their release times, so jitter reorders them. With one, a message is
   released at ``max(now + delay, last release) + size/rate``, so the order is kept.
+* A trace of delivery opportunities takes the rate's place (`netem.trace.TraceLine`) and keeps the order as well. A
+  trace of conditions adds its delay to the one drawn, and its loss to that of the loss model.
 * A slot that has opened lets out what was ready by then, to its limits; the next one is drawn when it is exhausted or
   when the next message finds it past.
 * Nothing is ever released twice.
@@ -26,6 +28,7 @@ from netem.effects import Slot
 from netem.errors import NetemError
 from netem.profile import LinkProfile
 from netem.stats import DelayHistogram, LinkStats
+from netem.trace import ConditionTrace, TraceLine
 
 T = TypeVar("T")
 
@@ -38,18 +41,21 @@ class Link(Generic[T]):
     Times are integer ns on any clock, the caller's. Each effect draws from a stream of its own, and each message takes
     one draw of each, so changing one effect leaves the others' draws as they were. A `seed` in the profile takes the
     place of the one given here; a SeedSequence's spawn key counts in either case, so that spawned links stay
-    independent.
+    independent. Traces start at `start_ns`, with the first message if it is None, and at the time of a `change` that
+    puts them in force.
 
     Not thread-safe: two users need a lock.
     """
 
-    def __init__(self, profile: LinkProfile, seed: int | SeedSequence = 0) -> None:
+    def __init__(self, profile: LinkProfile, seed: int | SeedSequence = 0, start_ns: int | None = None) -> None:
         self._seed = seed if isinstance(seed, SeedSequence) else SeedSequence(seed)
         # (due, order, item, sent, size); order is unique, so items are never compared
         self._queue: list[tuple[int, int, T, int, int]] = []
         self._ready: list[tuple[int, int, T, int, int]] = []
         self._offered = self._lost = self._lost_down = self._dropped_limit = 0
+        self._loss_bursts, self._last_lost = 0, -1
         self._corrupted = self._reordered = self._sent_ahead = 0
+        self._latest_ns = 0
         self._newest = 0
         self._since_reorder = 0
         self._last_release_ns = _LONG_AGO
@@ -58,11 +64,16 @@ class Link(Generic[T]):
         self._slot_ns = _LONG_AGO
         self._slot_packets = self._slot_bytes = 0
         self._up = True
-        self._slotted = self._needs_size = False
+        self._slotted = self._needs_size = self._awaits_start = False
+        self._line: TraceLine | None = None
+        self._conditions: ConditionTrace | None = None
+        self._conditions_start_ns = 0
+        self._words_seed: int | None = None
         self._delays = DelayHistogram()
         self._pending_delays = self._delays.pending
         self._generators: dict[str, Generator] = {}
         self._configure(profile, None, _LONG_AGO)
+        self._start_traces(None, start_ns)
 
     @property
     def profile(self) -> LinkProfile:
@@ -94,6 +105,7 @@ class Link(Generic[T]):
             offered=self._offered,
             delivered=self._offered - gone - in_flight,
             lost=self._lost,
+            loss_bursts=self._loss_bursts,
             lost_down=self._lost_down,
             dropped_limit=self._dropped_limit,
             corrupted=self._corrupted,
@@ -101,26 +113,37 @@ class Link(Generic[T]):
             sent_ahead=self._sent_ahead,
             in_flight=in_flight,
             delay_mean_ms=self._delays.mean_ms(),
+            delay_std_ms=self._delays.std_ms(),
             delay_p50_ms=self._delays.quantile_ms(0.50),
             delay_p99_ms=self._delays.quantile_ms(0.99),
+            late_max_ms=self._latest_ns * 1e-6,
         )
 
     def send(self, now_ns: int, item: T, size: int | None = None) -> None:
-        """Offer an item at `now_ns`; its `size` in bytes counts for a rate or a slot, and is ``len(item)`` if left out.
+        """Offer an item at `now_ns`; its `size` in bytes counts for a rate, a trace or a slot, ``len(item)`` if None.
 
         Raises
         ------
-        NetemError : the profile needs a size, and the item has none.
+        NetemError : the profile needs a size, and the item has none or it is negative.
         """
-        if self._needs_size and size is None:
-            size = _size_of(item)
+        if self._needs_size and (size is None or size < 0):
+            size = _size_of(item, size)
         self._offered = order = self._offered + 1
         lost, corrupt, ahead, delay = self._next_draws()
+        if self._awaits_start:
+            self._start_traces(None, now_ns)
+        if self._conditions is not None:
+            more_delay, chance = self._conditions.at(now_ns - self._conditions_start_ns)
+            delay += more_delay
+            lost = self._next_chance() < chance or lost
         if not self._up:
             self._lost_down += 1
             return
         if lost:
             self._lost += 1
+            if self._last_lost != order - 1:
+                self._loss_bursts += 1
+            self._last_lost = order
             return
         if corrupt and isinstance(item, bytes):
             self._corrupted += 1
@@ -147,6 +170,8 @@ class Link(Generic[T]):
                 self._timed_size, self._size_ns = size, models.transmission_ns(cast(int, size), profile)
             last = self._last_release_ns
             self._last_release_ns = due = (due if due > last else last) + self._size_ns
+        elif self._line is not None:
+            self._last_release_ns = due = self._line.release_ns(due, cast(int, size))
         heappush(self._queue, (due, order, item, now_ns, size or 0))
         if self._slotted:
             self._look_at_slot(now_ns)
@@ -165,6 +190,8 @@ class Link(Generic[T]):
                 self._reordered += 1
             pending.append(due - sent)
             out.append((due, item))
+        if now_ns - out[0][0] > self._latest_ns:
+            self._latest_ns = now_ns - out[0][0]
         self._ready.clear()
         if len(pending) >= DelayHistogram.PENDING:
             self._delays.fold()
@@ -181,9 +208,10 @@ class Link(Generic[T]):
             # what only a slot held back leaves now
             self._queue = [(max(due, now_ns), *rest) for due, *rest in self._queue]  # type: ignore[misc]
             heapify(self._queue)
-        if profile.rate_bit_s and not previous.rate_bit_s:
+        if profile.rate_bit_s or profile.trace is not None:
             self._last_release_ns = max((entry[0] for entry in self._queue), default=now_ns)
         self._configure(profile, previous, now_ns)
+        self._start_traces(previous, now_ns)
 
     def down(self) -> None:
         """From now on lose whatever is offered; what is in flight arrives."""
@@ -194,10 +222,12 @@ class Link(Generic[T]):
         self._up = True
 
     def _configure(self, profile: LinkProfile, previous: LinkProfile | None, now_ns: int) -> None:
-        if previous is None or profile.seed != previous.seed:
+        if previous is None or profile.seed not in (None, self._words_seed):
             previous = None
+            self._words_seed = profile.seed
             self._generators = _generators(self._seed, profile.seed)
-            self._next_bit = chain.from_iterable(models.bit_positions(self._generators["bit"])).__next__
+            self._next_bit = chain.from_iterable(models.fractions(self._generators["bit"])).__next__
+            self._next_chance = chain.from_iterable(models.fractions(self._generators["csv"])).__next__
         rng = self._generators
         if _changed("delay", profile, previous):
             self._delay_draws = chain.from_iterable(models.delays(rng["delay"], profile))
@@ -218,7 +248,20 @@ class Link(Generic[T]):
         self._profile = profile
         self._timed_size = None
         self._slotted = profile.slot is not None
-        self._needs_size = bool(profile.rate_bit_s or (profile.slot and profile.slot.bytes))
+        self._needs_size = bool(profile.rate_bit_s or profile.trace or (profile.slot and profile.slot.bytes))
+
+    def _start_traces(self, previous: LinkProfile | None, start_ns: int | None) -> None:
+        """Start the traces that `previous` did not have at `start_ns`, or with the next message if that is None."""
+        trace, conditions = self._profile.trace, self._profile.csv
+        if self._awaits_start:
+            previous = None
+        self._awaits_start = start_ns is None and (trace is not None or conditions is not None)
+        if start_ns is None:
+            return
+        if previous is None or trace != previous.trace:
+            self._line = TraceLine(trace, start_ns, self._last_release_ns) if trace is not None else None
+        if previous is None or conditions != previous.csv:
+            self._conditions, self._conditions_start_ns = conditions, start_ns
 
     def _settle(self, now_ns: int) -> None:
         """Move what is due by now from the queue to `_ready`."""
@@ -265,7 +308,7 @@ _FIELDS = {
     "slot": ("slot",),
 }
 # appended to the seed's spawn key, so that no stream is also one of the caller's own children of the same seed
-_STREAM_KEYS = {name: (0x6E6574656D, index) for index, name in enumerate((*_FIELDS, "bit"))}
+_STREAM_KEYS = {name: (0x6E6574656D, index) for index, name in enumerate((*_FIELDS, "bit", "csv"))}
 
 
 def _changed(effect: str, profile: LinkProfile, previous: LinkProfile | None) -> bool:
@@ -280,7 +323,9 @@ def _generators(seed: SeedSequence, profile_seed: int | None) -> dict[str, Gener
     }
 
 
-def _size_of(item: object) -> int:
+def _size_of(item: object, given: int | None) -> int:
+    if given is not None:
+        raise NetemError(f"size: {given} is not allowed; allowed: a number of bytes from 0")
     if not isinstance(item, Sized):
         raise NetemError(
             f"size of {type(item).__name__}: a rate or a slot's bytes need one; give send() a size in bytes"

@@ -65,9 +65,14 @@ def delays(rng: Generator, profile: LinkProfile) -> Iterator[list[int]]:
     values = _Jittered(profile.delay_ns, profile.jitter_ns, profile.distribution)
     if profile.delay_correlation == 0.0:
         return (values(rng.random(BLOCK)).tolist() for _ in repeat(None))
-    grid = values((np.arange(_TABLE_SIZE) + 0.5) / _TABLE_SIZE)
-    uniforms = _correlated_uniforms(rng, latent_correlation(grid, profile.delay_correlation))
+    uniforms = _correlated_uniforms(rng, latent_correlation(delay_quantiles(profile), profile.delay_correlation))
     return (values(u).tolist() for u in uniforms)
+
+
+def delay_quantiles(profile: LinkProfile) -> NDArray[np.int64]:
+    """The delays in ns at the middles of 4096 equal slices of probability, ascending."""
+    values = _Jittered(profile.delay_ns, profile.jitter_ns, profile.distribution)
+    return values((np.arange(_TABLE_SIZE) + 0.5) / _TABLE_SIZE)
 
 
 class _Jittered:
@@ -193,8 +198,8 @@ def _four_state(rng: Generator, loss: FourStateLoss) -> Iterator[list[bool]]:
         yield block
 
 
-def bit_positions(rng: Generator) -> Iterator[list[float]]:
-    """Where a corrupted message's bit is flipped, as a fraction of its length."""
+def fractions(rng: Generator) -> Iterator[list[float]]:
+    """Uniform in [0, 1): where a corrupted message's bit is flipped, and what a trace's loss is compared with."""
     while True:
         yield rng.random(BLOCK).tolist()
 

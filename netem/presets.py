@@ -10,14 +10,15 @@ PRESETS: Mapping[str, str] = MappingProxyType(
         "ideal": "",
         # Switched gigabit Ethernet, a few hops: 12 us to serialise 1500 bytes at each (IEEE 802.3), and some queueing.
         "lan": "delay 100us 20us distribution normal rate 1gbit",
-        # One 802.11 hop: a few ms with a long upper tail from contention and retries. Typical figures, not a
-        # measurement.
-        "wifi": "delay 3ms 1500us 25% distribution pareto loss 0.1% rate 100mbit",
-        # The same far from its access point or beside a heavy download; bursts of five losses on average, after Gilbert
-        # (1960) and Elliott (1963). Typical figures, not a measurement.
-        "lossy-wifi": "delay 10ms 8ms 25% distribution pareto loss gemodel 1% 20% rate 20mbit",
-        # LTE: half of a round trip of about 50 ms to a near server. Typical figures, not a measurement.
-        "4g": "delay 25ms 8ms 25% distribution normal loss 0.2% rate 20mbit",
+        # One 802.11 hop: a median of 3 ms, as on the campus of Sui et al., "Characterizing and Improving WiFi Latency
+        # in Large-Scale Operational Networks" (MobiSys 2016), with the tail of a good place. Loss and rate are chosen.
+        "wifi": "delay 3500us 1500us 25% distribution pareto loss 0.1% rate 100mbit",
+        # The same as that campus saw it over all: a median of 3 ms and a 90th percentile of 20 ms. Bursts of five
+        # losses on average, after Gilbert (1960) and Elliott (1963); their rate is chosen.
+        "lossy-wifi": "delay 7500us 14ms 25% distribution pareto loss gemodel 1% 20% rate 20mbit",
+        # LTE: half of the median round trip of 70 ms, and the median uplink, of Huang et al., "A Close Examination of
+        # Performance and Power Characteristics of 4G LTE Networks" (MobiSys 2012). Jitter and loss are chosen.
+        "4g": "delay 35ms 8ms 25% distribution normal loss 0.2% rate 6mbit",
         # 5G below 6 GHz: half of a round trip of about 20 ms; the air interface's own millisecond is rare in practice
         # (Fezeu et al., PAM 2023).
         "5g": "delay 10ms 3ms 25% distribution normal loss 0.1% rate 100mbit",
@@ -35,8 +36,10 @@ PRESETS: Mapping[str, str] = MappingProxyType(
         # Geostationary: up and down 35,786 km at the speed of light is 239 ms below the satellite and up to 278 ms at
         # the horizon; ITU-T G.114 counts 260 ms. Access adds some jitter.
         "geo": "delay 270ms 10ms 25% distribution normal loss 0.1% rate 2mbit",
-        # The upper end of what haptics work tests, seconds of round trip with long bursts of loss (a quarter is lost).
-        # Chosen, not measured.
-        "worst": "delay 500ms 100ms 25% distribution paretonormal loss gemodel 5% 15% rate 1mbit",
+        # The longest that force feedback was tested with: half of the seven seconds' round trip to a satellite's arm,
+        # Imaida et al., "Ground-Space Bilateral Teleoperation of ETS-VII Robot Arm by Direct Bilateral Coupling under
+        # 7-s Time Delay Condition" (IEEE T-RA 20(3), 2004). Jitter, loss (a quarter, in long bursts) and rate are
+        # chosen.
+        "worst": "delay 3500ms 100ms 25% distribution paretonormal loss gemodel 5% 15% rate 1mbit limit 10000",
     }
 )

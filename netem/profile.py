@@ -12,6 +12,7 @@ from netem import effects, units
 from netem.effects import FourStateLoss, GilbertElliottLoss, Loss, RandomLoss, Slot
 from netem.errors import ProfileError
 from netem.presets import PRESETS
+from netem.trace import CapacityTrace, ConditionTrace
 
 __all__ = ["PRESETS", "LinkProfile", "compose"]
 
@@ -21,7 +22,8 @@ class LinkProfile:
     """What a link does to the messages of one direction; times in ns, probabilities and correlations in [0, 1].
 
     The default does nothing. `parse` reads tc-netem's words and `str` writes them; ``parse(str(p)) == p``. `limit` is
-    tc's default of 1000 messages in flight; the link counts what it drops above that.
+    tc's default of 1000 messages in flight; the link counts what it drops above that. A `trace` takes the place of a
+    rate, a `csv` adds its delay and its loss to the others; they hold what was read from their files.
 
     Raises
     ------
@@ -43,6 +45,8 @@ class LinkProfile:
     cell_size: int = 0
     cell_overhead: int = 0
     slot: Slot | None = None
+    trace: CapacityTrace | None = None
+    csv: ConditionTrace | None = None
     limit: int = 1000
     seed: int | None = None
 
@@ -54,13 +58,15 @@ class LinkProfile:
         effects.check_distribution("distribution", self.distribution)
         if self.distribution != "uniform" and self.jitter_ns == 0:
             raise ProfileError("distribution", self.distribution, "only after a delay with jitter, 'delay 40ms 10ms'")
-        if self.reorder and self.delay_ns == 0:
+        if self.reorder and self.delay_ns == 0 and self.csv is None:
             raise ProfileError("reorder", units.format_fraction(self.reorder), "only with a delay, 'delay 40ms'")
         effects.check_int("gap", self.gap, 1, 2**32 - 1)
         effects.check_int("rate", self.rate_bit_s, 0, units.MAX_RATE_BIT_S)
         effects.check_int("rate overhead", self.overhead, -(2**31), 2**31 - 1)
         effects.check_int("rate cellsize", self.cell_size, 0, 2**32 - 1)
         effects.check_int("rate celloverhead", self.cell_overhead, -self.cell_size, 2**31 - 1)
+        if self.trace is not None and (self.rate_bit_s or self.overhead or self.cell_size):
+            raise ProfileError("trace", self.trace.path, "either a trace or a rate")
         effects.check_int("limit", self.limit, 1, 2**63 - 1)
         if self.seed is not None:
             effects.check_int("seed", self.seed, 0, 2**64 - 1)
@@ -93,6 +99,7 @@ class LinkProfile:
             out.extend(map(str, shaping))
         if self.slot is not None:
             out.append(str(self.slot))
+        out.extend(str(trace) for trace in (self.trace, self.csv) if trace is not None)
         if self.limit != 1000:
             out.append(f"limit {self.limit}")
         if self.seed is not None:
@@ -111,23 +118,17 @@ class LinkProfile:
         ``loss gemodel P [R [1-H [1-K]]]``, ``corrupt P [C]``, ``reorder P [C]``, ``gap D``, ``rate R [OVERHEAD
         [CELLSIZE [CELLOVERHEAD]]]``, ``slot ...``, ``limit N``, ``seed N``, in any order. `duplicate` is refused: what
         this link carries may be energy, and energy that arrives twice breaks passivity.
+
+        Beyond tc: ``trace FILE``, delivery opportunities in place of a rate (`netem.trace.CapacityTrace`), and ``csv
+        FILE``, a delay and a loss that change (`netem.trace.ConditionTrace`), both added to those of the other words.
+        The file is read now; its name goes in double quotes where it contains spaces.
         """
-        words = _Words(text)
-        fields: dict[str, object] = {}
-        seen: set[str] = set()
-        while not words.at_end():
-            word = _ALIASES.get(given := words.take("profile"), given)
-            if word in _REFUSED:
-                raise ProfileError(given, given, _REFUSED[word])
-            if word not in _GRAMMAR:
-                raise ProfileError("profile", given, _suggest(word, _GRAMMAR))
-            if word in seen:
-                raise ProfileError(word, given, "each word once")
-            seen.add(word)
-            fields |= _GRAMMAR[word](words)
-        if "gap" in seen and "reorder" not in seen:
-            fields["reorder"] = 1.0  # as in tc: every gap-th message, without chance
-        return cls(**fields)  # type: ignore[arg-type]  # names and values are paired in _GRAMMAR
+        return cls(**_read(text)[0])
+
+    @classmethod
+    def named(cls, text: str) -> LinkProfile:
+        """The profile with the name `text`, or the one that its words describe."""
+        return cls.preset(text.strip()) if text.strip() in PRESETS else cls.parse(text)
 
     @classmethod
     def preset(cls, name: str) -> LinkProfile:
@@ -162,7 +163,7 @@ def compose(
         profile = LinkProfile.parse(words)
     else:
         profile = LinkProfile.preset(preset) if preset is not None else base or LinkProfile()
-    said = {_ALIASES.get(word, word) for word in (words or "").split()}
+    said = _read(words or "")[1]
     said |= ({"jitter"} if "delay" in said else set()) | ({"reorder"} if "gap" in said else set())
     fields: dict[str, object] = {}
     for name, value in (("delay", delay), ("jitter", jitter), ("loss", loss), ("reorder", reorder), ("rate", rate)):
@@ -183,7 +184,7 @@ class _Words:
     """A cursor over a profile's words."""
 
     def __init__(self, text: str) -> None:
-        self._words = text.split()
+        self._words = units.split_words(text)
         self._next = 0
 
     def at_end(self) -> bool:
@@ -205,6 +206,26 @@ class _Words:
         while len(out) < low or (len(out) < high and not self.at_end() and units.is_number(self._words[self._next])):
             out.append(read(word, self.take(word)))
         return out
+
+
+def _read(text: str) -> tuple[dict[str, Any], set[str]]:
+    """The fields that a profile's words set, and the words that were there."""
+    words = _Words(text)
+    fields: dict[str, object] = {}
+    seen: set[str] = set()
+    while not words.at_end():
+        word = _ALIASES.get(given := words.take("profile"), given)
+        if word in _REFUSED:
+            raise ProfileError(given, given, _REFUSED[word])
+        if word not in _GRAMMAR:
+            raise ProfileError("profile", given, _suggest(word, _GRAMMAR))
+        if word in seen:
+            raise ProfileError(word, given, "each word once")
+        seen.add(word)
+        fields |= _GRAMMAR[word](words)
+    if "gap" in seen and "reorder" not in seen:
+        fields["reorder"] = 1.0  # as in tc: every gap-th message, without chance
+    return fields, seen
 
 
 def _delay(words: _Words) -> dict[str, object]:
@@ -272,6 +293,14 @@ def _slot(words: _Words) -> dict[str, object]:
     return {"slot": Slot(times[0], times[-1], distribution, **limits)}
 
 
+def _trace(words: _Words) -> dict[str, object]:
+    return {"trace": CapacityTrace.load(words.take("trace"))}
+
+
+def _csv(words: _Words) -> dict[str, object]:
+    return {"csv": ConditionTrace.load(words.take("csv"))}
+
+
 def _limit(words: _Words) -> dict[str, object]:
     return {"limit": units.parse_int("limit", words.take("limit"), 1)}
 
@@ -290,6 +319,8 @@ _GRAMMAR: Mapping[str, _Reader] = {
     "gap": _gap,
     "rate": _rate,
     "slot": _slot,
+    "trace": _trace,
+    "csv": _csv,
     "limit": _limit,
     "seed": _seed,
 }

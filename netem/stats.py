@@ -16,17 +16,20 @@ _FLOOR_NS, _OCTAVES = 1000, 40  # 1 us to 10^6 s; what lies outside counts in th
 class LinkStats:
     """A snapshot: offered = delivered + lost + lost_down + dropped_limit + in_flight, always.
 
-    `profile` is the one in force, in tc's words. `lost` counts the loss model's work, `lost_down` what was offered to a
-    link that was down, `dropped_limit` what found the link full. `reordered` counts messages delivered after one that
-    was sent later (RFC 4737, section 3.3), whatever the cause: with ``reorder 5%`` of a long queue that is nearly
-    everything which was overtaken, while `sent_ahead` counts the overtakers that the word itself made. Delays are from
-    offer to release of what was delivered, None before the first; the percentiles are read from bins 1.1 % wide.
+    `profile` is the one in force, in tc's words. `lost` counts the work of the loss model and of a trace, `loss_bursts`
+    its runs, `lost_down` what was offered to a link that was down, `dropped_limit` what found the link full.
+    `reordered` counts messages delivered after one that was sent later (RFC 4737, section 3.3), whatever the cause:
+    with ``reorder 5%`` of a long queue that is nearly everything which was overtaken, while `sent_ahead` counts the
+    overtakers that the word itself made. Delays are from offer to the release that the profile gave, None before the
+    first; the percentiles are read from bins 1.1 % wide. `late_max_ms` is how long anything stayed after its release at
+    most, because nobody polled. `netem.expect` has what these figures should come to.
     """
 
     profile: str
     offered: int
     delivered: int
     lost: int
+    loss_bursts: int
     lost_down: int
     dropped_limit: int
     corrupted: int
@@ -34,8 +37,21 @@ class LinkStats:
     sent_ahead: int
     in_flight: int
     delay_mean_ms: float | None
+    delay_std_ms: float | None
     delay_p50_ms: float | None
     delay_p99_ms: float | None
+    late_max_ms: float
+
+    @property
+    def loss(self) -> float | None:
+        """The share lost by the loss model, of what was offered while the link was up; None if that is nothing."""
+        offered = self.offered - self.lost_down
+        return self.lost / offered if offered else None
+
+    @property
+    def mean_loss_burst(self) -> float | None:
+        """The mean length of a run of messages lost by the loss model; None if there is none."""
+        return self.lost / self.loss_bursts if self.loss_bursts else None
 
     def as_dict(self) -> dict[str, object]:
         """All fields by name, as JSON has them."""
@@ -49,7 +65,7 @@ class DelayHistogram:
 
     def __init__(self) -> None:
         self._counts = np.zeros(_PER_OCTAVE * _OCTAVES, dtype=np.int64)
-        self._total_ns, self._least_ns, self._most_ns = 0, 0, 0
+        self._total_ns, self._total_square, self._least_ns, self._most_ns = 0, 0, 0, 0
         self._count = 0
         self.pending: list[int] = []
 
@@ -61,6 +77,7 @@ class DelayHistogram:
         self._least_ns = min(self._least_ns, least) if self._count else least
         self._most_ns = max(self._most_ns, most) if self._count else most
         self._total_ns += sum(self.pending)
+        self._total_square += sum(delay * delay for delay in self.pending)
         self._count += len(self.pending)
         octaves = np.log2(np.maximum(self.pending, _FLOOR_NS) / _FLOOR_NS)
         bins = np.minimum((octaves * _PER_OCTAVE).astype(np.intp), len(self._counts) - 1)
@@ -71,6 +88,14 @@ class DelayHistogram:
         """Mean delay in ms; None if nothing was counted."""
         self.fold()
         return self._total_ns / self._count * 1e-6 if self._count else None
+
+    def std_ms(self) -> float | None:
+        """Standard deviation of the delays in ms; None if nothing was counted."""
+        self.fold()
+        if not self._count:
+            return None
+        # whole numbers, so that nothing cancels
+        return math.sqrt(self._count * self._total_square - self._total_ns**2) / self._count * 1e-6
 
     def quantile_ms(self, fraction: float) -> float | None:
         """The delay in ms that `fraction` of those counted do not exceed; None if nothing was counted."""

@@ -1,4 +1,4 @@
-"""Times, rates and percentages as tc writes them: text to exact numbers and back, without loss."""
+"""Times, rates and percentages as tc writes them, and file names: text to exact values and back, without loss."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ MAX_TIME_NS = 10**14  # 100,000 s; keeps jitter times table entry within 64 bits
 MAX_RATE_BIT_S = 10**15
 
 _NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d{1,3})?)([a-z%]*)", re.IGNORECASE)
+_WORD = re.compile(r'(?:"[^"]*"|[^\s"]|")+')
 _TIME_NS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 _TIME_ALIASES = {"sec": "s", "secs": "s", "msec": "ms", "msecs": "ms", "usec": "us", "usecs": "us"}
 _TIME_ALIASES |= {"nsec": "ns", "nsecs": "ns"}
@@ -82,6 +83,31 @@ def parse_int(word: str, text: str, low: int, high: int = 2**63 - 1) -> int:
     if not re.fullmatch(r"[+-]?\d{1,20}", text, re.ASCII) or not low <= int(text) <= high:
         raise ProfileError(word, text, f"a whole number from {low} to {high}")
     return int(text)
+
+
+def split_words(text: str) -> list[str]:
+    """The words of a text; one in double quotes may hold spaces, and comes without its quotes.
+
+    Raises
+    ------
+    ProfileError : a quote has no partner, or stands inside a word.
+    """
+    words = _WORD.findall(text)
+    for word in words:
+        if '"' in word and not (len(word) > 1 and word[0] == word[-1] == '"' and word.count('"') == 2):
+            raise ProfileError("profile", word, "words, and file names in a pair of double quotes")
+    return [word.strip('"') for word in words]
+
+
+def format_path(path: str) -> str:
+    """A file's name as one word: in double quotes where it would not be one otherwise."""
+    return f'"{path}"' if any(c.isspace() or c in ";#" for c in path) else path
+
+
+def check_path(word: str, path: str) -> None:
+    """`path` can be written as one word."""
+    if not path or '"' in path or not path.isprintable():
+        raise ProfileError(word, path, "a file's name, without double quotes and line breaks")
 
 
 def _split(word: str, text: str, allowed: str) -> tuple[Decimal, str]:

@@ -9,17 +9,18 @@ from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 from hapnet.plant.operator import Impedance, Rest
+from hapnet.plant.scene import Scene, box_walls
 from hapnet.record import Sample
 from hapnet.runtime.build import (
     Setup,
     device_session,
     device_side,
-    link_profile,
     prepare,
     world_session,
     world_side,
 )
 from hapnet.runtime.sides import ContinuousDeviceSide, DeviceSide, SampledDeviceSide, WorldSide
+from netem import LinkProfile
 from netem.errors import NetemError
 
 
@@ -49,6 +50,35 @@ class OwnHand(Rest):
 
 class OwnHandWithoutArguments:
     """Not what module:Class must be."""
+
+
+class OwnHandWithoutFile:
+    """A hand whose recording is gone."""
+
+    def __init__(self, dof: int, impedance: Impedance) -> None:
+        raise FileNotFoundError("hand.bin is\nnot there")
+
+
+class OwnHandWithoutReference:
+    """Takes what it is given, and is no hand."""
+
+    def __init__(self, dof: int, impedance: Impedance) -> None:
+        self.impedance = impedance
+
+
+class OwnHandWithoutImpedance:
+    """Knows where to go, and not how."""
+
+    def __init__(self, dof: int, impedance: Impedance) -> None:
+        self._rest = (0.0,) * dof
+
+    def reference(self, time: float) -> Vector:
+        return self._rest
+
+
+def own_scene(*, dof: int = 2, size: float = 0.07, stiffness: float = 800.0, step_max_s: float = 0.02) -> Scene:
+    """A scene from outside, with defaults of its own."""
+    return Scene("own", dof, box_walls(dof, size, stiffness, 1.0), 0.01, step_max_s)
 
 
 @pytest.mark.parametrize(
@@ -85,6 +115,8 @@ def test_every_named_operator_fits_every_named_scene(scene: str, dof: int, opera
         ({"device__spring_share": 1.5}, "device.spring_share"),
         ({"scene": "nosuch"}, "scene"),
         ({"dof": 4, "scene": "free"}, "dof"),
+        ({"hardware": "tests.test_own_device:Still"}, "device.servo"),
+        ({"scene": "wall", "world__wall__position_m": -0.01}, r"world\.wall\.position_m is -0\.01"),
     ],
 )
 def test_what_does_not_fit_together_is_named(changes: dict[str, object], name: str) -> None:
@@ -104,6 +136,8 @@ def test_what_does_not_fit_together_is_named(changes: dict[str, object], name: s
         {"operator": "nosuch.csv"},
         {"operator": "tests.test_build:Nosuch"},
         {"operator": "tests.test_build:OwnHandWithoutArguments"},
+        {"operator": "tests.test_build:OwnHandWithoutReference"},
+        {"operator": "tests.test_build:OwnHandWithoutImpedance"},
     ],
 )
 @pytest.mark.parametrize("servo", ["continuous", "sampled"])
@@ -114,8 +148,57 @@ def test_a_device_that_cannot_be_is_refused_when_it_is_made(changes: dict[str, o
 
 @pytest.mark.parametrize("name", ["stiffness", "damping", "mass"])
 def test_a_world_that_cannot_be_is_refused_when_it_is_made(name: str) -> None:
-    with pytest.raises(InvalidParameter, match=name):
+    with pytest.raises(InvalidParameter, match=rf"^world\.{name} is"):
         world(setup_of(**{f"world__{name}": ((1, 2), (2, 1)), "scene": "free", "dof": 2}))
+
+
+@pytest.mark.parametrize("servo", ["continuous", "sampled"])
+@pytest.mark.parametrize("name", ["stiffness", "damping"])
+def test_a_device_that_cannot_be_is_named_as_its_user_knows_it(name: str, servo: str) -> None:
+    with pytest.raises(InvalidParameter, match=rf"^device\.{name} is"):
+        device(setup_of(servo, **{f"device__{name}": ((1, 2), (2, 1)), "scene": "free", "dof": 2}))
+
+
+def test_a_hand_that_raises_is_one_line_with_the_cause() -> None:
+    name = "tests.test_build:OwnHandWithoutFile"
+    with pytest.raises(InvalidParameter) as caught:
+        device(setup_of(operator=name))
+    assert str(caught.value).startswith(f"operator is '{name}'")
+    assert str(caught.value).endswith("(FileNotFoundError: hand.bin is not there)")
+
+
+def test_a_scene_from_outside_keeps_its_own_defaults() -> None:
+    name = "tests.test_build:own_scene"
+    setup = setup_of(scene=name)
+    wall = setup.scene.walls[0]
+    assert (setup.dof, wall.offset, wall.stiffness, setup.scene.max_s) == (2, 0.07, 800.0, 0.02)
+    assert setup.warnings == ()
+    setup = setup_of(scene=name, dof=1, world__wall__stiffness=900.0, world__wall__half_width_m=0.05)
+    wall = setup.scene.walls[0]
+    assert (setup.dof, wall.offset, wall.stiffness, setup.scene.max_s) == (1, 0.05, 900.0, 0.02)
+
+
+@pytest.mark.parametrize(
+    ("scene", "name", "read"),
+    [
+        ("free", "wall.stiffness", False),
+        ("free", "wall.position_m", False),
+        ("free", "step_max_s", True),
+        ("wall", "wall.half_width_m", False),
+        ("wall", "wall.position_m", True),
+        ("box", "wall.position_m", False),
+        ("box", "wall.half_width_m", True),
+        ("paper", "wall.position_m", False),
+        ("paper", "wall.damping", True),
+        ("tests.test_build:own_scene", "wall.damping", False),
+        ("tests.test_build:own_scene", "step_max_s", True),
+    ],
+)
+def test_parameters_that_the_scene_does_not_read_are_warned_of(scene: str, name: str, read: bool) -> None:
+    setup = setup_of(scene=scene, **{f"world.{name}": 0.06})
+    expected = () if read else (f"world.{name} is 0.06, but the scene {scene} does not read it",)
+    assert setup.warnings == expected
+    assert setup_of(scene=scene).warnings == ()
 
 
 def test_an_operator_from_outside() -> None:
@@ -134,7 +217,7 @@ def test_a_recorded_hand_without_enough_axes_is_refused(tmp_path: Path) -> None:
 
 def test_links_are_words_or_the_name_of_a_profile() -> None:
     setup = setup_of(link__up="wifi", link__down="delay 3ms")
-    assert setup.up == link_profile("wifi")
+    assert setup.up == LinkProfile.preset("wifi")
     assert str(setup.down) == "delay 3ms"
     with pytest.raises(NetemError, match="jiggle"):
         setup_of(link__up="jiggle 3")

@@ -126,6 +126,8 @@ BAD = [
     bad("run", "--scene", "free", "--dof", "2", "--set", "device.stiffness=[[1,2],[2,1]]", says=("positive definite",)),
     bad("run", "--scene", "free", "--dof", "2", "--set", "world.stiffness=[[1,2],[2,1]]", says=("positive definite",)),
     bad("run", "--set", "world.mass=-1", says=("world.mass", "-1")),
+    bad("simulate", "--set", "hardware=mymodule:Arm", says=("hardware", "mymodule:Arm", "virtual time")),
+    bad("run", "--device", "no_such_module:Arm", says=("hardware", "no_such_module:Arm", "ModuleNotFoundError")),
     bad("run", "--params", "nosuch.toml", says=("nosuch.toml",)),
     bad("run", "--json", "no/such/dir.json", says=("no/such/dir.json", "directory")),
     bad("run", "--json", "/", says=("--json", "/", "file")),
@@ -300,6 +302,13 @@ def test_reproduce_says_that_numbers_are_reconstructed(figure: str, capsys: Capt
     assert summary["theorem"]["margin_J"] >= 0
     assert "reconstructed" in err
     assert {file.name for file in (tmp_path / "r").iterdir()} == {f"{figure}.{end}" for end in ("png", "mcap", "json")}
+
+
+def test_what_the_scene_does_not_read_is_warned_of_once_and_first(capsys: Capture) -> None:
+    assert cli.main([*QUICK, "--scene", "free", "--set", "world.wall.stiffness=30000"]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("warning: world.wall.stiffness is 30000, but the scene free does not read it\n")
+    assert out.count("warning") == 1
 
 
 def test_range_harvest_with_too_little_damping_is_warned_of(capsys: Capture) -> None:

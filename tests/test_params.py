@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pytest
@@ -43,11 +45,44 @@ def test_defaults_are_section_4s() -> None:
         ("device.servo_hz=NaN", "finite"),
         ("duration_s=Infinity", "finite"),
         ("device.servo_hz=1e9", "20000"),
+        ("device.spring_share=1.5", "device.spring_share is 1.5; allowed: a number above 0, at most 1"),
+        ("wire.hello_period_s=100", "wire.hello_period_s is 100.0; allowed: 0.001 to 10"),
     ],
 )
 def test_what_is_wrong_is_named(word: str, names: str) -> None:
     with pytest.raises(InvalidParameter, match=names.replace(".", r"\.")):
         Params().set_words([word])
+
+
+SIGNED = {"operator_hand.start_m", "operator_hand.goal_m", "world.wall.position_m"}
+"""Coordinates along an axis; everything else is a size, a rate, a time or a number of something."""
+
+
+def numbers(table: Mapping[str, object], prefix: str = "") -> Iterator[str]:
+    for name, value in table.items():
+        if isinstance(value, Mapping):
+            yield from numbers(value, f"{prefix}{name}.")
+        elif isinstance(value, int | float) and not isinstance(value, bool):
+            yield prefix + name
+
+
+@pytest.mark.parametrize("name", list(numbers(Params().as_dict())))
+def test_negative_numbers_are_refused_where_they_make_no_sense(name: str) -> None:
+    if name in SIGNED:
+        assert Params().set({name: -1}).get(name) == -1
+        return
+    with pytest.raises(InvalidParameter, match=f"^{re.escape(name)} is -1"):
+        Params().set({name: -1})
+
+
+@pytest.mark.parametrize(
+    "text", ["\U0001f44b.csv", 'a "b" \\ c', "two\nlines\t", "\x7f\x00\x1b", "é = 'ü' # no comment", ""]
+)
+def test_any_text_is_written_as_toml(text: str, tmp_path: Path) -> None:
+    changed = Params().set({"operator": text, "link.up": text})
+    file = tmp_path / "p.toml"
+    file.write_text(changed.toml(), encoding="utf-8")
+    assert Params().load(file) == changed
 
 
 def test_a_file_that_is_no_toml(tmp_path: Path) -> None:

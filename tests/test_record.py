@@ -101,6 +101,18 @@ def test_two_recordings_of_one_side_cannot_be_joined() -> None:
             join(a, b)
 
 
+@pytest.mark.parametrize("key", ["session", "name"])
+def test_recordings_of_different_runs_cannot_be_joined(key: str) -> None:
+    device, world = halves({**META, key: "monday"}, ORIGIN)
+    assert join(device, world).world is not None  # one does not say
+    device.meta[key] = "monday"
+    assert join(device, world).meta[key] == "monday"
+    device.meta[key] = "tuesday"
+    for a, b in ((device, world), (world, device)):
+        with pytest.raises(RecordingError, match=f"{key} 'tuesday', the world's 'monday'"):
+            join(a, b)
+
+
 def test_importing_the_modules_does_not_import_mcap() -> None:
     code = (
         "import sys, hapnet.record, hapnet.mcap_file\n"

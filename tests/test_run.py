@@ -226,6 +226,56 @@ def test_a_run_whose_child_is_killed_says_so(tmp_path: Path) -> None:
     assert torn.device is not None
 
 
+DRIVER = """
+from pathlib import Path
+
+class Arm:
+    force_limit, resolution = 2.0, 0.0
+
+    def __init__(self, dof):
+        self.dof, self.reads = dof, 0
+        with Path("made").open("a") as log:
+            log.write("once\\n")
+
+    def read(self):
+        self.reads += 1
+        if self.reads > 100:
+            raise OSError("unplugged")
+        return (0.0,) * self.dof, (0.0,) * self.dof
+
+    def apply(self, force):
+        pass
+"""
+FAILED = "hapnet: the device driver:Arm failed: read() raised OSError: unplugged\n"
+
+
+def test_a_device_of_ones_own_is_made_once_and_named_when_it_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("driver.py").write_text(DRIVER, "utf-8")
+    with started("run", "--device", "driver:Arm", "--set", "world.wall.half_width_m=0.05", "--out", "r") as program:
+        program.until_line("device: paired")
+        assert program.out[0].startswith("warning: world.wall.half_width_m")  # said before anything runs
+        code, stdout, stderr = program.end()
+        assert not program.alive
+    assert (code, stderr) == (2, FAILED)
+    assert stdout.count("warning") == 1
+    assert Path("made").read_text("utf-8") == "once\n"
+
+
+def test_a_device_that_fails_ends_its_side_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("driver.py").write_text(DRIVER, "utf-8")
+    address = free_address()
+    with (
+        started("world", "-l", address),
+        started("device", "-e", address, "--device", "driver:Arm") as device,
+    ):
+        code, _, stderr = device.end()
+    assert (code, stderr) == (2, FAILED)
+
+
 def child_of(parent: int, role: str) -> int:
     for child in Path(f"/proc/{parent}/task/{parent}/children").read_text("ascii").split():
         if role in Path(f"/proc/{child}/cmdline").read_bytes().decode().split("\0"):

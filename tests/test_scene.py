@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import inspect
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,10 @@ class Corridor(Scene):
 
 def not_a_scene() -> str:
     return "scene"
+
+
+def a_scene_without_its_file() -> Scene:
+    raise OSError("walls.stl is not there")
 
 
 SOMETHING = 3
@@ -140,4 +145,24 @@ def test_parameters_and_defaults_are_told() -> None:
 def test_bad_input_is_one_clear_line(name: str, parameters: dict[str, Any], says: str) -> None:
     with pytest.raises(InvalidParameter, match=says) as caught:
         make_scene(name, **parameters)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("tests.test_scene:a_scene_without_its_file", "OSError: walls.stl is not there"),
+        ("broken_scene:walls", "SyntaxError"),
+        ("builtins:dict", "named parameters"),
+    ],
+)
+def test_a_scene_of_the_users_that_raises_is_one_line(
+    name: str, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "broken_scene.py").write_text("def walls(:\n", "utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(InvalidParameter) as caught:
+        make_scene(name)
+    assert str(caught.value).startswith(f"scene is '{name}'")
+    assert says in str(caught.value)
     assert "\n" not in str(caught.value)

@@ -131,6 +131,36 @@ def test_a_recording_tells_what_its_samples_tell(simulated: Any) -> None:
     assert told["theorem"]["bound_J"] is None
 
 
+def keys(value: Any) -> Any:
+    return {key: keys(item) for key, item in value.items()} if isinstance(value, dict) else None
+
+
+def test_a_recordings_summary_has_the_keys_of_a_live_one(simulated: Any) -> None:
+    """`dropped` and `profile` apart, whose keys and value only the live one knows."""
+    live = dict(simulated.summary, motion=None)
+    live["device"], live["world"] = (dict(live[side], dropped=None) for side in ("device", "world"))
+    told = from_recording(simulated.recording)
+    assert keys(dict(told, motion=None)) == keys(live)
+    assert told["world"]["dropped"] is None
+    assert set(told["device"]["servo"].values()) == {None}
+    assert told["links"]["up"]["profile"] == live["links"]["up"]["profile"]
+    assert told["links"]["up"]["offered"] is None
+    json.dumps(told, allow_nan=False)
+
+
+def test_a_recording_counts_every_step_of_the_world(simulated: Any) -> None:
+    step, live = from_recording(simulated.recording)["world"]["step"], simulated.summary["world"]["step"]
+    assert step["count"] == live["count"]
+    assert step["mean_s"] == pytest.approx(live["mean_s"], rel=1e-12)
+    assert step["max_s"] == live["max_s"]
+
+
+def test_a_recording_without_pspm_has_no_reservoir(simulated: Any) -> None:
+    told = from_recording(simulated.recording)
+    for side in ("device", "world"):
+        assert (told[side]["reservoir_min_J"] is not None) == (simulated.summary["coupling"] == "pspm")
+
+
 def test_versions_name_what_is_installed() -> None:
     found = versions()
     assert {"hapnet-haptics", "numpy", "python"} <= set(found)

@@ -231,6 +231,7 @@ def test_a_link_that_carries_nothing_is_named() -> None:
         ({"dof": 2, "scene": "paper"}, "dof"),
         ({"dof": 2, "device.stiffness": [[1.0, 2.0], [2.0, 1.0]]}, "stiffness"),
         ({"operator": "nobody"}, "operator"),
+        ({"hardware": "mymodule:Arm"}, "hardware is 'mymodule:Arm'; allowed: simulated"),
     ],
 )
 def test_what_does_not_fit_together_is_named(changes: dict[str, object], name: str) -> None:

@@ -105,6 +105,8 @@ def random_case(seed: int, duration_s: float = 5.0) -> Params:
         changes[f"{side}.predict_s"] = rng.choice([0.0, rng.uniform(0.005, 0.2)])
         changes[f"{side}.on_silence"] = str(rng.choice(["hold", "release"]))
         changes[f"{side}.silence_after_s"] = rng.uniform(0.02, 0.5)
+    if changes["device.on_silence"] == "release" and not changes.get("device.step_limit_N", 0.5):
+        changes["device.step_limit_N"] = 0.5  # letting go is a ramp, and needs its limit
     plain = {name: value.item() if isinstance(value, np.generic) else value for name, value in changes.items()}
     return Params().set(plain)
 

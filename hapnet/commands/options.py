@@ -35,7 +35,7 @@ class LinkOptions:
         if self.link is None and self.profile is None and all(flag is None for flag in flags):
             return default
         words = None if self.link is None else PRESETS.get(self.link, self.link)
-        return str(compose(words, self.profile, *flags, base=_parse(default)))
+        return str(compose(words, self.profile, *flags, base=LinkProfile.named(default)))
 
 
 def parameters(
@@ -61,7 +61,7 @@ def parameters(
         params = params.set({"link.up": up, "link.down": down})
     params = params.set_words(assignments)
     for words in (params.link.up, params.link.down):
-        _parse(words)
+        LinkProfile.named(words)
     return params
 
 
@@ -74,7 +74,3 @@ def json_target(target: str | None) -> Path | None:
     if path.is_dir() or not os.access(path if path.exists() else path.absolute().parent, os.W_OK):
         raise InvalidParameter("--json", target, "- or a file that can be written, in a directory that exists")
     return path
-
-
-def _parse(words: str) -> LinkProfile:
-    return LinkProfile.preset(words) if words in PRESETS else LinkProfile.parse(words)

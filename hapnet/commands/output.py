@@ -56,10 +56,14 @@ def save_figure(recording: Recording, path: Path) -> Path:
     return path
 
 
-def show_summary(out: Console, summary: dict[str, Any], warnings: tuple[str, ...] = ()) -> None:
-    """The summary as a table, warnings first."""
+def show_warnings(out: Console, warnings: tuple[str, ...]) -> None:
+    """A line each, before what they warn of begins."""
+    for warning in warnings:
+        out.print(f"warning: {warning}", style="yellow", markup=False)
+
+
+def show_summary(out: Console, summary: dict[str, Any]) -> None:
+    """The summary as a table."""
     from hapnet import report
 
-    for warning in warnings:
-        out.print(f"warning: {warning}", style="yellow")
     out.print(report.summary_text(summary))

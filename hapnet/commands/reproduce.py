@@ -40,12 +40,13 @@ def main(figure: str, params: Params, seed: int, json_to: str | None, out: Path 
     result = simulate(params, seed)
     directory = output.run_directory(out, seed)
     recording = result.recording
-    drawn = timesteps(recording) if figure == "fig4" else profiles(recording, smoothed=params.device.smoothing_s > 0.0)
+    drawn = timesteps(recording) if figure == "fig4" else profiles(recording, params)
     report.save_figure(drawn, directory / f"{figure}.png")
     save(recording, directory / f"{figure}.mcap")
     result.summary["reconstructed"] = True
     output.write_json(result.summary, str(directory / f"{figure}.json"))
-    output.show_summary(words, result.summary, result.warnings)
+    output.show_warnings(words, result.warnings)
+    output.show_summary(words, result.summary)
     words.print(f"{figure}.png, {figure}.mcap and {figure}.json in {directory} (the paper's lost digits reconstructed)")
     output.write_json(result.summary, json_to)
     return 0
@@ -66,14 +67,14 @@ def timesteps(recording: Recording) -> Figure:
     return fig
 
 
-def profiles(recording: Recording, *, smoothed: bool) -> Figure:
-    """Figures 5 and 6: positions, forces and reservoirs over contact with the wall."""
+def profiles(recording: Recording, params: Params) -> Figure:
+    """Figures 5 and 6: positions, forces and reservoirs over contact with the wall, along the first axis."""
     fig = _figure(180)
     device, world = recording.device, recording.world
     assert device is not None
     assert world is not None
     top, middle, bottom = fig.subplots(3, 1, sharex=True)
-    name, filtered = ("Figure 6", "with") if smoothed else ("Figure 5", "without")
+    name, filtered = ("Figure 6", "with") if params.device.smoothing_s > 0.0 else ("Figure 5", "without")
     fig.suptitle(f"{name}: Section 4 {filtered} smoothing filter (lost digits reconstructed)", fontsize=9)
     t, s = device["time_s"], world["time_s"]
     _pair(top, (t, device["position_m"][:, 0]), (s, world["position_m"][:, 0]), ("haptic device", "virtual mass"))
@@ -83,11 +84,18 @@ def profiles(recording: Recording, *, smoothed: bool) -> Figure:
             top.annotate("wall", (t[0], surface["position_m"]), xytext=(2, 2), textcoords="offset points", fontsize=8)
     top.set_ylabel("position [m]")
     hand, wall = device["operator_force_N"][:, 0], -world["contact_force_N"][:, 0]
-    _pair(middle, (t, hand), (s, wall / 5.0), ("hand on the device", "virtual mass on the wall, divided by K'/K = 5"))
+    ratio = _stiffness(params, "world.stiffness") / _stiffness(params, "device.stiffness")
+    label = f"virtual mass on the wall, divided by K'/K = {ratio:g}"
+    _pair(middle, (t, hand), (s, wall / ratio), ("hand on the device", label))
     middle.set_ylabel("force [N]")
     _pair(bottom, (t, device["reservoir_J"]), (s, world["reservoir_J"]), ("device E(k)", "virtual world E_k"))
     bottom.set(xlabel="time [s]", ylabel="energy reservoir [J]", ylim=(0.0, None))
     return fig
+
+
+def _stiffness(params: Params, name: str) -> float:
+    """A coupling's stiffness along the first axis [N/m]: a parameter that is a scalar, a diagonal or a matrix."""
+    return float(np.ravel(params.get(name))[0])
 
 
 def _figure(height_mm: float) -> Figure:

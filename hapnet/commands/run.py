@@ -24,6 +24,7 @@ from hapnet.metrics import motion
 from hapnet.params import Params
 from hapnet.record import Recording, join
 from hapnet.runtime.build import Setup, device_session, device_side, prepare, world_session, world_side
+from hapnet.runtime.own_device import load_class
 from hapnet.runtime.summary import merge
 
 if TYPE_CHECKING:
@@ -40,6 +41,7 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, re
     words = output.console(json_to)
     directory = output.run_directory(out, seed)
     (directory / "params.toml").write_text(params.toml(), encoding="utf-8")
+    output.show_warnings(words, setup.warnings)
     pair = Pair(setup, seed, directory, words, realtime=realtime)
     code = asyncio.run(pair.run())
     if not pair.reported:
@@ -48,7 +50,7 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, re
     summary, recording = pair.result()
     output.write_json(summary, str(directory / "summary.json"))
     figure = "" if recording is None else f", figure {output.save_figure(recording, directory / 'figure.png').name}"
-    output.show_summary(words, summary, setup.warnings)
+    output.show_summary(words, summary)
     words.print(f"recordings device.mcap and world.mcap{figure}, summary.json in {directory}")
     output.write_json(summary, json_to)
     return code
@@ -57,11 +59,16 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, re
 def check_sides(setup: Setup) -> None:
     """Make both sides once, so that what does not fit is said here, before anything is started or written.
 
+    A device of the user's own is only imported: made here, it would be open when the device's process wants it.
+
     Raises
     ------
     InvalidParameter : as `device_side` and `world_side` do.
     """
-    device_side(setup, device_session(setup, 1), time.monotonic_ns, lambda sample: None)
+    if setup.params.hardware == "simulated":
+        device_side(setup, device_session(setup, 1), time.monotonic_ns, lambda sample: None)
+    else:
+        load_class(setup.params.hardware)
     world_side(setup, world_session(setup, 1), np.random.default_rng(0), lambda sample: None)
 
 

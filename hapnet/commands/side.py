@@ -9,13 +9,14 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast, get_args
 
+from hapnet import checks
 from hapnet.commands import output
 from hapnet.params import Params
 from hapnet.runtime.build import prepare
 from hapnet.runtime.realtime import Notice, RealtimeSide, Role
-from hapnet.runtime.zenoh_config import ZenohSettings
+from hapnet.runtime.zenoh_config import Mode, ZenohSettings
 
 
 @dataclass(frozen=True)
@@ -44,8 +45,10 @@ def zenoh_settings(
 ) -> ZenohSettings:
     """Zenoh's flags. Without an endpoint or a configuration file the sides find each other by multicast scouting."""
     alone = not connect and not listen and config is None
+    if mode is not None:
+        checks.one_of("mode", mode, get_args(Mode))
     return ZenohSettings(
-        mode=mode,  # type: ignore[arg-type]  # checked when the configuration is made
+        mode=cast(Mode | None, mode),
         connect=tuple(connect or ()),
         listen=tuple(listen or ()),
         config=config,
@@ -59,8 +62,7 @@ def main(params: Params, options: SideOptions) -> int:
     setup = prepare(params, "sampled")
     words = output.console("-" if options.events else options.json_to)
     if not options.events:
-        for warning in setup.warnings if options.role == "device" else ():
-            words.print(f"warning: {warning}", style="yellow")
+        output.show_warnings(words, setup.warnings)
 
     def tell(notice: Notice) -> None:
         if options.events:

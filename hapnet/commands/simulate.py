@@ -20,6 +20,7 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, fi
         raise InvalidParameter("duration_s", params.duration_s, "above 0 in virtual time")
     words = output.console(json_to)
     simulation = Simulation(params, seed)
+    output.show_warnings(words, simulation.setup.warnings)
     directory = output.run_directory(out, seed) if files else None
     columns = (TextColumn("simulating"), BarColumn(), TextColumn("{task.completed:.1f} of {task.total:g} s"))
     with Progress(*columns, TimeRemainingColumn(), console=words, disable=not words.is_terminal) as bar:
@@ -29,7 +30,7 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, fi
         save(result.recording, directory / "run.mcap")
         output.save_figure(result.recording, directory / "figure.png")
         output.write_json(result.summary, str(directory / "summary.json"))
-    output.show_summary(words, result.summary, result.warnings)
+    output.show_summary(words, result.summary)
     if directory is not None:
         words.print(f"recording, figure and summary in {directory}")
     output.write_json(result.summary, json_to)

@@ -12,13 +12,13 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from importlib import import_module
 from math import inf, isfinite
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from hapnet.errors import InvalidParameter
+from hapnet.loading import cause, load
 from hapnet.plant.contact import Contacts, Vector, Wall, as_vector, check_number
 
 # Section 4 of the paper, its lost digits reconstructed: K_w, B_w, and the range of T_k.
@@ -166,7 +166,13 @@ def make_scene(name: str, **parameters: Any) -> Scene:
     except TypeError as error:
         known = ", ".join(scene_parameters(name)) or "nothing"
         raise InvalidParameter(f"scene {name}", parameters, f"parameters of this scene ({known}): {error}") from None
-    scene = builder(**parameters)
+    if name in SCENES:
+        scene: object = builder(**parameters)
+    else:
+        try:
+            scene = builder(**parameters)
+        except Exception as error:
+            raise InvalidParameter("scene", name, f"a scene that can be made ({cause(error)})") from error
     if not isinstance(scene, Scene):
         raise InvalidParameter(f"scene {name}", scene, "a class or function that gives a hapnet.plant.scene.Scene")
     return scene
@@ -175,15 +181,11 @@ def make_scene(name: str, **parameters: Any) -> Scene:
 def _builder(name: str) -> Callable[..., Any]:
     if name in SCENES:
         return SCENES[name]
-    module, colon, attribute = name.partition(":")
-    if not (module and colon and attribute):
-        raise InvalidParameter("scene", name, f"{', '.join(SCENES)}, or module:Name")
+    builder = load("scene", name, f"{', '.join(SCENES)}, or module:Name that can be imported")
     try:
-        builder = getattr(import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise InvalidParameter("scene", name, f"module:Name that can be imported ({error})") from None
-    if not callable(builder):
-        raise InvalidParameter("scene", name, "module:Name of a class or function")
+        inspect.signature(builder)
+    except (TypeError, ValueError):
+        raise InvalidParameter("scene", name, "module:Name of a class or function with named parameters") from None
     checked: Callable[..., Any] = builder
     return checked
 

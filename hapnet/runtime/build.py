@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from importlib import import_module
 from pathlib import Path
 from typing import Any, cast
 
@@ -24,15 +24,28 @@ from hapnet.control.spring import Spring
 from hapnet.control.zoh import ZeroOrderHold
 from hapnet.endpoint import NANO, DeviceEndpoint, WorldEndpoint
 from hapnet.errors import InvalidParameter
+from hapnet.loading import cause, load
 from hapnet.params import DeviceParams, Params, WorldParams
-from hapnet.plant.device import Device, SimulatedDevice
+from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.operator import Impedance, Operator, Press, Rest, Sine, read_motion
-from hapnet.plant.scene import Scene, make_scene, scene_parameters
+from hapnet.plant.scene import SCENES, Scene, make_scene, scene_parameters
+from hapnet.runtime.own_device import OwnDevice
 from hapnet.runtime.sides import Clock, ContinuousDeviceSide, DeviceSide, SampledDeviceSide, WorldSide, Write
 from hapnet.wire.messages import Role
 from hapnet.wire.session import Session, SessionSettings
-from netem import PRESETS, LinkProfile
+from netem import LinkProfile
+
+_DEFAULTS = Params()
+_SCENE_PARAMETERS = {
+    "stiffness": "world.wall.stiffness",
+    "damping": "world.wall.damping",
+    "position": "world.wall.position_m",
+    "size": "world.wall.half_width_m",
+    "step_min_s": "world.step_min_s",
+    "step_max_s": "world.step_max_s",
+}
+"""A scene's keyword, and the parameter that it is given."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +72,7 @@ def prepare(params: Params, default_servo: str) -> Setup:
     ------
     InvalidParameter : names the parameter that does not fit.
     """
-    scene = _scene(params)
+    scene, warnings = _scene(params)
     device = params.device
     servo = default_servo if device.servo == "auto" else device.servo
     harvest = cast(
@@ -72,18 +85,17 @@ def prepare(params: Params, default_servo: str) -> Setup:
             raise InvalidParameter("device.resolution_m", device.resolution_m, "0 with the continuous servo")
     if harvest == "range" and device.trusted_damping:
         raise InvalidParameter("device.trusted_damping", device.trusted_damping, "0 with the range harvest")
-    if not 0.0 < device.spring_share <= 1.0:
-        raise InvalidParameter("device.spring_share", device.spring_share, "above 0, at most 1")
-    warnings = []
+    for name, side in (("device", device), ("world", params.world)):
+        if side.on_silence == "release" and not side.step_limit_N:
+            raise InvalidParameter(
+                f"{name}.on_silence", "release", f"hold, or release with {name}.step_limit_N above 0"
+            )
+    if params.hardware != "simulated" and servo != "sampled":
+        raise InvalidParameter("device.servo", servo, "sampled with a device of your own")
     if servo == "sampled" and harvest == "range" and params.coupling == "pspm":
         warnings.extend(_range_warning(device, scene.dof))
-    up, down = link_profile(params.link.up), link_profile(params.link.down)
+    up, down = LinkProfile.named(params.link.up), LinkProfile.named(params.link.down)
     return Setup(params, scene, servo, harvest, up, down, tuple(warnings))
-
-
-def link_profile(words: str) -> LinkProfile:
-    """A link from tc's words or a preset's name; netem's ProfileError names what is wrong."""
-    return LinkProfile.preset(words) if words in PRESETS else LinkProfile.parse(words)
 
 
 def device_session(setup: Setup, incarnation: int, name: str = "device") -> Session:
@@ -119,12 +131,14 @@ def device_side(setup: Setup, session: Session, clock: Clock, write: Write) -> D
     period_ns = round(period / NANO)
     if setup.servo == "continuous":
         make = _continuous_servo(setup)
-        make(simulated.position, 0.0)  # so that what is wrong is said now and not at pairing
+        with _named("device"):
+            make(simulated.position, 0.0, False)  # so that what is wrong is said now and not at pairing
         return ContinuousDeviceSide(
             endpoint, simulated, make, period_ns=period_ns, clock=clock, write=write, record_every=every
         )
     hold = _sampled_servo(setup)
-    hold(simulated.position)
+    with _named("device"):
+        hold(simulated.position, False)
     return SampledDeviceSide(
         endpoint, simulated, hold, period_ns=period_ns, clock=clock, write=write, record_every=every
     )
@@ -133,15 +147,15 @@ def device_side(setup: Setup, session: Session, clock: Clock, write: Write) -> D
 def _own_device_side(setup: Setup, session: Session, clock: Clock, write: Write) -> DeviceSide:
     """A user's own device, which only a sampled servo can drive."""
     params = setup.params
-    if setup.servo != "sampled":
-        raise InvalidParameter("device.servo", setup.servo, "sampled with a device of your own")
-    device = _load_device(params.hardware, setup.dof)
+    device = OwnDevice(params.hardware, setup.dof)
     limits = [limit for limit in (params.device.force_limit_N, device.force_limit) if limit]
     own = dataclasses.replace(params.device, force_limit_N=min(limits, default=0.0), resolution_m=device.resolution)
     hold = _sampled_servo(dataclasses.replace(setup, params=dataclasses.replace(params, device=own)))
+    with _named("device"):
+        hold((0.0,) * setup.dof, False)
     return SampledDeviceSide(
         DeviceEndpoint(session),
-        device,
+        device.device if isinstance(device.device, SimulatedDevice) else device,  # the side must see that it simulates
         hold,
         period_ns=round(1.0 / params.device.servo_hz / NANO),
         clock=clock,
@@ -150,35 +164,20 @@ def _own_device_side(setup: Setup, session: Session, clock: Clock, write: Write)
     )
 
 
-def _load_device(name: str, dof: int) -> Device:
-    module, colon, attribute = name.partition(":")
-    allowed = "simulated, or module:Class with dof, force_limit, resolution, read and apply"
-    if not (module and colon and attribute):
-        raise InvalidParameter("hardware", name, allowed)
-    try:
-        device: Device = getattr(import_module(module), attribute)(dof=dof)
-    except (ImportError, AttributeError, TypeError, ValueError) as error:
-        raise InvalidParameter("hardware", name, f"{allowed}, made with dof ({error})") from None
-    missing = [part for part in ("dof", "force_limit", "resolution", "read", "apply") if not hasattr(device, part)]
-    if missing:
-        raise InvalidParameter("hardware", name, f"{allowed}; it lacks {', '.join(missing)}")
-    if device.dof != dof:
-        raise InvalidParameter("hardware", name, f"a device with {dof} degrees of freedom, as the scene has")
-    return device
-
-
 def world_side(setup: Setup, session: Session, rng: np.random.Generator, write: Write) -> WorldSide:
     """The virtual mass in its scene, and its endpoint."""
     world = setup.params.world
-    mass = PassiveIntegrator(world.mass, world.damping, world.stiffness, setup.scene.start)
+    with _named("world"):
+        mass = PassiveIntegrator(world.mass, world.damping, world.stiffness, setup.scene.start)
     mass.adopt(setup.scene.contacts)
 
-    def make_coupling(position: Vector, kinetic: float) -> Coupling:
+    def make_coupling(position: Vector, kinetic: float, empty: bool = False) -> Coupling:
         spring = Spring(world.stiffness, setup.dof)
         return Coupling(
-            _modulator(setup, world, spring, position, None),
+            _modulator(setup, world, spring, position, None, empty),
             stages=_stages(world),
             silence=Silence(cast(OnSilence, world.on_silence), world.silence_after_s),
+            longest_step=_longest_step(setup, world, spring),
             kinetic=kinetic,
         )
 
@@ -204,23 +203,25 @@ def _session(setup: Setup, role: Role, name: str, incarnation: int) -> Session:
     )
 
 
-def _continuous_servo(setup: Setup) -> Callable[[Vector, float], ContinuousServo]:
+def _continuous_servo(setup: Setup) -> Callable[[Vector, float, bool], ContinuousServo]:
     device = setup.params.device
     damping = checks.diagonal("device.damping", device.damping, setup.dof)
 
-    def make(position: Vector, kinetic: float) -> ContinuousServo:
-        return ContinuousServo(_device_coupling(setup, position, kinetic), damping=damping, period=device.pspm_period_s)
+    def make(position: Vector, kinetic: float, empty: bool = False) -> ContinuousServo:
+        return ContinuousServo(
+            _device_coupling(setup, position, kinetic, empty), damping=damping, period=device.pspm_period_s
+        )
 
     return make
 
 
-def _sampled_servo(setup: Setup) -> Callable[[Vector], SampledServo]:
+def _sampled_servo(setup: Setup) -> Callable[[Vector, bool], SampledServo]:
     device = setup.params.device
     damping = checks.diagonal("device.damping", device.damping, setup.dof)
 
-    def make(position: Vector) -> SampledServo:
+    def make(position: Vector, empty: bool = False) -> SampledServo:
         return SampledServo(
-            _device_coupling(setup, position, 0.0),
+            _device_coupling(setup, position, 0.0, empty),
             damping=damping,
             period=device.pspm_period_s,
             position=position,
@@ -233,33 +234,44 @@ def _sampled_servo(setup: Setup) -> Callable[[Vector], SampledServo]:
     return make
 
 
-def _device_coupling(setup: Setup, position: Vector, kinetic: float) -> Coupling:
+def _device_coupling(setup: Setup, position: Vector, kinetic: float, empty: bool) -> Coupling:
     device = setup.params.device
     limit = device.force_limit_N * device.spring_share or None
     spring = Spring(device.stiffness, setup.dof, limit)
-    longest = math.inf
-    if device.step_limit_N and setup.params.coupling == "pspm":
-        longest = device.step_limit_N / spring.ellipsoid.largest
     return Coupling(
-        _modulator(setup, device, spring, position, limit),
+        _modulator(setup, device, spring, position, limit, empty),
         stages=_stages(device),
         silence=Silence(cast(OnSilence, device.on_silence), device.silence_after_s),
-        longest_step=longest,
+        longest_step=_longest_step(setup, device, spring),
         kinetic=kinetic,
     )
 
 
+def _longest_step(setup: Setup, side: DeviceParams | WorldParams, spring: Spring) -> float:
+    """How far ybar may move in an update [m], so that the spring's force steps by no more than its limit."""
+    if setup.params.coupling == "zoh" or not side.step_limit_N:
+        return math.inf
+    return side.step_limit_N / spring.ellipsoid.largest
+
+
 def _modulator(
-    setup: Setup, side: DeviceParams | WorldParams, spring: Spring, position: Vector, force_limit: float | None
+    setup: Setup,
+    side: DeviceParams | WorldParams,
+    spring: Spring,
+    position: Vector,
+    force_limit: float | None,
+    empty: bool,
 ) -> Modulator:
+    energy = 0.0 if empty else side.ceiling_J
     if setup.params.coupling == "zoh":
-        return ZeroOrderHold(spring, position, side.ceiling_J)
+        return ZeroOrderHold(spring, position, energy)
     return SetPositionModulator(
         stiffness=side.stiffness,
         position=position,
         ceiling=side.ceiling_J,
         shuffle=cast(Shuffle, side.shuffle),
         force_limit=force_limit,
+        energy=energy,
     )
 
 
@@ -272,21 +284,30 @@ def _stages(side: DeviceParams | WorldParams) -> Pipeline:
     return Pipeline(stages)
 
 
-def _scene(params: Params) -> Scene:
-    world = params.world
-    known = scene_parameters(params.scene)
-    values: dict[str, Any] = {
-        "stiffness": world.wall.stiffness,
-        "damping": world.wall.damping,
-        "step_min_s": world.step_min_s,
-        "step_max_s": world.step_max_s,
-        "size": world.wall.half_width_m,
-        **({"position": world.wall.position_m} if params.scene == "wall" else {}),
-        **({"dof": params.dof} if params.dof else {}),
-    }
-    if "dof" in values and "dof" not in known:
+def _scene(params: Params) -> tuple[Scene, list[str]]:
+    """The scene, and a warning for each parameter that it does not read although it was set."""
+    known, named = scene_parameters(params.scene), params.scene in SCENES
+    if params.scene == "paper":
+        known.pop("position")  # the paper lies in z = 0, whatever the wall does
+    if params.dof and "dof" not in known:
         raise InvalidParameter("dof", params.dof, f"0: the scene {params.scene} sets its own")
-    return make_scene(params.scene, **{name: value for name, value in values.items() if name in known})
+    values: dict[str, Any] = {"dof": params.dof} if params.dof else {}
+    warnings = []
+    for keyword, name in _SCENE_PARAMETERS.items():
+        value = params.get(name)
+        changed = value != _DEFAULTS.get(name)
+        if keyword in known:
+            if named or changed:  # a scene of the user's own has defaults of its own
+                values[keyword] = value
+        elif changed:
+            warnings.append(f"{name} is {value:g}, but the scene {params.scene} does not read it")
+    try:
+        return make_scene(params.scene, **values), warnings
+    except InvalidParameter as error:
+        if error.name not in _SCENE_PARAMETERS:
+            raise
+        name = _SCENE_PARAMETERS[error.name]
+        raise InvalidParameter(name, params.get(name), error.allowed) from error
 
 
 def _operator(setup: Setup) -> Operator:
@@ -304,14 +325,15 @@ def _operator(setup: Setup) -> Operator:
         return Press(start, goal, impedance, reach=hand.reach_s, hold=hand.hold_s, wait=hand.wait_s)
     if name.endswith(".csv") or Path(name).exists():
         return read_motion(Path(name), dof, impedance, press_depth=hand.press_depth_m, hover=hand.hover_m)
-    module, colon, attribute = name.partition(":")
-    allowed = "rest, sine, press, a recording's path (.csv), or module:Class"
-    if not (module and colon and attribute):
-        raise InvalidParameter("operator", name, allowed)
+    allowed = "rest, sine, press, a recording's path (.csv), or module:Class taking dof and impedance"
+    make = load("operator", name, allowed)
     try:
-        made: Operator = getattr(import_module(module), attribute)(dof=dof, impedance=impedance)
-    except (ImportError, AttributeError, TypeError, ValueError) as error:
-        raise InvalidParameter("operator", name, f"{allowed} taking dof and impedance ({error})") from None
+        made: Operator = make(dof=dof, impedance=impedance)
+        made.reference(0.0)
+    except Exception as error:
+        raise InvalidParameter("operator", name, f"{allowed} ({cause(error)})") from error
+    if not isinstance(getattr(made, "impedance", None), Impedance):
+        raise InvalidParameter("operator", name, f"{allowed}; what it makes has no impedance")
     return made
 
 
@@ -330,3 +352,14 @@ def _range_warning(device: DeviceParams, dof: int) -> list[str]:
         f"the range harvest {word} not passive with a sampled servo: own damping {device.own_damping} Ns/m, "
         f"passive for any motion above {need:.3g} Ns/m; use device.harvest=measured"
     ]
+
+
+@contextmanager
+def _named(section: str) -> Iterator[None]:
+    """The parts know a parameter by its own name; its user knows it by the section's too."""
+    try:
+        yield
+    except InvalidParameter as error:
+        if error.name not in ("mass", "damping", "stiffness"):
+            raise
+        raise InvalidParameter(f"{section}.{error.name}", error.value, error.allowed) from error

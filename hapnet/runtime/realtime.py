@@ -2,8 +2,8 @@
 
 Three kinds of thread share a side. The control thread (servo, or the world's stepper) owns the control half and puts a
 position that the link does not delay on the wire itself. Zenoh's receiving thread decodes what arrives into the control
-half's slots. The event loop does what is left: delayed release, retransmission, recording. The wire half and the link
-have one lock, held for microseconds and never across I/O.
+half's slots. The event loop does what is left: delayed release, retransmission, recording. The wire half, the link and
+the timer that wakes the loop for them have one lock, held for microseconds and never while a message is put.
 """
 
 from __future__ import annotations
@@ -100,10 +100,9 @@ class RealtimeSide:
         self._names = (session, name)
         incarnation = secrets.randbits(63) + 1
         entropy = np.random.SeedSequence(self.seed).spawn(4)
-        write = self._samples.append if record is not None else _discard
         self.side: DeviceSide | WorldSide
         if role == "device":
-            self.side = device_side(setup, device_session(setup, incarnation), self._clock, write)
+            self.side = device_side(setup, device_session(setup, incarnation), self._clock, self._keep_sample)
             self._control: Servo | Stepper = Servo(
                 round(1e9 / setup.params.device.servo_hz),
                 self._tick,
@@ -113,7 +112,9 @@ class RealtimeSide:
                 clock=self._clock,
             )
         else:
-            self.side = world_side(setup, world_session(setup, incarnation), np.random.default_rng(entropy[2]), write)
+            self.side = world_side(
+                setup, world_session(setup, incarnation), np.random.default_rng(entropy[2]), self._keep_sample
+            )
             self._control = Stepper(self._step, self._fail, self._clock)
         self.endpoint = self.side.endpoint
         self.link: Link[Parcel] = Link(self.profile, seed=entropy[0 if role == "device" else 1])
@@ -122,6 +123,11 @@ class RealtimeSide:
         self._stopped_ns: int | None = None
         if record is not None:
             _require_writable(record)
+
+    def _keep_sample(self, sample: Sample) -> None:
+        """For the recording; from any thread. Without a recording nothing is kept."""
+        if self._record_path is not None:
+            self._samples.append(sample)
 
     # -- threads of their own ----------------------------------------------------------------------------------------
 
@@ -202,10 +208,9 @@ class RealtimeSide:
                 raise self._failure
             await self._part("the run is over")
         finally:
-            if isinstance(self._control, Servo):
-                self._control.stop()
-            self._timer.close()
+            self._control.stop()
             await self._transport.close()
+            self._timer.close()
             summary = self.summary()
             self._drain()
             if self._writer is not None:
@@ -242,18 +247,25 @@ class RealtimeSide:
         session = self.endpoint.session
         deadline = self._loop.time() + LINGER_S
         self._pump()
-        credited, quiet_until = session.credited_nJ, self._loop.time() + QUIET_S
-        while session.peer is not None and self._loop.time() < deadline:
-            if session.credited_nJ != credited:
-                credited, quiet_until = session.credited_nJ, self._loop.time() + QUIET_S
-            if session.settled and self._loop.time() >= quiet_until:
+        credited, quiet_until = -1, 0.0
+        while self._loop.time() < deadline:
+            with self._lock:
+                paired, settled, now = session.peer is not None, session.settled, session.credited_nJ
+            if now != credited:
+                credited, quiet_until = now, self._loop.time() + QUIET_S
+            if not paired or (settled and self._loop.time() >= quiet_until):
                 break
             await asyncio.sleep(0.005)
         with self._lock:
             session.close(self._clock(), reason)
         self._pump()
-        while (self.link.next_due_ns, session.next_due_ns) != (None, None) and self._loop.time() < deadline + 1.0:
+        while self._pending() and self._loop.time() < deadline + 1.0:
             await asyncio.sleep(0.005)
+
+    def _pending(self) -> bool:
+        """Is anything on the link or still to be said?"""
+        with self._lock:
+            return (self.link.next_due_ns, self.endpoint.session.next_due_ns) != (None, None)
 
     def _pump(self) -> None:
         """Send what the protocol has to say and what the link releases, and wait for what is due next."""
@@ -284,7 +296,7 @@ class RealtimeSide:
                         continue
                 case _:
                     continue
-            self._samples.append(Note(self._clock(), notice.kind, notice.text))
+            self._keep_sample(Note(self._clock(), notice.kind, notice.text))
             self._notify(notice)
 
     # -- recording and summary ---------------------------------------------------------------------------------------
@@ -340,6 +352,7 @@ class RealtimeSide:
     def _give_up_recording(self, error: RecordingError) -> None:
         """A full disk ends the recording, not the run."""
         self._record_path = self._writer = None
+        self._samples.clear()
         self._notify(Notice("recording", f"{error}; the run goes on without a recording"))
 
     def _meta(self) -> dict[str, Any]:
@@ -358,10 +371,6 @@ class RealtimeSide:
             "links": {"up" if self.role == "device" else "down": str(self.profile)},
             "versions": versions(),
         }
-
-
-def _discard(sample: Sample) -> None:
-    """Nobody records."""
 
 
 def _again(number: int) -> str:

@@ -214,7 +214,7 @@ class Servo:
             if self._safe is not None:
                 self._safe()
         except BaseException as error:
-            _log.exception("the servo's safe() failed")
+            _log.error("the servo's safe() failed: %s: %s", type(error).__name__, error)
             self.error = self.error or error
         if self.error is not None and self._on_error is not None:
             self._on_error(self.error)

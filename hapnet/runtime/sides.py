@@ -55,6 +55,7 @@ class DeviceSide(ABC):
         self._write = write
         self._record_every = record_every
         self._last_ns = 0
+        self._expected_ns = 0  # the time up to which a simulated device has lived
 
     @property
     def coupling(self) -> Coupling:
@@ -77,7 +78,7 @@ class DeviceSide(ABC):
         """One servo tick; the position message to send, if there is one. Before pairing the device gets no force."""
         if self.origin_ns is None:
             if self.endpoint.paired:
-                self.origin_ns = self._last_ns = now_ns
+                self.origin_ns = self._last_ns = self._expected_ns = now_ns
                 self._start(self.device.read()[0])
                 self.ledger = self.coupling.ledger
             return None
@@ -102,9 +103,16 @@ class DeviceSide(ABC):
     def _sample(self, now_ns: int) -> DeviceSample: ...
 
     def _periods(self, now_ns: int) -> int:
-        """How many periods a simulated device moves on: more than one if the servo was late."""
-        elapsed = now_ns - self._last_ns
-        return 1 if 2 * elapsed < 3 * self._period_ns else round(elapsed / self._period_ns)
+        """How many periods a simulated device moves on, so that over all ticks it keeps to the clock: 1 if all is well.
+
+        More if the servo was late, none in the tick after one that was called late.
+        """
+        self._expected_ns += self._period_ns
+        if now_ns == self._expected_ns:
+            return 1
+        periods = 1 + round((now_ns - self._expected_ns) / self._period_ns)
+        self._expected_ns += (periods - 1) * self._period_ns
+        return periods
 
     def _sampled(self, now_ns: int, x: Vector, force: Vector, hand: Vector | None) -> DeviceSample:
         coupling = self.coupling
@@ -118,14 +126,14 @@ class DeviceSide(ABC):
 class ContinuousDeviceSide(DeviceSide):
     """A simulated device whose coupling acts continuously: the paper's, with its account at the human's port.
 
-    make_servo : makes the servo's law at a position [m] with a kinetic energy [J].
+    make_servo : makes the servo's law at a position [m] with a kinetic energy [J], the reservoir empty if told so.
     """
 
     def __init__(
         self,
         endpoint: DeviceEndpoint,
         device: SimulatedDevice,
-        make_servo: Callable[[Vector, float], ContinuousServo],
+        make_servo: Callable[[Vector, float, bool], ContinuousServo],
         *,
         period_ns: int,
         clock: Clock,
@@ -138,7 +146,7 @@ class ContinuousDeviceSide(DeviceSide):
 
     def _start(self, x: Vector) -> None:
         device = self._simulated
-        servo = self._servo = self._make_servo(x, device.kinetic)
+        servo = self._servo = self._make_servo(x, device.kinetic, self.endpoint.restarted)
         self.endpoint.start(servo)
         spring = servo.coupling.spring
         device.couple(spring.K, servo.damping, x, spring.force_limit)
@@ -146,12 +154,10 @@ class ContinuousDeviceSide(DeviceSide):
 
     def _control(self, now_ns: int) -> bytes | None:
         device, last_ns = self._simulated, self._last_ns
-        work = device.advance()
-        periods = 1
-        if now_ns - last_ns != self._period_ns:
-            periods = self._periods(now_ns)
-            for _ in range(periods - 1):
-                work += device.advance()
+        periods = self._periods(now_ns)
+        work = 0.0
+        for _ in range(periods):
+            work += device.advance()
         x = device.position
         dt = max((self._clock() - last_ns) * NANO, periods * device.period)  # the device has lived through the latter
         message = self.endpoint.tick_continuous(now_ns, dt, x, device.extremes, work, device.kinetic)
@@ -170,14 +176,14 @@ class ContinuousDeviceSide(DeviceSide):
 class SampledDeviceSide(DeviceSide):
     """Any device, its torque held from tick to tick, with its account at the actuator's port.
 
-    make_servo : makes the servo's law at a measured position [m].
+    make_servo : makes the servo's law at a measured position [m], the reservoir empty if told so.
     """
 
     def __init__(
         self,
         endpoint: DeviceEndpoint,
         device: Device,
-        make_servo: Callable[[Vector], SampledServo],
+        make_servo: Callable[[Vector, bool], SampledServo],
         *,
         period_ns: int,
         clock: Clock,
@@ -204,7 +210,7 @@ class SampledDeviceSide(DeviceSide):
             self._servo.stop()
 
     def _start(self, x: Vector) -> None:
-        servo = self._servo = self._make_servo(x)
+        servo = self._servo = self._make_servo(x, self.endpoint.restarted)
         self.endpoint.start(servo)
         self._x = x
         if self._simulated is not None:
@@ -215,12 +221,15 @@ class SampledDeviceSide(DeviceSide):
     def _control(self, now_ns: int) -> bytes | None:
         simulated, servo = self._simulated, self._servo
         before: Vector = ()
+        lived = 0.0
         if simulated is not None:
             before = simulated.position
-            for _ in range(self._periods(now_ns)):
+            periods = self._periods(now_ns)
+            lived = periods * simulated.period
+            for _ in range(periods):
                 self._hand_work += simulated.advance()
         self._x, v = self.device.read()
-        dt = (self._clock() - self._last_ns) * NANO
+        dt = max((self._clock() - self._last_ns) * NANO, lived)
         held = servo.force
         message = self.endpoint.tick_sampled(now_ns, dt, self._x, v)
         self.device.apply(servo.force)
@@ -253,7 +262,7 @@ class WorldSide:
     Parameters
     ----------
     endpoint, mass, scene : of this side.
-    make_coupling : makes the coupling at the virtual mass's position, with its kinetic energy, when control starts.
+    make_coupling : makes the coupling when control starts: position [m], kinetic energy [J], reservoir empty or not.
     rng : draws the steps' lengths.
     """
 
@@ -262,7 +271,7 @@ class WorldSide:
         endpoint: WorldEndpoint,
         mass: PassiveIntegrator,
         scene: Scene,
-        make_coupling: Callable[[Vector, float], Coupling],
+        make_coupling: Callable[[Vector, float, bool], Coupling],
         *,
         rng: np.random.Generator,
         write: Write,
@@ -289,7 +298,7 @@ class WorldSide:
         if self.origin_ns is None:
             if not endpoint.paired:
                 return None
-            endpoint.start(self._make_coupling(mass.position, mass.kinetic_J))
+            endpoint.start(self._make_coupling(mass.position, mass.kinetic_J, endpoint.restarted))
             self.origin_ns = self._last_ns = now_ns
             return endpoint.step(now_ns, 0.0, mass.position, mass.kinetic_J, 0.0, 0.0)
         dt = (now_ns - self._last_ns) * NANO

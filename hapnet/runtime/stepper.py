@@ -28,7 +28,8 @@ class Stepper:
     def stop(self) -> None:
         """End the thread and wait for it."""
         self._stopping.set()
-        self._thread.join()
+        if self._thread.ident is not None:
+            self._thread.join()
 
     def _main(self) -> None:
         set_timer_slack()

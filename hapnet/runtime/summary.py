@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Mapping
+from dataclasses import fields
 from importlib import metadata
 from typing import Any
 
 from hapnet.endpoint import Endpoint
-from hapnet.record import Recording
+from hapnet.record import Columns, Recording
 from hapnet.runtime.build import Setup
 from hapnet.runtime.sides import DeviceSide, WorldSide
+from netem import LinkStats
 
 Summary = dict[str, Any]
 
@@ -58,11 +60,14 @@ def combine(
     sides = [side for side in (device, world) if side is not None]
     margins = [side["ledger"]["margin_J"] for side in sides]
     bounds = [side["ledger"]["bound_J"] for side in sides]
-    bound = sum(bounds) if len(sides) == 2 and None not in bounds else None
+    # After a restart the survivor's account covers pairs of which the other side's knows nothing: each half holds by
+    # itself, but they do not add up to one statement about two ports.
+    restarted = any((side.get("incarnations") or 0) > 1 for side in sides)
+    bound = sum(bounds) if len(sides) == 2 and None not in bounds and not restarted else None
     margin = None
     if bound is not None and two_port_J is not None:
         margin = bound + two_port_J
-    elif len(sides) == 2 and None not in margins:
+    elif len(sides) == 2 and None not in margins and not restarted:
         margin = sum(margins)
     return {
         "theorem": {"margin_J": margin, "bound_J": bound},
@@ -143,7 +148,8 @@ def _flow(sender: Summary | None, receiver: Summary | None) -> dict[str, int | N
     sent, abandoned = sender["sent_nJ"], sender["abandoned_nJ"]
     credited = None if receiver is None else receiver["credited_nJ"]
     in_flight = sender["in_flight_nJ"]
-    if None not in (credited, abandoned):
+    restarted = any((side.get("incarnations") or 0) > 1 for side in (sender, receiver) if side is not None)
+    if None not in (credited, abandoned) and not restarted:
         in_flight = sent - credited - abandoned
     return {"sent_nJ": sent, "credited_nJ": credited, "in_flight_nJ": in_flight, "abandoned_nJ": abandoned}
 
@@ -158,31 +164,44 @@ def _version(name: str) -> str:
 def from_recording(recording: Recording) -> Summary:
     """The summary of a recording whose writer was killed: what its samples tell, at their rate; None for the rest."""
     meta = recording.meta
-    parts = {
-        side: _from_columns(columns) for side, columns in (("device", recording.device), ("world", recording.world))
-    }
+    coupling = meta.get("coupling", "pspm")
+    device = None if recording.device is None else _device_columns(recording.device, coupling)
+    world = None if recording.world is None else _world_columns(recording.world, coupling)
     ends = [columns["time_s"][-1] for columns in (recording.device, recording.world) if columns is not None]
     asked = meta.get("links") or {}
-    links = {way: {"profile": asked[way]} if way in asked else None for way in ("up", "down")}
+    unknown = dict.fromkeys(field.name for field in fields(LinkStats))
+    links = {way: {**unknown, "profile": asked[way]} if way in asked else None for way in ("up", "down")}
     return combine(
-        parts["device"],
-        parts["world"],
+        device,
+        world,
         links,
         seed=meta.get("seed"),
         duration_s=float(max(ends)) if ends else None,
-        coupling=meta.get("coupling", "pspm"),
+        coupling=coupling,
     )
 
 
-def _from_columns(columns: Mapping[str, Any] | None) -> Summary | None:
-    if columns is None:
-        return None
-    ledger = {name: float(columns[name].min()) for name in ("margin_J", "slack_J")}
-    unknown = ("in_flight_nJ", "discarded_nJ", "abandoned_nJ", "incarnations", "quantisation_J", "true_slack_J")
+def _device_columns(columns: Columns, coupling_name: str) -> Summary:
+    result = _side_columns(columns, coupling_name)
+    if coupling_name == "pspm":
+        result["deficit_max_J"] = float(columns["deficit_J"].max())
+    result["servo"] = dict.fromkeys(("ticks", "late_p50_us", "late_p99_us", "skipped"))
+    return {**result, "quantisation_J": None, "true_slack_J": None}
+
+
+def _world_columns(columns: Columns, coupling_name: str) -> Summary:
+    result, steps = _side_columns(columns, coupling_name), columns["step_s"]  # one sample a step
+    result["step"] = {"count": len(steps), "mean_s": float(steps.mean()), "max_s": float(steps.max())}
+    return result
+
+
+def _side_columns(columns: Columns, coupling_name: str) -> Summary:
+    """The keys of `_side_summary`."""
     return {
-        "ledger": {**ledger, "bound_J": None},
-        "reservoir_min_J": float(columns["reservoir_J"].min()),
+        "ledger": {name: float(columns[name].min()) for name in ("margin_J", "slack_J")} | {"bound_J": None},
+        "reservoir_min_J": float(columns["reservoir_J"].min()) if coupling_name == "pspm" else None,
+        "deficit_max_J": None,
         "sent_nJ": round(float(columns["sent_J"][-1]) * 1e9),
         "credited_nJ": round(float(columns["credited_J"][-1]) * 1e9),
-        **dict.fromkeys(unknown),
+        **dict.fromkeys(("in_flight_nJ", "discarded_nJ", "abandoned_nJ", "incarnations", "dropped")),
     }

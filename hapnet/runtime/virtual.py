@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hapnet.endpoint import NANO, Endpoint
-from hapnet.errors import HapnetError
+from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.metrics import motion
 from hapnet.params import Params
 from hapnet.record import MemoryRecorder, Recording
@@ -88,6 +88,8 @@ class Simulation:
     """
 
     def __init__(self, params: Params, seed: int = 0) -> None:
+        if params.hardware != "simulated":
+            raise InvalidParameter("hardware", params.hardware, "simulated: a real device does not run in virtual time")
         self.seed = seed
         self.setup: Setup = prepare(params, "continuous")
         self.now_ns = 0

@@ -28,6 +28,12 @@ MAX_PEERS = 4096
 BYE_COPIES = 3
 BYE_SPACING_NS = 20_000_000
 
+COUPLING = "coupling"
+"""Entry of `about`: the coupling that a side runs. Both must run the same."""
+
+EARLIER = "earlier"
+"""Entry of a welcome's `about`: how many others its sender was paired with before this one; absent if none."""
+
 ControlMessage = Hello | Welcome | Refuse | Bye
 
 
@@ -65,7 +71,9 @@ class Handshake:
             return self._refuse(message.incarnation, reason)
         me = self.identity
         number = message.number
-        self._reply(Welcome(me.incarnation, message.incarnation, number, me.role, me.dof, me.name, me.about))
+        earlier = self._earlier_peers(message.incarnation)
+        about = {**me.about, EARLIER: earlier} if earlier else me.about
+        self._reply(Welcome(me.incarnation, message.incarnation, number, me.role, me.dof, me.name, about))
         if self.peer is None or self.peer.incarnation != message.incarnation:
             self._call(now_ns)
         return ()
@@ -158,12 +166,20 @@ class Handshake:
             self._reply(self._refusal(sender, "this incarnation was retired; restart it"))
             raise BadMessage("retired", f"incarnation {sender:#x} was the peer once")
 
+    def _earlier_peers(self, incarnation: int) -> int:
+        """How many others this side was paired with before `incarnation`."""
+        current = self.peer is not None and self.peer.incarnation != incarnation
+        return len(self._retired - {incarnation}) + current
+
     def _misfit(self, peer: Identity) -> str | None:
         me = self.identity
         if peer.role == me.role:
             return f"both sides are a {me.role}: {peer.name} and {me.name}"
         if peer.dof != me.dof:
             return f"{peer.name} has {peer.dof} degrees of freedom, {me.name} has {me.dof}"
+        mine, theirs = me.about.get(COUPLING), peer.about.get(COUPLING)
+        if mine is not None and theirs is not None and mine != theirs:
+            return f"{peer.name} runs the coupling {theirs}, {me.name} runs {mine}"
         return None
 
     def _call(self, now_ns: int) -> None:

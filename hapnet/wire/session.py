@@ -24,7 +24,7 @@ from hapnet.errors import BadMessage, InvalidParameter
 from hapnet.wire.admission import DEFAULT_BURST_J, DEFAULT_POWER_W, Admission
 from hapnet.wire.energy_channel import ACK_DELAY_NS, SPACING_NS, EnergyChannel
 from hapnet.wire.events import EnergyCredited, Event, PositionReceived
-from hapnet.wire.handshake import HELLO_PERIOD_NS, Handshake
+from hapnet.wire.handshake import EARLIER, HELLO_PERIOD_NS, Handshake
 from hapnet.wire.messages import (
     MAX_TEXT,
     Bye,
@@ -296,7 +296,8 @@ def _check_identity(identity: Identity) -> None:
     """A side must be able to read its own hello (of any number: the largest is tried)."""
     try:
         me = identity
-        data = encode(Welcome(me.incarnation, 2**64 - 1, 2**64 - 1, me.role, me.dof, me.name, me.about))
+        about = {**me.about, EARLIER: 2**63}
+        data = encode(Welcome(me.incarnation, 2**64 - 1, 2**64 - 1, me.role, me.dof, me.name, about))
         if not me.name:
             raise BadMessage("range", "name is empty")
         decode(data)

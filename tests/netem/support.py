@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from netem.effects import DISTRIBUTIONS, FourStateLoss, GilbertElliottLoss, RandomLoss, Slot
 from netem.link import Link
 from netem.profile import LinkProfile
+from netem.trace import CapacityTrace, ConditionTrace
 
 RECORDED = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "tc-netem"
 
@@ -57,6 +58,21 @@ def profiles(draw: st.DrawFn, longest_ns: st.SearchStrategy[int] = times) -> Lin
         limit=draw(st.one_of(st.just(1000), st.integers(1, 20))),
         seed=draw(st.one_of(st.none(), st.integers(0, 2**64 - 1))),
     )
+
+
+@st.composite
+def traced_profiles(draw: st.DrawFn, longest_ns: st.SearchStrategy[int]) -> LinkProfile:
+    """Profiles as above, also with traces, which no file holds."""
+    profile = draw(profiles(longest_ns))
+    if draw(st.booleans()):
+        times = sorted(draw(st.lists(longest_ns, max_size=5)))
+        trace = CapacityTrace("memory", (*times, draw(st.integers(51 * 10**6, 80 * 10**6))))
+        profile = profile.replace(trace=trace, rate_bit_s=0, overhead=0, cell_size=0, cell_overhead=0)
+    if draw(st.booleans()):
+        times = sorted(draw(st.sets(longest_ns.filter(bool), max_size=4)))
+        steps = [(draw(longest_ns), draw(fractions)) for _ in range(len(times) + 1)]
+        profile = profile.replace(csv=ConditionTrace("memory", (0, *times), *zip(*steps, strict=True)))
+    return profile
 
 
 def recorded(name: str) -> NDArray[np.int64]:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import ast
+import gc
 import inspect
 import json
+import sys
+import tracemalloc
 from itertools import pairwise
 from pathlib import Path
 
@@ -16,8 +19,10 @@ from numpy.random import SeedSequence
 from scipy import stats
 
 import netem
-from netem import Link, LinkProfile, NetemError, models
-from tests.netem.support import drive, profiles, recorded
+from netem import Link, LinkProfile, NetemError, effects, expectation, models, presets, timeline, trace, units
+from netem import profile as netem_profile
+from netem import stats as netem_stats
+from tests.netem.support import drive, recorded, traced_profiles
 
 MS = 1_000_000
 
@@ -34,7 +39,7 @@ def release_times(link: Link[int], count: int) -> dict[int, int]:
 
 
 @settings(max_examples=200, deadline=None)
-@given(profiles(short_times), gaps, st.integers(0, 2**32), st.data())
+@given(traced_profiles(short_times), gaps, st.integers(0, 2**32), st.data())
 def test_laws_of_any_link(profile: LinkProfile, pauses: list[int], seed: int, data: st.DataObject) -> None:
     """Nothing comes out twice, early, out of order, or lost uncounted; when one polls is no matter."""
     watched, left_alone = Link[int](profile, seed), Link[int](profile, seed)
@@ -62,12 +67,13 @@ def test_laws_of_any_link(profile: LinkProfile, pauses: list[int], seed: int, da
         assert stats_of.delivered == len(out)
         assert stats_of.in_flight == 0
         assert len(out) + stats_of.lost + stats_of.dropped_limit == len(pauses)
-        assert stats_of.lost == 0 or profile.loss is not None
+        assert stats_of.lost == 0 or profile.loss is not None or profile.csv is not None
+        assert (stats_of.loss_bursts > 0) == (stats_of.lost > 0)
         assert stats_of.lost_down == 0
 
 
 @settings(max_examples=50, deadline=None)
-@given(profiles(short_times), profiles(short_times), st.integers(0, 100))
+@given(traced_profiles(short_times), traced_profiles(short_times), st.integers(0, 100))
 def test_a_change_loses_and_repeats_nothing(first: LinkProfile, second: LinkProfile, when: int) -> None:
     link: Link[int] = Link(first, 3)
     out = []
@@ -106,6 +112,39 @@ def test_seed_sequences_and_the_words_seed() -> None:
     seeded = profile.replace(seed=7)
     assert drive(Link(seeded, 1), 500, MS) == drive(Link(profile, 7), 500, MS)
     assert drive(Link(seeded, up), 500, MS) != drive(Link(seeded, down), 500, MS)
+
+
+def test_directions_are_independent() -> None:
+    """Neither the delays nor the losses of two spawned links are correlated; nor are a link's own."""
+    count, profile = 20_000, LinkProfile.parse("delay 40ms 10ms loss 20%")
+    series = []
+    for seed in SeedSequence(1).spawn(2):
+        delays = np.full(count, np.nan)
+        for due, number in drive(Link(profile, seed), count, MS):
+            delays[number] = due - number * MS
+        series.append(delays)
+    lost = [np.isnan(delays) for delays in series]
+    both = ~(lost[0] | lost[1])
+    assert stats.pearsonr(series[0][both], series[1][both]).pvalue > 1e-3
+    assert stats.pearsonr(series[0][both], lost[1][np.roll(both, 1)]).pvalue > 1e-3
+    assert stats.chi2_contingency(np.histogram2d(*lost, bins=2)[0]).pvalue > 1e-3
+
+
+def test_a_change_without_a_seed_keeps_the_streams_and_one_with_another_starts_new_ones() -> None:
+    def releases(*words: str) -> list[tuple[int, int]]:
+        link = link_of("delay 5ms 1ms loss 10% seed 7")
+        out = []
+        for number in range(600):
+            if number == 300:
+                for some in words:
+                    link.change(LinkProfile.parse(some), number * MS)
+            link.send(number * MS, number)
+            out += link.poll(number * MS)
+        return out + link.poll(10**12)
+
+    unchanged = releases()
+    assert releases("delay 5ms 1ms loss 10%") == unchanged == releases("delay 5ms 1ms loss 10% seed 7")
+    assert releases("delay 5ms 1ms loss 10% seed 8") != unchanged
 
 
 @pytest.mark.parametrize("other", ["loss gemodel 5% 20%", "reorder 20%", "corrupt 50%", "loss 30% 50%"])
@@ -214,6 +253,55 @@ def test_the_limit_counts_what_is_in_flight() -> None:
     assert [number for _, number in link.poll(10**9)] == [0, 1, 2, 5]
 
 
+def test_the_limit_comes_after_corruption_and_before_reordering() -> None:
+    link: Link[bytes] = Link(LinkProfile.parse("delay 10ms gap 2 limit 1 corrupt 100%"))
+    for now in range(4):
+        link.send(now, b"abc")
+    assert (link.stats.corrupted, link.stats.dropped_limit, link.stats.sent_ahead) == (4, 3, 0)
+    link.send(20 * MS, b"abc")  # what the limit dropped does not count for the gap, so this one is the second
+    assert link.stats.sent_ahead == 1
+
+
+def test_messages_sent_ahead_do_not_wait_for_the_line() -> None:
+    out = drive(link_of("delay 1ms reorder 100% rate 8bit"), 10, MS)
+    assert out == [(number * MS, number) for number in range(10)]
+
+
+def test_a_smaller_limit_loses_nothing_in_flight() -> None:
+    link = link_of("delay 10ms")
+    for number in range(5):
+        link.send(0, number)
+    link.change(LinkProfile.parse("delay 10ms limit 2"), 1)
+    link.send(1, 5)
+    assert [number for _, number in link.poll(10**9)] == [0, 1, 2, 3, 4]
+    assert link.stats.dropped_limit == 1
+
+
+@pytest.mark.parametrize("count", [50_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
+def test_a_million_messages_in_flight_cost_their_own_memory_only(count: int) -> None:
+    """One tuple of five, three numbers and a place in a list each; all of it given back when they have left."""
+    link: Link[None] = Link(LinkProfile.parse(f"delay 10s 1s loss 1% rate 1tbit limit {count}"))
+    entry = sys.getsizeof((0,) * 5) + 3 * sys.getsizeof(10**12) + 2 * 8  # a list has up to 1/8 to spare
+    gc.collect()
+    tracemalloc.start()
+    try:
+        before, _ = tracemalloc.get_traced_memory()
+        for number in range(count):
+            link.send(1000 * number, None, 64)
+        in_flight = link.stats.in_flight
+        during, _ = tracemalloc.get_traced_memory()
+        delivered = 0
+        while (due_ns := link.next_due_ns) is not None:
+            delivered += len(link.poll(due_ns + MS))
+        after, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert 0.98 * count < in_flight == delivered
+    assert during - before < in_flight * (entry + 8)
+    assert peak < during + in_flight * 16
+    assert after - before < 1_000_000
+
+
 def test_losses_do_not_count_for_the_limit() -> None:
     link = link_of("delay 10ms limit 3 loss 100%")
     drive(link, 10, 1)
@@ -282,6 +370,8 @@ def test_size_is_the_items_length_unless_given() -> None:
     assert [due // MS for due, _ in link.poll(10**12)] == [3, 8]
     with pytest.raises(NetemError, match="size of int"):
         link.send(0, 5)
+    with pytest.raises(NetemError, match="size: -1"):
+        link.send(0, b"abc", size=-1)
     assert link.stats.offered == 2
 
 
@@ -345,7 +435,8 @@ def test_reordering_puts_messages_where_the_kernel_puts_them() -> None:
 
 def test_the_core_has_no_clock_and_no_io() -> None:
     banned = {"time", "asyncio", "threading", "random", "socket", "zenoh", "hapnet"}
-    for module in (netem.profile, netem.effects, netem.units, models, netem.link, netem.stats):
+    core = (netem_profile, effects, units, models, netem.link, netem_stats, trace, timeline, expectation, presets)
+    for module in core:
         tree = ast.parse(inspect.getsource(module))
         names = [alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names]
         names += [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
@@ -357,3 +448,13 @@ def test_draws_are_those_recorded_before() -> None:
     golden = json.loads((Path(__file__).parent / "golden_link.json").read_text())
     for words, expected in golden.items():
         assert [list(entry) for entry in drive(link_of(words, 1), 40, MS)] == expected
+
+
+def test_what_is_taken_out_late_shows_as_lateness_not_as_delay() -> None:
+    link: Link[int] = Link(LinkProfile.parse("delay 10ms"))
+    link.send(0, 1)
+    link.send(5_000_000, 2)
+    assert link.poll(12_500_000) == [(10_000_000, 1)]
+    link.poll(15_000_000)
+    assert link.stats.late_max_ms == 2.5
+    assert link.stats.delay_mean_ms == 10.0

@@ -6,6 +6,7 @@ All draws are seeded; the tests' levels (1e-3 and five standard errors) say how 
 from __future__ import annotations
 
 from itertools import chain, islice
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from netem.survey import lag_1_correlation
 from tests.netem.support import burst_lengths, recorded
 
 J = 10_000_000
+TABLES = ("/usr/lib/x86_64-linux-gnu/tc", "/usr/lib/aarch64-linux-gnu/tc", "/usr/lib64/tc", "/usr/lib/tc")
 
 
 def take_delays(words: str, count: int, seed: int = 1) -> NDArray[np.float64]:
@@ -70,6 +72,16 @@ def test_tables_have_the_shape_of_iproute2s() -> None:
         assert (len(table), table[0], table[-1]) == (4096, least, most)
         assert np.all(np.diff(table) >= 0)
         assert table.std() / 8192 == pytest.approx(deviation, abs=1e-4)
+
+
+@pytest.mark.parametrize("name", ["normal", "pareto", "paretonormal"])
+def test_tables_are_iproute2s(name: str) -> None:
+    """Entry by entry, those of the files that tc itself reads here."""
+    found = [path for folder in TABLES if (path := Path(folder) / f"{name}.dist").exists()]
+    if not found:
+        pytest.skip("iproute2 is not installed, so there are no tables to compare with")
+    lines = [line for line in found[0].read_text().splitlines() if not line.startswith("#")]
+    assert models.table(name).tolist() == sorted(int(entry) for line in lines for entry in line.split())
 
 
 def test_uniform_jitter_is_half_open_with_deviation_j_over_root_3() -> None:
@@ -185,6 +197,11 @@ def test_four_state_chain_has_its_stationary_law_and_bursts() -> None:
     mean = (into_4 + into_3 / (model.p31 + model.p32)) / (into_4 + into_3)
     lengths = burst_lengths(lost)
     assert lengths.mean() == pytest.approx(mean, abs=5 * lengths.std() / np.sqrt(len(lengths)))
+    leave = model.p31 + model.p32
+    expected = into_3 / (into_3 + into_4) * stats.geom(leave).pmf(np.arange(1, 9))
+    expected[0] += into_4 / (into_3 + into_4)
+    observed = np.bincount(np.minimum(lengths, 9), minlength=10)[1:]
+    assert stats.chisquare(observed, len(lengths) * np.append(expected, 1 - expected.sum())).pvalue > 1e-3
 
 
 def test_two_state_loss_is_the_four_state_models_special_case() -> None:

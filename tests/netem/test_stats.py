@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import statistics
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -25,6 +27,17 @@ def test_quantiles_are_those_of_the_sample_within_a_bin(delays_ns: list[int], fr
     assert histogram_of(delays_ns).quantile_ms(fraction) == pytest.approx(exact, rel=0.011)
 
 
+@given(st.lists(st.integers(0, 10**12), min_size=1, max_size=600))
+def test_mean_and_deviation_are_exact(delays_ns: list[int]) -> None:
+    histogram = histogram_of(delays_ns)
+    assert histogram.mean_ms() == pytest.approx(np.mean(delays_ns) * 1e-6, rel=1e-12)
+    assert histogram.std_ms() == pytest.approx(statistics.pstdev(delays_ns) * 1e-6, rel=1e-12, abs=1e-300)
+
+
+def test_a_deviation_far_below_the_mean_does_not_cancel() -> None:
+    assert histogram_of([10**14, 10**14 + 2] * 1000).std_ms() == pytest.approx(1e-6, rel=1e-12)
+
+
 def test_a_constant_delay_is_exact() -> None:
     histogram = histogram_of([40_000_000] * 1000)
     assert (
@@ -38,6 +51,7 @@ def test_a_constant_delay_is_exact() -> None:
 def test_nothing_counted_is_none() -> None:
     assert DelayHistogram().quantile_ms(0.5) is None
     assert DelayHistogram().mean_ms() is None
+    assert DelayHistogram().std_ms() is None
 
 
 def test_extremes_stay_in_range() -> None:

@@ -1,0 +1,85 @@
+"""A device of the user's own, given as ``module:Class``: checked when it is made, and guarded while it runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import isfinite
+from typing import Any
+
+from hapnet import checks
+from hapnet.checks import Vector
+from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.loading import cause, load
+from hapnet.plant.device import Device
+
+ALLOWED = "simulated, or module:Class with dof, force_limit, resolution, read and apply"
+
+
+def load_class(name: str) -> Callable[..., Any]:
+    """The class, imported and not yet made: making it may open the device, which only one process can.
+
+    Raises
+    ------
+    InvalidParameter : there is none.
+    """
+    found = load("hardware", name, ALLOWED)
+    if not callable(found):
+        raise InvalidParameter("hardware", name, ALLOWED)
+    made: Callable[..., Any] = found
+    return made
+
+
+class OwnDevice:
+    """The device of `name`, made with ``dof`` and read once.
+
+    Its driver may fail at any time, and numbers that are none would become forces: whatever it raises, and any reading
+    that is not two times `dof` finite numbers, ends as one HapnetError naming the device.
+
+    Raises
+    ------
+    InvalidParameter : the device cannot be made, lacks a part, or its first reading does not fit.
+    """
+
+    def __init__(self, name: str, dof: int) -> None:
+        self.name, self.dof = name, dof
+        make = load_class(name)
+        try:
+            self.device: Device = make(dof=dof)
+        except Exception as error:
+            raise InvalidParameter("hardware", name, f"{ALLOWED}, made with dof ({cause(error)})") from error
+        missing = [
+            part for part in ("dof", "force_limit", "resolution", "read", "apply") if not hasattr(self.device, part)
+        ]
+        if missing:
+            raise InvalidParameter("hardware", name, f"{ALLOWED}; it lacks {', '.join(missing)}")
+        if self.device.dof != dof:
+            raise InvalidParameter("hardware", name, f"a device with {dof} degrees of freedom, as the scene has")
+        limit = self.device.force_limit
+        try:
+            self.force_limit = None if limit is None else checks.positive("force_limit", limit)
+            self.resolution = checks.non_negative("resolution", self.device.resolution)
+        except InvalidParameter as error:
+            raise InvalidParameter("hardware", name, f"a device whose limits are numbers ({error})") from error
+        try:
+            self.read()
+        except HapnetError as error:
+            raise InvalidParameter("hardware", name, f"a device that can be read ({error})") from error
+
+    def read(self) -> tuple[Vector, Vector]:
+        """Position [m] and velocity [m/s]; HapnetError if the device fails."""
+        try:
+            position, velocity = self.device.read()
+            x, v = tuple(map(float, position)), tuple(map(float, velocity))
+        except Exception as error:
+            raise HapnetError(f"the device {self.name} failed: read() raised {cause(error)}") from error
+        if len(x) != self.dof or len(v) != self.dof or not isfinite(sum(x) + sum(v)):
+            wanted = f"position and velocity of {self.dof} finite numbers each"
+            raise HapnetError(f"the device {self.name} failed: read() gave {x}, {v} instead of {wanted}")
+        return x, v
+
+    def apply(self, force: Vector) -> None:
+        """Hold a force [N]; HapnetError if the device fails."""
+        try:
+            self.device.apply(force)
+        except Exception as error:
+            raise HapnetError(f"the device {self.name} failed: apply() raised {cause(error)}") from error

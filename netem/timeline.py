@@ -1,0 +1,185 @@
+"""A link that changes while it runs: ``at 5s: delay 200ms; at 8s: down; at 9s: up``."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Literal
+
+from netem import units
+from netem.errors import ProfileError
+from netem.link import Link
+from netem.profile import LinkProfile
+
+_ENTRY = re.compile(r'(?:"[^"\n]*"|[^";\n]|")+')
+_COMMENT = re.compile(r'("[^"\n]*")|#[^\n]*')
+_HEAD = re.compile(r"\s*at\s+([^\s:]+)\s*:(.*)", re.DOTALL)
+_FORM = "'at TIME: PROFILE', 'at TIME: down', 'at TIME: up' or, last, 'at TIME: repeat'"
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """What happens to a link at a time since the timeline's start: another profile, or it goes down or up."""
+
+    at_ns: int
+    action: LinkProfile | Literal["down", "up"]
+
+    def __str__(self) -> str:
+        return f"at {units.format_time(self.at_ns)}: {str(self.action) or 'ideal'}"
+
+
+@dataclass(frozen=True, slots=True)
+class Timeline:
+    """Changes of a link in the order of their times; all start over after `repeat_ns`, unless that is 0.
+
+    `parse` and `load` read it and `str` writes it; ``parse(str(t)) == t``.
+
+    Raises
+    ------
+    ProfileError : the entries' times go back, or the repetition comes before the last entry or at 0.
+    """
+
+    entries: tuple[Entry, ...]
+    repeat_ns: int = 0
+
+    def __post_init__(self) -> None:
+        for earlier, later in pairwise(self.entries):
+            if later.at_ns < earlier.at_ns:
+                raise ProfileError("timeline", str(later), f"a time not before {units.format_time(earlier.at_ns)}")
+        for entry in self.entries:
+            if not 0 <= entry.at_ns <= units.MAX_TIME_NS:
+                raise ProfileError("timeline", entry.at_ns, "times from 0 to 100000s")
+        last_ns = self.entries[-1].at_ns if self.entries else 0
+        if self.repeat_ns and not max(last_ns, 1) <= self.repeat_ns <= units.MAX_TIME_NS:
+            raise ProfileError("timeline", self.repeat_ns, "a repetition after 0 and not before the last entry")
+
+    def __str__(self) -> str:
+        out = [str(entry) for entry in self.entries]
+        return "; ".join([*out, f"at {units.format_time(self.repeat_ns)}: repeat"] if self.repeat_ns else out)
+
+    @classmethod
+    def parse(cls, text: str) -> Timeline:
+        """Read entries ``at TIME: WHAT``, one a line or separated by semicolons; ``#`` starts a comment.
+
+        WHAT is a whole profile in its words (what it leaves out is at its default, not as it was), a named profile,
+        ``down``, ``up``, or, in the last entry, ``repeat``.
+
+        Raises
+        ------
+        ProfileError : an entry is malformed; it names the entry and the word.
+        """
+        entries: list[Entry] = []
+        repeat_ns = 0
+        for number, given in enumerate(_split(text), start=1):
+            word = f"timeline entry {number} ({given!r})"
+            if repeat_ns:
+                raise ProfileError(word, given, "nothing after 'repeat'")
+            at_ns, what = _read_head(word, given)
+            if entries and at_ns < entries[-1].at_ns:
+                raise ProfileError(word, units.format_time(at_ns), "a time not before that of the entry above")
+            if what == "repeat":
+                if not entries or at_ns == 0:
+                    raise ProfileError(word, "repeat", "a time above 0, after at least one entry")
+                repeat_ns = at_ns
+            else:
+                entries.append(Entry(at_ns, _action(word, what)))
+        if not entries:
+            raise ProfileError("timeline", text[:40], _FORM)
+        return cls(tuple(entries), repeat_ns)
+
+    @classmethod
+    def load(cls, path: str) -> Timeline:
+        """Read a file of entries.
+
+        Raises
+        ------
+        ProfileError : the file cannot be read, or an entry is malformed.
+        """
+        try:
+            with open(path, encoding="utf-8-sig") as file:
+                return cls.parse(file.read())
+        except OSError as error:
+            raise ProfileError("timeline", path, f"a file that can be read ({error.strerror})") from error
+        except UnicodeDecodeError as error:
+            raise ProfileError("timeline", path, "a file of text") from error
+
+    @classmethod
+    def read(cls, text_or_path: str) -> Timeline:
+        """The timeline that a command's option means: entries if it starts like one, else a file's name."""
+        return cls.parse(text_or_path) if _HEAD.match(text_or_path) else cls.load(text_or_path)
+
+
+class TimelinePlayer:
+    """Applies a timeline to a link, without a clock: call `advance` before whatever else the link does at that time.
+
+    A change is applied with the time it was due, also by a late caller; what is in flight stays in flight.
+
+    Parameters
+    ----------
+    link : the link to change.
+    timeline : its changes.
+    start_ns : the timeline's time 0 on the link's clock.
+    """
+
+    def __init__(self, link: Link[Any], timeline: Timeline, start_ns: int) -> None:
+        self._link, self._timeline, self._start_ns = link, timeline, start_ns
+        self._next = 0
+
+    @property
+    def next_due_ns(self) -> int | None:
+        """When the next change is due; None if there is none left."""
+        entries = self._timeline.entries
+        if self._next < len(entries):
+            return self._start_ns + entries[self._next].at_ns
+        if not self._timeline.repeat_ns or not entries:
+            return None
+        return self._start_ns + self._timeline.repeat_ns + entries[0].at_ns
+
+    def advance(self, now_ns: int) -> list[tuple[int, Entry]]:
+        """Apply what is due by `now_ns`; returns the changes with their times.
+
+        A caller who is late by several repetitions gets the last whole one of them only, which leaves the same state.
+        """
+        period_ns = self._timeline.repeat_ns
+        if period_ns and (behind := (now_ns - self._start_ns) // period_ns - 2) > 0:
+            self._start_ns += behind * period_ns
+        applied = []
+        while (due_ns := self.next_due_ns) is not None and due_ns <= now_ns:
+            if self._next == len(self._timeline.entries):
+                self._start_ns, self._next = self._start_ns + period_ns, 0
+            entry = self._timeline.entries[self._next]
+            self._next += 1
+            if entry.action == "down":
+                self._link.down()
+            elif entry.action == "up":
+                self._link.up()
+            else:
+                self._link.change(entry.action, due_ns)
+            applied.append((due_ns, entry))
+        return applied
+
+
+def _split(text: str) -> list[str]:
+    plain = _COMMENT.sub(lambda match: match[1] or "", text)
+    return [entry.strip() for entry in _ENTRY.findall(plain) if entry.strip()]
+
+
+def _read_head(word: str, entry: str) -> tuple[int, str]:
+    head = _HEAD.match(entry)
+    if head is None:
+        raise ProfileError(word, entry, _FORM)
+    return units.parse_time(f"{word}: at", head[1]), head[2].strip()
+
+
+def _action(word: str, what: str) -> LinkProfile | Literal["down", "up"]:
+    if what == "down":
+        return "down"
+    if what == "up":
+        return "up"
+    if not what:
+        raise ProfileError(word, what, _FORM)
+    try:
+        return LinkProfile.named(what)
+    except ProfileError as error:
+        raise ProfileError(f"{word}: {error.word}", error.value, error.allowed) from error

@@ -1,0 +1,231 @@
+"""Recorded links: mahimahi's delivery opportunities, and delay and loss over time; both repeat when they end."""
+
+from __future__ import annotations
+
+import csv
+import math
+from bisect import bisect_right
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from decimal import Decimal, InvalidOperation
+from itertools import pairwise
+from typing import TypeVar
+
+from netem import units
+from netem.errors import ProfileError
+
+OPPORTUNITY_BYTES = 1500
+_MS = 1_000_000
+_MAX_MS = units.MAX_TIME_NS // _MS
+
+_Trace = TypeVar("_Trace")
+
+
+@dataclass(frozen=True, slots=True)
+class CapacityTrace:
+    """``trace FILE``: the times at which a link could deliver 1500 bytes, from mahimahi's format.
+
+    Each line of the file is a millisecond, none before the last one's, and an opportunity of its own; after the last
+    line's time the trace repeats (Netravali et al., USENIX ATC 2015; Winstein et al., NSDI 2013).
+
+    `path` is the file's name, for `str`; a trace made in memory may take any name.
+    """
+
+    path: str
+    times_ns: tuple[int, ...] = field(repr=False)
+
+    def __post_init__(self) -> None:
+        units.check_path("trace", self.path)
+        if not self.times_ns or self.times_ns[-1] <= 0:
+            raise ProfileError("trace", self.path, "at least one opportunity after time 0")
+        if self.times_ns[0] < 0 or any(later < earlier for earlier, later in pairwise(self.times_ns)):
+            raise ProfileError("trace", self.path, "times from 0 on, none before the one above it")
+
+    def __str__(self) -> str:
+        return f"trace {units.format_path(self.path)}"
+
+    @property
+    def period_ns(self) -> int:
+        """When the trace starts over: the time of its last opportunity."""
+        return self.times_ns[-1]
+
+    @property
+    def mean_rate_bit_s(self) -> float:
+        """What the trace can carry, on average over its length."""
+        return 8 * OPPORTUNITY_BYTES * len(self.times_ns) * 1e9 / self.period_ns
+
+    def time_ns(self, number: int) -> int:
+        """The time since the start of opportunity `number`, counted from 0 through all repetitions."""
+        cycle, index = divmod(number, len(self.times_ns))
+        return cycle * self.period_ns + self.times_ns[index]
+
+    def first_after(self, elapsed_ns: int) -> int:
+        """The number of the first opportunity that comes later than `elapsed_ns` after the start."""
+        cycle, within = divmod(elapsed_ns, self.period_ns)
+        return cycle * len(self.times_ns) + bisect_right(self.times_ns, within)
+
+    @classmethod
+    def load(cls, path: str) -> CapacityTrace:
+        """Read a file in mahimahi's format.
+
+        Raises
+        ------
+        ProfileError : the file cannot be read, or a line is not a millisecond; it names the line.
+        """
+        return _load("trace", path, lambda lines: cls(path, tuple(_opportunities(path, lines))))
+
+
+class TraceLine:
+    """The line that a `CapacityTrace` makes: messages cross in the order they come, sharing opportunities.
+
+    As in mahimahi's link shell, a message takes its bytes from one opportunity after the other and has crossed with its
+    last byte; what it leaves of an opportunity goes to the message that waits behind it, or is lost if there is none,
+    as is an opportunity that finds nobody waiting. A message that becomes ready at the instant of an opportunity
+    waits for the next. (mahimahi counts 1504 bytes, with four of its tunnel's own to each packet; here the bytes are
+    those of the message.)
+
+    Parameters
+    ----------
+    trace : the opportunities.
+    start_ns : when the trace starts; it also repeats backwards from there.
+    free_ns : the line serves nobody before this, since it carries somebody else.
+    """
+
+    def __init__(self, trace: CapacityTrace, start_ns: int, free_ns: int) -> None:
+        self._trace, self._start_ns = trace, start_ns
+        self._last_ns = free_ns
+        self._number = trace.first_after(free_ns - start_ns) - 1
+        self._left = 0
+
+    def release_ns(self, ready_ns: int, size: int) -> int:
+        """When a message of `size` bytes has crossed that is ready, behind all others, at `ready_ns`."""
+        if ready_ns >= self._last_ns:
+            self._number = self._trace.first_after(ready_ns - self._start_ns)
+            self._left = OPPORTUNITY_BYTES
+        if size > self._left or self._left == 0:
+            more = max(1, -(-(size - self._left) // OPPORTUNITY_BYTES))
+            self._number += more
+            self._left += more * OPPORTUNITY_BYTES
+        self._left -= size
+        self._last_ns = self._start_ns + self._trace.time_ns(self._number)
+        return self._last_ns
+
+
+@dataclass(frozen=True, slots=True)
+class ConditionTrace:
+    """``csv FILE``: delay and loss over time, in steps; columns ``time_s,delay_ms,loss_percent``, named in line 1.
+
+    Times count from the first line's and increase. Each line holds until the next one's time, the last one as long as
+    the line before it, and then the trace starts over. A trace of one line never changes. ``loss_percent`` may be left
+    out.
+
+    `losses` are probabilities. `path` is the file's name, for `str`; a trace made in memory may take any name.
+    """
+
+    path: str
+    times_ns: tuple[int, ...] = field(repr=False)
+    delays_ns: tuple[int, ...] = field(repr=False)
+    losses: tuple[float, ...] = field(repr=False)
+
+    def __post_init__(self) -> None:
+        units.check_path("csv", self.path)
+        if not len(self.times_ns) == len(self.delays_ns) == len(self.losses) > 0:
+            raise ProfileError("csv", self.path, "one delay and one loss a time, at least one of each")
+        if self.times_ns[0] != 0 or any(later <= earlier for earlier, later in pairwise(self.times_ns)):
+            raise ProfileError("csv", self.path, "increasing times, the first one 0")
+        if not all(0 <= delay <= units.MAX_TIME_NS for delay in self.delays_ns):
+            raise ProfileError("csv", self.path, "delays from 0 to 100000s")
+        if not all(0.0 <= loss <= 1.0 for loss in self.losses):
+            raise ProfileError("csv", self.path, "losses from 0% to 100%")
+
+    def __str__(self) -> str:
+        return f"csv {units.format_path(self.path)}"
+
+    @property
+    def period_ns(self) -> int:
+        """When the trace starts over."""
+        return 2 * self.times_ns[-1] - self.times_ns[-2] if len(self.times_ns) > 1 else 1
+
+    def at(self, elapsed_ns: int) -> tuple[int, float]:
+        """The delay in ns and the probability of loss at a time since the start."""
+        index = bisect_right(self.times_ns, elapsed_ns % self.period_ns) - 1
+        return self.delays_ns[index], self.losses[index]
+
+    def mean(self) -> tuple[float, float]:
+        """The means of delay in ns and of loss over one repetition."""
+        return self._mean(self.delays_ns), self._mean(self.losses)
+
+    def delay_variance(self) -> float:
+        """The variance of the delay over one repetition, in ns^2."""
+        mean = self._mean(self.delays_ns)
+        return self._mean([(delay - mean) ** 2 for delay in self.delays_ns])
+
+    def _mean(self, values: Sequence[float]) -> float:
+        ends = (*self.times_ns[1:], self.period_ns)
+        spans = zip(self.times_ns, ends, values, strict=True)
+        return math.fsum((end - begin) * value for begin, end, value in spans) / self.period_ns
+
+    @classmethod
+    def load(cls, path: str) -> ConditionTrace:
+        """Read such a file.
+
+        Raises
+        ------
+        ProfileError : the file cannot be read, or a line or the heading is malformed; it names the line.
+        """
+        return _load("csv", path, lambda lines: cls(path, *_conditions(path, lines)))
+
+
+def _load(word: str, path: str, read: Callable[[Iterable[str]], _Trace]) -> _Trace:
+    units.check_path(word, path)
+    try:
+        with open(path, encoding="utf-8-sig", newline="") as lines:
+            return read(lines)
+    except OSError as error:
+        raise ProfileError(word, path, f"a file that can be read ({error.strerror})") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ProfileError(word, path, "a file of text") from error
+
+
+def _opportunities(path: str, lines: Iterable[str]) -> Iterable[int]:
+    last = 0
+    for number, line in enumerate(lines, start=1):
+        text = line.strip()
+        if not (text.isascii() and text.isdigit()) or len(text) > 12 or not last <= int(text) <= _MAX_MS:
+            allowed = f"whole milliseconds from 0 to {_MAX_MS}, one a line, none before the one above it"
+            raise ProfileError(f"trace {units.format_path(path)}, line {number}", text[:40], allowed)
+        last = int(text)
+        yield last * _MS
+
+
+def _conditions(path: str, lines: Iterable[str]) -> tuple[tuple[int, ...], tuple[int, ...], tuple[float, ...]]:
+    rows = csv.reader(lines)
+    heading = [name.strip() for name in next(rows, [])]
+    if heading not in (["time_s", "delay_ms"], ["time_s", "delay_ms", "loss_percent"]):
+        raise ProfileError(
+            f"csv {units.format_path(path)}, line 1", ",".join(heading)[:80], "time_s,delay_ms,loss_percent"
+        )
+    times: list[int] = []
+    delays: list[int] = []
+    losses: list[float] = []
+    for row in rows:
+        word = f"csv {units.format_path(path)}, line {rows.line_num}"
+        if not row:
+            continue
+        try:
+            values = [Decimal(text.strip()) for text in row]
+            time, delay, loss = values if len(heading) == 3 else (*values, Decimal(0))
+        except (InvalidOperation, ValueError):
+            raise ProfileError(word, ",".join(row)[:80], "a number in each column of the first line") from None
+        if not all(value.is_finite() for value in values) or not abs(time) <= units.MAX_TIME_NS:
+            raise ProfileError(word, ",".join(row)[:80], "finite numbers")
+        if not 0 <= delay <= _MAX_MS or not 0 <= loss <= 100:
+            raise ProfileError(word, ",".join(row)[:80], f"a delay from 0 to {_MAX_MS} ms, a loss from 0 to 100 %")
+        times.append(int(time * 10**9))
+        if len(times) > 1 and times[-1] <= times[-2]:
+            raise ProfileError(word, ",".join(row)[:80], "a time after the line above it")
+        delays.append(int(delay * _MS))
+        losses.append(float(loss.scaleb(-2)))
+    if not times:
+        raise ProfileError(f"csv {units.format_path(path)}", "", "at least one line below the first")
+    return tuple(time - times[0] for time in times), tuple(delays), tuple(losses)

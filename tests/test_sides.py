@@ -1,0 +1,81 @@
+"""A simulated device in real time: it keeps to the clock however late its servo is, and buys no energy from that."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hapnet.params import Params
+from hapnet.plant.device import SimulatedDevice
+from hapnet.runtime.build import device_session, device_side, prepare
+from hapnet.runtime.sides import DeviceSide
+
+MS = 1_000_000
+
+
+class LateClock:
+    def __init__(self) -> None:
+        self.now_ns = 0
+
+    def __call__(self) -> int:
+        return self.now_ns
+
+
+def run_late(words: dict[str, object], late_ns: list[int]) -> tuple[DeviceSide, SimulatedDevice, float, float]:
+    """Ticks due every millisecond, each called so late; (side, device, hand's work, kinetic energy at the start)."""
+    clock = LateClock()
+    setup = prepare(Params().set({"operator": "sine", **words}), "sampled")
+    side = device_side(setup, device_session(setup, 7), clock, lambda sample: None)
+    device = side.device
+    assert isinstance(device, SimulatedDevice)
+    work = 0.0
+    advance = device.advance
+
+    def counted() -> float:
+        nonlocal work
+        done = advance()
+        work += done
+        return done
+
+    device.advance = counted  # type: ignore[method-assign]  # the hand's work, counted beside the program
+    side.endpoint.paired = True
+    side.tick(0)
+    kinetic = device.kinetic
+    for index, late in enumerate(late_ns, start=1):
+        clock.now_ns = index * MS + late
+        side.tick(clock.now_ns)
+    return side, device, work, kinetic
+
+
+@pytest.mark.parametrize("servo", ["sampled", "continuous"])
+def test_a_late_servo_does_not_make_time_run_faster(servo: str) -> None:
+    rng = np.random.default_rng(1)
+    late = np.where(rng.random(4000) < 0.25, 600_000, 0).tolist()
+    _, device, _, _ = run_late({"device.servo": servo}, [*late, 0])
+    assert device.time == pytest.approx(4.001, abs=0.0011)
+
+
+def test_skipped_ticks_are_lived_through() -> None:
+    _, device, _, _ = run_late({}, [0, 0, 7 * MS])
+    assert device.time == pytest.approx(0.010, abs=1e-9)
+
+
+def test_trusted_damping_gives_nothing_for_being_late() -> None:
+    """At the hand's port, with what was sent counted as gone: the device never gives more than it had (d^2)."""
+    late = [450_000 * (index % 2) for index in range(5000)]
+    words: dict[str, object] = {"device.own_damping": 0.3, "device.trusted_damping": 0.3, "device.shuffle": "all"}
+    side, device, work, kinetic = run_late(words, late)
+    coupling = side.coupling
+    stored = device.kinetic - kinetic + coupling.potential(device.position)
+    slack = work - stored - (coupling.account - 0.05) - coupling.ledger.sent
+    assert slack >= -1e-9
+
+
+def test_a_restarted_side_starts_with_nothing() -> None:
+    for restarted, energy in ((False, 0.05), (True, 0.0)):
+        setup = prepare(Params(), "sampled")
+        side = device_side(setup, device_session(setup, 7), lambda: 0, lambda sample: None)
+        side.endpoint.paired, side.endpoint.restarted = True, restarted
+        side.tick(0)
+        assert side.coupling.modulator.energy == energy
+        assert side.coupling.ledger.bound == energy
