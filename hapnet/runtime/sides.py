@@ -155,11 +155,13 @@ class ContinuousDeviceSide(DeviceSide):
     def _control(self, now_ns: int) -> bytes | None:
         device, last_ns = self._simulated, self._last_ns
         periods = self._periods(now_ns)
-        work = 0.0
-        for _ in range(periods):
+        work = device.advance() if periods else 0.0
+        for _ in range(periods - 1):
             work += device.advance()
         x = device.position
-        dt = max((self._clock() - last_ns) * NANO, periods * device.period)  # the device has lived through the latter
+        dt = (self._clock() - last_ns) * NANO
+        if dt < (lived := periods * device.period):
+            dt = lived
         message = self.endpoint.tick_continuous(now_ns, dt, x, device.extremes, work, device.kinetic)
         if message is not None:
             device.move_set_position(self._servo.coupling.set_position)
