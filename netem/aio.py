@@ -15,6 +15,7 @@ from typing import Generic, Protocol, TypeVar
 
 from netem.link import Link
 from netem.profile import LinkProfile
+from netem.timeline import Timeline, TimelinePlayer
 
 T = TypeVar("T")
 
@@ -93,9 +94,9 @@ class _FdTimer:
 
     def close(self) -> None:
         if self._fd >= 0:
-            self._loop.remove_reader(self._fd)
-            os.close(self._fd)
-            self._fd = -1
+            fd, self._fd = self._fd, -1
+            self._loop.remove_reader(fd)
+            os.close(fd)
 
     def _on_readable(self) -> None:
         try:
@@ -157,25 +158,37 @@ class AsyncLink(Generic[T]):
         self._deliver, self._clock = deliver, clock
         self._loop = loop or asyncio.get_running_loop()
         self._releasing = False
-        self.timer = DeadlineTimer(self._loop, self._release)
+        self.timer = DeadlineTimer(self._loop, self.release)
+        self._player: TimelinePlayer | None = None
+        self._player_timer: DeadlineTimer | None = None
 
     def send(self, item: T, size: int | None = None) -> None:
         """Offer an item now; what the link does not delay is delivered before this returns, unless `deliver` calls."""
         now_ns = self._clock()
         self.link.send(now_ns, item, size)
-        self._release(now_ns)
+        self.release(now_ns)
 
     def change(self, profile: LinkProfile) -> None:
         """Put another profile in force, without losing what is in flight."""
         now_ns = self._clock()
         self.link.change(profile, now_ns)
-        self._release(now_ns)
+        self.release(now_ns)
+
+    def play(self, timeline: Timeline) -> None:
+        """Change the link along a timeline that starts now, in place of any before."""
+        self._player = TimelinePlayer(self.link, timeline, self._clock())
+        if self._player_timer is None:
+            self._player_timer = DeadlineTimer(self._loop, self._advance)
+        self._advance()
 
     def close(self) -> None:
         """Stop; what is in flight is never delivered."""
         self.timer.close()
+        if self._player_timer is not None:
+            self._player_timer.close()
 
-    def _release(self, now_ns: int | None = None) -> None:
+    def release(self, now_ns: int | None = None) -> None:
+        """Deliver what is due by now, and arm the timer; for who sends many to `link` itself and calls this once."""
         if self._releasing:
             return  # called by deliver(): the outer call, or the timer it arms, does the rest in order
         self._releasing = True
@@ -187,7 +200,17 @@ class AsyncLink(Generic[T]):
                     self._loop.call_exception_handler({"message": "netem: deliver() raised", "exception": error})
         finally:
             self._releasing = False
-        due_ns = self.link.next_due_ns
-        if due_ns is not None and self._clock is not time.monotonic_ns:
-            due_ns += time.monotonic_ns() - self._clock()
-        self.timer.arm(due_ns)
+        self.timer.arm(self._on_timer_clock(self.link.next_due_ns))
+
+    def _advance(self) -> None:
+        assert self._player is not None
+        assert self._player_timer is not None
+        now_ns = self._clock()
+        self._player.advance(now_ns)
+        self.release(now_ns)
+        self._player_timer.arm(self._on_timer_clock(self._player.next_due_ns))
+
+    def _on_timer_clock(self, due_ns: int | None) -> int | None:
+        if due_ns is None or self._clock is time.monotonic_ns:
+            return due_ns
+        return due_ns + time.monotonic_ns() - self._clock()

@@ -1,19 +1,26 @@
-"""The `netem` command."""
+"""The `netem` command. What takes long to import (numpy, asyncio, zenoh, rich, matplotlib) waits for its command."""
 
 from __future__ import annotations
 
 import json
+import os
 import sys
+from collections.abc import Callable, Coroutine
+from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TextIO
 
 import typer
 
+from netem import units
 from netem.errors import NetemError
 from netem.profile import PRESETS, LinkProfile, compose
 
 if TYPE_CHECKING:
+    from netem.live import RelayFigures
+    from netem.relay import UdpRelay
     from netem.survey import Survey
+    from netem.zenoh_relay import ZenohRelay
 
 app = typer.Typer(
     name="netem",
@@ -23,14 +30,44 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-Words = Annotated[str | None, typer.Argument(help="tc-netem's words, such as 'delay 40ms 10ms loss gemodel 1% 20%'.")]
+Words = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="WORDS", help="tc-netem's, such as 'delay 40ms 10ms loss gemodel 1% 20%', or a profile's name."
+    ),
+]
 Profile = Annotated[str | None, typer.Option(help="A named profile instead; `netem profiles` lists them.")]
 Delay = Annotated[str | None, typer.Option(help="Delay, such as 40ms.")]
 Jitter = Annotated[str | None, typer.Option(help="Jitter [correlation], such as 10ms or '10ms 25%'.")]
-LossOption = Annotated[str | None, typer.Option(help="Loss, such as 2% or 'gemodel 1% 20%'.")]
+LossOption = Annotated[str | None, typer.Option("--loss", help="Loss, such as 2% or 'gemodel 1% 20%'.")]
 Reorder = Annotated[str | None, typer.Option(help="Reordering, such as 5% or '25% 50% gap 5'.")]
 Rate = Annotated[str | None, typer.Option(help="Rate, such as 1mbit.")]
 JsonTo = Annotated[str | None, typer.Option("--json", metavar="FILE|-", help="Write the result as JSON; - is stdout.")]
+
+# of the relays
+_TIMELINE = "Changes while it runs: 'at 5s: delay 200ms; at 8s: down; at 9s: up', or a file of such lines"
+Up = Annotated[str | None, typer.Option(metavar="WORDS", help="Profile of the way there, from who dials --listen.")]
+Down = Annotated[str | None, typer.Option(metavar="WORDS", help="Profile of the way back.")]
+TimelineOption = Annotated[str | None, typer.Option("--timeline", metavar="TEXT|FILE", help=f"{_TIMELINE}; both ways.")]
+UpTimeline = Annotated[str | None, typer.Option(metavar="TEXT|FILE", help="The same for the way there alone.")]
+DownTimeline = Annotated[str | None, typer.Option(metavar="TEXT|FILE", help="The same for the way back alone.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of the draws; each direction has streams of its own.")]
+Duration = Annotated[str | None, typer.Option(metavar="S", help="Stop after so many seconds, or 500ms; else Ctrl-C.")]
+
+
+class Mode(StrEnum):
+    """How a Zenoh session takes part in its network."""
+
+    PEER = "peer"
+    CLIENT = "client"
+
+
+class Benchmark(StrEnum):
+    """What `netem bench` can measure."""
+
+    LATENESS = "lateness"
+    CORE = "core"
+    UDP = "udp"
 
 
 @app.command()
@@ -58,17 +95,191 @@ def show(
     count: Annotated[int, typer.Option(min=1, max=10_000_000, help="Messages to send through it.")] = 20_000,
     interval: Annotated[str, typer.Option(help="Time between two messages.")] = "1ms",
     size: Annotated[int, typer.Option(min=0, help="Size of a message in bytes.")] = 100,
+    png: Annotated[
+        str | None, typer.Option(metavar="FILE", help="Write a figure: delays over time, histogram.")
+    ] = None,
     json_to: JsonTo = None,
 ) -> None:
     """Print a profile as understood, and what it does to a stream of messages: statistics and a histogram of delays."""
-    link_profile = compose(words, profile, delay, jitter, loss, reorder, rate)
-    from netem import survey, units
+    link_profile = _compose(words, profile, delay, jitter, loss, reorder, rate)
+    interval_ns = units.parse_time("interval", interval)
+    _check_writable("--png", png)
+    _check_writable("--json", json_to)
+    from netem import survey
 
-    result = survey.run(link_profile, seed, count, units.parse_time("interval", interval), size)
+    result = survey.run(link_profile, seed, count, interval_ns, size)
+    if png is not None:
+        from netem import plot
+
+        plot.save(result, interval_ns, png)
     if json_to is not None:
         _write_json(result.as_dict(), json_to)
     if json_to != "-":
         _print_survey(link_profile, result)
+
+
+@app.command()
+def udp(
+    listen: Annotated[str, typer.Option(metavar="A:P", help="Where the program's clients send to; [::1]:P for IPv6.")],
+    to: Annotated[str, typer.Option(metavar="B:P", help="Where its server listens.")],
+    words: Words = None,
+    profile: Profile = None,
+    delay: Delay = None,
+    jitter: Jitter = None,
+    loss: LossOption = None,
+    reorder: Reorder = None,
+    rate: Rate = None,
+    up: Up = None,
+    down: Down = None,
+    timeline: TimelineOption = None,
+    up_timeline: UpTimeline = None,
+    down_timeline: DownTimeline = None,
+    seed: Seed = 0,
+    duration: Duration = None,
+    json_to: JsonTo = None,
+) -> None:
+    """Relay any UDP program's datagrams through a link, both ways.
+
+    The words hold for both directions, unless --up or --down has others. All clients share the link. The size that
+    counts for a rate is the payload's: 'rate 1mbit 28' adds the headers of IPv4 and UDP.
+    """
+    both = _compose(words, profile, delay, jitter, loss, reorder, rate)
+    ways = (_way("up", up, both), _way("down", down, both))
+
+    async def run(session: _Session) -> RelayFigures:
+        from netem.relay import UdpRelay, format_address
+
+        relay = UdpRelay(listen, to, *ways, seed)
+        try:
+            return await session.serve(relay, f"{format_address(relay.address)} <-> {to}")
+        finally:
+            relay.close()
+
+    _Session(timeline, up_timeline, down_timeline, seed, duration, json_to).run(run)
+
+
+@app.command()
+def zenoh(
+    listen: Annotated[str, typer.Option(metavar="ENDPOINT", help="Where one network dials, as tcp/127.0.0.1:17448.")],
+    connect: Annotated[str, typer.Option(metavar="ENDPOINT", help="Where the other network listens.")],
+    words: Words = None,
+    key: Annotated[str, typer.Option("-k", "--key", metavar="EXPR", help="Key expression of what is relayed.")] = "**",
+    mode: Annotated[Mode, typer.Option(help="Of the session that dials: client if it dials a router.")] = Mode.PEER,
+    profile: Profile = None,
+    delay: Delay = None,
+    jitter: Jitter = None,
+    loss: LossOption = None,
+    reorder: Reorder = None,
+    rate: Rate = None,
+    up: Up = None,
+    down: Down = None,
+    timeline: TimelineOption = None,
+    up_timeline: UpTimeline = None,
+    down_timeline: DownTimeline = None,
+    seed: Seed = 0,
+    duration: Duration = None,
+    json_to: JsonTo = None,
+) -> None:
+    """Relay between two Zenoh networks through a link, both ways.
+
+    Relayed are puts and deletes with all they carry, and liveliness tokens (these at once, without loss); not relayed
+    are queries. The words hold for both directions, unless --up or --down has others.
+    """
+    both = _compose(words, profile, delay, jitter, loss, reorder, rate)
+    ways = (_way("up", up, both), _way("down", down, both))
+
+    async def run(session: _Session) -> RelayFigures:
+        from netem.zenoh_relay import ZenohRelay
+
+        relay = ZenohRelay(listen, connect, *ways, seed, key=key, mode=mode.value)
+        try:
+            await relay.open()
+            return await session.serve(relay, f"{listen} <-> {connect}")
+        finally:
+            if not await relay.close():
+                print("netem: Zenoh did not close in time", file=sys.stderr)
+
+    _Session(timeline, up_timeline, down_timeline, seed, duration, json_to).run(run)
+
+
+@app.command()
+def bench(
+    what: Annotated[list[Benchmark] | None, typer.Argument(help="All if left out.")] = None,
+    runs: Annotated[int, typer.Option(min=1, help="Runs of each kind, alternating; medians are printed.")] = 5,
+    seconds: Annotated[float, typer.Option(min=0.1, help="Length of a UDP run; one of lateness takes a third.")] = 10.0,
+    rate: Annotated[int, typer.Option(min=1, help="UDP packets a second each way.")] = 20_000,
+    json_to: JsonTo = None,
+) -> None:
+    """Measure this machine: how late a link releases, how many messages it handles, how many the UDP relay forwards."""
+    _check_writable("--json", json_to)
+    from netem import bench as benchmarks
+
+    found: dict[str, object] = {}
+    out = sys.stderr if json_to == "-" else sys.stdout
+    for part in what or list(Benchmark):
+        if part is Benchmark.LATENESS:
+            lateness = benchmarks.lateness(runs, seconds / 3)
+            found[part.value], lines = lateness.as_dict(), lateness.lines()
+        elif part is Benchmark.CORE:
+            core = benchmarks.core(runs)
+            found[part.value], lines = core.as_dict(), core.lines()
+        else:
+            forwarded = benchmarks.udp(rate, seconds)
+            found[part.value], lines = forwarded.as_dict(), forwarded.lines()
+        print("\n".join(lines), file=out, flush=True)
+    if json_to is not None:
+        _write_json(found, json_to)
+
+
+class _Session:
+    """One run of a relay: its timelines, how long, and where its figures go."""
+
+    def __init__(
+        self,
+        timeline: str | None,
+        up_timeline: str | None,
+        down_timeline: str | None,
+        seed: int,
+        duration: str | None,
+        json_to: str | None,
+    ) -> None:
+        from netem.timeline import Timeline
+
+        given = (up_timeline or timeline, down_timeline or timeline)
+        self._timelines = [None if text is None else Timeline.read(text) for text in given]
+        self._seed, self._json_to = seed, json_to
+        self._duration_s = None if duration is None else _seconds("--duration", duration)
+        self._elapsed_s = 0.0
+        self._out: TextIO = sys.stderr if json_to == "-" else sys.stdout
+        _check_writable("--json", json_to)
+
+    def run(self, relay: Callable[[_Session], Coroutine[None, None, RelayFigures]]) -> None:
+        """Run a relay to its end, then print its figures."""
+        import asyncio
+
+        from netem import live
+
+        figures = asyncio.run(relay(self))
+        live.print_table(figures, self._elapsed_s, self._out)
+        if self._json_to is not None:
+            _write_json(figures.as_dict() | {"seed": self._seed, "elapsed_s": self._elapsed_s}, self._json_to)
+
+    async def serve(self, relay: UdpRelay | ZenohRelay, where: str) -> RelayFigures:
+        """Let it run until it is stopped; returns its last figures."""
+        import time
+
+        from netem import live
+
+        print(f"netem: relaying {where}; Ctrl-C stops", file=self._out, flush=True)
+        if relay.up.timer.kind != "timerfd":
+            print("netem: no timerfd here: what is delayed leaves up to 1 ms late", file=self._out, flush=True)
+        started = time.monotonic()
+        for way, timeline in zip((relay.up, relay.down), self._timelines, strict=True):
+            if timeline is not None:
+                way.play(timeline)
+        figures = await live.show_until_stopped(lambda: relay.stats, self._out, self._duration_s)
+        self._elapsed_s = time.monotonic() - started
+        return figures
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -76,9 +287,13 @@ def main(argv: list[str] | None = None) -> int:
     args = sys.argv[1:] if argv is None else argv
     try:
         code = app(args=args or ["--help"], prog_name="netem", standalone_mode=False)
+        sys.stdout.flush()
     except NetemError as error:
         return _fail(str(error))
-    except typer.Abort:
+    except BrokenPipeError:  # whoever read the output has left
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except (typer.Abort, KeyboardInterrupt):
         return 130
     except Exception as error:
         # click's own errors: which module defines them depends on typer's version
@@ -89,9 +304,52 @@ def main(argv: list[str] | None = None) -> int:
     return code if isinstance(code, int) else 0
 
 
+def _compose(
+    words: list[str] | None,
+    profile: str | None,
+    delay: str | None,
+    jitter: str | None,
+    loss: str | None,
+    reorder: str | None,
+    rate: str | None,
+) -> LinkProfile:
+    text = " ".join(words) if words else None
+    if text in PRESETS and profile is None:
+        text, profile = None, text
+    return compose(text, profile, delay, jitter, loss, reorder, rate)
+
+
+def _way(name: str, words: str | None, both: LinkProfile) -> LinkProfile:
+    try:
+        return both if words is None else LinkProfile.named(words)
+    except NetemError as error:
+        raise NetemError(f"--{name}: {error}") from error
+
+
+def _seconds(name: str, text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = units.parse_time(name, text) * 1e-9
+    if not 0 < seconds <= 1e9:
+        raise NetemError(f"{name}: {text!r} is not allowed; allowed: seconds above 0, or a time such as 500ms")
+    return seconds
+
+
 def _fail(message: str) -> int:
     print(f"netem: {' '.join(message.split())}", file=sys.stderr)
     return 2
+
+
+def _check_writable(name: str, target: str | None) -> None:
+    """Before a long run rather than after."""
+    if target in (None, "-"):
+        return
+    try:
+        with open(str(target), "ab"):
+            pass
+    except OSError as error:
+        raise NetemError(f"{name}: cannot write {target}: {error.strerror}") from error
 
 
 def _write_json(result: object, target: str) -> None:
@@ -106,20 +364,31 @@ def _write_json(result: object, target: str) -> None:
 
 
 def _print_survey(profile: LinkProfile, result: Survey) -> None:
-    stats = result.stats
+    from netem.expectation import expect
+
+    stats, asked = result.stats, expect(profile)
     print(f"profile    {stats.profile or '(nothing)'}")
     print(f"offered    {stats.offered}")
     share = 100.0 / stats.offered
     print(f"delivered  {stats.delivered} ({stats.delivered * share:.2f} %)")
-    print(f"lost       {stats.lost} ({stats.lost * share:.2f} %), longest burst {result.longest_loss}")
+    burst = "" if result.mean_loss_burst is None else f", bursts of {result.mean_loss_burst:.2f} on average"
+    print(
+        f"lost       {stats.lost} ({stats.lost * share:.2f} %, asked {100 * asked.loss:.2f} %){burst}, "
+        f"longest {result.longest_loss}"
+    )
     if stats.dropped_limit:
         print(f"dropped    {stats.dropped_limit} ({stats.dropped_limit * share:.2f} %): over limit {profile.limit}")
-    ahead = f", {stats.sent_ahead} sent ahead" if profile.reorder else ""
+    ahead = f", {stats.sent_ahead} sent ahead (asked {100 * asked.sent_ahead:.2f} %)" if profile.reorder else ""
     print(f"reordered  {stats.reordered} ({stats.reordered * share:.2f} %){ahead}")
     if stats.delivered:
+        queued = bool(profile.rate_bit_s or profile.trace or profile.slot)
         print(
-            f"delay      mean {stats.delay_mean_ms:.3f} ms, standard deviation {result.delay_std_ms or 0.0:.3f} ms, "
+            f"delay      mean {stats.delay_mean_ms:.3f} ms, standard deviation {stats.delay_std_ms:.3f} ms, "
             f"p50 {stats.delay_p50_ms:.3f} ms, p99 {stats.delay_p99_ms:.3f} ms"
+        )
+        print(
+            f"           asked {asked.delay_mean_ms:.3f} ms and {asked.delay_std_ms:.3f} ms"
+            + (", before what the rate, trace or slot adds" if queued else "")
         )
         print(f"           lag-1 correlation {result.delay_correlation or 0.0:.3f}")
     if len(result.edges_ms) > 2:

@@ -16,7 +16,7 @@ The order of effects is tc-netem's: loss, corruption, limit, reordering, delay, 
 
 from __future__ import annotations
 
-from collections.abc import Sized
+from collections.abc import Callable, Sized
 from heapq import heapify, heappop, heappush
 from itertools import chain
 from typing import Generic, TypeVar, cast
@@ -44,10 +44,20 @@ class Link(Generic[T]):
     independent. Traces start at `start_ns`, with the first message if it is None, and at the time of a `change` that
     puts them in force.
 
+    `corrupt` flips a bit of items that are bytes. For others, `flip` says how: ``flip(item, corrupted)`` returns the
+    item with its bytes put through `corrupted`.
+
     Not thread-safe: two users need a lock.
     """
 
-    def __init__(self, profile: LinkProfile, seed: int | SeedSequence = 0, start_ns: int | None = None) -> None:
+    def __init__(
+        self,
+        profile: LinkProfile,
+        seed: int | SeedSequence = 0,
+        start_ns: int | None = None,
+        flip: Callable[[T, Callable[[bytes], bytes]], T] | None = None,
+    ) -> None:
+        self._flip = flip
         self._seed = seed if isinstance(seed, SeedSequence) else SeedSequence(seed)
         # (due, order, item, sent, size); order is unique, so items are never compared
         self._queue: list[tuple[int, int, T, int, int]] = []
@@ -129,6 +139,8 @@ class Link(Generic[T]):
         if self._needs_size and (size is None or size < 0):
             size = _size_of(item, size)
         self._offered = order = self._offered + 1
+        if len(self._pending_delays) >= DelayHistogram.PENDING:  # here and not in `poll`: what is due should not wait
+            self._delays.fold()
         lost, corrupt, ahead, delay = self._next_draws()
         if self._awaits_start:
             self._start_traces(None, now_ns)
@@ -145,9 +157,9 @@ class Link(Generic[T]):
                 self._loss_bursts += 1
             self._last_lost = order
             return
-        if corrupt and isinstance(item, bytes):
+        if corrupt and (self._flip is not None or isinstance(item, bytes)):
             self._corrupted += 1
-            item = cast(T, models.flip_bit(item, self._next_bit()))
+            item = self._corrupt(item, self._next_bit())
         profile = self._profile
         if self._slotted or len(self._queue) >= profile.limit:
             self._settle(now_ns)
@@ -176,6 +188,11 @@ class Link(Generic[T]):
         if self._slotted:
             self._look_at_slot(now_ns)
 
+    def _corrupt(self, item: T, draw: float) -> T:
+        if self._flip is None:
+            return cast(T, models.flip_bit(cast(bytes, item), draw))
+        return self._flip(item, lambda data: models.flip_bit(data, draw))
+
     def poll(self, now_ns: int) -> list[tuple[int, T]]:
         """Take out what is due by `now_ns`: (release time, item) in the order of release."""
         out: list[tuple[int, T]] = []
@@ -193,7 +210,7 @@ class Link(Generic[T]):
         if now_ns - out[0][0] > self._latest_ns:
             self._latest_ns = now_ns - out[0][0]
         self._ready.clear()
-        if len(pending) >= DelayHistogram.PENDING:
+        if len(pending) >= 16 * DelayHistogram.PENDING:  # a link that is only emptied, with nobody sending
             self._delays.fold()
         return out
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +17,11 @@ class Survey:
     """The link's `stats`, and the delays (ms) of what was delivered, in the order it was sent.
 
     `counts` is their histogram over the bins between `edges_ms`. A burst of losses is a run of messages that did not
-    arrive, whatever the reason.
+    arrive, whatever the reason. `delays_ms` has one value a message sent, NaN where it did not arrive.
     """
 
     stats: LinkStats
-    delay_std_ms: float | None
+    delays_ms: NDArray[np.float64]
     delay_correlation: float | None
     longest_loss: int
     mean_loss_burst: float | None
@@ -29,10 +29,9 @@ class Survey:
     counts: list[int]
 
     def as_dict(self) -> dict[str, object]:
-        """All fields by name, as JSON has them; the link's counters at the top."""
-        out = asdict(self)
-        del out["stats"]
-        return self.stats.as_dict() | out
+        """All fields but the single delays by name, as JSON has them; the link's counters at the top."""
+        names = [field.name for field in fields(self) if field.name not in ("stats", "delays_ms")]
+        return self.stats.as_dict() | {name: getattr(self, name) for name in names}
 
 
 def run(profile: LinkProfile, seed: int, count: int, interval_ns: int, size: int, bins: int = 20) -> Survey:
@@ -61,7 +60,7 @@ def _evaluate(stats: LinkStats, delays: NDArray[np.int64], bins: int) -> Survey:
     counts, limits = np.histogram(arrived_ms, bins=bins) if varies else (np.zeros(0), np.zeros(0))
     return Survey(
         stats=stats,
-        delay_std_ms=float(arrived_ms.std()) if len(arrived_ms) else None,
+        delays_ms=np.where(gone, np.nan, delays * 1e-6),
         delay_correlation=lag_1_correlation(arrived_ms),
         longest_loss=int(bursts.max(initial=0)),
         mean_loss_burst=float(bursts.mean()) if len(bursts) else None,

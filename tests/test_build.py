@@ -256,3 +256,8 @@ def test_sessions_tell_the_peer_what_this_side_runs() -> None:
         assert session.identity.role == role
         assert session.identity.dof == 3
         assert session.identity.about == {"scene": "paper", "coupling": "zoh"}
+
+
+def test_a_corrupting_link_is_refused_since_checksums_make_it_loss() -> None:
+    with pytest.raises(InvalidParameter, match=r"link\.down.*checksums"):
+        prepare(Params().set({"link.down": "delay 1ms corrupt 1%"}), "continuous")

@@ -95,6 +95,10 @@ def prepare(params: Params, default_servo: str) -> Setup:
     if servo == "sampled" and harvest == "range" and params.coupling == "pspm":
         warnings.extend(_range_warning(device, scene.dof))
     up, down = LinkProfile.named(params.link.up), LinkProfile.named(params.link.down)
+    for name, profile in (("link.up", up), ("link.down", down)):
+        if profile.corrupt:
+            allowed = "a link without corrupt: the checksums below Zenoh drop what is corrupted, which is loss"
+            raise InvalidParameter(name, str(profile), allowed)
     return Setup(params, scene, servo, harvest, up, down, tuple(warnings))
 
 

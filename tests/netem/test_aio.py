@@ -9,6 +9,7 @@ import pytest
 
 from netem import Link, LinkProfile
 from netem.aio import AsyncLink, DeadlineTimer
+from netem.timeline import Timeline
 
 MS = 1_000_000
 KINDS = ["timerfd", "loop"]
@@ -149,4 +150,30 @@ async def test_another_clock_and_a_live_change() -> None:
     link.send(2)
     assert link.timer.due_ns is not None
     assert link.timer.due_ns > time.monotonic_ns() + 3000 * 10**9
+    link.close()
+
+
+async def test_a_timeline_changes_the_link_when_it_is_due(kind: str) -> None:
+    done, arrived = asyncio.Event(), []
+
+    def deliver(item: int) -> None:
+        arrived.append((time.monotonic_ns(), item))
+        done.set()
+
+    link: AsyncLink[int] = AsyncLink(Link(LinkProfile.parse("delay 3600s")), deliver)
+    assert link.timer.kind == kind
+    start = time.monotonic_ns()
+    link.play(Timeline.parse("at 0s: down; at 3ms: up; at 3ms: delay 2ms"))
+    link.send(1)
+    assert link.link.stats.lost_down == 1
+    async with asyncio.timeout(5):
+        while not link.link.is_up:
+            await asyncio.sleep(0)
+    link.send(2)
+    await fired(done)
+    assert [item for _, item in arrived] == [2]
+    assert arrived[0][0] >= start + 5 * MS
+    link.play(Timeline.parse("at 0s: down; at 3600s: up"))  # in place of the first
+    link.send(3)
+    assert link.link.stats.lost_down == 2
     link.close()

@@ -3,6 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
+import pty
+import signal
+import socket
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -51,7 +57,16 @@ def test_a_link_that_delivers_nothing_has_no_delays(capsys: pytest.CaptureFixtur
     assert main(["show", "loss 100%", "--count", "10"]) == 0
 
 
-@pytest.mark.parametrize("command", [[], ["--help"], ["show", "--help"], ["profiles", "--help"]])
+@pytest.mark.parametrize(
+    "command",
+    [
+        [],
+        ["--help"],
+        ["show", "--help"],
+        ["profiles", "--help"],
+        *([name, "--help"] for name in ("udp", "zenoh", "bench")),
+    ],
+)
 def test_help(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(command) == 0
     assert "Usage: netem" in capsys.readouterr().out
@@ -67,7 +82,24 @@ def test_help(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
         (["show", "--count", "many"], "--count"),
         (["show", "--frequency", "5"], "--frequency"),
         (["show", "--count", "1", "--json", "/nowhere/at/all"], "/nowhere/at/all"),
+        (["show", "--count", "1", "--png", "/nowhere/at/all"], "/nowhere/at/all"),
         (["relay"], "relay"),
+        (["udp", "--to", "127.0.0.1:9"], "--listen"),
+        (["udp", "--listen", "nonsense", "--to", "127.0.0.1:9"], "listen: 'nonsense'"),
+        (["udp", "--listen", "127.0.0.1:0", "--to", "127.0.0.1"], "to: '127.0.0.1'"),
+        (["udp", "--listen", "192.0.2.1:9", "--to", "127.0.0.1:9"], "cannot listen on 192.0.2.1:9"),
+        (["udp", "--listen", "127.0.0.1:0", "--to", "127.0.0.1:9", "dely", "4ms"], "dely"),
+        (["udp", "--listen", "127.0.0.1:0", "--to", "127.0.0.1:9", "--up", "loss 200%"], "--up: "),
+        (["udp", "--listen", "127.0.0.1:0", "--to", "127.0.0.1:9", "--timeline", "at 5: up"], "timeline"),
+        (["udp", "--listen", "127.0.0.1:0", "--to", "127.0.0.1:9", "--timeline", "/nowhere"], "/nowhere"),
+        (["udp", "--listen", "127.0.0.1:0", "--to", "127.0.0.1:9", "--duration", "-1"], "--duration"),
+        (["udp", "--listen", "127.0.0.1:0", "--to", "127.0.0.1:9", "--json", "/nowhere/at/all"], "/nowhere/at/all"),
+        (["zenoh", "--listen", "nonsense", "--connect", "tcp/127.0.0.1:9"], "listen: 'nonsense'"),
+        (["zenoh", "--listen", "tcp/127.0.0.1:9", "--connect", "tcp/127.0.0.1:9"], "another endpoint"),
+        (["zenoh", "--listen", "tcp/127.0.0.1:9", "--connect", "tcp/127.0.0.1:8", "-k", "a//b"], "key: 'a//b'"),
+        (["zenoh", "--listen", "tcp/127.0.0.1:9", "--connect", "tcp/127.0.0.1:8", "--mode", "router"], "--mode"),
+        (["bench", "everything"], "everything"),
+        (["bench", "--runs", "0"], "--runs"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(
@@ -78,3 +110,88 @@ def test_bad_input_is_one_line_and_exit_code_2(
     assert captured.out == ""
     assert captured.err.count("\n") == 1
     assert named in captured.err
+
+
+def test_show_takes_words_without_quotes_and_names(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["show", "delay", "40ms", "loss", "1%", "--count", "10", "--json", "-"]) == 0
+    assert json.loads(capsys.readouterr().out)["profile"] == "delay 40ms loss 1%"
+    assert main(["show", "geo", "--count", "10", "--json", "-"]) == 0
+    assert json.loads(capsys.readouterr().out)["profile"] == PRESETS["geo"]
+
+
+@pytest.mark.parametrize("words", ["delay 40ms 10ms loss 10%", "loss 100%", ""])
+def test_show_draws_a_figure(words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    target = tmp_path / "figure.png"
+    assert main(["show", words, "--count", "500", "--png", str(target)]) == 0
+    assert target.read_bytes().startswith(b"\x89PNG\r\n")
+    assert capsys.readouterr().err == ""
+
+
+def command(*words: str) -> list[str]:
+    return [sys.executable, "-c", "import netem.cli as c; raise SystemExit(c.main())", *words]
+
+
+def test_help_loads_neither_numpy_nor_a_relay() -> None:
+    script = "import sys, netem.cli as c; c.main(['--help']); print(sorted(set(sys.modules) & set(sys.argv[1:])))"
+    heavy = ["numpy", "zenoh", "matplotlib", "rich.console", "asyncio", "netem.link", "netem.relay"]
+    done = subprocess.run([sys.executable, "-c", script, *heavy], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("kind", ["udp", "zenoh"])
+def test_a_relay_stops_cleanly_with_its_figures(kind: str, number: int, tmp_path: Path) -> None:
+    target = tmp_path / "figures.json"
+    where = ["--listen", "127.0.0.1:0", "--to", "127.0.0.1:9"]
+    if kind == "zenoh":
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            where = ["--listen", f"tcp/127.0.0.1:{free.getsockname()[1]}", "--connect", "tcp/127.0.0.1:9"]
+    words = ["--up", "delay 3ms", "--down", "lan", "--seed", "5", "--json", str(target)]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command(kind, *where, *words), **pipes) as relay:  # type: ignore[call-overload]
+        first = relay.stdout.readline()
+        assert first.startswith("netem: relaying ")
+        assert relay.stdout.readline().split()[1] == "s"  # one line with figures; the signal handlers are there
+        relay.send_signal(number)
+        out, err = relay.communicate(timeout=20)
+    assert (relay.returncode, err) == (0, "")
+    assert "delay 3ms" in out
+    found = json.loads(target.read_text())
+    assert (found["up"]["profile"], found["down"]["profile"], found["seed"]) == ("delay 3ms", PRESETS["lan"], 5)
+    assert found["dropped"] == 0
+
+
+def test_a_relay_ends_after_its_duration_and_prints_json_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    where = ["--listen", "127.0.0.1:0", "--to", "127.0.0.1:9"]
+    assert main(["udp", *where, "--duration", "50ms", "--json", "-"]) == 0
+    captured = capsys.readouterr()
+    assert 0.05 <= json.loads(captured.out)["elapsed_s"] < 2.0
+    assert "relaying" in captured.err
+
+
+def test_a_relay_on_a_terminal_redraws_a_table() -> None:
+    ours, theirs = pty.openpty()
+    words = ["udp", "--listen", "127.0.0.1:0", "--to", "127.0.0.1:9", "--duration", "0.6"]
+    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "100"}
+    with subprocess.Popen(command(*words), stdout=theirs, stderr=theirs, env=environment) as relay:
+        os.close(theirs)
+        shown = b""
+        try:
+            while chunk := os.read(ours, 65_536):
+                shown += chunk
+        except OSError:  # the other end is closed
+            os.close(ours)
+    assert relay.returncode == 0
+    assert shown.count(b"offered") >= 2
+    assert b"\x1b[" in shown
+
+
+def test_a_port_in_use_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        listen = f"127.0.0.1:{taken.getsockname()[1]}"
+        assert main(["udp", "--listen", listen, "--to", "127.0.0.1:9"]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert "in use" in captured.err

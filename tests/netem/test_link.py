@@ -458,3 +458,14 @@ def test_what_is_taken_out_late_shows_as_lateness_not_as_delay() -> None:
     link.poll(15_000_000)
     assert link.stats.late_max_ms == 2.5
     assert link.stats.delay_mean_ms == 10.0
+
+
+def test_corruption_reaches_the_bytes_inside_an_item() -> None:
+    link: Link[tuple[str, bytes]] = Link(
+        LinkProfile.parse("corrupt 100%"), flip=lambda item, corrupted: (item[0], corrupted(item[1]))
+    )
+    link.send(0, ("key", b"\0" * 100))
+    ((_, (key, data)),) = link.poll(0)
+    assert key == "key"
+    assert sum(byte.bit_count() for byte in data) == 1
+    assert link.stats.corrupted == 1

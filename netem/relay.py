@@ -1,0 +1,293 @@
+"""A UDP relay: any program's datagrams through a link, both ways, for many clients at once.
+
+    clients  <->  [listen]  == up link ==>    [one socket a client]  <->  target
+                            <== down link ==
+
+Clients share the two links, as they would share a line; what goes up leaves from a socket of the client's own, so
+answers find their way back. The size that counts for a rate is the datagram's payload: ``rate 1mbit 28`` adds the
+headers of UDP and IPv4.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import socket
+import struct
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from numpy.random import SeedSequence
+
+from netem.aio import AsyncLink
+from netem.errors import NetemError
+from netem.link import Link
+from netem.profile import LinkProfile
+from netem.stats import LinkStats
+
+SOCKET_BUFFER = 4 * 2**20
+"""Bytes asked for in each socket's buffers; the kernel grants at most ``net.core.rmem_max`` and ``wmem_max``."""
+
+_MAX_DATAGRAM = 65_536
+_BATCH = 256  # datagrams read in a row before the loop, and with it the timers, gets its turn
+_SO_MEMINFO, _MEMINFO_DROPS = 55, 8  # linux/sock_diag.h: the ninth of nine 32-bit counters (since Linux 4.12)
+
+SocketAddress = tuple[Any, ...]
+"""As the socket module has it: (host, port) or, for IPv6, (host, port, flow, scope)."""
+
+
+@dataclass(frozen=True, slots=True)
+class RelayStats:
+    """A snapshot of a relay.
+
+    `up` and `down` are the links' own. `clients` counts those with a socket now, `clients_seen` all there were.
+    `dropped` counts what the relay itself could not pass on: a full send buffer, an unreachable target, a client above
+    the limit or closed meanwhile. `socket_drops` counts what the kernel dropped because a receive buffer was full
+    (SO_MEMINFO's counter, of all the relay's sockets); None where the system does not tell.
+    """
+
+    up: LinkStats
+    down: LinkStats
+    clients: int
+    clients_seen: int
+    dropped: int
+    socket_drops: int | None
+
+    def as_dict(self) -> dict[str, object]:
+        """All fields by name, as JSON has them."""
+        return asdict(self)
+
+
+def parse_address(name: str, text: str) -> tuple[str, int]:
+    """Host and port of ``HOST:PORT`` or ``[IPV6]:PORT``.
+
+    Raises
+    ------
+    NetemError : `text`, called `name`, is nothing of the kind.
+    """
+    match = re.fullmatch(r"(?:\[([^\[\]]+)\]|([^\[\]:\s]+)):(\d{1,5})", text, re.ASCII)
+    if match is None or int(match[3]) > 65_535:
+        raise NetemError(f"{name}: {text!r} is not allowed; allowed: HOST:PORT or [IPV6]:PORT, such as 127.0.0.1:5000")
+    return match[1] or match[2], int(match[3])
+
+
+def format_address(address: SocketAddress) -> str:
+    """``HOST:PORT``, or ``[IPV6]:PORT``."""
+    return f"[{address[0]}]:{address[1]}" if ":" in address[0] else f"{address[0]}:{address[1]}"
+
+
+class UdpRelay:
+    """Relays between the clients of one address and a target.
+
+    Parameters
+    ----------
+    listen, to : ``HOST:PORT`` or ``[IPV6]:PORT``; port 0 to listen on any free one. Names are resolved once.
+    up, down : the profiles from clients to target, and back.
+    seed : of both links, whose streams are independent.
+    max_clients : clients at one time; datagrams of others are dropped and counted.
+    idle_s : a client that sent and got nothing for so long gives its socket back.
+
+    Must be made on a running loop, and used on its thread.
+
+    Raises
+    ------
+    NetemError : an address is malformed, unknown, in use or not ours, or target and listening address are the same.
+    """
+
+    def __init__(
+        self,
+        listen: str,
+        to: str,
+        up: LinkProfile,
+        down: LinkProfile,
+        seed: int = 0,
+        *,
+        max_clients: int = 256,
+        idle_s: float = 60.0,
+    ) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._max_clients, self._idle_ns = max_clients, int(idle_s * 1e9)
+        self._target_family, self._target = _resolve("to", to)
+        family, address = _resolve("listen", listen)
+        if address == self._target:
+            raise NetemError(f"to: {to!r} is not allowed; allowed: another address than the one listened on")
+        self._clients: dict[SocketAddress, _Client] = {}
+        self._seen = self._dropped = self._closed_drops = 0
+        self._buffer = bytearray(_MAX_DATAGRAM)
+        self._view = memoryview(self._buffer)
+        self._socket = _udp_socket(family)
+        self._counts_drops = socket_drops(self._socket) is not None
+        try:
+            self._socket.bind(address)
+        except OSError as error:
+            self._socket.close()
+            raise NetemError(f"listen: cannot listen on {listen}: {error.strerror}") from None
+        up_seed, down_seed = SeedSequence(seed).spawn(2)
+        self.up: AsyncLink[_Datagram] = AsyncLink(Link(up, up_seed, flip=_flip), self._to_target)
+        self.down: AsyncLink[_Datagram] = AsyncLink(Link(down, down_seed, flip=_flip), self._to_client)
+        self._loop.add_reader(self._socket, self._from_clients)
+        self._sweeper = self._loop.call_later(idle_s / 4, self._close_idle)
+
+    @property
+    def address(self) -> SocketAddress:
+        """Where it listens."""
+        address: SocketAddress = self._socket.getsockname()
+        return address
+
+    @property
+    def stats(self) -> RelayStats:
+        """A snapshot of what it did so far."""
+        drops = None
+        if self._counts_drops:
+            sockets = (self._socket, *(client.socket for client in self._clients.values()))
+            drops = self._closed_drops + sum(socket_drops(s) or 0 for s in sockets)
+        return RelayStats(
+            up=self.up.link.stats,
+            down=self.down.link.stats,
+            clients=len(self._clients),
+            clients_seen=self._seen,
+            dropped=self._dropped,
+            socket_drops=drops,
+        )
+
+    def close(self) -> None:
+        """Stop and give the sockets back; what is in flight is not delivered. `stats` stays; once is enough."""
+        self.up.close()
+        self.down.close()
+        self._sweeper.cancel()
+        for client in list(self._clients.values()):
+            self._close_client(client)
+        if self._socket.fileno() >= 0:
+            self._closed_drops += socket_drops(self._socket) or 0
+            self._loop.remove_reader(self._socket)
+            self._socket.close()
+
+    def _from_clients(self) -> None:
+        receive, view, clients, send = self._socket.recvfrom_into, self._view, self._clients, self.up.link.send
+        now_ns = time.monotonic_ns()
+        for _ in range(_BATCH):
+            try:
+                size, address = receive(view)
+            except OSError:  # most often: nothing more to read
+                break
+            client = clients.get(address) or self._new_client(address)
+            if client is None:
+                self._dropped += 1
+                continue
+            client.active_ns = now_ns
+            send(now_ns, (bytes(view[:size]), client), size)
+        self.up.release()
+
+    def _from_target(self, client: _Client) -> None:
+        receive, view, send = client.socket.recv_into, self._view, self.down.link.send
+        now_ns = time.monotonic_ns()
+        for _ in range(_BATCH):
+            try:
+                size = receive(view)
+            except ConnectionRefusedError:  # about a datagram sent before: the target's port was closed
+                self._dropped += 1
+                continue
+            except OSError:
+                break
+            client.active_ns = now_ns
+            send(now_ns, (bytes(view[:size]), client), size)
+        self.down.release()
+
+    def _to_target(self, datagram: _Datagram) -> None:
+        data, client = datagram
+        try:
+            client.socket.send(data)
+        except ConnectionRefusedError:  # about the one before; this one is still to be sent
+            self._dropped += 1
+            self._try(client.socket.send, data)
+        except OSError:
+            self._dropped += 1
+
+    def _to_client(self, datagram: _Datagram) -> None:
+        data, client = datagram
+        try:
+            self._socket.sendto(data, client.address)
+        except OSError:
+            self._dropped += 1
+
+    def _try(self, send: Callable[[bytes], int], data: bytes) -> None:
+        try:
+            send(data)
+        except OSError:
+            self._dropped += 1
+
+    def _new_client(self, address: SocketAddress) -> _Client | None:
+        if len(self._clients) >= self._max_clients:
+            return None
+        try:
+            upstream = _udp_socket(self._target_family)
+        except OSError:  # no descriptor left
+            return None
+        try:
+            upstream.connect(self._target)
+        except OSError:
+            upstream.close()
+            return None
+        client = self._clients[address] = _Client(upstream, address)
+        self._seen += 1
+        self._loop.add_reader(upstream, self._from_target, client)
+        return client
+
+    def _close_client(self, client: _Client) -> None:
+        self._closed_drops += socket_drops(client.socket) or 0
+        self._loop.remove_reader(client.socket)
+        client.socket.close()
+        del self._clients[client.address]
+
+    def _close_idle(self) -> None:
+        oldest_ns = time.monotonic_ns() - self._idle_ns
+        for client in [c for c in self._clients.values() if c.active_ns < oldest_ns]:
+            self._close_client(client)
+        self._sweeper = self._loop.call_later(self._idle_ns * 0.25e-9, self._close_idle)
+
+
+class _Client:
+    __slots__ = ("active_ns", "address", "socket")
+
+    def __init__(self, upstream: socket.socket, address: SocketAddress) -> None:
+        self.socket, self.address, self.active_ns = upstream, address, 0
+
+
+_Datagram = tuple[bytes, _Client]
+
+
+def _flip(datagram: _Datagram, corrupted: Callable[[bytes], bytes]) -> _Datagram:
+    data, client = datagram
+    return corrupted(data), client
+
+
+def _udp_socket(family: int) -> socket.socket:
+    made = socket.socket(family, socket.SOCK_DGRAM)
+    made.setblocking(False)
+    for option in (socket.SO_RCVBUF, socket.SO_SNDBUF):
+        made.setsockopt(socket.SOL_SOCKET, option, SOCKET_BUFFER)
+    return made
+
+
+def _resolve(name: str, text: str) -> tuple[int, SocketAddress]:
+    host, port = parse_address(name, text)
+    if name == "to" and port == 0:
+        raise NetemError(f"to: {text!r} is not allowed; allowed: a port from 1 to 65535")
+    try:
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
+    except (OSError, UnicodeError) as error:
+        reason = getattr(error, "strerror", None) or "not a host's name"
+        raise NetemError(f"{name}: cannot resolve {host!r}: {reason}") from None
+    return found[0][0], found[0][4]
+
+
+def socket_drops(of: socket.socket) -> int | None:
+    """What the kernel dropped because this socket's buffer was full; None where it does not say, or once closed."""
+    try:
+        counters = of.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, 4 * (_MEMINFO_DROPS + 1))
+    except OSError:
+        return None
+    drops: int = struct.unpack_from("=I", counters, 4 * _MEMINFO_DROPS)[0]
+    return drops
