@@ -354,3 +354,18 @@ def test_the_recorded_hand_writes_on_paper(handwriting: Path, tmp_path: Path) ->
     touching = recording.world["penetration_m"] > 0.0
     path = recording.world["position_m"][touching, :2]
     assert (path.max(axis=0) - path.min(axis=0)).min() > 0.005  # it wrote, in both directions of the surface
+
+
+def test_a_reader_that_leaves_early_does_not_end_the_run(tmp_path: Path) -> None:
+    """`hapnet run | head -1`: no traceback, and everything is written."""
+    command = [sys.executable, "-m", "hapnet", "run", "--duration", "1", "--out", str(tmp_path / "out")]
+    child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert child.stdout is not None
+    assert child.stderr is not None
+    child.stdout.readline()
+    child.stdout.close()
+    said = child.stderr.read()
+    child.stderr.close()
+    assert child.wait(timeout=60) == 0
+    assert said == b""
+    assert (tmp_path / "out" / "figure.png").exists()

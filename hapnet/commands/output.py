@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from datetime import UTC, datetime
 from pathlib import Path
@@ -20,7 +21,13 @@ def console(json_to: str | None) -> Console:
     """Where words for people go: standard error if the JSON object has standard output for itself."""
     from rich.console import Console
 
-    return Console(stderr=json_to == "-", highlight=False, soft_wrap=True)
+    class Patient(Console):
+        def on_broken_pipe(self) -> None:
+            """Who read our words has gone (``| head``): say no more, but end the run and write its files."""
+            self.quiet = True
+            os.dup2(os.open(os.devnull, os.O_WRONLY), self.file.fileno())
+
+    return Patient(stderr=json_to == "-", highlight=False, soft_wrap=True)
 
 
 def run_directory(out: Path | None, seed: int | None) -> Path:
