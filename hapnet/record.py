@@ -12,9 +12,9 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from hapnet.checks import Vector
 from hapnet.errors import RecordingError
 
-Vector: TypeAlias = tuple[float, ...]
 Columns: TypeAlias = dict[str, NDArray[Any]]
 
 

@@ -27,27 +27,12 @@ from math import hypot, inf, isfinite, sqrt
 from operator import mul
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import ArrayLike
-
+from hapnet import checks
+from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
-
-Vector = tuple[float, ...]
 
 # Cosine, in the metric of A^-1, up to which two normals count as separate: rounding, and no more.
 _SEPARATE = 1e-12
-
-
-def as_vector(name: str, value: ArrayLike, dof: int | None = None) -> Vector:
-    """`value` as a tuple of floats; raises InvalidParameter unless it is `dof` (or at least one) finite numbers."""
-    allowed = f"{dof} finite number{'s' if dof != 1 else ''}" if dof else "one or more finite numbers"
-    try:
-        array = np.atleast_1d(np.asarray(value, dtype=float))
-    except (TypeError, ValueError):
-        raise InvalidParameter(name, value, allowed) from None
-    if array.ndim != 1 or not array.size or (dof and array.size != dof) or not np.isfinite(array).all():
-        raise InvalidParameter(name, value, allowed)
-    return tuple(array.tolist())
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +55,7 @@ class Wall:
     damping: float = 0.0
 
     def __post_init__(self) -> None:
-        normal = as_vector("normal", self.normal)
+        normal = checks.vector("normal", self.normal)
         length = hypot(*normal)
         if not 0.0 < length < inf:
             raise InvalidParameter("normal", self.normal, "a vector of non-zero length")

@@ -21,8 +21,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hapnet import checks
+from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
-from hapnet.plant.contact import Contacts, Vector, as_vector
+from hapnet.plant.contact import Contacts
 
 # Above this condition number a matrix is refused: |v|^2 in it could round to a negative number.
 _MAX_CONDITION = 1e12
@@ -64,9 +66,9 @@ class PassiveIntegrator:
         position: ArrayLike,
         velocity: ArrayLike | None = None,
     ) -> None:
-        self._x = as_vector("position", position)
+        self._x = checks.vector("position", position)
         self._n = n = len(self._x)
-        self._v = (0.0,) * n if velocity is None else as_vector("velocity", velocity, n)
+        self._v = (0.0,) * n if velocity is None else checks.vector("velocity", velocity, n)
         self._M = _positive_definite("mass", mass, n)
         self._B = _positive_definite("damping", damping, n)
         self._K = _positive_definite("stiffness", stiffness, n)
@@ -176,7 +178,7 @@ class PassiveIntegrator:
                     return value
             except TypeError as error:
                 raise InvalidParameter(name, value, f"{self._n} finite numbers ({error})") from None
-        return as_vector(name, value, self._n)
+        return checks.vector(name, value, self._n)
 
     def _factor(self, dt: float) -> None:
         """A = L D L' for this step size; keeps the strict lower rows of L and 1/D."""

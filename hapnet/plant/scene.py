@@ -17,9 +17,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from hapnet import checks
+from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
 from hapnet.loading import cause, load
-from hapnet.plant.contact import Contacts, Vector, Wall, as_vector, check_number
+from hapnet.plant.contact import Contacts, Wall, check_number
 
 # Section 4 of the paper, its lost digits reconstructed: K_w, B_w, and the range of T_k.
 WALL_STIFFNESS = 3000.0
@@ -65,7 +67,7 @@ class Scene:
         check_number("step_min_s", self.min_s, "a positive, finite number of seconds", lambda t: 0.0 < t < inf)
         longer = f"{self.min_s} (step_min_s) or more seconds"
         check_number("step_max_s", self.max_s, longer, lambda t: self.min_s <= t < inf)
-        start = as_vector("start", self.start, self.dof) if len(self.start) else (0.0,) * self.dof
+        start = checks.vector("start", self.start, self.dof) if len(self.start) else (0.0,) * self.dof
         contacts = Contacts(self.walls, self.dof)
         contacts.require_outside(start)
         object.__setattr__(self, "walls", contacts.walls)

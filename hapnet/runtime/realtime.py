@@ -95,7 +95,6 @@ class RealtimeSide:
         self._writer: RecordingWriter | None = None
         self._samples: deque[Sample] = deque()
         self._lock = threading.Lock()
-        self._pump_pending = False
         self._failure: BaseException | None = None
         self._names = (session, name)
         incarnation = secrets.randbits(63) + 1
