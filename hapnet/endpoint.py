@@ -1,14 +1,16 @@
 """One side of the coupling, whole: control and wire together, without clock or I/O.
 
 An endpoint has two halves, each with one owner. Control belongs to the servo (or to the world's loop): it ticks, and
-never waits. Wire belongs to whoever moves bytes: it receives, and asks what to send. Between them go only whole values,
-through deques: set-positions and credited energy one way, surplus energy the other. In virtual time one loop owns both.
+never waits. Wire belongs to whoever moves bytes: it receives, and asks what to send. Between them go only whole values
+(`Handover`): set-positions and credited energy one way, surplus energy the other. In virtual time one loop owns both
+halves; in real time two threads do, or two processes.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from typing import Protocol
 
 from hapnet.checks import Vector
 from hapnet.control.coupling import Coupling
@@ -21,22 +23,46 @@ from hapnet.wire.session import Outgoing, Session
 NANO = 1e-9
 
 
-class Endpoint:
-    """What both sides share: a session, and the hand-over between its wire half and the control half.
+class Positions(Protocol):
+    """Makes the position messages: a `Session`, or its `PositionStream` alone."""
+
+    def position(self, now_ns: int, position: Vector) -> bytes: ...
+
+
+class Handover(Protocol):
+    """The control half as the wire half sees it; it may be in another thread or another process."""
+
+    def pair(self, restarted: bool) -> None:
+        """A peer was found: control may start. `restarted`: the peer had another one in this side's place before."""
+
+    def arrive(self, y: Vector, sent_s: float) -> None:
+        """A set-position came [m], sent at the sender's time `sent_s` [s]; the newest counts."""
+
+    def credit(self, credited_nJ: int) -> None:
+        """Shuffled energy came [nJ]."""
+
+    def surplus(self) -> float:
+        """Surplus energy to shuffle that has not been fetched yet [J]; 0 if there is none."""
+
+    @property
+    def has_surplus(self) -> bool: ...
+
+
+class ControlHalf:
+    """The half that the servo (or the world's loop) owns. Whole values come and go through deques.
 
     Parameters
     ----------
-    session : this side's protocol state.
-    coupling : the set-position's way, made when control starts.
+    positions : makes the position messages.
     """
 
-    def __init__(self, session: Session) -> None:
-        self.session = session
+    def __init__(self, positions: Positions) -> None:
         self.paired = False
-        """Set by the wire half when a peer was first found: control may start."""
+        """A peer was found: control may start."""
         self.restarted = False
         """The peer had another one in this side's place before: this side starts with an empty reservoir, since every
         start with a full one would be energy from nothing, and a crash loop a pump."""
+        self._positions = positions
         self._coupling: Coupling | None = None
         self._arrived: deque[tuple[Vector, float]] = deque(maxlen=1)
         self._credits: deque[int] = deque()
@@ -44,7 +70,7 @@ class Endpoint:
 
     @property
     def coupling(self) -> Coupling:
-        """The control half's coupling; it exists once control has started."""
+        """The coupling; it exists once control has started."""
         assert self._coupling is not None, "control has not started"
         return self._coupling
 
@@ -53,39 +79,27 @@ class Endpoint:
         """Has control started?"""
         return self._coupling is not None
 
-    # -- the wire half ----------------------------------------------------------------------------------------------
+    # -- called by the wire half: the methods of `Handover` ----------------------------------------------------------
 
-    def receive(self, now_ns: int, data: bytes) -> tuple[Event, ...]:
-        """Bytes arrived from the network; whatever they are, this does not raise."""
-        events = self.session.receive(now_ns, data)
-        self._hand_over(events)
-        return events
+    def pair(self, restarted: bool) -> None:
+        if not self.paired:
+            self.restarted = restarted
+        self.paired = True
 
-    def poll(self, now_ns: int) -> tuple[list[Outgoing], tuple[Event, ...]]:
-        """What to send now, and what time alone has brought about."""
-        while self._surplus:
-            self.session.give(self._surplus.popleft())
-        outgoing, events = self.session.poll(now_ns)
-        self._hand_over(events)
-        return outgoing, events
+    def arrive(self, y: Vector, sent_s: float) -> None:
+        self._arrived.append((y, sent_s))
+
+    def credit(self, credited_nJ: int) -> None:
+        self._credits.append(credited_nJ)
+
+    def surplus(self) -> float:
+        return self._surplus.popleft() if self._surplus else 0.0
 
     @property
-    def next_due_ns(self) -> int | None:
-        """When `poll` must be called again, if nothing else happens; energy waiting to go out is due at once."""
-        return 0 if self._surplus else self.session.next_due_ns
+    def has_surplus(self) -> bool:
+        return bool(self._surplus)
 
-    def _hand_over(self, events: tuple[Event, ...]) -> None:
-        for event in events:
-            if isinstance(event, PositionReceived):
-                self._arrived.append((event.position, event.sent_ns * NANO))
-            elif isinstance(event, EnergyCredited):
-                self._credits.append(event.credited_nJ)
-            elif isinstance(event, Paired):
-                if not self.paired:
-                    self.restarted = bool(event.peer.about.get(EARLIER))
-                self.paired = True
-
-    # -- the control half -------------------------------------------------------------------------------------------
+    # -- called by control ------------------------------------------------------------------------------------------
 
     def _take(self) -> Coupling:
         """Give the coupling what has arrived since the last tick."""
@@ -101,40 +115,90 @@ class Endpoint:
         """After a PSPM instant: hand on the surplus; the position message (x(t_k)) to put on the link."""
         if result.sent > 0.0:
             self._surplus.append(result.sent)
-        return self.session.position(now_ns, x)
+        return self._positions.position(now_ns, x)
 
 
-class DeviceEndpoint(Endpoint):
-    """The device's side."""
+class WireHalf:
+    """The half that whoever moves bytes owns.
+
+    Parameters
+    ----------
+    session : this side's protocol state.
+    control : where what arrives is handed over.
+    """
+
+    def __init__(self, session: Session, control: Handover) -> None:
+        self.session = session
+        self._control = control
+
+    def receive(self, now_ns: int, data: bytes) -> tuple[Event, ...]:
+        """Bytes arrived from the network; whatever they are, this does not raise."""
+        events = self.session.receive(now_ns, data)
+        self._hand_over(events)
+        return events
+
+    def poll(self, now_ns: int) -> tuple[list[Outgoing], tuple[Event, ...]]:
+        """What to send now, and what time alone has brought about."""
+        while surplus := self._control.surplus():
+            self.session.give(surplus)
+        outgoing, events = self.session.poll(now_ns)
+        self._hand_over(events)
+        return outgoing, events
+
+    @property
+    def next_due_ns(self) -> int | None:
+        """When `poll` must be called again, if nothing else happens; energy waiting to go out is due at once."""
+        return 0 if self._control.has_surplus else self.session.next_due_ns
+
+    def _hand_over(self, events: tuple[Event, ...]) -> None:
+        for event in events:
+            if isinstance(event, PositionReceived):
+                self._control.arrive(event.position, event.sent_ns * NANO)
+            elif isinstance(event, EnergyCredited):
+                self._control.credit(event.credited_nJ)
+            elif isinstance(event, Paired):
+                self._control.pair(bool(event.peer.about.get(EARLIER)))
+
+
+class DeviceControl(ControlHalf):
+    """The device's servo."""
 
     def start(self, servo: ContinuousServo | SampledServo) -> None:
         """Begin to render: `servo` is at rest at the device's position (ybar = x)."""
         self._tick: Callable[..., Modulation | None] = servo.tick
         self._coupling = servo.coupling
 
-    def tick_sampled(self, now_ns: int, dt: float, x: Vector, v: Vector) -> bytes | None:
+    def tick_sampled(self, now_ns: int, dt: float, x: Vector, v: Vector, *, release: bool = False) -> bytes | None:
         """A tick of a servo that holds its torque: the servo's `force` is then the force to apply.
 
-        Returns the position message to send, if PSPM ran.
+        `release`: let the spring go, no force this tick. Returns the position message to send, if PSPM ran.
         """
         self._take()
-        result = self._tick(dt, x, v)
+        result = self._tick(dt, x, v, release=release)
         return None if result is None else self._send(now_ns, x, result)
 
     def tick_continuous(
-        self, now_ns: int, dt: float, x: Vector, extremes: Extremes, work: float, kinetic: float
+        self,
+        now_ns: int,
+        dt: float,
+        x: Vector,
+        extremes: Extremes,
+        work: float,
+        kinetic: float,
+        *,
+        release: bool = False,
     ) -> bytes | None:
         """A tick of a device that renders the coupling itself: `coupling.set_position` is then where its spring goes.
 
         The arguments are `ContinuousServo.tick`'s. Returns the position message to send, if PSPM ran.
         """
         self._take()
-        result = self._tick(dt, x, extremes, work, kinetic)
+        result = self._tick(dt, x, extremes, work, kinetic, release=release)
         return None if result is None else self._send(now_ns, x, result)
 
 
-class WorldEndpoint(Endpoint):
-    """The virtual world's side: PSPM at the onset of every integration step."""
+class WorldControl(ControlHalf):
+    """The virtual world's loop: PSPM at the onset of every integration step."""
 
     def start(self, coupling: Coupling) -> None:
         """Begin to step: the coupling is at rest at the virtual mass's position."""
@@ -160,3 +224,22 @@ class WorldEndpoint(Endpoint):
         result = coupling.update(dt, x, dissipated)
         ledger.observe(kinetic + coupling.potential(x), coupling.account)
         return self._send(now_ns, x, result)
+
+
+class DeviceEndpoint(WireHalf, DeviceControl):
+    """The device's side: both halves in one process."""
+
+    def __init__(self, session: Session) -> None:
+        DeviceControl.__init__(self, session)
+        WireHalf.__init__(self, session, self)
+
+
+class WorldEndpoint(WireHalf, WorldControl):
+    """The virtual world's side: both halves in one process."""
+
+    def __init__(self, session: Session) -> None:
+        WorldControl.__init__(self, session)
+        WireHalf.__init__(self, session, self)
+
+
+Endpoint = DeviceEndpoint | WorldEndpoint

@@ -56,6 +56,9 @@ class DeviceParams:
     servo: str = _p("auto", "auto: continuous in simulate and reproduce, sampled in run and device",
                     ("auto", "continuous", "sampled"))  # fmt: skip
     servo_hz: float = _p(1000.0, "servo rate [Hz]", _Range(at_least=10.0, at_most=20_000.0))
+    watchdog_s: float = _p(
+        0.02, "a servo that was away for longer renders no force until it is on time again [s]; 0: off", _NOT_NEGATIVE
+    )
     pspm_period_s: float = _p(0.005, "PSPM runs at least this often, and on new data [s]", _POSITIVE)
     stiffness: Matrix = _p(100.0, "K [N/m], scalar, per axis or matrix (rec.)", _POSITIVE)
     damping: Matrix = _p(0.1, "B [Ns/m], scalar or per axis", _POSITIVE)
@@ -234,6 +237,10 @@ class Params:
         except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
             raise InvalidParameter("--params", str(file), f"a TOML file ({error})") from None
         return self.set(dict(_flatten(table)))
+
+    def flat(self) -> dict[str, Any]:
+        """Every parameter under its dotted name; ``Params().set(params.flat())`` is `params` again."""
+        return {name: value for name, value, _ in _leaves(self)}
 
     def as_dict(self) -> dict[str, Any]:
         return dataclasses.asdict(self)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hapnet.checks import Vector
+from hapnet.endpoint import DeviceEndpoint, WorldEndpoint
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 from hapnet.plant.operator import Impedance, Rest
@@ -34,11 +35,11 @@ def discard(sample: Sample) -> None:
 
 
 def device(setup: Setup) -> DeviceSide:
-    return device_side(setup, device_session(setup, 1), lambda: 0, discard)
+    return device_side(setup, DeviceEndpoint(device_session(setup, 1)), lambda: 0, discard)
 
 
 def world(setup: Setup) -> WorldSide:
-    return world_side(setup, world_session(setup, 2), np.random.default_rng(0), discard)
+    return world_side(setup, WorldEndpoint(world_session(setup, 2)), np.random.default_rng(0), discard)
 
 
 class OwnHand(Rest):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from hapnet.checks import Vector
+from hapnet.endpoint import DeviceEndpoint
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
 from hapnet.plant.device import SimulatedDevice
@@ -152,7 +153,7 @@ def test_a_device_that_works_is_passed_through() -> None:
 def test_a_side_is_made_around_it(name: str) -> None:
     params = Params().set({"scene": "free", "dof": 2, "hardware": f"tests.test_own_device:{name}"})
     setup = prepare(params, "sampled")
-    side = device_side(setup, device_session(setup, 1), lambda: 0, lambda sample: None)
+    side = device_side(setup, DeviceEndpoint(device_session(setup, 1)), lambda: 0, lambda sample: None)
     assert side.device.dof == 2
     assert isinstance(side.device, SimulatedDevice) == (name == "Simulated")  # the side advances what is simulated
 
@@ -161,4 +162,4 @@ def test_its_coupling_is_checked_before_pairing() -> None:
     params = Params().set({"scene": "free", "dof": 2, "hardware": "tests.test_own_device:Still"})
     setup = prepare(params.set({"device.stiffness": ((1, 2), (2, 1))}), "sampled")
     with pytest.raises(InvalidParameter, match=r"^device\.stiffness is"):
-        device_side(setup, device_session(setup, 1), lambda: 0, lambda sample: None)
+        device_side(setup, DeviceEndpoint(device_session(setup, 1)), lambda: 0, lambda sample: None)

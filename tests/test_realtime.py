@@ -18,6 +18,7 @@ from hapnet.errors import HapnetError, RecordingError
 from hapnet.mcap_file import read_recording
 from hapnet.params import Params
 from hapnet.runtime.build import prepare
+from hapnet.runtime.control import ThreadedDevice, ThreadedWorld
 from hapnet.runtime.realtime import Notice, RealtimeSide, Role
 from hapnet.runtime.sides import DeviceSide
 from hapnet.runtime.stepper import Stepper
@@ -140,7 +141,9 @@ class Running:
     @property
     def count(self) -> int:
         """Ticks of the device's servo, or steps of the world."""
-        side = self.side.side
+        control = self.side.control
+        assert isinstance(control, ThreadedDevice | ThreadedWorld)
+        side = control.side
         return side.ticks if isinstance(side, DeviceSide) else side.steps
 
     def told(self, kind: str) -> list[str]:
@@ -170,7 +173,7 @@ async def test_two_sides_run_part_and_agree(tmp_path: Path) -> None:
     world = Running("world", address, params, record=tmp_path / "world.mcap")
     async with running(device, world):
         await device.until(
-            lambda: device.side.side.origin_ns is not None and device.side.endpoint.session.sent_nJ > 1_000_000
+            lambda: device.side.control.origin_ns is not None and device.side.wire.session.sent_nJ > 1_000_000
         )
         await world.until(lambda: world.count >= 10)
         of_world, of_device = await asyncio.gather(world.end(), device.end())
@@ -212,9 +215,9 @@ async def test_garbage_from_the_network_is_counted_and_the_servo_goes_on() -> No
     config = zenoh.Config.from_json5(
         f'{{mode: "client", connect: {{endpoints: ["{address}"]}}, scouting: {{multicast: {{enabled: false}}}}}}'
     )
-    dropped = world.side.endpoint.session.dropped
+    dropped = world.side.wire.session.dropped
     async with running(world, device):
-        await world.until(lambda: world.side.side.origin_ns is not None)
+        await world.until(lambda: world.side.control.origin_ns is not None)
         stranger = await asyncio.to_thread(zenoh.open, config)
         try:
             before = world.count
@@ -258,7 +261,7 @@ async def test_a_world_that_restarts_is_paired_anew() -> None:
     device = Running("device", address, params)
     world = Running("world", address, params)
     async with running(device, world):
-        await device.until(lambda: device.side.side.origin_ns is not None)
+        await device.until(lambda: device.side.control.origin_ns is not None)
         await world.end()
         await device.until(lambda: bool(device.told("left")))
         again = Running("world", address, params)
@@ -301,8 +304,8 @@ async def test_a_failing_control_thread_ends_the_side_with_its_error(monkeypatch
         raise ArithmeticError("a step failed")
 
     async with running(world, device):
-        await world.until(lambda: world.side.side.origin_ns is not None)
-        monkeypatch.setattr(world.side.side, "step", broken)
+        await world.until(lambda: world.side.control.origin_ns is not None)
+        monkeypatch.setattr(world.side.control.side, "step", broken)
         with pytest.raises(ArithmeticError, match="a step failed"):
             await asyncio.wait_for(asyncio.shield(world.task), WAIT_S)
 

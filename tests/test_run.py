@@ -121,10 +121,11 @@ def assert_passive(summary: dict[str, Any]) -> None:
         assert summary[side]["reservoir_min_J"] >= 0.0
 
 
-def test_the_main_job(tmp_path: Path) -> None:
+@pytest.mark.parametrize("more", [(), ("--realtime",)], ids=["thread", "realtime"])
+def test_the_main_job(more: tuple[str, ...], tmp_path: Path) -> None:
     """Both processes, the default link both ways: passive, accounts agree, everything written reads back."""
     out = tmp_path / "run"
-    with started("run", "--duration", 3, "--seed", 1, "--json", "-", "--out", out) as program:
+    with started("run", "--duration", 3, "--seed", 1, "--json", "-", "--out", out, *more) as program:
         code, stdout, stderr = program.end()
         assert not program.alive
     assert code == 0, stderr
@@ -174,11 +175,17 @@ def test_the_main_job(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("number", "code"), [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.slow)]
+    ("number", "code", "more"),
+    [
+        (signal.SIGINT, 130, ()),
+        (signal.SIGINT, 130, ("--realtime",)),
+        pytest.param(signal.SIGTERM, 143, (), marks=pytest.mark.slow),
+    ],
 )
-def test_a_signal_stops_a_run_cleanly(number: signal.Signals, code: int, tmp_path: Path) -> None:
+def test_a_signal_stops_a_run_cleanly(number: signal.Signals, code: int, more: tuple[str, ...], tmp_path: Path) -> None:
     out = tmp_path / "run"
-    with started("run", "--duration", 60, "--operator", "sine", "--json", tmp_path / "s.json", "--out", out) as program:
+    words = ("--duration", 60, "--operator", "sine", "--json", tmp_path / "s.json", "--out", out, *more)
+    with started("run", *words) as program:
         program.until_line("device: paired")
         program.until("samples on disk", lambda: size(out / "device.mcap") > 20_000)
         program.process.send_signal(number)

@@ -226,3 +226,56 @@ def test_the_true_slack_stays_within_the_quantisation_at_every_tick(seed: int) -
         assert c.ledger.slack >= -1e-12
     if seed % 4 and not seed % 2:  # not cut, so that the guess of the change is right: the bound is nearly reached
         assert slack < -0.5 * servo.quantisation
+
+
+# -- release: what the watchdog asks for -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("harvest", ["measured", "range"])
+def test_release_lets_the_spring_go_and_keeps_the_account(harvest: Harvest) -> None:
+    """K 100, y 20 mm off: 20 mJ paid, 30 mJ left. Held at -2 N over 5 mm the hand puts in 10 mJ.
+
+    On release the spring is empty: what is in the reservoir and above it is the 50 mJ of the start and the measured
+    10 mJ; so with the other harvest too, since (10) holds for no torque that is held for long.
+    """
+    c = coupling(ceiling=0.05)
+    servo = sampled(c, damping=0.0001, harvest=harvest)
+    c.receive((-0.02,), 0.0)
+    servo.tick(T, (0.0,), (0.0,))
+    assert servo.force == pytest.approx((-2.0,))
+    assert c.account == pytest.approx(0.03)
+    result = servo.tick(T, (0.005,), (5.0,), release=True)
+    assert result is not None
+    assert servo.force == (0.0,)
+    assert c.set_position == (0.005,)
+    assert c.potential((0.005,)) == 0.0
+    assert result.energy == 0.05
+    assert result.sent + result.discarded == pytest.approx(0.01)
+    assert c.ledger.slack >= -1e-15
+    servo.tick(T, (0.005,), (0.0,))
+    assert servo.force == pytest.approx((0.0,))  # and from there it begins anew: y stays until something arrives
+    assert c.target == (0.005,)
+
+
+def test_release_of_a_stretched_spring_that_cannot_pay_is_zero_all_the_same() -> None:
+    """The held torque gave out more than there is: a deficit remains, ybar = x, no force."""
+    c = coupling(ceiling=0.02)
+    servo = sampled(c)
+    c.receive((0.02,), 0.0)
+    servo.tick(T, (0.0,), (0.0,))
+    assert servo.force == pytest.approx((2.0,))
+    result = servo.tick(1.0, (0.06,), (0.0,), release=True)  # 2 N over 60 mm: 120 mJ given, 20 stored
+    assert result is not None
+    assert (servo.force, c.set_position, result.energy) == ((0.0,), (0.06,), 0.0)
+    assert result.deficit == pytest.approx(0.12 - 0.02)
+    assert c.ledger.slack >= -1e-15
+
+
+def test_a_continuous_servo_releases_too() -> None:
+    c = coupling()
+    servo = ContinuousServo(c, damping=(0.1,), period=5 * T)
+    c.receive((0.02,), 0.0)
+    servo.tick(T, (0.0,), lambda: ((0.0,), (0.0,)), 0.0, 0.0)
+    assert c.set_position == (0.02,)
+    assert servo.tick(T, (0.001,), lambda: ((0.0,), (0.001,)), 0.0, 0.0, release=True) is not None
+    assert c.set_position == (0.001,)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
+from hapnet.endpoint import DeviceEndpoint
 from hapnet.params import Params
 from hapnet.plant.device import SimulatedDevice
+from hapnet.record import Event
 from hapnet.runtime.build import device_session, device_side, prepare
 from hapnet.runtime.sides import DeviceSide
 
@@ -25,7 +29,7 @@ def run_late(words: dict[str, object], late_ns: list[int]) -> tuple[DeviceSide, 
     """Ticks due every millisecond, each called so late; (side, device, hand's work, kinetic energy at the start)."""
     clock = LateClock()
     setup = prepare(Params().set({"operator": "sine", **words}), "sampled")
-    side = device_side(setup, device_session(setup, 7), clock, lambda sample: None)
+    side = device_side(setup, DeviceEndpoint(device_session(setup, 7)), clock, lambda sample: None)
     device = side.device
     assert isinstance(device, SimulatedDevice)
     work = 0.0
@@ -71,10 +75,61 @@ def test_trusted_damping_gives_nothing_for_being_late() -> None:
     assert slack >= -1e-9
 
 
+@pytest.mark.parametrize("servo", ["sampled", "continuous"])
+def test_a_servo_that_was_away_renders_nothing_until_it_is_on_time_and_the_account_holds(servo: str) -> None:
+    """In contact with a set-position 20 mm off; away for 300 ms, twice 50 ms late after that, then on time again."""
+    setup = prepare(Params().set({"operator": "sine", "device.servo": servo, "device.watchdog_s": 0.02}), "sampled")
+    notes: list[Event] = []
+    clock = LateClock()
+    side = device_side(
+        setup,
+        DeviceEndpoint(device_session(setup, 7)),
+        clock,
+        lambda s: notes.append(s) if isinstance(s, Event) else None,
+    )
+    side.endpoint.paired = True
+    forces = []
+
+    def tick(now_ns: int) -> float:
+        clock.now_ns = now_ns
+        side.coupling.receive((-0.02,), 0.0)
+        side.tick(now_ns)
+        offset = side.device.read()[0][0] - side.coupling.set_position[0]
+        forces.append(abs(100.0 * offset))
+        return forces[-1]
+
+    side.tick(0)
+    now_ns = 0
+    for _ in range(100):
+        now_ns += MS
+        tick(now_ns)
+    assert forces[-1] > 1.0
+    for late_ms in (300, 50, 50):
+        now_ns += late_ms * MS
+        assert tick(now_ns) == 0.0
+    assert side.overruns == 1
+    assert [note.kind for note in notes] == ["overrun"]
+    assert "300.0 ms" in notes[0].text
+    assert side.longest_ns == 300 * MS
+    for _ in range(100):
+        now_ns += MS
+        tick(now_ns)
+    steps = [b - a for a, b in itertools.pairwise(forces[102:])]
+    assert forces[-1] > 1.0
+    assert max(steps) <= setup.params.device.step_limit_N + 0.1  # it begins anew without a jump (0.1 N: the hand moves)
+    assert side.coupling.ledger.slack_min >= -1e-12
+    assert side.coupling.energy_min >= 0.0
+
+
+def test_a_watchdog_that_is_off_lets_nothing_go() -> None:
+    side, _, _, _ = run_late({"device.watchdog_s": 0.0}, [0, 900 * MS, 0])
+    assert (side.overruns, side.longest_ns) == (0, 901 * MS)
+
+
 def test_a_restarted_side_starts_with_nothing() -> None:
     for restarted, energy in ((False, 0.05), (True, 0.0)):
         setup = prepare(Params(), "sampled")
-        side = device_side(setup, device_session(setup, 7), lambda: 0, lambda sample: None)
+        side = device_side(setup, DeviceEndpoint(device_session(setup, 7)), lambda: 0, lambda sample: None)
         side.endpoint.paired, side.endpoint.restarted = True, restarted
         side.tick(0)
         assert side.coupling.modulator.energy == energy

@@ -14,7 +14,7 @@ import pytest
 
 from hapnet.checks import Array, spd
 from hapnet.control.ledger import Ledger
-from hapnet.endpoint import Endpoint
+from hapnet.endpoint import WireHalf
 from hapnet.params import Params
 from hapnet.plant.operator import Impedance, Operator, Press, Sine
 from hapnet.record import Columns
@@ -239,13 +239,13 @@ def test_the_minimum_of_both_ports_by_hand() -> None:
 
 def test_energy_credited_twice_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """The theorem's one condition on the wire, broken on purpose: the accounts on both sides show it."""
-    once = Endpoint._hand_over
+    once = WireHalf._hand_over
 
-    def twice(self: Endpoint, events: tuple[Event, ...]) -> None:
+    def twice(self: WireHalf, events: tuple[Event, ...]) -> None:
         once(self, events)
         once(self, tuple(event for event in events if isinstance(event, EnergyCredited)))
 
-    monkeypatch.setattr(Endpoint, "_hand_over", twice)
+    monkeypatch.setattr(WireHalf, "_hand_over", twice)
     params = Params().set({"duration_s": 2.0, "scene": "free", "operator": "sine", "record_hz": 1000.0})
     recording = simulate(params, 1).recording
     assert recording.device is not None

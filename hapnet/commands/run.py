@@ -18,6 +18,7 @@ import numpy as np
 
 from hapnet.commands import output
 from hapnet.commands.side import catch, exit_code
+from hapnet.endpoint import DeviceEndpoint, WorldEndpoint
 from hapnet.errors import HapnetError, RecordingError
 from hapnet.mcap_file import read_recording
 from hapnet.metrics import motion
@@ -66,10 +67,10 @@ def check_sides(setup: Setup) -> None:
     InvalidParameter : as `device_side` and `world_side` do.
     """
     if setup.params.hardware == "simulated":
-        device_side(setup, device_session(setup, 1), time.monotonic_ns, lambda sample: None)
+        device_side(setup, DeviceEndpoint(device_session(setup, 1)), time.monotonic_ns, lambda sample: None)
     else:
         load_class(setup.params.hardware)
-    world_side(setup, world_session(setup, 1), np.random.default_rng(0), lambda sample: None)
+    world_side(setup, WorldEndpoint(world_session(setup, 1)), np.random.default_rng(0), lambda sample: None)
 
 
 class Pair:

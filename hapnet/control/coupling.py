@@ -102,17 +102,30 @@ class Coupling:
         The energy to send is in the result; the ledger already counts it as sent.
         """
         sent_s = self._sent_s
-        credit = self._credit
         self._sent_s = None
-        self._credit = 0.0
-        self.has_datum = False
         y = self.stages.step(dt, self._received, sent_s)
         if self.silence.step(dt, fresh=sent_s is not None):
             y = x
         self.target = y
-        modulator = self.modulator
         if self.longest_step != math.inf:
-            y = step_towards(modulator.set_position, y, self.longest_step)
+            y = step_towards(self.modulator.set_position, y, self.longest_step)
+        return self._modulate(y, x, dissipated)
+
+    def release(self, x: Vector, dissipated: float) -> Modulation:
+        """One PSPM instant that lets the spring go at once: ybar = x, and y stays there until something arrives.
+
+        It is passive as any other y is; what the spring had stored goes to the reservoir.
+        """
+        self._received = self.target = x
+        self._sent_s = None
+        self.stages.reset(x)
+        return self._modulate(x, x, dissipated)
+
+    def _modulate(self, y: Vector, x: Vector, dissipated: float) -> Modulation:
+        credit = self._credit
+        self._credit = 0.0
+        self.has_datum = False
+        modulator = self.modulator
         result = modulator.modulate(y, x, dissipated, credit)
         self.ledger.credit(credit)
         if result.sent:

@@ -41,8 +41,10 @@ class ContinuousServo:
         self._due = period - _TICK_SLACK
         self._elapsed = 0.0
 
-    def tick(self, dt: float, x: Vector, extremes: Extremes, work: float, kinetic: float) -> Modulation | None:
-        """A tick `dt` seconds after the last; what PSPM did, if it ran.
+    def tick(
+        self, dt: float, x: Vector, extremes: Extremes, work: float, kinetic: float, *, release: bool = False
+    ) -> Modulation | None:
+        """A tick `dt` seconds after the last; what PSPM did, if it ran. `release`: let the spring go (ybar = x).
 
         `extremes` gives the extremes of the position since it was last called [m], both ends included. The ledger is
         at the human's port: `work` is what the hand put in over the tick [J], `kinetic` the device's kinetic energy
@@ -53,9 +55,10 @@ class ContinuousServo:
         ledger.put_in(work)
         ledger.observe(kinetic + coupling.potential(x), coupling.account)
         elapsed = self._elapsed = self._elapsed + dt
-        if elapsed < self._due and not coupling.has_datum:
+        if elapsed < self._due and not coupling.has_datum and not release:
             return None
-        result = coupling.update(elapsed, x, dissipated_by_range(self.damping, *extremes(), elapsed))
+        dissipated = dissipated_by_range(self.damping, *extremes(), elapsed)
+        result = coupling.release(x, dissipated) if release else coupling.update(elapsed, x, dissipated)
         self._elapsed = 0.0
         ledger.observe(kinetic + coupling.potential(x), coupling.account)
         return result
@@ -128,10 +131,11 @@ class SampledServo:
             return 0.0
         return self._measured.work - (self.coupling.potential(self._position) - self._potential)
 
-    def tick(self, dt: float, x: Vector, v: Vector) -> Modulation | None:
+    def tick(self, dt: float, x: Vector, v: Vector, *, release: bool = False) -> Modulation | None:
         """A tick `dt` seconds after the last at measured position x [m] and velocity v [m/s].
 
-        Sets `force`; returns what PSPM did, if it ran.
+        Sets `force`, to zero if told to `release` (ybar = x); returns what PSPM did, if it ran. What was harvested up
+        to a release is measured in any case: (10) knows nothing of a torque held for so long.
         """
         coupling = self.coupling
         ledger = coupling.ledger
@@ -142,18 +146,25 @@ class SampledServo:
         self._low = tuple(map(min, self._low, x))
         self._high = tuple(map(max, self._high, x))
         result = None
-        if coupling.has_datum or self._elapsed >= self._due:
-            result = coupling.update(self._elapsed, x, self._dissipated(x))
+        if coupling.has_datum or self._elapsed >= self._due or release:
+            dissipated = self._measured_now(x) if release else self._dissipated(x)
+            result = coupling.release(x, dissipated) if release else coupling.update(self._elapsed, x, dissipated)
             self._potential = coupling.potential(x)
             self._elapsed = 0.0
             self._low = self._high = x
             ledger.observe(self._potential, coupling.account)
-        self._render(x, v)
+        if release:
+            self.stop()
+        else:
+            self._render(x, v)
         return result
+
+    def _measured_now(self, x: Vector) -> float:
+        return self._measured.take(self.coupling.potential(x) - self._potential)
 
     def _dissipated(self, x: Vector) -> float:
         if self.harvest == "measured":
-            return self._measured.take(self.coupling.potential(x) - self._potential)
+            return self._measured_now(x)
         self._measured.take(0.0)
         if self._clipped:  # the damper did not act in full
             self._clipped = False

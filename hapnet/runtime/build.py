@@ -22,7 +22,7 @@ from hapnet.control.servo_law import ContinuousServo, Harvest, SampledServo
 from hapnet.control.smoothing import Pipeline, SmoothingFilter, Stage, VelocityPredictor
 from hapnet.control.spring import Spring
 from hapnet.control.zoh import ZeroOrderHold
-from hapnet.endpoint import NANO, DeviceEndpoint, WorldEndpoint
+from hapnet.endpoint import NANO, DeviceControl, WorldControl
 from hapnet.errors import InvalidParameter
 from hapnet.loading import cause, load
 from hapnet.params import DeviceParams, Params, WorldParams
@@ -112,10 +112,10 @@ def world_session(setup: Setup, incarnation: int, name: str = "world") -> Sessio
     return _session(setup, "world", name, incarnation)
 
 
-def device_side(setup: Setup, session: Session, clock: Clock, write: Write) -> DeviceSide:
-    """The device (simulated in its hand, or the user's own) with servo and endpoint."""
+def device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write) -> DeviceSide:
+    """The device (simulated in its hand, or the user's own) with its servo, for an endpoint or its control half."""
     if setup.params.hardware != "simulated":
-        return _own_device_side(setup, session, clock, write)
+        return _own_device_side(setup, endpoint, clock, write)
     params = setup.params
     device = params.device
     period = 1.0 / device.servo_hz
@@ -130,7 +130,6 @@ def device_side(setup: Setup, session: Session, clock: Clock, write: Write) -> D
     )
     if simulated.dof != setup.dof:
         raise InvalidParameter("operator", params.operator, f"a hand with {setup.dof} axes, as the scene has")
-    endpoint = DeviceEndpoint(session)
     every = max(1, round(device.servo_hz / params.record_hz))
     period_ns = round(period / NANO)
     if setup.servo == "continuous":
@@ -138,17 +137,23 @@ def device_side(setup: Setup, session: Session, clock: Clock, write: Write) -> D
         with _named("device"):
             make(simulated.position, 0.0, False)  # so that what is wrong is said now and not at pairing
         return ContinuousDeviceSide(
-            endpoint, simulated, make, period_ns=period_ns, clock=clock, write=write, record_every=every
-        )
+            endpoint, simulated, make, period_ns=period_ns, clock=clock, write=write, record_every=every,
+            watchdog_ns=_watchdog_ns(setup),
+        )  # fmt: skip
     hold = _sampled_servo(setup)
     with _named("device"):
         hold(simulated.position, False)
     return SampledDeviceSide(
-        endpoint, simulated, hold, period_ns=period_ns, clock=clock, write=write, record_every=every
-    )
+        endpoint, simulated, hold, period_ns=period_ns, clock=clock, write=write, record_every=every,
+        watchdog_ns=_watchdog_ns(setup),
+    )  # fmt: skip
 
 
-def _own_device_side(setup: Setup, session: Session, clock: Clock, write: Write) -> DeviceSide:
+def _watchdog_ns(setup: Setup) -> int | None:
+    return round(setup.params.device.watchdog_s / NANO) or None
+
+
+def _own_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write) -> DeviceSide:
     """A user's own device, which only a sampled servo can drive."""
     params = setup.params
     device = OwnDevice(params.hardware, setup.dof)
@@ -158,18 +163,19 @@ def _own_device_side(setup: Setup, session: Session, clock: Clock, write: Write)
     with _named("device"):
         hold((0.0,) * setup.dof, False)
     return SampledDeviceSide(
-        DeviceEndpoint(session),
+        endpoint,
         device.device if isinstance(device.device, SimulatedDevice) else device,  # the side must see that it simulates
         hold,
         period_ns=round(1.0 / params.device.servo_hz / NANO),
         clock=clock,
         write=write,
         record_every=max(1, round(params.device.servo_hz / params.record_hz)),
+        watchdog_ns=_watchdog_ns(setup),
     )
 
 
-def world_side(setup: Setup, session: Session, rng: np.random.Generator, write: Write) -> WorldSide:
-    """The virtual mass in its scene, and its endpoint."""
+def world_side(setup: Setup, endpoint: WorldControl, rng: np.random.Generator, write: Write) -> WorldSide:
+    """The virtual mass in its scene, for an endpoint or its control half."""
     world = setup.params.world
     with _named("world"):
         mass = PassiveIntegrator(world.mass, world.damping, world.stiffness, setup.scene.start)
@@ -186,7 +192,7 @@ def world_side(setup: Setup, session: Session, rng: np.random.Generator, write: 
         )
 
     make_coupling(mass.position, 0.0)  # so that what is wrong is said now and not at pairing
-    return WorldSide(WorldEndpoint(session), mass, setup.scene, make_coupling, rng=rng, write=write)
+    return WorldSide(endpoint, mass, setup.scene, make_coupling, rng=rng, write=write)
 
 
 def _session(setup: Setup, role: Role, name: str, incarnation: int) -> Session:

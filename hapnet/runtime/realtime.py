@@ -25,12 +25,13 @@ from hapnet.errors import HapnetError, RecordingError
 from hapnet.mcap_file import RecordingWriter
 from hapnet.record import Event as Note
 from hapnet.record import Sample
-from hapnet.runtime.build import Setup, device_session, device_side, world_session, world_side
+from hapnet.runtime import servo_pipe
+from hapnet.runtime.build import Setup, device_session, world_session
+from hapnet.runtime.control import Control, Outlet, ThreadedDevice, ThreadedWorld
 from hapnet.runtime.parcel import FRAME_OVERHEAD, Parcel
-from hapnet.runtime.servo import Servo, tuned_interpreter
-from hapnet.runtime.sides import DeviceSide, WorldSide
-from hapnet.runtime.stepper import Stepper
-from hapnet.runtime.summary import Summary, combine, device_summary, versions, world_summary
+from hapnet.runtime.servo import tuned_interpreter
+from hapnet.runtime.servo_process import ServoProcess
+from hapnet.runtime.summary import Summary, combine, versions
 from hapnet.runtime.zenoh_config import ZenohSettings
 from hapnet.runtime.zenoh_transport import ZenohTransport
 from hapnet.wire.events import Event, Mismatch, Paired, PeerLeft, PeerRefused
@@ -47,6 +48,9 @@ QUIET_S = 0.3
 
 REFUSE_S = 0.4
 """How long a side goes on refusing one that does not fit before it ends: some refusals get lost [s]."""
+
+MOST_SAMPLES = 100_000
+"""How many samples may wait to be written; more are counted and dropped."""
 
 _HOUSEKEEPING_S = 0.05
 _COLLECT_EVERY = 20  # housekeepings
@@ -69,7 +73,7 @@ class RealtimeSide:
     zenoh : how to reach the other side. session, name : of the key expressions.
     seed : of this side's link and the world's steps; None: drawn.
     record : path of the recording; None: none.
-    realtime : ask for SCHED_FIFO and locked memory for the servo.
+    realtime : the device's servo in a process of its own, under SCHED_FIFO and with locked memory if that is allowed.
     notify : told what happens; called on the event loop.
     """
 
@@ -94,55 +98,43 @@ class RealtimeSide:
         self._record_path = record
         self._writer: RecordingWriter | None = None
         self._samples: deque[Sample] = deque()
+        self._unrecorded = 0
         self._lock = threading.Lock()
         self._failure: BaseException | None = None
         self._names = (session, name)
-        incarnation = secrets.randbits(63) + 1
-        entropy = np.random.SeedSequence(self.seed).spawn(4)
-        self.side: DeviceSide | WorldSide
-        if role == "device":
-            self.side = device_side(setup, device_session(setup, incarnation), self._clock, self._keep_sample)
-            self._control: Servo | Stepper = Servo(
-                round(1e9 / setup.params.device.servo_hz),
-                self._tick,
-                safe=self.side.stop,
-                on_error=self._fail,
-                realtime=realtime,
-                clock=self._clock,
-            )
-        else:
-            self.side = world_side(
-                setup, world_session(setup, incarnation), np.random.default_rng(entropy[2]), self._keep_sample
-            )
-            self._control = Stepper(self._step, self._fail, self._clock)
-        self.endpoint = self.side.endpoint
-        self.link: Link[Parcel] = Link(self.profile, seed=entropy[0 if role == "device" else 1])
-        self._transport = ZenohTransport(zenoh, self._on_message, session=session, device=name, role=role)
         self._started_ns = self._clock()
         self._stopped_ns: int | None = None
+        entropy = np.random.SeedSequence(self.seed).spawn(4)
+        incarnation = secrets.randbits(63) + 1
+        outlet = Outlet(lambda data: self._send("position", data), self._keep_sample, self._fail)
+        self.control: Control
+        if role == "world":
+            steps = np.random.default_rng(entropy[2])
+            self.control = ThreadedWorld(setup, world_session(setup, incarnation), outlet, self._clock, rng=steps)
+        elif realtime and servo_pipe.available():
+            protocol = device_session(setup, incarnation)
+            self.control = ServoProcess(setup, protocol, outlet, recording=record is not None)
+        else:
+            protocol = device_session(setup, incarnation)
+            self.control = ThreadedDevice(setup, protocol, outlet, self._clock, realtime=realtime)
+        self.wire = self.control.wire
+        self.link: Link[Parcel] = Link(self.profile, seed=entropy[0 if role == "device" else 1])
+        self._transport = ZenohTransport(zenoh, self._on_message, session=session, device=name, role=role)
         if record is not None:
             _require_writable(record)
 
     def _keep_sample(self, sample: Sample) -> None:
-        """For the recording; from any thread. Without a recording nothing is kept."""
-        if self._record_path is not None:
+        """For the recording; from any thread. A note is told as well."""
+        if isinstance(sample, Note):
+            self._loop.call_soon_threadsafe(self._notify, Notice(sample.kind, sample.text))
+        if self._record_path is None:
+            return
+        if len(self._samples) < MOST_SAMPLES:
             self._samples.append(sample)
+        else:
+            self._unrecorded += 1
 
     # -- threads of their own ----------------------------------------------------------------------------------------
-
-    def _tick(self, now_ns: int) -> None:
-        assert isinstance(self.side, DeviceSide)
-        message = self.side.tick(now_ns)
-        if message is not None:
-            self._send("position", message)
-
-    def _step(self, now_ns: int) -> int:
-        assert isinstance(self.side, WorldSide)
-        message = self.side.step(now_ns)
-        if message is None:
-            return 1_000_000  # not paired yet: look again
-        self._send("position", message)
-        return self.side.next_step_ns()
 
     def _send(self, kind: str, data: bytes) -> None:
         """Offer a message to the link, and put on the wire what it does not delay; from any thread."""
@@ -158,7 +150,7 @@ class RealtimeSide:
         """On Zenoh's thread."""
         now_ns = self._clock()
         with self._lock:
-            events = self.endpoint.receive(now_ns, data)
+            events = self.wire.receive(now_ns, data)
             self._arm()
         self._report(events)
 
@@ -168,12 +160,12 @@ class RealtimeSide:
             self._loop.call_soon_threadsafe(self._tell, told)
 
     def _fail(self, error: BaseException) -> None:
-        self._failure = error
+        self._failure = self._failure or error
         self._loop.call_soon_threadsafe(self._stop.set)
 
     def _arm(self) -> None:
         """Wake the loop when the link or the protocol is due next; the lock is held."""
-        link_ns, wire_ns = self.link.next_due_ns, self.endpoint.next_due_ns
+        link_ns, wire_ns = self.link.next_due_ns, self.wire.next_due_ns
         due_ns = wire_ns if link_ns is None else link_ns if wire_ns is None else min(link_ns, wire_ns)
         if self._timer.kind == "timerfd":  # may be set from any thread
             self._timer.arm(due_ns)
@@ -195,19 +187,19 @@ class RealtimeSide:
         try:
             await self._transport.open()
             with tuned_interpreter() as collect:
-                refused = self._control.start()
+                refused = await asyncio.to_thread(self.control.start)
                 if refused:
                     self._notify(Notice("realtime", refused))
                 with self._lock:
                     self._arm()
                 await self._keep(stop, duration_s, collect)
-                await asyncio.to_thread(self._control.stop)
+                await asyncio.to_thread(self.control.stop)
                 self._stopped_ns = self._clock()
             if self._failure is not None:
                 raise self._failure
             await self._part("the run is over")
         finally:
-            self._control.stop()
+            self.control.stop()
             await self._transport.close()
             self._timer.close()
             summary = self.summary()
@@ -221,7 +213,7 @@ class RealtimeSide:
         status = ""
         rounds = 0
         while not stop.is_set():
-            origin_ns = self.side.origin_ns
+            origin_ns = self.control.origin_ns
             if origin_ns is None:
                 now = f"waiting for the {'world' if self.role == 'device' else 'device'}: {self._transport.status}"
                 if now != status:
@@ -243,7 +235,7 @@ class RealtimeSide:
 
     async def _part(self, reason: str) -> None:
         """Control has stopped: let energy in flight be acknowledged, then say goodbye."""
-        session = self.endpoint.session
+        session = self.wire.session
         deadline = self._loop.time() + LINGER_S
         self._pump()
         credited, quiet_until = -1, 0.0
@@ -264,13 +256,13 @@ class RealtimeSide:
     def _pending(self) -> bool:
         """Is anything on the link or still to be said?"""
         with self._lock:
-            return (self.link.next_due_ns, self.endpoint.session.next_due_ns) != (None, None)
+            return (self.link.next_due_ns, self.wire.session.next_due_ns) != (None, None)
 
     def _pump(self) -> None:
         """Send what the protocol has to say and what the link releases, and wait for what is due next."""
         now_ns = self._clock()
         with self._lock:
-            outgoing, events = self.endpoint.poll(now_ns)
+            outgoing, events = self.wire.poll(now_ns)
             for message in outgoing:
                 data = message.data
                 self.link.send(now_ns, Parcel(message.kind, data), size=len(data) + FRAME_OVERHEAD)
@@ -290,47 +282,33 @@ class RealtimeSide:
                     notice = Notice("left", f"the {other} left: {reason}")
                 case Mismatch(reason) | PeerRefused(reason):
                     notice = Notice("refused", f"the {other} does not fit: {reason}")
-                    if self.side.origin_ns is None:
+                    if self.control.origin_ns is None:
                         self._loop.call_later(REFUSE_S, self._fail, HapnetError(notice.text))
                         continue
                 case _:
                     continue
             self._keep_sample(Note(self._clock(), notice.kind, notice.text))
-            self._notify(notice)
 
     # -- recording and summary ---------------------------------------------------------------------------------------
 
     def summary(self) -> Summary:
         """This side's summary so far; the other side's part is None."""
-        params = self.setup.params
         own: dict[str, Any] = {"device": None, "world": None}
         links: dict[str, Any] = {"up": None, "down": None}
         with self._lock:
-            stats = self.link.stats.as_dict()
-            if isinstance(self.side, DeviceSide):
-                assert isinstance(self._control, Servo)
-                timing = self._control.stats()
-                servo = {
-                    "late_p50_us": timing.late_p50_us,
-                    "late_p99_us": timing.late_p99_us,
-                    "late_max_us": timing.late_max_us,
-                    "skipped": timing.skipped,
-                }
-                own["device"], links["up"] = device_summary(self.side, params.coupling, servo), stats
-            else:
-                own["world"], links["down"] = world_summary(self.side, params.coupling), stats
-        origin_ns = self.side.origin_ns
+            own[self.role] = self.control.summary()
+            links["up" if self.role == "device" else "down"] = self.link.stats.as_dict()
+        origin_ns = self.control.origin_ns
         end_ns = self._stopped_ns or self._clock()
         elapsed = None if origin_ns is None else (end_ns - origin_ns) * NANO
-        summary = combine(
-            own["device"], own["world"], links, seed=self.seed, duration_s=elapsed, coupling=params.coupling
-        )
+        coupling = self.setup.params.coupling
+        summary = combine(own["device"], own["world"], links, seed=self.seed, duration_s=elapsed, coupling=coupling)
         summary["wall_clock"] = {"elapsed_s": (self._clock() - self._started_ns) * NANO}
         return summary
 
     def _drain(self) -> None:
         """Write what was recorded since the last call."""
-        if self._record_path is None or self.side.origin_ns is None:
+        if self._record_path is None or self.control.origin_ns is None:
             return
         try:
             if self._writer is None:
@@ -343,6 +321,9 @@ class RealtimeSide:
 
     def _close_writer(self, summary: Summary) -> None:
         assert self._writer is not None
+        unrecorded = self._unrecorded + self.control.unrecorded
+        if unrecorded:
+            self._notify(Notice("recording", f"{unrecorded} samples are missing: the disk was too slow"))
         try:
             self._writer.close(summary)
         except RecordingError as error:
@@ -361,7 +342,7 @@ class RealtimeSide:
             "seed": self.seed,
             "role": self.role,
             "clock": _boot_id(),
-            "origin_ns": self.side.origin_ns,
+            "origin_ns": self.control.origin_ns,
             "session": session,
             "name": name,
             "scene": self.setup.scene.name,

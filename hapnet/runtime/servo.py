@@ -97,6 +97,11 @@ class Histogram:
         if value > self.max:
             self.max = value
 
+    def bins(self) -> tuple[tuple[int, int], ...]:
+        """(highest value, count) of every bin that is not empty; the last bin's highest value is `max`."""
+        counts = self._counts.copy()
+        return tuple((min(self._highest(index), self.max), n) for index, n in enumerate(counts) if n)
+
     @property
     def total(self) -> int:
         """How many values were counted."""
@@ -122,9 +127,14 @@ class ServoStats:
 
     ticks: int
     skipped: int
+    """Deadlines that had passed before the tick before them was over."""
+    late_period: int
+    """Ticks that were late by a period or more."""
     late_p50_us: float | None
     late_p99_us: float | None
     late_max_us: float | None
+    late_histogram_ns: tuple[tuple[int, int], ...]
+    """(upper edge, count), see `Histogram.bins`."""
 
 
 class Servo:
@@ -160,6 +170,7 @@ class Servo:
         self._tick, self._safe, self._on_error = tick, safe, on_error
         self._realtime, self._clock, self._sleep = realtime, clock, sleep
         self._lateness = Histogram()
+        self._late_period = 0
         self._stopping = threading.Event()
         self._ready = threading.Event()
         self._refusal: str | None = None
@@ -189,6 +200,10 @@ class Servo:
             self._thread.join()
         atexit.unregister(self.stop)
 
+    def join(self) -> None:
+        """Wait until the servo has ended."""
+        self._thread.join()
+
     def stats(self) -> ServoStats:
         """How the deadlines were kept so far; from any thread."""
         late = self._lateness
@@ -196,9 +211,11 @@ class Servo:
         return ServoStats(
             ticks=late.total,
             skipped=self._grid.skipped,
+            late_period=self._late_period,
             late_p50_us=None if p50 is None else p50 / 1e3,
             late_p99_us=None if p99 is None else p99 / 1e3,
             late_max_us=None if p50 is None else late.max / 1e3,
+            late_histogram_ns=late.bins(),
         )
 
     def _main(self) -> None:
@@ -234,7 +251,10 @@ class Servo:
                 now_ns = clock()
             if self._stopping.is_set():
                 return
-            lateness.add(now_ns - grid.deadline_ns)
+            late_ns = now_ns - grid.deadline_ns
+            lateness.add(late_ns)
+            if late_ns >= grid.period_ns:
+                self._late_period += 1
             tick(now_ns)
             grid.advance(clock())
 

@@ -13,14 +13,16 @@ from hapnet.control.coupling import Coupling
 from hapnet.control.harvest import MeasuredHarvest
 from hapnet.control.ledger import Ledger
 from hapnet.control.servo_law import ContinuousServo, SampledServo
-from hapnet.endpoint import NANO, DeviceEndpoint, WorldEndpoint
+from hapnet.endpoint import NANO, DeviceControl, WorldControl
 from hapnet.plant.device import Device, SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.scene import Scene
-from hapnet.record import DeviceSample, Sample, WorldSample
+from hapnet.record import DeviceSample, Event, Sample, WorldSample
 
 Write = Callable[[Sample], None]
 Clock = Callable[[], int]
+
+_NEVER = 2**63
 
 
 class DeviceSide(ABC):
@@ -28,20 +30,23 @@ class DeviceSide(ABC):
 
     Parameters
     ----------
-    endpoint : this side's endpoint. device : simulated or real.
+    endpoint : this side's endpoint, or its control half. device : simulated or real.
     period_ns : of the servo. record_every : ticks between two samples given to `write`.
+    watchdog_ns : a tick that comes later than that renders no force and lets the spring go (ybar = x); so do those
+        after it until one is in time. From there the coupling begins anew, without a jump.
     clock : read once more after the device was read, so that an interval is never taken too short (10).
     """
 
     def __init__(
         self,
-        endpoint: DeviceEndpoint,
+        endpoint: DeviceControl,
         device: Device,
         *,
         period_ns: int,
         clock: Clock,
         write: Write,
         record_every: int = 1,
+        watchdog_ns: int | None = None,
     ) -> None:
         self.endpoint = endpoint
         self.device = device
@@ -50,7 +55,13 @@ class DeviceSide(ABC):
         self.ledger: Ledger | None = None
         """This side's account, once control has started."""
         self.ticks = 0
+        self.overruns = 0
+        """How many times the watchdog let the spring go."""
+        self.longest_ns = 0
+        """The longest time between two ticks [ns]."""
         self._period_ns = period_ns
+        self._longest_ns = _NEVER if watchdog_ns is None else period_ns + watchdog_ns
+        self._released = False
         self._clock = clock
         self._write = write
         self._record_every = record_every
@@ -82,7 +93,15 @@ class DeviceSide(ABC):
                 self._start(self.device.read()[0])
                 self.ledger = self.coupling.ledger
             return None
-        message = self._control(now_ns)
+        since_ns = now_ns - self._last_ns
+        if since_ns > self.longest_ns:
+            self.longest_ns = since_ns
+        late = since_ns > self._longest_ns
+        if late and not self._released:
+            self.overruns += 1
+            self._write(Event(now_ns, "overrun", f"the servo was away for {since_ns * 1e-6:.1f} ms: no force"))
+        self._released = late
+        message = self._control(now_ns, release=late)
         self._last_ns = now_ns
         self.ticks += 1
         if self.ticks % self._record_every == 0:
@@ -97,7 +116,7 @@ class DeviceSide(ABC):
     def _start(self, x: Vector) -> None: ...
 
     @abstractmethod
-    def _control(self, now_ns: int) -> bytes | None: ...
+    def _control(self, now_ns: int, *, release: bool) -> bytes | None: ...
 
     @abstractmethod
     def _sample(self, now_ns: int) -> DeviceSample: ...
@@ -131,7 +150,7 @@ class ContinuousDeviceSide(DeviceSide):
 
     def __init__(
         self,
-        endpoint: DeviceEndpoint,
+        endpoint: DeviceControl,
         device: SimulatedDevice,
         make_servo: Callable[[Vector, float, bool], ContinuousServo],
         *,
@@ -139,8 +158,17 @@ class ContinuousDeviceSide(DeviceSide):
         clock: Clock,
         write: Write,
         record_every: int = 1,
+        watchdog_ns: int | None = None,
     ) -> None:
-        super().__init__(endpoint, device, period_ns=period_ns, clock=clock, write=write, record_every=record_every)
+        super().__init__(
+            endpoint,
+            device,
+            period_ns=period_ns,
+            clock=clock,
+            write=write,
+            record_every=record_every,
+            watchdog_ns=watchdog_ns,
+        )
         self._simulated = device
         self._make_servo = make_servo
 
@@ -152,7 +180,7 @@ class ContinuousDeviceSide(DeviceSide):
         device.couple(spring.K, servo.damping, x, spring.force_limit)
         device.extremes()
 
-    def _control(self, now_ns: int) -> bytes | None:
+    def _control(self, now_ns: int, *, release: bool) -> bytes | None:
         device, last_ns = self._simulated, self._last_ns
         periods = self._periods(now_ns)
         work = device.advance() if periods else 0.0
@@ -162,7 +190,7 @@ class ContinuousDeviceSide(DeviceSide):
         dt = (self._clock() - last_ns) * NANO
         if dt < (lived := periods * device.period):
             dt = lived
-        message = self.endpoint.tick_continuous(now_ns, dt, x, device.extremes, work, device.kinetic)
+        message = self.endpoint.tick_continuous(now_ns, dt, x, device.extremes, work, device.kinetic, release=release)
         if message is not None:
             device.move_set_position(self._servo.coupling.set_position)
         return message
@@ -183,7 +211,7 @@ class SampledDeviceSide(DeviceSide):
 
     def __init__(
         self,
-        endpoint: DeviceEndpoint,
+        endpoint: DeviceControl,
         device: Device,
         make_servo: Callable[[Vector, bool], SampledServo],
         *,
@@ -191,8 +219,17 @@ class SampledDeviceSide(DeviceSide):
         clock: Clock,
         write: Write,
         record_every: int = 1,
+        watchdog_ns: int | None = None,
     ) -> None:
-        super().__init__(endpoint, device, period_ns=period_ns, clock=clock, write=write, record_every=record_every)
+        super().__init__(
+            endpoint,
+            device,
+            period_ns=period_ns,
+            clock=clock,
+            write=write,
+            record_every=record_every,
+            watchdog_ns=watchdog_ns,
+        )
         self._simulated = device if isinstance(device, SimulatedDevice) else None
         self._make_servo = make_servo
         self._true_ledger: Ledger | None = None
@@ -220,7 +257,7 @@ class SampledDeviceSide(DeviceSide):
             stored = servo.coupling.potential(self._simulated.position) + self._kinetic
             self._true_ledger = Ledger(stored, servo.coupling.account)
 
-    def _control(self, now_ns: int) -> bytes | None:
+    def _control(self, now_ns: int, *, release: bool) -> bytes | None:
         simulated, servo = self._simulated, self._servo
         before: Vector = ()
         lived = 0.0
@@ -233,7 +270,7 @@ class SampledDeviceSide(DeviceSide):
         self._x, v = self.device.read()
         dt = max((self._clock() - self._last_ns) * NANO, lived)
         held = servo.force
-        message = self.endpoint.tick_sampled(now_ns, dt, self._x, v)
+        message = self.endpoint.tick_sampled(now_ns, dt, self._x, v, release=release)
         self.device.apply(servo.force)
         if simulated is not None:
             self._observe_truth(self._true_work.hold(held, before, simulated.position, dt), simulated.position)
@@ -270,7 +307,7 @@ class WorldSide:
 
     def __init__(
         self,
-        endpoint: WorldEndpoint,
+        endpoint: WorldControl,
         mass: PassiveIntegrator,
         scene: Scene,
         make_coupling: Callable[[Vector, float, bool], Coupling],

@@ -8,10 +8,10 @@ from dataclasses import fields
 from importlib import metadata
 from typing import Any
 
-from hapnet.endpoint import Endpoint
+from hapnet.endpoint import ControlHalf
 from hapnet.record import Columns, Recording
-from hapnet.runtime.build import Setup
 from hapnet.runtime.sides import DeviceSide, WorldSide
+from hapnet.wire.session import Session
 from netem import LinkStats
 
 Summary = dict[str, Any]
@@ -25,8 +25,8 @@ def versions() -> dict[str, str]:
 
 
 def device_summary(side: DeviceSide, coupling_name: str, servo: Mapping[str, Any] | None = None) -> Summary:
-    """The device's part. `servo`: timing of the servo thread, in real time."""
-    result = _side_summary(side.endpoint, coupling_name)
+    """The device's part, as its control half knows it. `servo`: timing of the servo, in real time."""
+    result = _control_summary(side.endpoint, coupling_name)
     timing = {"ticks": side.ticks, "late_p50_us": None, "late_p99_us": None, "skipped": None}
     result["servo"] = {**timing, **(servo or {})}
     result["quantisation_J"] = side.quantisation
@@ -34,12 +34,32 @@ def device_summary(side: DeviceSide, coupling_name: str, servo: Mapping[str, Any
     return result
 
 
+def unknown_device() -> Summary:
+    """The device's part where its servo left no word: the same keys, None."""
+    ledger = dict.fromkeys(("margin_J", "slack_J", "bound_J"))
+    rest = dict.fromkeys(("reservoir_min_J", "deficit_max_J", "discarded_nJ", "quantisation_J", "true_slack_J"))
+    return {"ledger": ledger, **rest, "servo": dict.fromkeys(("ticks", "late_p50_us", "late_p99_us", "skipped"))}
+
+
 def world_summary(side: WorldSide, coupling_name: str) -> Summary:
-    """The world's part."""
-    result = _side_summary(side.endpoint, coupling_name)
+    """The world's part, as its control half knows it."""
+    result = _control_summary(side.endpoint, coupling_name)
     mean = side.stepped_s / side.steps if side.steps else None
     result["step"] = {"count": side.steps, "mean_s": mean, "max_s": side.longest_step_s if side.steps else None}
     return result
+
+
+def with_wire(control: Summary, session: Session) -> Summary:
+    """A side's part, whole: what its control half knows and what its wire half does."""
+    return {
+        **control,
+        "sent_nJ": session.sent_nJ,
+        "credited_nJ": session.credited_nJ,
+        "in_flight_nJ": session.in_flight_nJ,
+        "abandoned_nJ": session.abandoned_nJ,
+        "incarnations": session.incarnations,
+        "dropped": dict(session.dropped),
+    }
 
 
 def combine(
@@ -98,29 +118,12 @@ def merge(device: Summary, world: Summary, *, seed: int | None = None) -> Summar
     return whole
 
 
-def summarise(
-    setup: Setup, device: DeviceSide, world: WorldSide, up: Any, down: Any, two_port_J: float, *, seed: int
-) -> Summary:
-    """The summary of a simulated run."""
-    params = setup.params
-    return combine(
-        device_summary(device, params.coupling),
-        world_summary(world, params.coupling),
-        {"up": up.as_dict(), "down": down.as_dict()},
-        seed=seed,
-        duration_s=params.duration_s,
-        coupling=params.coupling,
-        two_port_J=two_port_J,
-    )
-
-
-def _side_summary(endpoint: Endpoint, coupling_name: str) -> Summary:
-    session = endpoint.session
+def _control_summary(control: ControlHalf, coupling_name: str) -> Summary:
     ledger: dict[str, float | None] = {"margin_J": None, "slack_J": None, "bound_J": None}
     minimum = deficit = None
     discarded = 0.0
-    if endpoint.started:
-        coupling = endpoint.coupling
+    if control.started:
+        coupling = control.coupling
         account = coupling.ledger
         ledger = {"margin_J": account.margin_min, "slack_J": account.slack_min, "bound_J": account.bound}
         discarded = coupling.discarded
@@ -130,13 +133,7 @@ def _side_summary(endpoint: Endpoint, coupling_name: str) -> Summary:
         "ledger": ledger,
         "reservoir_min_J": minimum,
         "deficit_max_J": deficit,
-        "sent_nJ": session.sent_nJ,
-        "credited_nJ": session.credited_nJ,
-        "in_flight_nJ": session.in_flight_nJ,
         "discarded_nJ": round(discarded * 1e9),
-        "abandoned_nJ": session.abandoned_nJ,
-        "incarnations": session.incarnations,
-        "dropped": dict(session.dropped),
     }
 
 
@@ -185,8 +182,7 @@ def _device_columns(columns: Columns, coupling_name: str) -> Summary:
     result = _side_columns(columns, coupling_name)
     if coupling_name == "pspm":
         result["deficit_max_J"] = float(columns["deficit_J"].max())
-    result["servo"] = dict.fromkeys(("ticks", "late_p50_us", "late_p99_us", "skipped"))
-    return {**result, "quantisation_J": None, "true_slack_J": None}
+    return {**unknown_device(), **result}
 
 
 def _world_columns(columns: Columns, coupling_name: str) -> Summary:
@@ -196,7 +192,7 @@ def _world_columns(columns: Columns, coupling_name: str) -> Summary:
 
 
 def _side_columns(columns: Columns, coupling_name: str) -> Summary:
-    """The keys of `_side_summary`."""
+    """The keys that both sides have."""
     return {
         "ledger": {name: float(columns[name].min()) for name in ("margin_J", "slack_J")} | {"bound_J": None},
         "reservoir_min_J": float(columns["reservoir_J"].min()) if coupling_name == "pspm" else None,

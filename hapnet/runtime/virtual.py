@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hapnet.endpoint import NANO, Endpoint
+from hapnet.endpoint import NANO, DeviceEndpoint, WireHalf, WorldEndpoint
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.metrics import motion
 from hapnet.params import Params
@@ -19,7 +19,7 @@ from hapnet.record import MemoryRecorder, Recording
 from hapnet.runtime.build import Setup, device_session, device_side, prepare, world_session, world_side
 from hapnet.runtime.parcel import FRAME_OVERHEAD, Parcel
 from hapnet.runtime.sides import DeviceSide, WorldSide
-from hapnet.runtime.summary import Summary, summarise, versions
+from hapnet.runtime.summary import Summary, combine, device_summary, versions, with_wire, world_summary
 from netem import Link
 
 PAIRING_LIMIT_NS = 60_000_000_000
@@ -111,10 +111,10 @@ class Simulation:
         self._meta = meta
         incarnations = np.random.default_rng(names).integers(1, 2**63, size=2).tolist()
         write = self._recorder.write
-        self.device = device_side(self.setup, device_session(self.setup, incarnations[0]), lambda: self.now_ns, write)
-        self.world = world_side(
-            self.setup, world_session(self.setup, incarnations[1]), np.random.default_rng(steps), write
-        )
+        self.device_endpoint = DeviceEndpoint(device_session(self.setup, incarnations[0]))
+        self.world_endpoint = WorldEndpoint(world_session(self.setup, incarnations[1]))
+        self.device = device_side(self.setup, self.device_endpoint, lambda: self.now_ns, write)
+        self.world = world_side(self.setup, self.world_endpoint, np.random.default_rng(steps), write)
         self.up: Link[Parcel] = Link(self.setup.up, seed=up)
         self.down: Link[Parcel] = Link(self.setup.down, seed=down)
         self._period_ns = round(1e9 / params.device.servo_hz)
@@ -132,7 +132,7 @@ class Simulation:
         duration_s = self.setup.params.duration_s
         if duration_s <= 0.0:
             raise HapnetError("a simulation needs a duration above 0 s")
-        while not (self.device.endpoint.started and self.world.endpoint.started):
+        while not (self.device_endpoint.started and self.world_endpoint.started):
             if self.now_ns > PAIRING_LIMIT_NS:
                 raise HapnetError(f"the two sides did not find each other within {PAIRING_LIMIT_NS * NANO:.0f} s: "
                                   f"uplink {self.up.profile}, downlink {self.down.profile}")  # fmt: skip
@@ -148,15 +148,26 @@ class Simulation:
         while not self._settled and self.now_ns < end_ns + LINGER_NS:
             if not self._advance(end_ns + LINGER_NS):
                 break
-        summary = summarise(self.setup, self.device, self.world, self.up.stats, self.down.stats, self.two_port.lowest,
-                            seed=self.seed)  # fmt: skip
+        summary = self._summary()
         recording = self._recorder.recording(summary)
         summary["motion"] = motion(recording)
         return Result(summary, recording, self.device, self.world, self.setup.warnings)
 
+    def _summary(self) -> Summary:
+        params = self.setup.params
+        return combine(
+            with_wire(device_summary(self.device, params.coupling), self.device_endpoint.session),
+            with_wire(world_summary(self.world, params.coupling), self.world_endpoint.session),
+            {"up": self.up.stats.as_dict(), "down": self.down.stats.as_dict()},
+            seed=self.seed,
+            duration_s=params.duration_s,
+            coupling=params.coupling,
+            two_port_J=self.two_port.lowest,
+        )
+
     @property
     def _settled(self) -> bool:
-        return self.device.endpoint.session.settled and self.world.endpoint.session.settled
+        return self.device_endpoint.session.settled and self.world_endpoint.session.settled
 
     def _until(self, end_ns: int) -> None:
         due = self._due
@@ -181,32 +192,32 @@ class Simulation:
             self._step()
         elif source == _UP:
             for _, parcel in self.up.poll(now):
-                self.world.endpoint.receive(now, parcel.data)
+                self.world_endpoint.receive(now, parcel.data)
             self._look_at_world()
         elif source == _DOWN:
             for _, parcel in self.down.poll(now):
-                self.device.endpoint.receive(now, parcel.data)
+                self.device_endpoint.receive(now, parcel.data)
             self._look_at_device()
         elif source == _DEVICE_TIMER:
-            self._poll(self.device.endpoint, self.up)
+            self._poll(self.device_endpoint, self.up)
             self._look_at_device()
         else:
-            self._poll(self.world.endpoint, self.down)
+            self._poll(self.world_endpoint, self.down)
             self._look_at_world()
         return True
 
     def _look_at_device(self) -> None:
         """Something happened on the device's side: when are its timers, and the links it touches, due now?"""
-        self._due[_DEVICE_TIMER] = _or_never(self.device.endpoint.next_due_ns)
+        self._due[_DEVICE_TIMER] = _or_never(self.device_endpoint.next_due_ns)
         self._due[_UP] = _or_never(self.up.next_due_ns)
         self._due[_DOWN] = _or_never(self.down.next_due_ns)
 
     def _look_at_world(self) -> None:
-        self._due[_WORLD_TIMER] = _or_never(self.world.endpoint.next_due_ns)
+        self._due[_WORLD_TIMER] = _or_never(self.world_endpoint.next_due_ns)
         self._due[_UP] = _or_never(self.up.next_due_ns)
         self._due[_DOWN] = _or_never(self.down.next_due_ns)
 
-    def _poll(self, endpoint: Endpoint, link: Link[Parcel]) -> None:
+    def _poll(self, endpoint: WireHalf, link: Link[Parcel]) -> None:
         outgoing, _ = endpoint.poll(self.now_ns)
         for message in outgoing:
             self._send(link, message.kind, message.data)

@@ -94,6 +94,23 @@ class _Account:
         self.abandoned += channel.abandoned_nJ
 
 
+class PositionStream:
+    """Numbers and encodes the positions of one incarnation.
+
+    It shares nothing with the rest of a session, so that it may live in another thread or process.
+    """
+
+    def __init__(self, incarnation: int) -> None:
+        self._incarnation = incarnation
+        self._next_sequence = 0
+
+    def position(self, now_ns: int, position: Sequence[float]) -> bytes:
+        """The next frame for the position key: `position` [m or rad], `dof` finite coordinates (not checked here)."""
+        sequence = self._next_sequence
+        self._next_sequence = sequence + 1
+        return encode_position(self._incarnation, sequence, now_ns, tuple(map(float, position)))
+
+
 class Session:
     """One side, from its process's start to its end.
 
@@ -127,19 +144,14 @@ class Session:
         self._admission = Admission(self.settings.admission_W, self.settings.admission_burst_J)
         self._past = _Account()
         self._channel = self._open_channel(0.0)
-        self._next_sequence = 0
+        self.position = PositionStream(incarnation).position
+        """(now_ns, position) -> the next frame for the position key; see `PositionStream`."""
         self._newest_sequence = -1
 
     @property
     def peer(self) -> Identity | None:
         """The peer, while paired."""
         return self._handshake.peer
-
-    def position(self, now_ns: int, position: Sequence[float]) -> bytes:
-        """The next frame for the position key: `position` [m or rad], `dof` finite coordinates (not checked here)."""
-        sequence = self._next_sequence
-        self._next_sequence = sequence + 1
-        return encode_position(self.identity.incarnation, sequence, now_ns, tuple(map(float, position)))
 
     def give(self, energy_J: float) -> None:
         """Shuffle `energy_J` [J] to the peer. While there is none it is abandoned, which is safe, and counted.

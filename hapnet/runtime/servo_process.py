@@ -1,0 +1,163 @@
+"""A servo in a process of its own, seen from the process that owns the wire half.
+
+Beside a network, a recording and an event loop in one interpreter, a servo's thread waits for their turns to end. In a
+process of its own, under SCHED_FIFO, it does not: that is what `--realtime` starts. The price is that every message
+goes through one more socket.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import subprocess
+import sys
+import threading
+from collections import deque
+from typing import Any
+
+from hapnet.checks import Vector
+from hapnet.endpoint import WireHalf
+from hapnet.errors import HapnetError
+from hapnet.record import DeviceSample, Event
+from hapnet.runtime.build import Setup
+from hapnet.runtime.control import Outlet
+from hapnet.runtime.servo_pipe import Pipe, PipeClosed, available, socket_pair
+from hapnet.runtime.summary import Summary, unknown_device, with_wire
+from hapnet.wire.session import Session
+
+START_LIMIT_S = 30.0
+STOP_LIMIT_S = 5.0
+
+__all__ = ["ServoProcess", "available"]
+
+
+class ServoProcess:
+    """Starts the process, and is to the wire half what a control half in this process would be.
+
+    Parameters
+    ----------
+    setup, session, outlet : of this side. recording : whether samples are wanted.
+    """
+
+    def __init__(self, setup: Setup, session: Session, outlet: Outlet, *, recording: bool) -> None:
+        self.wire = WireHalf(session, self)
+        self.origin_ns: int | None = None
+        self.unrecorded = 0
+        self._setup, self._outlet, self._recording = setup, outlet, recording
+        self._surplus: deque[float] = deque()
+        self._owed: deque[tuple[Any, ...]] = deque()  # what must arrive and found the pipe full
+        self._paying = threading.Lock()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._stopping = False
+        self._part: Summary = unknown_device()
+        self._reader = threading.Thread(target=self._read, name="servo-pipe", daemon=True)
+
+    # -- the control half, as the wire half sees it -------------------------------------------------------------------
+
+    def pair(self, restarted: bool) -> None:
+        self._deliver("pair", restarted)
+
+    def arrive(self, y: Vector, sent_s: float) -> None:
+        self._pay()
+        self._pipe.offer("arrive", y, sent_s)
+
+    def credit(self, credited_nJ: int) -> None:
+        self._deliver("credit", credited_nJ)
+
+    def surplus(self) -> float:
+        return self._surplus.popleft() if self._surplus else 0.0
+
+    @property
+    def has_surplus(self) -> bool:
+        return bool(self._surplus)
+
+    def _deliver(self, *frame: Any) -> None:
+        self._owed.append(frame)
+        self._pay()
+
+    def _pay(self) -> None:
+        with self._paying:  # or two threads would pay the same twice
+            while self._owed and self._pipe.offer(*self._owed[0]):
+                self._owed.popleft()
+
+    # -- the process ---------------------------------------------------------------------------------------------------
+
+    def start(self) -> str | None:
+        """Start the process and wait until its servo runs.
+
+        Raises
+        ------
+        HapnetError : the device cannot be made, or the process does not start.
+        """
+        params = self._setup.params.set({"device.servo": self._setup.servo})
+        ours, theirs = socket_pair()
+        self._pipe = Pipe(ours)
+        with theirs:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "hapnet.runtime.servo_child", str(theirs.fileno())],
+                pass_fds=(theirs.fileno(),),
+                stdin=subprocess.DEVNULL,
+                stdout=2,  # what a driver prints must not get among the words of --json
+            )
+        self._pipe.offer("setup", {
+            "params": params.flat(), "incarnation": self.wire.session.identity.incarnation,
+            "realtime": True, "recording": self._recording, "path": sys.path,
+        })  # fmt: skip
+        try:
+            frame = self._pipe.wait(START_LIMIT_S)
+        except PipeClosed:
+            frame = None
+        if frame is None or frame[0] != "ready":
+            self._end_process()
+            raise HapnetError(frame[1] if frame is not None else "the servo's process did not start")
+        self._reader.start()
+        refusal: str | None = frame[1]
+        return refusal
+
+    def stop(self) -> None:
+        if self._process is None or self._stopping:
+            return
+        self._stopping = True
+        self._deliver("stop")
+        if self._reader.ident is not None:
+            self._reader.join(STOP_LIMIT_S)
+        self._end_process()
+
+    def summary(self) -> Summary:
+        return with_wire(self._part, self.wire.session)
+
+    def _end_process(self) -> None:
+        assert self._process is not None
+        try:
+            self._process.wait(STOP_LIMIT_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        with contextlib.suppress(OSError):
+            self._pipe.close()
+
+    def _read(self) -> None:
+        """Pass on what comes from the servo, until its process ends."""
+        outlet = self._outlet
+        try:
+            while True:
+                match self._pipe.wait():
+                    case ("position", surplus, message):
+                        if surplus > 0.0:
+                            self._surplus.append(surplus)
+                        outlet.send(message)
+                    case ("sample", sample):
+                        outlet.write(DeviceSample(*sample))
+                    case ("note", note):
+                        outlet.write(Event(*note))
+                    case ("began", origin_ns):
+                        self.origin_ns = origin_ns
+                    case ("failed", text):
+                        outlet.fail(HapnetError(text))
+                    case ("end", part, unrecorded):
+                        self._part, self.unrecorded = part, unrecorded
+                        if not self._stopping:
+                            outlet.fail(HapnetError("the servo's process was stopped"))
+                        return
+        except PipeClosed:
+            if not self._stopping:
+                outlet.fail(HapnetError("the servo's process was killed"))

@@ -1,0 +1,273 @@
+"""The servo's process from the side of its parent; a wire half is not needed for it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from hapnet.errors import HapnetError
+from hapnet.params import Params
+from hapnet.plant.device import SimulatedDevice
+from hapnet.plant.operator import Impedance, Rest
+from hapnet.record import DeviceSample, Event, Sample
+from hapnet.runtime.build import device_session, prepare
+from hapnet.runtime.control import Outlet
+from hapnet.runtime.servo_pipe import LONGEST_FRAME, Pipe, PipeClosed, available, socket_pair
+from hapnet.runtime.servo_process import ServoProcess
+from hapnet.wire.messages import Position, decode
+
+pytestmark = pytest.mark.skipif(not available(), reason="no SOCK_SEQPACKET here")
+
+WAIT_S = 20.0
+FILE = Path(__file__)
+
+
+class Loose(SimulatedDevice):
+    """A device without a hand; it says in a file what force it was told last."""
+
+    def __init__(self, dof: int) -> None:
+        super().__init__(Rest(dof, Impedance(0.1, 1.0, 10.0), (0.0,) * dof))
+        self._diary = os.open(os.environ["HAPNET_TEST_DIARY"], os.O_WRONLY | os.O_CREAT)
+
+    def apply(self, force: tuple[float, ...]) -> None:
+        super().apply(force)
+        os.pwrite(self._diary, f"{max(map(abs, force)):12.6f}".encode(), 0)
+
+
+class Breaking(Loose):
+    """Fails in its 50th reading, with something that is no error of hapnet's."""
+
+    count = 0
+
+    def read(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        self.count += 1
+        if self.count == 50:
+            raise ArithmeticError("a wire broke")
+        return super().read()
+
+
+class Unplugged:
+    def __init__(self, dof: int) -> None:
+        raise OSError("no such device")
+
+
+class Running:
+    """A servo's process and what came from it."""
+
+    def __init__(self, hardware: str = "Loose", **words: object) -> None:
+        params = Params().set({"scene": "free", "dof": 2, "hardware": f"tests.test_servo_process:{hardware}", **words})
+        setup = prepare(params, "sampled")
+        self.messages: list[bytes] = []
+        self.samples: list[Sample] = []
+        self.errors: list[BaseException] = []
+        outlet = Outlet(self.messages.append, self.samples.append, self.errors.append)
+        self.servo = ServoProcess(setup, device_session(setup, 7), outlet, recording=True)
+
+    @property
+    def pid(self) -> int:
+        process = self.servo._process
+        assert process is not None
+        return process.pid
+
+    def paired(self) -> None:
+        self.servo.start()
+        self.servo.pair(False)
+        until(lambda: self.servo.origin_ns is not None)
+
+
+def until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + WAIT_S
+    while not condition():
+        assert time.monotonic() < deadline
+        threading.Event().wait(0.005)
+
+
+@pytest.fixture
+def diary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    path = tmp_path / "diary"
+    monkeypatch.setenv("HAPNET_TEST_DIARY", str(path))
+    return path
+
+
+@pytest.fixture
+def running(diary: Path) -> Iterator[Running]:
+    made = Running()
+    yield made
+    made.servo.stop()
+
+
+# -- the pipe ----------------------------------------------------------------------------------------------------------
+
+
+def pair() -> tuple[Pipe, Pipe]:
+    ours, theirs = socket_pair()
+    return Pipe(ours), Pipe(theirs)
+
+
+@pytest.fixture
+def pipes() -> Iterator[tuple[Pipe, Pipe]]:
+    ends = pair()
+    yield ends
+    for end in ends:
+        end.close()
+
+
+def test_frames_arrive_whole_and_in_order(pipes: tuple[Pipe, Pipe]) -> None:
+    a, b = pipes
+    assert b.look() is None
+    assert a.offer("credit", 2**62)
+    assert a.offer("arrive", (0.1, -0.0), 1e-9)
+    assert b.look() == ("credit", 2**62)
+    assert b.wait(WAIT_S) == ("arrive", (0.1, -0.0), 1e-9)
+    assert b.wait(0.001) is None
+
+
+def test_a_full_pipe_refuses_and_does_not_wait(pipes: tuple[Pipe, Pipe]) -> None:
+    a, b = pipes
+    taken = 0
+    while a.offer("credit", taken):
+        taken += 1
+        assert taken < LONGEST_FRAME
+    assert [b.look() for _ in range(taken)] == [("credit", k) for k in range(taken)]
+    assert a.offer("credit", taken)
+
+
+def test_a_gone_end_is_seen() -> None:
+    a, b = pair()
+    a.close()
+    assert not b.offer("stop")
+    for look in (b.look, lambda: b.wait(1.0)):
+        with pytest.raises(PipeClosed):
+            look()
+    b.close()
+    a, b = pair()
+    b.offer("unread")
+    a.close()  # with something unread the kernel says so differently
+    with pytest.raises(PipeClosed):
+        b.wait(1.0)
+    b.close()
+
+
+# -- the process -------------------------------------------------------------------------------------------------------
+
+
+def test_it_ticks_renders_and_gives_its_account(running: Running, diary: Path) -> None:
+    running.paired()
+    servo = running.servo
+    until(lambda: len(running.messages) >= 5)
+    servo.arrive((0.01, 0.0), 0.0)
+    until(lambda: diary.exists() and float(diary.read_text() or 0.0) > 0.3)  # 100 N/m at 10 mm, on its way there
+    servo.credit(1_000_000)
+    until(lambda: any(isinstance(s, DeviceSample) and s.credited_J == 0.001 for s in running.samples))
+    servo.stop()
+    assert float(diary.read_text()) == 0.0
+    positions = [decode(message) for message in running.messages]
+    assert all(isinstance(message, Position) and message.incarnation == 7 for message in positions)
+    numbers = [message.sequence for message in positions if isinstance(message, Position)]
+    assert numbers == list(range(len(numbers)))
+    summary = servo.summary()
+    assert summary["servo"]["ticks"] > 5
+    assert sum(count for _, count in summary["servo"]["late_histogram_us"]) >= summary["servo"]["ticks"]
+    assert summary["ledger"]["slack_J"] >= -1e-12
+    assert not running.errors
+
+
+def test_what_is_credited_arrives_once_though_the_pipe_was_full(running: Running) -> None:
+    """Stopped, the servo reads nothing: the pipe fills with set-positions, and credits wait for it to go on."""
+    running.paired()
+    servo = running.servo
+    os.kill(running.pid, signal.SIGSTOP)
+    stopped = time.monotonic()
+    for k in range(2000):
+        servo.arrive((0.001, 0.0), float(k))
+        if k % 10 == 0:
+            servo.credit(1_000)
+    assert servo._owed
+    until(lambda: time.monotonic() > stopped + 0.05)  # more than the watchdog's 20 ms
+    os.kill(running.pid, signal.SIGCONT)
+
+    def credited() -> float:
+        servo.arrive((0.0, 0.0), 0.0)
+        return max((s.credited_J for s in running.samples if isinstance(s, DeviceSample)), default=0.0)
+
+    until(lambda: round(credited() * 1e9) == 200_000)
+    servo.stop()
+    last = running.samples[-1]
+    assert isinstance(last, DeviceSample)
+    assert round(last.credited_J * 1e9) == 200_000
+    away = [s for s in running.samples if isinstance(s, Event)]
+    assert servo.summary()["servo"]["overruns"] >= 1
+    assert away
+    assert away[0].kind == "overrun"
+
+
+def test_a_device_that_cannot_be_made_is_named(diary: Path) -> None:
+    with pytest.raises(HapnetError, match=r"Unplugged.*no such device"):
+        Running("Unplugged").servo.start()
+
+
+def test_a_device_that_fails_is_told_in_one_line(diary: Path) -> None:
+    running = Running("Breaking")
+    running.paired()
+    until(lambda: bool(running.errors))
+    running.servo.stop()
+    assert "a wire broke" in str(running.errors[0])
+    assert float(diary.read_text()) == 0.0
+
+
+def test_a_killed_servo_is_seen(running: Running) -> None:
+    running.paired()
+    os.kill(running.pid, signal.SIGKILL)
+    until(lambda: bool(running.errors))
+    assert str(running.errors[0]) == "the servo's process was killed"
+
+
+def test_ctrl_c_is_its_parents_affair_and_sigterm_ends_it_with_zero_force(running: Running, diary: Path) -> None:
+    running.paired()
+    running.servo.arrive((0.02, 0.0), 0.0)
+    until(lambda: diary.exists() and float(diary.read_text() or 0.0) > 0.3)
+    os.kill(running.pid, signal.SIGINT)
+    before = len(running.messages)
+    until(lambda: len(running.messages) > before + 20)
+    os.kill(running.pid, signal.SIGTERM)
+    until(lambda: bool(running.errors))
+    assert float(diary.read_text()) == 0.0
+
+
+def test_a_servo_whose_parent_is_killed_renders_no_force_and_ends(diary: Path) -> None:
+    """The parent is a process that starts a servo, says its number and hangs."""
+    program = f"""
+import sys, threading
+sys.path.insert(0, {str(FILE.parents[1])!r})
+from tests.test_servo_process import Running
+running = Running()
+running.paired()
+running.servo.arrive((0.02, 0.0), 0.0)
+print(running.pid, flush=True)
+threading.Event().wait()
+"""
+    parent = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True)
+    assert parent.stdout is not None
+    child = int(parent.stdout.readline())
+    until(lambda: diary.exists() and float(diary.read_text() or 0.0) > 0.3)
+    parent.kill()
+    parent.wait()
+    parent.stdout.close()
+    stat = Path(f"/proc/{child}/stat")
+    until(lambda: not stat.exists() or stat.read_text().split()[2] == "Z")
+    assert float(diary.read_text()) == 0.0
+
+
+def test_where_there_are_no_such_sockets_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert available()
+    monkeypatch.delattr(socket, "SOCK_SEQPACKET")
+    assert not available()
