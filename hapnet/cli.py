@@ -36,6 +36,7 @@ Coupling = Annotated[str | None, typer.Option(help="pspm, or zoh: a plain virtua
 ServoKind = Annotated[
     str | None, typer.Option("--servo", help="sampled (as on hardware) or continuous (as in theory).")
 ]
+ServoRate = Annotated[float | None, typer.Option("--servo-hz", help="Rate of the servo; 1000 by default.")]
 Duration = Annotated[float | None, typer.Option(help="Seconds from pairing; 0: until Ctrl-C.")]
 Dof = Annotated[int | None, typer.Option(help="Degrees of freedom, 1 to 3; the scene's own by default.")]
 Seed = Annotated[int, typer.Option(min=0, help="Of everything random.")]
@@ -53,7 +54,12 @@ Json = Annotated[str | None, typer.Option("--json", metavar="FILE|-", help="Summ
 Out = Annotated[
     Path | None, typer.Option(help="Directory for all that is written.", show_default="runs/<UTC time>-<seed>")
 ]
-Realtime = Annotated[bool, typer.Option("--realtime", help="SCHED_FIFO and locked memory for the servo, if allowed.")]
+Realtime = Annotated[
+    bool,
+    typer.Option(
+        "--realtime", help="The servo in a process of its own, under SCHED_FIFO and in locked memory where allowed."
+    ),
+]
 
 Link = Annotated[
     str | None,
@@ -103,6 +109,7 @@ def run(
     hardware: Hardware = None,
     coupling: Coupling = None,
     servo: ServoKind = None,
+    servo_hz: ServoRate = None,
     dof: Dof = None,
     duration: Duration = None,
     seed: Seed = 0,
@@ -131,7 +138,8 @@ def run(
     links = LinkOptions(link, profile, delay, jitter, loss, reorder, rate, uplink, downlink)
     params = parameters(
         Params(), file=params_file, assignments=assign or (), links=links, hardware=hardware, scene=scene,
-        operator=operator, coupling=coupling, device__servo=servo, dof=dof, duration_s=duration,
+        operator=operator, coupling=coupling, device__servo=servo, device__servo_hz=servo_hz, dof=dof,
+        duration_s=duration,
     )  # fmt: skip
     if show_params:
         return _show(params)
@@ -147,6 +155,7 @@ def simulate(
     operator: Operator = None,
     coupling: Coupling = None,
     servo: ServoKind = None,
+    servo_hz: ServoRate = None,
     dof: Dof = None,
     duration: Duration = None,
     seed: Seed = 0,
@@ -170,7 +179,7 @@ def simulate(
     links = LinkOptions(link, profile, delay, jitter, loss, reorder, rate, uplink, downlink)
     params = parameters(
         Params(), file=params_file, assignments=assign or (), links=links, scene=scene, operator=operator,
-        coupling=coupling, device__servo=servo, dof=dof, duration_s=duration,
+        coupling=coupling, device__servo=servo, device__servo_hz=servo_hz, dof=dof, duration_s=duration,
     )  # fmt: skip
     if show_params:
         return _show(params)
@@ -187,6 +196,7 @@ def device(
     hardware: Hardware = None,
     coupling: Coupling = None,
     servo: ServoKind = None,
+    servo_hz: ServoRate = None,
     dof: Dof = None,
     duration: Duration = None,
     seed: OwnSeed = None,
@@ -217,8 +227,8 @@ def device(
     links = LinkOptions(link, profile, delay, jitter, loss, reorder, rate)
     params = parameters(
         Params(link=NO_LINK, duration_s=0.0), file=params_file, assignments=assign or (), links=links,
-        hardware=hardware, scene=scene, operator=operator, coupling=coupling, device__servo=servo, dof=dof,
-        duration_s=duration,
+        hardware=hardware, scene=scene, operator=operator, coupling=coupling, device__servo=servo,
+        device__servo_hz=servo_hz, dof=dof, duration_s=duration,
     )  # fmt: skip
     zenoh = (mode, connect, listen, config, no_multicast_scouting, cfg)
     return _side("device", params, zenoh, session, name, seed, record, json_to, show_params, realtime, events)

@@ -185,9 +185,9 @@ class RealtimeSide:
         self._stop = stop
         self._timer = DeadlineTimer(self._loop, self._pump)
         try:
-            await self._transport.open()
             with tuned_interpreter() as collect:
                 refused = await asyncio.to_thread(self.control.start)
+                await self._transport.open()  # only now: a peer that is answered is one that control is ready for
                 if refused:
                     self._notify(Notice("realtime", refused))
                 with self._lock:

@@ -39,10 +39,10 @@ class Pipe:
         self._end = end
 
     def offer(self, *frame: Any) -> bool:
-        """Send a frame; False if the other end has not read enough of the earlier ones. A gone reader is no error."""
+        """Send a frame; False if the other end has not read enough of the earlier ones, or either end is closed."""
         try:
             self._end.send(_pack(frame), socket.MSG_DONTWAIT)
-        except (BlockingIOError, ConnectionError):
+        except OSError:
             return False
         return True
 

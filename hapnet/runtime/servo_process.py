@@ -95,6 +95,7 @@ class ServoProcess:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "hapnet.runtime.servo_child", str(theirs.fileno())],
                 pass_fds=(theirs.fileno(),),
+                process_group=0,  # a Ctrl-C is for the parent, which ends the servo in order
                 stdin=subprocess.DEVNULL,
                 stdout=2,  # what a driver prints must not get among the words of --json
             )
