@@ -98,9 +98,10 @@ class Histogram:
             self.max = value
 
     def bins(self) -> tuple[tuple[int, int], ...]:
-        """(highest value, count) of every bin that is not empty; the last bin's highest value is `max`."""
+        """(highest value, count) of every bin that is not empty, ascending."""
         counts = self._counts.copy()
-        return tuple((min(self._highest(index), self.max), n) for index, n in enumerate(counts) if n)
+        last = len(counts) - 1
+        return tuple((self.max if i == last else min(self._highest(i), self.max), n) for i, n in enumerate(counts) if n)
 
     @property
     def total(self) -> int:
