@@ -173,9 +173,15 @@ class DeviceControl(ControlHalf):
 
         `release`: let the spring go, no force this tick. Returns the position message to send, if PSPM ran.
         """
-        self._take()
+        if self._arrived or self._credits:
+            self._take()
         result = self._tick(dt, x, v, release=release)
         return None if result is None else self._send(now_ns, x, result)
+
+    @property
+    def has_news(self) -> bool:
+        """Has something arrived that the next tick must take?"""
+        return bool(self._arrived or self._credits)
 
     def tick_continuous(
         self,
@@ -192,7 +198,8 @@ class DeviceControl(ControlHalf):
 
         The arguments are `ContinuousServo.tick`'s. Returns the position message to send, if PSPM ran.
         """
-        self._take()
+        if self._arrived or self._credits:
+            self._take()
         result = self._tick(dt, x, extremes, work, kinetic, release=release)
         return None if result is None else self._send(now_ns, x, result)
 

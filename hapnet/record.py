@@ -6,6 +6,7 @@ import math
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import chain
 from operator import attrgetter
 from typing import Any, NamedTuple, TypeAlias
 
@@ -189,9 +190,12 @@ def _columns(samples: list[DeviceSample] | list[WorldSample], origin_ns: int) ->
     columns: Columns = {}
     for name, values in zip(kind._fields, zip(*samples, strict=True), strict=True):
         if name in VECTORS:
-            columns[name] = np.array([unknown if v is None else v for v in values], dtype=float)
-            if columns[name].shape != (len(samples), len(unknown)):
-                raise RecordingError(f"{name} does not have {len(unknown)} axes, as position_m has")
+            vectors = [unknown if v is None else v for v in values]
+            if set(map(len, vectors)) != {len(unknown)}:
+                raise RecordingError(
+                    f"{name} does not fit: it must have {len(unknown)} axes, as the first position_m has"
+                )
+            columns[name] = np.array(list(chain.from_iterable(vectors)), dtype=float).reshape(len(samples), -1)
         elif name == "time_ns":
             columns[name] = np.array(values, dtype=np.int64)
         else:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
+from operator import mul
 
 import numpy as np
 
@@ -77,7 +78,7 @@ class DelayHistogram:
         self._least_ns = min(self._least_ns, least) if self._count else least
         self._most_ns = max(self._most_ns, most) if self._count else most
         self._total_ns += sum(self.pending)
-        self._total_square += sum(delay * delay for delay in self.pending)
+        self._total_square += sum(map(mul, self.pending, self.pending))
         self._count += len(self.pending)
         octaves = np.log2(np.maximum(self.pending, _FLOOR_NS) / _FLOOR_NS)
         bins = np.minimum((octaves * _PER_OCTAVE).astype(np.intp), len(self._counts) - 1)

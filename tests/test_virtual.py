@@ -21,8 +21,27 @@ from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
 from hapnet.plant.device import SimulatedDevice
 from hapnet.record import Columns
+from hapnet.runtime.sides import ContinuousDeviceSide, DeviceSide
 from hapnet.runtime.virtual import Result, simulate
 from tests.theorem_cases import TOLERANCE_J, diagonal, matrix, random_case, random_link, sides
+
+# -- ticks at rest ---------------------------------------------------------------------------------------------------
+
+
+def test_ticks_made_together_are_the_same_ticks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`rest` makes the ticks in which nothing happens; the run is, to the bit, the one that makes each by `tick`."""
+    params = Params().set({"duration_s": 3.0, "record_hz": 250.0, "link.up": "delay 7ms 3ms loss 5%"})
+    together = simulate(params, seed=3)
+    monkeypatch.setattr(ContinuousDeviceSide, "rest", DeviceSide.rest)
+    singly = simulate(params, seed=3)
+    assert together.device.ticks == singly.device.ticks > 2900
+    assert {**together.summary, "wall_clock": None} == {**singly.summary, "wall_clock": None}
+    for ours, theirs in ((together.recording.device, singly.recording.device),
+                         (together.recording.world, singly.recording.world)):  # fmt: skip
+        assert ours is not None
+        assert theirs is not None
+        assert all(np.array_equal(ours[name], theirs[name], equal_nan=True) for name in theirs)
+
 
 # -- the sampled servo -----------------------------------------------------------------------------------------------
 

@@ -128,10 +128,9 @@ class Watched(Simulation):
 
     credit_gap_nJ = 0
 
-    def _advance(self, end_ns: int) -> bool:
-        went_on = super()._advance(end_ns)
+    def _run(self, source: int, at_ns: int) -> None:
+        super()._run(source, at_ns)
         self._compare()
-        return went_on
 
     def _ticks(self, end_ns: int) -> None:
         super()._ticks(end_ns)

@@ -7,7 +7,6 @@ harvest differs.
 from __future__ import annotations
 
 import math
-from operator import sub
 from typing import Protocol
 
 from hapnet.checks import Vector
@@ -94,7 +93,7 @@ class Coupling:
 
     def potential(self, x: Vector) -> float:
         """phi [J] with the present ybar."""
-        return self.spring.potential(tuple(map(sub, x, self.modulator.set_position)))
+        return self.spring.between(self.modulator.set_position, x)
 
     def update(self, dt: float, x: Vector, dissipated: float) -> Modulation:
         """One PSPM instant, `dt` seconds after the last, at position x [m] with D = `dissipated` [J].

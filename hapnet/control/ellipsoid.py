@@ -9,6 +9,7 @@ radial scaling.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from operator import mul
 
 import numpy as np
@@ -16,6 +17,7 @@ import numpy as np
 from hapnet.checks import Array, Vector
 
 _MOST_ITERATIONS = 60  # Newton needs 3 to 8; the bound only makes the loop finite
+_INSIDE = 1.0 - 2.0**-50  # of the radius: what rounding adds then leaves the point inside at the first try
 _VANISHING = 1e-280  # squared radius below which products underflow; the ball is a point
 
 
@@ -29,7 +31,7 @@ class Ellipsoid:
     Factored once; each call then costs a few microseconds on plain floats.
     """
 
-    __slots__ = ("_columns", "_ratios", "_rows", "eigenvalues", "isotropic", "largest", "n")
+    __slots__ = ("_columns", "_modes", "_ratios", "_rows", "_weights", "eigenvalues", "isotropic", "largest", "n")
 
     def __init__(self, K: Array) -> None:
         self.n: int = K.shape[0]
@@ -44,13 +46,28 @@ class Ellipsoid:
         self.eigenvalues: Vector = tuple(eigenvalues.tolist())
         self.largest = max(self.eigenvalues)
         self.isotropic = min(self.eigenvalues) == self.largest
-        self._ratios = tuple(value / self.largest for value in self.eigenvalues)
+        self._modes = tuple(zip(self.eigenvalues, self._columns or (), strict=False))
+        self._ratios = tuple(self.largest / value for value in self.eigenvalues)
+        self._weights = tuple(
+            value * ratio * ratio for value, ratio in zip(self.eigenvalues, self._ratios, strict=True)
+        )
 
     def square(self, e: Vector) -> float:
         """``|e|_K^2``, never negative."""
         if self.n == 1:
             return self.largest * e[0] * e[0]
-        u = e if self._columns is None else [sum(map(mul, column, e)) for column in self._columns]
+        if self._columns is None:
+            return self._square_of(e)
+        square = 0.0
+        for value, column in self._modes:
+            u = sum(map(mul, column, e))
+            square += value * (u * u)
+        return square
+
+    def _in_modes(self, e: Vector) -> Sequence[float]:
+        return e if self._columns is None else [sum(map(mul, column, e)) for column in self._columns]
+
+    def _square_of(self, u: Sequence[float]) -> float:
         square: float = sum(map(mul, self.eigenvalues, map(mul, u, u)))
         return square
 
@@ -59,47 +76,52 @@ class Ellipsoid:
 
         The returned point obeys the bound in floating point, as `square` computes it, not only up to rounding.
         """
-        square = self.square(e)
+        return self.project_measured(e, radius)[0]
+
+    def project_measured(self, e: Vector, radius: float) -> tuple[Vector, float]:
+        """`project`, and the projected point's `square`."""
+        u = self._in_modes(e)
+        square = self.square(e) if self.n == 1 else self._square_of(u)
         bound = radius * radius
         if square <= bound:
-            return e
+            return e, square
         if bound < _VANISHING:
-            return (0.0,) * self.n
+            return (0.0,) * self.n, 0.0
         if self.isotropic:
             scale = radius / math.sqrt(square)
             p: Vector = tuple([scale * component for component in e])
         else:
-            p = self._secular(e, radius)
+            p = self._secular(u, radius * _INSIDE)
         # Rounding may leave p outside by an ulp or two; pull it in until the bound holds exactly.
+        square = self.square(p)
         excess: float = 2.0**-52
-        while self.square(p) > bound:
+        while square > bound:
             p = tuple([(1.0 - excess) * component for component in p])
+            square = self.square(p)
             excess *= 2.0
-        return p
+        return p, square
 
-    def _secular(self, e: Vector, radius: float) -> Vector:
-        """Solve ``|p(mu)|_K = radius``, ``p_i = u_i / (1 + mu r_i)``, by Newton on ``radius/|p(mu)|_K - 1``.
+    def _secular(self, u: Sequence[float], radius: float) -> Vector:
+        """Solve ``|p(mu)|_K = radius``, ``p_i = u_i r_i / (r_i + mu)``, by Newton on ``radius/|p(mu)|_K - 1``.
 
         That function is increasing and concave in mu, so Newton from mu = 0 climbs to the root without overshooting
-        (More and Sorensen's argument for trust regions). mu is scaled by the largest eigenvalue (r = lambda/largest).
+        (More and Sorensen's argument for trust regions). mu is scaled by the largest eigenvalue (r = largest/lambda).
+        `u` is the point in K's eigenbasis.
         """
-        u = e if self._columns is None else [sum(map(mul, column, e)) for column in self._columns]
         # In units of the radius: p^2 and its slope would underflow where the reservoir is all but empty.
-        weights = [value * (component / radius) ** 2 for value, component in zip(self.eigenvalues, u, strict=True)]
-        ratios = self._ratios
+        scaled = [component / radius for component in u]
+        terms = list(zip(map(mul, self._weights, map(mul, scaled, scaled)), self._ratios, strict=True))
         mu = 0.0
         for _ in range(_MOST_ITERATIONS):
             square = slope = 0.0
-            for weight, ratio in zip(weights, ratios, strict=True):
-                shrink = 1.0 / (1.0 + mu * ratio)
+            for weight, ratio in terms:
+                shrink = 1.0 / (ratio + mu)
                 term = weight * shrink * shrink
                 square += term
-                slope += term * shrink * ratio
+                slope += term * shrink
             step = (math.sqrt(square) - 1.0) * (square / slope)
             mu += step
-            if step <= 1e-9 * mu:  # quadratic convergence: the next step would be 1e-18
+            if step <= 1e-8 * mu:  # quadratic convergence: the next step would be 1e-16
                 break
-        p = [component / (1.0 + mu * ratio) for component, ratio in zip(u, ratios, strict=True)]
-        if self._rows is None:
-            return tuple(p)
-        return tuple([sum(map(mul, row, p)) for row in self._rows])
+        p = [component * (ratio / (ratio + mu)) for component, ratio in zip(u, self._ratios, strict=True)]
+        return tuple(p if self._rows is None else [sum(map(mul, row, p)) for row in self._rows])

@@ -151,22 +151,21 @@ class SetPositionModulator:
     def modulate(self, y: Vector, x: Vector, dissipated: float, received: float) -> Modulation:
         """`update` for a servo: the arguments are trusted to be finite and of the right dimension."""
         spring = self.spring
-        before = spring.potential(tuple(map(sub, x, self.set_position)))
+        before = spring.between(self.set_position, x)
         at_hand = self.energy - self.deficit + received + dissipated + before  # R of the ellipsoid (9)
-        offset = tuple(map(sub, x, y))
-        after = spring.potential(offset)
+        after = spring.between(y, x)
         if after <= at_hand:
             self.set_position = y
         else:
-            offset = spring.nearest(offset, at_hand)
+            offset = spring.nearest(tuple(map(sub, x, y)), at_hand)
             self.set_position = tuple(map(sub, x, offset))
             # phi as everyone else will compute it, from ybar: subtracting may have moved it by an ulp
-            after = spring.potential(tuple(map(sub, x, self.set_position)))
+            after = spring.between(self.set_position, x)
             excess: float = 2.0**-50
             while after > at_hand >= 0.0:
                 offset = tuple([(1.0 - excess) * component for component in offset])
                 self.set_position = tuple(map(sub, x, offset))
-                after = spring.potential(tuple(map(sub, x, self.set_position)))
+                after = spring.between(self.set_position, x)
                 excess *= 2.0  # reaches 1, where ybar = x, in 50 rounds at the most
         left = at_hand - after
         energy = left if left > 0.0 else 0.0

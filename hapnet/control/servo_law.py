@@ -50,18 +50,27 @@ class ContinuousServo:
         at the human's port: `work` is what the hand put in over the tick [J], `kinetic` the device's kinetic energy
         now [J].
         """
+        self.rest(dt, x, work, kinetic)
+        if self.rests(0.0) and not release:
+            return None
+        coupling, elapsed = self.coupling, self._elapsed
+        dissipated = dissipated_by_range(self.damping, *extremes(), elapsed)
+        result = coupling.release(x, dissipated) if release else coupling.update(elapsed, x, dissipated)
+        self._elapsed = 0.0
+        coupling.ledger.observe(kinetic + coupling.potential(x), coupling.account)
+        return result
+
+    def rests(self, dt: float) -> bool:
+        """Is there nothing for PSPM to do in a tick `dt` seconds from the last? Then `rest` is all of that tick."""
+        return not self.coupling.has_datum and self._elapsed + dt < self._due
+
+    def rest(self, dt: float, x: Vector, work: float, kinetic: float) -> None:
+        """What every tick begins with: the account. The arguments are those of `tick`."""
+        self._elapsed += dt
         coupling = self.coupling
         ledger = coupling.ledger
         ledger.put_in(work)
         ledger.observe(kinetic + coupling.potential(x), coupling.account)
-        elapsed = self._elapsed = self._elapsed + dt
-        if elapsed < self._due and not coupling.has_datum and not release:
-            return None
-        dissipated = dissipated_by_range(self.damping, *extremes(), elapsed)
-        result = coupling.release(x, dissipated) if release else coupling.update(elapsed, x, dissipated)
-        self._elapsed = 0.0
-        ledger.observe(kinetic + coupling.potential(x), coupling.account)
-        return result
 
 
 class SampledServo:

@@ -12,7 +12,7 @@ Its level sets are those of the linear spring, so PSPM's projection stays a proj
 from __future__ import annotations
 
 import math
-from operator import mul
+from operator import mul, sub
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,7 +36,7 @@ class Spring:
     InvalidParameter : K is not symmetric positive definite, or has another dimension.
     """
 
-    __slots__ = ("K", "_K11", "_rows", "dof", "ellipsoid", "force_limit", "knee")
+    __slots__ = ("K", "_K11", "_knee_square", "_rows", "dof", "ellipsoid", "force_limit", "knee")
 
     def __init__(self, stiffness: ArrayLike, dof: int, force_limit: float | None = None) -> None:
         self.K = checks.spd("stiffness", stiffness, dof)
@@ -46,21 +46,33 @@ class Spring:
         self._rows: tuple[Vector, ...] = tuple(tuple(row) for row in self.K.tolist())
         self.force_limit = None if force_limit is None else checks.positive("force_limit", force_limit)
         self.knee = math.inf if self.force_limit is None else self.force_limit / math.sqrt(self.ellipsoid.largest)
+        self._knee_square = self.knee * self.knee
 
     def potential(self, e: Vector) -> float:
         """phi [J] at the offset ``e = x - ybar`` [m]."""
-        square = self._K11 * e[0] * e[0] if self.dof == 1 else self.ellipsoid.square(e)
-        knee = self.knee
-        if square <= knee * knee:
+        return self._of_square(self._K11 * e[0] * e[0] if self.dof == 1 else self.ellipsoid.square(e))
+
+    def between(self, ybar: Vector, x: Vector) -> float:
+        """phi [J] of the spring that ties x to ybar [m]."""
+        if self.dof == 1:
+            e = x[0] - ybar[0]
+            square = self._K11 * e * e
+        else:
+            square = self.ellipsoid.square(tuple(map(sub, x, ybar)))
+        return 0.5 * square if square <= self._knee_square else self._of_square(square)
+
+    def _of_square(self, square: float) -> float:
+        """h(s), given s^2."""
+        if square <= self._knee_square:
             return 0.5 * square
-        return knee * math.sqrt(square) - 0.5 * knee * knee
+        return self.knee * math.sqrt(square) - 0.5 * self._knee_square
 
     def force(self, e: Vector) -> Vector:
         """The spring's force on the device [N] at the offset e [m]."""
         scale = -1.0
         if self.knee != math.inf:
             square = self.ellipsoid.square(e)
-            if square > self.knee * self.knee:
+            if square > self._knee_square:
                 scale = -self.knee / math.sqrt(square)
         if self.dof == 1:
             return (scale * self._rows[0][0] * e[0],)
@@ -72,10 +84,10 @@ class Spring:
             return (0.0,) * self.dof
         knee = self.knee
         radius = math.sqrt(2.0 * energy) if energy <= 0.5 * knee * knee else energy / knee + 0.5 * knee
-        p = self.ellipsoid.project(e, radius)
+        p, square = self.ellipsoid.project_measured(e, radius)
         excess: float = 2.0**-52
-        while self.potential(p) > energy:  # the square roots may have rounded up
-            p = self.ellipsoid.project(p, radius * (1.0 - excess))
+        while self._of_square(square) > energy:  # the square roots may have rounded up
+            p, square = self.ellipsoid.project_measured(p, radius * (1.0 - excess))
             excess *= 2.0
         return p
 

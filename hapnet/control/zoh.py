@@ -6,8 +6,6 @@ harvested, sent or credited. On bad links its margin goes below zero.
 
 from __future__ import annotations
 
-from operator import sub
-
 from hapnet.checks import Vector
 from hapnet.control.pspm import Modulation
 from hapnet.control.spring import Spring
@@ -37,7 +35,7 @@ class ZeroOrderHold:
 
     def modulate(self, y: Vector, x: Vector, dissipated: float, received: float) -> Modulation:
         """ybar = y; the energies are left alone."""
-        before = self.spring.potential(tuple(map(sub, x, self.set_position)))
+        before = self.spring.between(self.set_position, x)
         self.set_position = y
-        jump = self.spring.potential(tuple(map(sub, x, y))) - before
+        jump = self.spring.between(y, x) - before
         return Modulation(y, self.energy, 0.0, 0.0, 0.0, jump)

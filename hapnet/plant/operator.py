@@ -75,16 +75,11 @@ class Sine:
         self.impedance = impedance
         self._amplitude = checks.non_negative("operator.amplitude", amplitude)
         self._omega = 2.0 * math.pi * checks.non_negative("operator.frequency", frequency)
-        self._centre = centre or (0.0,) * dof
+        self._axes = [(middle, axis * math.pi / 2.0) for axis, middle in enumerate(centre or (0.0,) * dof)]
 
     def reference(self, t: float) -> Vector:
-        phase = self._omega * t
-        return tuple(
-            [
-                middle + self._amplitude * math.sin(phase + axis * math.pi / 2.0)
-                for axis, middle in enumerate(self._centre)
-            ]
-        )
+        phase, amplitude, sin = self._omega * t, self._amplitude, math.sin
+        return tuple([middle + amplitude * sin(phase + ahead) for middle, ahead in self._axes])
 
 
 class Press:
@@ -107,22 +102,21 @@ class Press:
         wait: float = 0.5,
     ) -> None:
         self.impedance = impedance
-        self._start = start
-        self._way = tuple([b - a for a, b in zip(start, goal, strict=True)])
+        self._axes = [(a, b - a) for a, b in zip(start, goal, strict=True)]
         self._reach = checks.positive("operator.reach_s", reach)
         self._hold = checks.non_negative("operator.hold_s", hold)
         self._wait = checks.non_negative("operator.wait_s", wait)
         self._cycle = 2.0 * reach + hold + wait
-        self._last = (0.0, start)
+        self._share, self._point = 0.0, start
 
     def reference(self, t: float) -> Vector:
         phase = t % self._cycle - self._wait
         if phase > self._reach + self._hold:
             phase = 2.0 * self._reach + self._hold - phase  # the way back is the way there, mirrored in time
-        share = minimum_jerk(phase / self._reach)
-        if share != self._last[0]:
-            self._last = (share, tuple([a + share * d for a, d in zip(self._start, self._way, strict=True)]))
-        return self._last[1]
+        share = 0.0 if phase <= 0.0 else 1.0 if phase >= self._reach else minimum_jerk(phase / self._reach)
+        if share != self._share:
+            self._share, self._point = share, tuple([a + share * way for a, way in self._axes])
+        return self._point
 
 
 class Recorded:

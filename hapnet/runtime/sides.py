@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from operator import sub
+from operator import mul, sub
 
 import numpy as np
 
@@ -108,6 +108,14 @@ class DeviceSide(ABC):
             self._write(self._sample(now_ns))
         return message
 
+    def rest(self, now_ns: int, last_ns: int, observe: Callable[[float], None]) -> int:
+        """The ticks from `now_ns` up to `last_ns` before the first that `tick` must make; returns that one's time.
+
+        For virtual time, which knows that until `last_ns` nothing arrives, and that no tick is late. `observe` is told
+        the work put in at the side's port [J] after each tick.
+        """
+        return now_ns
+
     def stop(self) -> None:
         """Zero force, for good."""
         self.device.apply((0.0,) * self.device.dof)
@@ -180,12 +188,28 @@ class ContinuousDeviceSide(DeviceSide):
         device.couple(spring.K, servo.damping, x, spring.force_limit)
         device.extremes()
 
+    def rest(self, now_ns: int, last_ns: int, observe: Callable[[float], None]) -> int:
+        if self.ledger is None or self.endpoint.has_news:
+            return now_ns
+        device, servo, ledger, period_ns = self._simulated, self._servo, self.ledger, self._period_ns
+        dt = max(period_ns * NANO, device.period)
+        first_ns = now_ns
+        while now_ns <= last_ns and servo.rests(dt):
+            work = device.advance()
+            servo.rest(dt, device.position, work, device.kinetic)
+            observe(ledger.work)
+            self.ticks += 1
+            if self.ticks % self._record_every == 0:
+                self._write(self._sample(now_ns))
+            now_ns += period_ns
+        if now_ns != first_ns:
+            self._last_ns = self._expected_ns = now_ns - period_ns
+        return now_ns
+
     def _control(self, now_ns: int, *, release: bool) -> bytes | None:
         device, last_ns = self._simulated, self._last_ns
         periods = self._periods(now_ns)
-        work = device.advance() if periods else 0.0
-        for _ in range(periods - 1):
-            work += device.advance()
+        work = device.advance() if periods == 1 else sum([device.advance() for _ in range(periods)])
         x = device.position
         dt = (self._clock() - last_ns) * NANO
         if dt < (lived := periods * device.period):
@@ -199,7 +223,7 @@ class ContinuousDeviceSide(DeviceSide):
         device, servo = self._simulated, self._servo
         x = device.position
         spring = servo.coupling.spring.force(tuple(map(sub, x, servo.coupling.set_position)))
-        force = tuple([f - b * v for f, b, v in zip(spring, servo.damping, device.velocity, strict=True)])
+        force = tuple(map(sub, spring, map(mul, servo.damping, device.velocity)))
         return self._sampled(now_ns, x, force, device.hand_force)
 
 

@@ -172,50 +172,50 @@ class Simulation:
     def _until(self, end_ns: int) -> None:
         due = self._due
         while (at := min(due)) <= end_ns:
-            if due.index(at) == _TICK:
+            source = due.index(at)
+            if source == _TICK:
                 self._ticks(end_ns)
             else:
-                self._advance(end_ns)
+                self._run(source, at)
         self.now_ns = end_ns
 
     def _advance(self, end_ns: int) -> bool:
         """Jump to what is due next and run it; False if nothing is due by `end_ns`."""
-        due = self._due
-        at = min(due)
+        at = min(self._due)
         if at > end_ns:
             return False
-        source = due.index(at)
-        now = self.now_ns = max(self.now_ns, at)
+        source = self._due.index(at)
         if source == _TICK:
-            self._ticks(now)
-        elif source == _STEP:
-            self._step()
-        elif source == _UP:
-            for _, parcel in self.up.poll(now):
-                self.world_endpoint.receive(now, parcel.data)
-            self._look_at_world()
-        elif source == _DOWN:
-            for _, parcel in self.down.poll(now):
-                self.device_endpoint.receive(now, parcel.data)
-            self._look_at_device()
-        elif source == _DEVICE_TIMER:
-            self._poll(self.device_endpoint, self.up)
-            self._look_at_device()
+            self._ticks(at)
         else:
-            self._poll(self.world_endpoint, self.down)
-            self._look_at_world()
+            self._run(source, at)
         return True
 
-    def _look_at_device(self) -> None:
-        """Something happened on the device's side: when are its timers, and the links it touches, due now?"""
-        self._due[_DEVICE_TIMER] = _or_never(self.device_endpoint.next_due_ns)
-        self._due[_UP] = _or_never(self.up.next_due_ns)
-        self._due[_DOWN] = _or_never(self.down.next_due_ns)
-
-    def _look_at_world(self) -> None:
-        self._due[_WORLD_TIMER] = _or_never(self.world_endpoint.next_due_ns)
-        self._due[_UP] = _or_never(self.up.next_due_ns)
-        self._due[_DOWN] = _or_never(self.down.next_due_ns)
+    def _run(self, source: int, at_ns: int) -> None:
+        """Run what is due at `at_ns`, then see when its side, and the links that it touched, are due again."""
+        now = self.now_ns = max(self.now_ns, at_ns)
+        due, up, down = self._due, self.up, self.down
+        if source == _UP:
+            for _, parcel in up.poll(now):
+                self.world_endpoint.receive(now, parcel.data)
+            due[_UP] = _or_never(up.next_due_ns)
+            due[_WORLD_TIMER] = _or_never(self.world_endpoint.next_due_ns)
+        elif source == _DOWN:
+            for _, parcel in down.poll(now):
+                self.device_endpoint.receive(now, parcel.data)
+            due[_DOWN] = _or_never(down.next_due_ns)
+            due[_DEVICE_TIMER] = _or_never(self.device_endpoint.next_due_ns)
+        elif source == _DEVICE_TIMER:
+            self._poll(self.device_endpoint, up)
+            due[_UP] = _or_never(up.next_due_ns)
+            due[_DEVICE_TIMER] = _or_never(self.device_endpoint.next_due_ns)
+        else:
+            if source == _STEP:
+                self._step()
+            else:
+                self._poll(self.world_endpoint, down)
+            due[_DOWN] = _or_never(down.next_due_ns)
+            due[_WORLD_TIMER] = _or_never(self.world_endpoint.next_due_ns)
 
     def _poll(self, endpoint: WireHalf, link: Link[Parcel]) -> None:
         outgoing, _ = endpoint.poll(self.now_ns)
@@ -223,7 +223,7 @@ class Simulation:
             self._send(link, message.kind, message.data)
 
     def _send(self, link: Link[Parcel], kind: str, data: bytes) -> None:
-        link.send(self.now_ns, Parcel(kind, data), size=len(data) + FRAME_OVERHEAD)
+        link.send(self.now_ns, Parcel(kind, data), len(data) + FRAME_OVERHEAD)
 
     def _step(self) -> None:
         world = self.world
@@ -234,22 +234,23 @@ class Simulation:
         self._send(self.down, "position", message)
         self._due[_STEP] = self.now_ns + world.next_step_ns()
         self.two_port.world(world.endpoint.coupling.ledger.work)
-        self._look_at_world()
 
     def _ticks(self, end_ns: int) -> None:
         """Ticks, the most frequent event by far, until something else is due or `end_ns` is reached."""
-        device, due, two_port = self.device, self._due, self.two_port
+        device, due, observe = self.device, self._due, self.two_port.device
         now = due[_TICK]
-        others_ns = min(due[:_TICK])
-        while now <= end_ns and now < others_ns:
+        due[_TICK] = _NEVER
+        last_ns = min(end_ns, min(due) - 1)
+        while (now := device.rest(now, last_ns, observe)) <= last_ns:
             self.now_ns = now
             message = device.tick(now)
             if message is not None:
                 self._send(self.up, "position", message)
-                self._look_at_device()
-                others_ns = min(due[:_TICK])
+                due[_UP] = _or_never(self.up.next_due_ns)
+                due[_DEVICE_TIMER] = _or_never(self.device_endpoint.next_due_ns)
+                last_ns = min(end_ns, min(due) - 1)
             if device.ledger is not None:
-                two_port.device(device.ledger.work)
+                observe(device.ledger.work)
             now += self._period_ns
         due[_TICK] = now
 

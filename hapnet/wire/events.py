@@ -1,8 +1,9 @@
-"""What a session reports to its runtime, one frozen dataclass an event."""
+"""What a session reports to its runtime, one immutable class an event."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from hapnet.wire.messages import Identity
 
@@ -15,8 +16,7 @@ class Paired:
     number: int
 
 
-@dataclass(frozen=True, slots=True)
-class PositionReceived:
+class PositionReceived(NamedTuple):
     """The peer's set-position [m or rad], its number and its sender's clock [ns]."""
 
     sequence: int

@@ -156,20 +156,20 @@ def decode(data: bytes) -> Message:
         raise BadMessage("malformed", f"not a msgpack array: {type(error).__name__}") from None
     if type(frame) is not tuple or len(frame) < 3 or type(frame[0]) is not int or type(frame[1]) is not int:
         raise BadMessage("malformed", "not an array that begins with version, kind and incarnation")
-    version, kind, incarnation = frame[:3]
+    version, kind, incarnation, *_ = frame
     if type(incarnation) is not int or incarnation <= 0:
         raise BadMessage("range", "incarnation is not an integer from 1 to 2^64 - 1")
     if version != VERSION and kind != Refuse.KIND:
         detail = f"peer speaks protocol {version}, this side speaks {VERSION}"
         raise OtherVersion("version", detail, message_kind=kind, incarnation=incarnation)
-    layout = _LAYOUTS.get(kind)
+    layout = _INDEXED.get(kind)
     if layout is None:
-        raise BadMessage("kind", f"message kind {kind}; allowed: 1 to {max(_LAYOUTS)}")
+        raise BadMessage("kind", f"message kind {kind}; allowed: 1 to {max(_INDEXED)}")
     cls, checks = layout
     if len(frame) != len(checks) + 3:
         raise BadMessage("length", f"{cls.__name__} of {len(frame)} elements; allowed: {len(checks) + 3}")
-    for check, value in zip(checks, frame[3:], strict=True):
-        check(value)
+    for index, check in checks:
+        check(frame[index])
     message: Message = cls(*frame[2:])
     return message
 
@@ -243,6 +243,8 @@ _LAYOUTS: dict[int, tuple[Callable[..., Any], tuple[Callable[[object], object], 
     Refuse.KIND: (Refuse, (_natural, _text)),
     Bye.KIND: (Bye, (_natural, _total, _text)),
 }
+_INDEXED = {kind: (cls, tuple(enumerate(checks, 3))) for kind, (cls, checks) in _LAYOUTS.items()}
+"""The same with each check's place in the frame."""
 _FIELDS: dict[type, Callable[[Any], tuple[Any, ...]]] = {
     cls: attrgetter(*(field.name for field in fields(cls))) for cls in (Position, Energy, Hello, Welcome, Refuse, Bye)
 }

@@ -169,7 +169,7 @@ class Session:
         if self.closed:
             self.dropped["closed"] += 1
             return ()
-        before = self.peer
+        before = self._handshake.peer
         try:
             events = self._dispatch(decode(data), now_ns)
         except OtherVersion as error:
@@ -178,7 +178,7 @@ class Session:
         except BadMessage as error:
             self.dropped[error.kind] += 1
             events = ()
-        if self.peer is not before:
+        if self._handshake.peer is not before:
             self._change_pair()
         return events
 
@@ -186,8 +186,9 @@ class Session:
         """What to send now, and what the passing of time itself brought (energy that became admissible)."""
         events = self._credited(self._channel.admit(now_ns))
         outgoing: list[Outgoing] = []
-        if self.peer is not None and (due := self._channel.poll(now_ns)) is not None:
-            outgoing.append(_outgoing(Energy(self.identity.incarnation, self.peer.incarnation, *due)))
+        peer = self._handshake.peer
+        if peer is not None and (due := self._channel.poll(now_ns)) is not None:
+            outgoing.append(_outgoing(Energy(self.identity.incarnation, peer.incarnation, *due)))
         outgoing.extend(_outgoing(message) for message in self._handshake.poll(now_ns))
         return outgoing, events
 
@@ -270,9 +271,10 @@ class Session:
         self._handshake.check_peer(message.incarnation, now_ns)
         if len(message.position) != self.identity.dof:
             raise BadMessage("dimension", f"{len(message.position)} coordinates; allowed: {self.identity.dof}")
-        if message.sequence <= self._newest_sequence and not self.settings.accept_stale:
+        if message.sequence > self._newest_sequence:
+            self._newest_sequence = message.sequence
+        elif not self.settings.accept_stale:
             raise BadMessage("stale", f"position {message.sequence} after {self._newest_sequence}")
-        self._newest_sequence = max(self._newest_sequence, message.sequence)
         return (PositionReceived(message.sequence, message.sent_ns, message.position),)
 
     def _on_bye(self, message: Bye, now_ns: int) -> tuple[Event, ...]:
