@@ -312,6 +312,40 @@ def report(
     return command.main(files, json_to, out)
 
 
+@app.command()
+def bench(
+    only: Annotated[
+        str | None, typer.Option(metavar="NAME[,NAME]", help="Rows to measure, patterns too: servo_*,device_tick.")
+    ] = None,
+    seconds: Annotated[float, typer.Option(help="Length of a round [s].")] = 3.0,
+    rounds: Annotated[int, typer.Option(help="Figures are medians over so many rounds.")] = 3,
+    realtime: Realtime = False,
+    beside: Annotated[int, typer.Option(help="Busy processes beside servo_traffic.")] = 0,
+    json_to: Json = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Directory for all that is written.", show_default="runs/<UTC time>-bench")
+    ] = None,
+) -> int:
+    """What the servo, the message path and the simulation cost on this machine, each beside a bare reference.
+
+    Writes a table, bench.json and a figure of the histograms. The default takes two minutes; --seconds 60 --rounds 5 is
+    for figures to publish.
+    """
+    json_target(json_to)
+    from hapnet.commands import bench as command
+
+    return command.main(only, seconds, rounds, realtime, beside, json_to, out)
+
+
+@app.command()
+def doctor(connect: Connect = None, json_to: Json = None) -> int:
+    """What this machine allows a servo to do, and what to do about what it does not; with -e, whether Zenoh answers."""
+    json_target(json_to)
+    from hapnet.commands import doctor as command
+
+    return command.main(connect or [], json_to)
+
+
 def main(argv: list[str] | None = None) -> int:
     """Run the command: 0, or 2 after one line on standard error where something given is wrong, or its own code."""
     args = sys.argv[1:] if argv is None else argv

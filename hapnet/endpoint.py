@@ -139,11 +139,18 @@ class WireHalf:
 
     def poll(self, now_ns: int) -> tuple[list[Outgoing], tuple[Event, ...]]:
         """What to send now, and what time alone has brought about."""
-        while surplus := self._control.surplus():
-            self.session.give(surplus)
+        self.collect()
         outgoing, events = self.session.poll(now_ns)
         self._hand_over(events)
         return outgoing, events
+
+    def collect(self) -> None:
+        """Give the surplus of control to the session, which sends it in its own time; `poll` does it too.
+
+        After a tick this spares a poll: energy may be sent a hundred times a second, and ticks come a thousand times.
+        """
+        while surplus := self._control.surplus():
+            self.session.give(surplus)
 
     @property
     def next_due_ns(self) -> int | None:

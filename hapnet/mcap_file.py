@@ -19,17 +19,23 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NoReturn
 
+from mcap.writer import CompressionType, Writer
+
 from hapnet.errors import RecordingError
 from hapnet.record import VECTORS, DeviceSample, Event, Recording, Sample, WorldSample, from_samples, plain
 
 if TYPE_CHECKING:
     from mcap.records import McapRecord
 
-CHUNK_BYTES = 16 * 1024
+CHUNK_BYTES = 128 * 1024
 """No chunk is larger: what one chunk holds is what a torn file can lose beside the last flush."""
 
-FLUSH_NS = 100_000_000
-"""How old unwritten samples may become while `RecordingWriter.flush` is called [ns]."""
+FLUSH_NS = 500_000_000
+"""How old unwritten samples may become while `RecordingWriter.flush` is called [ns].
+
+Each flush ends a chunk, and the file's index, kept in memory until the end, has half a kilobyte for each: at ten a
+second it grew by 4 MB in ten minutes.
+"""
 
 _MESSAGE_ROOM = 1024  # mcap closes a chunk after the message that passes its limit; a sample is smaller than this
 _TEXT_LIMIT = 2000
@@ -207,8 +213,6 @@ def repair(path: str | os.PathLike[str]) -> Path:
 
 
 def _mcap_writer(file: IO[bytes]) -> Any:  # Any: some of the class's methods have no annotations
-    from mcap.writer import CompressionType, Writer
-
     # lz4 halves the file for 1 us a sample; zstd, the library's default, takes three times as long
     return Writer(file, chunk_size=CHUNK_BYTES - _MESSAGE_ROOM, compression=CompressionType.LZ4)
 

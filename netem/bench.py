@@ -77,16 +77,26 @@ def lateness(runs: int = 5, seconds: float = 3.0) -> Lateness:
     ------
     NetemError : there is no timerfd here.
     """
+    late = [[_percentiles(values) for values in run] for run in lateness_runs(runs, seconds)]
+    ways = zip(*late, strict=True)
+    middle = [(median(p50 for p50, _ in values), median(p99 for _, p99 in values)) for values in ways]
+    return Lateness(runs, _count(seconds) / RATE, *middle)
+
+
+def lateness_runs(runs: int, seconds: float) -> list[tuple[list[int], list[int], list[int]]]:
+    """What `lateness` sums up: of every run, each release's lateness [ns] by link, bare loop and bare thread.
+
+    Raises
+    ------
+    NetemError : there is no timerfd here.
+    """
     if not hasattr(_libc, "timerfd_create"):
         raise NetemError("lateness: there is no timerfd here to compare with")
-    count = max(100, int(seconds * RATE))
-    late: tuple[list[tuple[float, float]], ...] = ([], [], [])
-    for _ in range(runs):
-        late[0].append(_percentiles(asyncio.run(_link_lateness(count))))
-        late[1].append(_percentiles(asyncio.run(_bare_lateness(count))))
-        late[2].append(_percentiles(_thread_lateness(count)))
-    middle = [(median(p50 for p50, _ in values), median(p99 for _, p99 in values)) for values in late]
-    return Lateness(runs, count / RATE, *middle)
+    count = _count(seconds)
+    return [
+        (asyncio.run(_link_lateness(count)), asyncio.run(_bare_lateness(count)), _thread_lateness(count))
+        for _ in range(runs)
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,6 +176,10 @@ def udp(rate: int = 20_000, seconds: float = 10.0, words: str = "delay 5ms limit
 
 
 # Lateness
+
+
+def _count(seconds: float) -> int:
+    return max(100, int(seconds * RATE))
 
 
 async def _link_lateness(count: int) -> list[int]:

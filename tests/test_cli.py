@@ -13,7 +13,7 @@ import pytest
 from hapnet import cli
 from netem import cli as netem_cli
 
-COMMANDS = ("run", "simulate", "device", "world", "reproduce", "report")
+COMMANDS = ("run", "simulate", "device", "world", "reproduce", "report", "bench", "doctor")
 HEAVY = ("matplotlib", "zenoh", "mcap", "numpy", "msgpack", "asyncio")
 QUICK = ("simulate", "--duration", "0.2", "--no-files")
 ADDRESS = "tcp/127.0.0.1:17447"
@@ -135,6 +135,11 @@ BAD = [
     bad("simulate", "--out", "/proc/no", says=("/proc/no",)),
     bad("report", "nosuch.mcap", says=("nosuch.mcap",)),
     bad("report", "a.mcap", "b.mcap", "c.mcap", says=("c.mcap", "one recording")),
+    bad("bench", "--only", "nosuch", says=("--only", "nosuch", "servo_idle")),
+    bad("bench", "--rounds", "0", says=("--rounds", "0", "1 to 1000")),
+    bad("bench", "--seconds", "nan", says=("--seconds", "nan")),
+    bad("bench", "--beside", "many", says=("--beside", "integer")),
+    bad("doctor", "-e", "127.0.0.1:17447", says=("127.0.0.1:17447", "tcp/127.0.0.1:17447")),
     bad("device", "-e", "127.0.0.1:17447", says=("127.0.0.1:17447", "tcp/127.0.0.1:17447")),
     bad("world", "-l", "tcp/127.0.0.1:99999", says=("tcp/127.0.0.1:99999",)),
     bad("device", "-m", "boss", "-e", ADDRESS, says=("boss", "client")),

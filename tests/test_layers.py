@@ -75,7 +75,8 @@ def test_core_reaches_nothing_outside_itself(module: Path) -> None:
         return
     found = imports_of(module)
     assert not roots(found) & OUTSIDE_WORLD
-    above = ("hapnet.endpoint", "hapnet.runtime", "hapnet.commands", "hapnet.cli", "hapnet.record", "hapnet.report")
+    above = ("hapnet.endpoint", "hapnet.runtime", "hapnet.commands", "hapnet.cli", "hapnet.record", "hapnet.report",
+             "hapnet.bench", "hapnet.doctor")  # fmt: skip
     assert not {name for name in found if name.startswith(above)}
 
 
@@ -89,6 +90,16 @@ def test_endpoint_knows_control_and_wire_only() -> None:
     allowed = ("hapnet.control", "hapnet.wire", "hapnet.checks", "hapnet.errors")
     assert not {name for name in own if not name.startswith(allowed)}
     assert not roots(imports_of(Path("hapnet/endpoint.py"))) & OUTSIDE_WORLD
+
+
+@pytest.mark.parametrize("module", MODULES, ids=str)
+def test_only_commands_measure(module: Path) -> None:
+    """Benchmarks look at everything; nothing looks at them but their command, which they do not know."""
+    found = imports_of(module)
+    if module.parts[:2] == ("hapnet", "bench"):
+        assert not {name for name in found if name.startswith(("hapnet.commands", "hapnet.cli"))}
+    elif module.parts[:2] != ("hapnet", "commands"):
+        assert not {name for name in found if name.startswith("hapnet.bench")}
 
 
 @pytest.mark.parametrize("module", MODULES, ids=str)

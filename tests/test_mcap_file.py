@@ -112,14 +112,14 @@ while True:
 """
 
 
-def test_a_killed_process_loses_at_most_a_fifth_of_a_second(tmp_path: Path) -> None:
+def test_a_killed_process_loses_at_most_the_last_half_second(tmp_path: Path) -> None:
     path = tmp_path / "killed.mcap"
     child = subprocess.Popen([sys.executable, "-c", CHILD, str(path)], stdout=subprocess.PIPE, text=True)
     assert child.stdout is not None
     written = 0
     for line in child.stdout:
         written = int(line)
-        if written > 700:
+        if written > 1200:
             break
     child.send_signal(signal.SIGKILL)
     written = max([written, *map(int, child.stdout.read().split())])
@@ -130,7 +130,7 @@ def test_a_killed_process_loses_at_most_a_fifth_of_a_second(tmp_path: Path) -> N
     assert recording.meta == META
     assert recording.summary is None
     assert recording.device is not None
-    assert written - 200 <= len(recording.device["time_s"])
+    assert written - 600 <= len(recording.device["time_s"])
     before = path.read_bytes()
     repaired = repair(path)
     assert repaired == tmp_path / "killed.repaired.mcap"
@@ -232,11 +232,11 @@ def test_a_disk_that_fills_up_is_told_once_and_leaves_a_torn_file(tmp_path: Path
     assert read_recording(path).torn
 
 
-def test_flush_writes_only_when_a_tenth_of_a_second_has_passed(tmp_path: Path) -> None:
+def test_flush_writes_only_when_half_a_second_has_passed(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     writer = RecordingWriter(path, META)
     sizes = [os.path.getsize(path)]
-    for now_ms in (0, 50, 99, 100, 150, 90):  # the last: a clock set back
+    for now_ms in (0, 250, 499, 500, 750, 450):  # the last: a clock set back
         writer.write(device_sample(now_ms))
         writer.flush(now_ms * 1_000_000)
         sizes.append(os.path.getsize(path))

@@ -118,6 +118,17 @@ def test_quantile_is_the_nearest_rank_to_one_part_in_32(values: list[int], q: fl
     assert histogram.total == len(values)
 
 
+def test_bins_hold_every_value_no_lower_than_it_was_and_a_32nd_higher_at_most() -> None:
+    values = sorted([0, 3, 3, 63, 64, 1000, 999_999, 1_000_000, 2**41 + 12345, 2**45])
+    histogram = Histogram()
+    for value in values:
+        histogram.add(value)
+    edges = [edge for edge, count in histogram.bins() for _ in range(count)]
+    assert len(edges) == len(values)
+    assert all(value <= edge <= value * 33 / 32 for value, edge in zip(values, edges, strict=True))
+    assert Histogram().bins() == ()
+
+
 def test_histogram_does_not_grow_and_takes_any_integer() -> None:
     histogram = Histogram()
     assert histogram.quantile(0.5) is None

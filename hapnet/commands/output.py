@@ -41,7 +41,7 @@ def run_directory(out: Path | None, seed: int | None) -> Path:
     return path
 
 
-def write_json(value: dict[str, Any], json_to: str | None) -> None:
+def write_json(value: dict[str, Any] | list[dict[str, Any]], json_to: str | None) -> None:
     """`--json`: to a file, to standard output for "-", nowhere for None."""
     if json_to is None:
         return

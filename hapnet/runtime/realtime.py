@@ -102,6 +102,7 @@ class RealtimeSide:
         self._lock = threading.Lock()
         self._failure: BaseException | None = None
         self._names = (session, name)
+        self._versions = versions()  # a hundred files are read for it: not once the servo runs
         self._started_ns = self._clock()
         self._stopped_ns: int | None = None
         entropy = np.random.SeedSequence(self.seed).spawn(4)
@@ -140,6 +141,7 @@ class RealtimeSide:
         """Offer a message to the link, and put on the wire what it does not delay; from any thread."""
         now_ns = self._clock()
         with self._lock:
+            self.wire.collect()
             self.link.send(now_ns, Parcel(kind, data), size=len(data) + FRAME_OVERHEAD)
             released = self.link.poll(now_ns)
             self._arm()
@@ -349,7 +351,7 @@ class RealtimeSide:
             "coupling": self.setup.params.coupling,
             "surfaces": [surface._asdict() for surface in self.setup.scene.surfaces],
             "links": {"up" if self.role == "device" else "down": str(self.profile)},
-            "versions": versions(),
+            "versions": self._versions,
         }
 
 

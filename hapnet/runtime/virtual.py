@@ -232,6 +232,7 @@ class Simulation:
             self._due[_STEP] = self.now_ns + self._period_ns  # not paired yet
             return
         self._send(self.down, "position", message)
+        self.world_endpoint.collect()
         self._due[_STEP] = self.now_ns + world.next_step_ns()
         self.two_port.world(world.endpoint.coupling.ledger.work)
 
@@ -246,6 +247,7 @@ class Simulation:
             message = device.tick(now)
             if message is not None:
                 self._send(self.up, "position", message)
+                self.device_endpoint.collect()
                 due[_UP] = _or_never(self.up.next_due_ns)
                 due[_DEVICE_TIMER] = _or_never(self.device_endpoint.next_due_ns)
                 last_ns = min(end_ns, min(due) - 1)

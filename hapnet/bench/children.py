@@ -1,0 +1,134 @@
+"""Processes that measure: each runs one function, all begin at once, and none outlives the benchmark."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection
+from typing import Any
+
+from hapnet.errors import HapnetError
+
+Gate = Callable[[], None]
+"""Called by a child's function when it is ready; returns when all begin."""
+
+READY_S = 60.0
+"""How long a child may take to be ready [s]."""
+
+
+class Child:
+    """A process of its own that runs ``function(gate, *args)``; use it as a context, which ends it.
+
+    function : at the top of a module. args, result : can be pickled.
+    """
+
+    def __init__(self, function: Callable[..., Any], *args: Any) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._name = function.__name__
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(target=_run, args=(theirs, function, args), daemon=True)
+        resource_tracker.ensure_running()  # it would unblock SIGINT on being started with the process
+        with uninterrupted():
+            self._process.start()
+        theirs.close()
+
+    def __enter__(self) -> Child:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self._process.kill()
+        self._process.join()
+        self._pipe.close()
+
+    def wait_ready(self) -> None:
+        """Return when the function has come to its gate."""
+        self._receive(READY_S)
+
+    def go(self) -> None:
+        """Open the gate."""
+        self._pipe.send(None)
+
+    def result(self, timeout_s: float) -> Any:
+        """What the function returned.
+
+        Raises
+        ------
+        HapnetError : it failed, or did not return in time.
+        """
+        return self._receive(timeout_s)
+
+    def _receive(self, timeout_s: float) -> Any:
+        try:
+            if not self._pipe.poll(timeout_s):
+                raise HapnetError(f"the process for {self._name} did not answer within {timeout_s:.0f} s")
+            value, error = self._pipe.recv()
+        except EOFError:
+            raise HapnetError(f"the process for {self._name} ended") from None
+        if error is not None:
+            raise HapnetError(f"the process for {self._name} failed: {error}")
+        return value
+
+
+def together(children: list[Child], timeout_s: float) -> list[Any]:
+    """Let all begin at once when all are ready; their results."""
+    for child in children:
+        child.wait_ready()
+    for child in children:
+        child.go()
+    return [child.result(timeout_s) for child in children]
+
+
+@contextlib.contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Processes started here never see the terminal's Ctrl-C: it is for the benchmark itself, which ends them.
+
+    For the main thread. One that comes meanwhile is kept for the end: a process half started would complain. The mask
+    is what the process inherits; the handler is for other threads, such as a BLAS's, which it does not hold for.
+    """
+    kept: list[int] = []
+    handler = signal.signal(signal.SIGINT, lambda number, frame: kept.append(number))
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        signal.signal(signal.SIGINT, handler)
+        if kept:
+            signal.raise_signal(signal.SIGINT)
+
+
+@contextlib.contextmanager
+def busy(count: int) -> Iterator[None]:
+    """`count` processes that do nothing but compute."""
+    started: list[subprocess.Popen[bytes]] = []
+    try:
+        for _ in range(count):
+            with uninterrupted():
+                started.append(subprocess.Popen([sys.executable, "-c", "while True: pass"]))
+        if count:
+            time.sleep(0.2)  # until they are under way
+        yield
+    finally:
+        for process in started:
+            process.kill()
+            process.wait()
+
+
+def _run(pipe: Connection, function: Callable[..., Any], args: tuple[Any, ...]) -> None:
+    def gate() -> None:
+        pipe.send((None, None))
+        pipe.recv()
+
+    answer: tuple[Any, str | None]
+    try:
+        answer = function(gate, *args), None
+    except Exception as error:
+        answer = None, f"{type(error).__name__}: {error}"
+    with contextlib.suppress(BrokenPipeError):
+        pipe.send(answer)

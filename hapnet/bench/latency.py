@@ -1,0 +1,167 @@
+"""One-way latency through an empty link: from the servo's hand-over to the decoded value in the peer's slot.
+
+The whole path of `RealtimeSide` is measured where it runs: stamped when the servo hands a message over, and when the
+peer's endpoint has taken it. Raw Zenoh carries messages of the same form between two processes, with the same
+configuration, in turns with it. Both ends are on one machine, so CLOCK_MONOTONIC is common to them.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from typing import Literal
+
+import zenoh
+
+from hapnet.bench.children import Child, Gate
+from hapnet.bench.endpoints import free_address
+from hapnet.bench.row import Distribution, Limit, Options, Row, row
+from hapnet.bench.traffic import KILOHERTZ
+from hapnet.errors import HapnetError
+from hapnet.params import Params
+from hapnet.runtime.build import prepare
+from hapnet.runtime.realtime import RealtimeSide
+from hapnet.runtime.servo import set_timer_slack, tuned_interpreter
+from hapnet.runtime.zenoh_config import ZenohSettings, zenoh_config
+from hapnet.wire.messages import encode_position
+
+Stamps = list[tuple[int, bytes]]
+"""When a message was handed over, or had arrived [ns], and its bytes, which are unique."""
+
+_PERIOD_NS = 1_000_000
+_KEY = "hapnet/bench/raw/up/position"
+_SETTLE_S = 0.5  # at the start: connections are young, code is cold
+_JOIN_S = 30.0
+
+
+def one_way_latency(options: Options) -> Row:
+    """Rounds of the whole path and of raw Zenoh in turns, 1 kHz one way."""
+    subject: list[Distribution] = []
+    bare: list[Distribution] = []
+    for number in range(options.rounds):
+        turns = [(subject, hapnet_once), (bare, raw_once)]
+        for into, once in turns if number % 2 == 0 else reversed(turns):
+            into.append(once(options.seconds))
+    return row(
+        "one_way_latency",
+        "us",
+        "a 1-DOF position from the servo's hand-over to the decoded value in the peer's slot, 1 kHz",
+        subject,
+        "raw Zenoh: put to direct callback, same bytes and configuration",
+        bare,
+        limits=(Limit("ratio", 1.25), Limit("ratio_p99", 1.5)),
+    )
+
+
+def hapnet_once(seconds: float) -> Distribution:
+    """Microseconds through two `RealtimeSide`s."""
+    address = free_address()
+    with Child(run_side, "world", address, seconds) as world, Child(run_side, "device", address, seconds) as device:
+        return join(*(side.result(seconds + _JOIN_S) for side in (device, world)))
+
+
+def raw_once(seconds: float) -> Distribution:
+    """Microseconds through raw Zenoh."""
+    address = free_address()
+    with Child(receive_raw, address, seconds) as receiver:
+        receiver.wait_ready()
+        with Child(send_raw, address, seconds) as sender:
+            sender.wait_ready()
+            for child in (receiver, sender):
+                child.go()
+            return join(*(child.result(seconds + _JOIN_S) for child in (sender, receiver)))
+
+
+def join(handed_over: Stamps, arrived: Stamps) -> Distribution:
+    """Latencies [us] of what arrived, but for the first half second."""
+    if not handed_over:
+        raise HapnetError("one_way_latency: the servo handed nothing over")
+    since_ns = handed_over[0][0] + round(_SETTLE_S * 1e9)
+    sent = {data: at_ns for at_ns, data in handed_over if at_ns >= since_ns}
+    late = [at_ns - sent[data] for at_ns, data in arrived if data in sent]
+    if not late:
+        raise HapnetError("one_way_latency: nothing arrived")
+    return Distribution.of(late, 1e-3)
+
+
+class StampedSide(RealtimeSide):
+    """A side that notes when its control thread hands a position over, and when a position has been taken in."""
+
+    def __init__(self, role: Literal["device", "world"], address: str, params: Params) -> None:
+        ends = (address,)
+        where = ZenohSettings(listen=ends) if role == "world" else ZenohSettings(connect=ends)
+        super().__init__(prepare(params, "sampled"), role, where, session="bench", seed=0)
+        self.handed_over: Stamps = []
+        self.arrived: Stamps = []
+        receive, arrived, clock = self.wire.receive, self.arrived, time.monotonic_ns
+
+        def stamped(now_ns: int, data: bytes) -> object:
+            events = receive(now_ns, data)
+            arrived.append((clock(), data))
+            return events
+
+        vars(self.wire)["receive"] = stamped  # the instance's own, before the class's
+
+    def _send(self, kind: str, data: bytes) -> None:
+        if kind == "position":
+            self.handed_over.append((time.monotonic_ns(), data))
+        super()._send(kind, data)
+
+
+def run_side(gate: Gate, role: Literal["device", "world"], address: str, seconds: float) -> Stamps:
+    """One side for `seconds` after pairing; what the device handed over, or what the world took in."""
+    words = {"device.pspm_period_s": KILOHERTZ["device.pspm_period_s"], "link.up": "", "link.down": ""}
+    duration_s = seconds + _SETTLE_S
+    side = StampedSide(role, address, Params().set({**words, "operator": "sine", "duration_s": duration_s}))
+
+    async def run() -> None:
+        await side.run(asyncio.Event(), duration_s)
+
+    asyncio.run(run())
+    return side.handed_over if role == "device" else side.arrived
+
+
+def send_raw(gate: Gate, address: str, seconds: float) -> Stamps:
+    """Put messages of the same bytes on absolute deadlines, as the servo does."""
+    set_timer_slack()
+    with zenoh.open(zenoh_config(ZenohSettings(connect=(address,)))) as session, tuned_interpreter():
+        publisher = session.declare_publisher(
+            _KEY,
+            congestion_control=zenoh.CongestionControl.DROP,
+            priority=zenoh.Priority.REAL_TIME,
+            express=True,
+            reliability=zenoh.Reliability.BEST_EFFORT,
+        )
+        give_up = time.monotonic() + 10.0
+        while not session.info.transports() and time.monotonic() < give_up:
+            time.sleep(0.01)
+        gate()
+        deadline_ns = time.monotonic_ns()
+        frames = [
+            encode_position(2**62, number, deadline_ns, (0.0123,))
+            for number in range(round((seconds + _SETTLE_S) * 1e9 / _PERIOD_NS))
+        ]
+        stamps: Stamps = []
+        for data in frames:
+            deadline_ns = max(deadline_ns + _PERIOD_NS, time.monotonic_ns())
+            while (left_ns := deadline_ns - time.monotonic_ns()) > 0:
+                time.sleep(left_ns * 1e-9)
+            stamps.append((time.monotonic_ns(), data))
+            publisher.put(data)
+        time.sleep(0.2)  # until the last has arrived
+        return stamps
+
+
+def receive_raw(gate: Gate, address: str, seconds: float) -> Stamps:
+    """Stamp what arrives, on Zenoh's own thread."""
+    stamps: Stamps = []
+
+    def on_sample(sample: zenoh.Sample) -> None:
+        data = sample.payload.to_bytes()
+        stamps.append((time.monotonic_ns(), data))
+
+    with zenoh.open(zenoh_config(ZenohSettings(listen=(address,)))) as session, tuned_interpreter():
+        session.declare_subscriber(_KEY, zenoh.handlers.Callback(on_sample, indirect=False))
+        gate()
+        time.sleep(seconds + _SETTLE_S + 0.5)
+        return list(stamps)

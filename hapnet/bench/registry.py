@@ -1,0 +1,58 @@
+"""The rows of `hapnet bench`, by name, in the order in which they are measured and shown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from fnmatch import fnmatchcase
+from functools import partial
+
+from hapnet.bench.codec import codec_position
+from hapnet.bench.control import device_tick, pspm_update
+from hapnet.bench.latency import one_way_latency
+from hapnet.bench.link import link_release
+from hapnet.bench.recovery import energy_recovery
+from hapnet.bench.row import Options, Row
+from hapnet.bench.servo import servo_busy_thread, servo_idle
+from hapnet.bench.simulation import batch_1000, simulate_ndof
+from hapnet.bench.traffic import servo_traffic
+from hapnet.bench.world import integrator_step, world_step_wall
+from hapnet.errors import InvalidParameter
+
+Measure = Callable[[Options], Row]
+
+DIMENSIONS = (1, 2, 3, 6)
+RECOVERY = [(rtt_ms, loss) for rtt_ms in (20, 80, 200) for loss in (5, 20)]
+
+ROWS: dict[str, Measure] = {
+    "servo_idle": servo_idle,
+    "servo_traffic": servo_traffic,
+    "servo_busy_thread": servo_busy_thread,
+    "device_tick": device_tick,
+    **{f"pspm_update_{n}dof": partial(pspm_update, n) for n in DIMENSIONS},
+    **{f"integrator_step_{n}dof": partial(integrator_step, n) for n in DIMENSIONS},
+    "world_step_wall": world_step_wall,
+    "codec_position": codec_position,
+    "one_way_latency": one_way_latency,
+    "link_release": link_release,
+    "energy_recovery": partial(energy_recovery, 80, "2%", "energy_recovery"),
+    **{
+        (name := f"energy_recovery_rtt{rtt_ms}_loss{loss}"): partial(energy_recovery, rtt_ms, f"{loss}%", name)
+        for rtt_ms, loss in RECOVERY
+    },
+    "simulate_1dof": partial(simulate_ndof, 1),
+    "simulate_3dof": partial(simulate_ndof, 3),
+    "batch_1000": batch_1000,
+}
+
+
+def select(only: Sequence[str]) -> dict[str, Measure]:
+    """The rows with these names or patterns (``pspm_*``); all if none is given.
+
+    Raises
+    ------
+    InvalidParameter : a name that no row has.
+    """
+    for word in only:
+        if not any(fnmatchcase(name, word) for name in ROWS):
+            raise InvalidParameter("--only", word, "names of rows, or patterns: " + ", ".join(ROWS))
+    return {name: row for name, row in ROWS.items() if not only or any(fnmatchcase(name, word) for word in only)}

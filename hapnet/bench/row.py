@@ -1,0 +1,196 @@
+"""What a benchmark gives: distributions by rounds, summed up, beside those of a bare reference."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from hapnet.checks import Array
+
+
+@dataclass(frozen=True)
+class Options:
+    """How long and how often to measure.
+
+    seconds : length of a round [s]. rounds : figures are medians over so many.
+    realtime : SCHED_FIFO for the servo, and for the bare loop beside it. beside : busy processes beside the traffic.
+    """
+
+    seconds: float = 3.0
+    rounds: int = 3
+    realtime: bool = False
+    beside: int = 0
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """Measured values, ascending, and how often each occurred."""
+
+    values: Array
+    counts: Array
+
+    @classmethod
+    def of(cls, samples: Iterable[float], scale: float = 1.0) -> Distribution:
+        """Of single measurements, each multiplied by `scale`."""
+        values = np.sort(np.fromiter(samples, dtype=float)) * scale
+        return cls(values, np.ones(len(values)))
+
+    @classmethod
+    def of_bins(cls, bins: Iterable[Sequence[float]], scale: float = 1.0) -> Distribution:
+        """Of (value, count) pairs, ascending."""
+        table = np.array(list(bins), dtype=float).reshape(-1, 2)
+        return cls(table[:, 0] * scale, table[:, 1])
+
+    @classmethod
+    def together(cls, parts: Sequence[Distribution]) -> Distribution:
+        """All of them in one."""
+        values = np.concatenate([part.values for part in parts])
+        order = np.argsort(values)
+        return cls(values[order], np.concatenate([part.counts for part in parts])[order])
+
+    def quantile(self, q: float) -> float:
+        """The smallest value that at least a share `q` of the measurements does not exceed."""
+        reached = np.cumsum(self.counts)
+        return float(self.values[np.searchsorted(reached, q * reached[-1])])
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Over the rounds: the least value of all, the median of the medians and of the 99th percentiles."""
+
+    least: float
+    median: float
+    p99: float
+
+    @classmethod
+    def of(cls, rounds: Sequence[Distribution], *, higher_is_better: bool = False) -> Figures:
+        """`p99` is what 99 % of the measurements are at least as good as: of rates, the first percentile."""
+        tail = 0.01 if higher_is_better else 0.99
+        return cls(
+            min(float(part.values[0]) for part in rounds),
+            median(part.quantile(0.5) for part in rounds),
+            median(part.quantile(tail) for part in rounds),
+        )
+
+
+@dataclass(frozen=True)
+class Limit:
+    """What the project asks of a row: a figure of it (`Row.figure`) and its bound."""
+
+    figure: str
+    bound: float
+    at_least: bool = False
+
+    def met(self, value: float) -> bool:
+        return value >= self.bound if self.at_least else value <= self.bound
+
+    def __str__(self) -> str:
+        return f"{self.figure} {'≥' if self.at_least else '≤'} {self.bound:g}"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table.
+
+    name, unit : of the figures. what, against : what is measured, and the bare reference, in words.
+    figures, reference : None where there is nothing to show; `note` then says why.
+    more : further figures by name. limits : what is asked for.
+    samples, bare : the distributions over all rounds, for the histograms; `panel` whether the figure has one.
+    """
+
+    name: str
+    unit: str
+    what: str
+    against: str = ""
+    figures: Figures | None = None
+    reference: Figures | None = None
+    more: Mapping[str, float] = field(default_factory=dict)
+    limits: tuple[Limit, ...] = ()
+    note: str = ""
+    higher_is_better: bool = False
+    samples: Distribution | None = field(default=None, repr=False)
+    bare: Distribution | None = field(default=None, repr=False)
+    panel: bool = True
+
+    @property
+    def ratio(self) -> float | None:
+        """The median over the reference's."""
+        return self._over(lambda figures: figures.median)
+
+    @property
+    def ratio_p99(self) -> float | None:
+        """The 99th percentile over the reference's."""
+        return self._over(lambda figures: figures.p99)
+
+    def figure(self, name: str) -> float | None:
+        """A figure by name: median, p99, ratio, ratio_p99, or one of `more`."""
+        if name in ("median", "p99"):
+            return None if self.figures is None else float(getattr(self.figures, name))
+        return getattr(self, name) if name in ("ratio", "ratio_p99") else self.more.get(name)
+
+    def verdicts(self) -> list[tuple[Limit, bool]]:
+        """Every limit of a figure that was measured, and whether it was met."""
+        found = [(limit, self.figure(limit.figure)) for limit in self.limits]
+        return [(limit, limit.met(value)) for limit, value in found if value is not None]
+
+    def as_dict(self) -> dict[str, Any]:
+        """As `--json` has it."""
+        figures, reference = self.figures, self.reference
+        return {
+            "name": self.name,
+            "unit": self.unit,
+            "min": None if figures is None else figures.least,
+            "median": None if figures is None else figures.median,
+            "p99": None if figures is None else figures.p99,
+            "reference": None
+            if reference is None
+            else {"min": reference.least, "median": reference.median, "p99": reference.p99, "what": self.against},
+            "ratio": self.ratio,
+            "ratio_p99": self.ratio_p99,
+            "better": "higher" if self.higher_is_better else "lower",
+            "what": self.what,
+            "allowed": [{"limit": str(limit), "met": met} for limit, met in self.verdicts()],
+            **({"more": dict(self.more)} if self.more else {}),
+            **({"note": self.note} if self.note else {}),
+        }
+
+    def _over(self, figure: Callable[[Figures], float]) -> float | None:
+        if self.figures is None or self.reference is None or figure(self.reference) == 0.0:
+            return None
+        return figure(self.figures) / figure(self.reference)
+
+
+def row(
+    name: str,
+    unit: str,
+    what: str,
+    rounds: Sequence[Distribution],
+    against: str = "",
+    bare: Sequence[Distribution] = (),
+    *,
+    more: Mapping[str, float] | None = None,
+    limits: tuple[Limit, ...] = (),
+    note: str = "",
+    higher_is_better: bool = False,
+    panel: bool = True,
+) -> Row:
+    """A row from the distributions of each round."""
+    return Row(
+        name,
+        unit,
+        what,
+        against,
+        Figures.of(rounds, higher_is_better=higher_is_better),
+        Figures.of(bare, higher_is_better=higher_is_better) if bare else None,
+        more or {},
+        limits,
+        note,
+        higher_is_better,
+        Distribution.together(rounds),
+        Distribution.together(bare) if bare else None,
+        panel,
+    )

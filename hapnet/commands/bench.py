@@ -1,0 +1,74 @@
+"""`hapnet bench`: measure, show the table, write it as JSON and the histograms as a figure."""
+
+from __future__ import annotations
+
+import signal
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hapnet.bench import report
+from hapnet.bench.registry import Measure, select
+from hapnet.bench.row import Options, Row
+from hapnet.commands import output
+from hapnet.errors import InvalidParameter
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+_WIDTH = 150  # of the table
+
+
+def main(
+    only: str | None,
+    seconds: float,
+    rounds: int,
+    realtime: bool,
+    beside: int,
+    json_to: str | None,
+    out: Path | None,
+) -> int:
+    """Measure the rows one after another. 0 whatever they say: what is allowed is shown, not enforced."""
+    for name, value, low, high in (
+        ("--seconds", seconds, 0.1, 3600.0),
+        ("--rounds", rounds, 1, 1000),
+        ("--beside", beside, 0, 64),
+    ):
+        if not low <= value <= high:
+            raise InvalidParameter(name, value, f"{low:g} to {high:g}")
+    chosen = select([word.strip() for word in only.split(",")] if only is not None else ())
+    words = output.console(json_to)
+    directory = output.run_directory(out or Path("runs") / f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-bench", None)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.default_int_handler)  # ends the children too, as Ctrl-C does
+    rows = _measure(chosen, Options(seconds, rounds, realtime, beside), words)
+    table = [row.as_dict() for row in rows]
+    output.write_json(table, str(directory / "bench.json"))
+    words.width = max(words.width, _WIDTH)  # a narrower terminal wraps the lines, and drops nothing
+    words.print(report.table(rows))
+    if any(report.has_histogram(row) for row in rows):
+        report.save_figure(rows, directory / "bench.png")
+        words.print(f"bench.json and bench.png in {directory}")
+    else:
+        words.print(f"bench.json in {directory}")
+    output.write_json(table, json_to)
+    return 0
+
+
+def _measure(chosen: dict[str, Measure], options: Options, words: Console) -> list[Row]:
+    """One row after another; a bar on a terminal, a line each elsewhere."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+    columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"))
+    rows: list[Row] = []
+    # no refresh thread: it would run beside what is measured
+    with Progress(*columns, console=words, disable=not words.is_terminal, auto_refresh=False, transient=True) as bar:
+        task = bar.add_task("", total=len(chosen))
+        for name, measure in chosen.items():
+            if words.is_terminal:
+                bar.update(task, description=name, refresh=True)
+            else:
+                words.print(f"{len(rows) + 1}/{len(chosen)} {name}")
+            rows.append(measure(options))
+            bar.advance(task)
+    return rows

@@ -1,0 +1,23 @@
+"""`hapnet doctor`: what this machine allows, a line each, with what to do about it."""
+
+from __future__ import annotations
+
+from hapnet.commands import output
+from hapnet.doctor import MISSING, OK, SKIPPED, WARNING, examine
+
+_STYLE = {OK: "green", WARNING: "yellow", MISSING: "bold red", SKIPPED: "dim"}
+
+
+def main(connect: list[str], json_to: str | None) -> int:
+    """0, or 1 if something is missing that hapnet needs."""
+    from rich.text import Text
+
+    words = output.console(json_to)
+    checks = examine(connect)
+    for check in checks:
+        line = Text(f"{check.state:<8} ", style=_STYLE[check.state]).append(
+            f"{check.name:<18} {check.value}", "default"
+        )
+        words.print(line.append(f" → {check.advice}", _STYLE[check.state]) if check.advice else line)
+    output.write_json([check.as_dict() for check in checks], json_to)
+    return 1 if any(check.state == MISSING for check in checks) else 0

@@ -1,0 +1,249 @@
+"""What measures, here shortly; at length under `slow`."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from hapnet import cli
+from hapnet.bench import latency, servo, simulation, traffic
+from hapnet.bench.children import Child, Gate, together
+from hapnet.bench.cost import Call, cost
+from hapnet.bench.link import link_release
+from hapnet.bench.recovery import credit_times
+from hapnet.bench.registry import ROWS
+from hapnet.bench.row import Options
+from hapnet.errors import HapnetError
+from netem import LinkProfile
+
+SHORT = Options(seconds=0.1, rounds=1)
+
+
+def double(gate: Gate, value: int) -> tuple[int, int]:
+    gate()
+    return 2 * value, os.getpid()
+
+
+def fail(gate: Gate) -> None:
+    raise ValueError("no such luck")
+
+
+# Children
+
+
+def test_children_begin_together_and_answer() -> None:
+    with Child(double, 3) as one, Child(double, 4) as other:
+        (six, first), (eight, second) = together([one, other], 10.0)
+    assert (six, eight) == (6, 8)
+    assert len({first, second, os.getpid()}) == 3
+
+
+def test_a_failure_in_a_child_is_told_and_none_outlives_its_context() -> None:
+    with Child(fail) as child, pytest.raises(HapnetError, match="fail failed: ValueError: no such luck"):
+        child.wait_ready()
+    with Child(double, 1) as waiting:
+        waiting.wait_ready()
+        with pytest.raises(HapnetError, match="did not answer within 0 s"):
+            waiting.result(0.01)
+        process = waiting._process
+    assert not process.is_alive()
+
+
+# Costs
+
+
+def test_prepare_runs_before_each_call_and_all_calls_count() -> None:
+    done: list[str] = []
+    subject = Call(lambda: done.append("call"), lambda: done.append("prepare"))
+    (ours,), (theirs,) = cost(subject, Call(lambda: None), SHORT)
+    assert done == ["prepare", "call"] * (len(done) // 2)
+    assert ours.counts.sum() == theirs.counts.sum() == len(done) // 2 - 50  # the first turn warms
+    assert ours.values[0] >= 0.0
+
+
+@pytest.mark.parametrize("name", ["device_tick", "pspm_update_3dof", "world_step_wall", "codec_position"])
+def test_cost_rows(name: str) -> None:
+    row = ROWS[name](SHORT)
+    assert row.name == name
+    assert row.unit == "us"
+    assert row.figures is not None
+    assert row.reference is not None
+    assert 0.0 < row.figures.least <= row.figures.median <= row.figures.p99
+    assert row.ratio == row.figures.median / row.reference.median
+    assert row.against
+
+
+# Lateness
+
+
+@pytest.mark.parametrize("busy_thread", [False, True])
+def test_a_servo_and_a_bare_loop_count_every_tick(busy_thread: bool) -> None:
+    with Child(servo.bare_loop, 0.1, False) as bare, Child(servo.servo_loop, 0.1, False, busy_thread) as subject:
+        both = together([bare, subject], 10.0)
+    for found in both:
+        assert 90 <= found.ticks + found.skipped <= 110
+        assert [edge for edge, _ in found.bins] == sorted(edge for edge, _ in found.bins)
+        assert found.refusal is None
+
+
+def test_shares_of_late_ticks() -> None:
+    """Over two rounds of 50 and 150 ticks: 1 + 5 late of 200, 14 skipped; of the bare loop's 100, 1 and 2."""
+    ours = [servo.Lateness(((5, 49), (1_000_000, 1)), 4), servo.Lateness(((5, 145), (3_000_000, 5)), 10)]
+    found = servo.late_share(ours, [servo.Lateness(((999_999, 99), (1_000_001, 1)), 2)])
+    shares = {"late_period": 0.03, "late_period_bare": 0.01, "late_period_excess": 0.02}
+    assert found == pytest.approx({**shares, "skipped": 0.07, "skipped_bare": 0.02})
+
+
+def test_link_release_is_netems_own_benchmark() -> None:
+    row = link_release(SHORT)
+    assert row.samples is not None
+    assert row.bare is not None
+    assert row.samples.counts.sum() == row.bare.counts.sum() == 200
+
+
+# Latency
+
+
+def test_latency_joins_by_content_and_drops_the_start() -> None:
+    sent = [(0, b"a"), (400_000_000, b"b"), (600_000_000, b"c"), (700_000_000, b"lost"), (800_000_000, b"d")]
+    arrived = [(90_000, b"a"), (600_100_000, b"c"), (800_070_000, b"d"), (800_080_000, b"stranger")]
+    found = latency.join(sent, arrived)
+    assert found.values == pytest.approx([70.0, 100.0])
+    with pytest.raises(HapnetError, match="nothing arrived"):
+        latency.join(sent, [])
+    with pytest.raises(HapnetError, match="handed nothing over"):
+        latency.join([], arrived)
+
+
+# Recovery and simulation
+
+
+def test_energy_without_loss_takes_the_one_way_delay() -> None:
+    assert credit_times(LinkProfile.parse("delay 40ms"), 50, 1) == [40_000_000] * 50
+
+
+def test_lost_energy_is_credited_a_timeout_later_or_more() -> None:
+    """RFC 6298: the timeout is never shorter than the smoothed round trip, 80 ms here."""
+    times = credit_times(LinkProfile.parse("delay 40ms loss 20%"), 300, 1)
+    late = [t for t in times if t != 40_000_000]
+    assert 0.1 < len(late) / len(times) < 0.3  # 20 % of the first copies are lost
+    assert min(late) >= 40_000_000 + 80_000_000
+    assert min(times) == 40_000_000
+
+
+def test_batch_says_when_it_is_not_available(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hapnet._HOMES", {})
+    monkeypatch.delattr("hapnet.simulate_batch", raising=False)
+    row = simulation.batch_1000(SHORT)
+    assert row.figures is None
+    assert "not available" in row.note
+
+
+def test_batch_counts_scenario_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    monkeypatch.setattr("hapnet.simulate_batch", lambda params, seeds: asked.append(len(seeds)), raising=False)
+    monkeypatch.setattr(simulation, "_elapsed", lambda call, *args: call(*args) or 0.5)
+    monkeypatch.setattr(simulation, "simulate", lambda params, seed: None)
+    row = simulation.batch_1000(SHORT)
+    assert asked == [1000]
+    assert row.figures is not None
+    assert row.figures.median == 1000 * 2.0 / 0.5
+    assert row.ratio == 1000.0
+
+
+# The command
+
+
+def test_the_command_writes_what_it_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    argv = ["bench", "--only", "device_tick,codec_*", "--seconds", "0.1", "--rounds", "2", "--out", str(tmp_path / "o")]
+    with restored_signals():
+        assert cli.main([*argv, "--json", "-"]) == 0
+    out, err = capsys.readouterr()
+    rows = json.loads(out)
+    assert [row["name"] for row in rows] == ["device_tick", "codec_position"]
+    assert rows == json.loads((tmp_path / "o" / "bench.json").read_text("utf-8"))
+    assert (tmp_path / "o" / "bench.png").stat().st_size > 10_000
+    assert "1/2 device_tick" in err
+    assert "median ≤ 15" in err
+
+
+def test_interrupted_it_leaves_no_process(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "hapnet", "bench", "--only", "servo_idle", "--seconds", "60"]
+    with subprocess.Popen(
+        [*command, "--out", str(tmp_path)], start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        text=True, cwd=Path(__file__).parents[1],
+    ) as bench:  # fmt: skip
+        try:
+            wait_until(lambda: len(processes_of(bench.pid)) >= 3)
+            os.killpg(bench.pid, signal.SIGINT)
+            _, err = bench.communicate(timeout=20)
+            wait_until(lambda: not processes_of(bench.pid))
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(bench.pid, signal.SIGKILL)
+    assert bench.returncode == 130
+    assert "Traceback" not in err
+
+
+@pytest.mark.slow
+def test_traffic_runs_at_a_kilohertz_each_way_beside_a_busy_process() -> None:
+    row = traffic.servo_traffic(Options(seconds=3.0, rounds=1, beside=1))
+    assert row.more["messages_per_s"] > 700
+    assert row.samples is not None
+    assert row.samples.counts.sum() > 2000
+    assert {limit.figure for limit in row.limits} == {"ratio", "ratio_p99", "late_period_excess"}
+
+
+@pytest.mark.slow
+def test_latency_beside_raw_zenoh() -> None:
+    row = latency.one_way_latency(Options(seconds=1.0, rounds=1))
+    assert row.samples is not None
+    assert row.bare is not None
+    for found in (row.samples, row.bare):
+        assert found.counts.sum() > 700
+        assert 5.0 < found.quantile(0.5) < 5000.0
+
+
+@pytest.mark.slow
+def test_every_row_is_measured() -> None:
+    for name, measure in ROWS.items():
+        assert measure(SHORT).name == name
+
+
+@contextlib.contextmanager
+def restored_signals() -> Iterator[None]:
+    numbers = (signal.SIGTERM, signal.SIGHUP)
+    before = [signal.getsignal(number) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
+
+
+def processes_of(session: int) -> list[int]:
+    """Living processes of a session."""
+    found = []
+    for directory in Path("/proc").iterdir():
+        if directory.name.isdigit():
+            with contextlib.suppress(OSError):
+                state, *rest = (directory / "stat").read_text().rpartition(")")[2].split()
+                if int(rest[2]) == session and state != "Z":
+                    found.append(int(directory.name))
+    return found
+
+
+def wait_until(condition: Callable[[], bool], timeout_s: float = 20.0) -> None:
+    deadline = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)

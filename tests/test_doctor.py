@@ -1,0 +1,140 @@
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import socket
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hapnet import cli, doctor
+from hapnet.doctor import MISSING, OK, SKIPPED, WARNING, Check
+from hapnet.runtime.zenoh_config import ZenohSettings
+from hapnet.runtime.zenoh_transport import ZenohTransport
+
+Capture = pytest.CaptureFixture[str]
+
+
+def free_address() -> str:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+def test_every_check_has_a_state_a_value_and_advice_where_something_is_wrong() -> None:
+    found = doctor.examine()
+    names = [check.name for check in found]
+    assert len(set(names)) == len(names)
+    assert set(names) >= {
+        "clock resolution", "timerfd", "SCHED_FIFO", "locked memory", "frequency scaling", "zenoh reachable",
+    }  # fmt: skip
+    for check in found:
+        assert check.state in (OK, WARNING, MISSING, SKIPPED)
+        assert check.value
+        assert check.advice or check.state in (OK, SKIPPED)
+        assert "\n" not in check.value + check.advice
+    assert found[-1].state == SKIPPED
+
+
+def test_asking_changes_nothing() -> None:
+    policy = os.sched_getscheduler(0)
+    doctor.real_time_scheduling()
+    doctor.locked_memory()
+    assert os.sched_getscheduler(0) == policy
+    status = Path("/proc/self/status").read_text("utf-8")
+    assert "VmLck:\t       0 kB" in status
+
+
+def test_refused_scheduling_says_how_to_allow_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*args: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    check = doctor.real_time_scheduling()
+    assert check.state == WARNING
+    assert "Operation not permitted" in check.value
+    for words in ("rtprio 80", "/etc/security/limits.conf", "ulimit -r", "setcap cap_sys_nice"):
+        assert words in check.advice
+
+
+@pytest.mark.parametrize(
+    ("governors", "state"),
+    [((), OK), (("performance", "performance"), OK), (("performance", "powersave"), WARNING)],
+)
+def test_governors(governors: tuple[str, ...], state: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for number, governor in enumerate(governors):
+        directory = tmp_path / f"cpu{number}" / "cpufreq"
+        directory.mkdir(parents=True)
+        (directory / "scaling_governor").write_text(governor + "\n", "utf-8")
+    monkeypatch.setattr(doctor, "_PROCESSORS", tmp_path)
+    check = doctor.frequency_scaling()
+    assert check.state == state
+    assert ("cpupower" in check.advice) == (state == WARNING)
+
+
+@pytest.mark.parametrize(
+    ("runtime", "state", "says"), [("950000", OK, "95 %"), ("-1", OK, "all"), ("0", WARNING, "0"), ("", SKIPPED, "")]
+)
+def test_share_of_real_time(runtime: str, state: str, says: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "_read", lambda path: runtime if "runtime" in path else "1000000")
+    check = doctor.real_time_share()
+    assert check.state == state
+    assert says in check.value
+
+
+def test_one_processor_and_a_busy_machine(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {0})
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    monkeypatch.setattr(os, "getloadavg", lambda: (3.0, 1.0, 1.0))
+    assert doctor.processors().state == WARNING
+    assert doctor.load().state == WARNING
+    monkeypatch.setattr(os, "getloadavg", lambda: (0.1, 1.0, 1.0))
+    assert doctor.load().state == OK
+
+
+def test_what_is_missing_is_exit_code_1(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+    version = metadata.version
+
+    def absent(name: str) -> str:
+        if name == "msgpack":
+            raise metadata.PackageNotFoundError(name)
+        return version(name)
+
+    monkeypatch.setattr(metadata, "version", absent)
+    assert cli.main(["doctor"]) == 1
+    out = capsys.readouterr().out
+    (line,) = [line for line in out.splitlines() if line.startswith("missing")]
+    assert "pip install msgpack" in line
+
+
+def test_one_line_each_and_json(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    checks = [Check("this", OK, "fine"), Check("that", WARNING, "slow " * 60, "hurry")]
+    monkeypatch.setattr("hapnet.commands.doctor.examine", lambda connect: checks)
+    assert cli.main(["doctor", "--json", "-"]) == 0
+    out, err = capsys.readouterr()
+    found: list[dict[str, Any]] = json.loads(out)
+    assert [set(check) for check in found] == [{"name", "state", "value", "advice"}] * 2
+    assert len(err.splitlines()) == 2
+    assert err.splitlines()[1].endswith("→ hurry")
+
+
+async def test_zenoh_that_answers() -> None:
+    address = free_address()
+    world = ZenohTransport(ZenohSettings(listen=(address,)), lambda kind, data: None, role="world")
+    await world.open()
+    try:
+        check = await asyncio.to_thread(doctor.zenoh_reachable, address)
+    finally:
+        await world.close()
+    assert check.state == OK
+    assert address in check.value
+
+
+def test_zenoh_that_does_not_answer_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "REACH_S", 0.2)
+    check = doctor.zenoh_reachable(free_address())
+    assert check.state == MISSING
+    assert "did not answer within 0.2 s" in check.value
