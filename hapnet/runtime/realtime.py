@@ -103,6 +103,10 @@ class RealtimeSide:
         self._failure: BaseException | None = None
         self._names = (session, name)
         self._versions = versions()  # a hundred files are read for it: not once the servo runs
+        self._sent_ns: int | None = None
+        self._asked_ns: int | None = None
+        self._granted_ns: int | None = None
+        self._period_ns = round(1e9 / setup.params.device.servo_hz) if role == "device" else None
         self._started_ns = self._clock()
         self._stopped_ns: int | None = None
         entropy = np.random.SeedSequence(self.seed).spawn(4)
@@ -138,15 +142,20 @@ class RealtimeSide:
     # -- threads of their own ----------------------------------------------------------------------------------------
 
     def _send(self, kind: str, data: bytes) -> None:
-        """Offer a message to the link, and put on the wire what it does not delay; from any thread."""
+        """Offer control's message to the link and put on the wire what is not delayed; on control's own thread.
+
+        The message comes first: what else is to be done here waits until it has been put.
+        """
         now_ns = self._clock()
         with self._lock:
-            self.wire.collect()
             self.link.send(now_ns, Parcel(kind, data), size=len(data) + FRAME_OVERHEAD)
             released = self.link.poll(now_ns)
-            self._arm()
         for _, parcel in released:
             self._transport.put(parcel.kind, parcel.data)
+        with self._lock:
+            self._sent_ns = now_ns
+            self.wire.collect()
+            self._arm()
 
     def _on_message(self, kind: str, data: bytes) -> None:
         """On Zenoh's thread."""
@@ -167,12 +176,28 @@ class RealtimeSide:
 
     def _arm(self) -> None:
         """Wake the loop when the link or the protocol is due next; the lock is held."""
-        link_ns, wire_ns = self.link.next_due_ns, self.wire.next_due_ns
+        link_ns, wire_ns = self.link.next_due_ns, self._calm_ns(self.wire.next_due_ns)
         due_ns = wire_ns if link_ns is None else link_ns if wire_ns is None else min(link_ns, wire_ns)
         if self._timer.kind == "timerfd":  # may be set from any thread
             self._timer.arm(due_ns)
         elif due_ns != self._timer.due_ns:
             self._loop.call_soon_threadsafe(self._timer.arm, due_ns)
+
+    def _calm_ns(self, wire_ns: int | None) -> int | None:
+        """When the loop is to look after the protocol that is due at `wire_ns`: that, or a little later.
+
+        A servo's message and the loop would be in each other's way if both came at once, and they would, again and
+        again: what is sent with a tick is due again a whole number of periods later. So the loop comes between two.
+        """
+        if wire_ns == self._asked_ns:
+            return self._granted_ns
+        self._asked_ns = self._granted_ns = wire_ns
+        period_ns = self._period_ns
+        if wire_ns is not None and period_ns is not None and self._sent_ns is not None:
+            first_ns = self._sent_ns + (2 * period_ns) // 5
+            periods = max(0, -((first_ns - wire_ns) // period_ns))  # up to the first such time that is not before
+            self._granted_ns = first_ns + periods * period_ns
+        return self._granted_ns
 
     # -- the event loop ----------------------------------------------------------------------------------------------
 

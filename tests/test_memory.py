@@ -1,0 +1,71 @@
+"""Nothing grows with the length of a run, but the recording's index, a little with every flush."""
+
+from __future__ import annotations
+
+import gc
+import tracemalloc
+from collections.abc import Mapping
+from pathlib import Path
+from tracemalloc import Filter
+from typing import Any
+
+import pytest
+
+from hapnet.mcap_file import FLUSH_NS, RecordingWriter, read_recording
+from hapnet.params import Params
+from hapnet.record import Recording, Sample
+from hapnet.runtime import virtual
+from hapnet.runtime.virtual import Simulation
+
+MINUTES = 10
+INDEX_BYTES = 700.0
+TIMES_BYTES = 80.0
+"""Of the index too: the two times of a chunk are the samples' own."""
+
+
+@pytest.mark.slow
+def test_memory_is_flat_over_ten_minutes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both sides, both links, energy both ways and a recording on disk: after the first minute nothing is added."""
+
+    class OnDisk:
+        """In place of the recorder in memory."""
+
+        def __init__(self, meta: Mapping[str, Any]) -> None:
+            self._path = tmp_path / "run.mcap"
+            self._writer = RecordingWriter(self._path, dict(meta))
+
+        def write(self, sample: Sample) -> None:
+            self._writer.write(sample)
+            self._writer.flush(sample.time_ns)
+
+        def recording(self, summary: Mapping[str, Any]) -> Recording:
+            self._writer.close(summary)
+            return read_recording(self._path)
+
+    monkeypatch.setattr(virtual, "MemoryRecorder", OnDisk)
+    words = {"operator": "sine", "device.shuffle": "all", "world.shuffle": "all", "duration_s": 60.0 * MINUTES}
+    simulation = Simulation(Params().set({**words, "link.up": "4g", "link.down": "lossy-wifi"}), seed=1)
+    seen: list[tracemalloc.Snapshot] = []
+
+    def look(elapsed_s: float) -> None:
+        if elapsed_s >= 60.0 * (len(seen) + 1):
+            gc.collect()
+            seen.append(tracemalloc.take_snapshot())
+
+    tracemalloc.start()
+    try:
+        result = simulation.run(look)
+    finally:
+        tracemalloc.stop()
+    assert len(seen) == MINUTES
+    assert result.summary["device"]["sent_nJ"] > 1_000_000_000
+    flushes = 60.0 * (MINUTES - 1) * 1e9 / FLUSH_NS
+    index, rest = (seen[-1].filter_traces([which]).compare_to(seen[0].filter_traces([which]), "lineno")
+                   for which in (Filter(True, "*/mcap/*"), Filter(False, "*/mcap/*")))  # fmt: skip
+    print(f"\nin {MINUTES - 1} min: index {grown(index) / 1e3:.0f} kB, all else {grown(rest) / 1e3:.1f} kB")
+    assert grown(index) <= INDEX_BYTES * flushes
+    assert grown(rest) <= TIMES_BYTES * flushes + 20_000, "\n".join(map(str, rest[:10]))
+
+
+def grown(statistics: list[tracemalloc.StatisticDiff]) -> int:
+    return sum(statistic.size_diff for statistic in statistics)
