@@ -16,10 +16,9 @@ import os
 import struct
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from importlib import import_module
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NoReturn
-
-from mcap.writer import CompressionType, Writer
 
 from hapnet.errors import RecordingError
 from hapnet.record import VECTORS, DeviceSample, Event, Recording, Sample, WorldSample, from_samples, plain
@@ -212,7 +211,14 @@ def repair(path: str | os.PathLike[str]) -> Path:
     return target
 
 
+def preload() -> None:
+    """Load what a writer needs, which takes 20 ms: before something runs that must not wait."""
+    import_module("mcap.writer")
+
+
 def _mcap_writer(file: IO[bytes]) -> Any:  # Any: some of the class's methods have no annotations
+    from mcap.writer import CompressionType, Writer
+
     # lz4 halves the file for 1 us a sample; zstd, the library's default, takes three times as long
     return Writer(file, chunk_size=CHUNK_BYTES - _MESSAGE_ROOM, compression=CompressionType.LZ4)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import chain
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from scipy.linalg import expm
 from hapnet.checks import Array
 from hapnet.control.spring import Spring
 from hapnet.errors import InvalidParameter
-from hapnet.plant.device import SimulatedDevice
+from hapnet.plant.device import Lived, SimulatedDevice
 from hapnet.plant.operator import Impedance, Operator, Rest, Sine
 from tests.conftest import random_spd
 
@@ -45,6 +46,26 @@ def test_the_hands_work_is_all_accounted_for(n: int, limit: float | None, genera
         saturated += math.sqrt(spring.ellipsoid.square(tuple(np.array(device.position) - held))) > spring.knee
     assert work == pytest.approx(stored() - before, abs=1e-13)
     assert (saturated > 500) == (limit is not None)
+
+
+@pytest.mark.parametrize(("n", "general"), [(1, False), (3, False), (2, True)])
+@pytest.mark.parametrize("limit", [None, 0.4])
+def test_ticks_in_a_row_are_ticks_one_by_one(n: int, general: bool, limit: float | None) -> None:
+    """Also where the spring begins to saturate amid a run; one axis is the same to the bit."""
+    K = random_spd(np.random.default_rng(n), n, 40.0, 300.0) if general else np.eye(n) * 100.0
+    one, row = (SimulatedDevice(Sine(n, HAND, amplitude=0.03)) for _ in range(2))
+    for device in (one, row):
+        device.couple(K, 0.1, (0.0,) * n, limit)
+    for ticks in (1, 4, 7) * 100:
+        single = [(one.advance(), one.position, one.velocity, one.hand_force) for _ in range(ticks)]
+        together = row.run(ticks)
+        assert together == single if n == 1 else np.allclose(_flat(together), _flat(single), rtol=1e-12, atol=1e-15)
+        assert np.allclose(row.extremes(), one.extremes(), rtol=1e-12, atol=1e-15)
+        assert row.time == one.time
+
+
+def _flat(ticks: list[Lived]) -> list[float]:
+    return [value for work, *vectors in ticks for value in (work, *chain(*vectors))]
 
 
 def test_damping_dissipates_exactly_what_the_account_leaves() -> None:

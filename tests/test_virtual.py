@@ -19,7 +19,7 @@ from hapnet.control.coupling import Coupling
 from hapnet.control.pspm import Modulation
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
-from hapnet.plant.device import SimulatedDevice
+from hapnet.plant.device import Lived, SimulatedDevice
 from hapnet.record import Columns
 from hapnet.runtime.sides import ContinuousDeviceSide, DeviceSide
 from hapnet.runtime.virtual import Result, simulate
@@ -32,7 +32,7 @@ def test_ticks_made_together_are_the_same_ticks(monkeypatch: pytest.MonkeyPatch)
     """`rest` makes the ticks in which nothing happens; the run is, to the bit, the one that makes each by `tick`."""
     params = Params().set({"duration_s": 3.0, "record_hz": 250.0, "link.up": "delay 7ms 3ms loss 5%"})
     together = simulate(params, seed=3)
-    monkeypatch.setattr(ContinuousDeviceSide, "rest", DeviceSide.rest)
+    monkeypatch.setattr(ContinuousDeviceSide, "resting", DeviceSide.resting)
     singly = simulate(params, seed=3)
     assert together.device.ticks == singly.device.ticks > 2900
     assert {**together.summary, "wall_clock": None} == {**singly.summary, "wall_clock": None}
@@ -136,7 +136,7 @@ class Watch:
     def __init__(self, patch: pytest.MonkeyPatch) -> None:
         self.harvested: dict[Coupling, float] = {}
         self.hand = 0.0
-        update, advance = Coupling.update, SimulatedDevice.advance
+        update, run = Coupling.update, SimulatedDevice.run
 
         def watched_update(coupling: Coupling, dt: float, x: Vector, dissipated: float) -> Modulation:
             result = update(coupling, dt, x, dissipated)
@@ -144,13 +144,13 @@ class Watch:
             self.harvested[coupling] = self.harvested.get(coupling, 0.0) + gain
             return result
 
-        def watched_advance(device: SimulatedDevice) -> float:
-            work = advance(device)
-            self.hand += max(0.0, work)
-            return work
+        def watched_run(device: SimulatedDevice, ticks: int) -> list[Lived]:
+            lived = run(device, ticks)
+            self.hand += sum(max(0.0, tick[0]) for tick in lived)
+            return lived
 
         patch.setattr(Coupling, "update", watched_update)
-        patch.setattr(SimulatedDevice, "advance", watched_advance)
+        patch.setattr(SimulatedDevice, "run", watched_run)
 
 
 def compare_shufflings(duration_s: float) -> None:

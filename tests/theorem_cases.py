@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -128,12 +128,12 @@ class Watched(Simulation):
 
     credit_gap_nJ = 0
 
-    def _run(self, source: int, at_ns: int) -> None:
-        super()._run(source, at_ns)
-        self._compare()
+    def _run(self, end_ns: int, done: Callable[[], bool] | None = None) -> None:
+        def watched() -> bool:
+            self._compare()
+            return done is not None and done()
 
-    def _ticks(self, end_ns: int) -> None:
-        super()._ticks(end_ns)
+        super()._run(end_ns, watched)
         self._compare()
 
     def _compare(self) -> None:

@@ -21,6 +21,8 @@ def step_towards(start: Vector, goal: Vector, longest: float) -> Vector:
     With ``longest = dF_max / lambda_max(K)`` around ybar(k-1), the spring's force steps by at most dF_max: PSPM's
     projection is non-expansive, so ybar keeps the limit that y kept.
     """
+    if len(start) == 1 and abs(goal[0] - start[0]) <= longest:
+        return goal
     way = tuple(map(sub, goal, start))
     distance = math.hypot(*way)
     if distance <= longest:

@@ -51,18 +51,24 @@ class ContinuousServo:
         now [J].
         """
         self.rest(dt, x, work, kinetic)
-        if self.rests(0.0) and not release:
-            return None
         coupling, elapsed = self.coupling, self._elapsed
+        if elapsed < self._due and not coupling.has_datum and not release:
+            return None
         dissipated = dissipated_by_range(self.damping, *extremes(), elapsed)
         result = coupling.release(x, dissipated) if release else coupling.update(elapsed, x, dissipated)
         self._elapsed = 0.0
         coupling.ledger.observe(kinetic + coupling.potential(x), coupling.account)
         return result
 
-    def rests(self, dt: float) -> bool:
-        """Is there nothing for PSPM to do in a tick `dt` seconds from the last? Then `rest` is all of that tick."""
-        return not self.coupling.has_datum and self._elapsed + dt < self._due
+    def resting(self, dt: float) -> int:
+        """How many ticks `dt` seconds apart PSPM has nothing to do in, if no data come: `rest` is all of each."""
+        if self.coupling.has_datum:
+            return 0
+        ticks, elapsed = 0, self._elapsed + dt
+        while elapsed < self._due:
+            ticks += 1
+            elapsed += dt
+        return ticks
 
     def rest(self, dt: float, x: Vector, work: float, kinetic: float) -> None:
         """What every tick begins with: the account. The arguments are those of `tick`."""
@@ -70,7 +76,8 @@ class ContinuousServo:
         coupling = self.coupling
         ledger = coupling.ledger
         ledger.put_in(work)
-        ledger.observe(kinetic + coupling.potential(x), coupling.account)
+        stored = kinetic + coupling.spring.between(coupling.modulator.set_position, x)
+        ledger.observe(stored, coupling.account)
 
 
 class SampledServo:

@@ -70,12 +70,11 @@ class Spring:
     def force(self, e: Vector) -> Vector:
         """The spring's force on the device [N] at the offset e [m]."""
         scale = -1.0
-        if self.knee != math.inf:
-            square = self.ellipsoid.square(e)
-            if square > self._knee_square:
-                scale = -self.knee / math.sqrt(square)
+        square = self._K11 * e[0] * e[0] if self.dof == 1 else self.ellipsoid.square(e)
+        if square > self._knee_square:
+            scale = -self.knee / math.sqrt(square)
         if self.dof == 1:
-            return (scale * self._rows[0][0] * e[0],)
+            return (scale * self._K11 * e[0],)
         return tuple([scale * sum(map(mul, row, e)) for row in self._rows])
 
     def nearest(self, e: Vector, energy: float) -> Vector:

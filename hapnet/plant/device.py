@@ -13,6 +13,7 @@ is replaced by the discrete gradient of its potential, ``-c K e_mid``, with the 
 from __future__ import annotations
 
 import math
+from itertools import chain, pairwise
 from operator import add, mul, sub
 from typing import Any, Protocol
 
@@ -23,6 +24,9 @@ from hapnet import checks
 from hapnet.checks import Array, Vector
 from hapnet.errors import InvalidParameter
 from hapnet.plant.operator import Operator
+
+Lived = tuple[float, Vector, Vector, Vector]
+"""A tick: the hand's work [J]; the device's position [m] and velocity [m/s], and the hand's force [N], at its end."""
 
 
 class Device(Protocol):
@@ -110,8 +114,12 @@ class SimulatedDevice:
     @property
     def kinetic(self) -> float:
         """Of the device's own mass [J]."""
+        return self.kinetic_at(self.velocity)
+
+    def kinetic_at(self, velocity: Vector) -> float:
+        """What `kinetic` is at this velocity [m/s]."""
         square = 0.0
-        for v in self.velocity:
+        for v in velocity:
             square += v * v
         return 0.5 * self.mass * square
 
@@ -161,66 +169,90 @@ class SimulatedDevice:
 
     def advance(self) -> float:
         """One tick of the servo's period; the work done by the hand on the device [J]."""
-        self._ticks += 1
-        self.time = self._ticks * self.period
-        start = self._reference
-        self._reference = self._follow(self.time)
+        return self.run(1)[0][0]
+
+    def run(self, ticks: int) -> list[Lived]:
+        """As many ticks, with nothing from outside in between; the device after each of them."""
+        passed, period, follow = self._ticks, self.period, self._follow
+        self._ticks = passed + ticks
+        self.time = self._ticks * period
+        start, path = self._reference, [follow(k * period) for k in range(passed + 1, passed + ticks + 1)]
+        self._reference = path[-1]
+        if self._decoupled and not self._saturated:
+            lived = self._run_axes(start, path)
+            if lived is not None:
+                return lived
+        return [self._tick(begin, end) for begin, end in pairwise([start, *path])]
+
+    def _tick(self, begin: Vector, end: Vector) -> Lived:
+        """One tick, while the hand's reference goes from `begin` to `end`."""
+        work = None
         if not self._saturated:
-            work = self._advance_axes(start) if self._decoupled else self._advance_linear(start)
-            if work is not None:
-                return work
-        return self._advance_saturated(start)
+            if self._decoupled:
+                lived = self._run_axes(begin, [end])
+                if lived is not None:
+                    return lived[0]
+            else:
+                work = self._advance_linear(begin, end)
+        if work is None:
+            work = self._advance_saturated(begin, end)
+        return work, self.position, self.velocity, self.hand_force
 
     # -- axis by axis: K diagonal and not saturated ------------------------------------------------------------------
 
-    def _advance_axes(self, reference: Vector) -> float | None:
-        """The tick with each axis on its own: its work; None, and nothing changed, if the spring may have saturated."""
-        h, period, substeps = self._h, self.period, self._substeps
-        kh, rate_drive, rate_step = self._hand.stiffness, self._rate_drive, self._rate_step
-        inertia, hand_mass, response = self._inertia, self._hand_mass, self._response
+    def _run_axes(self, start: Vector, path: list[Vector]) -> list[Lived] | None:
+        """The ticks at whose ends the reference is at the points of `path`, each axis on its own.
+
+        None, and nothing changed, if the spring may have saturated.
+        """
+        h, period, substeps, kh, rate_drive, rate_step, inertia, hand_mass, response = self._coefficients
         ybar = self._set_position or self.position
-        work = stretch = 0.0
-        moved = []
+        stretch = 0.0
+        lows, highs = [], []
+        axes: list[list[Lived]] = []
         for axis, (k, pull, inverse) in enumerate(self._decoupled):
             x, v, low, high, y = self.position[axis], self.velocity[axis], self._low[axis], self._high[axis], ybar[axis]
-            begin = reference[axis]
-            rate = (self._reference[axis] - begin) / period
             drive = k * y + self._torque[axis]
-            hand = kh * begin + rate_drive * rate
-            hand_step = rate_step * rate
-            f = 0.0
-            for _ in substeps:
-                hand += hand_step
-                middle = (inertia * v + drive + hand - pull * x) * inverse
-                f = hand - kh * x + hand_mass * v - response * middle
-                work += f * middle
-                v = middle + middle - v
-                x += h * middle
-                if x < low:
-                    low = x
-                elif x > high:
-                    high = x
+            begin = start[axis]
+            ticks: list[Lived] = []
+            for reference in path:
+                end = reference[axis]
+                rate = (end - begin) / period
+                hand = kh * begin + rate_drive * rate
+                hand_step = rate_step * rate
+                begin = end
+                work = f = 0.0
+                for _ in substeps:
+                    hand += hand_step
+                    middle = (inertia * v + drive + hand - pull * x) * inverse
+                    f = hand - kh * x + hand_mass * v - response * middle
+                    work += f * middle
+                    v = middle + middle - v
+                    x += h * middle
+                    if x < low:
+                        low = x
+                    elif x > high:
+                        high = x
+                ticks.append((work * h, (x,), (v,), (f,)))
             farthest = high - y if high - y > y - low else y - low
             stretch += k * farthest * farthest
-            moved.append((x, v, low, high, f))
+            axes.append(ticks)
+            lows.append(low)
+            highs.append(high)
         if stretch > self._knee_square:
             return None
-        if len(moved) == 1:
-            x, v, low, high, f = moved[0]
-            self.position, self.velocity, self._low, self._high, self.hand_force = (x,), (v,), (low,), (high,), (f,)
-        else:
-            self.position, self.velocity, self._low, self._high, self.hand_force = zip(*moved, strict=True)
-        return work * h
+        lived = axes[0] if len(axes) == 1 else list(map(_joined, *axes))
+        _, self.position, self.velocity, self.hand_force = lived[-1]
+        self._low, self._high = tuple(lows), tuple(highs)
+        return lived
 
     # -- any K, not saturated ----------------------------------------------------------------------------------------
 
-    def _advance_linear(self, reference: Vector) -> float | None:
+    def _advance_linear(self, begin: Vector, end: Vector) -> float | None:
         """The whole tick as one linear map: its work; None, and nothing changed, if the spring may have saturated."""
         n, ybar = self.dof, self._set_position or self.position
         # BLAS on the whole tick costs a quarter of the same substeps on floats
-        values = self._tick_map.dot(
-            self.position + self.velocity + ybar + self._torque + reference + self._reference
-        ).tolist()
+        values = self._tick_map.dot(self.position + self.velocity + ybar + self._torque + begin + end).tolist()
         span = n * len(self._substeps)
         velocity, hand_force, path = values[:span], values[span : 2 * span], values[2 * span : 3 * span]
         low, high = [], []
@@ -239,7 +271,7 @@ class SimulatedDevice:
 
     # -- any K, saturated or not -------------------------------------------------------------------------------------
 
-    def _advance_saturated(self, reference: Vector) -> float:
+    def _advance_saturated(self, begin: Vector, end: Vector) -> float:
         h, kh, bh = self._h, self._hand.stiffness, self._hand.damping
         inertia, hand_mass, response = self._inertia, self._hand_mass, self._response
         K, torque = self._K_rows, self._torque
@@ -247,8 +279,8 @@ class SimulatedDevice:
         e: Vector = tuple(map(sub, x, self._set_position or x))
         pull = [sum(map(mul, row, e)) for row in K]
         square: float = sum(map(mul, e, pull))
-        rate = [(b - a) / self.period for a, b in zip(reference, self._reference, strict=True)]
-        hand = [kh * a + (bh - 0.5 * kh * h) * r for a, r in zip(reference, rate, strict=True)]
+        rate = [(b - a) / self.period for a, b in zip(begin, end, strict=True)]
+        hand = [kh * a + (bh - 0.5 * kh * h) * r for a, r in zip(begin, rate, strict=True)]
         hand_step = [kh * h * r for r in rate]
         work = 0.0
         f: Vector = v
@@ -308,6 +340,10 @@ class SimulatedDevice:
         self._rate_drive = hand.damping - 0.5 * hand.stiffness * h
         self._rate_step = hand.stiffness * h
         self._knee_square = self._knee * self._knee
+        self._coefficients = (
+            h, self.period, self._substeps, hand.stiffness, self._rate_drive, self._rate_step,
+            self._inertia, self._hand_mass, self._response,
+        )  # fmt: skip
         bare = own + np.diagonal(self._coupling_damping)
         self._K_rows = _rows(self._K)
         # Modes of K x = lambda bare x, so that (bare + c h/2 K)^-1 = modes' diag(1 / (1 + c h/2 lambda)) modes.
@@ -351,6 +387,12 @@ class SimulatedDevice:
         if r == 0.0:
             return self.position
         return tuple([r * round(x / r) for x in self.position])
+
+
+def _joined(*axes: Lived) -> Lived:
+    """One tick of all axes, from that of each."""
+    works, x, v, f = zip(*axes, strict=True)
+    return sum(works), tuple(chain(*x)), tuple(chain(*v)), tuple(chain(*f))
 
 
 def _rows(matrix: ArrayLike) -> tuple[Vector, ...]:

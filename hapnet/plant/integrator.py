@@ -13,9 +13,9 @@ kappa = 1/2 |v|_M^2 and phi = 1/2 |x - ybar|_K'^2 it obeys, exactly and for any 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import inf, isfinite
-from operator import add, mul
+from operator import add, mul, sub
 from typing import NamedTuple
 
 import numpy as np
@@ -69,13 +69,13 @@ class PassiveIntegrator:
         self._x = checks.vector("position", position)
         self._n = n = len(self._x)
         self._v = (0.0,) * n if velocity is None else checks.vector("velocity", velocity, n)
-        self._M = _positive_definite("mass", mass, n)
-        self._B = _positive_definite("damping", damping, n)
-        self._K = _positive_definite("stiffness", stiffness, n)
+        M = _positive_definite("mass", mass, n)
+        B = _positive_definite("damping", damping, n)
+        K = _positive_definite("stiffness", stiffness, n)
+        self._M, self._B, self._K = _product(M), _product(B), _product(K)
         # Lower triangle of A in powers of T: 2M, B', K'/2.
-        self._terms = [
-            [(2.0 * self._M[i][j], self._B[i][j], 0.5 * self._K[i][j]) for j in range(i + 1)] for i in range(n)
-        ]
+        self._terms = [[(2.0 * M[i][j], B[i][j], 0.5 * K[i][j]) for j in range(i + 1)] for i in range(n)]
+        self._diagonal = all(_is_diagonal(matrix) for matrix in (M, B, K))
         self._dt = 0.0
         self._contacts: Contacts | None = None
 
@@ -92,12 +92,13 @@ class PassiveIntegrator:
     @property
     def kinetic_J(self) -> float:
         """kappa_k = 1/2 |v_k|_M^2."""
-        return 0.5 * _quadratic(self._M, self._v)
+        return 0.5 * _dot(self._v, self._M(self._v))
 
     def potential_J(self, set_position: ArrayLike) -> float:
         """phi_k = 1/2 |x_k - ybar|_K'^2 for the set-position ybar (n,) [m]."""
         ybar = self._input("set_position", set_position)
-        return 0.5 * _quadratic(self._K, [x - y for x, y in zip(self._x, ybar, strict=True)])
+        error = tuple(map(sub, self._x, ybar))
+        return 0.5 * _dot(error, self._K(error))
 
     def adopt(self, contacts: Contacts | None) -> None:
         """Check `contacts` against this mass, as `step` does when it first meets them; call it to fail early.
@@ -140,12 +141,9 @@ class PassiveIntegrator:
         if dt != self._dt:
             self._factor(dt)
         x, v, K = self._x, self._v, self._K
-        error = [p - y for p, y in zip(x, ybar, strict=True)]
+        error = tuple(map(sub, x, ybar))
         gain = 2.0 / dt
-        c = [
-            gain * sum(map(mul, m_row, v)) - sum(map(mul, k_row, error))
-            for m_row, k_row in zip(self._M, K, strict=True)
-        ]
+        c = [gain * momentum - pull for momentum, pull in zip(self._M(v), K(error), strict=True)]
         f: Sequence[float] = (0.0,) * self._n
         if force is not None:
             f = self._input("force", force)
@@ -156,9 +154,9 @@ class PassiveIntegrator:
             f = push if force is None else [g + p for g, p in zip(f, push, strict=True)]
 
         half = 0.5 * dt
-        damper = [sum(map(mul, b_row, vhat)) for b_row in self._B]
-        middle = [e + half * u for e, u in zip(error, vhat, strict=True)]
-        tau = tuple([-d - sum(map(mul, k_row, middle)) for d, k_row in zip(damper, K, strict=True)])
+        damper = self._B(vhat)
+        pull = K([e + half * u for e, u in zip(error, vhat, strict=True)])
+        tau = tuple([-d - p for d, p in zip(damper, pull, strict=True)])
         self._x = x = tuple([p + dt * u for p, u in zip(x, vhat, strict=True)])
         self._v = tuple([2.0 * u - w for u, w in zip(vhat, v, strict=True)])
         return Step(
@@ -184,6 +182,12 @@ class PassiveIntegrator:
         """A = L D L' for this step size; keeps the strict lower rows of L and 1/D."""
         if not 0.0 < dt < inf:
             raise InvalidParameter("dt", dt, "a positive, finite number of seconds")
+        if self._diagonal:
+            pivots = [m / dt + b + k * dt for *_, (m, b, k) in self._terms]
+            if not 0.0 < min(pivots) <= max(pivots) < inf:
+                raise InvalidParameter("dt", dt, "a step that 2M/T + B' + K' T/2 can be computed for")
+            self._dt, self._inverse_pivots = dt, [1.0 / pivot for pivot in pivots]
+            return
         rows: list[list[float]] = []
         inverse_pivots: list[float] = []
         for terms in self._terms:
@@ -203,6 +207,8 @@ class PassiveIntegrator:
 
     def _solve(self, b: Sequence[float]) -> list[float]:
         """A^-1 b by substitution, so that the residual stays at rounding whatever A's condition."""
+        if self._diagonal:
+            return list(map(mul, b, self._inverse_pivots))
         z: list[float] = []
         for value, row in zip(b, self._L, strict=True):
             z.append(value - sum(map(mul, row, z)))
@@ -214,8 +220,23 @@ class PassiveIntegrator:
         return z
 
 
-def _quadratic(matrix: Sequence[Vector], vector: Sequence[float]) -> float:
-    return float(sum(x * sum(map(mul, row, vector)) for x, row in zip(vector, matrix, strict=True)))
+def _dot(one: Sequence[float], other: Sequence[float]) -> float:
+    return float(sum(map(mul, one, other)))
+
+
+Product = Callable[[Sequence[float]], list[float]]
+
+
+def _product(matrix: tuple[Vector, ...]) -> Product:
+    """What multiplies a vector by `matrix`."""
+    if _is_diagonal(matrix):
+        diagonal = tuple(row[i] for i, row in enumerate(matrix))
+        return lambda vector: list(map(mul, diagonal, vector))
+    return lambda vector: [sum(map(mul, row, vector)) for row in matrix]
+
+
+def _is_diagonal(matrix: tuple[Vector, ...]) -> bool:
+    return not any(value for i, row in enumerate(matrix) for j, value in enumerate(row) if i != j)
 
 
 def _positive_definite(name: str, value: ArrayLike, n: int) -> tuple[Vector, ...]:

@@ -22,7 +22,7 @@ import numpy as np
 
 from hapnet.endpoint import NANO
 from hapnet.errors import HapnetError, RecordingError
-from hapnet.mcap_file import RecordingWriter
+from hapnet.mcap_file import RecordingWriter, preload
 from hapnet.record import Event as Note
 from hapnet.record import Sample
 from hapnet.runtime import servo_pipe
@@ -127,6 +127,7 @@ class RealtimeSide:
         self._transport = ZenohTransport(zenoh, self._on_message, session=session, device=name, role=role)
         if record is not None:
             _require_writable(record)
+            preload()
 
     def _keep_sample(self, sample: Sample) -> None:
         """For the recording; from any thread. A note is told as well."""

@@ -14,7 +14,7 @@ from hapnet.control.harvest import MeasuredHarvest
 from hapnet.control.ledger import Ledger
 from hapnet.control.servo_law import ContinuousServo, SampledServo
 from hapnet.endpoint import NANO, DeviceControl, WorldControl
-from hapnet.plant.device import Device, SimulatedDevice
+from hapnet.plant.device import Device, Lived, SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.scene import Scene
 from hapnet.record import DeviceSample, Event, Sample, WorldSample
@@ -108,13 +108,18 @@ class DeviceSide(ABC):
             self._write(self._sample(now_ns))
         return message
 
-    def rest(self, now_ns: int, last_ns: int, observe: Callable[[float], None]) -> int:
-        """The ticks from `now_ns` up to `last_ns` before the first that `tick` must make; returns that one's time.
+    @property
+    def resting(self) -> int:
+        """How many ticks from the next on may be made later by `rest`, as long as nothing arrives; in virtual time."""
+        return 0
 
-        For virtual time, which knows that until `last_ns` nothing arrives, and that no tick is late. `observe` is told
-        the work put in at the side's port [J] after each tick.
+    def rest(self, now_ns: int, ticks: int, observe: Callable[[float], None], *, then_tick: bool) -> None:
+        """Make this many of the `resting` ticks, the first at `now_ns`.
+
+        `observe` is told the smallest and then the last W of the side's port after these ticks [J]. `then_tick`: the
+        next call is the `tick` that follows them.
         """
-        return now_ns
+        raise NotImplementedError
 
     def stop(self) -> None:
         """Zero force, for good."""
@@ -142,7 +147,7 @@ class DeviceSide(ABC):
         return periods
 
     def _sampled(self, now_ns: int, x: Vector, force: Vector, hand: Vector | None) -> DeviceSample:
-        coupling = self.coupling
+        coupling = self.endpoint.coupling
         modulator, ledger = coupling.modulator, coupling.ledger
         return DeviceSample(
             now_ns, x, modulator.set_position, coupling.target, force, hand, modulator.energy, modulator.deficit,
@@ -179,6 +184,8 @@ class ContinuousDeviceSide(DeviceSide):
         )
         self._simulated = device
         self._make_servo = make_servo
+        self._resting_dt = max(period_ns * NANO, device.period)
+        self._ahead: Lived | None = None  # the next tick, which the device has lived already
 
     def _start(self, x: Vector) -> None:
         device = self._simulated
@@ -188,43 +195,62 @@ class ContinuousDeviceSide(DeviceSide):
         device.couple(spring.K, servo.damping, x, spring.force_limit)
         device.extremes()
 
-    def rest(self, now_ns: int, last_ns: int, observe: Callable[[float], None]) -> int:
+    @property
+    def resting(self) -> int:
         if self.ledger is None or self.endpoint.has_news:
-            return now_ns
-        device, servo, ledger, period_ns = self._simulated, self._servo, self.ledger, self._period_ns
-        dt = max(period_ns * NANO, device.period)
-        first_ns = now_ns
-        while now_ns <= last_ns and servo.rests(dt):
-            work = device.advance()
-            servo.rest(dt, device.position, work, device.kinetic)
-            observe(ledger.work)
-            self.ticks += 1
-            if self.ticks % self._record_every == 0:
-                self._write(self._sample(now_ns))
-            now_ns += period_ns
-        if now_ns != first_ns:
-            self._last_ns = self._expected_ns = now_ns - period_ns
-        return now_ns
+            return 0
+        return self._servo.resting(self._resting_dt)
+
+    def rest(self, now_ns: int, ticks: int, observe: Callable[[float], None], *, then_tick: bool) -> None:
+        device, servo, ledger, dt = self._simulated, self._servo, self.ledger, self._resting_dt
+        assert ledger is not None, "control has not started"
+        lived = device.run(ticks + then_tick)
+        if then_tick:
+            self._ahead = lived.pop()
+        rest, kinetic_at = servo.rest, device.kinetic_at
+        tick, every = self.ticks, self._record_every
+        lowest = ledger.work
+        for work, x, v, hand_force in lived:
+            rest(dt, x, work, kinetic_at(v))
+            if ledger.work < lowest:
+                lowest = ledger.work
+            tick += 1
+            if tick % every == 0:
+                at_ns = now_ns + (tick - self.ticks - 1) * self._period_ns
+                self._write(self._sampled(at_ns, x, self._force(x, v), hand_force))
+        observe(lowest)
+        observe(ledger.work)
+        self._last_ns = self._expected_ns = now_ns + (ticks - 1) * self._period_ns
+        self.ticks = tick
 
     def _control(self, now_ns: int, *, release: bool) -> bytes | None:
         device, last_ns = self._simulated, self._last_ns
         periods = self._periods(now_ns)
-        work = device.advance() if periods == 1 else sum([device.advance() for _ in range(periods)])
+        if self._ahead is not None:
+            work, self._ahead = self._ahead[0], None
+        elif periods == 1:
+            work = device.advance()
+        else:
+            work = sum([device.advance() for _ in range(periods)])
         x = device.position
         dt = (self._clock() - last_ns) * NANO
         if dt < (lived := periods * device.period):
             dt = lived
         message = self.endpoint.tick_continuous(now_ns, dt, x, device.extremes, work, device.kinetic, release=release)
         if message is not None:
-            device.move_set_position(self._servo.coupling.set_position)
+            device.move_set_position(self._servo.coupling.modulator.set_position)
         return message
 
     def _sample(self, now_ns: int) -> DeviceSample:
-        device, servo = self._simulated, self._servo
+        device = self._simulated
         x = device.position
-        spring = servo.coupling.spring.force(tuple(map(sub, x, servo.coupling.set_position)))
-        force = tuple(map(sub, spring, map(mul, servo.damping, device.velocity)))
-        return self._sampled(now_ns, x, force, device.hand_force)
+        return self._sampled(now_ns, x, self._force(x, device.velocity), device.hand_force)
+
+    def _force(self, x: Vector, v: Vector) -> Vector:
+        """The coupling's force on the device [N]."""
+        servo = self._servo
+        spring = servo.coupling.spring.force(tuple(map(sub, x, servo.coupling.modulator.set_position)))
+        return tuple(map(sub, spring, map(mul, servo.damping, v)))
 
 
 class SampledDeviceSide(DeviceSide):

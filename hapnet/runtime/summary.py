@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 from collections.abc import Mapping
 from dataclasses import fields
+from functools import cache
 from importlib import metadata
 from typing import Any
 
@@ -151,6 +152,7 @@ def _flow(sender: Summary | None, receiver: Summary | None) -> dict[str, int | N
     return {"sent_nJ": sent, "credited_nJ": credited, "in_flight_nJ": in_flight, "abandoned_nJ": abandoned}
 
 
+@cache
 def _version(name: str) -> str:
     try:
         return metadata.version(name)

@@ -119,6 +119,7 @@ class Simulation:
         self.down: Link[Parcel] = Link(self.setup.down, seed=down)
         self._period_ns = round(1e9 / params.device.servo_hz)
         self._due = [_NEVER, _NEVER, 0, 0, 0, self._period_ns]
+        self._tick_ns = self._period_ns  # of the next tick to make; those before the one that is due may wait
 
     def run(self, progress: Callable[[float], None] | None = None) -> Result:
         """Run to the end, then let the links deliver what is under way.
@@ -132,11 +133,10 @@ class Simulation:
         duration_s = self.setup.params.duration_s
         if duration_s <= 0.0:
             raise HapnetError("a simulation needs a duration above 0 s")
-        while not (self.device_endpoint.started and self.world_endpoint.started):
-            if self.now_ns > PAIRING_LIMIT_NS:
-                raise HapnetError(f"the two sides did not find each other within {PAIRING_LIMIT_NS * NANO:.0f} s: "
-                                  f"uplink {self.up.profile}, downlink {self.down.profile}")  # fmt: skip
-            self._advance(_NEVER)
+        self._run(PAIRING_LIMIT_NS, lambda: self.device_endpoint.started and self.world_endpoint.started)
+        if not (self.device_endpoint.started and self.world_endpoint.started):
+            raise HapnetError(f"the two sides did not find each other within {PAIRING_LIMIT_NS * NANO:.0f} s: "
+                              f"uplink {self.up.profile}, downlink {self.down.profile}")  # fmt: skip
         start_ns = self.now_ns
         self._meta["origin_ns"] = start_ns
         end_ns = start_ns + round(duration_s / NANO)
@@ -144,10 +144,8 @@ class Simulation:
             self._until(min(end_ns, self.now_ns + 500_000_000))
             progress((self.now_ns - start_ns) * NANO)
         self._until(end_ns)
-        self._due[_STEP] = self._due[_TICK] = _NEVER
-        while not self._settled and self.now_ns < end_ns + LINGER_NS:
-            if not self._advance(end_ns + LINGER_NS):
-                break
+        self._due[_STEP] = self._due[_TICK] = self._tick_ns = _NEVER
+        self._run(end_ns + LINGER_NS, lambda: self._settled)
         summary = self._summary()
         recording = self._recorder.recording(summary)
         summary["motion"] = motion(recording)
@@ -170,52 +168,49 @@ class Simulation:
         return self.device_endpoint.session.settled and self.world_endpoint.session.settled
 
     def _until(self, end_ns: int) -> None:
-        due = self._due
-        while (at := min(due)) <= end_ns:
-            source = due.index(at)
-            if source == _TICK:
-                self._ticks(end_ns)
-            else:
-                self._run(source, at)
+        self._run(end_ns)
+        self._rest(end_ns + 1)
         self.now_ns = end_ns
 
-    def _advance(self, end_ns: int) -> bool:
-        """Jump to what is due next and run it; False if nothing is due by `end_ns`."""
-        at = min(self._due)
-        if at > end_ns:
-            return False
-        source = self._due.index(at)
-        if source == _TICK:
-            self._ticks(at)
-        else:
-            self._run(source, at)
-        return True
+    def _run(self, end_ns: int, done: Callable[[], bool] | None = None) -> None:
+        """Jump to what is due next and run it, until nothing is due by `end_ns` or the run is `done`.
 
-    def _run(self, source: int, at_ns: int) -> None:
-        """Run what is due at `at_ns`, then see when its side, and the links that it touched, are due again."""
-        now = self.now_ns = max(self.now_ns, at_ns)
+        After each, see when its side, and the links that it touched, are due again.
+        """
         due, up, down = self._due, self.up, self.down
-        if source == _UP:
-            for _, parcel in up.poll(now):
-                self.world_endpoint.receive(now, parcel.data)
-            due[_UP] = _or_never(up.next_due_ns)
-            due[_WORLD_TIMER] = _or_never(self.world_endpoint.next_due_ns)
-        elif source == _DOWN:
-            for _, parcel in down.poll(now):
-                self.device_endpoint.receive(now, parcel.data)
-            due[_DOWN] = _or_never(down.next_due_ns)
-            due[_DEVICE_TIMER] = _or_never(self.device_endpoint.next_due_ns)
-        elif source == _DEVICE_TIMER:
-            self._poll(self.device_endpoint, up)
-            due[_UP] = _or_never(up.next_due_ns)
-            due[_DEVICE_TIMER] = _or_never(self.device_endpoint.next_due_ns)
-        else:
-            if source == _STEP:
-                self._step()
+        device, world = self.device_endpoint, self.world_endpoint
+        while (at := min(due)) <= end_ns and (done is None or not done()):
+            if at > self.now_ns:
+                self.now_ns = at
+            now, source = self.now_ns, due.index(at)
+            if source == _TICK:
+                self._tick()
+            elif source == _UP:
+                unchanged = True
+                for _, parcel in up.poll(now):
+                    events = world.receive(now, parcel.data)
+                    unchanged = unchanged and parcel.kind == "position" and len(events) == 1
+                due[_UP] = _or_never(up.next_due_ns)
+                if not unchanged:  # by positions that were taken nothing else becomes due
+                    due[_WORLD_TIMER] = _or_never(world.next_due_ns)
+            elif source == _DOWN:
+                for _, parcel in down.poll(now):
+                    device.receive(now, parcel.data)
+                due[_DOWN] = _or_never(down.next_due_ns)
+                due[_DEVICE_TIMER] = _or_never(device.next_due_ns)
+                self._wake()
+            elif source == _DEVICE_TIMER:
+                self._poll(device, up)
+                due[_UP] = _or_never(up.next_due_ns)
+                due[_DEVICE_TIMER] = _or_never(device.next_due_ns)
+                self._wake()
             else:
-                self._poll(self.world_endpoint, down)
-            due[_DOWN] = _or_never(down.next_due_ns)
-            due[_WORLD_TIMER] = _or_never(self.world_endpoint.next_due_ns)
+                if source == _STEP:
+                    self._step()
+                else:
+                    self._poll(world, down)
+                due[_DOWN] = _or_never(down.next_due_ns)
+                due[_WORLD_TIMER] = _or_never(world.next_due_ns)
 
     def _poll(self, endpoint: WireHalf, link: Link[Parcel]) -> None:
         outgoing, _ = endpoint.poll(self.now_ns)
@@ -234,27 +229,41 @@ class Simulation:
         self._send(self.down, "position", message)
         self.world_endpoint.collect()
         self._due[_STEP] = self.now_ns + world.next_step_ns()
+        self._rest(self.now_ns)
         self.two_port.world(world.endpoint.coupling.ledger.work)
 
-    def _ticks(self, end_ns: int) -> None:
-        """Ticks, the most frequent event by far, until something else is due or `end_ns` is reached."""
-        device, due, observe = self.device, self._due, self.two_port.device
-        now = due[_TICK]
-        due[_TICK] = _NEVER
-        last_ns = min(end_ns, min(due) - 1)
-        while (now := device.rest(now, last_ns, observe)) <= last_ns:
-            self.now_ns = now
-            message = device.tick(now)
-            if message is not None:
-                self._send(self.up, "position", message)
+    def _tick(self) -> None:
+        """A tick that may not wait, after those that could."""
+        now, device, due = self.now_ns, self.device, self._due
+        self._rest(now, then_tick=True)
+        message = device.tick(now)
+        if message is not None:
+            up = self.up
+            up.send(now, Parcel("position", message), len(message) + FRAME_OVERHEAD)
+            due[_UP] = _or_never(up.next_due_ns)
+            if self.device_endpoint.has_surplus:
                 self.device_endpoint.collect()
-                due[_UP] = _or_never(self.up.next_due_ns)
                 due[_DEVICE_TIMER] = _or_never(self.device_endpoint.next_due_ns)
-                last_ns = min(end_ns, min(due) - 1)
-            if device.ledger is not None:
-                observe(device.ledger.work)
-            now += self._period_ns
-        due[_TICK] = now
+        if device.ledger is not None:
+            self.two_port.device(device.ledger.work)
+        self._tick_ns = now + self._period_ns
+        due[_TICK] = self._tick_ns + device.resting * self._period_ns
+
+    def _rest(self, until_ns: int, *, then_tick: bool = False) -> None:
+        """Make up for the ticks before `until_ns` that could wait; `then_tick`: the one that could not follows.
+
+        Nobody sees them before the device's next message, or the world's next step, with whose work theirs is paired.
+        """
+        ticks = -((self._tick_ns - until_ns) // self._period_ns)
+        if ticks > 0:
+            self.device.rest(self._tick_ns, ticks, self.two_port.device, then_tick=then_tick)
+            self._tick_ns += ticks * self._period_ns
+
+    def _wake(self) -> None:
+        """If something arrived for the device, its next tick may not wait."""
+        if self.device_endpoint.has_news and self._tick_ns != _NEVER:
+            self._rest(self.now_ns)
+            self._due[_TICK] = self._tick_ns
 
 
 def _or_never(due_ns: int | None) -> int:

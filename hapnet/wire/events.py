@@ -24,8 +24,7 @@ class PositionReceived(NamedTuple):
     position: tuple[float, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class EnergyCredited:
+class EnergyCredited(NamedTuple):
     """Shuffled energy that arrived and was admitted [nJ], reported once."""
 
     credited_nJ: int

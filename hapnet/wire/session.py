@@ -17,8 +17,11 @@ its acknowledgement was lost; a peer that leaves with a bye says how much exactl
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
+
+import msgpack
 
 from hapnet.errors import BadMessage, InvalidParameter
 from hapnet.wire.admission import DEFAULT_BURST_J, DEFAULT_POWER_W, Admission
@@ -45,8 +48,7 @@ from hapnet.wire.messages import (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Outgoing:
+class Outgoing(NamedTuple):
     """A frame to send, and the last part of the key expression that it goes on."""
 
     kind: Channel
@@ -103,12 +105,13 @@ class PositionStream:
     def __init__(self, incarnation: int) -> None:
         self._incarnation = incarnation
         self._next_sequence = 0
+        self._pack: Callable[..., bytes] = msgpack.Packer().pack
 
     def position(self, now_ns: int, position: Sequence[float]) -> bytes:
         """The next frame for the position key: `position` [m or rad], `dof` finite coordinates (not checked here)."""
         sequence = self._next_sequence
         self._next_sequence = sequence + 1
-        return encode_position(self._incarnation, sequence, now_ns, tuple(map(float, position)))
+        return encode_position(self._incarnation, sequence, now_ns, tuple(map(float, position)), self._pack)
 
 
 class Session:
@@ -171,7 +174,10 @@ class Session:
             return ()
         before = self._handshake.peer
         try:
-            events = self._dispatch(decode(data), now_ns)
+            message = decode(data)
+            if type(message) is Position:  # nearly all there is
+                return self._on_position(message, now_ns)
+            events = self._dispatch(message, now_ns)
         except OtherVersion as error:
             self.dropped[error.kind] += 1
             events = self._handshake.other_version(error)
