@@ -123,6 +123,20 @@ def test_the_filter_stands_before_the_modulator() -> None:
     assert c.target[0] == pytest.approx(0.02 / 3.0)
 
 
+def test_a_release_forgets_what_came_before_it() -> None:
+    """A filter on its way to 20 mm: after a release at 5 mm it stays there until something new arrives."""
+    c = coupling(smoothing=0.05, ceiling=1.0)
+    c.receive((0.02,), 1.0)
+    for _ in range(5):
+        c.update(0.005, (0.0,), 0.0)
+    assert 0.0 < c.set_position[0] < 0.02
+    c.release((0.005,), 0.0)
+    for _ in range(5):
+        assert c.update(0.005, (0.005,), 0.0).set_position == (0.005,)
+    c.receive((0.02,), 2.0)
+    assert 0.005 < c.update(0.005, (0.005,), 0.0).set_position[0] < 0.02
+
+
 def test_switched_off_it_follows_at_any_price() -> None:
     c = Coupling(ZeroOrderHold(Spring(100.0, 1), (0.0,), 0.05), stages=Pipeline(), silence=Silence("hold", 1.0))
     c.receive((1.0,), 1.0)

@@ -12,6 +12,8 @@ from typing import Any
 import msgpack
 import pytest
 import zenoh
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from hapnet import cli
 from hapnet.errors import HapnetError, RecordingError
@@ -155,6 +157,9 @@ def parameters(**changes: object) -> Params:
     return Params().set({name.replace("__", "."): value for name, value in given.items()})
 
 
+IDLE_DEVICE = RealtimeSide(prepare(parameters(), "sampled"), "device", ZenohSettings(connect=("tcp/127.0.0.1:1",)))
+
+
 @contextlib.asynccontextmanager
 async def running(*sides: Running) -> AsyncIterator[None]:
     try:
@@ -207,6 +212,28 @@ async def test_duration_counts_from_pairing() -> None:
     for summary in summaries:
         assert 0.3 <= summary["duration_s"] < 1.0
     assert summaries[0]["wall_clock"]["elapsed_s"] > summaries[0]["duration_s"]
+
+
+@settings(max_examples=200, deadline=None)
+@given(sent=st.integers(0, 10**12), due=st.integers(0, 2 * 10**12))
+def test_the_loop_looks_after_the_protocol_between_two_ticks(sent: int, due: int) -> None:
+    """At two fifths of a period after a tick's message or whole periods later, never early, less than a period late."""
+    side = IDLE_DEVICE
+    side._sent_ns, side._asked_ns, period = sent, None, 1_000_000
+    granted = side._calm_ns(due)
+    assert granted is not None
+    assert (granted - sent) % period == 400_000
+    assert granted >= sent + 400_000
+    assert due <= granted
+    assert granted < max(due, sent + 400_000) + period
+    side._sent_ns = sent + 12_345
+    assert side._calm_ns(due) == granted  # what was granted stays, or the timer would be set anew with every tick
+
+
+def test_the_worlds_loop_does_not_wait() -> None:
+    side = RealtimeSide(prepare(parameters(), "sampled"), "world", ZenohSettings(listen=("tcp/127.0.0.1:1",)))
+    side._sent_ns = 5
+    assert (side._calm_ns(7), side._calm_ns(None)) == (7, None)
 
 
 async def test_garbage_from_the_network_is_counted_and_the_servo_goes_on() -> None:

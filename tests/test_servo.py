@@ -101,6 +101,28 @@ def test_a_period_must_be_positive(period: int) -> None:
         Servo(period, lambda now_ns: None)
 
 
+def test_counting_anew_forgets_what_was_late() -> None:
+    """Ten ticks of 3.5 periods, the count begun anew in the fifth: five ticks remain, and what six skipped."""
+    called: list[int] = []
+    time = VirtualTime()
+
+    def tick(now_ns: int) -> None:
+        called.append(now_ns)
+        time.spend(3 * MS + MS // 2)
+        if len(called) == 5:
+            servo.count_anew()
+        if len(called) == 10:
+            servo.stop()
+            done.set()
+
+    done = threading.Event()
+    servo = Servo(MS, tick, clock=time.clock, sleep=time.sleep)
+    servo.start()
+    assert done.wait(WAIT_S)
+    servo.stop()
+    assert (servo.stats().ticks, servo.stats().skipped) == (5, 6 * 3)
+
+
 # The histogram
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import signal
 import socket
@@ -11,14 +12,16 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from hapnet.errors import HapnetError
+from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Impedance, Rest
 from hapnet.record import DeviceSample, Event, Sample
+from hapnet.runtime import servo_pipe
 from hapnet.runtime.build import device_session, prepare
 from hapnet.runtime.control import Outlet
 from hapnet.runtime.servo_pipe import LONGEST_FRAME, Pipe, PipeClosed, available, socket_pair
@@ -187,10 +190,10 @@ def test_what_is_credited_arrives_once_though_the_pipe_was_full(running: Running
     servo = running.servo
     os.kill(running.pid, signal.SIGSTOP)
     stopped = time.monotonic()
-    for k in range(2000):
-        servo.arrive((0.001, 0.0), float(k))
-        if k % 10 == 0:
-            servo.credit(1_000)
+    while servo._pipe.offer("arrive", (0.001, 0.0), 0.0):
+        pass
+    for _ in range(200):
+        servo.credit(1_000)
     assert servo._owed
     until(lambda: time.monotonic() > stopped + 0.05)  # more than the watchdog's 20 ms
     os.kill(running.pid, signal.SIGCONT)
@@ -228,7 +231,96 @@ def test_a_killed_servo_is_seen(running: Running) -> None:
     running.paired()
     os.kill(running.pid, signal.SIGKILL)
     until(lambda: bool(running.errors))
-    assert str(running.errors[0]) == "the servo's process was killed"
+    assert str(running.errors[0]) == "the servo's process was ended by SIGKILL"
+
+
+def test_a_stop_finds_its_way_though_the_pipe_is_full(running: Running, diary: Path) -> None:
+    """The servo hangs for a moment while set-positions pour in; then it is told to stop."""
+    running.paired()
+    servo = running.servo
+    os.kill(running.pid, signal.SIGSTOP)
+    while servo._pipe.offer("arrive", (0.02, 0.0), 0.0):
+        pass
+    pid = running.pid
+    threading.Timer(0.2, os.kill, (pid, signal.SIGCONT)).start()
+    servo.stop()
+    assert servo.summary()["servo"]["ticks"] > 0  # it ended in order, and left its account
+    assert float(diary.read_text()) == 0.0
+
+
+def test_every_stop_returns_when_it_is_done(running: Running) -> None:
+    running.paired()
+    process = running.servo._process
+    assert process is not None
+    seen: list[int | None] = []
+
+    def stop() -> None:
+        running.servo.stop()
+        seen.append(process.poll())
+
+    threads = [threading.Thread(target=stop) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert seen == [0, 0, 0]
+
+
+def test_a_stop_while_it_starts_leaves_no_process(running: Running) -> None:
+    starting = threading.Thread(target=running.servo.start)
+    starting.start()
+    until(lambda: running.servo._process is not None)
+    process = running.servo._process
+    assert process is not None
+    running.servo.stop()
+    starting.join()
+    assert process.poll() == 0
+    assert running.servo.start() is None  # and after a stop there is no start
+    assert running.servo._process is None
+
+
+def test_what_fails_outside_is_told_and_ends_nothing_else(running: Running) -> None:
+    """The link or the recording raises in this process: that is an error of the run, and the servo is still heard."""
+    broken = ArithmeticError("the link broke")
+
+    def send(message: bytes) -> None:
+        raise broken
+
+    servo = running.servo
+    servo._outlet = dataclasses.replace(servo._outlet, send=send)
+    running.paired()
+    until(lambda: bool(running.errors))
+    assert running.errors[0] is broken
+    servo.stop()
+    assert servo.summary()["servo"]["ticks"] > 0
+
+
+def test_no_surplus_is_lost_to_a_parent_that_does_not_read(running: Running, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The parent stops reading for a while: positions are dropped and counted, energy is not."""
+    monkeypatch.setattr(servo_pipe, "_FROM_SERVO", 1 << 13)  # full after a few ticks
+    resume = threading.Event()
+    read = running.servo._pass_on
+    given: list[float] = []
+
+    def slow(frame: Any) -> None:
+        if frame[0] == "position" and frame[1] > 0.0 and not resume.is_set():
+            resume.wait(WAIT_S)
+        read(frame)
+
+    running.servo._pass_on = slow  # type: ignore[method-assign]
+    running.paired()
+    servo = running.servo
+    servo.credit(200_000_000)  # more than the ceiling: with shuffle all the surplus goes back
+    began = time.monotonic()
+    until(lambda: servo.credit(1_000) or time.monotonic() > began + 0.5)  # a hundred updates with energy
+    resume.set()
+    servo.stop()
+    while servo.has_surplus:
+        given.append(servo.surplus())
+    summary = servo.summary()
+    last = [s for s in running.samples if isinstance(s, DeviceSample)][-1]
+    assert summary["servo"]["unsent"] > 0
+    assert sum(given) == pytest.approx(last.sent_J, abs=1e-12)
 
 
 def test_ctrl_c_is_its_parents_affair_and_sigterm_ends_it_with_zero_force(running: Running, diary: Path) -> None:
@@ -243,28 +335,39 @@ def test_ctrl_c_is_its_parents_affair_and_sigterm_ends_it_with_zero_force(runnin
     assert float(diary.read_text()) == 0.0
 
 
-def test_a_servo_whose_parent_is_killed_renders_no_force_and_ends(diary: Path) -> None:
-    """The parent is a process that starts a servo, says its number and hangs."""
+@pytest.mark.parametrize("fork", [False, True])
+def test_a_servo_whose_parent_is_killed_renders_no_force_and_ends(fork: bool, diary: Path) -> None:
+    """The parent is a process that starts a servo, says its number and hangs; its fork, if any, holds the pipe open."""
     program = f"""
-import sys, threading
+import os, sys, threading
 sys.path.insert(0, {str(FILE.parents[1])!r})
 from tests.test_servo_process import Running
 running = Running()
 running.paired()
 running.servo.arrive((0.02, 0.0), 0.0)
-print(running.pid, flush=True)
-threading.Event().wait()
+fork = os.fork() if {fork} else 1
+if fork:
+    print(running.pid, fork, flush=True)
+threading.Event().wait(30.0)
 """
     parent = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True)
     assert parent.stdout is not None
-    child = int(parent.stdout.readline())
+    child, copy = map(int, parent.stdout.readline().split())
     until(lambda: diary.exists() and float(diary.read_text() or 0.0) > 0.3)
     parent.kill()
     parent.wait()
     parent.stdout.close()
     stat = Path(f"/proc/{child}/stat")
     until(lambda: not stat.exists() or stat.read_text().split()[2] == "Z")
+    if fork:
+        os.kill(copy, signal.SIGKILL)
     assert float(diary.read_text()) == 0.0
+
+
+def test_a_class_of_the_script_itself_is_refused() -> None:
+    setup = prepare(Params().set({"hardware": "__main__:Mine", "scene": "free"}), "sampled")
+    with pytest.raises(InvalidParameter, match="in a module of its own"):
+        ServoProcess(setup, device_session(setup, 7), Outlet(print, print, print), recording=False)
 
 
 def test_where_there_are_no_such_sockets_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

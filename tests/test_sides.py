@@ -89,13 +89,16 @@ def test_a_servo_that_was_away_renders_nothing_until_it_is_on_time_and_the_accou
     )
     side.endpoint.paired = True
     forces = []
+    device = side.device
+    assert isinstance(device, SimulatedDevice)
 
     def tick(now_ns: int) -> float:
+        """What the device renders after a tick [N]: what it was told to, or its spring's."""
         clock.now_ns = now_ns
         side.coupling.receive((-0.02,), 0.0)
         side.tick(now_ns)
-        offset = side.device.read()[0][0] - side.coupling.set_position[0]
-        forces.append(abs(100.0 * offset))
+        set_position = device.position if device._set_position is None else device._set_position
+        forces.append(abs(device._torque[0]) + abs(100.0 * (device.position[0] - set_position[0])))
         return forces[-1]
 
     side.tick(0)

@@ -83,6 +83,8 @@ def prepare(params: Params, default_servo: str) -> Setup:
             raise InvalidParameter("device.harvest", "measured", "range with the continuous servo: no torque is held")
         if device.resolution_m:
             raise InvalidParameter("device.resolution_m", device.resolution_m, "0 with the continuous servo")
+    if 0.0 < device.watchdog_s < 1.0 / device.servo_hz:
+        raise InvalidParameter("device.watchdog_s", device.watchdog_s, "0 (off), or a period of the servo or more")
     if harvest == "range" and device.trusted_damping:
         raise InvalidParameter("device.trusted_damping", device.trusted_damping, "0 with the range harvest")
     for name, side in (("device", device), ("world", params.world)):

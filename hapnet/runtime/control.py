@@ -51,7 +51,7 @@ class Control(Protocol):
         """Render no force any more and end; returns when that is done. May be called again."""
 
     def summary(self) -> Summary:
-        """This side's part of the summary so far."""
+        """This side's part of the summary, complete once it has stopped."""
 
 
 class ThreadedDevice:
@@ -65,6 +65,7 @@ class ThreadedDevice:
         self.side = device_side(setup, endpoint, clock, outlet.write)
         self._coupling = setup.params.coupling
         self._send = outlet.send
+        self._began = False
         self._servo = Servo(
             round(1e9 / setup.params.device.servo_hz),
             self._tick,
@@ -92,6 +93,9 @@ class ThreadedDevice:
         message = self.side.tick(now_ns)
         if message is not None:
             self._send(message)
+        if not self._began and self.side.origin_ns is not None:
+            self._began = True
+            self._servo.count_anew()
 
 
 class ThreadedWorld:

@@ -351,7 +351,9 @@ class RealtimeSide:
         assert self._writer is not None
         unrecorded = self._unrecorded + self.control.unrecorded
         if unrecorded:
-            self._notify(Notice("recording", f"{unrecorded} samples are missing: the disk was too slow"))
+            self._notify(
+                Notice("recording", f"{unrecorded} samples are missing: they came faster than they could be written")
+            )
         try:
             self._writer.close(summary)
         except RecordingError as error:

@@ -201,6 +201,11 @@ class Servo:
             self._thread.join()
         atexit.unregister(self.stop)
 
+    def count_anew(self) -> None:
+        """Forget how the deadlines were kept so far; inside a tick. What is before the sides have met is start-up."""
+        self._lateness = Histogram()
+        self._late_period = self._grid.skipped = 0
+
     def join(self) -> None:
         """Wait until the servo has ended."""
         self._thread.join()
@@ -243,7 +248,7 @@ class Servo:
             self._refusal = request_realtime()
 
     def _run(self) -> None:
-        clock, sleep, tick, grid, lateness = self._clock, self._sleep, self._tick, self._grid, self._lateness
+        clock, sleep, tick, grid = self._clock, self._sleep, self._tick, self._grid
         grid.deadline_ns = clock() + grid.period_ns
         while not self._stopping.is_set():
             now_ns = clock()
@@ -253,7 +258,7 @@ class Servo:
             if self._stopping.is_set():
                 return
             late_ns = now_ns - grid.deadline_ns
-            lateness.add(late_ns)
+            self._lateness.add(late_ns)
             if late_ns >= grid.period_ns:
                 self._late_period += 1
             tick(now_ns)
@@ -291,7 +296,7 @@ def tuned_interpreter() -> Iterator[Callable[[], int]]:
     Threads take turns every `SWITCH_INTERVAL_S`. Everything alive is frozen out of garbage collection, and automatic
     collection is off: it would run inside whichever thread allocates, the servo's too, for as long as it takes.
     Reference counting goes on, and frees what is not in a cycle. For cycles, the context gives a function to be called
-    about once a second outside the servo's thread: it collects the young generations only, so its pause is bounded by
+    about once a second outside of ticks: it collects the young generations only, so its pause is bounded by
     what was allocated since the last call, not by the size of the heap. It returns how many objects it found.
     """
     interval, automatic = sys.getswitchinterval(), gc.isenabled()

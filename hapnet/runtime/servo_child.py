@@ -1,11 +1,12 @@
 """A servo's process: the device, its control half and nothing else. Started by servo_process.py.
 
 No network, recording or display runs here, so nothing holds the interpreter's lock when a tick is due. If the parent
-goes away, in whatever way, the next tick sees its end of the pipe closed and renders no force any more.
+goes away, in whatever way, the next tick sees it and renders no force any more.
 """
 
 from __future__ import annotations
 
+import os
 import signal
 import socket
 import sys
@@ -24,11 +25,15 @@ from hapnet.runtime.servo_pipe import Pipe, PipeClosed
 from hapnet.runtime.summary import device_summary
 from hapnet.wire.session import PositionStream
 
+LAST_WORDS_S = 2.0
+"""How long what must be said at the end may wait for a parent that does not read."""
+
 _COLLECT_EVERY_S = 1.0
+_SAMPLES = 20  # a frame
 
 
 class ServoChild:
-    """The side's control half and its end of the pipe; all but the constructor and `summary` on the servo's thread."""
+    """The side's control half and its end of the pipe; all but the constructor and `end` on the servo's thread."""
 
     def __init__(self, pipe: Pipe, setup: dict[str, Any]) -> None:
         params = Params().set(setup["params"])
@@ -46,29 +51,42 @@ class ServoChild:
         self.collect: Callable[[], int] = lambda: 0
         self._collect_every = round(_COLLECT_EVERY_S * params.device.servo_hz)
         self._recording: bool = setup["recording"]
-        self._unsent = 0.0  # surplus that found the pipe full
-        self.unrecorded = 0
+        self._parent: int = setup["parent"]
+        self._samples: list[DeviceSample] = []
+        self._unrecorded = 0
+        self._unsent = 0
+        self._surplus = 0.0  # what found the pipe full, to go with the next message
         self._began = False
 
-    def summary(self) -> dict[str, Any]:
-        """This side's part of the summary, as control knows it."""
-        return device_summary(self.side, self._coupling, servo_timing(self.servo, self.side))
+    def end(self) -> None:
+        """The servo has ended: the last words."""
+        self._flush_samples()
+        part = device_summary(self.side, self._coupling, servo_timing(self.servo, self.side))
+        part["servo"]["unsent"] = self._unsent
+        self._pipe.send(LAST_WORDS_S, "end", part, self._unrecorded, self._surplus + self._control.surplus())
 
     def _tick(self, now_ns: int) -> None:
         self._take()
         side = self.side
         message = side.tick(now_ns)
         if message is not None:
-            surplus = self._unsent + self._control.surplus()
-            self._unsent = 0.0 if self._pipe.offer("position", surplus, message) else surplus
+            surplus = self._surplus + self._control.surplus()
+            if self._pipe.offer("position", surplus, message):
+                self._surplus = 0.0
+            else:
+                self._surplus = surplus
+                self._unsent += 1
         if not self._began and side.origin_ns is not None:
             self._began = self._pipe.offer("began", side.origin_ns)
+            self.servo.count_anew()
         if side.ticks % self._collect_every == 0:
-            self.collect()  # between two ticks, where there is most time for it
+            self.collect()  # right after a tick, where there is most time for it
 
     def _take(self) -> None:
         """Hand over what has come from the wire half."""
         control = self._control
+        if os.getppid() != self._parent:  # a copy of the parent, made by a fork, may hold the pipe open
+            self.servo.stop()
         try:
             while (frame := self._pipe.look()) is not None:
                 match frame:
@@ -78,26 +96,30 @@ class ServoChild:
                         control.credit(credited_nJ)
                     case ("pair", restarted):
                         control.pair(restarted)
-                    case _:  # stop
-                        self.servo.stop()
         except PipeClosed:
             self.servo.stop()
 
     def _write(self, sample: Sample) -> None:
-        if isinstance(sample, DeviceSample):
-            if self._recording and not self._pipe.offer("sample", sample):
-                self.unrecorded += 1
-        else:
+        if not isinstance(sample, DeviceSample):
             self._pipe.offer("note", sample)
+        elif self._recording:
+            self._samples.append(sample)
+            if len(self._samples) >= _SAMPLES:
+                self._flush_samples()
+
+    def _flush_samples(self) -> None:
+        if self._samples and not self._pipe.offer("samples", self._samples):
+            self._unrecorded += len(self._samples)
+        self._samples = []
 
     def _fail(self, error: BaseException) -> None:
         known = isinstance(error, HapnetError)
-        self._pipe.offer("failed", str(error) if known else f"{type(error).__name__}: {error}")
+        self._pipe.send(LAST_WORDS_S, "failed", str(error) if known else f"{type(error).__name__}: {error}")
 
 
 def main(descriptor: int) -> int:
-    """Run the servo whose parent is at the other end of `descriptor`, until it says so or is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal tells the whole group; the parent decides
+    """Run the servo whose parent is at the other end of `descriptor`, until it hangs up or is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     pipe = Pipe(socket.socket(fileno=descriptor))
     try:
@@ -105,10 +127,9 @@ def main(descriptor: int) -> int:
     except PipeClosed:
         return 0
     assert frame is not None
-    setup: dict[str, Any] = frame[1]
-    sys.path[:] = setup["path"]
+    assert frame[0] == "setup", frame[0]
     try:
-        child = ServoChild(pipe, setup)
+        child = ServoChild(pipe, frame[1])
     except HapnetError as error:
         pipe.offer("refused", str(error))
         return 2
@@ -117,7 +138,7 @@ def main(descriptor: int) -> int:
         child.collect = collect
         pipe.offer("ready", child.servo.start())
         child.servo.join()
-    pipe.offer("end", child.summary(), child.unrecorded)
+    child.end()
     return 0
 
 

@@ -1,25 +1,29 @@
 """Frames between a servo's process and the process that owns its wire half, over a socket pair.
 
-A frame is a msgpack array; its first element says what it is. To the servo: setup, pair, arrive, credit, stop. From
-it: ready or refused, began, position, sample, note, failed, end. The socket keeps frames whole and in order
-(SOCK_SEQPACKET).
+A frame is a msgpack array; its first element says what it is. To the servo: setup, pair, arrive, credit. From it:
+ready or refused, began, position, samples, note, failed, end. The socket keeps frames whole and in order
+(SOCK_SEQPACKET). To stop the servo its parent closes the way to it (`hang_up`): that cannot find the pipe full, and is
+what is seen of a parent that has died.
 """
 
 from __future__ import annotations
 
 import socket
+from contextlib import suppress
 from typing import Any
 
 import msgpack
 
 LONGEST_FRAME = 1 << 17
+_TO_SERVO, _FROM_SERVO = 1 << 16, 1 << 20
+"""Buffers asked for; a frame takes some 800 bytes. What waits for a servo is out of date; what it says is kept."""
 
 _pack = msgpack.packb
 _unpack = msgpack.unpackb
 
 
 class PipeClosed(Exception):
-    """The other process is gone."""
+    """The other process is gone, or has hung up."""
 
 
 def available() -> bool:
@@ -28,8 +32,11 @@ def available() -> bool:
 
 
 def socket_pair() -> tuple[socket.socket, socket.socket]:
-    """Two connected ends."""
-    return socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    """Two connected ends: the parent's and the servo's."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _TO_SERVO)
+    theirs.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _FROM_SERVO)
+    return ours, theirs
 
 
 class Pipe:
@@ -46,12 +53,23 @@ class Pipe:
             return False
         return True
 
+    def send(self, timeout_s: float, *frame: Any) -> bool:
+        """`offer`, but wait for room. For one thread only that neither looks nor waits meanwhile."""
+        self._end.settimeout(timeout_s)
+        try:
+            self._end.send(_pack(frame))
+        except OSError:
+            return False
+        finally:
+            self._end.settimeout(None)
+        return True
+
     def look(self) -> Any | None:
         """The next frame, if there is one.
 
         Raises
         ------
-        PipeClosed : the other process is gone.
+        PipeClosed : no more will come.
         """
         try:
             return self._opened(self._end.recv(LONGEST_FRAME, socket.MSG_DONTWAIT))
@@ -68,11 +86,16 @@ class Pipe:
             return self._opened(self._end.recv(LONGEST_FRAME))
         except TimeoutError:
             return None
-        except ConnectionError:
+        except OSError:
             raise PipeClosed from None
         finally:
             if timeout_s is not None:
                 self._end.settimeout(None)  # with a timeout Python would wait in `offer` as well
+
+    def hang_up(self) -> None:
+        """Send no more; the other end can still be read."""
+        with suppress(OSError):
+            self._end.shutdown(socket.SHUT_WR)
 
     def close(self) -> None:
         self._end.close()

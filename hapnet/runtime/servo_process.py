@@ -7,7 +7,8 @@ goes through one more socket.
 
 from __future__ import annotations
 
-import contextlib
+import os
+import signal
 import subprocess
 import sys
 import threading
@@ -16,18 +17,16 @@ from typing import Any
 
 from hapnet.checks import Vector
 from hapnet.endpoint import WireHalf
-from hapnet.errors import HapnetError
+from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.record import DeviceSample, Event
 from hapnet.runtime.build import Setup
 from hapnet.runtime.control import Outlet
-from hapnet.runtime.servo_pipe import Pipe, PipeClosed, available, socket_pair
+from hapnet.runtime.servo_pipe import Pipe, PipeClosed, socket_pair
 from hapnet.runtime.summary import Summary, unknown_device, with_wire
 from hapnet.wire.session import Session
 
 START_LIMIT_S = 30.0
 STOP_LIMIT_S = 5.0
-
-__all__ = ["ServoProcess", "available"]
 
 
 class ServoProcess:
@@ -36,9 +35,17 @@ class ServoProcess:
     Parameters
     ----------
     setup, session, outlet : of this side. recording : whether samples are wanted.
+
+    Raises
+    ------
+    InvalidParameter : a part of the user's own is defined in the script itself, where another process cannot find it.
     """
 
     def __init__(self, setup: Setup, session: Session, outlet: Outlet, *, recording: bool) -> None:
+        for name in ("hardware", "operator", "scene"):
+            if setup.params.get(name).startswith("__main__:"):
+                allowed = "a class in a module of its own: with realtime it is made in another process"
+                raise InvalidParameter(name, setup.params.get(name), allowed)
         self.wire = WireHalf(session, self)
         self.origin_ns: int | None = None
         self.unrecorded = 0
@@ -46,6 +53,7 @@ class ServoProcess:
         self._surplus: deque[float] = deque()
         self._owed: deque[tuple[Any, ...]] = deque()  # what must arrive and found the pipe full
         self._paying = threading.Lock()
+        self._life = threading.Lock()  # held while the process is started and while it is ended
         self._process: subprocess.Popen[bytes] | None = None
         self._stopping = False
         self._part: Summary = unknown_device()
@@ -82,83 +90,125 @@ class ServoProcess:
     # -- the process ---------------------------------------------------------------------------------------------------
 
     def start(self) -> str | None:
-        """Start the process and wait until its servo runs.
+        """Start the process and wait until its servo runs; once. After `stop` it does nothing.
 
         Raises
         ------
         HapnetError : the device cannot be made, or the process does not start.
         """
-        params = self._setup.params.set({"device.servo": self._setup.servo})
-        ours, theirs = socket_pair()
-        self._pipe = Pipe(ours)
-        with theirs:
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", "hapnet.runtime.servo_child", str(theirs.fileno())],
-                pass_fds=(theirs.fileno(),),
-                process_group=0,  # a Ctrl-C is for the parent, which ends the servo in order
-                stdin=subprocess.DEVNULL,
-                stdout=2,  # what a driver prints must not get among the words of --json
-            )
-        self._pipe.offer("setup", {
-            "params": params.flat(), "incarnation": self.wire.session.identity.incarnation,
-            "realtime": True, "recording": self._recording, "path": sys.path,
-        })  # fmt: skip
-        try:
-            frame = self._pipe.wait(START_LIMIT_S)
-        except PipeClosed:
-            frame = None
-        if frame is None or frame[0] != "ready":
-            self._end_process()
-            raise HapnetError(frame[1] if frame is not None else "the servo's process did not start")
-        self._reader.start()
+        with self._life:
+            if self._stopping:
+                return None
+            self._open()
+            try:
+                frame = self._pipe.wait(START_LIMIT_S)
+            except PipeClosed:
+                frame = None
+            if frame is None or frame[0] != "ready":
+                how = self._end_process()
+                raise HapnetError(frame[1] if frame is not None else f"the servo's process did not start: it {how}")
+            self._reader.start()
         refusal: str | None = frame[1]
         return refusal
 
     def stop(self) -> None:
-        if self._process is None or self._stopping:
-            return
         self._stopping = True
-        self._deliver("stop")
-        if self._reader.ident is not None:
-            self._reader.join(STOP_LIMIT_S)
-        self._end_process()
+        with self._life:
+            if self._process is None:
+                return
+            self._pipe.hang_up()
+            if self._reader.ident is not None:
+                self._reader.join(STOP_LIMIT_S)
+            self._end_process()
+            self._process = None
 
     def summary(self) -> Summary:
         return with_wire(self._part, self.wire.session)
 
-    def _end_process(self) -> None:
-        assert self._process is not None
-        try:
-            self._process.wait(STOP_LIMIT_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-        with contextlib.suppress(OSError):
-            self._pipe.close()
+    def _open(self) -> None:
+        params = self._setup.params.set({"device.servo": self._setup.servo})
+        ours, theirs = socket_pair()
+        self._pipe = Pipe(ours)
+        path = os.pathsep.join(str(entry) or os.getcwd() for entry in sys.path)
+        with theirs:
+            try:
+                self._process = subprocess.Popen(
+                    [sys.executable, "-P", "-m", "hapnet.runtime.servo_child", str(theirs.fileno())],
+                    pass_fds=(theirs.fileno(),),
+                    process_group=0,  # a Ctrl-C is for the parent, which ends the servo in order
+                    stdin=subprocess.DEVNULL,
+                    stdout=2,  # what a driver prints must not get among the words of --json
+                    env={**os.environ, "PYTHONPATH": path},
+                )
+            except OSError as error:
+                self._pipe.close()
+                raise HapnetError(f"the servo's process did not start: {error.strerror or error}") from error
+        self._pipe.offer("setup", {
+            "params": params.flat(), "incarnation": self.wire.session.identity.incarnation, "realtime": True,
+            "recording": self._recording, "parent": os.getpid(),
+        })  # fmt: skip
+
+    def _end_process(self) -> str:
+        """The process is to have ended, of itself or not; how it did, in words."""
+        process = self._process
+        assert process is not None
+        self._pipe.hang_up()
+        for more in (process.terminate, process.kill, None):
+            try:
+                process.wait(STOP_LIMIT_S)
+            except subprocess.TimeoutExpired:
+                if more is not None:
+                    more()
+        self._pipe.close()
+        return _ended(process.returncode)
 
     def _read(self) -> None:
         """Pass on what comes from the servo, until its process ends."""
-        outlet = self._outlet
         try:
             while True:
-                match self._pipe.wait():
-                    case ("position", surplus, message):
-                        if surplus > 0.0:
-                            self._surplus.append(surplus)
-                        outlet.send(message)
-                    case ("sample", sample):
-                        outlet.write(DeviceSample(*sample))
-                    case ("note", note):
-                        outlet.write(Event(*note))
-                    case ("began", origin_ns):
-                        self.origin_ns = origin_ns
-                    case ("failed", text):
-                        outlet.fail(HapnetError(text))
-                    case ("end", part, unrecorded):
-                        self._part, self.unrecorded = part, unrecorded
-                        if not self._stopping:
-                            outlet.fail(HapnetError("the servo's process was stopped"))
-                        return
+                frame = self._pipe.wait()
+                assert frame is not None
+                try:
+                    self._pass_on(frame)
+                except Exception as error:
+                    self._outlet.fail(error)
+                if frame[0] == "end":
+                    break
         except PipeClosed:
-            if not self._stopping:
-                outlet.fail(HapnetError("the servo's process was killed"))
+            pass
+        if not self._stopping:
+            assert self._process is not None
+            try:
+                how = _ended(self._process.wait(STOP_LIMIT_S))
+            except subprocess.TimeoutExpired:
+                how = "does not answer"
+            self._outlet.fail(HapnetError(f"the servo's process {how}"))
+
+    def _pass_on(self, frame: Any) -> None:
+        outlet = self._outlet
+        match frame:
+            case ("position", surplus, message):
+                if surplus > 0.0:
+                    self._surplus.append(surplus)
+                outlet.send(message)
+            case ("samples", samples):
+                for sample in samples:
+                    outlet.write(DeviceSample(*sample))
+            case ("note", note):
+                outlet.write(Event(*note))
+            case ("began", origin_ns):
+                self.origin_ns = origin_ns
+            case ("failed", text):
+                outlet.fail(HapnetError(text))
+            case ("end", part, unrecorded, surplus):
+                self._part, self.unrecorded = part, unrecorded
+                if surplus > 0.0:
+                    self._surplus.append(surplus)
+
+
+def _ended(code: int | None) -> str:
+    if code is None:
+        return "does not answer"
+    if code < 0:
+        return f"was ended by {signal.Signals(-code).name}"
+    return f"ended with exit code {code}"

@@ -33,7 +33,8 @@ class DeviceSide(ABC):
     endpoint : this side's endpoint, or its control half. device : simulated or real.
     period_ns : of the servo. record_every : ticks between two samples given to `write`.
     watchdog_ns : a tick that comes later than that renders no force and lets the spring go (ybar = x); so do those
-        after it until one is in time. From there the coupling begins anew, without a jump.
+        after it until one is in time. From there the coupling begins anew, as fast as the limit of the force's
+        step lets it.
     clock : read once more after the device was read, so that an interval is never taken too short (10).
     """
 

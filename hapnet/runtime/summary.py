@@ -17,6 +17,11 @@ from netem import LinkStats
 
 Summary = dict[str, Any]
 
+_UNKNOWN_SERVO = dict.fromkeys((
+    "ticks", "late_p50_us", "late_p99_us", "late_max_us", "late_period", "skipped", "overruns", "longest_ms", "unsent",
+    "late_histogram_us",
+))  # fmt: skip
+
 
 def versions() -> dict[str, str]:
     """What matters in a bug report."""
@@ -28,8 +33,7 @@ def versions() -> dict[str, str]:
 def device_summary(side: DeviceSide, coupling_name: str, servo: Mapping[str, Any] | None = None) -> Summary:
     """The device's part, as its control half knows it. `servo`: timing of the servo, in real time."""
     result = _control_summary(side.endpoint, coupling_name)
-    timing = {"ticks": side.ticks, "late_p50_us": None, "late_p99_us": None, "skipped": None}
-    result["servo"] = {**timing, **(servo or {})}
+    result["servo"] = {**_UNKNOWN_SERVO, "ticks": side.ticks, **(servo or {})}
     result["quantisation_J"] = side.quantisation
     result["true_slack_J"] = side.true_slack
     return result
@@ -39,7 +43,7 @@ def unknown_device() -> Summary:
     """The device's part where its servo left no word: the same keys, None."""
     ledger = dict.fromkeys(("margin_J", "slack_J", "bound_J"))
     rest = dict.fromkeys(("reservoir_min_J", "deficit_max_J", "discarded_nJ", "quantisation_J", "true_slack_J"))
-    return {"ledger": ledger, **rest, "servo": dict.fromkeys(("ticks", "late_p50_us", "late_p99_us", "skipped"))}
+    return {"ledger": ledger, **rest, "servo": dict(_UNKNOWN_SERVO)}
 
 
 def world_summary(side: WorldSide, coupling_name: str) -> Summary:
