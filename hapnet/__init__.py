@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from hapnet.errors import HapnetError, InvalidParameter
     from hapnet.params import Params
     from hapnet.plant.integrator import PassiveIntegrator
+    from hapnet.runtime.batch.run import simulate_batch
     from hapnet.runtime.virtual import simulate
 
 _HOMES = {
@@ -25,9 +26,18 @@ _HOMES = {
     "PassiveIntegrator": "hapnet.plant.integrator",
     "SetPositionModulator": "hapnet.control.pspm",
     "simulate": "hapnet.runtime.virtual",
+    "simulate_batch": "hapnet.runtime.batch.run",
 }
 
-__all__ = ["HapnetError", "InvalidParameter", "Params", "PassiveIntegrator", "SetPositionModulator", "simulate"]
+__all__ = [
+    "HapnetError",
+    "InvalidParameter",
+    "Params",
+    "PassiveIntegrator",
+    "SetPositionModulator",
+    "simulate",
+    "simulate_batch",
+]
 
 
 def __getattr__(name: str) -> Any:

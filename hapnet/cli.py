@@ -174,6 +174,8 @@ def simulate(
     json_to: Json = None,
     out: Out = None,
     files: Annotated[bool, typer.Option("--files/--no-files", help="Write recording, figure and summary.")] = True,
+    seeds: Annotated[str | None, typer.Option(metavar="A:B", help="Many seeds, A to B - 1: a table, no files.")] = None,
+    workers: Annotated[int, typer.Option(min=0, help="Processes for many seeds; 0: one a core.")] = 0,
 ) -> int:
     """The same in virtual time: one process, deterministic under a seed, much faster than real time."""
     links = LinkOptions(link, profile, delay, jitter, loss, reorder, rate, uplink, downlink)
@@ -184,8 +186,11 @@ def simulate(
     if show_params:
         return _show(params)
     json_target(json_to)
+    from hapnet.commands import batch
     from hapnet.commands import simulate as command
 
+    if seeds is not None:
+        return batch.main(params, batch.seed_range(seeds), json_to, workers)
     return command.main(params, seed, json_to, out, files=files)
 
 

@@ -16,12 +16,14 @@ The order of effects is tc-netem's: loss, corruption, limit, reordering, delay, 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sized
+from collections.abc import Callable, Iterator, Sized
 from heapq import heapify, heappop, heappush
-from itertools import chain
-from typing import Generic, TypeVar, cast
+from itertools import chain, islice
+from typing import Any, Generic, NamedTuple, TypeVar, cast
 
+import numpy as np
 from numpy.random import PCG64, Generator, SeedSequence
+from numpy.typing import NDArray
 
 from netem import models
 from netem.effects import Slot
@@ -33,6 +35,35 @@ from netem.trace import ConditionTrace, TraceLine
 T = TypeVar("T")
 
 _LONG_AGO = -(2**63)
+
+
+class Fates(NamedTuple):
+    """What becomes of messages, an element each: is it lost, may it go ahead of the others, its delay [ns]."""
+
+    lost: NDArray[np.bool_]
+    ahead: NDArray[np.bool_]
+    delay_ns: NDArray[np.int64]
+
+
+class _Draws:
+    """One effect's draws: `each` gives them one by one, `many` in arrays.
+
+    `before` : how many messages were offered before the first.
+    """
+
+    def __init__(self, blocks: Iterator[NDArray[Any]], before: int) -> None:
+        self._blocks, self._before = blocks, before
+        self.each = chain.from_iterable(block.tolist() for block in blocks)
+
+    def many(self, taken: int, count: int) -> NDArray[Any]:
+        """The next `count`, when `taken` messages have had theirs."""
+        parts = []
+        while count:
+            left = (self._before - taken) % models.BLOCK  # of a block that was begun
+            whole = not left and count >= models.BLOCK
+            parts.append(next(self._blocks) if whole else np.array(list(islice(self.each, min(left or count, count)))))
+            taken, count = taken + len(parts[-1]), count - len(parts[-1])
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 class Link(Generic[T]):
@@ -230,6 +261,15 @@ class Link(Generic[T]):
         self._configure(profile, previous, now_ns)
         self._start_traces(previous, now_ns)
 
+    def draw(self, taken: int, count: int) -> Fates:
+        """Take the draws of the next `count` messages out of the link, for a caller that carries many links at once.
+
+        `taken` : how many messages' draws were taken so far, by `send` or in this way.
+        """
+        return Fates(
+            *(draws.many(taken, count) for draws in (self._loss_draws, self._reorder_draws, self._delay_draws))
+        )
+
     def down(self) -> None:
         """From now on lose whatever is offered; what is in flight arrives."""
         self._up = False
@@ -243,25 +283,26 @@ class Link(Generic[T]):
             previous = None
             self._words_seed = profile.seed
             self._generators = _generators(self._seed, profile.seed)
-            self._next_bit = chain.from_iterable(models.fractions(self._generators["bit"])).__next__
-            self._next_chance = chain.from_iterable(models.fractions(self._generators["csv"])).__next__
-        rng = self._generators
+            self._next_bit = _Draws(models.fractions(self._generators["bit"]), 0).each.__next__
+            self._next_chance = _Draws(models.fractions(self._generators["csv"]), 0).each.__next__
+        rng, offered = self._generators, self._offered
         if _changed("delay", profile, previous):
-            self._delay_draws = chain.from_iterable(models.delays(rng["delay"], profile))
+            self._delay_draws = _Draws(models.delays(rng["delay"], profile), offered)
         if _changed("loss", profile, previous):
-            self._loss_draws = chain.from_iterable(models.losses(rng["loss"], profile.loss))
+            self._loss_draws = _Draws(models.losses(rng["loss"], profile.loss), offered)
         if _changed("corrupt", profile, previous):
             blocks = models.decisions(rng["corrupt"], profile.corrupt, profile.corrupt_correlation)
-            self._corrupt_draws = chain.from_iterable(blocks)
+            self._corrupt_draws = _Draws(blocks, offered)
         if _changed("reorder", profile, previous):
             blocks = models.decisions(rng["reorder"], profile.reorder, profile.reorder_correlation)
-            self._reorder_draws = chain.from_iterable(blocks)
+            self._reorder_draws = _Draws(blocks, offered)
         if profile.slot is not None and _changed("slot", profile, previous):
-            self._next_slot = chain.from_iterable(models.slot_intervals(rng["slot"], profile.slot)).__next__
+            self._next_slot = _Draws(models.slot_intervals(rng["slot"], profile.slot), 0).each.__next__
             self._slot_ns, self._slot_packets, self._slot_bytes = now_ns, 0, 0
         self._next_draws = zip(
-            self._loss_draws, self._corrupt_draws, self._reorder_draws, self._delay_draws, strict=False
-        ).__next__
+            self._loss_draws.each, self._corrupt_draws.each, self._reorder_draws.each, self._delay_draws.each,
+            strict=False,
+        ).__next__  # fmt: skip
         self._profile = profile
         self._timed_size = None
         self._slotted = profile.slot is not None

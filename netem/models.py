@@ -1,6 +1,6 @@
 """The random effects of a link: endless streams of decisions, one a message, drawn in blocks.
 
-Every stream is a generator of blocks (lists of `BLOCK` decisions); `numpy.random.Generator`s are arguments, and a
+Every stream is a generator of blocks (arrays of `BLOCK` decisions); `numpy.random.Generator`s are arguments, and a
 stream takes a fixed number of draws a message, whatever its parameters. Message n therefore meets the same
 draws when another effect, or this one's parameters, are changed.
 
@@ -53,7 +53,7 @@ def table(distribution: str) -> NDArray[np.int64]:
     return tables[distribution]
 
 
-def delays(rng: Generator, profile: LinkProfile) -> Iterator[list[int]]:
+def delays(rng: Generator, profile: LinkProfile) -> Iterator[NDArray[np.int64]]:
     """Delays in ns, never negative: the delay plus jitter.
 
     Without a distribution the jitter is uniform in [-J, J), its standard deviation J/sqrt(3); with one it is J times an
@@ -61,18 +61,28 @@ def delays(rng: Generator, profile: LinkProfile) -> Iterator[list[int]]:
     process whose coefficient `latent_correlation` finds.
     """
     if profile.jitter_ns == 0:
-        return repeat([profile.delay_ns] * BLOCK)
+        return repeat(np.full(BLOCK, profile.delay_ns))
     values = _Jittered(profile.delay_ns, profile.jitter_ns, profile.distribution)
     if profile.delay_correlation == 0.0:
-        return (values(rng.random(BLOCK)).tolist() for _ in repeat(None))
-    uniforms = _correlated_uniforms(rng, latent_correlation(delay_quantiles(profile), profile.delay_correlation))
-    return (values(u).tolist() for u in uniforms)
+        return (values(rng.random(BLOCK)) for _ in repeat(None))
+    shape = profile.delay_ns, profile.jitter_ns, profile.distribution
+    uniforms = _correlated_uniforms(rng, _delay_coefficient(*shape, profile.delay_correlation))
+    return (values(u) for u in uniforms)
 
 
 def delay_quantiles(profile: LinkProfile) -> NDArray[np.int64]:
     """The delays in ns at the middles of 4096 equal slices of probability, ascending."""
-    values = _Jittered(profile.delay_ns, profile.jitter_ns, profile.distribution)
-    return values((np.arange(_TABLE_SIZE) + 0.5) / _TABLE_SIZE)
+    return _quantiles(profile.delay_ns, profile.jitter_ns, profile.distribution)
+
+
+def _quantiles(delay_ns: int, jitter_ns: int, distribution: str) -> NDArray[np.int64]:
+    return _Jittered(delay_ns, jitter_ns, distribution)((np.arange(_TABLE_SIZE) + 0.5) / _TABLE_SIZE)
+
+
+@lru_cache
+def _delay_coefficient(delay_ns: int, jitter_ns: int, distribution: str, correlation: float) -> float:
+    """`latent_correlation` of a profile's delays; it takes milliseconds, and links of one profile come in numbers."""
+    return latent_correlation(_quantiles(delay_ns, jitter_ns, distribution), correlation)
 
 
 class _Jittered:
@@ -121,28 +131,28 @@ def latent_correlation(quantiles: NDArray[np.int64], correlation: float) -> floa
 def _correlated_uniforms(rng: Generator, rho: float) -> Iterator[NDArray[np.float64]]:
     z = float(rng.standard_normal())
     fresh = math.sqrt(max(0.0, 1.0 - rho * rho))
-    below_one = math.nextafter(1.0, 0.0)
+    below_one, root_half = math.nextafter(1.0, 0.0), math.sqrt(0.5)
     while True:
         series = list(
             accumulate(rng.standard_normal(BLOCK).tolist(), lambda last, new: rho * last + fresh * new, initial=z)
         )
         z = series[-1]
-        yield np.array([min(0.5 * math.erfc(-x * math.sqrt(0.5)), below_one) for x in series[1:]])
+        yield np.minimum(0.5 * np.array([math.erfc(-x * root_half) for x in series[1:]]), below_one)
 
 
-def decisions(rng: Generator, probability: float, correlation: float) -> Iterator[list[bool]]:
+def decisions(rng: Generator, probability: float, correlation: float) -> Iterator[NDArray[np.bool_]]:
     """True with `probability`, the sequence's lag-1 correlation being `correlation`: a two-state Markov chain.
 
     P(true | true) = P + C (1 - P) and P(true | false) = P (1 - C) have exactly this mean and this correlation.
     """
     if probability == 0.0:
-        return repeat([False] * BLOCK)
+        return repeat(np.zeros(BLOCK, dtype=np.bool_))
     if correlation == 0.0:
-        return ((rng.random(BLOCK) < probability).tolist() for _ in repeat(None))
+        return (rng.random(BLOCK) < probability for _ in repeat(None))
     return _correlated_decisions(rng, probability, correlation)
 
 
-def _correlated_decisions(rng: Generator, probability: float, correlation: float) -> Iterator[list[bool]]:
+def _correlated_decisions(rng: Generator, probability: float, correlation: float) -> Iterator[NDArray[np.bool_]]:
     after_true = probability + correlation * (1.0 - probability)
     after_false = probability * (1.0 - correlation)
     state = bool(rng.random() < probability)
@@ -151,19 +161,19 @@ def _correlated_decisions(rng: Generator, probability: float, correlation: float
         for u in rng.random(BLOCK).tolist():
             state = u < (after_true if state else after_false)
             block.append(state)
-        yield block
+        yield np.array(block)
 
 
-def losses(rng: Generator, loss: Loss | None) -> Iterator[list[bool]]:
+def losses(rng: Generator, loss: Loss | None) -> Iterator[NDArray[np.bool_]]:
     """Whether each message is lost."""
     if loss is None:
-        return repeat([False] * BLOCK)
+        return repeat(np.zeros(BLOCK, dtype=np.bool_))
     if isinstance(loss, RandomLoss):
         return decisions(rng, loss.probability, loss.correlation)
     return _gilbert_elliott(rng, loss) if isinstance(loss, GilbertElliottLoss) else _four_state(rng, loss)
 
 
-def _gilbert_elliott(rng: Generator, loss: GilbertElliottLoss) -> Iterator[list[bool]]:
+def _gilbert_elliott(rng: Generator, loss: GilbertElliottLoss) -> Iterator[NDArray[np.bool_]]:
     """Starts good; a message is lost by the state it finds, then the state moves."""
     bad = False
     p, r, bad_loss, good_loss = loss.p, loss.r, loss.bad_loss, loss.good_loss
@@ -177,10 +187,10 @@ def _gilbert_elliott(rng: Generator, loss: GilbertElliottLoss) -> Iterator[list[
             else:
                 block.append(chance < good_loss)
                 bad = move < p
-        yield block
+        yield np.array(block)
 
 
-def _four_state(rng: Generator, loss: FourStateLoss) -> Iterator[list[bool]]:
+def _four_state(rng: Generator, loss: FourStateLoss) -> Iterator[NDArray[np.bool_]]:
     """Starts in state 1; the state moves, then a message is lost by the state entered (3 and 4 lose)."""
     state = 1
     while True:
@@ -195,13 +205,13 @@ def _four_state(rng: Generator, loss: FourStateLoss) -> Iterator[list[bool]]:
             else:
                 state = 1
             block.append(state >= 3)
-        yield block
+        yield np.array(block)
 
 
-def fractions(rng: Generator) -> Iterator[list[float]]:
+def fractions(rng: Generator) -> Iterator[NDArray[np.float64]]:
     """Uniform in [0, 1): where a corrupted message's bit is flipped, and what a trace's loss is compared with."""
     while True:
-        yield rng.random(BLOCK).tolist()
+        yield rng.random(BLOCK)
 
 
 def flip_bit(data: bytes, position: float) -> bytes:
@@ -213,13 +223,13 @@ def flip_bit(data: bytes, position: float) -> bytes:
     return bytes(flipped)
 
 
-def slot_intervals(rng: Generator, slot: Slot) -> Iterator[list[int]]:
+def slot_intervals(rng: Generator, slot: Slot) -> Iterator[NDArray[np.int64]]:
     """Times from one slot to the next in ns, never negative."""
     if slot.distribution:
         values = _Jittered(slot.min_ns, slot.max_ns, slot.distribution)
-        return (values(rng.random(BLOCK)).tolist() for _ in repeat(None))
+        return (values(rng.random(BLOCK)) for _ in repeat(None))
     span = slot.max_ns - slot.min_ns
-    return ((slot.min_ns + (rng.random(BLOCK) * span).astype(np.int64)).tolist() for _ in repeat(None))
+    return (slot.min_ns + (rng.random(BLOCK) * span).astype(np.int64) for _ in repeat(None))
 
 
 def transmission_ns(size: int, profile: LinkProfile) -> int:

@@ -140,23 +140,15 @@ def test_lost_energy_is_credited_a_timeout_later_or_more() -> None:
     assert min(times) == 40_000_000
 
 
-def test_batch_says_when_it_is_not_available(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hapnet._HOMES", {})
-    monkeypatch.delattr("hapnet.simulate_batch", raising=False)
-    row = simulation.batch_1000(SHORT)
-    assert row.figures is None
-    assert "not available" in row.note
-
-
 def test_batch_counts_scenario_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
-    monkeypatch.setattr("hapnet.simulate_batch", lambda params, seeds: asked.append(len(seeds)), raising=False)
+    monkeypatch.setattr(simulation, "simulate_batch", lambda params, seeds, workers: asked.append(len(seeds)))
     monkeypatch.setattr(simulation, "_elapsed", lambda call, *args: call(*args) or 0.5)
     monkeypatch.setattr(simulation, "simulate", lambda params, seed: None)
     row = simulation.batch_1000(SHORT)
     assert asked == [1000]
     assert row.figures is not None
-    assert row.figures.median == 1000 * 2.0 / 0.5
+    assert row.figures.median == 1000 * 30.0 / 0.5
     assert row.ratio == 1000.0
 
 

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from hapnet import checks
 from hapnet.checks import Array, Vector
 from hapnet.control.harvest import dissipated_by_range
-from hapnet.control.spring import Spring
+from hapnet.control.spring import shared_spring
 from hapnet.errors import InvalidParameter
 
 Shuffle = Literal["harvested", "all"]
@@ -92,7 +92,7 @@ class SetPositionModulator:
     ) -> None:
         self.set_position: Vector = checks.vector("position", position)
         self.dof = len(self.set_position)
-        self.spring = Spring(stiffness, self.dof, force_limit)
+        self.spring = shared_spring(stiffness, self.dof, force_limit)
         self.ceiling = checks.non_negative("ceiling", ceiling)
         self.damping = None if damping is None else checks.diagonal("damping", damping, self.dof)
         self._harvested_only = checks.one_of("shuffle", shuffle, SHUFFLES) == "harvested"

@@ -12,6 +12,7 @@ Its level sets are those of the linear spring, so PSPM's projection stays a proj
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from operator import mul, sub
 
 import numpy as np
@@ -20,6 +21,7 @@ from numpy.typing import ArrayLike
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.control.ellipsoid import Ellipsoid
+from hapnet.errors import InvalidParameter
 
 
 class Spring:
@@ -93,3 +95,17 @@ class Spring:
     def curvature_bound(self) -> float:
         """Sum of |K_ij| [N/m]: bounds how far phi can be off for an offset wrong by half a count an axis."""
         return float(np.abs(self.K).sum())
+
+
+def shared_spring(stiffness: ArrayLike, dof: int, force_limit: float | None = None) -> Spring:
+    """The `Spring` of these values, made once for all who ask for it: it has no state. Raises InvalidParameter."""
+    try:
+        K = np.asarray(stiffness, dtype=np.float64)
+        return _made(K.tobytes(), K.shape, dof, force_limit)
+    except (InvalidParameter, TypeError, ValueError):
+        return Spring(stiffness, dof, force_limit)  # which says what is wrong with the values as they were given
+
+
+@lru_cache
+def _made(stiffness: bytes, shape: tuple[int, ...], dof: int, force_limit: float | None) -> Spring:
+    return Spring(np.frombuffer(stiffness).reshape(shape), dof, force_limit)

@@ -20,7 +20,7 @@ from hapnet.control.limits import OnSilence, Silence
 from hapnet.control.pspm import SetPositionModulator, Shuffle
 from hapnet.control.servo_law import ContinuousServo, Harvest, SampledServo
 from hapnet.control.smoothing import Pipeline, SmoothingFilter, Stage, VelocityPredictor
-from hapnet.control.spring import Spring
+from hapnet.control.spring import Spring, shared_spring
 from hapnet.control.zoh import ZeroOrderHold
 from hapnet.endpoint import NANO, DeviceControl, WorldControl
 from hapnet.errors import InvalidParameter
@@ -184,7 +184,7 @@ def world_side(setup: Setup, endpoint: WorldControl, rng: np.random.Generator, w
     mass.adopt(setup.scene.contacts)
 
     def make_coupling(position: Vector, kinetic: float, empty: bool = False) -> Coupling:
-        spring = Spring(world.stiffness, setup.dof)
+        spring = shared_spring(world.stiffness, setup.dof)
         return Coupling(
             _modulator(setup, world, spring, position, None, empty),
             stages=_stages(world),
@@ -249,7 +249,7 @@ def _sampled_servo(setup: Setup) -> Callable[[Vector, bool], SampledServo]:
 def _device_coupling(setup: Setup, position: Vector, kinetic: float, empty: bool) -> Coupling:
     device = setup.params.device
     limit = device.force_limit_N * device.spring_share or None
-    spring = Spring(device.stiffness, setup.dof, limit)
+    spring = shared_spring(device.stiffness, setup.dof, limit)
     return Coupling(
         _modulator(setup, device, spring, position, limit, empty),
         stages=_stages(device),

@@ -18,7 +18,7 @@ from hapnet.params import Params
 from hapnet.record import MemoryRecorder, Recording
 from hapnet.runtime.build import Setup, device_session, device_side, prepare, world_session, world_side
 from hapnet.runtime.parcel import FRAME_OVERHEAD, Parcel
-from hapnet.runtime.sides import DeviceSide, WorldSide
+from hapnet.runtime.sides import DeviceSide, WorldSide, Write
 from hapnet.runtime.summary import Summary, combine, device_summary, versions, with_wire, world_summary
 from netem import Link
 
@@ -81,36 +81,23 @@ class Simulation:
     Parameters
     ----------
     params : what to run. seed : of everything random.
+    setup : what `prepare` makes of the parameters, if it is known already.
 
     Raises
     ------
     InvalidParameter, netem.NetemError : the parameters do not make a run.
     """
 
-    def __init__(self, params: Params, seed: int = 0) -> None:
+    def __init__(self, params: Params, seed: int = 0, setup: Setup | None = None) -> None:
         if params.hardware != "simulated":
             raise InvalidParameter("hardware", params.hardware, "simulated: a real device does not run in virtual time")
         self.seed = seed
-        self.setup: Setup = prepare(params, "continuous")
+        self.setup = setup or prepare(params, "continuous")
         self.now_ns = 0
         self.two_port = TwoPort()
         up, down, steps, names = np.random.SeedSequence(seed).spawn(4)
-        meta = {
-            "params": params.as_dict(),
-            "seed": seed,
-            "role": "both",
-            "clock": "virtual",
-            "origin_ns": 0,
-            "surfaces": [surface._asdict() for surface in self.setup.scene.surfaces],
-            "scene": self.setup.scene.name,
-            "coupling": params.coupling,
-            "links": {"up": str(self.setup.up), "down": str(self.setup.down)},
-            "versions": versions(),
-        }
-        self._recorder = MemoryRecorder(meta)
-        self._meta = meta
         incarnations = np.random.default_rng(names).integers(1, 2**63, size=2).tolist()
-        write = self._recorder.write
+        write = self._writer()
         self.device_endpoint = DeviceEndpoint(device_session(self.setup, incarnations[0]))
         self.world_endpoint = WorldEndpoint(world_session(self.setup, incarnations[1]))
         self.device = device_side(self.setup, self.device_endpoint, lambda: self.now_ns, write)
@@ -121,6 +108,24 @@ class Simulation:
         self._due = [_NEVER, _NEVER, 0, 0, 0, self._period_ns]
         self._tick_ns = self._period_ns  # of the next tick to make; those before the one that is due may wait
 
+    def _writer(self) -> Write:
+        """Where the samples go: into a recording, with what it says of its run."""
+        setup = self.setup
+        self._meta = {
+            "params": setup.params.as_dict(),
+            "seed": self.seed,
+            "role": "both",
+            "clock": "virtual",
+            "origin_ns": 0,
+            "surfaces": [surface._asdict() for surface in setup.scene.surfaces],
+            "scene": setup.scene.name,
+            "coupling": setup.params.coupling,
+            "links": {"up": str(setup.up), "down": str(setup.down)},
+            "versions": versions(),
+        }
+        self._recorder = MemoryRecorder(self._meta)
+        return self._recorder.write
+
     def run(self, progress: Callable[[float], None] | None = None) -> Result:
         """Run to the end, then let the links deliver what is under way.
 
@@ -130,26 +135,32 @@ class Simulation:
         ------
         HapnetError : the sides did not find each other, or the duration is unlimited.
         """
-        duration_s = self.setup.params.duration_s
-        if duration_s <= 0.0:
+        start_ns = self._meta["origin_ns"] = self.pair()
+        end_ns = start_ns + round(self.setup.params.duration_s / NANO)
+        while progress is not None and self.now_ns < end_ns:
+            self._until(min(end_ns, self.now_ns + 500_000_000))
+            progress((self.now_ns - start_ns) * NANO)
+        self._until(end_ns)
+        summary = self.close(end_ns)
+        recording = self._recorder.recording(summary)
+        summary["motion"] = motion(recording)
+        return Result(summary, recording, self.device, self.world, self.setup.warnings)
+
+    def pair(self) -> int:
+        """Run until both sides have started; that time [ns]. Raises HapnetError as `run` does."""
+        if self.setup.params.duration_s <= 0.0:
             raise HapnetError("a simulation needs a duration above 0 s")
         self._run(PAIRING_LIMIT_NS, lambda: self.device_endpoint.started and self.world_endpoint.started)
         if not (self.device_endpoint.started and self.world_endpoint.started):
             raise HapnetError(f"the two sides did not find each other within {PAIRING_LIMIT_NS * NANO:.0f} s: "
                               f"uplink {self.up.profile}, downlink {self.down.profile}")  # fmt: skip
-        start_ns = self.now_ns
-        self._meta["origin_ns"] = start_ns
-        end_ns = start_ns + round(duration_s / NANO)
-        while progress is not None and self.now_ns < end_ns:
-            self._until(min(end_ns, self.now_ns + 500_000_000))
-            progress((self.now_ns - start_ns) * NANO)
-        self._until(end_ns)
+        return self.now_ns
+
+    def close(self, end_ns: int) -> Summary:
+        """After the end: let the links deliver what is under way, and sum the run up, but for its motion."""
         self._due[_STEP] = self._due[_TICK] = self._tick_ns = _NEVER
         self._run(end_ns + LINGER_NS, lambda: self._settled)
-        summary = self._summary()
-        recording = self._recorder.recording(summary)
-        summary["motion"] = motion(recording)
-        return Result(summary, recording, self.device, self.world, self.setup.warnings)
+        return self._summary()
 
     def _summary(self) -> Summary:
         params = self.setup.params

@@ -103,14 +103,14 @@ class PositionStream:
     """
 
     def __init__(self, incarnation: int) -> None:
+        self.next_sequence = 0
         self._incarnation = incarnation
-        self._next_sequence = 0
         self._pack: Callable[..., bytes] = msgpack.Packer().pack
 
     def position(self, now_ns: int, position: Sequence[float]) -> bytes:
         """The next frame for the position key: `position` [m or rad], `dof` finite coordinates (not checked here)."""
-        sequence = self._next_sequence
-        self._next_sequence = sequence + 1
+        sequence = self.next_sequence
+        self.next_sequence = sequence + 1
         return encode_position(self._incarnation, sequence, now_ns, tuple(map(float, position)), self._pack)
 
 
@@ -147,7 +147,8 @@ class Session:
         self._admission = Admission(self.settings.admission_W, self.settings.admission_burst_J)
         self._past = _Account()
         self._channel = self._open_channel(0.0)
-        self.position = PositionStream(incarnation).position
+        self.positions = PositionStream(incarnation)
+        self.position = self.positions.position
         """(now_ns, position) -> the next frame for the position key; see `PositionStream`."""
         self._newest_sequence = -1
 

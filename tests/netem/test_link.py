@@ -469,3 +469,23 @@ def test_corruption_reaches_the_bytes_inside_an_item() -> None:
     assert key == "key"
     assert sum(byte.bit_count() for byte in data) == 1
     assert link.stats.corrupted == 1
+
+
+@pytest.mark.parametrize(
+    "words", ["delay 10ms 5ms loss 10%", "delay 10ms 3ms 40% distribution normal loss gemodel 5% 20%"]
+)
+def test_draws_taken_in_arrays_are_those_of_messages_sent(words: str) -> None:
+    profile = LinkProfile.parse(words)
+    sent: Link[int] = Link(profile, seed=4)
+    taken: Link[int] = Link(profile, seed=4)
+    for order in range(1000):
+        sent.send(0, order)
+    due = {order: due_ns for due_ns, order in sent.poll(10**12)}
+    for order in range(100):
+        taken.send(0, order)
+    first, second = taken.draw(100, 600), taken.draw(700, 300)
+    lost = [*first.lost.tolist(), *second.lost.tolist()]
+    delays = [*first.delay_ns.tolist(), *second.delay_ns.tolist()]
+    assert {k + 100: d for k, (d, gone) in enumerate(zip(delays, lost, strict=True)) if not gone} == {
+        order: due_ns for order, due_ns in due.items() if order >= 100
+    }

@@ -1,0 +1,101 @@
+"""`hapnet simulate --seeds A:B`: many seeds at once, one table."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from statistics import median
+from typing import TYPE_CHECKING, Any
+
+from hapnet.commands import output
+from hapnet.errors import InvalidParameter
+from hapnet.params import Params
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from hapnet.runtime.batch.scenario import BatchRun
+
+TOLERANCE_J = 1e-9
+"""A margin this far below zero is rounding."""
+LONG_S = 1000.0
+"""Seconds to simulate in all from which starting processes pays."""
+
+
+def seed_range(words: str) -> range:
+    """The seeds of ``A:B``, from A to B - 1.
+
+    Raises
+    ------
+    InvalidParameter : not two whole numbers, or no seed between them.
+    """
+    found = re.fullmatch(r"(\d+):(\d+)", words.strip())
+    seeds = range(int(found[1]), int(found[2])) if found else range(0)
+    if not seeds:
+        raise InvalidParameter("--seeds", words, "A:B, the seeds from A to B - 1, such as 0:1000")
+    return seeds
+
+
+def main(params: Params, seeds: range, json_to: str | None, workers: int) -> int:
+    """Simulate every seed in so many `workers` (0: what pays); print a table, write one object a scenario."""
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+    from hapnet.runtime.batch.processes import usable_cores
+    from hapnet.runtime.batch.run import simulate_batch
+    from hapnet.runtime.build import prepare
+
+    if params.duration_s <= 0.0:
+        raise InvalidParameter("duration_s", params.duration_s, "above 0 in virtual time")
+    if not workers:
+        workers = usable_cores() if len(seeds) * params.duration_s > LONG_S else 1
+    words = output.console(json_to)
+    output.show_warnings(words, prepare(params, "continuous").warnings)
+    columns = (TextColumn(f"simulating {len(seeds)} seeds"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=words, disable=not words.is_terminal) as bar:
+        task = bar.add_task("", total=1.0)
+        runs = simulate_batch(params, seeds, workers=workers, progress=lambda share: bar.update(task, completed=share))
+    words.print(_table(runs))
+    outside = sum(run.summary["theorem"]["margin_J"] < -TOLERANCE_J for run in runs)
+    words.print(f"{outside} of {len(runs)} scenarios put out more than the theorem's bound allows")
+    if not all(run.vectorised for run in runs):
+        words.print("simulated one at a time: these parameters, or so few seeds, are not vectorised", style="yellow")
+    output.write_json([as_dict(run) for run in runs], json_to)
+    return 0
+
+
+def as_dict(run: BatchRun) -> dict[str, Any]:
+    """A run's summary, with the states that it ended in."""
+    final = {"device": run.device._asdict(), "world": run.world._asdict()}
+    return {**run.summary, "final": final, "vectorised": run.vectorised}
+
+
+def _table(runs: list[BatchRun]) -> Table:
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table("", "median", "least", "most")
+    for name, path in _figures():
+        known = [x for x in (_at(run.summary, path) for run in runs) if x is not None]
+        if known:
+            table.add_row(escape(name), *(f"{x:.4g}" for x in (median(known), min(known), max(known))))
+    return table
+
+
+def _figures() -> Iterator[tuple[str, tuple[str, ...]]]:
+    """What the table shows, and where a summary has it."""
+    yield "theorem margin [J]", ("theorem", "margin_J")
+    for side in ("device", "world"):
+        yield f"{side} margin [J]", (side, "ledger", "margin_J")
+        yield f"{side} slack [J]", (side, "ledger", "slack_J")
+        yield f"{side} reservoir minimum [J]", (side, "reservoir_min_J")
+    for way in ("up", "down"):
+        yield f"sent {way} [nJ]", ("energy", way, "sent_nJ")
+        yield f"credited {way} [nJ]", ("energy", way, "credited_nJ")
+        yield f"lost {way}", ("links", way, "lost")
+
+
+def _at(summary: dict[str, Any], path: tuple[str, ...]) -> float | None:
+    value: Any = summary
+    for name in path:
+        value = value[name]
+    return None if value is None else float(value)
