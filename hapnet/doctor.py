@@ -13,12 +13,13 @@ import platform
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Any, TypeVar
 
+from hapnet.errors import HapnetError
 from hapnet.runtime.servo import FIFO_PRIORITY, DeadlineGrid, Histogram, set_timer_slack
 
 OK, WARNING, MISSING, SKIPPED = "ok", "warning", "missing", "skipped"
@@ -29,7 +30,8 @@ REACH_S = 3.0
 _LATE_US = 100.0  # a sleep that is later than that in the median is a default timer slack, or worse
 _TICKS = 300
 _PERIOD_NS = 1_000_000
-_MCL_CURRENT = 1
+_MCL_CURRENT_AND_FUTURE = 3
+_CAP_IPC_LOCK = 14
 _PROCESSORS = Path("/sys/devices/system/cpu")
 
 _T = TypeVar("_T")
@@ -49,8 +51,8 @@ class Check:
         return asdict(self)
 
 
-def examine(connect: Sequence[str] = ()) -> list[Check]:
-    """All checks, in the order in which they are shown.
+def examine(connect: Sequence[str] = ()) -> Iterator[Check]:
+    """All checks, in the order in which they are shown, each as soon as it is known.
 
     Raises
     ------
@@ -61,10 +63,12 @@ def examine(connect: Sequence[str] = ()) -> list[Check]:
         python, libraries, system, processors, load, clock_resolution, timer_slack, sleep_lateness, timerfd,
         real_time_scheduling, real_time_share, locked_memory, frequency_scaling,
     )  # fmt: skip
-    found = [check() for check in checks]
+    for check in checks:
+        yield check()
+    for endpoint in connect:
+        yield zenoh_reachable(endpoint)
     if not connect:
-        return [*found, Check("zenoh reachable", SKIPPED, "no endpoint given", "-e tcp/HOST:PORT tries one")]
-    return [*found, *(zenoh_reachable(endpoint) for endpoint in connect)]
+        yield Check("zenoh reachable", SKIPPED, "no endpoint given", "-e tcp/HOST:PORT tries one")
 
 
 def python() -> Check:
@@ -170,8 +174,7 @@ def real_time_scheduling() -> Check:
         return Check(name, OK, f"priority {FIFO_PRIORITY} allowed (rtprio limit {_limit('RLIMIT_RTPRIO')}): --realtime")
     advice = (
         f"allow it: `{_who()} - rtprio {FIFO_PRIORITY}` in /etc/security/limits.conf, then log in again "
-        f"(`ulimit -r` shows it); or sudo setcap cap_sys_nice,cap_ipc_lock+ep {os.path.realpath(sys.executable)}; "
-        f"in a container --cap-add SYS_NICE"
+        f"(`ulimit -r` shows it); in a container --cap-add SYS_NICE"
     )
     return Check(name, WARNING, f"{refused} (rtprio limit {_limit('RLIMIT_RTPRIO')})", advice)
 
@@ -188,20 +191,25 @@ def real_time_share() -> Check:
 
 
 def locked_memory() -> Check:
+    """The servo locks what it has and all it will have: under any limit it may be refused, or memory be, later on."""
     name = "locked memory"
     if sys.platform != "linux":
         return Check(name, WARNING, f"not available on {sys.platform}", "use Linux for --realtime")
     libc = ctypes.CDLL(None, use_errno=True)
     limit = _limit("RLIMIT_MEMLOCK")
-    if libc.mlockall(_MCL_CURRENT) == 0:
+    capable = _capable(_CAP_IPC_LOCK)
+    if limit != "unlimited" and not capable:
+        value = f"limited to {limit} bytes, too few for all of a process"
+    elif libc.mlockall(_MCL_CURRENT_AND_FUTURE) == 0:
         libc.munlockall()
-        return Check(name, OK, f"allowed (memlock limit {limit})")
-    reason = os.strerror(ctypes.get_errno())
+        return Check(name, OK, f"allowed ({'CAP_IPC_LOCK' if capable else 'no memlock limit'})")
+    else:
+        value = f"{os.strerror(ctypes.get_errno())} (memlock limit {limit})"
     advice = (
         f"allow it: `{_who()} - memlock unlimited` in /etc/security/limits.conf, then log in again (`ulimit -l` shows "
-        f"it); or the setcap line above; in a container --cap-add IPC_LOCK"
+        f"it); in a container --cap-add IPC_LOCK"
     )
-    return Check(name, WARNING, f"{reason} (memlock limit {limit})", advice)
+    return Check(name, WARNING, value, advice)
 
 
 def frequency_scaling() -> Check:
@@ -218,11 +226,14 @@ def frequency_scaling() -> Check:
 
 def zenoh_reachable(endpoint: str) -> Check:
     """Dial, as a device would, for at most `REACH_S` seconds."""
-    took = asyncio.run(_dial(endpoint))
     name = "zenoh reachable"
+    advice = "start the other side (hapnet world -l ...), and check address, port and firewall"
+    try:
+        took = asyncio.run(_dial(endpoint))
+    except HapnetError as error:
+        return Check(name, MISSING, f"{endpoint}: {' '.join(str(error).split())}", advice)
     if took is not None:
         return Check(name, OK, f"{endpoint} answered within {took * 1e3:.0f} ms")
-    advice = "start the other side (hapnet world -l ...), and check address, port and firewall"
     return Check(name, MISSING, f"{endpoint} did not answer within {REACH_S:g} s", advice)
 
 
@@ -291,6 +302,14 @@ def _limit(name: str) -> str:
 
     soft = resource.getrlimit(getattr(resource, name))[0]
     return "unlimited" if soft == resource.RLIM_INFINITY else str(soft)
+
+
+def _capable(capability: int) -> bool:
+    """Has this process the capability, by number?"""
+    for line in _read("/proc/self/status").splitlines():
+        if line.startswith("CapEff:"):
+            return bool(int(line.split()[1], 16) >> capability & 1)
+    return False
 
 
 def _who() -> str:

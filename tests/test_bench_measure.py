@@ -18,12 +18,16 @@ from hapnet import cli
 from hapnet.bench import latency, servo, simulation, traffic
 from hapnet.bench.children import Child, Gate, together
 from hapnet.bench.cost import Call, cost
+from hapnet.bench.endpoints import free_address
 from hapnet.bench.link import link_release
 from hapnet.bench.recovery import credit_times
 from hapnet.bench.registry import ROWS
-from hapnet.bench.row import Options
+from hapnet.bench.row import Options, Row
 from hapnet.errors import HapnetError
+from hapnet.wire.messages import encode_position
+from hapnet.wire.session import Session
 from netem import LinkProfile
+from netem.errors import ProfileError
 
 SHORT = Options(seconds=0.1, rounds=1)
 
@@ -56,6 +60,21 @@ def test_a_failure_in_a_child_is_told_and_none_outlives_its_context() -> None:
             waiting.result(0.01)
         process = waiting._process
     assert not process.is_alive()
+
+
+def test_busy_processes_end_with_a_benchmark_that_is_killed() -> None:
+    code = "import time; from hapnet.bench.children import busy\nwith busy(2): print(flush=True); time.sleep(60)"
+    with subprocess.Popen([sys.executable, "-c", code], start_new_session=True, stdout=subprocess.PIPE) as bench:
+        try:
+            assert bench.stdout is not None
+            bench.stdout.readline()
+            assert len(processes_of(bench.pid)) == 3
+            bench.kill()
+            bench.wait()
+            wait_until(lambda: not processes_of(bench.pid))
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(bench.pid, signal.SIGKILL)
 
 
 # Costs
@@ -124,6 +143,28 @@ def test_latency_joins_by_content_and_drops_the_start() -> None:
         latency.join([], arrived)
 
 
+def test_a_message_says_when_its_tick_began() -> None:
+    """Sent at 5 ns and 2 ms later; what is no position is left out."""
+    first, second = (encode_position(1, number, 5 + 2_000_000 * number, (0.1,)) for number in range(2))
+    greeting = Session(role="device", dof=1, name="device", incarnation=1).poll(0)[0][0].data
+    found = latency.tick_starts([(60_000, first), (70_000, greeting), (2_060_000, second)])
+    assert found == [(5, first), (2_000_005, second)]
+
+
+# Traffic
+
+
+def test_a_side_may_say_much_on_standard_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three times what a pipe holds: unread, it would stop the side."""
+    driver = tmp_path / "chatty.py"
+    driver.write_text("import sys\nsys.stderr.write('x' * 200_000)\nraise ValueError('\\nno motor')\n", "utf-8")
+    (tmp_path / "params.toml").write_text('hardware = "chatty:Motor"\n', "utf-8")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    side = traffic._Side("device", tmp_path, "--connect", free_address())
+    with side, pytest.raises(HapnetError, match=r"the device process: .*no motor"):
+        side.expect("paired")
+
+
 # Recovery and simulation
 
 
@@ -168,6 +209,43 @@ def test_the_command_writes_what_it_measured(tmp_path: Path, capsys: pytest.Capt
     assert "median ≤ 15" in err
 
 
+def test_a_row_that_fails_costs_no_other(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(options: Options) -> Row:
+        raise HapnetError("the cable is out")
+
+    def unlinked(options: Options) -> Row:
+        raise ProfileError("delay", "x", "a time")
+
+    rows = {"broken": broken, "unlinked": unlinked, "sound": lambda options: Row("sound", "us", "sound")}
+    monkeypatch.setattr("hapnet.commands.bench.select", lambda only: rows)
+    with restored_signals():
+        assert cli.main(["bench", "--out", str(tmp_path)]) == 1
+    out = capsys.readouterr().out
+    assert "broken: not measured: the cable is out" in out
+    found = json.loads((tmp_path / "bench.json").read_text("utf-8"))
+    assert [(row["name"], row["median"]) for row in found] == [("broken", None), ("unlinked", None), ("sound", None)]
+    assert "delay" in found[1]["note"]
+
+
+def test_interrupted_it_shows_what_it_has(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written: list[str] = []
+
+    def interrupted(options: Options) -> Row:
+        written.extend(row["name"] for row in json.loads((tmp_path / "bench.json").read_text("utf-8")))
+        raise KeyboardInterrupt
+
+    rows = {"first": lambda options: Row("first", "us", "something"), "second": interrupted}
+    monkeypatch.setattr("hapnet.commands.bench.select", lambda only: rows)
+    with restored_signals():
+        assert cli.main(["bench", "--out", str(tmp_path)]) == 130
+    assert written == ["first"]
+    assert "first: something" in capsys.readouterr().out
+
+
 def test_interrupted_it_leaves_no_process(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "hapnet", "bench", "--only", "servo_idle", "--seconds", "60"]
     with subprocess.Popen(
@@ -190,14 +268,16 @@ def test_interrupted_it_leaves_no_process(tmp_path: Path) -> None:
 def test_traffic_runs_at_a_kilohertz_each_way_beside_a_busy_process() -> None:
     row = traffic.servo_traffic(Options(seconds=3.0, rounds=1, beside=1))
     assert row.more["messages_per_s"] > 700
+    assert f"{row.more['messages_per_s']:.0f} messages/s the slower way" in row.note
     assert row.samples is not None
     assert row.samples.counts.sum() > 2000
     assert {limit.figure for limit in row.limits} == {"ratio", "ratio_p99", "late_period_excess"}
 
 
 @pytest.mark.slow
-def test_latency_beside_raw_zenoh() -> None:
-    row = latency.one_way_latency(Options(seconds=1.0, rounds=1))
+@pytest.mark.parametrize("name", ["one_way_latency", "one_way_latency_realtime"])
+def test_latency_beside_raw_zenoh(name: str) -> None:
+    row = ROWS[name](Options(seconds=1.0, rounds=1))
     assert row.samples is not None
     assert row.bare is not None
     for found in (row.samples, row.bare):

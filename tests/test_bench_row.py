@@ -13,8 +13,8 @@ from hapnet.errors import InvalidParameter
 
 REQUIRED = {
     "servo_idle", "servo_traffic", "servo_busy_thread", "device_tick", "pspm_update_3dof", "world_step_wall",
-    "codec_position", "one_way_latency", "link_release", "energy_recovery", "simulate_1dof", "simulate_3dof",
-    "batch_1000",
+    "codec_position", "one_way_latency", "one_way_latency_realtime", "link_release", "energy_recovery",
+    "simulate_1dof", "simulate_3dof", "batch_1000",
 }  # fmt: skip
 HUNDRED = Distribution.of(range(1, 101))
 
@@ -40,6 +40,14 @@ def test_figures_are_medians_over_rounds() -> None:
     rounds = [Distribution.of(np.arange(1, 101) * scale) for scale in (1.0, 10.0, 2.0)]
     assert Figures.of(rounds) == Figures(1.0, 100.0, 198.0)
     assert Figures.of(rounds, higher_is_better=True) == Figures(1.0, 100.0, 2.0)
+
+
+def test_ratios_are_of_the_medians_over_rounds() -> None:
+    """p99 of the rounds: 99, 990, 198 and 49.5, 99, 9.9; the median of the rounds' own ratios would be 10."""
+    ours = [Distribution.of(np.arange(1, 101) * scale) for scale in (1.0, 10.0, 2.0)]
+    bare = [Distribution.of(np.arange(1, 101) * scale) for scale in (0.5, 1.0, 0.1)]
+    found = row("a_row", "us", "something", ours, "something bare", bare)
+    assert (found.ratio, found.ratio_p99) == pytest.approx((100.0 / 25.0, 198.0 / 49.5))
 
 
 def measured(**more: object) -> Row:
@@ -101,6 +109,13 @@ def test_figure_has_a_panel_for_every_row_with_values() -> None:
     assert [axes.get_xlabel() for axes in visible] == ["a_row [us]", "zeros [us]"]
     assert all(axes.get_xscale() == "log" for axes in visible)
     fig.canvas.draw()
+
+
+def test_figure_marks_the_figures_of_the_table() -> None:
+    """Medians over three rounds are 100 and 198, and not the quantiles of all values together."""
+    rounds = [Distribution.of(np.arange(1, 101) * scale) for scale in (1.0, 10.0, 2.0)]
+    (panel,) = report.figure([row("a_row", "us", "something", rounds)]).axes
+    assert [np.asarray(line.get_xdata())[0] for line in panel.lines] == [100.0, 198.0]
 
 
 def test_histogram_holds_every_value() -> None:

@@ -4,6 +4,7 @@ import asyncio
 import json
 import os
 import socket
+from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import pytest
 
 from hapnet import cli, doctor
 from hapnet.doctor import MISSING, OK, SKIPPED, WARNING, Check
+from hapnet.errors import InvalidParameter, TransportError
 from hapnet.runtime.zenoh_config import ZenohSettings
 from hapnet.runtime.zenoh_transport import ZenohTransport
 
@@ -25,7 +27,7 @@ def free_address() -> str:
 
 
 def test_every_check_has_a_state_a_value_and_advice_where_something_is_wrong() -> None:
-    found = doctor.examine()
+    found = list(doctor.examine())
     names = [check.name for check in found]
     assert len(set(names)) == len(names)
     assert set(names) >= {
@@ -56,8 +58,48 @@ def test_refused_scheduling_says_how_to_allow_it(monkeypatch: pytest.MonkeyPatch
     check = doctor.real_time_scheduling()
     assert check.state == WARNING
     assert "Operation not permitted" in check.value
-    for words in ("rtprio 80", "/etc/security/limits.conf", "ulimit -r", "setcap cap_sys_nice"):
+    for words in ("rtprio 80", "/etc/security/limits.conf", "ulimit -r"):
         assert words in check.advice
+
+
+@pytest.mark.parametrize(
+    ("limit", "capabilities", "state"),
+    [
+        ("8388608", "00000000a80425fb", WARNING),
+        ("1099511627776", "0000000000000000", WARNING),  # a limit is a limit: memory to come is locked too
+        ("8388608", "00000000a80465fb", OK),  # bit 14
+        ("unlimited", "0000000000000000", OK),
+    ],
+)
+def test_locked_memory_needs_no_limit_or_the_capability(
+    limit: str, capabilities: str, state: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Obliging:
+        """A C library that locks whatever it is asked to."""
+
+        def __init__(self, *args: object, **kwargs: object) -> None:
+            pass
+
+        def mlockall(self, flags: int) -> int:
+            assert flags == 1 | 2  # MCL_CURRENT | MCL_FUTURE, as the servo asks for
+            return 0
+
+        def munlockall(self) -> int:
+            return 0
+
+    monkeypatch.setattr(doctor, "_limit", lambda name: limit)
+    monkeypatch.setattr(doctor, "_read", lambda path: f"Name:\tpython\nCapEff:\t{capabilities}\nCapBnd:\tff\n")
+    monkeypatch.setattr("ctypes.CDLL", Obliging)
+    check = doctor.locked_memory()
+    assert check.state == state
+    assert ("memlock unlimited" in check.advice) == (state == WARNING)
+
+
+def test_checks_come_one_by_one_and_a_bad_endpoint_before_all() -> None:
+    checks = doctor.examine()
+    assert next(checks).name == "python"
+    with pytest.raises(InvalidParameter):
+        next(doctor.examine(["no endpoint"]))
 
 
 @pytest.mark.parametrize(
@@ -131,6 +173,31 @@ async def test_zenoh_that_answers() -> None:
         await world.close()
     assert check.state == OK
     assert address in check.value
+
+
+def test_a_line_is_shown_before_the_next_check(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+    shown: list[str] = []
+
+    def checks(connect: list[str]) -> Iterator[Check]:
+        yield Check("this", OK, "fine")
+        shown.append(capsys.readouterr().out)
+        yield Check("that", OK, "fine")
+
+    monkeypatch.setattr("hapnet.commands.doctor.examine", checks)
+    assert cli.main(["doctor"]) == 0
+    assert len(shown) == 1
+    assert "this" in shown[0]
+
+
+def test_zenoh_that_cannot_be_opened_is_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def refuse(self: ZenohTransport) -> None:
+        raise TransportError("no route\nto host")
+
+    monkeypatch.setattr(ZenohTransport, "open", refuse)
+    check = doctor.zenoh_reachable("tcp/192.0.2.1:7447")
+    assert check.state == MISSING
+    assert "no route to host" in check.value
+    assert check.advice
 
 
 def test_zenoh_that_does_not_answer_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,6 +21,18 @@ Gate = Callable[[], None]
 READY_S = 60.0
 """How long a child may take to be ready [s]."""
 
+_COMPUTE = """
+import os, sys, threading
+
+def end():
+    sys.stdin.read()  # returns when the benchmark is gone, in whatever way
+    os._exit(0)
+
+threading.Thread(target=end, daemon=True).start()
+while True:
+    pass
+"""
+
 
 class Child:
     """A process of its own that runs ``function(gate, *args)``; use it as a context, which ends it.
@@ -105,19 +117,19 @@ def uninterrupted() -> Iterator[None]:
 
 @contextlib.contextmanager
 def busy(count: int) -> Iterator[None]:
-    """`count` processes that do nothing but compute."""
+    """`count` processes that do nothing but compute, for as long as this one lives at most."""
     started: list[subprocess.Popen[bytes]] = []
     try:
         for _ in range(count):
             with uninterrupted():
-                started.append(subprocess.Popen([sys.executable, "-c", "while True: pass"]))
+                started.append(subprocess.Popen([sys.executable, "-c", _COMPUTE], stdin=subprocess.PIPE))
         if count:
             time.sleep(0.2)  # until they are under way
         yield
     finally:
         for process in started:
             process.kill()
-            process.wait()
+            process.communicate()
 
 
 def _run(pipe: Connection, function: Callable[..., Any], args: tuple[Any, ...]) -> None:

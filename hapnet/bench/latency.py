@@ -3,12 +3,16 @@
 The whole path of `RealtimeSide` is measured where it runs: stamped when the servo hands a message over, and when the
 peer's endpoint has taken it. Raw Zenoh carries messages of the same form between two processes, with the same
 configuration, in turns with it. Both ends are on one machine, so CLOCK_MONOTONIC is common to them.
+
+Under `--realtime` the hand-over is in the servo's process, which keeps no stamps: there a message counts from its own
+`sent_ns`, the start of the tick that sent it. So the hop from that process is covered, and the tick as well.
 """
 
 from __future__ import annotations
 
 import asyncio
 import time
+from collections.abc import Callable
 from typing import Literal
 
 import zenoh
@@ -20,10 +24,10 @@ from hapnet.bench.traffic import KILOHERTZ
 from hapnet.errors import HapnetError
 from hapnet.params import Params
 from hapnet.runtime.build import prepare
-from hapnet.runtime.realtime import RealtimeSide
+from hapnet.runtime.realtime import Notice, RealtimeSide
 from hapnet.runtime.servo import set_timer_slack, tuned_interpreter
 from hapnet.runtime.zenoh_config import ZenohSettings, zenoh_config
-from hapnet.wire.messages import encode_position
+from hapnet.wire.messages import Position, decode, encode_position
 
 Stamps = list[tuple[int, bytes]]
 """When a message was handed over, or had arrived [ns], and its bytes, which are unique."""
@@ -36,12 +40,7 @@ _JOIN_S = 30.0
 
 def one_way_latency(options: Options) -> Row:
     """Rounds of the whole path and of raw Zenoh in turns, 1 kHz one way."""
-    subject: list[Distribution] = []
-    bare: list[Distribution] = []
-    for number in range(options.rounds):
-        turns = [(subject, hapnet_once), (bare, raw_once)]
-        for into, once in turns if number % 2 == 0 else reversed(turns):
-            into.append(once(options.seconds))
+    subject, bare = in_turns(hapnet_once, options)
     return row(
         "one_way_latency",
         "us",
@@ -53,11 +52,52 @@ def one_way_latency(options: Options) -> Row:
     )
 
 
+def one_way_latency_realtime(options: Options) -> Row:
+    """The same for a device under `--realtime`: its servo in a process of its own, and one more socket on the way."""
+    refusals: list[str] = []
+
+    def once(seconds: float) -> Distribution:
+        (_, refusal), (arrived, _) = run_sides(seconds, realtime=True)
+        refusals.append(refusal)
+        return join(tick_starts(arrived), arrived)
+
+    subject, bare = in_turns(once, options)
+    return row(
+        "one_way_latency_realtime",
+        "us",
+        "the same with --realtime, from the tick's start in the servo's own process: the tick itself counts, both hops",
+        subject,
+        "raw Zenoh, from put, as above",
+        bare,
+        note=refusals[0],
+    )
+
+
+def in_turns(once: Callable[[float], Distribution], options: Options) -> tuple[list[Distribution], list[Distribution]]:
+    """Each round of `once` and of raw Zenoh; who is first changes."""
+    subject: list[Distribution] = []
+    bare: list[Distribution] = []
+    for number in range(options.rounds):
+        turns = [(subject, once), (bare, raw_once)]
+        for into, measure in turns if number % 2 == 0 else reversed(turns):
+            into.append(measure(options.seconds))
+    return subject, bare
+
+
 def hapnet_once(seconds: float) -> Distribution:
     """Microseconds through two `RealtimeSide`s."""
+    (handed_over, _), (arrived, _) = run_sides(seconds, realtime=False)
+    return join(handed_over, arrived)
+
+
+def run_sides(seconds: float, *, realtime: bool) -> list[tuple[Stamps, str]]:
+    """A device and a world in processes of their own; of each what `run_side` gives."""
     address = free_address()
-    with Child(run_side, "world", address, seconds) as world, Child(run_side, "device", address, seconds) as device:
-        return join(*(side.result(seconds + _JOIN_S) for side in (device, world)))
+    with (
+        Child(run_side, "world", address, seconds, False) as world,
+        Child(run_side, "device", address, seconds, realtime) as device,
+    ):
+        return [side.result(seconds + _JOIN_S) for side in (device, world)]
 
 
 def raw_once(seconds: float) -> Distribution:
@@ -70,6 +110,12 @@ def raw_once(seconds: float) -> Distribution:
             for child in (receiver, sender):
                 child.go()
             return join(*(child.result(seconds + _JOIN_S) for child in (sender, receiver)))
+
+
+def tick_starts(arrived: Stamps) -> Stamps:
+    """When the ticks began that sent these positions, by the positions' own word; other messages are left out."""
+    messages = [(decode(data), data) for _, data in arrived]
+    return [(message.sent_ns, data) for message, data in messages if isinstance(message, Position)]
 
 
 def join(handed_over: Stamps, arrived: Stamps) -> Distribution:
@@ -87,10 +133,13 @@ def join(handed_over: Stamps, arrived: Stamps) -> Distribution:
 class StampedSide(RealtimeSide):
     """A side that notes when its control thread hands a position over, and when a position has been taken in."""
 
-    def __init__(self, role: Literal["device", "world"], address: str, params: Params) -> None:
+    def __init__(self, role: Literal["device", "world"], address: str, params: Params, *, realtime: bool) -> None:
         ends = (address,)
         where = ZenohSettings(listen=ends) if role == "world" else ZenohSettings(connect=ends)
-        super().__init__(prepare(params, "sampled"), role, where, session="bench", seed=0)
+        self.refusal = ""
+        """Why there is no real-time scheduling, if there is none and there should be."""
+        setup = prepare(params, "sampled")
+        super().__init__(setup, role, where, session="bench", seed=0, realtime=realtime, notify=self._heed)
         self.handed_over: Stamps = []
         self.arrived: Stamps = []
         receive, arrived, clock = self.wire.receive, self.arrived, time.monotonic_ns
@@ -102,23 +151,30 @@ class StampedSide(RealtimeSide):
 
         vars(self.wire)["receive"] = stamped  # the instance's own, before the class's
 
+    def _heed(self, notice: Notice) -> None:
+        if notice.kind == "realtime":
+            self.refusal = notice.text
+
     def _send(self, kind: str, data: bytes) -> None:
         if kind == "position":
             self.handed_over.append((time.monotonic_ns(), data))
         super()._send(kind, data)
 
 
-def run_side(gate: Gate, role: Literal["device", "world"], address: str, seconds: float) -> Stamps:
-    """One side for `seconds` after pairing; what the device handed over, or what the world took in."""
+def run_side(
+    gate: Gate, role: Literal["device", "world"], address: str, seconds: float, realtime: bool
+) -> tuple[Stamps, str]:
+    """One side for `seconds` after pairing: what the device handed over or the world took in; why not real-time."""
     words = {"device.pspm_period_s": KILOHERTZ["device.pspm_period_s"], "link.up": "", "link.down": ""}
     duration_s = seconds + _SETTLE_S
-    side = StampedSide(role, address, Params().set({**words, "operator": "sine", "duration_s": duration_s}))
+    params = Params().set({**words, "operator": "sine", "duration_s": duration_s})
+    side = StampedSide(role, address, params, realtime=realtime)
 
     async def run() -> None:
         await side.run(asyncio.Event(), duration_s)
 
     asyncio.run(run())
-    return side.handed_over if role == "device" else side.arrived
+    return side.handed_over if role == "device" else side.arrived, side.refusal
 
 
 def send_raw(gate: Gate, address: str, seconds: float) -> Stamps:

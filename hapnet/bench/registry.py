@@ -8,7 +8,7 @@ from functools import partial
 
 from hapnet.bench.codec import codec_position
 from hapnet.bench.control import device_tick, pspm_update
-from hapnet.bench.latency import one_way_latency
+from hapnet.bench.latency import one_way_latency, one_way_latency_realtime
 from hapnet.bench.link import link_release
 from hapnet.bench.recovery import energy_recovery
 from hapnet.bench.row import Options, Row
@@ -33,6 +33,7 @@ ROWS: dict[str, Measure] = {
     "world_step_wall": world_step_wall,
     "codec_position": codec_position,
     "one_way_latency": one_way_latency,
+    "one_way_latency_realtime": one_way_latency_realtime,
     "link_release": link_release,
     "energy_recovery": partial(energy_recovery, 80, "2%", "energy_recovery"),
     **{

@@ -101,17 +101,21 @@ def _panel(panel: Axes, row: Row) -> None:
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     assert row.samples is not None
-    parts = [(row.samples, _SUBJECT)] + ([] if row.bare is None else [(row.bare, _BARE)])
-    low = min(part.values[part.values > 0.0].min(initial=np.inf) for part, _ in parts)
-    high = max(part.values[-1] for part, _ in parts)
+    parts = [(row.samples, row.figures, _SUBJECT)]
+    if row.bare is not None:
+        parts.append((row.bare, row.reference, _BARE))
+    low = min(part.values[part.values > 0.0].min(initial=np.inf) for part, _, _ in parts)
+    high = max(part.values[-1] for part, _, _ in parts)
     edges = np.geomspace(low * 0.9, max(high, low) * 1.1, _BINS + 1)
-    for part, style in parts:
+    for part, figures, style in parts:
         share = _histogram(part, edges)
         if style is _SUBJECT:
             panel.stairs(share, edges, fill=True, alpha=_SHADE, **style)
         panel.stairs(share, edges, linewidth=1.1, **style)
-        for q, dash in ((0.5, "--"), (0.99, ":")):
-            panel.axvline(part.quantile(q), linestyle=dash, linewidth=1.0, **style)
+        assert figures is not None
+        # the table's figures, whose ratio is the title; quantiles of all rounds together would be others
+        for value, dash in ((figures.median, "--"), (figures.p99, ":")):
+            panel.axvline(value, linestyle=dash, linewidth=1.0, **style)
     panel.set(xscale="log", yscale="log", xlabel=f"{row.name} [{row.unit}]", ylim=(None, 2.0))
     close = edges[-1] < 30.0 * edges[0]
     panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if close else (1.0,)))

@@ -60,7 +60,7 @@ class Distribution:
 
 @dataclass(frozen=True)
 class Figures:
-    """Over the rounds: the least value of all, the median of the medians and of the 99th percentiles."""
+    """Over the rounds: the least value of all; the median of the rounds' medians, and of their 99th percentiles."""
 
     least: float
     median: float
@@ -118,12 +118,12 @@ class Row:
 
     @property
     def ratio(self) -> float | None:
-        """The median over the reference's."""
+        """The median over the reference's, both as of `Figures`: medians over the rounds, then their ratio."""
         return self._over(lambda figures: figures.median)
 
     @property
     def ratio_p99(self) -> float | None:
-        """The 99th percentile over the reference's."""
+        """The 99th percentile over the reference's, likewise: the ratio of two medians over the rounds."""
         return self._over(lambda figures: figures.p99)
 
     def figure(self, name: str) -> float | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,12 +12,14 @@ from hapnet.bench import report
 from hapnet.bench.registry import Measure, select
 from hapnet.bench.row import Options, Row
 from hapnet.commands import output
-from hapnet.errors import InvalidParameter
+from hapnet.errors import HapnetError, InvalidParameter
+from netem.errors import NetemError
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 _WIDTH = 150  # of the table
+_FAILED = "not measured"
 
 
 def main(
@@ -28,7 +31,10 @@ def main(
     json_to: str | None,
     out: Path | None,
 ) -> int:
-    """Measure the rows one after another. 0 whatever they say: what is allowed is shown, not enforced."""
+    """Measure the rows one after another; on Ctrl-C, show those that are measured.
+
+    0 whatever they say: what is allowed is shown, not enforced. 1 if one could not be measured.
+    """
     for name, value, low, high in (
         ("--seconds", seconds, 0.1, 3600.0),
         ("--rounds", rounds, 1, 1000),
@@ -41,9 +47,19 @@ def main(
     directory = output.run_directory(out or Path("runs") / f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-bench", None)
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.default_int_handler)  # ends the children too, as Ctrl-C does
-    rows = _measure(chosen, Options(seconds, rounds, realtime, beside), words)
-    table = [row.as_dict() for row in rows]
-    output.write_json(table, str(directory / "bench.json"))
+    rows: list[Row] = []
+    try:
+        for row in _measure(chosen, Options(seconds, rounds, realtime, beside), words):
+            rows.append(row)
+            output.write_json([row.as_dict() for row in rows], str(directory / "bench.json"))
+    finally:
+        if rows:
+            _show(rows, directory, words)
+            output.write_json([row.as_dict() for row in rows], json_to)
+    return 1 if any(row.what == _FAILED for row in rows) else 0
+
+
+def _show(rows: list[Row], directory: Path, words: Console) -> None:
     words.width = max(words.width, _WIDTH)  # a narrower terminal wraps the lines, and drops nothing
     words.print(report.table(rows))
     if any(report.has_histogram(row) for row in rows):
@@ -51,24 +67,23 @@ def main(
         words.print(f"bench.json and bench.png in {directory}")
     else:
         words.print(f"bench.json in {directory}")
-    output.write_json(table, json_to)
-    return 0
 
 
-def _measure(chosen: dict[str, Measure], options: Options, words: Console) -> list[Row]:
+def _measure(chosen: dict[str, Measure], options: Options, words: Console) -> Iterator[Row]:
     """One row after another; a bar on a terminal, a line each elsewhere."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
     columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"))
-    rows: list[Row] = []
     # no refresh thread: it would run beside what is measured
     with Progress(*columns, console=words, disable=not words.is_terminal, auto_refresh=False, transient=True) as bar:
         task = bar.add_task("", total=len(chosen))
-        for name, measure in chosen.items():
+        for number, (name, measure) in enumerate(chosen.items(), start=1):
             if words.is_terminal:
                 bar.update(task, description=name, refresh=True)
             else:
-                words.print(f"{len(rows) + 1}/{len(chosen)} {name}")
-            rows.append(measure(options))
+                words.print(f"{number}/{len(chosen)} {name}")
+            try:
+                yield measure(options)
+            except (HapnetError, NetemError) as error:
+                yield Row(name, "", _FAILED, note=f"{_FAILED}: {error}", panel=False)
             bar.advance(task)
-    return rows

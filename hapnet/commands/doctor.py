@@ -13,8 +13,9 @@ def main(connect: list[str], json_to: str | None) -> int:
     from rich.text import Text
 
     words = output.console(json_to)
-    checks = examine(connect)
-    for check in checks:
+    checks = []
+    for check in examine(connect):
+        checks.append(check)
         line = Text(f"{check.state:<8} ", style=_STYLE[check.state]).append(
             f"{check.name:<18} {check.value}", "default"
         )
