@@ -144,6 +144,11 @@ class WireHalf:
         self._hand_over(events)
         return outgoing, events
 
+    @property
+    def uncollected(self) -> bool:
+        """Is there anything to `collect`?"""
+        return self._control.has_surplus
+
     def collect(self) -> None:
         """Give the surplus of control to the session, which sends it in its own time; `poll` does it too.
 

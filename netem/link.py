@@ -105,7 +105,7 @@ class Link(Generic[T]):
         self._slot_ns = _LONG_AGO
         self._slot_packets = self._slot_bytes = 0
         self._up = True
-        self._slotted = self._needs_size = self._awaits_start = False
+        self._slotted = self._needs_size = self._awaits_start = self._transparent = False
         self._line: TraceLine | None = None
         self._conditions: ConditionTrace | None = None
         self._conditions_start_ns = 0
@@ -159,6 +159,19 @@ class Link(Generic[T]):
             delay_p99_ms=self._delays.quantile_ms(0.99),
             late_max_ms=self._latest_ns * 1e-6,
         )
+
+    def passes(self) -> bool:
+        """For a link without any effect and with nothing in flight, `send` and `poll` at once.
+
+        True: a message has been offered and delivered; hand it on. False: nothing has happened, `send` it.
+        """
+        if not self._transparent or self._queue or self._ready or not self._up:
+            return False
+        self._offered = self._newest = self._offered + 1
+        if len(self._pending_delays) >= DelayHistogram.PENDING:
+            self._delays.fold()
+        self._pending_delays.append(0)
+        return True
 
     def send(self, now_ns: int, item: T, size: int | None = None) -> None:
         """Offer an item at `now_ns`; its `size` in bytes counts for a rate, a trace or a slot, ``len(item)`` if None.
@@ -306,6 +319,7 @@ class Link(Generic[T]):
         self._profile = profile
         self._timed_size = None
         self._slotted = profile.slot is not None
+        self._transparent = profile.limit > 0 and profile == LinkProfile(limit=profile.limit, seed=profile.seed)
         self._needs_size = bool(profile.rate_bit_s or profile.trace or (profile.slot and profile.slot.bytes))
 
     def _start_traces(self, previous: LinkProfile | None, start_ns: int | None) -> None:

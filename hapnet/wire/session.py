@@ -275,7 +275,9 @@ class Session:
                 return self._on_bye(message, now_ns)
 
     def _on_position(self, message: Position, now_ns: int) -> tuple[Event, ...]:
-        self._handshake.check_peer(message.incarnation, now_ns)
+        peer = self._handshake.peer
+        if peer is None or peer.incarnation != message.incarnation:
+            self._handshake.check_peer(message.incarnation, now_ns)
         if len(message.position) != self.identity.dof:
             raise BadMessage("dimension", f"{len(message.position)} coordinates; allowed: {self.identity.dof}")
         if message.sequence > self._newest_sequence:

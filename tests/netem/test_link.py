@@ -489,3 +489,38 @@ def test_draws_taken_in_arrays_are_those_of_messages_sent(words: str) -> None:
     assert {k + 100: d for k, (d, gone) in enumerate(zip(delays, lost, strict=True)) if not gone} == {
         order: due_ns for order, due_ns in due.items() if order >= 100
     }
+
+
+# The short way
+
+
+@given(st.lists(st.sampled_from(["send", "passes", "down", "up", "delay", "nothing"]), max_size=60))
+def test_what_passes_is_what_send_and_poll_would_have_let_out(steps: list[str]) -> None:
+    """Two links live through the same; one asks first whether the message passes. Both deliver and count the same."""
+    straight: Link[int] = Link(LinkProfile(), seed=1)
+    plain: Link[int] = Link(LinkProfile(), seed=1)
+    out: tuple[list[int], list[int]] = ([], [])
+    for now, step in enumerate(steps):
+        match step:
+            case "down" | "up":
+                getattr(straight, step)()
+                getattr(plain, step)()
+            case "delay" | "nothing":
+                profile = LinkProfile(delay_ns=3) if step == "delay" else LinkProfile()
+                straight.change(profile, now)
+                plain.change(profile, now)
+            case _:
+                if step == "passes" and straight.passes():
+                    out[0].append(now)
+                else:
+                    straight.send(now, now)
+                plain.send(now, now)
+        out[0].extend(item for _, item in straight.poll(now))
+        out[1].extend(item for _, item in plain.poll(now))
+        assert out[0] == out[1]
+        assert straight.stats == plain.stats
+
+
+def test_nothing_passes_a_link_that_does_something() -> None:
+    for words in ("delay 1us", "loss 1%", "rate 1gbit", "slot 1ms", "reorder 5% delay 1ms"):
+        assert not Link[int](LinkProfile.parse(words)).passes()
