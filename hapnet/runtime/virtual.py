@@ -17,6 +17,7 @@ from hapnet.metrics import motion
 from hapnet.params import Params
 from hapnet.record import MemoryRecorder, Recording
 from hapnet.runtime.build import Setup, device_session, device_side, prepare, world_session, world_side
+from hapnet.runtime.collector import collector_paused
 from hapnet.runtime.parcel import FRAME_OVERHEAD, Parcel
 from hapnet.runtime.sides import DeviceSide, WorldSide, Write
 from hapnet.runtime.summary import Summary, combine, device_summary, versions, with_wire, world_summary
@@ -126,6 +127,7 @@ class Simulation:
         self._recorder = MemoryRecorder(self._meta)
         return self._recorder.write
 
+    @collector_paused()
     def run(self, progress: Callable[[float], None] | None = None) -> Result:
         """Run to the end, then let the links deliver what is under way.
 

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import gc
 import json
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
@@ -14,6 +12,7 @@ from hapnet.runtime.batch.cruise import Cruise
 from hapnet.runtime.batch.processes import Progress, in_processes
 from hapnet.runtime.batch.scenario import BatchRun, Scenario
 from hapnet.runtime.build import Setup
+from hapnet.runtime.collector import collector_paused
 
 SMALLEST = 32
 """With fewer scenarios of a kind, one at a time is faster."""
@@ -83,19 +82,7 @@ def _groups(cases: Sequence[tuple[Params, int]]) -> list[list[int]]:
     return list(groups.values())
 
 
-@contextmanager
-def _collector_paused() -> Iterator[None]:
-    """Thousands of simulations live at once here: to walk them all for garbage, again and again, finds nothing."""
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if enabled:
-            gc.enable()
-
-
-@_collector_paused()
+@collector_paused()
 def _simulate_group(cases: dict[int, tuple[Params, int]], runs: dict[int, BatchRun], done: Progress) -> None:
     flying: dict[int, Scenario] = {}
     setups: dict[int, Setup] = {}
