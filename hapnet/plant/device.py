@@ -78,6 +78,7 @@ class SimulatedDevice:
         force_limit: float | None = None,
     ) -> None:
         self.mass = checks.positive("device.mass", mass)
+        self._half_mass = 0.5 * self.mass
         self.damping = checks.non_negative("device.own_damping", damping)
         self.period = checks.positive("device period", period)
         if substeps < 1:
@@ -118,10 +119,12 @@ class SimulatedDevice:
 
     def kinetic_at(self, velocity: Vector) -> float:
         """What `kinetic` is at this velocity [m/s]."""
+        if len(velocity) == 1:
+            return self._half_mass * (velocity[0] * velocity[0])
         square = 0.0
         for v in velocity:
             square += v * v
-        return 0.5 * self.mass * square
+        return self._half_mass * square
 
     def read(self) -> tuple[Vector, Vector]:
         """Position and velocity; with encoders, whole counts and their backward difference since the last read."""

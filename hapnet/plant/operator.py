@@ -115,7 +115,12 @@ class Press:
             phase = 2.0 * self._reach + self._hold - phase  # the way back is the way there, mirrored in time
         share = 0.0 if phase <= 0.0 else 1.0 if phase >= self._reach else minimum_jerk(phase / self._reach)
         if share != self._share:
-            self._share, self._point = share, tuple([a + share * way for a, way in self._axes])
+            self._share = share
+            if len(self._axes) == 1:
+                a, way = self._axes[0]
+                self._point = (a + share * way,)
+            else:
+                self._point = tuple([a + share * way for a, way in self._axes])
         return self._point
 
 
