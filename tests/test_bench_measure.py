@@ -18,12 +18,12 @@ from hapnet import cli
 from hapnet.bench import latency, servo, simulation, traffic
 from hapnet.bench.children import Child, Gate, together
 from hapnet.bench.cost import Call, cost
-from hapnet.bench.endpoints import free_address
 from hapnet.bench.link import link_release
 from hapnet.bench.recovery import credit_times
 from hapnet.bench.registry import ROWS
 from hapnet.bench.row import Options, Row
 from hapnet.errors import HapnetError
+from hapnet.runtime.zenoh_config import free_address
 from hapnet.wire.messages import encode_position
 from hapnet.wire.session import Session
 from netem import LinkProfile

@@ -3,7 +3,6 @@ from __future__ import annotations
 import asyncio
 import json
 import os
-import socket
 from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
@@ -14,16 +13,10 @@ import pytest
 from hapnet import cli, doctor
 from hapnet.doctor import MISSING, OK, SKIPPED, WARNING, Check
 from hapnet.errors import InvalidParameter, TransportError
-from hapnet.runtime.zenoh_config import ZenohSettings
+from hapnet.runtime.zenoh_config import ZenohSettings, free_address
 from hapnet.runtime.zenoh_transport import ZenohTransport
 
 Capture = pytest.CaptureFixture[str]
-
-
-def free_address() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 def test_every_check_has_a_state_a_value_and_advice_where_something_is_wrong() -> None:

@@ -24,17 +24,11 @@ from hapnet.runtime.control import ThreadedDevice, ThreadedWorld
 from hapnet.runtime.realtime import Notice, RealtimeSide, Role
 from hapnet.runtime.sides import DeviceSide
 from hapnet.runtime.stepper import Stepper
-from hapnet.runtime.zenoh_config import ZenohSettings
+from hapnet.runtime.zenoh_config import ZenohSettings, free_address
 from hapnet.runtime.zenoh_transport import ZenohTransport
 
 WAIT_S = 10.0
 LINK = "delay 5ms 2ms loss 5%"
-
-
-def free_address() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 # The world's stepper

@@ -6,7 +6,6 @@ import contextlib
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -18,6 +17,7 @@ from typing import Any
 import pytest
 
 from hapnet.mcap_file import read_recording
+from hapnet.runtime.zenoh_config import free_address
 
 HAPNET = [sys.executable, "-m", "hapnet"]
 LIMIT_S = 30.0
@@ -86,12 +86,6 @@ def started(*argv: object) -> Iterator[Program]:
         yield program
     finally:
         program.kill()
-
-
-def free_address() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 def size(file: Path) -> int:

@@ -18,7 +18,6 @@ from typing import Literal
 import zenoh
 
 from hapnet.bench.children import Child, Gate
-from hapnet.bench.endpoints import free_address
 from hapnet.bench.row import Distribution, Limit, Options, Row, row
 from hapnet.bench.traffic import KILOHERTZ
 from hapnet.errors import HapnetError
@@ -26,7 +25,7 @@ from hapnet.params import Params
 from hapnet.runtime.build import prepare
 from hapnet.runtime.realtime import Notice, RealtimeSide
 from hapnet.runtime.servo import set_timer_slack, tuned_interpreter
-from hapnet.runtime.zenoh_config import ZenohSettings, zenoh_config
+from hapnet.runtime.zenoh_config import ZenohSettings, free_address, zenoh_config
 from hapnet.wire.messages import Position, decode, encode_position
 
 Stamps = list[tuple[int, bytes]]
@@ -155,10 +154,9 @@ class StampedSide(RealtimeSide):
         if notice.kind == "realtime":
             self.refusal = notice.text
 
-    def _send(self, kind: str, data: bytes) -> None:
-        if kind == "position":
-            self.handed_over.append((time.monotonic_ns(), data))
-        super()._send(kind, data)
+    def _send(self, data: bytes) -> None:
+        self.handed_over.append((time.monotonic_ns(), data))
+        super()._send(data)
 
 
 def run_side(

@@ -19,11 +19,11 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from hapnet.bench.children import READY_S, Child, busy, uninterrupted
-from hapnet.bench.endpoints import free_address
 from hapnet.bench.row import Limit, Options, Row, row
 from hapnet.bench.servo import BARE, Lateness, bare_loop, late_share
 from hapnet.errors import HapnetError
 from hapnet.params import Params
+from hapnet.runtime.zenoh_config import free_address
 
 KILOHERTZ = {"world.step_min_s": 0.001, "world.step_max_s": 0.001, "device.pspm_period_s": 0.001}
 LATE_EXCESS = 0.0003

@@ -7,7 +7,6 @@ import contextlib
 import json
 import secrets
 import signal
-import socket
 import sys
 import time
 from collections.abc import AsyncIterator
@@ -27,6 +26,7 @@ from hapnet.record import Recording, join
 from hapnet.runtime.build import Setup, device_session, device_side, prepare, world_session, world_side
 from hapnet.runtime.own_device import load_class
 from hapnet.runtime.summary import merge
+from hapnet.runtime.zenoh_config import free_address
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -92,7 +92,7 @@ class Pair:
         stop = asyncio.Event()
         caught: list[signal.Signals] = []
         catch(stop, caught.append)
-        address = f"tcp/127.0.0.1:{_free_port()}"
+        address = free_address()
         session = f"run-{secrets.token_hex(4)}"
         with _Progress(self.words, self.setup.params.duration_s) as progress:
             for role, flag in (("world", "--listen"), ("device", "--connect")):
@@ -209,10 +209,3 @@ async def _notices(child: asyncio.subprocess.Process) -> AsyncIterator[dict[str,
     async for line in child.stdout:
         with contextlib.suppress(json.JSONDecodeError):
             yield json.loads(line)
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port

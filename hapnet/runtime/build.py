@@ -31,7 +31,7 @@ from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.operator import Impedance, Operator, Press, Rest, Sine, read_motion
 from hapnet.plant.scene import SCENES, Scene, make_scene, scene_parameters
 from hapnet.runtime.own_device import OwnDevice
-from hapnet.runtime.sides import Clock, ContinuousDeviceSide, DeviceSide, SampledDeviceSide, WorldSide, Write
+from hapnet.runtime.sides import Clock, ContinuousDeviceSide, DeviceSide, Drive, SampledDeviceSide, WorldSide, Write
 from hapnet.wire.messages import Role
 from hapnet.wire.session import Session, SessionSettings
 from netem import LinkProfile
@@ -132,27 +132,27 @@ def device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Writ
     )
     if simulated.dof != setup.dof:
         raise InvalidParameter("operator", params.operator, f"a hand with {setup.dof} axes, as the scene has")
-    every = max(1, round(device.servo_hz / params.record_hz))
-    period_ns = round(period / NANO)
+    drive = _drive(setup, clock, write)
     if setup.servo == "continuous":
         make = _continuous_servo(setup)
         with _named("device"):
             make(simulated.position, 0.0, False)  # so that what is wrong is said now and not at pairing
-        return ContinuousDeviceSide(
-            endpoint, simulated, make, period_ns=period_ns, clock=clock, write=write, record_every=every,
-            watchdog_ns=_watchdog_ns(setup),
-        )  # fmt: skip
+        return ContinuousDeviceSide(endpoint, simulated, make, drive)
     hold = _sampled_servo(setup)
     with _named("device"):
         hold(simulated.position, False)
-    return SampledDeviceSide(
-        endpoint, simulated, hold, period_ns=period_ns, clock=clock, write=write, record_every=every,
-        watchdog_ns=_watchdog_ns(setup),
-    )  # fmt: skip
+    return SampledDeviceSide(endpoint, simulated, hold, drive)
 
 
-def _watchdog_ns(setup: Setup) -> int | None:
-    return round(setup.params.device.watchdog_s / NANO) or None
+def _drive(setup: Setup, clock: Clock, write: Write) -> Drive:
+    device = setup.params.device
+    return Drive(
+        period_ns=round(1.0 / device.servo_hz / NANO),
+        clock=clock,
+        write=write,
+        record_every=max(1, round(device.servo_hz / setup.params.record_hz)),
+        watchdog_ns=round(device.watchdog_s / NANO) or None,
+    )
 
 
 def _own_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write) -> DeviceSide:
@@ -168,11 +168,7 @@ def _own_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write:
         endpoint,
         device.device if isinstance(device.device, SimulatedDevice) else device,  # the side must see that it simulates
         hold,
-        period_ns=round(1.0 / params.device.servo_hz / NANO),
-        clock=clock,
-        write=write,
-        record_every=max(1, round(params.device.servo_hz / params.record_hz)),
-        watchdog_ns=_watchdog_ns(setup),
+        _drive(setup, clock, write),
     )
 
 

@@ -111,7 +111,7 @@ class RealtimeSide:
         self._stopped_ns: int | None = None
         entropy = np.random.SeedSequence(self.seed).spawn(4)
         incarnation = secrets.randbits(63) + 1
-        outlet = Outlet(lambda data: self._send("position", data), self._keep_sample, self._fail)
+        outlet = Outlet(self._send, self._keep_sample, self._fail)
         self.control: Control
         if role == "world":
             steps = np.random.default_rng(entropy[2])
@@ -142,21 +142,19 @@ class RealtimeSide:
 
     # -- threads of their own ----------------------------------------------------------------------------------------
 
-    def _send(self, kind: str, data: bytes) -> None:
+    def _send(self, data: bytes) -> None:
         """Offer control's message to the link and put on the wire what is not delayed; on control's own thread.
 
         The message comes first: what else is to be done here waits until it has been put.
         """
         now_ns = self._clock()
+        ready = [Parcel("position", data)]
         with self._lock:
-            released: list[tuple[int, Parcel]] = []
             straight = self.link.passes()
             if not straight:
-                self.link.send(now_ns, Parcel(kind, data), size=len(data) + FRAME_OVERHEAD)
-                released = self.link.poll(now_ns)
-        if straight:
-            self._transport.put(kind, data)
-        for _, parcel in released:
+                self.link.send(now_ns, ready[0], size=len(data) + FRAME_OVERHEAD)
+                ready = [parcel for _, parcel in self.link.poll(now_ns)]
+        for parcel in ready:
             self._transport.put(parcel.kind, parcel.data)
         self._sent_ns = now_ns
         if straight and not self.wire.uncollected:

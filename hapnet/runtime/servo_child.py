@@ -46,7 +46,7 @@ class ServoChild:
             self._tick,
             safe=self.side.stop,
             on_error=self._fail,
-            realtime=setup["realtime"],
+            realtime=True,
         )
         self.collect: Callable[[], int] = lambda: 0
         self._collect_every = round(_COLLECT_EVERY_S * params.device.servo_hz)

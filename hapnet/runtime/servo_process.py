@@ -144,7 +144,7 @@ class ServoProcess:
                 self._pipe.close()
                 raise HapnetError(f"the servo's process did not start: {error.strerror or error}") from error
         self._pipe.offer("setup", {
-            "params": params.flat(), "incarnation": self.wire.session.identity.incarnation, "realtime": True,
+            "params": params.flat(), "incarnation": self.wire.session.identity.incarnation,
             "recording": self._recording, "parent": os.getpid(),
         })  # fmt: skip
 

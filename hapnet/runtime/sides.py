@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass
 from operator import mul, sub
 
 import numpy as np
@@ -25,12 +26,10 @@ Clock = Callable[[], int]
 _NEVER = 2**63
 
 
-class DeviceSide(ABC):
-    """A device, its servo and its endpoint; one subclass for each kind of servo.
+@dataclass(frozen=True)
+class Drive:
+    """What drives a device's side, whatever its servo.
 
-    Parameters
-    ----------
-    endpoint : this side's endpoint, or its control half. device : simulated or real.
     period_ns : of the servo. record_every : ticks between two samples given to `write`.
     watchdog_ns : a tick that comes later than that renders no force and lets the spring go (ybar = x); so do those
         after it until one is in time. From there the coupling begins anew, as fast as the limit of the force's
@@ -38,17 +37,20 @@ class DeviceSide(ABC):
     clock : read once more after the device was read, so that an interval is never taken too short (10).
     """
 
-    def __init__(
-        self,
-        endpoint: DeviceControl,
-        device: Device,
-        *,
-        period_ns: int,
-        clock: Clock,
-        write: Write,
-        record_every: int = 1,
-        watchdog_ns: int | None = None,
-    ) -> None:
+    period_ns: int
+    clock: Clock
+    write: Write
+    record_every: int = 1
+    watchdog_ns: int | None = None
+
+
+class DeviceSide(ABC):
+    """A device, its servo and its endpoint; one subclass for each kind of servo.
+
+    endpoint : this side's endpoint, or its control half. device : simulated or real.
+    """
+
+    def __init__(self, endpoint: DeviceControl, device: Device, drive: Drive) -> None:
         self.endpoint = endpoint
         self.device = device
         self.origin_ns: int | None = None
@@ -60,12 +62,12 @@ class DeviceSide(ABC):
         """How many times the watchdog let the spring go."""
         self.longest_ns = 0
         """The longest time between two ticks [ns]."""
-        self._period_ns = period_ns
-        self._longest_ns = _NEVER if watchdog_ns is None else period_ns + watchdog_ns
+        self._period_ns = drive.period_ns
+        self._longest_ns = _NEVER if drive.watchdog_ns is None else drive.period_ns + drive.watchdog_ns
         self._released = False
-        self._clock = clock
-        self._write = write
-        self._record_every = record_every
+        self._clock = drive.clock
+        self._write = drive.write
+        self._record_every = drive.record_every
         self._last_ns = 0
         self._expected_ns = 0  # the time up to which a simulated device has lived
 
@@ -120,7 +122,7 @@ class DeviceSide(ABC):
         `observe` is told the smallest and then the last W of the side's port after these ticks [J]. `then_tick`: the
         next call is the `tick` that follows them.
         """
-        raise NotImplementedError
+        assert ticks == 0, "no tick of this servo may wait"
 
     def stop(self) -> None:
         """Zero force, for good."""
@@ -167,25 +169,12 @@ class ContinuousDeviceSide(DeviceSide):
         endpoint: DeviceControl,
         device: SimulatedDevice,
         make_servo: Callable[[Vector, float, bool], ContinuousServo],
-        *,
-        period_ns: int,
-        clock: Clock,
-        write: Write,
-        record_every: int = 1,
-        watchdog_ns: int | None = None,
+        drive: Drive,
     ) -> None:
-        super().__init__(
-            endpoint,
-            device,
-            period_ns=period_ns,
-            clock=clock,
-            write=write,
-            record_every=record_every,
-            watchdog_ns=watchdog_ns,
-        )
+        super().__init__(endpoint, device, drive)
         self._simulated = device
         self._make_servo = make_servo
-        self._resting_dt = max(period_ns * NANO, device.period)
+        self._resting_dt = max(drive.period_ns * NANO, device.period)
         self._ahead: Lived | None = None  # the next tick, which the device has lived already
 
     def _start(self, x: Vector) -> None:
@@ -265,22 +254,9 @@ class SampledDeviceSide(DeviceSide):
         endpoint: DeviceControl,
         device: Device,
         make_servo: Callable[[Vector, bool], SampledServo],
-        *,
-        period_ns: int,
-        clock: Clock,
-        write: Write,
-        record_every: int = 1,
-        watchdog_ns: int | None = None,
+        drive: Drive,
     ) -> None:
-        super().__init__(
-            endpoint,
-            device,
-            period_ns=period_ns,
-            clock=clock,
-            write=write,
-            record_every=record_every,
-            watchdog_ns=watchdog_ns,
-        )
+        super().__init__(endpoint, device, drive)
         self._simulated = device if isinstance(device, SimulatedDevice) else None
         self._make_servo = make_servo
         self._true_ledger: Ledger | None = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import socket
 from dataclasses import dataclass
 from typing import Literal
 
@@ -142,3 +143,10 @@ def reason(error: zenoh.ZError) -> str:
     text = " ".join(re.sub(r" at \S+\.rs:\d+\.?", "", str(error)).split())
     inner = re.search(r'msg: "(.*)", location', text) or re.search(r'Str\("(.*)"\)', text)
     return (inner[1] if inner else text).replace("\\n", " ").strip()
+
+
+def free_address() -> str:
+    """An endpoint on this machine that nobody listens on now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
