@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from hapnet.commands import flags
 from hapnet.commands.options import NO_LINK, LinkOptions, json_target, parameters
 from hapnet.errors import HapnetError
 from hapnet.params import Params
@@ -22,112 +23,33 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-_LINK = "Link, emulated"
-_ZENOH = "Zenoh"
-_PARAMS = "Parameters"
-
-Scene = Annotated[str | None, typer.Option(help="free, wall, box, paper, or module:Class.")]
-Operator = Annotated[str | None, typer.Option(help="The hand: rest, sine, press, or a recorded motion's path (.csv).")]
-Hardware = Annotated[
-    str | None,
-    typer.Option("--device", metavar="MODULE:CLASS", help="A device of your own instead of the simulated one."),
-]
-Coupling = Annotated[str | None, typer.Option(help="pspm, or zoh: a plain virtual coupling, not passive.")]
-ServoKind = Annotated[
-    str | None, typer.Option("--servo", help="sampled (as on hardware) or continuous (as in theory).")
-]
-ServoRate = Annotated[float | None, typer.Option("--servo-hz", help="Rate of the servo; 1000 by default.")]
-Duration = Annotated[float | None, typer.Option(help="Seconds from pairing; 0: until Ctrl-C.")]
-Dof = Annotated[int | None, typer.Option(help="Degrees of freedom, 1 to 3; the scene's own by default.")]
-Seed = Annotated[int, typer.Option(min=0, help="Of everything random.")]
-OwnSeed = Annotated[int | None, typer.Option("--seed", min=0, help="Of this side's link and steps; drawn by default.")]
-ParamsFile = Annotated[
-    Path | None,
-    typer.Option("--params", help="TOML file of parameters, as --show-params prints.", rich_help_panel=_PARAMS),
-]
-Assign = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="NAME=VALUE", help="Set one: world.wall.stiffness=30000.", rich_help_panel=_PARAMS),
-]
-Show = Annotated[bool, typer.Option("--show-params", help="Print all parameters and end.", rich_help_panel=_PARAMS)]
-Json = Annotated[str | None, typer.Option("--json", metavar="FILE|-", help="Summary as JSON; -: alone on stdout.")]
-Out = Annotated[
-    Path | None, typer.Option(help="Directory for all that is written.", show_default="runs/<UTC time>-<seed>")
-]
-Realtime = Annotated[
-    bool,
-    typer.Option(
-        "--realtime", help="The servo in a process of its own, under SCHED_FIFO and in locked memory where allowed."
-    ),
-]
-
-Link = Annotated[
-    str | None,
-    typer.Option("--link", metavar="'TC WORDS'", help="tc-netem's words, or a profile.", rich_help_panel=_LINK),
-]
-Profile = Annotated[str | None, typer.Option(help="A named profile (`netem profiles`).", rich_help_panel=_LINK)]
-Delay = Annotated[str | None, typer.Option(help="Delay, such as 40ms.", rich_help_panel=_LINK)]
-Jitter = Annotated[str | None, typer.Option(help="Jitter, such as 10ms.", rich_help_panel=_LINK)]
-Loss = Annotated[str | None, typer.Option(help="Loss, such as 2% or 'gemodel 1% 20%'.", rich_help_panel=_LINK)]
-Reorder = Annotated[str | None, typer.Option(help="Reordering, such as 5%.", rich_help_panel=_LINK)]
-Rate = Annotated[str | None, typer.Option(help="Rate, such as 1mbit.", rich_help_panel=_LINK)]
-Uplink = Annotated[str | None, typer.Option(help="From the device only: tc words or a profile.", rich_help_panel=_LINK)]
-Downlink = Annotated[
-    str | None, typer.Option(help="From the world only: tc words or a profile.", rich_help_panel=_LINK)
-]
-
-Mode = Annotated[str | None, typer.Option("-m", "--mode", help="peer, client or router.", rich_help_panel=_ZENOH)]
-Connect = Annotated[
-    list[str] | None,
-    typer.Option(
-        "-e", "--connect", metavar="ENDPOINT", help="Dial, such as tcp/192.168.0.2:17447.", rich_help_panel=_ZENOH
-    ),
-]
-Listen = Annotated[
-    list[str] | None,
-    typer.Option(
-        "-l", "--listen", metavar="ENDPOINT", help="Listen, such as tcp/0.0.0.0:17447.", rich_help_panel=_ZENOH
-    ),
-]
-Config = Annotated[str | None, typer.Option("-c", "--config", help="Zenoh configuration file.", rich_help_panel=_ZENOH)]
-NoScouting = Annotated[
-    bool, typer.Option("--no-multicast-scouting", help="Do not look for peers by multicast.", rich_help_panel=_ZENOH)
-]
-Cfg = Annotated[
-    list[str] | None, typer.Option("--cfg", metavar="KEY:JSON5", help="Override one key.", rich_help_panel=_ZENOH)
-]
-Session = Annotated[str, typer.Option(help="Name of the session, the same on both sides.")]
-Name = Annotated[str, typer.Option(help="Name of the device, the same on both sides.")]
-Record = Annotated[Path | None, typer.Option(help="Record this side to an MCAP file.")]
-Events = Annotated[bool, typer.Option("--events", hidden=True)]
-
 
 @app.command()
 def run(
-    scene: Scene = None,
-    operator: Operator = None,
-    hardware: Hardware = None,
-    coupling: Coupling = None,
-    servo: ServoKind = None,
-    servo_hz: ServoRate = None,
-    dof: Dof = None,
-    duration: Duration = None,
-    seed: Seed = 0,
-    link: Link = None,
-    profile: Profile = None,
-    delay: Delay = None,
-    jitter: Jitter = None,
-    loss: Loss = None,
-    reorder: Reorder = None,
-    rate: Rate = None,
-    uplink: Uplink = None,
-    downlink: Downlink = None,
-    params_file: ParamsFile = None,
-    assign: Assign = None,
-    show_params: Show = False,
-    json_to: Json = None,
-    out: Out = None,
-    realtime: Realtime = False,
+    scene: flags.Scene = None,
+    operator: flags.Operator = None,
+    hardware: flags.Hardware = None,
+    coupling: flags.Coupling = None,
+    servo: flags.ServoKind = None,
+    servo_hz: flags.ServoRate = None,
+    dof: flags.Dof = None,
+    duration: flags.Duration = None,
+    seed: flags.Seed = 0,
+    link: flags.Link = None,
+    profile: flags.Profile = None,
+    delay: flags.Delay = None,
+    jitter: flags.Jitter = None,
+    loss: flags.Loss = None,
+    reorder: flags.Reorder = None,
+    rate: flags.Rate = None,
+    uplink: flags.Uplink = None,
+    downlink: flags.Downlink = None,
+    params_file: flags.ParamsFile = None,
+    assign: flags.Assign = None,
+    show_params: flags.Show = False,
+    json_to: flags.Json = None,
+    out: flags.Out = None,
+    realtime: flags.Realtime = False,
 ) -> int:
     """Both processes on this machine, over Zenoh: a hand presses a virtual wall over a link that delays and loses.
 
@@ -151,28 +73,28 @@ def run(
 
 @app.command()
 def simulate(
-    scene: Scene = None,
-    operator: Operator = None,
-    coupling: Coupling = None,
-    servo: ServoKind = None,
-    servo_hz: ServoRate = None,
-    dof: Dof = None,
-    duration: Duration = None,
-    seed: Seed = 0,
-    link: Link = None,
-    profile: Profile = None,
-    delay: Delay = None,
-    jitter: Jitter = None,
-    loss: Loss = None,
-    reorder: Reorder = None,
-    rate: Rate = None,
-    uplink: Uplink = None,
-    downlink: Downlink = None,
-    params_file: ParamsFile = None,
-    assign: Assign = None,
-    show_params: Show = False,
-    json_to: Json = None,
-    out: Out = None,
+    scene: flags.Scene = None,
+    operator: flags.Operator = None,
+    coupling: flags.Coupling = None,
+    servo: flags.ServoKind = None,
+    servo_hz: flags.ServoRate = None,
+    dof: flags.Dof = None,
+    duration: flags.Duration = None,
+    seed: flags.Seed = 0,
+    link: flags.Link = None,
+    profile: flags.Profile = None,
+    delay: flags.Delay = None,
+    jitter: flags.Jitter = None,
+    loss: flags.Loss = None,
+    reorder: flags.Reorder = None,
+    rate: flags.Rate = None,
+    uplink: flags.Uplink = None,
+    downlink: flags.Downlink = None,
+    params_file: flags.ParamsFile = None,
+    assign: flags.Assign = None,
+    show_params: flags.Show = False,
+    json_to: flags.Json = None,
+    out: flags.Out = None,
     files: Annotated[bool, typer.Option("--files/--no-files", help="Write recording, figure and summary.")] = True,
     seeds: Annotated[str | None, typer.Option(metavar="A:B", help="Many seeds, A to B - 1: a table, no files.")] = None,
     workers: Annotated[int, typer.Option(min=0, help="Processes for many seeds; 0: one a core.")] = 0,
@@ -196,37 +118,37 @@ def simulate(
 
 @app.command()
 def device(
-    scene: Scene = None,
-    operator: Operator = None,
-    hardware: Hardware = None,
-    coupling: Coupling = None,
-    servo: ServoKind = None,
-    servo_hz: ServoRate = None,
-    dof: Dof = None,
-    duration: Duration = None,
-    seed: OwnSeed = None,
-    session: Session = "default",
-    name: Name = "device",
-    record: Record = None,
-    mode: Mode = None,
-    connect: Connect = None,
-    listen: Listen = None,
-    config: Config = None,
-    no_multicast_scouting: NoScouting = False,
-    cfg: Cfg = None,
-    link: Link = None,
-    profile: Profile = None,
-    delay: Delay = None,
-    jitter: Jitter = None,
-    loss: Loss = None,
-    reorder: Reorder = None,
-    rate: Rate = None,
-    params_file: ParamsFile = None,
-    assign: Assign = None,
-    show_params: Show = False,
-    json_to: Json = None,
-    realtime: Realtime = False,
-    events: Events = False,
+    scene: flags.Scene = None,
+    operator: flags.Operator = None,
+    hardware: flags.Hardware = None,
+    coupling: flags.Coupling = None,
+    servo: flags.ServoKind = None,
+    servo_hz: flags.ServoRate = None,
+    dof: flags.Dof = None,
+    duration: flags.Duration = None,
+    seed: flags.OwnSeed = None,
+    session: flags.Session = "default",
+    name: flags.Name = "device",
+    record: flags.Record = None,
+    mode: flags.Mode = None,
+    connect: flags.Connect = None,
+    listen: flags.Listen = None,
+    config: flags.Config = None,
+    no_multicast_scouting: flags.NoScouting = False,
+    cfg: flags.Cfg = None,
+    link: flags.Link = None,
+    profile: flags.Profile = None,
+    delay: flags.Delay = None,
+    jitter: flags.Jitter = None,
+    loss: flags.Loss = None,
+    reorder: flags.Reorder = None,
+    rate: flags.Rate = None,
+    params_file: flags.ParamsFile = None,
+    assign: flags.Assign = None,
+    show_params: flags.Show = False,
+    json_to: flags.Json = None,
+    realtime: flags.Realtime = False,
+    events: flags.Events = False,
 ) -> int:
     """The device's side only: a simulated device and hand, for two hosts. Start it before or after `hapnet world`."""
     links = LinkOptions(link, profile, delay, jitter, loss, reorder, rate)
@@ -241,32 +163,32 @@ def device(
 
 @app.command()
 def world(
-    scene: Scene = None,
-    coupling: Coupling = None,
-    dof: Dof = None,
-    duration: Duration = None,
-    seed: OwnSeed = None,
-    session: Session = "default",
-    name: Name = "device",
-    record: Record = None,
-    mode: Mode = None,
-    connect: Connect = None,
-    listen: Listen = None,
-    config: Config = None,
-    no_multicast_scouting: NoScouting = False,
-    cfg: Cfg = None,
-    link: Link = None,
-    profile: Profile = None,
-    delay: Delay = None,
-    jitter: Jitter = None,
-    loss: Loss = None,
-    reorder: Reorder = None,
-    rate: Rate = None,
-    params_file: ParamsFile = None,
-    assign: Assign = None,
-    show_params: Show = False,
-    json_to: Json = None,
-    events: Events = False,
+    scene: flags.Scene = None,
+    coupling: flags.Coupling = None,
+    dof: flags.Dof = None,
+    duration: flags.Duration = None,
+    seed: flags.OwnSeed = None,
+    session: flags.Session = "default",
+    name: flags.Name = "device",
+    record: flags.Record = None,
+    mode: flags.Mode = None,
+    connect: flags.Connect = None,
+    listen: flags.Listen = None,
+    config: flags.Config = None,
+    no_multicast_scouting: flags.NoScouting = False,
+    cfg: flags.Cfg = None,
+    link: flags.Link = None,
+    profile: flags.Profile = None,
+    delay: flags.Delay = None,
+    jitter: flags.Jitter = None,
+    loss: flags.Loss = None,
+    reorder: flags.Reorder = None,
+    rate: flags.Rate = None,
+    params_file: flags.ParamsFile = None,
+    assign: flags.Assign = None,
+    show_params: flags.Show = False,
+    json_to: flags.Json = None,
+    events: flags.Events = False,
 ) -> int:
     """The virtual world's side only, for two hosts. Start it before or after `hapnet device`."""
     links = LinkOptions(link, profile, delay, jitter, loss, reorder, rate)
@@ -281,13 +203,13 @@ def world(
 @app.command()
 def reproduce(
     figure: Annotated[str, typer.Argument(help="fig4, fig5 or fig6.")],
-    duration: Duration = None,
-    seed: Seed = 0,
-    params_file: ParamsFile = None,
-    assign: Assign = None,
-    show_params: Show = False,
-    json_to: Json = None,
-    out: Out = None,
+    duration: flags.Duration = None,
+    seed: flags.Seed = 0,
+    params_file: flags.ParamsFile = None,
+    assign: flags.Assign = None,
+    show_params: flags.Show = False,
+    json_to: flags.Json = None,
+    out: flags.Out = None,
 ) -> int:
     """The paper's Figures 4, 5 and 6, simulated with Section 4's numbers (its lost digits reconstructed)."""
     from hapnet.commands import reproduce as command
@@ -307,7 +229,7 @@ def report(
     files: Annotated[
         list[Path], typer.Argument(metavar="FILE...", help="One recording, or the device's and the world's.")
     ],
-    json_to: Json = None,
+    json_to: flags.Json = None,
     out: Annotated[Path | None, typer.Option(help="Directory for the figure.", show_default="beside FILE")] = None,
 ) -> int:
     """Summary and figure of one or two recordings; a torn one is repaired into a copy beside it."""
@@ -324,9 +246,9 @@ def bench(
     ] = None,
     seconds: Annotated[float, typer.Option(help="Length of a round [s].")] = 3.0,
     rounds: Annotated[int, typer.Option(help="Figures are medians over so many rounds.")] = 3,
-    realtime: Realtime = False,
+    realtime: flags.Realtime = False,
     beside: Annotated[int, typer.Option(help="Busy processes beside servo_traffic.")] = 0,
-    json_to: Json = None,
+    json_to: flags.Json = None,
     out: Annotated[
         Path | None, typer.Option(help="Directory for all that is written.", show_default="runs/<UTC time>-bench")
     ] = None,
@@ -343,7 +265,7 @@ def bench(
 
 
 @app.command()
-def doctor(connect: Connect = None, json_to: Json = None) -> int:
+def doctor(connect: flags.Connect = None, json_to: flags.Json = None) -> int:
     """What this machine allows a servo to do, and what to do about what it does not; with -e, whether Zenoh answers."""
     json_target(json_to)
     from hapnet.commands import doctor as command

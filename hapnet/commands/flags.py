@@ -1,0 +1,87 @@
+"""The flags of `hapnet`, declared once: each is the type of a command's argument in `hapnet.cli`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+_LINK = "Link, emulated"
+_ZENOH = "Zenoh"
+_PARAMS = "Parameters"
+
+Scene = Annotated[str | None, typer.Option(help="free, wall, box, paper, or module:Class.")]
+Operator = Annotated[str | None, typer.Option(help="The hand: rest, sine, press, or a recorded motion's path (.csv).")]
+Hardware = Annotated[
+    str | None,
+    typer.Option("--device", metavar="MODULE:CLASS", help="A device of your own instead of the simulated one."),
+]
+Coupling = Annotated[str | None, typer.Option(help="pspm, or zoh: a plain virtual coupling, not passive.")]
+ServoKind = Annotated[
+    str | None, typer.Option("--servo", help="sampled (as on hardware) or continuous (as in theory).")
+]
+ServoRate = Annotated[float | None, typer.Option("--servo-hz", help="Rate of the servo; 1000 by default.")]
+Duration = Annotated[float | None, typer.Option(help="Seconds from pairing; 0: until Ctrl-C.")]
+Dof = Annotated[int | None, typer.Option(help="Degrees of freedom, 1 to 3; the scene's own by default.")]
+Seed = Annotated[int, typer.Option(min=0, help="Of everything random.")]
+OwnSeed = Annotated[int | None, typer.Option("--seed", min=0, help="Of this side's link and steps; drawn by default.")]
+ParamsFile = Annotated[
+    Path | None,
+    typer.Option("--params", help="TOML file of parameters, as --show-params prints.", rich_help_panel=_PARAMS),
+]
+Assign = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="NAME=VALUE", help="Set one: world.wall.stiffness=30000.", rich_help_panel=_PARAMS),
+]
+Show = Annotated[bool, typer.Option("--show-params", help="Print all parameters and end.", rich_help_panel=_PARAMS)]
+Json = Annotated[str | None, typer.Option("--json", metavar="FILE|-", help="Summary as JSON; -: alone on stdout.")]
+Out = Annotated[
+    Path | None, typer.Option(help="Directory for all that is written.", show_default="runs/<UTC time>-<seed>")
+]
+Realtime = Annotated[
+    bool,
+    typer.Option(
+        "--realtime", help="The servo in a process of its own, under SCHED_FIFO and in locked memory where allowed."
+    ),
+]
+
+Link = Annotated[
+    str | None,
+    typer.Option("--link", metavar="'TC WORDS'", help="tc-netem's words, or a profile.", rich_help_panel=_LINK),
+]
+Profile = Annotated[str | None, typer.Option(help="A named profile (`netem profiles`).", rich_help_panel=_LINK)]
+Delay = Annotated[str | None, typer.Option(help="Delay, such as 40ms.", rich_help_panel=_LINK)]
+Jitter = Annotated[str | None, typer.Option(help="Jitter, such as 10ms.", rich_help_panel=_LINK)]
+Loss = Annotated[str | None, typer.Option(help="Loss, such as 2% or 'gemodel 1% 20%'.", rich_help_panel=_LINK)]
+Reorder = Annotated[str | None, typer.Option(help="Reordering, such as 5%.", rich_help_panel=_LINK)]
+Rate = Annotated[str | None, typer.Option(help="Rate, such as 1mbit.", rich_help_panel=_LINK)]
+Uplink = Annotated[str | None, typer.Option(help="From the device only: tc words or a profile.", rich_help_panel=_LINK)]
+Downlink = Annotated[
+    str | None, typer.Option(help="From the world only: tc words or a profile.", rich_help_panel=_LINK)
+]
+
+Mode = Annotated[str | None, typer.Option("-m", "--mode", help="peer, client or router.", rich_help_panel=_ZENOH)]
+Connect = Annotated[
+    list[str] | None,
+    typer.Option(
+        "-e", "--connect", metavar="ENDPOINT", help="Dial, such as tcp/192.168.0.2:17447.", rich_help_panel=_ZENOH
+    ),
+]
+Listen = Annotated[
+    list[str] | None,
+    typer.Option(
+        "-l", "--listen", metavar="ENDPOINT", help="Listen, such as tcp/0.0.0.0:17447.", rich_help_panel=_ZENOH
+    ),
+]
+Config = Annotated[str | None, typer.Option("-c", "--config", help="Zenoh configuration file.", rich_help_panel=_ZENOH)]
+NoScouting = Annotated[
+    bool, typer.Option("--no-multicast-scouting", help="Do not look for peers by multicast.", rich_help_panel=_ZENOH)
+]
+Cfg = Annotated[
+    list[str] | None, typer.Option("--cfg", metavar="KEY:JSON5", help="Override one key.", rich_help_panel=_ZENOH)
+]
+Session = Annotated[str, typer.Option(help="Name of the session, the same on both sides.")]
+Name = Annotated[str, typer.Option(help="Name of the device, the same on both sides.")]
+Record = Annotated[Path | None, typer.Option(help="Record this side to an MCAP file.")]
+Events = Annotated[bool, typer.Option("--events", hidden=True)]
