@@ -34,6 +34,8 @@ def run(
     servo_hz: flags.ServoRate = None,
     dof: flags.Dof = None,
     duration: flags.Duration = None,
+    on_silence: flags.OnSilence = None,
+    silence_after: flags.SilenceAfter = None,
     seed: flags.Seed = 0,
     link: flags.Link = None,
     profile: flags.Profile = None,
@@ -61,7 +63,8 @@ def run(
     params = parameters(
         Params(), file=params_file, assignments=assign or (), links=links, hardware=hardware, scene=scene,
         operator=operator, coupling=coupling, device__servo=servo, device__servo_hz=servo_hz, dof=dof,
-        duration_s=duration,
+        duration_s=duration, device__on_silence=on_silence, world__on_silence=on_silence,
+        device__silence_after_s=silence_after, world__silence_after_s=silence_after,
     )  # fmt: skip
     if show_params:
         return _show(params)
@@ -80,6 +83,8 @@ def simulate(
     servo_hz: flags.ServoRate = None,
     dof: flags.Dof = None,
     duration: flags.Duration = None,
+    on_silence: flags.OnSilence = None,
+    silence_after: flags.SilenceAfter = None,
     seed: flags.Seed = 0,
     link: flags.Link = None,
     profile: flags.Profile = None,
@@ -104,6 +109,8 @@ def simulate(
     params = parameters(
         Params(), file=params_file, assignments=assign or (), links=links, scene=scene, operator=operator,
         coupling=coupling, device__servo=servo, device__servo_hz=servo_hz, dof=dof, duration_s=duration,
+        device__on_silence=on_silence, world__on_silence=on_silence,
+        device__silence_after_s=silence_after, world__silence_after_s=silence_after,
     )  # fmt: skip
     if show_params:
         return _show(params)
@@ -126,6 +133,8 @@ def device(
     servo_hz: flags.ServoRate = None,
     dof: flags.Dof = None,
     duration: flags.Duration = None,
+    on_silence: flags.OnSilence = None,
+    silence_after: flags.SilenceAfter = None,
     seed: flags.OwnSeed = None,
     session: flags.Session = "default",
     name: flags.Name = "device",
@@ -148,17 +157,19 @@ def device(
     show_params: flags.Show = False,
     json_to: flags.Json = None,
     realtime: flags.Realtime = False,
-    events: flags.Events = False,
+    log_to: flags.Log = None,
+    progress: flags.Progress = False,
 ) -> int:
     """The device's side only: a simulated device and hand, for two hosts. Start it before or after `hapnet world`."""
     links = LinkOptions(link, profile, delay, jitter, loss, reorder, rate)
     params = parameters(
         Params(link=NO_LINK, duration_s=0.0), file=params_file, assignments=assign or (), links=links,
         hardware=hardware, scene=scene, operator=operator, coupling=coupling, device__servo=servo,
-        device__servo_hz=servo_hz, dof=dof, duration_s=duration,
+        device__servo_hz=servo_hz, dof=dof, duration_s=duration, device__on_silence=on_silence,
+        device__silence_after_s=silence_after,
     )  # fmt: skip
     zenoh = (mode, connect, listen, config, no_multicast_scouting, cfg)
-    return _side("device", params, zenoh, session, name, seed, record, json_to, show_params, realtime, events)
+    return _side("device", params, zenoh, session, name, seed, record, json_to, show_params, realtime, log_to, progress)
 
 
 @app.command()
@@ -167,6 +178,8 @@ def world(
     coupling: flags.Coupling = None,
     dof: flags.Dof = None,
     duration: flags.Duration = None,
+    on_silence: flags.OnSilence = None,
+    silence_after: flags.SilenceAfter = None,
     seed: flags.OwnSeed = None,
     session: flags.Session = "default",
     name: flags.Name = "device",
@@ -188,16 +201,18 @@ def world(
     assign: flags.Assign = None,
     show_params: flags.Show = False,
     json_to: flags.Json = None,
-    events: flags.Events = False,
+    log_to: flags.Log = None,
+    progress: flags.Progress = False,
 ) -> int:
     """The virtual world's side only, for two hosts. Start it before or after `hapnet device`."""
     links = LinkOptions(link, profile, delay, jitter, loss, reorder, rate)
     params = parameters(
         Params(link=NO_LINK, duration_s=0.0), file=params_file, assignments=assign or (), links=links, scene=scene,
-        coupling=coupling, dof=dof, duration_s=duration,
+        coupling=coupling, dof=dof, duration_s=duration, world__on_silence=on_silence,
+        world__silence_after_s=silence_after,
     )  # fmt: skip
     zenoh = (mode, connect, listen, config, no_multicast_scouting, cfg)
-    return _side("world", params, zenoh, session, name, seed, record, json_to, show_params, False, events)
+    return _side("world", params, zenoh, session, name, seed, record, json_to, show_params, False, log_to, progress)
 
 
 @app.command()
@@ -309,7 +324,8 @@ def _side(
     json_to: str | None,
     show_params: bool,
     realtime: bool,
-    events: bool,
+    log_to: str | None,
+    progress: bool,
 ) -> int:
     if show_params:
         return _show(params)
@@ -327,7 +343,8 @@ def _side(
             record=record,
             realtime=realtime,
             json_to=json_to,
-            events=events,
+            log_to=log_to,
+            progress=progress,
         ),
     )
 

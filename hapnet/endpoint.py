@@ -33,7 +33,10 @@ class Handover(Protocol):
     """The control half as the wire half sees it; it may be in another thread or another process."""
 
     def pair(self, restarted: bool) -> None:
-        """A peer was found: control may start. `restarted`: the peer had another one in this side's place before."""
+        """A peer was found: control may start; or another one, which takes the first one's place.
+
+        `restarted`: the peer had another one in this side's place before.
+        """
 
     def arrive(self, y: Vector, sent_s: float) -> None:
         """A set-position came [m], sent at the sender's time `sent_s` [s]; the newest counts."""
@@ -63,6 +66,7 @@ class ControlHalf:
         """The peer had another one in this side's place before: this side starts with an empty reservoir, since every
         start with a full one would be energy from nothing, and a crash loop a pump."""
         self._positions = positions
+        self._another = False  # another peer, whose clock and place have nothing to do with those of the one before
         self._coupling: Coupling | None = None
         self._arrived: deque[tuple[Vector, float]] = deque(maxlen=1)
         self._credits: deque[int] = deque()
@@ -82,7 +86,9 @@ class ControlHalf:
     # -- called by the wire half: the methods of `Handover` ----------------------------------------------------------
 
     def pair(self, restarted: bool) -> None:
-        if not self.paired:
+        if self.paired:
+            self._another = True
+        else:
             self.restarted = restarted
         self.paired = True
 
@@ -105,6 +111,9 @@ class ControlHalf:
         """Give the coupling what has arrived since the last tick."""
         coupling = self._coupling
         assert coupling is not None, "control has not started"
+        if self._another:
+            self._another = False
+            coupling.stages.reset(coupling.target)
         if self._arrived:
             coupling.receive(*self._arrived.popleft())
         while self._credits:

@@ -104,8 +104,10 @@ def verdict(summary: Mapping[str, Any] | None) -> str:
         known = {side: value for side, value in halves.items() if value is not None}
         if not known:
             return "passivity unknown: no ledger"
-        who = "" if len(known) == 2 else f"{next(iter(known))}'s half "
+        who = "both halves " if len(known) == 2 else f"{next(iter(known))}'s half "
         margin = sum(known.values())
+        bounds = [_get(summary, side, "ledger", "bound_J") for side in known]
+        bound = None if None in bounds else sum(bounds)
     of = "" if bound is None else f" of d² = {_milli(bound)} mJ"
     if margin < -ROUNDING_J:
         return f"{who}NOT passive: margin {_millijoule(margin)} mJ{of}"
@@ -134,7 +136,11 @@ def summary_text(summary: Mapping[str, Any]) -> RenderableType:
         ("discarded", "J", ("discarded_nJ",), _exact_joule),
         ("abandoned", "J", ("abandoned_nJ",), _exact_joule),
         ("quantisation", "mJ", ("quantisation_J",), _millijoule),
-        ("incarnations", "", ("incarnations",), _number),
+        ("pairs", "", ("incarnations",), _number),
+        ("silences", "", ("outages", "count"), _number),
+        ("longest silence", "s", ("outages", "longest_s"), _number),
+        ("slowest recovery", "ms", ("outages", "recovery_max_s"), _milli),
+        ("positions lost or overtaken", "", ("missing",), _number),
         ("servo ticks", "", ("servo", "ticks"), _number),
         ("servo late p50", "µs", ("servo", "late_p50_us"), _number),
         ("servo late p99", "µs", ("servo", "late_p99_us"), _number),

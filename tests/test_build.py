@@ -256,7 +256,7 @@ def test_sessions_tell_the_peer_what_this_side_runs() -> None:
     for session, role in ((device_session(setup, 5), "device"), (world_session(setup, 6), "world")):
         assert session.identity.role == role
         assert session.identity.dof == 3
-        assert session.identity.about == {"scene": "paper", "coupling": "zoh"}
+        assert session.identity.about == {"scene": "paper", "coupling": "zoh", "reservoir_J": 0.05}
 
 
 def test_a_corrupting_link_is_refused_since_checksums_make_it_loss() -> None:

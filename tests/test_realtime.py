@@ -21,7 +21,8 @@ from hapnet.mcap_file import read_recording
 from hapnet.params import Params
 from hapnet.runtime.build import prepare
 from hapnet.runtime.control import ThreadedDevice, ThreadedWorld
-from hapnet.runtime.realtime import Notice, RealtimeSide, Role
+from hapnet.runtime.notices import Notice
+from hapnet.runtime.realtime import RealtimeSide, Role
 from hapnet.runtime.sides import DeviceSide
 from hapnet.runtime.stepper import Stepper
 from hapnet.runtime.zenoh_config import ZenohSettings, free_address
@@ -267,14 +268,18 @@ async def test_garbage_from_the_network_is_counted_and_the_servo_goes_on() -> No
     assert summary["world"]["ledger"]["slack_J"] >= -1e-9
 
 
-async def test_sides_that_do_not_fit_both_end_with_the_reason() -> None:
+async def test_of_sides_that_do_not_fit_the_device_ends_with_the_reason_and_the_world_waits_on() -> None:
     address = free_address()
     world = Running("world", address, parameters(scene="free", dof=2))
     device = Running("device", address, parameters(scene="free", dof=1, operator="rest"))
     async with running(world, device):
-        for side in (world, device):
-            with pytest.raises(HapnetError, match=r"does not fit: .*degrees of freedom"):
-                await asyncio.wait_for(asyncio.shield(side.task), WAIT_S)
+        with pytest.raises(HapnetError, match=r"does not fit: .*degrees of freedom"):
+            await asyncio.wait_for(asyncio.shield(device.task), WAIT_S)
+        await world.until(lambda: bool(world.told("refused")))
+        assert "degrees of freedom" in world.told("refused")[0]
+        other = Running("device", address, parameters(scene="free", dof=2, operator="rest"))
+        async with running(other):
+            await world.until(lambda: bool(world.told("paired")))
 
 
 async def test_a_world_that_restarts_is_paired_anew() -> None:

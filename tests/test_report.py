@@ -149,7 +149,7 @@ def test_a_long_title_is_not_broken_inside_a_setting() -> None:
         ({"theorem": None, "device": {"ledger": {"margin_J": 0.5}}}, "device's half passive: margin ≥ 500 mJ"),
         (
             {"device": {"ledger": {"margin_J": 0.5}}, "world": {"ledger": {"margin_J": 0.25}}},
-            "passive: margin ≥ 750 mJ",
+            "both halves passive: margin ≥ 750 mJ",
         ),
         ({}, "passivity unknown: no ledger"),
         (None, "passivity unknown: no ledger"),

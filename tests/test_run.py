@@ -147,7 +147,7 @@ def test_the_main_job(more: tuple[str, ...], tmp_path: Path) -> None:
     assert servo["ticks"] + servo["skipped"] == pytest.approx(1000.0 * summary["duration_s"], rel=0.1)
     assert summary == read_json(out / "summary.json")
     assert {file.name for file in out.iterdir()} == {
-        "device.mcap", "world.mcap", "figure.png", "summary.json", "params.toml",
+        "device.mcap", "world.mcap", "figure.png", "summary.json", "params.toml", "log.jsonl",
     }  # fmt: skip
     device, world = (read_recording(out / f"{side}.mcap") for side in ("device", "world"))
     assert device.device is not None

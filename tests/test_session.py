@@ -8,8 +8,19 @@ import msgpack
 import pytest
 
 from hapnet.errors import InvalidParameter
-from hapnet.wire.events import EnergyCredited, Event, Mismatch, Paired, PeerLeft, PeerRefused, PositionReceived
+from hapnet.wire.events import (
+    EnergyCredited,
+    Event,
+    Mismatch,
+    Paired,
+    PeerHeard,
+    PeerLeft,
+    PeerRefused,
+    PeerSilent,
+    PositionReceived,
+)
 from hapnet.wire.handshake import MAX_REPLIES
+from hapnet.wire.liveness import Outages
 from hapnet.wire.messages import Bye, Energy, Hello, Identity, Position, Refuse, Role, Welcome, decode, encode
 from hapnet.wire.session import Session, SessionSettings
 
@@ -138,7 +149,7 @@ def test_positions_newest_wins_unless_stale_ones_are_wanted() -> None:
         world = session("world", 2, settings=SessionSettings(accept_stale=accept))
         Network(device, world).run(300 * MS)
         frames = [device.position(k, [0.25]) for k in range(3)]
-        events = [e for k in (1, 0, 2, 2) for e in world.receive(10**9, frames[k])]
+        events = [e for k in (1, 0, 2, 2) for e in world.receive(400 * MS, frames[k])]
         assert events == [PositionReceived(k, k, (0.25,)) for k in expected]
         assert world.dropped["stale"] == 4 - len(expected)
 
@@ -199,7 +210,7 @@ def test_what_a_dead_process_left_cannot_displace_the_living() -> None:
     world = session("world", 2)
     network = Network(device, world)
     network.now = 200 * MS
-    network.run(500 * MS)
+    network.run(600 * MS)
     assert device.peer == world.identity
     for data in (hello, welcome, hello):
         assert device.receive(network.now, data) == ()
@@ -209,11 +220,75 @@ def test_what_a_dead_process_left_cannot_displace_the_living() -> None:
     assert device.dropped == {"stale": 1}
 
 
+def test_a_rival_waits_until_the_peer_is_silent() -> None:
+    """Two worlds under one name: the second gets nothing, not even an answer, as long as the first is heard."""
+    network, device, world = paired()
+    rival = session("world", 3)
+    network.sessions.append(rival)
+    for _ in range(100):
+        network.put(world, world.position(network.now, [0.0]))
+        network.put(rival, rival.position(network.now, [1.0]))
+        network.run(20 * MS)
+    assert (device.peer, rival.peer) == (world.identity, None)
+    positions = [e.position for e in network.happened(device, PositionReceived) if isinstance(e, PositionReceived)]
+    assert positions
+    assert set(positions) == {(0.0,)}
+    assert device.dropped.keys() == {"rival"}
+    assert not [data for data in network.sent if decode(data).incarnation == 1 and isinstance(decode(data), Refuse)]
+    replay = [data for data in network.sent if decode(data).incarnation == 2]
+    network.kill(world)
+    for _ in range(45):  # what the dead one said is no sign of life
+        for data in replay:
+            device.receive(network.now, data)
+        network.run(20 * MS)
+    assert device.peer == rival.identity
+
+
+def test_a_silence_is_told_once_and_counted() -> None:
+    network, device, world = paired()
+    for _ in range(3):
+        world.receive(network.now, device.position(network.now, [0.0]))
+        network.run(400 * MS)
+        assert world.watch(network.now) == ()
+    last = network.now - 400 * MS
+    device.position(network.now, [0.0])  # lost
+    network.run(200 * MS)
+    assert world.watch(network.now) == (PeerSilent(last),)
+    assert world.watch(network.now) == ()
+    assert world.outages(network.now).longest_ns == 600 * MS
+    energy = encode(Energy(1, 2, 0, 0))
+    world.receive(last + 700 * MS, energy)
+    events = world.receive(last + 730 * MS, device.position(0, [0.0]))
+    assert events[1] == PeerHeard(silence_ns=730 * MS, recovery_ns=30 * MS, missing=1)
+    assert world.watch(last + 740 * MS) == ()
+    assert world.outages(last + 740 * MS) == Outages(1, 730 * MS, 730 * MS, 30 * MS, received=4, missing=1)
+
+
+def test_the_reservoirs_of_the_peers_are_added_up_and_a_restarted_one_starts_with_none() -> None:
+    def with_reservoir(role: Role, incarnation: int, value: Any) -> Session:
+        return Session(role=role, dof=1, name=role, incarnation=incarnation, about={"reservoir_J": value})
+
+    device, world = with_reservoir("device", 1, 0.03), with_reservoir("world", 2, 0.05)
+    network = Network(device, world)
+    network.run(300 * MS)
+    assert (device.peers_J, world.peers_J) == (0.05, 0.03)
+    network.kill(world)
+    network.run(600 * MS)
+    reborn = with_reservoir("world", 3, 0.05)
+    network.sessions.append(reborn)
+    network.run(600 * MS)
+    assert (device.incarnations, device.peers_J, reborn.peers_J) == (2, 0.05, 0.03)
+    for nonsense in (-1.0, "much", True, None):
+        network = Network(one := session("device", 1), with_reservoir("world", 2, nonsense))
+        network.run(300 * MS)
+        assert (one.incarnations, one.peers_J) == (1, 0.0)
+
+
 def test_a_displaced_peer_is_told_and_never_comes_back() -> None:
     network, device, world = paired()
     rival = session("world", 3)
     network.sessions.append(rival)
-    network.run(600 * MS)
+    network.run(900 * MS)  # the first says nothing, so it is taken for dead
     assert device.peer == rival.identity
     assert network.happened(world)[1] == PeerRefused("replaced by world-3")
     world.give(1.0)
@@ -309,6 +384,7 @@ def test_a_restart_earns_no_fresh_burst() -> None:
         world.give(1.0)
         network.run(50 * MS)
         network.kill(world)
+        network.run(400 * MS)  # with the 50 before, so long that the next one is no rival
         assert 10**6 <= device.credited_nJ <= 10**6 + 5
     assert device.incarnations == 5
 
@@ -330,7 +406,7 @@ def test_a_restart_earns_no_fresh_burst() -> None:
 )
 def test_bad_messages_are_counted_and_change_nothing(kind: str, message: Any) -> None:
     _, device, world = paired()
-    assert device.receive(10**9, encode(message)) == ()
+    assert device.receive(10**9, encode(message)) == ()  # long after the last position: a stranger is no rival
     assert device.dropped == {kind: 1}
     assert (device.peer, device.credited_nJ) == (world.identity, 0)
 

@@ -23,7 +23,8 @@ from hapnet.bench.traffic import KILOHERTZ
 from hapnet.errors import HapnetError
 from hapnet.params import Params
 from hapnet.runtime.build import prepare
-from hapnet.runtime.realtime import Notice, RealtimeSide
+from hapnet.runtime.notices import Notice
+from hapnet.runtime.realtime import RealtimeSide
 from hapnet.runtime.servo import set_timer_slack, tuned_interpreter
 from hapnet.runtime.zenoh_config import ZenohSettings, free_address, zenoh_config
 from hapnet.wire.messages import Position, decode, encode_position

@@ -84,4 +84,15 @@ Cfg = Annotated[
 Session = Annotated[str, typer.Option(help="Name of the session, the same on both sides.")]
 Name = Annotated[str, typer.Option(help="Name of the device, the same on both sides.")]
 Record = Annotated[Path | None, typer.Option(help="Record this side to an MCAP file.")]
-Events = Annotated[bool, typer.Option("--events", hidden=True)]
+Log = Annotated[
+    str | None,
+    typer.Option("--log", metavar="FILE|-", help="What happens, a JSON object a line; -: instead of words, on stdout."),
+]
+Progress = Annotated[bool, typer.Option("--progress", hidden=True)]
+OnSilence = Annotated[
+    str | None,
+    typer.Option("--on-silence", help="When nothing arrives: hold the set-position, or release the spring."),
+]
+SilenceAfter = Annotated[
+    float | None, typer.Option("--silence-after", help="The silence that counts [s]; 0.5 by default.")
+]

@@ -11,7 +11,7 @@ import sys
 import time
 from collections.abc import AsyncIterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
@@ -52,7 +52,7 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, re
     output.write_json(summary, str(directory / "summary.json"))
     figure = "" if recording is None else f", figure {output.save_figure(recording, directory / 'figure.png').name}"
     output.show_summary(words, summary)
-    words.print(f"recordings device.mcap and world.mcap{figure}, summary.json in {directory}")
+    words.print(f"recordings device.mcap and world.mcap{figure}, summary.json, log.jsonl in {directory}")
     output.write_json(summary, json_to)
     return code
 
@@ -94,10 +94,13 @@ class Pair:
         catch(stop, caught.append)
         address = free_address()
         session = f"run-{secrets.token_hex(4)}"
-        with _Progress(self.words, self.setup.params.duration_s) as progress:
+        with (
+            _Progress(self.words, self.setup.params.duration_s) as progress,
+            (self.directory / "log.jsonl").open("wb", buffering=0) as log,
+        ):
             for role, flag in (("world", "--listen"), ("device", "--connect")):
                 self._children[role] = await self._start(role, flag, address, session)
-            watchers = [asyncio.create_task(self._watch(role, progress)) for role in self._children]
+            watchers = [asyncio.create_task(self._watch(role, progress, log)) for role in self._children]
             stopping = asyncio.create_task(stop.wait())
             ended, _ = await asyncio.wait([*watchers, stopping], return_when=asyncio.FIRST_COMPLETED)
             if stopping in ended or any(child.returncode for child in self._children.values()):
@@ -134,7 +137,15 @@ class Pair:
     async def _start(self, role: str, flag: str, address: str, session: str) -> asyncio.subprocess.Process:
         command = [sys.executable, "-m", "hapnet", role, flag, address, "--no-multicast-scouting"]
         command += ["--session", session, "--params", str(self.directory / "params.toml"), "--seed", str(self.seed)]
-        command += ["--record", str(self._file(role, "mcap")), "--json", str(self._file(role, "json")), "--events"]
+        command += [
+            "--record",
+            str(self._file(role, "mcap")),
+            "--json",
+            str(self._file(role, "json")),
+            "--log",
+            "-",
+            "--progress",
+        ]
         if self._realtime and role == "device":
             command.append("--realtime")
         pipe = asyncio.subprocess.PIPE
@@ -142,12 +153,14 @@ class Pair:
             *command, stdin=asyncio.subprocess.DEVNULL, stdout=pipe, stderr=pipe
         )
 
-    async def _watch(self, role: str, progress: _Progress) -> None:
+    async def _watch(self, role: str, progress: _Progress, log: BinaryIO) -> None:
         child = self._children[role]
         assert child.stderr is not None
         errors = asyncio.create_task(child.stderr.read())
-        async for notice in _notices(child):
+        async for line, notice in _notices(child):
             progress.tell(role, notice["kind"], notice["text"])
+            if notice["kind"] != "progress":
+                log.write(line)
         self._errors[role] = await errors
         await child.wait()
 
@@ -204,8 +217,9 @@ class _Progress:
             self._words.print(f"{role}: {text}")
 
 
-async def _notices(child: asyncio.subprocess.Process) -> AsyncIterator[dict[str, str]]:
+async def _notices(child: asyncio.subprocess.Process) -> AsyncIterator[tuple[bytes, dict[str, str]]]:
+    """The lines that a process logs, as they are and what they say."""
     assert child.stdout is not None
     async for line in child.stdout:
         with contextlib.suppress(json.JSONDecodeError):
-            yield json.loads(line)
+            yield line, json.loads(line)

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import signal
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,9 +11,10 @@ from typing import Any, cast, get_args
 
 from hapnet import checks
 from hapnet.commands import output
+from hapnet.commands.log import Log, check_target
 from hapnet.params import Params
 from hapnet.runtime.build import prepare
-from hapnet.runtime.realtime import Notice, RealtimeSide, Role
+from hapnet.runtime.realtime import RealtimeSide, Role
 from hapnet.runtime.zenoh_config import Mode, ZenohSettings
 
 
@@ -31,8 +30,10 @@ class SideOptions:
     record: Path | None
     realtime: bool
     json_to: str | None
-    events: bool
-    """Notices as JSON lines on standard output, for a parent process, and no words for people."""
+    log_to: str | None
+    """Notices as JSON lines: to a file, or for "-" on standard output instead of words for people."""
+    progress: bool
+    """Of these also how far the run is."""
 
 
 def zenoh_settings(
@@ -60,17 +61,11 @@ def zenoh_settings(
 def main(params: Params, options: SideOptions) -> int:
     """Run one side until its duration is over or it is told to stop."""
     setup = prepare(params, "sampled")
-    words = output.console("-" if options.events else options.json_to)
-    if not options.events:
+    check_target(options.log_to, options.json_to)
+    words = None if options.log_to == "-" else output.console(options.json_to)
+    if words is not None:
         output.show_warnings(words, setup.warnings)
-
-    def tell(notice: Notice) -> None:
-        if options.events:
-            sys.stdout.write(json.dumps({"kind": notice.kind, "text": notice.text}) + "\n")
-            sys.stdout.flush()
-        elif notice.kind != "progress":
-            words.print(notice.text)
-
+    log = Log(options.role, words, options.log_to, progress=options.progress)
     side = RealtimeSide(
         setup,
         options.role,
@@ -80,10 +75,13 @@ def main(params: Params, options: SideOptions) -> int:
         seed=options.seed,
         record=options.record,
         realtime=options.realtime,
-        notify=tell,
+        notify=log.tell,
     )
-    summary, code = asyncio.run(_run(side, params.duration_s))
-    if not options.events:
+    try:
+        summary, code = asyncio.run(_run(side, params.duration_s))
+    finally:
+        log.close()
+    if words is not None:
         output.show_summary(words, summary)
     output.write_json(summary, options.json_to)
     return code

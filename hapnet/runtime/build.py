@@ -32,6 +32,7 @@ from hapnet.plant.operator import Impedance, Operator, Press, Rest, Sine, read_m
 from hapnet.plant.scene import SCENES, Scene, make_scene, scene_parameters
 from hapnet.runtime.own_device import OwnDevice
 from hapnet.runtime.sides import Clock, ContinuousDeviceSide, DeviceSide, Drive, SampledDeviceSide, WorldSide, Write
+from hapnet.wire.handshake import RESERVOIR
 from hapnet.wire.messages import Role
 from hapnet.wire.session import Session, SessionSettings
 from netem import LinkProfile
@@ -195,18 +196,20 @@ def world_side(setup: Setup, endpoint: WorldControl, rng: np.random.Generator, w
 
 def _session(setup: Setup, role: Role, name: str, incarnation: int) -> Session:
     wire = setup.params.wire
+    side = setup.params.device if role == "device" else setup.params.world
     return Session(
         role=role,
         dof=setup.dof,
         name=name,
         incarnation=incarnation,
-        about={"scene": setup.params.scene, "coupling": setup.params.coupling},
+        about={"scene": setup.params.scene, "coupling": setup.params.coupling, RESERVOIR: side.ceiling_J},
         settings=SessionSettings(
             accept_stale=wire.accept_stale,
             admission_W=wire.admission_W,
             admission_burst_J=wire.admission_burst_J,
             hello_period_ns=round(wire.hello_period_s / NANO),
             spacing_ns=round(wire.energy_spacing_s / NANO),
+            silence_ns=round(side.silence_after_s / NANO),
         ),
     )
 

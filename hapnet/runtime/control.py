@@ -50,8 +50,8 @@ class Control(Protocol):
     def stop(self) -> None:
         """Render no force any more and end; returns when that is done. May be called again."""
 
-    def summary(self) -> Summary:
-        """This side's part of the summary, complete once it has stopped."""
+    def summary(self, now_ns: int) -> Summary:
+        """This side's part of the summary as of `now_ns`, complete once it has stopped."""
 
 
 class ThreadedDevice:
@@ -85,9 +85,9 @@ class ThreadedDevice:
     def stop(self) -> None:
         self._servo.stop()
 
-    def summary(self) -> Summary:
+    def summary(self, now_ns: int) -> Summary:
         part = device_summary(self.side, self._coupling, servo_timing(self._servo, self.side))
-        return with_wire(part, self.wire.session)
+        return with_wire(part, self.wire.session, now_ns)
 
     def _tick(self, now_ns: int) -> None:
         message = self.side.tick(now_ns)
@@ -124,8 +124,8 @@ class ThreadedWorld:
     def stop(self) -> None:
         self._stepper.stop()
 
-    def summary(self) -> Summary:
-        return with_wire(world_summary(self.side, self._coupling), self.wire.session)
+    def summary(self, now_ns: int) -> Summary:
+        return with_wire(world_summary(self.side, self._coupling), self.wire.session, now_ns)
 
     def _step(self, now_ns: int) -> int:
         message = self.side.step(now_ns)

@@ -13,28 +13,28 @@ import secrets
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
 from hapnet.endpoint import NANO
-from hapnet.errors import HapnetError, RecordingError
-from hapnet.mcap_file import RecordingWriter, preload
+from hapnet.errors import HapnetError
 from hapnet.record import Event as Note
 from hapnet.record import Sample
 from hapnet.runtime import servo_pipe
 from hapnet.runtime.build import Setup, device_session, world_session
 from hapnet.runtime.control import Control, Outlet, ThreadedDevice, ThreadedWorld
+from hapnet.runtime.notices import DROPS_EVERY_NS, Drops, Notice, notice_of
 from hapnet.runtime.parcel import FRAME_OVERHEAD, Parcel
+from hapnet.runtime.recorder import Recorder
 from hapnet.runtime.servo import tuned_interpreter
 from hapnet.runtime.servo_process import ServoProcess
 from hapnet.runtime.summary import Summary, combine, versions
 from hapnet.runtime.zenoh_config import ZenohSettings
 from hapnet.runtime.zenoh_transport import ZenohTransport
-from hapnet.wire.events import Event, Mismatch, Paired, PeerLeft, PeerRefused
+from hapnet.wire.events import EnergyCredited, Event, PositionReceived
 from netem import Link
 from netem.aio import DeadlineTimer
 
@@ -47,21 +47,15 @@ QUIET_S = 0.3
 """So long nothing must have been credited before a side leaves: the other, which ends a little later, sends no more."""
 
 REFUSE_S = 0.4
-"""How long a side goes on refusing one that does not fit before it ends: some refusals get lost [s]."""
+"""How long a device goes on refusing a world that does not fit before it ends: some refusals get lost [s].
 
-MOST_SAMPLES = 100_000
-"""How many samples may wait to be written; more are counted and dropped."""
+A world goes on waiting for a device that fits: else any stranger could end it.
+"""
 
 _HOUSEKEEPING_S = 0.05
+_MOST_NOTES = 1000
+_PATIENCE_NS = 1_500_000_000
 _COLLECT_EVERY = 20  # housekeepings
-
-
-@dataclass(frozen=True)
-class Notice:
-    """Something a person who runs this wants to know: `kind` for programs, `text` for people."""
-
-    kind: str
-    text: str
 
 
 class RealtimeSide:
@@ -95,10 +89,12 @@ class RealtimeSide:
         self.profile = setup.up if role == "device" else setup.down
         self._clock = time.monotonic_ns
         self._notify = notify
-        self._record_path = record
-        self._writer: RecordingWriter | None = None
-        self._samples: deque[Sample] = deque()
-        self._unrecorded = 0
+        self._notes: deque[Note] = deque(maxlen=_MOST_NOTES)
+        self._drops = Drops()
+        self._refused_ns: int | None = None
+        self._link_lost_ns: int | None = None
+        self._met_ns: int | None = None
+        self._recorder = None if record is None else Recorder(record, self._warn)
         self._lock = threading.Lock()
         self._failure: BaseException | None = None
         self._names = (session, name)
@@ -107,6 +103,8 @@ class RealtimeSide:
         self._asked_ns: int | None = None
         self._granted_ns: int | None = None
         self._period_ns = round(1e9 / setup.params.device.servo_hz) if role == "device" else None
+        side = setup.params.device if role == "device" else setup.params.world
+        self._other, self._on_silence = ("world" if role == "device" else "device"), side.on_silence
         self._started_ns = self._clock()
         self._stopped_ns: int | None = None
         entropy = np.random.SeedSequence(self.seed).spawn(4)
@@ -124,21 +122,16 @@ class RealtimeSide:
             self.control = ThreadedDevice(setup, protocol, outlet, self._clock, realtime=realtime)
         self.wire = self.control.wire
         self.link: Link[Parcel] = Link(self.profile, seed=entropy[0 if role == "device" else 1])
-        self._transport = ZenohTransport(zenoh, self._on_message, session=session, device=name, role=role)
-        if record is not None:
-            _require_writable(record)
-            preload()
+        self._transport = ZenohTransport(
+            zenoh, self._on_message, session=session, device=name, role=role, on_change=self._on_link
+        )
 
     def _keep_sample(self, sample: Sample) -> None:
-        """For the recording; from any thread. A note is told as well."""
+        """For the recording; from any thread. A note is told as well, by the loop."""
         if isinstance(sample, Note):
-            self._loop.call_soon_threadsafe(self._notify, Notice(sample.kind, sample.text))
-        if self._record_path is None:
-            return
-        if len(self._samples) < MOST_SAMPLES:
-            self._samples.append(sample)
-        else:
-            self._unrecorded += 1
+            self._notes.append(sample)
+        if self._recorder is not None:
+            self._recorder.keep(sample)
 
     # -- threads of their own ----------------------------------------------------------------------------------------
 
@@ -172,9 +165,9 @@ class RealtimeSide:
         self._report(events)
 
     def _report(self, events: tuple[Event, ...]) -> None:
-        told = tuple(event for event in events if isinstance(event, Paired | PeerLeft | Mismatch | PeerRefused))
+        told = [event for event in events if not isinstance(event, PositionReceived | EnergyCredited)]
         if told:
-            self._loop.call_soon_threadsafe(self._tell, told)
+            self._loop.call_soon_threadsafe(self._tell, told, self._clock())
 
     def _fail(self, error: BaseException) -> None:
         self._failure = self._failure or error
@@ -222,7 +215,7 @@ class RealtimeSide:
                 refused = await asyncio.to_thread(self.control.start)
                 await self._transport.open()  # only now: a peer that is answered is one that control is ready for
                 if refused:
-                    self._notify(Notice("realtime", refused))
+                    self._notify(Notice("realtime", refused, self._clock(), "warning"))
                 with self._lock:
                     self._arm()
                 await self._keep(stop, duration_s, collect)
@@ -237,8 +230,9 @@ class RealtimeSide:
             self._timer.close()
             summary = self.summary()
             self._drain()
-            if self._writer is not None:
-                self._close_writer(summary)
+            self._tell_drops()
+            if self._recorder is not None:
+                self._recorder.close(summary, self.control.unrecorded)
         return summary
 
     async def _keep(self, stop: asyncio.Event, duration_s: float, collect: Callable[[], int]) -> None:
@@ -249,19 +243,20 @@ class RealtimeSide:
         while not stop.is_set():
             origin_ns = self.control.origin_ns
             if origin_ns is None:
-                now = f"waiting for the {'world' if self.role == 'device' else 'device'}: {self._transport.status}"
+                now = self._waiting()
                 if now != status:
-                    self._notify(Notice("waiting", now))
+                    self._notify(Notice("waiting", now, self._clock()))
                 status = now
             elif duration_s > 0.0 and self._clock() - origin_ns >= duration_s / NANO:
                 break
+            self._watch()
             self._drain()
             rounds += 1
             if rounds % _COLLECT_EVERY == 0:
                 collect()
                 if origin_ns is not None:
                     elapsed = (self._clock() - origin_ns) * NANO
-                    self._notify(Notice("progress", f"{elapsed:.1f}"))
+                    self._notify(Notice("progress", f"{elapsed:.1f}", self._clock()))
             await asyncio.wait((stopped,), timeout=_HOUSEKEEPING_S)
         stopped.cancel()
 
@@ -304,22 +299,64 @@ class RealtimeSide:
             self._transport.put(parcel.kind, parcel.data)
         self._report(events)
 
-    def _tell(self, events: tuple[Event, ...]) -> None:
-        other = "world" if self.role == "device" else "device"
+    def _waiting(self) -> str:
+        """Whom this side waits for, and why it may have to."""
+        text, now_ns = f"waiting for the {self._other}: {self._transport.status}", self._clock()
+        if not self._transport.partners:
+            self._met_ns = None
+        elif self._met_ns is None:
+            self._met_ns = now_ns
+        elif now_ns - self._met_ns > _PATIENCE_NS:
+            text += f", which does not answer: perhaps it has another {self.role}"
+        return text
+
+    def _on_link(self) -> None:
+        """Zenoh has gained or lost a connection."""
+        if self.control.origin_ns is None or self._stopped_ns is not None or self.wire.session.peer is None:
+            return
+        now_ns, up = self._clock(), self._transport.peers > 0
+        if not up and self._link_lost_ns is None:
+            self._link_lost_ns = now_ns
+            self._notify(Notice("link", f"the connection to the {self._other} is lost", now_ns, "warning"))
+        elif up and self._link_lost_ns is not None:
+            gone_s = (now_ns - self._link_lost_ns) * NANO
+            self._link_lost_ns = None
+            text = f"the connection is back after {gone_s:.2f} s"
+            self._notify(Notice("link", text, now_ns, values={"gone_s": gone_s}))
+
+    def _watch(self) -> None:
+        """Has the other side fallen silent, and what was dropped?"""
+        now_ns = self._clock()
+        with self._lock:
+            events = self.wire.session.watch(now_ns)
+        self._tell(events, now_ns)
+        self._tell_drops()
+
+    def _tell(self, events: Iterable[Event], now_ns: int) -> None:
         for event in events:
-            match event:
-                case Paired(_, number):
-                    notice = Notice("paired", f"paired with the {other}{_again(number)}")
-                case PeerLeft(reason):
-                    notice = Notice("left", f"the {other} left: {reason}")
-                case Mismatch(reason) | PeerRefused(reason):
-                    notice = Notice("refused", f"the {other} does not fit: {reason}")
-                    if self.control.origin_ns is None:
-                        self._loop.call_later(REFUSE_S, self._fail, HapnetError(notice.text))
-                        continue
-                case _:
+            notice = notice_of(event, now_ns, self._other, self._on_silence)
+            if notice is None:
+                continue
+            if notice.kind == "refused":
+                if self.role == "device" and self.control.origin_ns is None:
+                    self._loop.call_later(REFUSE_S, self._fail, HapnetError(notice.text))
                     continue
-            self._keep_sample(Note(self._clock(), notice.kind, notice.text))
+                if self._refused_ns is not None and now_ns - self._refused_ns < DROPS_EVERY_NS:
+                    continue
+                self._refused_ns = now_ns
+            self._notify(notice)
+            if self._recorder is not None:
+                self._recorder.keep(Note(now_ns, notice.kind, notice.text))
+
+    def _tell_drops(self) -> None:
+        session, now_ns = self.wire.session, self._clock()
+        with self._lock:
+            notice = self._drops.look(now_ns, session.dropped, session.dropped_for)
+        if notice is not None:
+            self._notify(notice)
+
+    def _warn(self, text: str) -> None:
+        self._notify(Notice("recording", text, self._clock(), "warning"))
 
     # -- recording and summary ---------------------------------------------------------------------------------------
 
@@ -327,11 +364,11 @@ class RealtimeSide:
         """This side's summary so far; the other side's part is None."""
         own: dict[str, Any] = {"device": None, "world": None}
         links: dict[str, Any] = {"up": None, "down": None}
+        end_ns = self._stopped_ns or self._clock()
         with self._lock:
-            own[self.role] = self.control.summary()
+            own[self.role] = self.control.summary(end_ns)
             links["up" if self.role == "device" else "down"] = self.link.stats.as_dict()
         origin_ns = self.control.origin_ns
-        end_ns = self._stopped_ns or self._clock()
         elapsed = None if origin_ns is None else (end_ns - origin_ns) * NANO
         coupling = self.setup.params.coupling
         summary = combine(own["device"], own["world"], links, seed=self.seed, duration_s=elapsed, coupling=coupling)
@@ -339,35 +376,12 @@ class RealtimeSide:
         return summary
 
     def _drain(self) -> None:
-        """Write what was recorded since the last call."""
-        if self._record_path is None or self.control.origin_ns is None:
-            return
-        try:
-            if self._writer is None:
-                self._writer = RecordingWriter(self._record_path, self._meta())
-            while self._samples:
-                self._writer.write(self._samples.popleft())
-            self._writer.flush(self._clock())
-        except RecordingError as error:
-            self._give_up_recording(error)
-
-    def _close_writer(self, summary: Summary) -> None:
-        assert self._writer is not None
-        unrecorded = self._unrecorded + self.control.unrecorded
-        if unrecorded:
-            self._notify(
-                Notice("recording", f"{unrecorded} samples are missing: they came faster than they could be written")
-            )
-        try:
-            self._writer.close(summary)
-        except RecordingError as error:
-            self._give_up_recording(error)
-
-    def _give_up_recording(self, error: RecordingError) -> None:
-        """A full disk ends the recording, not the run."""
-        self._record_path = self._writer = None
-        self._samples.clear()
-        self._notify(Notice("recording", f"{error}; the run goes on without a recording"))
+        """Say what control has noted, and write what was recorded, since the last call."""
+        while self._notes:
+            note = self._notes.popleft()
+            self._notify(Notice(note.kind, note.text, note.time_ns, "warning"))
+        if self._recorder is not None and self.control.origin_ns is not None:
+            self._recorder.drain(self._clock(), self._meta)
 
     def _meta(self) -> dict[str, Any]:
         session, name = self._names
@@ -385,21 +399,6 @@ class RealtimeSide:
             "links": {"up" if self.role == "device" else "down": str(self.profile)},
             "versions": self._versions,
         }
-
-
-def _again(number: int) -> str:
-    return "" if number == 1 else f" (it restarted; pair {number})"
-
-
-def _require_writable(path: Path) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        existed = path.exists()
-        path.open("ab").close()
-        if not existed:
-            path.unlink()  # nothing is written before the sides have met
-    except OSError as error:
-        raise RecordingError(f"cannot write recording {path}: {error.strerror or error}") from None
 
 
 def _boot_id() -> str:

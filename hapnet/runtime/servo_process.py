@@ -122,8 +122,8 @@ class ServoProcess:
             self._end_process()
             self._process = None
 
-    def summary(self) -> Summary:
-        return with_wire(self._part, self.wire.session)
+    def summary(self, now_ns: int) -> Summary:
+        return with_wire(self._part, self.wire.session, now_ns)
 
     def _open(self) -> None:
         params = self._setup.params.set({"device.servo": self._setup.servo})

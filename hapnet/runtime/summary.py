@@ -9,7 +9,7 @@ from functools import cache
 from importlib import metadata
 from typing import Any
 
-from hapnet.endpoint import ControlHalf
+from hapnet.endpoint import NANO, ControlHalf
 from hapnet.record import Columns, Recording
 from hapnet.runtime.sides import DeviceSide, WorldSide
 from hapnet.wire.session import Session
@@ -54,8 +54,9 @@ def world_summary(side: WorldSide, coupling_name: str) -> Summary:
     return result
 
 
-def with_wire(control: Summary, session: Session) -> Summary:
-    """A side's part, whole: what its control half knows and what its wire half does."""
+def with_wire(control: Summary, session: Session, now_ns: int) -> Summary:
+    """A side's part, whole, at `now_ns`: what its control half knows and what its wire half does."""
+    outages = session.outages(now_ns)
     return {
         **control,
         "sent_nJ": session.sent_nJ,
@@ -63,6 +64,15 @@ def with_wire(control: Summary, session: Session) -> Summary:
         "in_flight_nJ": session.in_flight_nJ,
         "abandoned_nJ": session.abandoned_nJ,
         "incarnations": session.incarnations,
+        "peers_J": session.peers_J,
+        "outages": {
+            "count": outages.count,
+            "longest_s": outages.longest_ns * NANO,
+            "total_s": outages.total_ns * NANO,
+            "recovery_max_s": outages.recovery_max_ns * NANO,
+        },
+        "received": outages.received,
+        "missing": outages.missing,
         "dropped": dict(session.dropped),
     }
 
@@ -80,19 +90,18 @@ def combine(
     """One summary of both sides.
 
     `two_port_J` is the minimum over time of the energy put in at both ports, where one clock saw both. Else the
-    theorem's margin is the sum of both sides' margins, a lower bound of the true one; None with one side only.
+    theorem's margin is the sum of both sides' margins, a lower bound of the true one; None with one side only, and
+    after a restart, as what the process put in that ended is not known here.
+
+    The bound d^2 sums the initial energies of all processes that took part, by their own word those that ended.
     """
     sides = [side for side in (device, world) if side is not None]
     margins = [side["ledger"]["margin_J"] for side in sides]
-    bounds = [side["ledger"]["bound_J"] for side in sides]
-    # After a restart the survivor's account covers pairs of which the other side's knows nothing: each half holds by
-    # itself, but they do not add up to one statement about two ports.
-    restarted = any((side.get("incarnations") or 0) > 1 for side in sides)
-    bound = sum(bounds) if len(sides) == 2 and None not in bounds and not restarted else None
+    bound = _bound(device, world)
     margin = None
     if bound is not None and two_port_J is not None:
         margin = bound + two_port_J
-    elif len(sides) == 2 and None not in margins and not restarted:
+    elif len(sides) == 2 and None not in margins and not _restarted(sides):
         margin = sum(margins)
     return {
         "theorem": {"margin_J": margin, "bound_J": bound},
@@ -107,6 +116,23 @@ def combine(
         "versions": versions(),
         "wall_clock": {},
     }
+
+
+def _bound(device: Summary | None, world: Summary | None) -> float | None:
+    """d^2 over all incarnations: what each side knows of itself, or its peer of it and of those in its place before."""
+    initial = []
+    for side, peer in ((device, world), (world, device)):
+        own = None if side is None else side["ledger"]["bound_J"]
+        told = None if peer is None else peer.get("peers_J")
+        known = [energy for energy in (own, told) if energy is not None]
+        if not known:
+            return None
+        initial.append(float(max(known)))
+    return sum(initial)
+
+
+def _restarted(sides: list[Summary]) -> bool:
+    return any((side.get("incarnations") or 0) > 1 for side in sides)
 
 
 def merge(device: Summary, world: Summary, *, seed: int | None = None) -> Summary:
@@ -150,8 +176,7 @@ def _flow(sender: Summary | None, receiver: Summary | None) -> dict[str, int | N
     sent, abandoned = sender["sent_nJ"], sender["abandoned_nJ"]
     credited = None if receiver is None else receiver["credited_nJ"]
     in_flight = sender["in_flight_nJ"]
-    restarted = any((side.get("incarnations") or 0) > 1 for side in (sender, receiver) if side is not None)
-    if None not in (credited, abandoned) and not restarted:
+    if None not in (credited, abandoned) and not _restarted([side for side in (sender, receiver) if side is not None]):
         in_flight = sent - credited - abandoned
     return {"sent_nJ": sent, "credited_nJ": credited, "in_flight_nJ": in_flight, "abandoned_nJ": abandoned}
 
@@ -205,5 +230,7 @@ def _side_columns(columns: Columns, coupling_name: str) -> Summary:
         "deficit_max_J": None,
         "sent_nJ": round(float(columns["sent_J"][-1]) * 1e9),
         "credited_nJ": round(float(columns["credited_J"][-1]) * 1e9),
-        **dict.fromkeys(("in_flight_nJ", "discarded_nJ", "abandoned_nJ", "incarnations", "dropped")),
+        **dict.fromkeys(("in_flight_nJ", "discarded_nJ", "abandoned_nJ", "incarnations", "peers_J")),
+        "outages": dict.fromkeys(("count", "longest_s", "total_s", "recovery_max_s")),
+        **dict.fromkeys(("received", "missing", "dropped")),
     }

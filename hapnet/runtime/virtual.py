@@ -162,13 +162,13 @@ class Simulation:
         """After the end: let the links deliver what is under way, and sum the run up, but for its motion."""
         self._due[_STEP] = self._due[_TICK] = self._tick_ns = _NEVER
         self._run(end_ns + LINGER_NS, lambda: self._settled)
-        return self._summary()
+        return self._summary(end_ns)
 
-    def _summary(self) -> Summary:
+    def _summary(self, end_ns: int) -> Summary:
         params = self.setup.params
         return combine(
-            with_wire(device_summary(self.device, params.coupling), self.device_endpoint.session),
-            with_wire(world_summary(self.world, params.coupling), self.world_endpoint.session),
+            with_wire(device_summary(self.device, params.coupling), self.device_endpoint.session, end_ns),
+            with_wire(world_summary(self.world, params.coupling), self.world_endpoint.session, end_ns),
             {"up": self.up.stats.as_dict(), "down": self.down.stats.as_dict()},
             seed=self.seed,
             duration_s=params.duration_s,

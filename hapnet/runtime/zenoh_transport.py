@@ -34,6 +34,11 @@ Role = Literal["device", "world"]
 EXIT_TIMEOUT_S = 2.0
 """How long an interpreter that exits without `close` waits for Zenoh to close [s]."""
 
+WATCH_S = 0.1
+"""How often the session is looked at, whether it is still open [s]."""
+
+REOPEN_EVERY_S = 0.5
+
 _DIRECTION = {"device": "up", "world": "down"}
 _OTHER: dict[Role, Role] = {"device": "world", "world": "device"}
 
@@ -54,6 +59,7 @@ class ZenohTransport:
     ----------
     failed_puts : messages that Zenoh did not take (not open yet, closed).
     callback_errors : exceptions out of `on_message`.
+    reopened : how many times Zenoh's session was lost as a whole and opened anew.
 
     Raises
     ------
@@ -89,6 +95,7 @@ class ZenohTransport:
         self._loop: asyncio.AbstractEventLoop | None = None
         self.failed_puts = 0
         self.callback_errors = 0
+        self.reopened = 0
 
     async def open(self) -> None:
         """Open once. A peer returns within a second, connected or not; a client when its router answers.
@@ -173,10 +180,27 @@ class ZenohTransport:
             self._post(_settle, opened, error)
         else:
             self._post(_settle, opened, None)
-            self._closing.wait()
+            while not self._closing.wait(WATCH_S):
+                if self._session is not None and self._session.is_closed():
+                    self._reopen()
             self._disconnect()
         atexit.unregister(self._at_exit)
         self._post(self._closed.set)
+
+    def _reopen(self) -> None:
+        """Zenoh has closed the session by itself: open another one, as soon as that can be."""
+        self._disconnect()
+        self._partners.clear()
+        self.reopened += 1
+        self._notify()
+        try:
+            self._connect()
+        except TransportError as error:
+            _log.warning("Zenoh's session is lost, and %s; trying again", error)
+            while not self._closing.wait(REOPEN_EVERY_S):
+                with contextlib.suppress(TransportError):
+                    self._connect()
+                    return
 
     def _at_exit(self) -> None:
         self._closing.set()
@@ -211,7 +235,7 @@ class ZenohTransport:
     def _disconnect(self) -> None:
         with self._lock:
             session, self._session, self._publishers = self._session, None, {}
-        if session is not None:
+        if session is not None and not session.is_closed():
             _close(session)
 
     # On Zenoh's threads

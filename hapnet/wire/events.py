@@ -51,4 +51,23 @@ class PeerLeft:
     reason: str
 
 
-Event = Paired | PositionReceived | EnergyCredited | PeerRefused | Mismatch | PeerLeft
+@dataclass(frozen=True, slots=True)
+class PeerSilent:
+    """Nothing new has come from the peer for longer than the silence that counts; the last did at `since_ns`."""
+
+    since_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class PeerHeard:
+    """A silence is over: it lasted `silence_ns`, the last `recovery_ns` of it with some word of the other side.
+
+    `missing` : positions that did not come meanwhile, by their numbers; 0 if the peer is another than before.
+    """
+
+    silence_ns: int
+    recovery_ns: int
+    missing: int
+
+
+Event = Paired | PositionReceived | EnergyCredited | PeerRefused | Mismatch | PeerLeft | PeerSilent | PeerHeard

@@ -9,12 +9,16 @@ An incarnation, 64 random bits, is one start of a process. The rules:
 * A stranger (neither the peer nor retired) that says anything is sent a hello, and if it answers it is the peer: the
   old one has restarted. Its welcome must repeat a hello later than the current pairing. So what dead processes left in
   the network can never displace a living peer.
+* Nor can a living stranger: while the peer is heard, a stranger is a rival (two devices under one name), which is
+  dropped and not answered. It goes on saying hello, and its turn comes when the peer is silent.
 * A peer that was displaced, left or refused is retired for as long as this side runs, and told so when it speaks: its
   totals go on where they were, so to pair with it anew, from zero, would credit them twice. There are at most
   `MAX_PEERS`; a side that has seen more pairs with nobody else, which is the safe way to have bounded memory.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 from hapnet.errors import BadMessage
 from hapnet.wire.events import Event, Mismatch, Paired, PeerLeft, PeerRefused
@@ -31,6 +35,9 @@ BYE_SPACING_NS = 20_000_000
 COUPLING = "coupling"
 """Entry of `about`: the coupling that a side runs. Both must run the same."""
 
+RESERVOIR = "reservoir_J"
+"""Entry of `about`: what the reservoir of a side holds when it starts, unless it takes another one's place [J]."""
+
 EARLIER = "earlier"
 """Entry of a welcome's `about`: how many others its sender was paired with before this one; absent if none."""
 
@@ -38,10 +45,14 @@ ControlMessage = Hello | Welcome | Refuse | Bye
 
 
 class Handshake:
-    """One side's part in finding and keeping its peer. `peer` is None while unpaired."""
+    """One side's part in finding and keeping its peer. `peer` is None while unpaired.
 
-    def __init__(self, identity: Identity, hello_period_ns: int = HELLO_PERIOD_NS) -> None:
+    living : says of a time whether the peer, if there is one, was heard lately.
+    """
+
+    def __init__(self, identity: Identity, living: Callable[[int], bool], hello_period_ns: int) -> None:
         self.identity = identity
+        self._living = living
         self.peer: Identity | None = None
         self.pairs = 0
         self._period_ns = hello_period_ns
@@ -62,6 +73,7 @@ class Handshake:
         if self.peer is not None and self.peer.incarnation == sender:
             return
         self._check_living(sender)
+        self._check_no_rival(sender, now_ns)
         self._call(now_ns)
         raise BadMessage("stranger", f"incarnation {sender:#x} is not the peer's")
 
@@ -69,6 +81,7 @@ class Handshake:
         self._check_living(message.incarnation)
         if reason := self._misfit(_identity(message)):
             return self._refuse(message.incarnation, reason)
+        self._check_no_rival(message.incarnation, now_ns)
         me = self.identity
         number = message.number
         earlier = self._earlier_peers(message.incarnation)
@@ -83,6 +96,7 @@ class Handshake:
         if self.peer is not None and self.peer.incarnation == message.incarnation:
             return ()
         self._check_living(message.incarnation)
+        self._check_no_rival(message.incarnation, now_ns)
         if not self._stale_hellos < message.number <= self._hellos:
             self._call(now_ns)
             raise BadMessage("stale", f"welcome to hello {message.number}; the last pairing was after it, or never")
@@ -165,6 +179,10 @@ class Handshake:
         if sender in self._retired:
             self._reply(self._refusal(sender, "this incarnation was retired; restart it"))
             raise BadMessage("retired", f"incarnation {sender:#x} was the peer once")
+
+    def _check_no_rival(self, sender: int, now_ns: int) -> None:
+        if self.peer is not None and self.peer.incarnation != sender and self._living(now_ns):
+            raise BadMessage("rival", f"incarnation {sender:#x} wants the place of a peer that is alive")
 
     def _earlier_peers(self, incarnation: int) -> int:
         """How many others this side was paired with before `incarnation`."""

@@ -27,7 +27,8 @@ from hapnet.errors import BadMessage, InvalidParameter
 from hapnet.wire.admission import DEFAULT_BURST_J, DEFAULT_POWER_W, Admission
 from hapnet.wire.energy_channel import ACK_DELAY_NS, SPACING_NS, EnergyChannel
 from hapnet.wire.events import EnergyCredited, Event, PositionReceived
-from hapnet.wire.handshake import EARLIER, HELLO_PERIOD_NS, Handshake
+from hapnet.wire.handshake import EARLIER, HELLO_PERIOD_NS, RESERVOIR, Handshake
+from hapnet.wire.liveness import Liveness, Outages
 from hapnet.wire.messages import (
     MAX_TEXT,
     Bye,
@@ -47,6 +48,8 @@ from hapnet.wire.messages import (
     encode_position,
 )
 
+SILENCE_NS = 500_000_000
+
 
 class Outgoing(NamedTuple):
     """A frame to send, and the last part of the key expression that it goes on."""
@@ -64,6 +67,7 @@ class SessionSettings:
     hello_period_ns : time between two hellos while unpaired.
     spacing_ns : least time between two messages with new energy.
     ack_delay_ns : how long an acknowledgement waits for a message to ride on.
+    silence_ns : how long no new position may come before the peer counts as silent, and another may take its place.
     """
 
     accept_stale: bool = False
@@ -72,12 +76,15 @@ class SessionSettings:
     hello_period_ns: int = HELLO_PERIOD_NS
     spacing_ns: int = SPACING_NS
     ack_delay_ns: int = ACK_DELAY_NS
+    silence_ns: int = SILENCE_NS
 
     def __post_init__(self) -> None:
         for name in ("hello_period_ns", "spacing_ns", "ack_delay_ns"):
             value = getattr(self, name)
             if not 1_000_000 <= value <= 10_000_000_000:
                 raise InvalidParameter(name, value, "1 ms to 10 s, in ns")
+        if self.silence_ns <= 0:
+            raise InvalidParameter("silence_ns", self.silence_ns, "a positive number of nanoseconds")
 
 
 @dataclass(slots=True)
@@ -142,15 +149,19 @@ class Session:
         _check_identity(self.identity)
         self.settings = settings or SessionSettings()
         self.dropped: Counter[str] = Counter()
+        self.dropped_for: dict[str, str] = {}
+        """What was wrong with the last dropped message of each kind."""
         self.closed = False
-        self._handshake = Handshake(self.identity, self.settings.hello_period_ns)
+        self._liveness = Liveness(self.settings.silence_ns)
+        self._handshake = Handshake(self.identity, self._liveness.living, self.settings.hello_period_ns)
         self._admission = Admission(self.settings.admission_W, self.settings.admission_burst_J)
         self._past = _Account()
         self._channel = self._open_channel(0.0)
         self.positions = PositionStream(incarnation)
         self.position = self.positions.position
         """(now_ns, position) -> the next frame for the position key; see `PositionStream`."""
-        self._newest_sequence = -1
+        self.peers_J = 0.0
+        """What the reservoirs of all this side's peers held when they started, by their own word [J]."""
 
     @property
     def peer(self) -> Identity | None:
@@ -180,14 +191,28 @@ class Session:
                 return self._on_position(message, now_ns)
             events = self._dispatch(message, now_ns)
         except OtherVersion as error:
-            self.dropped[error.kind] += 1
+            self._drop(error)
             events = self._handshake.other_version(error)
         except BadMessage as error:
-            self.dropped[error.kind] += 1
+            self._drop(error)
             events = ()
         if self._handshake.peer is not before:
-            self._change_pair()
+            self._change_pair(now_ns)
         return events
+
+    def _drop(self, error: BadMessage) -> None:
+        self.dropped[error.kind] += 1
+        self.dropped_for[error.kind] = error.detail
+
+    def watch(self, now_ns: int) -> tuple[Event, ...]:
+        """Has the peer fallen silent? To be asked now and then; each silence is told once."""
+        if self.closed or self.peer is None or (silent := self._liveness.watch(now_ns)) is None:
+            return ()
+        return (silent,)
+
+    def outages(self, now_ns: int) -> Outages:
+        """What this side had to do without."""
+        return self._liveness.outages(now_ns)
 
     def poll(self, now_ns: int) -> tuple[list[Outgoing], tuple[Event, ...]]:
         """What to send now, and what the passing of time itself brought (energy that became admissible)."""
@@ -258,6 +283,7 @@ class Session:
         return self._channel.residue_J
 
     def _dispatch(self, message: Message, now_ns: int) -> tuple[Event, ...]:
+        self._liveness.word(now_ns)
         match message:
             case Position():
                 return self._on_position(message, now_ns)
@@ -280,11 +306,14 @@ class Session:
             self._handshake.check_peer(message.incarnation, now_ns)
         if len(message.position) != self.identity.dof:
             raise BadMessage("dimension", f"{len(message.position)} coordinates; allowed: {self.identity.dof}")
-        if message.sequence > self._newest_sequence:
-            self._newest_sequence = message.sequence
-        elif not self.settings.accept_stale:
-            raise BadMessage("stale", f"position {message.sequence} after {self._newest_sequence}")
-        return (PositionReceived(message.sequence, message.sent_ns, message.position),)
+        received = PositionReceived(message.sequence, message.sent_ns, message.position)
+        if self._liveness.is_new(message.sequence):
+            heard = self._liveness.hear(now_ns, message.sequence)
+            return (received,) if heard is None else (received, heard)
+        self._liveness.word(now_ns)
+        if not self.settings.accept_stale:
+            raise BadMessage("stale", f"position {message.sequence} after a later one")
+        return (received,)
 
     def _on_bye(self, message: Bye, now_ns: int) -> tuple[Event, ...]:
         peer = self.peer
@@ -296,11 +325,15 @@ class Session:
     def _credited(self, credited_nJ: int) -> tuple[Event, ...]:
         return (EnergyCredited(credited_nJ),) if credited_nJ else ()
 
-    def _change_pair(self) -> None:
+    def _change_pair(self, now_ns: int) -> None:
+        if (peer := self.peer) is not None:
+            self._liveness.begin(now_ns)
+            reservoir_J = peer.about.get(RESERVOIR)
+            if self.incarnations == 1 and isinstance(reservoir_J, float) and reservoir_J > 0.0:
+                self.peers_J = reservoir_J  # those after it were told to start with none
         self._channel.abandon()
         self._past.add(self._channel)
         self._channel = self._open_channel(self._channel.residue_J)
-        self._newest_sequence = -1
 
     def _open_channel(self, residue_J: float) -> EnergyChannel:
         spacing_ns, ack_delay_ns = self.settings.spacing_ns, self.settings.ack_delay_ns

@@ -23,6 +23,7 @@ from hapnet.runtime.batch.wires import Wire
 from hapnet.runtime.parcel import Parcel
 from hapnet.runtime.sides import ContinuousDeviceSide
 from hapnet.runtime.virtual import _STEP, TwoPort
+from hapnet.wire.liveness import Liveness
 from hapnet.wire.messages import Energy, Position, encode, encode_position
 from hapnet.wire.session import Session
 
@@ -69,10 +70,10 @@ class Fleet:
         count, dof = len(scenarios), first.setup.dof
         self._devices = [scenario.device_endpoint.session for scenario in scenarios]
         self._worlds = [scenario.world_endpoint.session for scenario in scenarios]
-        heard, told = _newest(self._worlds), _newest(self._devices)
+        heard, told = ([session._liveness for session in sessions] for sessions in (self._worlds, self._devices))
         self.up = Links([scenario.up for scenario in scenarios], shift, heard)
         self.down = Links([scenario.down for scenario in scenarios], shift, told)
-        self.device_positions = TickedPositions(count, dof, told.copy(), self.period_ns)
+        self.device_positions = TickedPositions(count, dof, _newest(told), self.period_ns)
         self.device_wire = Wire(
             Channels([session._channel for session in self._devices], shift),
             Mailbox(count),
@@ -85,7 +86,7 @@ class Fleet:
         self.world_wire = Wire(
             Channels([session._channel for session in self._worlds], shift),
             Mailbox(count),
-            Positions(count, dof, heard.copy()),
+            Positions(count, dof, _newest(heard)),
             Couplings([world.coupling for world in worlds]),
             self.down,
             Sizes(self._worlds, dof, shift),
@@ -135,7 +136,6 @@ class Fleet:
         """One side's session, and the link that it sends on."""
         wire.channels.land(i, session._channel)
         session.positions.next_sequence = int(wire.next_number[i])
-        session._newest_sequence = int(peer.links.newest_position[i])
         if peer.links.stale[i]:
             session.dropped["stale"] += int(peer.links.stale[i])
         me, other = session.identity.incarnation, session.peer
@@ -170,5 +170,5 @@ def _continuous(scenario: Scenario) -> ContinuousDeviceSide:
     return side
 
 
-def _newest(sessions: list[Session]) -> Whole:
-    return np.array([session._newest_sequence for session in sessions])
+def _newest(heard: list[Liveness]) -> Whole:
+    return np.array([liveness._newest for liveness in heard])

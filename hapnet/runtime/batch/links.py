@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 
 from hapnet.runtime.batch.channels import NEVER, Whole
 from hapnet.runtime.batch.couplings import Index
+from hapnet.runtime.batch.hearers import Hearers
 from hapnet.runtime.batch.lines import Lines
 from hapnet.runtime.parcel import Parcel
+from hapnet.wire.liveness import Liveness
 from netem import Link, models, stats
 from netem.link import Fates
 
@@ -39,10 +41,10 @@ class Links:
     Parameters
     ----------
     links : the scenarios' own. shift_ns : what their clocks show when the batch's shows 0.
-    newest_position : number of the newest position received in each.
+    heard : what the other sides have heard of the positions so far.
     """
 
-    def __init__(self, links: list[Link[Parcel]], shift_ns: Whole, newest_position: Whole) -> None:
+    def __init__(self, links: list[Link[Parcel]], shift_ns: Whole, heard: list[Liveness]) -> None:
         count = len(links)
         self._links, self._shift_ns = links, shift_ns
         self.offered = np.array([link._offered for link in links])
@@ -54,7 +56,7 @@ class Links:
         self.stale = np.zeros(count, dtype=np.int64)
         """Positions that arrived after newer ones."""
         self._newest = np.array([link._newest for link in links])
-        self.newest_position = newest_position
+        self._hearers = Hearers(heard, shift_ns)
         self._since_reorder = [link._since_reorder for link in links]
         self._any_ahead = any(link.profile.reorder for link in links)
         self._lines = Lines([link.profile for link in links])
@@ -137,16 +139,16 @@ class Links:
         self._reordered[at] += late.sum(axis=0)
         self._newest[at] = np.maximum(self._newest[at], np.where(counted, order, 0).max(axis=0))
         position = counted & (note >= 0)
-        stale = _overtaken(np.where(note >= 0, due, NEVER)) | (note <= self.newest_position[at])
+        stale = _overtaken(np.where(note >= 0, due, NEVER)) | (note <= self._hearers.newest[at])
         self.stale[at] += (stale & position).sum(axis=0)
-        newest = np.where(position, note, -1).max(axis=0)
-        self.newest_position[at] = np.maximum(self.newest_position[at], newest)
+        self._hearers.fold(at, due, note, counted, position & ~stale)
         self._count_delays(at, counted)
         note[counted] = DONE
         self._note[:, at] = note
 
     def land(self, i: int, parcel: Callable[[int, int, int], Parcel]) -> None:
         """Give scenario i's state back, folded; `parcel(order, note, sent_ns)` makes what is under way again."""
+        self._hearers.land(i)
         link = self._links[i]
         shift = int(self._shift_ns[i])
         offered = int(self.offered[i])

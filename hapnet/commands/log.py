@@ -1,0 +1,109 @@
+"""What a side has to say, as lines: words for people on the console, one JSON object a line for programs."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import os
+import sys
+import time
+from collections.abc import Callable
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any
+
+from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.runtime.notices import Level, Notice
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+STYLES = {"info": "", "warning": "yellow", "error": "red"}
+
+
+class Log:
+    """Writes notices; what cannot be written (a full disk, a closed terminal) is left out and never ends a run.
+
+    Lines are stamped with the monotonic clock, and with the time of day that it stands for: the clock on the wall is
+    read once, at the start, so that later steps of it do not show.
+
+    Parameters
+    ----------
+    role : which side speaks.
+    words : where words for people go; None: nowhere.
+    target : where JSON lines go: a file, "-" for standard output, None: nowhere.
+    progress : write down how far the run is, too.
+
+    Raises
+    ------
+    HapnetError : the file cannot be written.
+    """
+
+    def __init__(self, role: str, words: Console | None, target: str | None, *, progress: bool = False) -> None:
+        self._role, self._words, self._progress = role, words, progress
+        self._file: int | None = None
+        self._offset_ns = time.time_ns() - time.monotonic_ns()
+        try:
+            if target == "-":
+                self._file = os.dup(sys.stdout.fileno())
+            elif target is not None:
+                self._file = os.open(target, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+        except OSError as error:
+            raise HapnetError(f"cannot write the log {target}: {error.strerror or error}") from None
+        self._handler = _Handler(self.tell)
+        logging.getLogger("hapnet").addHandler(self._handler)
+
+    def tell(self, notice: Notice) -> None:
+        """One notice more."""
+        if notice.kind == "progress" and not self._progress:
+            return
+        at = datetime.fromtimestamp((notice.at_ns + self._offset_ns) * 1e-9, UTC)
+        if self._file is not None:
+            line = json.dumps(record(notice, self._role, at), ensure_ascii=False)
+            with contextlib.suppress(OSError):
+                os.write(self._file, f"{line}\n".encode())
+        if self._words is not None and notice.kind != "progress":
+            local = at.astimezone()
+            stamp = f"{local:%H:%M:%S}.{local.microsecond // 1000:03d}"
+            self._words.print(f"{stamp} {notice.text}", style=STYLES[notice.level], markup=False)
+
+    def close(self) -> None:
+        """No more notices."""
+        logging.getLogger("hapnet").removeHandler(self._handler)
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
+
+
+def record(notice: Notice, role: str, at: datetime) -> dict[str, Any]:
+    """The JSON object of a notice."""
+    return {
+        "time": at.isoformat(timespec="microseconds"),
+        "monotonic_ns": notice.at_ns,
+        "level": notice.level,
+        "role": role,
+        "kind": notice.kind,
+        "text": notice.text,
+        **({"values": dict(notice.values)} if notice.values else {}),
+    }
+
+
+def check_target(log_to: str | None, json_to: str | None) -> None:
+    """Raise InvalidParameter if `--log` and `--json` both want standard output."""
+    if log_to == "-" and json_to == "-":
+        raise InvalidParameter("--log", log_to, "a file, as --json has standard output")
+
+
+class _Handler(logging.Handler):
+    """What the library's parts log, as notices."""
+
+    def __init__(self, tell: Callable[[Notice], None]) -> None:
+        super().__init__(logging.WARNING)
+        self._tell = tell
+
+    def emit(self, record: logging.LogRecord) -> None:
+        level: Level = "error" if record.levelno >= logging.ERROR else "warning"
+        text = record.getMessage()
+        if record.exc_info is not None and record.exc_info[1] is not None:
+            text += f": {type(record.exc_info[1]).__name__}: {record.exc_info[1]}"
+        self._tell(Notice("log", " ".join(text.split()), time.monotonic_ns(), level, {"logger": record.name}))

@@ -1,0 +1,95 @@
+"""A side's recording in real time: samples come from any thread, and are written on the event loop."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from hapnet.errors import RecordingError
+from hapnet.mcap_file import RecordingWriter, preload
+from hapnet.record import Sample
+
+MOST_SAMPLES = 100_000
+"""How many samples may wait to be written; more are counted and dropped."""
+
+
+class Recorder:
+    """Writes the recording at `path`, from when it is known what it is of.
+
+    A disk that is full, or a file that cannot be written any more, ends the recording and not the run.
+
+    Parameters
+    ----------
+    path : of the recording.
+    tell : told in words what is missing in it.
+
+    Attributes
+    ----------
+    broken : it ended before its time.
+
+    Raises
+    ------
+    RecordingError : it cannot be written.
+    """
+
+    def __init__(self, path: Path, tell: Callable[[str], None]) -> None:
+        _require_writable(path)
+        preload()
+        self.broken = False
+        self._path = path
+        self._tell = tell
+        self._writer: RecordingWriter | None = None
+        self._samples: deque[Sample] = deque()
+        self._unrecorded = 0
+
+    def keep(self, sample: Sample) -> None:
+        """One more sample, from any thread; returns at once."""
+        if self.broken:
+            return
+        if len(self._samples) < MOST_SAMPLES:
+            self._samples.append(sample)
+        else:
+            self._unrecorded += 1
+
+    def drain(self, now_ns: int, meta: Callable[[], dict[str, Any]]) -> None:
+        """Write what was kept since the last call; `meta` says what the recording is of, when it begins."""
+        if self.broken:
+            return
+        try:
+            if self._writer is None:
+                self._writer = RecordingWriter(self._path, meta())
+            while self._samples:
+                self._writer.write(self._samples.popleft())
+            self._writer.flush(now_ns)
+        except RecordingError as error:
+            self._give_up(error)
+
+    def close(self, summary: dict[str, Any], unrecorded: int) -> None:
+        """End it with the summary. `unrecorded` : samples that were lost before they came here."""
+        if self._writer is None:
+            return
+        if unrecorded := unrecorded + self._unrecorded:
+            self._tell(f"{unrecorded} samples are missing: they came faster than they could be written")
+        try:
+            self._writer.close(summary)
+        except RecordingError as error:
+            self._give_up(error)
+
+    def _give_up(self, error: RecordingError) -> None:
+        self.broken = True
+        self._writer = None
+        self._samples.clear()
+        self._tell(f"{error}; the run goes on without a recording")
+
+
+def _require_writable(path: Path) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        existed = path.exists()
+        path.open("ab").close()
+        if not existed:
+            path.unlink()  # nothing is written before the sides have met
+    except OSError as error:
+        raise RecordingError(f"cannot write recording {path}: {error.strerror or error}") from None

@@ -1,0 +1,73 @@
+"""The time and the numbers of what is heard, against a plain recount of the whole history."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+
+from hapnet.wire.events import PeerHeard
+from hapnet.wire.liveness import Liveness, Outages
+
+MS = 1_000_000
+SILENCE = 100 * MS
+
+
+def recount(history: list[tuple[int, int | None]], now: int) -> Outages:
+    """From (time, number, None for another word) of one pair that began at time 0."""
+    heard = [(0, -1)]
+    received = missing = 0
+    silences, recoveries = [], [0]
+    for k, (t, number) in enumerate(history):
+        last_t, newest = heard[-1]
+        if number is None or number <= newest:
+            continue
+        received += 1
+        missing += number - newest - 1 if len(heard) > 1 else 0
+        if t - last_t > SILENCE:
+            words = [w for w, _ in history[: k + 1] if w > last_t + SILENCE]
+            silences.append(t - last_t)
+            recoveries.append(t - words[0])
+        heard.append((t, number))
+    if now - heard[-1][0] > SILENCE:
+        silences.append(now - heard[-1][0])
+    return Outages(len(silences), max(silences, default=0), sum(silences), max(recoveries), received, missing)
+
+
+@pytest.mark.parametrize("seed", range(50))
+def test_the_account_is_that_of_a_recount(seed: int) -> None:
+    rng = random.Random(seed)
+    live = Liveness(SILENCE)
+    live.begin(0)
+    history: list[tuple[int, int | None]] = []
+    now = number = 0
+    newest, last = -1, 0
+    for _ in range(200):
+        now += rng.choice([1, 10, 99, 100, 101, 150, 400]) * MS
+        number += rng.choice([0, 1, 1, 1, 3, -2])
+        position = rng.random() < 0.7
+        history.append((now, number if position else None))
+        living = live.living(now)
+        assert living == (now - last <= SILENCE)
+        if position and live.is_new(number):
+            assert number > newest
+            newest, last = number, now
+            heard = live.hear(now, number)
+            assert (heard is None) == living
+        else:
+            live.word(now)
+    end = now + rng.choice([0, 50, 300]) * MS
+    assert live.outages(end) == recount(history, end)
+
+
+def test_a_silence_that_a_restart_ends_lasts_until_the_first_position() -> None:
+    live = Liveness(SILENCE)
+    assert not live.living(0)
+    assert live.watch(10**12) is None  # nobody was there yet
+    live.begin(0)
+    live.hear(10 * MS, 5)
+    live.begin(1000 * MS)  # a process in its place
+    assert live.living(1050 * MS)
+    assert live.watch(1050 * MS) is not None
+    assert live.hear(1080 * MS, 0) == PeerHeard(1070 * MS, 80 * MS, missing=0)
+    assert live.outages(1080 * MS) == Outages(1, 1070 * MS, 1070 * MS, 80 * MS, received=2, missing=0)
