@@ -46,6 +46,9 @@ def run(
     rate: flags.Rate = None,
     uplink: flags.Uplink = None,
     downlink: flags.Downlink = None,
+    timeline: flags.TimelineText = None,
+    up_timeline: flags.UpTimeline = None,
+    down_timeline: flags.DownTimeline = None,
     params_file: flags.ParamsFile = None,
     assign: flags.Assign = None,
     show_params: flags.Show = False,
@@ -59,7 +62,9 @@ def run(
 
     Writes two recordings, a figure and a summary.
     """
-    links = LinkOptions(link, profile, delay, jitter, loss, reorder, rate, uplink, downlink)
+    links = LinkOptions(
+        link, profile, delay, jitter, loss, reorder, rate, uplink, downlink, timeline, up_timeline, down_timeline
+    )
     params = parameters(
         Params(), file=params_file, assignments=assign or (), links=links, hardware=hardware, scene=scene,
         operator=operator, coupling=coupling, device__servo=servo, device__servo_hz=servo_hz, dof=dof,
@@ -95,6 +100,9 @@ def simulate(
     rate: flags.Rate = None,
     uplink: flags.Uplink = None,
     downlink: flags.Downlink = None,
+    timeline: flags.TimelineText = None,
+    up_timeline: flags.UpTimeline = None,
+    down_timeline: flags.DownTimeline = None,
     params_file: flags.ParamsFile = None,
     assign: flags.Assign = None,
     show_params: flags.Show = False,
@@ -105,7 +113,9 @@ def simulate(
     workers: Annotated[int, typer.Option(min=0, help="Processes for many seeds; 0: one a core.")] = 0,
 ) -> int:
     """The same in virtual time: one process, deterministic under a seed, much faster than real time."""
-    links = LinkOptions(link, profile, delay, jitter, loss, reorder, rate, uplink, downlink)
+    links = LinkOptions(
+        link, profile, delay, jitter, loss, reorder, rate, uplink, downlink, timeline, up_timeline, down_timeline
+    )
     params = parameters(
         Params(), file=params_file, assignments=assign or (), links=links, scene=scene, operator=operator,
         coupling=coupling, device__servo=servo, device__servo_hz=servo_hz, dof=dof, duration_s=duration,
@@ -152,6 +162,7 @@ def device(
     loss: flags.Loss = None,
     reorder: flags.Reorder = None,
     rate: flags.Rate = None,
+    timeline: flags.TimelineText = None,
     params_file: flags.ParamsFile = None,
     assign: flags.Assign = None,
     show_params: flags.Show = False,
@@ -161,7 +172,7 @@ def device(
     progress: flags.Progress = False,
 ) -> int:
     """The device's side only: a simulated device and hand, for two hosts. Start it before or after `hapnet world`."""
-    links = LinkOptions(link, profile, delay, jitter, loss, reorder, rate)
+    links = LinkOptions(link, profile, delay, jitter, loss, reorder, rate, timeline=timeline)
     params = parameters(
         Params(link=NO_LINK, duration_s=0.0), file=params_file, assignments=assign or (), links=links,
         hardware=hardware, scene=scene, operator=operator, coupling=coupling, device__servo=servo,
@@ -197,6 +208,7 @@ def world(
     loss: flags.Loss = None,
     reorder: flags.Reorder = None,
     rate: flags.Rate = None,
+    timeline: flags.TimelineText = None,
     params_file: flags.ParamsFile = None,
     assign: flags.Assign = None,
     show_params: flags.Show = False,
@@ -205,7 +217,7 @@ def world(
     progress: flags.Progress = False,
 ) -> int:
     """The virtual world's side only, for two hosts. Start it before or after `hapnet device`."""
-    links = LinkOptions(link, profile, delay, jitter, loss, reorder, rate)
+    links = LinkOptions(link, profile, delay, jitter, loss, reorder, rate, timeline=timeline)
     params = parameters(
         Params(link=NO_LINK, duration_s=0.0), file=params_file, assignments=assign or (), links=links, scene=scene,
         coupling=coupling, dof=dof, duration_s=duration, world__on_silence=on_silence,

@@ -141,6 +141,8 @@ class LinkParams:
 
     up: str = _p("delay 40ms 10ms loss 2%", "from the device to the world")
     down: str = _p("delay 40ms 10ms loss 2%", "from the world to the device")
+    up_timeline: str = _p("", "changes of the uplink while it runs, from pairing: at 5s: down; at 9s: up")
+    down_timeline: str = _p("", "changes of the downlink while it runs")
 
 
 @dataclass(frozen=True)

@@ -95,7 +95,7 @@ class _Side:
         self.notices: dict[str, str] = {}
         """The newest notice of each kind."""
         self._json = directory / f"{role}.json"
-        command = [sys.executable, "-m", "hapnet", role, *flags, "--no-multicast-scouting", "--events"]
+        command = [sys.executable, "-m", "hapnet", role, *flags, "--no-multicast-scouting", "--log", "-"]
         command += ["--params", str(directory / "params.toml"), "--seed", "0"]
         command += ["--record", str(directory / f"{role}.mcap"), "--json", str(self._json)]
         self._errors = (directory / f"{role}.err").open("w+", encoding="utf-8")  # a pipe would fill up, and block it

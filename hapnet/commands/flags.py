@@ -61,6 +61,17 @@ Downlink = Annotated[
     str | None, typer.Option(help="From the world only: tc words or a profile.", rich_help_panel=_LINK)
 ]
 
+_TIMELINE = "Changes from pairing on: 'at 5s: down; at 9s: up', or a file"
+TimelineText = Annotated[
+    str | None, typer.Option("--timeline", metavar="TEXT|FILE", help=f"{_TIMELINE}.", rich_help_panel=_LINK)
+]
+UpTimeline = Annotated[
+    str | None, typer.Option(metavar="TEXT|FILE", help="From the device only.", rich_help_panel=_LINK)
+]
+DownTimeline = Annotated[
+    str | None, typer.Option(metavar="TEXT|FILE", help="From the world only.", rich_help_panel=_LINK)
+]
+
 Mode = Annotated[str | None, typer.Option("-m", "--mode", help="peer, client or router.", rich_help_panel=_ZENOH)]
 Connect = Annotated[
     list[str] | None,

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from hapnet.errors import InvalidParameter
 from hapnet.params import LinkParams, Params
+from netem import Timeline
 from netem.profile import PRESETS, LinkProfile, compose
 
 NO_LINK = LinkParams("", "")
@@ -28,6 +29,9 @@ class LinkOptions:
     rate: str | None = None
     uplink: str | None = None
     downlink: str | None = None
+    timeline: str | None = None
+    up_timeline: str | None = None
+    down_timeline: str | None = None
 
     def over(self, default: str) -> str:
         """The words of one direction: what the flags make of the default."""
@@ -58,10 +62,18 @@ def parameters(
         up, down = links.over(params.link.up), links.over(params.link.down)
         up = up if links.uplink is None else links.uplink
         down = down if links.downlink is None else links.downlink
-        params = params.set({"link.up": up, "link.down": down})
+        changes = {"link.up": up, "link.down": down}
+        for name, given in (("up", links.up_timeline), ("down", links.down_timeline)):
+            text = links.timeline if given is None else given
+            if text is not None:
+                changes[f"link.{name}_timeline"] = str(Timeline.read(text))
+        params = params.set(changes)
     params = params.set_words(assignments)
     for words in (params.link.up, params.link.down):
         LinkProfile.named(words)
+    for text in (params.link.up_timeline, params.link.down_timeline):
+        if text:
+            Timeline.parse(text)
     return params
 
 

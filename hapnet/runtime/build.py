@@ -35,7 +35,7 @@ from hapnet.runtime.sides import Clock, ContinuousDeviceSide, DeviceSide, Drive,
 from hapnet.wire.handshake import RESERVOIR
 from hapnet.wire.messages import Role
 from hapnet.wire.session import Session, SessionSettings
-from netem import LinkProfile
+from netem import LinkProfile, Timeline
 
 _DEFAULTS = Params()
 _SCENE_PARAMETERS = {
@@ -59,6 +59,8 @@ class Setup:
     harvest: Harvest
     up: LinkProfile
     down: LinkProfile
+    up_timeline: Timeline | None = None
+    down_timeline: Timeline | None = None
     warnings: tuple[str, ...] = field(default=())
 
     @property
@@ -102,7 +104,12 @@ def prepare(params: Params, default_servo: str) -> Setup:
         if profile.corrupt:
             allowed = "a link without corrupt: the checksums below Zenoh drop what is corrupted, which is loss"
             raise InvalidParameter(name, str(profile), allowed)
-    return Setup(params, scene, servo, harvest, up, down, tuple(warnings))
+    timelines = (_timeline(params.link.up_timeline), _timeline(params.link.down_timeline))
+    return Setup(params, scene, servo, harvest, up, down, *timelines, tuple(warnings))
+
+
+def _timeline(text: str) -> Timeline | None:
+    return Timeline.parse(text) if text else None
 
 
 def device_session(setup: Setup, incarnation: int, name: str = "device") -> Session:

@@ -26,16 +26,17 @@ from hapnet.record import Sample
 from hapnet.runtime import servo_pipe
 from hapnet.runtime.build import Setup, device_session, world_session
 from hapnet.runtime.control import Control, Outlet, ThreadedDevice, ThreadedWorld
-from hapnet.runtime.notices import DROPS_EVERY_NS, Drops, Notice, notice_of
+from hapnet.runtime.notices import Notice, notice_of
 from hapnet.runtime.parcel import FRAME_OVERHEAD, Parcel
 from hapnet.runtime.recorder import Recorder
 from hapnet.runtime.servo import tuned_interpreter
 from hapnet.runtime.servo_process import ServoProcess
 from hapnet.runtime.summary import Summary, combine, versions
+from hapnet.runtime.teller import Teller
 from hapnet.runtime.zenoh_config import ZenohSettings
 from hapnet.runtime.zenoh_transport import ZenohTransport
-from hapnet.wire.events import EnergyCredited, Event, PositionReceived
-from netem import Link
+from hapnet.wire.events import EnergyCredited, Event, Mismatch, PeerRefused, PositionReceived
+from netem import Link, TimelinePlayer
 from netem.aio import DeadlineTimer
 
 Role = Literal["device", "world"]
@@ -54,7 +55,6 @@ A world goes on waiting for a device that fits: else any stranger could end it.
 
 _HOUSEKEEPING_S = 0.05
 _MOST_NOTES = 1000
-_PATIENCE_NS = 1_500_000_000
 _COLLECT_EVERY = 20  # housekeepings
 
 
@@ -87,14 +87,18 @@ class RealtimeSide:
         self.setup, self.role = setup, role
         self.seed = secrets.randbits(32) if seed is None else seed
         self.profile = setup.up if role == "device" else setup.down
+        self._timeline = setup.up_timeline if role == "device" else setup.down_timeline
+        self._player: TimelinePlayer | None = None
         self._clock = time.monotonic_ns
         self._notify = notify
         self._notes: deque[Note] = deque(maxlen=_MOST_NOTES)
-        self._drops = Drops()
-        self._refused_ns: int | None = None
-        self._link_lost_ns: int | None = None
-        self._met_ns: int | None = None
-        self._recorder = None if record is None else Recorder(record, self._warn)
+        on_silence = (setup.params.device if role == "device" else setup.params.world).on_silence
+        self._teller = Teller(role, on_silence, notify)
+        self._recorder = (
+            None
+            if record is None
+            else Recorder(record, lambda text: self._teller.tell("recording", text, self._clock()))
+        )
         self._lock = threading.Lock()
         self._failure: BaseException | None = None
         self._names = (session, name)
@@ -103,8 +107,6 @@ class RealtimeSide:
         self._asked_ns: int | None = None
         self._granted_ns: int | None = None
         self._period_ns = round(1e9 / setup.params.device.servo_hz) if role == "device" else None
-        side = setup.params.device if role == "device" else setup.params.world
-        self._other, self._on_silence = ("world" if role == "device" else "device"), side.on_silence
         self._started_ns = self._clock()
         self._stopped_ns: int | None = None
         entropy = np.random.SeedSequence(self.seed).spawn(4)
@@ -177,6 +179,8 @@ class RealtimeSide:
         """Wake the loop when the link or the protocol is due next; the lock is held."""
         link_ns, wire_ns = self.link.next_due_ns, self._calm_ns(self.wire.next_due_ns)
         due_ns = wire_ns if link_ns is None else link_ns if wire_ns is None else min(link_ns, wire_ns)
+        if self._player is not None and (change_ns := self._player.next_due_ns) is not None:
+            due_ns = change_ns if due_ns is None else min(due_ns, change_ns)
         if self._timer.kind == "timerfd":  # may be set from any thread
             self._timer.arm(due_ns)
         elif due_ns != self._timer.due_ns:
@@ -215,7 +219,7 @@ class RealtimeSide:
                 refused = await asyncio.to_thread(self.control.start)
                 await self._transport.open()  # only now: a peer that is answered is one that control is ready for
                 if refused:
-                    self._notify(Notice("realtime", refused, self._clock(), "warning"))
+                    self._teller.tell("realtime", refused, self._clock())
                 with self._lock:
                     self._arm()
                 await self._keep(stop, duration_s, collect)
@@ -230,33 +234,32 @@ class RealtimeSide:
             self._timer.close()
             summary = self.summary()
             self._drain()
-            self._tell_drops()
+            self._watch()
             if self._recorder is not None:
                 self._recorder.close(summary, self.control.unrecorded)
         return summary
 
     async def _keep(self, stop: asyncio.Event, duration_s: float, collect: Callable[[], int]) -> None:
         """Housekeeping until it is time to stop."""
-        status = ""
         rounds = 0
         stopped = self._loop.create_task(stop.wait())  # one for all rounds: a new one each costs more than the rest
         while not stop.is_set():
             origin_ns = self.control.origin_ns
             if origin_ns is None:
-                now = self._waiting()
-                if now != status:
-                    self._notify(Notice("waiting", now, self._clock()))
-                status = now
+                self._teller.waiting(self._clock(), self._transport.status, self._transport.partners)
             elif duration_s > 0.0 and self._clock() - origin_ns >= duration_s / NANO:
                 break
+            if origin_ns is not None and self._timeline is not None and self._player is None:
+                self._player = TimelinePlayer(self.link, self._timeline, origin_ns)
+                self._pump()
             self._watch()
             self._drain()
             rounds += 1
             if rounds % _COLLECT_EVERY == 0:
                 collect()
                 if origin_ns is not None:
-                    elapsed = (self._clock() - origin_ns) * NANO
-                    self._notify(Notice("progress", f"{elapsed:.1f}", self._clock()))
+                    now_ns = self._clock()
+                    self._teller.progress(now_ns, (now_ns - origin_ns) * NANO)
             await asyncio.wait((stopped,), timeout=_HOUSEKEEPING_S)
         stopped.cancel()
 
@@ -289,6 +292,7 @@ class RealtimeSide:
         """Send what the protocol has to say and what the link releases, and wait for what is due next."""
         now_ns = self._clock()
         with self._lock:
+            changes = [] if self._player is None else self._player.advance(now_ns)
             outgoing, events = self.wire.poll(now_ns)
             for message in outgoing:
                 data = message.data
@@ -298,65 +302,31 @@ class RealtimeSide:
         for _, parcel in released:
             self._transport.put(parcel.kind, parcel.data)
         self._report(events)
-
-    def _waiting(self) -> str:
-        """Whom this side waits for, and why it may have to."""
-        text, now_ns = f"waiting for the {self._other}: {self._transport.status}", self._clock()
-        if not self._transport.partners:
-            self._met_ns = None
-        elif self._met_ns is None:
-            self._met_ns = now_ns
-        elif now_ns - self._met_ns > _PATIENCE_NS:
-            text += f", which does not answer: perhaps it has another {self.role}"
-        return text
+        for at_ns, entry in changes:
+            self._notify(Notice("netem", f"emulated link, {entry}", at_ns))
 
     def _on_link(self) -> None:
         """Zenoh has gained or lost a connection."""
-        if self.control.origin_ns is None or self._stopped_ns is not None or self.wire.session.peer is None:
-            return
-        now_ns, up = self._clock(), self._transport.peers > 0
-        if not up and self._link_lost_ns is None:
-            self._link_lost_ns = now_ns
-            self._notify(Notice("link", f"the connection to the {self._other} is lost", now_ns, "warning"))
-        elif up and self._link_lost_ns is not None:
-            gone_s = (now_ns - self._link_lost_ns) * NANO
-            self._link_lost_ns = None
-            text = f"the connection is back after {gone_s:.2f} s"
-            self._notify(Notice("link", text, now_ns, values={"gone_s": gone_s}))
+        if self.control.origin_ns is not None and self._stopped_ns is None and self.wire.session.peer is not None:
+            self._teller.link(self._clock(), up=self._transport.peers > 0)
 
     def _watch(self) -> None:
         """Has the other side fallen silent, and what was dropped?"""
-        now_ns = self._clock()
+        session, now_ns = self.wire.session, self._clock()
         with self._lock:
-            events = self.wire.session.watch(now_ns)
+            events, counts, why = session.watch(now_ns), session.dropped.copy(), session.dropped_for.copy()
         self._tell(events, now_ns)
-        self._tell_drops()
+        self._teller.dropped(now_ns, counts, why)
 
     def _tell(self, events: Iterable[Event], now_ns: int) -> None:
         for event in events:
-            notice = notice_of(event, now_ns, self._other, self._on_silence)
-            if notice is None:
-                continue
-            if notice.kind == "refused":
-                if self.role == "device" and self.control.origin_ns is None:
-                    self._loop.call_later(REFUSE_S, self._fail, HapnetError(notice.text))
-                    continue
-                if self._refused_ns is not None and now_ns - self._refused_ns < DROPS_EVERY_NS:
-                    continue
-                self._refused_ns = now_ns
-            self._notify(notice)
-            if self._recorder is not None:
+            fatal = isinstance(event, Mismatch | PeerRefused) and self.role == "device"
+            if fatal and self.control.origin_ns is None:
+                notice = notice_of(event, now_ns, "world", "")
+                assert notice is not None
+                self._loop.call_later(REFUSE_S, self._fail, HapnetError(notice.text))
+            elif (notice := self._teller.happened(event, now_ns)) is not None and self._recorder is not None:
                 self._recorder.keep(Note(now_ns, notice.kind, notice.text))
-
-    def _tell_drops(self) -> None:
-        session, now_ns = self.wire.session, self._clock()
-        with self._lock:
-            notice = self._drops.look(now_ns, session.dropped, session.dropped_for)
-        if notice is not None:
-            self._notify(notice)
-
-    def _warn(self, text: str) -> None:
-        self._notify(Notice("recording", text, self._clock(), "warning"))
 
     # -- recording and summary ---------------------------------------------------------------------------------------
 
@@ -379,7 +349,7 @@ class RealtimeSide:
         """Say what control has noted, and write what was recorded, since the last call."""
         while self._notes:
             note = self._notes.popleft()
-            self._notify(Notice(note.kind, note.text, note.time_ns, "warning"))
+            self._teller.tell(note.kind, note.text, note.time_ns)
         if self._recorder is not None and self.control.origin_ns is not None:
             self._recorder.drain(self._clock(), self._meta)
 

@@ -21,7 +21,7 @@ from hapnet.runtime.collector import collector_paused
 from hapnet.runtime.parcel import FRAME_OVERHEAD, Parcel
 from hapnet.runtime.sides import DeviceSide, WorldSide, Write
 from hapnet.runtime.summary import Summary, combine, device_summary, versions, with_wire, world_summary
-from netem import Link
+from netem import Link, TimelinePlayer
 
 PAIRING_LIMIT_NS = 60_000_000_000
 LINGER_NS = 10_000_000_000
@@ -107,6 +107,7 @@ class Simulation:
         self.down: Link[Parcel] = Link(self.setup.down, seed=down)
         self._period_ns = round(1e9 / params.device.servo_hz)
         self._due = [_NEVER, _NEVER, 0, 0, 0, self._period_ns]
+        self._players: list[TimelinePlayer] = []
         self._tick_ns = self._period_ns  # of the next tick to make; those before the one that is due may wait
 
     def _writer(self) -> Write:
@@ -156,6 +157,8 @@ class Simulation:
         if not (self.device_endpoint.started and self.world_endpoint.started):
             raise HapnetError(f"the two sides did not find each other within {PAIRING_LIMIT_NS * NANO:.0f} s: "
                               f"uplink {self.up.profile}, downlink {self.down.profile}")  # fmt: skip
+        timelines = ((self.up, self.setup.up_timeline), (self.down, self.setup.down_timeline))
+        self._players = [TimelinePlayer(link, line, self.now_ns) for link, line in timelines if line is not None]
         return self.now_ns
 
     def close(self, end_ns: int) -> Summary:
@@ -181,6 +184,15 @@ class Simulation:
         return self.device_endpoint.session.settled and self.world_endpoint.session.settled
 
     def _until(self, end_ns: int) -> None:
+        """Run to `end_ns`, the links changing on their way as their timelines say."""
+        while self._players and (at := min(_or_never(player.next_due_ns) for player in self._players)) <= end_ns:
+            self._run_to(at)
+            for player in self._players:
+                player.advance(at)
+            self._due[_UP], self._due[_DOWN] = _or_never(self.up.next_due_ns), _or_never(self.down.next_due_ns)
+        self._run_to(end_ns)
+
+    def _run_to(self, end_ns: int) -> None:
         self._run(end_ns)
         self._rest(end_ns + 1)
         self.now_ns = end_ns

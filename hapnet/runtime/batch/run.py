@@ -39,8 +39,8 @@ def simulate_batch(
     Returns
     -------
     One run for each pair, seeds varying fastest. What is not vectorised (a sampled servo, devices, hands and scenes of
-    the user's own, filters and predictors, release on silence, links with slots or traces or that could be full) is
-    simulated one scenario at a time, which `BatchRun.vectorised` tells.
+    the user's own, filters and predictors, release on silence, links with slots, traces or timelines or that could be
+    full) is simulated one scenario at a time, which `BatchRun.vectorised` tells.
 
     Raises
     ------

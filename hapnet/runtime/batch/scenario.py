@@ -75,6 +75,7 @@ class Scenario(Simulation):
         params, setup, side = self.setup.params, self.setup, self.device
         return (
             isinstance(side, ContinuousDeviceSide)
+            and setup.up_timeline is setup.down_timeline is None
             and isinstance(getattr(side._simulated._follow, "__self__", None), Rest | Sine | Press | Recorded)
             and type(setup.scene).next_step_s is Scene.next_step_s
             and not any(part.smoothing_s or part.predict_s for part in (params.device, params.world))

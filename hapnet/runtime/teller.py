@@ -1,0 +1,78 @@
+"""Decides what is told, and when: each thing once, and whatever a stranger does, at a bounded rate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from hapnet.endpoint import NANO
+from hapnet.runtime.notices import DROPS_EVERY_NS, Drops, Notice, notice_of
+from hapnet.wire.events import Event
+
+PATIENCE_NS = 1_500_000_000
+"""A peer that is there and has not answered for longer may have another one."""
+
+
+class Teller:
+    """What one side tells; on the event loop.
+
+    role : this side's. on_silence : what it does when nothing arrives. notify : called with each notice.
+    """
+
+    def __init__(self, role: str, on_silence: str, notify: Callable[[Notice], None]) -> None:
+        self._role, self._on_silence, self._notify = role, on_silence, notify
+        self._other = "world" if role == "device" else "device"
+        self._drops = Drops()
+        self._waiting = ""
+        self._met_ns: int | None = None
+        self._refused_ns: int | None = None
+        self._link_lost_ns: int | None = None
+
+    def tell(self, kind: str, text: str, now_ns: int) -> None:
+        """A warning in plain words."""
+        self._notify(Notice(kind, text, now_ns, "warning"))
+
+    def waiting(self, now_ns: int, status: str, partners: int) -> None:
+        """This side has no peer; `status` says what the transport does, `partners` how many could be one."""
+        text = f"waiting for the {self._other}: {status}"
+        if not partners:
+            self._met_ns = None
+        elif self._met_ns is None:
+            self._met_ns = now_ns
+        elif now_ns - self._met_ns > PATIENCE_NS:
+            text += f", which does not answer: perhaps it has another {self._role}"
+        if text != self._waiting:
+            self._waiting = text
+            self._notify(Notice("waiting", text, now_ns))
+
+    def progress(self, now_ns: int, elapsed_s: float) -> None:
+        """How long control has run [s]."""
+        self._notify(Notice("progress", f"{elapsed_s:.1f}", now_ns))
+
+    def happened(self, event: Event, now_ns: int) -> Notice | None:
+        """An event of the session; what was said of it."""
+        notice = notice_of(event, now_ns, self._other, self._on_silence)
+        if notice is None:
+            return None
+        if notice.kind == "refused":
+            if self._refused_ns is not None and now_ns - self._refused_ns < DROPS_EVERY_NS:
+                return None
+            self._refused_ns = now_ns
+        self._notify(notice)
+        return notice
+
+    def dropped(self, now_ns: int, counts: Mapping[str, int], why: Mapping[str, str]) -> None:
+        """How many messages were dropped so far, by kind, and why the last of each."""
+        if (notice := self._drops.look(now_ns, counts, why)) is not None:
+            self._notify(notice)
+
+    def link(self, now_ns: int, *, up: bool) -> None:
+        """Whether Zenoh is connected to anybody."""
+        if not up and self._link_lost_ns is None:
+            self._link_lost_ns = now_ns
+            self._notify(Notice("link", f"the connection to the {self._other} is lost", now_ns, "warning"))
+        elif up and self._link_lost_ns is not None:
+            gone_s = (now_ns - self._link_lost_ns) * NANO
+            self._link_lost_ns = None
+            self._notify(
+                Notice("link", f"the connection is back after {gone_s:.2f} s", now_ns, values={"gone_s": gone_s})
+            )
