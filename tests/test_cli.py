@@ -16,6 +16,7 @@ from netem import cli as netem_cli
 COMMANDS = ("run", "simulate", "device", "world", "reproduce", "report", "bench", "doctor")
 HEAVY = ("matplotlib", "zenoh", "mcap", "numpy", "msgpack", "asyncio")
 QUICK = ("simulate", "--duration", "0.2", "--no-files")
+NO_TIMELINES = {"up_timeline": "", "down_timeline": ""}
 ADDRESS = "tcp/127.0.0.1:17447"
 
 Capture = pytest.CaptureFixture[str]
@@ -109,6 +110,12 @@ BAD = [
     bad("run", "--link", "delay 40ms jiggle 3", says=("jiggle", "delay")),
     bad("run", "--uplink", "delay fast", says=("fast", "unit")),
     bad("run", "--downlink", "loss 200%", says=("200%", "100%")),
+    bad("run", "--timeline", "at 3s down", says=("timeline", "at 3s down")),
+    bad("run", "--set", "link.up_timeline=at 3s: sideways", says=("sideways",)),
+    bad("device", "-e", ADDRESS, "--on-silence", "panic", says=("on_silence", "panic", "hold, release")),
+    bad("world", "-l", ADDRESS, "--silence-after", "0", says=("silence_after_s", "above 0")),
+    bad("device", "-e", ADDRESS, "--log", "/proc/no/log", says=("/proc/no/log",)),
+    bad("device", "-e", ADDRESS, "--log", "-", "--json", "-", says=("--log", "--json has standard output")),
     bad("run", "--delay", "40", says=("40", "ms")),
     bad("run", "--link", "delay 1ms", "--profile", "wifi", says=("wifi", "not both")),
     bad("run", "--scene", "nosuch", says=("nosuch", "paper")),
@@ -233,14 +240,32 @@ def test_defaults_of_run_and_of_one_side(capsys: Capture) -> None:
     assert cli.main(["run", "--show-params"]) == 0
     table = tomllib.loads(capsys.readouterr().out)
     assert (table["duration_s"], table["scene"], table["operator"]) == (10.0, "wall", "press")
-    assert table["link"] == dict.fromkeys(("up", "down"), "delay 40ms 10ms loss 2%")
+    assert table["link"] == dict.fromkeys(("up", "down"), "delay 40ms 10ms loss 2%") | NO_TIMELINES
     assert cli.main(["device", "--show-params"]) == 0
     table = tomllib.loads(capsys.readouterr().out)
-    assert table["link"] == {"up": "", "down": ""}
+    assert table["link"] == {"up": "", "down": ""} | NO_TIMELINES
     assert table["duration_s"] == 0.0
 
 
 # What is written, and where
+
+
+def test_silence_and_timelines_reach_the_side_they_are_for(capsys: Capture, tmp_path: Path) -> None:
+    def shown(*argv: str) -> dict[str, Any]:
+        assert cli.main([*argv, "--show-params"]) == 0
+        return tomllib.loads(capsys.readouterr().out)
+
+    file = tmp_path / "line.txt"
+    file.write_text("at 1s: down\nat 2.5s: up  # again\n", "utf-8")
+    flags = ("--on-silence", "release", "--silence-after", "0.2", "--timeline", str(file))
+    both, device, world = shown("run", *flags), shown("device", *flags), shown("world", *flags)
+    for params, sides in ((both, ("device", "world")), (device, ("device",)), (world, ("world",))):
+        for side in ("device", "world"):
+            expected = ("release", 0.2) if side in sides else ("hold", 0.5)
+            assert (params[side]["on_silence"], params[side]["silence_after_s"]) == expected
+        assert params["link"]["up_timeline"] == params["link"]["down_timeline"] == "at 1s: down; at 2.5s: up"
+    only = shown("simulate", "--timeline", "at 1s: down", "--up-timeline", "at 2s: up")
+    assert (only["link"]["up_timeline"], only["link"]["down_timeline"]) == ("at 2s: up", "at 1s: down")
 
 
 def test_json_on_standard_output_is_alone(capsys: Capture, empty_directory: Path) -> None:

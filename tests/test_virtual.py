@@ -203,6 +203,48 @@ def test_accounts_close_once_the_links_have_delivered() -> None:
     assert busy > 10
 
 
+@pytest.mark.parametrize("policy", ["hold", "release"])
+@pytest.mark.parametrize(
+    ("up", "down"),
+    [
+        ("at 2s: down; at 5s: up", "at 2s: down; at 5s: up"),
+        ("at 2s: down; at 5s: up", ""),
+        ("", "at 2s: loss 100%; at 5s: delay 40ms"),
+    ],
+    ids=["both ways", "one way", "loss of all"],
+)
+def test_a_partition_leaves_both_sides_passive_and_heals(up: str, down: str, policy: str) -> None:
+    changes: dict[str, object] = {
+        "duration_s": 8.0, "link.up": "delay 30ms 5ms", "link.down": "delay 30ms 5ms", "link.up_timeline": up,
+        "link.down_timeline": down, "operator": "sine", "world.wall.position_m": 0.005, "record_hz": 1000.0,
+    }  # fmt: skip
+    for side in ("device", "world"):
+        changes |= {f"{side}.on_silence": policy, f"{side}.silence_after_s": 0.2}
+    result = simulate(Params().set(changes), 3)
+    summary = result.summary
+    assert summary["theorem"]["margin_J"] >= -1e-9
+    for name, heard, other in (("device", down, "up"), ("world", up, "down")):
+        side = summary[name]
+        assert side["ledger"]["slack_J"] >= -1e-9
+        assert side["reservoir_min_J"] >= 0.0
+        assert summary["energy"][other]["in_flight_nJ"] == summary["energy"][other]["abandoned_nJ"] == 0
+        outages = side["outages"]
+        if heard:  # a message every step or PSPM period of 50 ms at most, and 25 to 35 ms on the way
+            assert outages["count"] == 1
+            assert outages["longest_s"] == pytest.approx(3.0, abs=0.06)
+            assert outages["recovery_max_s"] <= 0.06
+            assert side["missing"] > 3.0 / 0.05
+        else:
+            assert outages == {"count": 0, "longest_s": 0.0, "total_s": 0.0, "recovery_max_s": 0.0}
+    device = result.recording.device
+    assert device is not None
+    held = device["force_N"][(device["time_s"] > 4.0) & (device["time_s"] < 4.9), 0]
+    moved = device["position_m"][(device["time_s"] > 4.0) & (device["time_s"] < 4.9), 0]
+    if down:  # the device hears nothing: its spring is held where it was, or follows the hand
+        assert (np.ptp(held) > 50.0 * np.ptp(moved)) == (policy == "hold")  # K = 100 N/m
+        assert (abs(held).max() < 0.1) == (policy == "release")
+
+
 def columns_of(result: Result) -> Iterator[Columns]:
     for side in (result.recording.device, result.recording.world):
         assert side is not None

@@ -201,6 +201,26 @@ async def test_a_dialler_waits_for_its_listener_and_says_so() -> None:
             await assert_exchange(dialler, again)
 
 
+async def test_a_session_that_is_lost_is_opened_again() -> None:
+    """Zenoh closes a session by itself when it thinks it must; here somebody else does it."""
+    endpoint = free_endpoint()
+    dialler = Side("device", ZenohSettings(connect=(endpoint,)))
+    listener = Side("world", ZenohSettings(listen=(endpoint,)))
+    async with opened(dialler, listener):
+        for lost in (dialler, listener):
+            await paired(dialler, listener)
+            session = lost.transport._session
+            assert session is not None
+            await asyncio.to_thread(session.close)
+            assert not lost.transport.put("position", b"nowhere")
+            async with asyncio.timeout(10.0):
+                while not lost.transport.reopened:
+                    await asyncio.sleep(0.01)
+            await paired(dialler, listener)
+            await assert_exchange(dialler, listener)
+            assert lost.transport.reopened == 1
+
+
 async def test_a_client_waits_for_its_router_and_reaches_the_other_client() -> None:
     endpoint = free_endpoint()
     device = Side("device", ZenohSettings(mode="client", connect=(endpoint,)))

@@ -9,7 +9,6 @@ from pathlib import Path
 
 from hapnet.errors import InvalidParameter
 from hapnet.params import LinkParams, Params
-from netem import Timeline
 from netem.profile import PRESETS, LinkProfile, compose
 
 NO_LINK = LinkParams("", "")
@@ -66,14 +65,13 @@ def parameters(
         for name, given in (("up", links.up_timeline), ("down", links.down_timeline)):
             text = links.timeline if given is None else given
             if text is not None:
+                from netem import Timeline  # which brings numpy: not for --help
+
                 changes[f"link.{name}_timeline"] = str(Timeline.read(text))
         params = params.set(changes)
     params = params.set_words(assignments)
     for words in (params.link.up, params.link.down):
         LinkProfile.named(words)
-    for text in (params.link.up_timeline, params.link.down_timeline):
-        if text:
-            Timeline.parse(text)
     return params
 
 
