@@ -3,11 +3,13 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import random
 import socket
 import subprocess
 import sys
 import textwrap
 from collections.abc import AsyncIterator
+from fractions import Fraction
 from pathlib import Path
 from typing import cast
 
@@ -15,7 +17,7 @@ import pytest
 
 from hapnet.errors import InvalidParameter, TransportError
 from hapnet.runtime.zenoh_config import Mode, ZenohSettings, zenoh_config
-from hapnet.runtime.zenoh_transport import KINDS, Role, ZenohTransport
+from hapnet.runtime.zenoh_transport import KINDS, Gate, Role, ZenohTransport
 
 WAIT_S = 10.0
 
@@ -166,6 +168,30 @@ def test_names_that_no_key_can_contain_are_refused(name: str) -> None:
         ZenohTransport(settings, lambda kind, data: None, session=name)
     with pytest.raises(InvalidParameter, match=r"^device is "):
         ZenohTransport(settings, lambda kind, data: None, device=name)
+
+
+# The gate
+
+
+def test_the_gate_lets_a_burst_through_and_then_the_rate() -> None:
+    """Against a plain token bucket that fills at each nanosecond asked."""
+    gate, rng = Gate(1000, 50), random.Random(3)
+    tokens, last, passed, refused = Fraction(50), 0, 0, 0
+    now = 10**9
+    last = now
+    for _ in range(20_000):
+        now += rng.choice([0, 1_000, 200_000, 900_000, 1_100_000, 80_000_000 * (rng.random() < 0.002)])
+        tokens = min(Fraction(50), tokens + Fraction(now - last, 10**6))
+        last = now
+        if tokens >= 1:
+            tokens -= 1
+            passed += 1
+            assert gate.admit(now)
+        else:
+            refused += 1
+            assert not gate.admit(now)
+    assert gate.refused == refused > 5000
+    assert passed > 5000
 
 
 # Exchange

@@ -80,7 +80,9 @@ class Drops:
         text = f"dropped {total} message{'s' * (total > 1)}"
         if self._told_ns is not None:
             text += f" in the last {(now_ns - self._told_ns) * NANO:.0f} s"
-        text += ": " + ", ".join(f"{count} {kind} ({why.get(kind, '')})" for kind, count in sorted(new.items()))
+        text += ": " + ", ".join(
+            f"{count} {kind}{f' ({why[kind]})' if kind in why else ''}" for kind, count in sorted(new.items())
+        )
         self._told.update(new)
         self._told_ns = now_ns
         return Notice("dropped", text, now_ns, "warning", dict(new))

@@ -314,9 +314,14 @@ class RealtimeSide:
         """Has the other side fallen silent, and what was dropped?"""
         session, now_ns = self.wire.session, self._clock()
         with self._lock:
-            events, counts, why = session.watch(now_ns), session.dropped.copy(), session.dropped_for.copy()
+            events, counts, why = session.watch(now_ns), self._dropped(), session.dropped_for.copy()
         self._tell(events, now_ns)
         self._teller.dropped(now_ns, counts, why)
+
+    def _dropped(self) -> dict[str, int]:
+        """How many messages were dropped, by kind; the lock is held."""
+        flood = self._transport.gate.refused
+        return dict(self.wire.session.dropped) | ({"flood": flood} if flood else {})
 
     def _tell(self, events: Iterable[Event], now_ns: int) -> None:
         for event in events:
@@ -336,7 +341,7 @@ class RealtimeSide:
         links: dict[str, Any] = {"up": None, "down": None}
         end_ns = self._stopped_ns or self._clock()
         with self._lock:
-            own[self.role] = self.control.summary(end_ns)
+            own[self.role] = self.control.summary(end_ns) | {"dropped": self._dropped()}
             links["up" if self.role == "device" else "down"] = self.link.stats.as_dict()
         origin_ns = self.control.origin_ns
         elapsed = None if origin_ns is None else (end_ns - origin_ns) * NANO

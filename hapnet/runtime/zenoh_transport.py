@@ -14,6 +14,7 @@ import atexit
 import contextlib
 import logging
 import threading
+import time
 from collections.abc import Callable
 from typing import Literal, TypeVar
 
@@ -39,8 +40,38 @@ WATCH_S = 0.1
 
 REOPEN_EVERY_S = 0.5
 
+MOST_HZ = 10_000
+MOST_AT_ONCE = 2_000
+"""More messages than that are dropped unread: ten times what a servo of 1 kHz gets, and what a link that comes back
+after seconds may deliver in one go."""
+
 _DIRECTION = {"device": "up", "world": "down"}
 _OTHER: dict[Role, Role] = {"device": "world", "world": "device"}
+
+
+class Gate:
+    """Lets so many messages a second through, and so many at once: a flood must not have the interpreter to itself.
+
+    rate_hz : at length. burst : at once.
+    """
+
+    def __init__(self, rate_hz: int, burst: int) -> None:
+        self._cost_ns = 1_000_000_000 // rate_hz
+        self._span_ns = self._cost_ns * burst
+        self._paid_ns = 0  # the messages so far are paid for by the time that passes up to then
+        self._lock = threading.Lock()
+        self.refused = 0
+        """Messages that were not let through."""
+
+    def admit(self, now_ns: int) -> bool:
+        """May a message that came at `now_ns` pass? From any thread."""
+        with self._lock:
+            paid_ns = max(self._paid_ns, now_ns - self._span_ns) + self._cost_ns
+            if paid_ns > now_ns:
+                self.refused += 1
+                return False
+            self._paid_ns = paid_ns
+            return True
 
 
 class ZenohTransport:
@@ -59,6 +90,7 @@ class ZenohTransport:
     ----------
     failed_puts : messages that Zenoh did not take (not open yet, closed).
     callback_errors : exceptions out of `on_message`.
+    gate : what keeps a flood of messages out.
     reopened : how many times Zenoh's session was lost as a whole and opened anew.
 
     Raises
@@ -96,6 +128,7 @@ class ZenohTransport:
         self.failed_puts = 0
         self.callback_errors = 0
         self.reopened = 0
+        self.gate = Gate(MOST_HZ, MOST_AT_ONCE)
 
     async def open(self) -> None:
         """Open once. A peer returns within a second, connected or not; a client when its router answers.
@@ -241,9 +274,11 @@ class ZenohTransport:
     # On Zenoh's threads
 
     def _receiver(self, kind: str) -> Callable[[zenoh.Sample], None]:
-        on_message = self._on_message
+        on_message, clock, admit = self._on_message, time.monotonic_ns, self.gate.admit
 
         def receive(sample: zenoh.Sample) -> None:
+            if not admit(clock()):
+                return
             try:
                 on_message(kind, sample.payload.to_bytes())
             except Exception:
