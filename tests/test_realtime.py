@@ -184,7 +184,7 @@ async def test_two_sides_run_part_and_agree(tmp_path: Path) -> None:
         assert summary["ledger"]["margin_J"] > 0.0
         assert summary["ledger"]["slack_J"] >= -1e-9
         assert summary["reservoir_min_J"] >= 0.0
-        assert set(summary["dropped"]) <= {"stale", "closed", "stranger", "retired"}
+        assert set(summary["dropped"]) <= {"stale", "closed", "unpaired", "retired"}
     assert up["sent_nJ"] > 0
     assert up["sent_nJ"] == down["credited_nJ"] + up["in_flight_nJ"] + up["abandoned_nJ"]
     assert down["sent_nJ"] == up["credited_nJ"] + down["in_flight_nJ"] + down["abandoned_nJ"]
@@ -251,7 +251,7 @@ async def test_garbage_from_the_network_is_counted_and_the_servo_goes_on() -> No
                 for frame in frames:
                     for kind in ("position", "energy", "control"):
                         stranger.put(f"hapnet/default/device/up/{kind}", frame)
-                return {"size", "malformed", "kind", "type", "range", "stranger"} <= set(dropped)
+                return {"size", "malformed", "kind", "type", "range", "rival"} <= set(dropped)
 
             await world.until(shower)
             seen = world.count
@@ -273,7 +273,7 @@ async def test_of_sides_that_do_not_fit_the_device_ends_with_the_reason_and_the_
     world = Running("world", address, parameters(scene="free", dof=2))
     device = Running("device", address, parameters(scene="free", dof=1, operator="rest"))
     async with running(world, device):
-        with pytest.raises(HapnetError, match=r"does not fit: .*degrees of freedom"):
+        with pytest.raises(HapnetError, match=r"(does not fit|refuses this side): .*degrees of freedom"):
             await asyncio.wait_for(asyncio.shield(device.task), WAIT_S)
         await world.until(lambda: bool(world.told("refused")))
         assert "degrees of freedom" in world.told("refused")[0]

@@ -140,7 +140,7 @@ def test_hostile_channel_loses_and_creates_no_energy(seed: int) -> None:
         assert received == sorted(set(received))
         assert len(received) > 10
     assert device.next_due_ns is None
-    assert set(device.dropped) <= {"stale", "stranger"}
+    assert set(device.dropped) <= {"stale", "unpaired"}
 
 
 def test_positions_newest_wins_unless_stale_ones_are_wanted() -> None:

@@ -15,8 +15,8 @@ Level = Literal["info", "warning", "error"]
 DROPS_EVERY_NS = 10_000_000_000
 """Dropped messages are told of at once when their kind is new, else at most this often [ns]."""
 
-ROUTINE = frozenset({"stale", "closed"})
-"""Kinds of dropped messages that a network without any fault brings; they are in the summary only."""
+ROUTINE = frozenset({"stale", "closed", "unpaired", "retired", "addressee"})
+"""Kinds of dropped messages that come of themselves, of delays, beginnings, ends and restarts: in the summary only."""
 
 
 @dataclass(frozen=True)
@@ -44,8 +44,10 @@ def notice_of(event: Event, now_ns: int, other: str, on_silence: str) -> Notice 
             return Notice("paired", f"paired with the {other}{again}", now_ns, values={"pair": number})
         case PeerLeft(reason):
             return Notice("left", f"the {other} left: {reason}", now_ns, values={"reason": reason})
-        case Mismatch(reason) | PeerRefused(reason):
+        case Mismatch(reason):
             return Notice("refused", f"the {other} does not fit: {reason}", now_ns, "error", {"reason": reason})
+        case PeerRefused(reason):
+            return Notice("refused", f"the {other} refuses this side: {reason}", now_ns, "error", {"reason": reason})
         case PeerSilent(since_ns):
             silence_s = (now_ns - since_ns) * NANO
             does = "the set-position is held" if on_silence == "hold" else "the spring is let go"

@@ -75,6 +75,8 @@ class Handshake:
         self._check_living(sender)
         self._check_no_rival(sender, now_ns)
         self._call(now_ns)
+        if self.peer is None:
+            raise BadMessage("unpaired", f"incarnation {sender:#x} is not the peer yet")
         raise BadMessage("stranger", f"incarnation {sender:#x} is not the peer's")
 
     def hello(self, message: Hello, now_ns: int) -> tuple[Event, ...]:
@@ -122,7 +124,8 @@ class Handshake:
 
     def bye(self, message: Bye, now_ns: int) -> tuple[Event, ...]:
         if self.peer is None or self.peer.incarnation != message.incarnation:
-            raise BadMessage("stranger", f"bye of {message.incarnation:#x}, which is not the peer")
+            kind = "retired" if message.incarnation in self._retired else "stranger"
+            raise BadMessage(kind, f"bye of {message.incarnation:#x}, which is not the peer")
         self._retire(self.peer, now_ns)
         return (PeerLeft(message.reason),)
 

@@ -1,0 +1,103 @@
+"""Long runs under the worst profile: the accounts stay exact and memory flat. By hand: ``pytest -s -m soak``."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from hapnet.params import Params
+from hapnet.runtime.sides import Write
+from hapnet.runtime.summary import Summary
+from hapnet.runtime.virtual import Simulation
+from tests.test_run import assert_accounts_agree, read_json, started
+
+WORST = {"link.up": "worst", "link.down": "worst"}
+REAL_S = 1800.0
+VIRTUAL_S = 86_400.0
+SETTLED_S = 300.0
+"""Memory is compared from then on: code is loaded, buffers have their size."""
+
+
+def assert_exact(summary: Summary) -> None:
+    assert_accounts_agree(summary)
+    assert summary["theorem"]["margin_J"] > 0.0
+    for way in ("up", "down"):
+        flow = summary["energy"][way]
+        assert (flow["in_flight_nJ"], flow["abandoned_nJ"]) == (0, 0)
+        assert flow["credited_nJ"] == flow["sent_nJ"] > 0
+    for side in ("device", "world"):
+        assert summary[side]["ledger"]["slack_J"] >= -1e-9
+        assert summary[side]["reservoir_min_J"] >= 0.0
+
+
+class Unrecorded(Simulation):
+    """A simulation that keeps no samples."""
+
+    def _writer(self) -> Write:
+        return lambda sample: None
+
+
+def resident_kB(pid: int) -> int:
+    for line in Path(f"/proc/{pid}/status").read_text("ascii").splitlines():
+        if line.startswith("VmRSS:"):
+            return int(line.split()[1])
+    raise AssertionError(f"{pid} has no memory")
+
+
+def told(what: str, summary: Summary, memory: dict[str, list[int]]) -> None:
+    print(f"\n{what}: margin {summary['theorem']['margin_J']:.6f} J")
+    for way in ("up", "down"):
+        print(f"  {way}: {summary['energy'][way]}, {summary['links'][way]['lost']} of {summary['links'][way]['offered']}")
+    for side in ("device", "world"):
+        print(f"  {side}: slack {summary[side]['ledger']['slack_J']:.3e} J, outages {summary[side]['outages']}")
+    for name, values in memory.items():
+        print(f"  memory of {name} [kB]: {values[0]} at {SETTLED_S:.0f} s, {values[-1]} at the end, most {max(values)}")
+
+
+@pytest.mark.soak
+def test_a_day_in_virtual_time() -> None:
+    simulation = Unrecorded(Params().set({**WORST, "operator": "sine", "duration_s": VIRTUAL_S}), seed=1)
+    memory = []
+    start_ns = simulation.pair()
+    end_ns = start_ns + round(VIRTUAL_S * 1e9)
+    for at_ns in range(start_ns + round(SETTLED_S * 1e9), end_ns, round(SETTLED_S * 1e9)):
+        simulation._until(at_ns)
+        memory.append(resident_kB(os.getpid()))
+    simulation._until(end_ns)
+    summary = simulation.close(end_ns)
+    told("a day in virtual time", summary, {"the process": memory})
+    assert_exact(summary)
+    assert memory[-1] - memory[0] < 2_000
+
+
+@pytest.mark.soak
+def test_half_an_hour_in_real_time(tmp_path: Path) -> None:
+    """Recording, as `hapnet run` does: its index grows by some 70 kB a minute and side."""
+    argv = ["run", "--duration", REAL_S, "--profile", "worst", "--operator", "sine", "--out", tmp_path / "run"]
+    memory: dict[str, list[int]] = {}
+    with started(*argv, "--json", tmp_path / "s.json") as program:
+        program.until_line("device: paired")
+        at = SETTLED_S
+        while at < REAL_S:
+            seconds = f"{5.0 * (at // 5.0):.0f} s\n"
+            program.until(seconds, lambda line=seconds: line in program.out, limit_s=2.0 * SETTLED_S)
+            for name, pid in children(program.process.pid):
+                memory.setdefault(name, []).append(resident_kB(pid))
+            at += 60.0
+        assert program.end()[0] == 0
+    summary = read_json(tmp_path / "s.json")
+    told("half an hour in real time", summary, memory)
+    print(f"  servo: {json.dumps({k: v for k, v in summary['device']['servo'].items() if 'histogram' not in k})}")
+    assert_exact(summary)
+    for values in memory.values():
+        assert values[-1] - values[0] < 4_000
+
+
+def children(parent: int) -> Iterator[tuple[str, int]]:
+    for child in Path(f"/proc/{parent}/task/{parent}/children").read_text("ascii").split():
+        words = Path(f"/proc/{child}/cmdline").read_bytes().decode().split("\0")
+        yield ("device" if "device" in words else "world"), int(child)
