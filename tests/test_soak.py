@@ -51,7 +51,8 @@ def resident_kB(pid: int) -> int:
 def told(what: str, summary: Summary, memory: dict[str, list[int]]) -> None:
     print(f"\n{what}: margin {summary['theorem']['margin_J']:.6f} J")
     for way in ("up", "down"):
-        print(f"  {way}: {summary['energy'][way]}, {summary['links'][way]['lost']} of {summary['links'][way]['offered']}")
+        link = summary["links"][way]
+        print(f"  {way}: {summary['energy'][way]}, {link['lost']} of {link['offered']} messages lost")
     for side in ("device", "world"):
         print(f"  {side}: slack {summary[side]['ledger']['slack_J']:.3e} J, outages {summary[side]['outages']}")
     for name, values in memory.items():
