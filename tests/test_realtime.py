@@ -303,6 +303,23 @@ async def test_a_world_that_restarts_is_paired_anew() -> None:
     assert later["world"]["ledger"]["margin_J"] >= -1e-9
 
 
+async def test_a_device_whose_place_was_taken_while_it_was_cut_off_ends_with_the_reason() -> None:
+    address = free_address()
+    world = Running("world", address, parameters(operator="sine", world__silence_after_s=0.2))
+    lines = {"link.up_timeline": "at 50ms: down; at 1s: up"}
+    cut_off = Running("device", address, parameters(operator="sine", **lines))
+    async with running(world, cut_off):
+        await world.until(lambda: bool(world.told("paired")))
+        other = Running("device", address, parameters(operator="sine"))
+        async with running(other):
+            await world.until(lambda: len(world.told("paired")) == 2)
+            with pytest.raises(HapnetError, match="the world refuses this side: replaced by device"):
+                await asyncio.wait_for(asyncio.shield(cut_off.task), WAIT_S)
+            await other.until(lambda: other.count > 100)
+            assert world.told("silent")
+            assert world.told("heard")
+
+
 async def test_a_stop_while_waiting_leaves_no_file(tmp_path: Path) -> None:
     side = Running("device", free_address(), parameters(), record=tmp_path / "x.mcap")
     await side.until(lambda: bool(side.told("waiting")))

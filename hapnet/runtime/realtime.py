@@ -318,6 +318,12 @@ class RealtimeSide:
         self._tell(events, now_ns)
         self._teller.dropped(now_ns, counts, why)
 
+    def _is_final(self, event: Event) -> bool:
+        """Does this end a device: a world that does not fit, or that has another one and will never take this again?"""
+        if self.role != "device" or not isinstance(event, Mismatch | PeerRefused):
+            return False
+        return self.control.origin_ns is None or (isinstance(event, PeerRefused) and self.wire.session.peer is None)
+
     def _dropped(self) -> dict[str, int]:
         """How many messages were dropped, by kind; the lock is held."""
         flood = self._transport.gate.refused
@@ -325,8 +331,7 @@ class RealtimeSide:
 
     def _tell(self, events: Iterable[Event], now_ns: int) -> None:
         for event in events:
-            fatal = isinstance(event, Mismatch | PeerRefused) and self.role == "device"
-            if fatal and self.control.origin_ns is None:
+            if self._is_final(event):
                 notice = notice_of(event, now_ns, "world", "")
                 assert notice is not None
                 self._loop.call_later(REFUSE_S, self._fail, HapnetError(notice.text))
