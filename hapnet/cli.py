@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from hapnet.commands import flags
-from hapnet.commands.options import NO_LINK, LinkOptions, json_target, parameters
+from hapnet.commands.options import NO_LINK, LinkOptions, ZenohOptions, json_target, parameters, security
 from hapnet.errors import HapnetError
 from hapnet.params import Params
 from netem.errors import NetemError
@@ -155,6 +155,13 @@ def device(
     config: flags.Config = None,
     no_multicast_scouting: flags.NoScouting = False,
     cfg: flags.Cfg = None,
+    tls_ca: flags.TlsCa = None,
+    tls_cert: flags.TlsCert = None,
+    tls_key: flags.TlsKey = None,
+    mutual_tls: flags.MutualTls = False,
+    user: flags.User = None,
+    password_file: flags.PasswordFile = None,
+    users: flags.Users = None,
     link: flags.Link = None,
     profile: flags.Profile = None,
     delay: flags.Delay = None,
@@ -179,7 +186,8 @@ def device(
         device__servo_hz=servo_hz, dof=dof, duration_s=duration, device__on_silence=on_silence,
         device__silence_after_s=silence_after,
     )  # fmt: skip
-    zenoh = (mode, connect, listen, config, no_multicast_scouting, cfg)
+    who = security(tls_ca, tls_cert, tls_key, mutual_tls, user, password_file, users)
+    zenoh = ZenohOptions(mode, connect, listen, config, no_multicast_scouting, cfg, who)
     return _side("device", params, zenoh, session, name, seed, record, json_to, show_params, realtime, log_to, progress)
 
 
@@ -201,6 +209,13 @@ def world(
     config: flags.Config = None,
     no_multicast_scouting: flags.NoScouting = False,
     cfg: flags.Cfg = None,
+    tls_ca: flags.TlsCa = None,
+    tls_cert: flags.TlsCert = None,
+    tls_key: flags.TlsKey = None,
+    mutual_tls: flags.MutualTls = False,
+    user: flags.User = None,
+    password_file: flags.PasswordFile = None,
+    users: flags.Users = None,
     link: flags.Link = None,
     profile: flags.Profile = None,
     delay: flags.Delay = None,
@@ -223,7 +238,8 @@ def world(
         coupling=coupling, dof=dof, duration_s=duration, world__on_silence=on_silence,
         world__silence_after_s=silence_after,
     )  # fmt: skip
-    zenoh = (mode, connect, listen, config, no_multicast_scouting, cfg)
+    who = security(tls_ca, tls_cert, tls_key, mutual_tls, user, password_file, users)
+    zenoh = ZenohOptions(mode, connect, listen, config, no_multicast_scouting, cfg, who)
     return _side("world", params, zenoh, session, name, seed, record, json_to, show_params, False, log_to, progress)
 
 
@@ -292,12 +308,22 @@ def bench(
 
 
 @app.command()
-def doctor(connect: flags.Connect = None, json_to: flags.Json = None) -> int:
+def doctor(
+    connect: flags.Connect = None,
+    tls_ca: flags.TlsCa = None,
+    tls_cert: flags.TlsCert = None,
+    tls_key: flags.TlsKey = None,
+    mutual_tls: flags.MutualTls = False,
+    user: flags.User = None,
+    password_file: flags.PasswordFile = None,
+    json_to: flags.Json = None,
+) -> int:
     """What this machine allows a servo to do, and what to do about what it does not; with -e, whether Zenoh answers."""
     json_target(json_to)
     from hapnet.commands import doctor as command
 
-    return command.main(connect or [], json_to)
+    who = security(tls_ca, tls_cert, tls_key, mutual_tls, user, password_file)
+    return command.main(connect or [], json_to, who)
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -328,7 +354,7 @@ def main(argv: list[str] | None = None) -> int:
 def _side(
     role: str,
     params: Params,
-    zenoh: tuple[str | None, list[str] | None, list[str] | None, str | None, bool, list[str] | None],
+    zenoh: ZenohOptions,
     session: str,
     name: str,
     seed: int | None,
@@ -348,7 +374,7 @@ def _side(
         params,
         side.SideOptions(
             role="device" if role == "device" else "world",
-            zenoh=side.zenoh_settings(*zenoh),
+            zenoh=side.zenoh_settings(zenoh),
             session=session,
             name=name,
             seed=seed,

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from hapnet.errors import HapnetError
+from hapnet.runtime.security import ANYBODY, Security
 from hapnet.runtime.servo import FIFO_PRIORITY, DeadlineGrid, Histogram, set_timer_slack
 
 OK, WARNING, MISSING, SKIPPED = "ok", "warning", "missing", "skipped"
@@ -51,14 +52,14 @@ class Check:
         return asdict(self)
 
 
-def examine(connect: Sequence[str] = ()) -> Iterator[Check]:
+def examine(connect: Sequence[str] = (), security: Security = ANYBODY) -> Iterator[Check]:
     """All checks, in the order in which they are shown, each as soon as it is known.
 
     Raises
     ------
-    InvalidParameter : an endpoint that Zenoh would not take.
+    InvalidParameter : an endpoint that Zenoh would not take, or security that does not fit it.
     """
-    _require_endpoints(connect)
+    _require_endpoints(connect, security)
     checks: tuple[Callable[[], Check], ...] = (
         python, libraries, system, processors, load, clock_resolution, timer_slack, sleep_lateness, timerfd,
         real_time_scheduling, real_time_share, locked_memory, frequency_scaling,
@@ -66,7 +67,9 @@ def examine(connect: Sequence[str] = ()) -> Iterator[Check]:
     for check in checks:
         yield check()
     for endpoint in connect:
-        yield zenoh_reachable(endpoint)
+        if endpoint.startswith("tls/"):
+            yield tls_handshake(endpoint, security)
+        yield zenoh_reachable(endpoint, security)
     if not connect:
         yield Check("zenoh reachable", SKIPPED, "no endpoint given", "-e tcp/HOST:PORT tries one")
 
@@ -224,12 +227,24 @@ def frequency_scaling() -> Check:
     return Check(name, WARNING, f"governor {', '.join(governors)}", advice)
 
 
-def zenoh_reachable(endpoint: str) -> Check:
+def tls_handshake(endpoint: str, security: Security = ANYBODY) -> Check:
+    """Shake hands with the certificates that a device would have: Zenoh does not say what is wrong with them."""
+    from hapnet.runtime.tls_probe import Trust, probe
+    from hapnet.runtime.zenoh_config import ZenohSettings, zenoh_config
+
+    trust = Trust.of(zenoh_config(ZenohSettings(connect=(endpoint,), security=security)))
+    refused = probe(endpoint, trust, REACH_S)
+    if refused is not None:
+        return Check("tls handshake", MISSING, f"{endpoint}: {refused}")
+    return Check("tls handshake", OK, f"{endpoint} and this side accept each other's certificates")
+
+
+def zenoh_reachable(endpoint: str, security: Security = ANYBODY) -> Check:
     """Dial, as a device would, for at most `REACH_S` seconds."""
     name = "zenoh reachable"
     advice = "start the other side (hapnet world -l ...), and check address, port and firewall"
     try:
-        took = asyncio.run(_dial(endpoint))
+        took = asyncio.run(_dial(endpoint, security))
     except HapnetError as error:
         return Check(name, MISSING, f"{endpoint}: {' '.join(str(error).split())}", advice)
     if took is not None:
@@ -240,19 +255,20 @@ def zenoh_reachable(endpoint: str) -> Check:
 # Zenoh is imported where it is needed, so that the checks tell when it is not there.
 
 
-def _require_endpoints(connect: Sequence[str]) -> None:
+def _require_endpoints(connect: Sequence[str], security: Security) -> None:
+    security.check()
     if connect:
         from hapnet.runtime.zenoh_config import ZenohSettings, zenoh_config
 
         for endpoint in connect:
-            zenoh_config(ZenohSettings(connect=(endpoint,)))
+            zenoh_config(ZenohSettings(connect=(endpoint,), security=security))
 
 
-async def _dial(endpoint: str) -> float | None:
+async def _dial(endpoint: str, security: Security) -> float | None:
     from hapnet.runtime.zenoh_config import ZenohSettings
     from hapnet.runtime.zenoh_transport import ZenohTransport
 
-    settings = ZenohSettings(connect=(endpoint,))
+    settings = ZenohSettings(connect=(endpoint,), security=security)
     transport = ZenohTransport(settings, lambda kind, data: None, session=f"doctor-{os.getpid()}")
     began = time.monotonic()
     await transport.open()

@@ -27,3 +27,17 @@ def random_spd(rng: np.random.Generator, n: int, low: float, high: float) -> Arr
     values = np.exp(rng.uniform(np.log(low), np.log(high), size=n))
     matrix = (basis * values) @ basis.T
     return np.asarray((matrix + matrix.T) / 2.0)
+
+
+@pytest.fixture(scope="session")
+def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A directory with the certificates of an authority, a world on 127.0.0.1 and the devices alice and bob.
+
+    In `other` beside them: those of another authority, for the same names.
+    """
+    from examples.secure.make_certificates import main
+
+    directory = tmp_path_factory.mktemp("certificates")
+    for out in (directory, directory / "other"):
+        main(["127.0.0.1", "localhost"], ["alice", "bob"], out)
+    return directory

@@ -13,6 +13,7 @@ import pytest
 from hapnet import cli, doctor
 from hapnet.doctor import MISSING, OK, SKIPPED, WARNING, Check
 from hapnet.errors import InvalidParameter, TransportError
+from hapnet.runtime.security import Security
 from hapnet.runtime.zenoh_config import ZenohSettings, free_address
 from hapnet.runtime.zenoh_transport import ZenohTransport
 
@@ -147,7 +148,7 @@ def test_what_is_missing_is_exit_code_1(monkeypatch: pytest.MonkeyPatch, capsys:
 
 def test_one_line_each_and_json(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
     checks = [Check("this", OK, "fine"), Check("that", WARNING, "slow " * 60, "hurry")]
-    monkeypatch.setattr("hapnet.commands.doctor.examine", lambda connect: checks)
+    monkeypatch.setattr("hapnet.commands.doctor.examine", lambda connect, security: checks)
     assert cli.main(["doctor", "--json", "-"]) == 0
     out, err = capsys.readouterr()
     found: list[dict[str, Any]] = json.loads(out)
@@ -171,7 +172,7 @@ async def test_zenoh_that_answers() -> None:
 def test_a_line_is_shown_before_the_next_check(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
     shown: list[str] = []
 
-    def checks(connect: list[str]) -> Iterator[Check]:
+    def checks(connect: list[str], security: Security) -> Iterator[Check]:
         yield Check("this", OK, "fine")
         shown.append(capsys.readouterr().out)
         yield Check("that", OK, "fine")
@@ -198,3 +199,31 @@ def test_zenoh_that_does_not_answer_is_missing(monkeypatch: pytest.MonkeyPatch) 
     check = doctor.zenoh_reachable(free_address())
     assert check.state == MISSING
     assert "did not answer within 0.2 s" in check.value
+
+
+async def test_zenoh_over_tls(certificates: Path) -> None:
+    address = free_address().replace("tcp/", "tls/")
+    files = {name: (certificates / f"{name}.pem", certificates / f"{name}.key") for name in ("world", "alice")}
+    listens = Security(certificates / "ca.pem", *files["world"], mutual_tls=True)
+    world = ZenohTransport(ZenohSettings(listen=(address,), security=listens), lambda kind, data: None, role="world")
+    alice, nobody = Security(certificates / "ca.pem", *files["alice"]), Security(certificates / "ca.pem")
+    await world.open()
+    try:
+        accepted, answered = [
+            await asyncio.to_thread(check, address, alice) for check in (doctor.tls_handshake, doctor.zenoh_reachable)
+        ]
+        refused = await asyncio.to_thread(doctor.tls_handshake, address, nobody)
+    finally:
+        await world.close()
+    assert (accepted.state, answered.state) == (OK, OK)
+    assert refused.state == MISSING
+    assert refused.value == f"{address}: the listener wants a certificate: give --tls-cert and --tls-key"
+
+
+def test_a_tls_endpoint_is_shaken_hands_with_before_it_is_dialled(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "REACH_S", 0.2)
+    address = free_address().replace("tcp/", "tls/")
+    handshake, dialled = list(doctor.examine([address]))[-2:]
+    assert (handshake.name, handshake.state) == ("tls handshake", MISSING)
+    assert handshake.value == f"{address}: nobody listens there"
+    assert (dialled.name, dialled.state) == ("zenoh reachable", MISSING)

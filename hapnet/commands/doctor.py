@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from hapnet.commands import output
 from hapnet.doctor import MISSING, OK, SKIPPED, WARNING, examine
+from hapnet.runtime.security import Security
 
 _STYLE = {OK: "green", WARNING: "yellow", MISSING: "bold red", SKIPPED: "dim"}
 
 
-def main(connect: list[str], json_to: str | None) -> int:
+def main(connect: list[str], json_to: str | None, security: Security) -> int:
     """0, or 1 if something is missing that hapnet needs."""
     from rich.text import Text
 
     words = output.console(json_to)
     checks = []
-    for check in examine(connect):
+    for check in examine(connect, security):
         checks.append(check)
         line = Text(f"{check.state:<8} ", style=_STYLE[check.state]).append(
             f"{check.name:<18} {check.value}", "default"

@@ -9,6 +9,7 @@ import typer
 
 _LINK = "Link, emulated"
 _ZENOH = "Zenoh"
+_SECURITY = "Security"
 _PARAMS = "Parameters"
 
 Scene = Annotated[str | None, typer.Option(help="free, wall, box, paper, or module:Class.")]
@@ -91,6 +92,44 @@ NoScouting = Annotated[
 ]
 Cfg = Annotated[
     list[str] | None, typer.Option("--cfg", metavar="KEY:JSON5", help="Override one key.", rich_help_panel=_ZENOH)
+]
+TlsCa = Annotated[
+    Path | None,
+    typer.Option(
+        "--tls-ca", metavar="FILE", help="Who signed the other side's certificate.", rich_help_panel=_SECURITY
+    ),
+]
+TlsCert = Annotated[
+    Path | None, typer.Option("--tls-cert", metavar="FILE", help="This side's certificate.", rich_help_panel=_SECURITY)
+]
+TlsKey = Annotated[
+    Path | None,
+    typer.Option("--tls-key", metavar="FILE", help="Its private key, without a passphrase.", rich_help_panel=_SECURITY),
+]
+MutualTls = Annotated[
+    bool,
+    typer.Option(
+        "--mutual-tls", help="Who dials needs a certificate too, signed by --tls-ca.", rich_help_panel=_SECURITY
+    ),
+]
+User = Annotated[
+    str | None,
+    typer.Option(
+        "--user", metavar="NAME", help="The name to dial with; a password goes with it.", rich_help_panel=_SECURITY
+    ),
+]
+PasswordFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--password-file",
+        metavar="FILE",
+        help="The password; or HAPNET_PASSWORD in the environment.",
+        rich_help_panel=_SECURITY,
+    ),
+]
+Users = Annotated[
+    Path | None,
+    typer.Option("--users", metavar="FILE", help="Who may dial here: lines user:password.", rich_help_panel=_SECURITY),
 ]
 Session = Annotated[str, typer.Option(help="Name of the session, the same on both sides.")]
 Name = Annotated[str, typer.Option(help="Name of the device, the same on both sides.")]

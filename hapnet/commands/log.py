@@ -54,18 +54,24 @@ class Log:
         logging.getLogger("hapnet").addHandler(self._handler)
 
     def tell(self, notice: Notice) -> None:
-        """One notice more."""
+        """One notice more, for programs and for people."""
         if notice.kind == "progress" and not self._progress:
             return
-        at = datetime.fromtimestamp((notice.at_ns + self._offset_ns) * 1e-9, UTC)
-        if self._file is not None:
-            line = json.dumps(record(notice, self._role, at), ensure_ascii=False)
-            with contextlib.suppress(OSError):
-                os.write(self._file, f"{line}\n".encode())
+        self.write(notice)
         if self._words is not None and notice.kind != "progress":
-            local = at.astimezone()
+            local = self._time(notice).astimezone()
             stamp = f"{local:%H:%M:%S}.{local.microsecond // 1000:03d}"
             self._words.print(f"{stamp} {notice.text}", style=STYLES[notice.level], markup=False)
+
+    def write(self, notice: Notice) -> None:
+        """One notice more, for programs only."""
+        if self._file is not None:
+            line = json.dumps(record(notice, self._role, self._time(notice)), ensure_ascii=False)
+            with contextlib.suppress(OSError):
+                os.write(self._file, f"{line}\n".encode())
+
+    def _time(self, notice: Notice) -> datetime:
+        return datetime.fromtimestamp((notice.at_ns + self._offset_ns) * 1e-9, UTC)
 
     def close(self) -> None:
         """No more notices."""

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from hapnet.errors import InvalidParameter
 from hapnet.params import LinkParams, Params
+from hapnet.runtime.security import PASSWORD_VARIABLE, Security
 from netem.profile import PRESETS, LinkProfile, compose
 
 NO_LINK = LinkParams("", "")
@@ -39,6 +40,19 @@ class LinkOptions:
             return default
         words = None if self.link is None else PRESETS.get(self.link, self.link)
         return str(compose(words, self.profile, *flags, base=LinkProfile.named(default)))
+
+
+@dataclass(frozen=True)
+class ZenohOptions:
+    """Zenoh's flags as given, and those of who may connect."""
+
+    mode: str | None
+    connect: list[str] | None
+    listen: list[str] | None
+    config: str | None
+    no_multicast_scouting: bool
+    cfg: list[str] | None
+    security: Security
 
 
 def parameters(
@@ -73,6 +87,20 @@ def parameters(
     for words in (params.link.up, params.link.down):
         LinkProfile.named(words)
     return params
+
+
+def security(
+    tls_ca: Path | None,
+    tls_cert: Path | None,
+    tls_key: Path | None,
+    mutual_tls: bool,
+    user: str | None,
+    password_file: Path | None,
+    users: Path | None = None,
+) -> Security:
+    """The security flags, and the password in the environment for who wants none in a file."""
+    password = os.environ.get(PASSWORD_VARIABLE)
+    return Security(tls_ca, tls_cert, tls_key, mutual_tls, user, password_file, password, users)
 
 
 def json_target(target: str | None) -> Path | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import signal
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,10 +13,12 @@ from typing import Any, cast, get_args
 from hapnet import checks
 from hapnet.commands import output
 from hapnet.commands.log import Log, check_target
+from hapnet.commands.options import ZenohOptions
 from hapnet.params import Params
 from hapnet.runtime.build import prepare
+from hapnet.runtime.notices import Notice
 from hapnet.runtime.realtime import RealtimeSide, Role
-from hapnet.runtime.zenoh_config import Mode, ZenohSettings
+from hapnet.runtime.zenoh_config import Mode, ZenohSettings, zenoh_warnings
 
 
 @dataclass(frozen=True)
@@ -36,36 +39,33 @@ class SideOptions:
     """Of these also how far the run is."""
 
 
-def zenoh_settings(
-    mode: str | None,
-    connect: list[str] | None,
-    listen: list[str] | None,
-    config: str | None,
-    no_multicast_scouting: bool,
-    cfg: list[str] | None,
-) -> ZenohSettings:
+def zenoh_settings(options: ZenohOptions) -> ZenohSettings:
     """Zenoh's flags. Without an endpoint or a configuration file the sides find each other by multicast scouting."""
-    alone = not connect and not listen and config is None
-    if mode is not None:
-        checks.one_of("mode", mode, get_args(Mode))
+    alone = not options.connect and not options.listen and options.config is None
+    if options.mode is not None:
+        checks.one_of("mode", options.mode, get_args(Mode))
     return ZenohSettings(
-        mode=cast(Mode | None, mode),
-        connect=tuple(connect or ()),
-        listen=tuple(listen or ()),
-        config=config,
-        multicast_scouting=alone and not no_multicast_scouting,
-        cfg=tuple(cfg or ()),
+        mode=cast(Mode | None, options.mode),
+        connect=tuple(options.connect or ()),
+        listen=tuple(options.listen or ()),
+        config=options.config,
+        multicast_scouting=alone and not options.no_multicast_scouting,
+        cfg=tuple(options.cfg or ()),
+        security=options.security,
     )
 
 
 def main(params: Params, options: SideOptions) -> int:
     """Run one side until its duration is over or it is told to stop."""
     setup = prepare(params, "sampled")
+    warnings = setup.warnings + zenoh_warnings(options.zenoh)
     check_target(options.log_to, options.json_to)
     words = None if options.log_to == "-" else output.console(options.json_to)
     if words is not None:
-        output.show_warnings(words, setup.warnings)
+        output.show_warnings(words, warnings)
     log = Log(options.role, words, options.log_to, progress=options.progress)
+    for warning in warnings:
+        log.write(Notice("warning", warning, time.monotonic_ns(), "warning"))
     side = RealtimeSide(
         setup,
         options.role,

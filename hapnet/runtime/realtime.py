@@ -33,6 +33,7 @@ from hapnet.runtime.servo import tuned_interpreter
 from hapnet.runtime.servo_process import ServoProcess
 from hapnet.runtime.summary import Summary, combine, versions
 from hapnet.runtime.teller import Teller
+from hapnet.runtime.tls_probe import Inquiry
 from hapnet.runtime.zenoh_config import ZenohSettings
 from hapnet.runtime.zenoh_transport import ZenohTransport
 from hapnet.wire.events import EnergyCredited, Event, Mismatch, PeerRefused, PositionReceived
@@ -108,6 +109,7 @@ class RealtimeSide:
         self._granted_ns: int | None = None
         self._period_ns = round(1e9 / setup.params.device.servo_hz) if role == "device" else None
         self._started_ns = self._clock()
+        self._inquiry = Inquiry(zenoh, self._started_ns)
         self._stopped_ns: int | None = None
         entropy = np.random.SeedSequence(self.seed).spawn(4)
         incarnation = secrets.randbits(63) + 1
@@ -246,7 +248,7 @@ class RealtimeSide:
         while not stop.is_set():
             origin_ns = self.control.origin_ns
             if origin_ns is None:
-                self._teller.waiting(self._clock(), self._transport.status, self._transport.partners)
+                self._wait(self._clock())
             elif duration_s > 0.0 and self._clock() - origin_ns >= duration_s / NANO:
                 break
             if origin_ns is not None and self._timeline is not None and self._player is None:
@@ -304,6 +306,13 @@ class RealtimeSide:
         self._report(events)
         for at_ns, entry in changes:
             self._notify(Notice("netem", f"emulated link, {entry}", at_ns))
+
+    def _wait(self, now_ns: int) -> None:
+        """There is no peer yet: tell what this side does, and if nobody is there at all, why that may be."""
+        status = self._transport.status
+        if not self._transport.peers and (why := self._inquiry.answer(now_ns)):
+            status += f" ({why})"
+        self._teller.waiting(now_ns, status, self._transport.partners)
 
     def _on_link(self) -> None:
         """Zenoh has gained or lost a connection."""

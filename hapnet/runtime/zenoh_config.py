@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import re
 import socket
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
 import zenoh
 
 from hapnet.errors import InvalidParameter, TransportError
+from hapnet.runtime.security import ANYBODY, ENCRYPTED, Security, is_exposed
 
 Mode = Literal["peer", "client", "router"]
 _MODES = ("peer", "client", "router")
@@ -34,6 +36,10 @@ _DEFAULTS: dict[str, object] = {
     "transport/link/tx/lease": 2000,
     "transport/link/tx/queue/size/real_time": 16,  # with 2, express messages are lost when the processor is busy
     "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 0,
+    # what is sixteen times the longest frame never comes near Python; what is just too long is counted there
+    "low_pass_filter": [
+        {"flows": ["ingress"], "messages": ["put"], "key_exprs": ["hapnet/**"], "size_limit": 65536},
+    ],
 }
 
 
@@ -49,6 +55,7 @@ class ZenohSettings:
     config : path of a Zenoh configuration file, JSON5 or YAML.
     multicast_scouting : find peers on the local network by multicast.
     cfg : ``KEY:JSON5`` overrides, applied last.
+    security : who may connect.
     """
 
     mode: Mode | None = None
@@ -57,6 +64,7 @@ class ZenohSettings:
     config: str | None = None
     multicast_scouting: bool = False
     cfg: tuple[str, ...] = ()
+    security: Security = ANYBODY
 
 
 def zenoh_config(settings: ZenohSettings) -> zenoh.Config:
@@ -64,7 +72,8 @@ def zenoh_config(settings: ZenohSettings) -> zenoh.Config:
 
     Raises
     ------
-    InvalidParameter : a mode, endpoint or override that Zenoh would not take, or nowhere to dial, listen or scout.
+    InvalidParameter : a mode, endpoint or override that Zenoh would not take, nowhere to dial, listen or scout, or
+        security that is asked for and cannot be had.
     TransportError : the file cannot be read, or is not a Zenoh configuration.
     """
     if settings.mode is not None and settings.mode not in _MODES:
@@ -72,6 +81,7 @@ def zenoh_config(settings: ZenohSettings) -> zenoh.Config:
     for name, endpoints in (("connect", settings.connect), ("listen", settings.listen)):
         for endpoint in endpoints:
             _check_endpoint(name, endpoint)
+    settings.security.check()
     plain = zenoh.Config()
     try:
         config = zenoh.Config() if settings.config is None else zenoh.Config.from_file(settings.config)
@@ -97,6 +107,8 @@ def zenoh_config(settings: ZenohSettings) -> zenoh.Config:
         # Zenoh's default would listen on every interface
         scouts_only = settings.multicast_scouting and not settings.connect and settings.mode != "client"
         insert("listen/endpoints", settings.listen or ([_ANY_PORT] if scouts_only else []))
+    for key, value in settings.security.entries(listens=bool(endpoints_of(config, "listen"))):
+        insert(key, value)
     for item in settings.cfg:
         key, colon, text = item.partition(":")
         try:
@@ -106,11 +118,77 @@ def zenoh_config(settings: ZenohSettings) -> zenoh.Config:
         except zenoh.ZError as error:
             raise InvalidParameter("cfg", item, f"KEY:JSON5 that Zenoh accepts ({reason(error)})") from None
     nowhere = all(_endpoints(config, side) == [] for side in ("connect", "listen"))
-    if nowhere and config.get_json("scouting/multicast/enabled") != "true":
+    if nowhere and not _scouts(config):
         raise InvalidParameter(
             "connect", settings.connect, "an endpoint to dial or to listen on, or multicast scouting"
         )
+    _check_security(settings.security, config)
     return config
+
+
+def zenoh_warnings(settings: ZenohSettings) -> tuple[str, ...]:
+    """What an operator should know about these settings before others do: a line each.
+
+    Raises
+    ------
+    InvalidParameter, TransportError : as `zenoh_config`.
+    """
+    config = zenoh_config(settings)
+    warnings = settings.security.warnings()
+    exposed = [endpoint for endpoint in endpoints_of(config, "listen") if is_exposed(endpoint)]
+    if exposed:
+        warnings += (
+            f"listening on {', '.join(exposed)} without encryption: whoever reaches it can read and send; "
+            "use tls/ or quic/ with --tls-cert, --tls-key, --tls-ca and --mutual-tls, or 127.0.0.1",
+        )
+    return warnings
+
+
+def endpoints_of(config: zenoh.Config, side: Literal["connect", "listen"]) -> list[str]:
+    """The endpoints that a configuration dials or listens on, in whatever way it gives them."""
+    return list(_flat(_endpoints(config, side), json.loads(config.get_json("mode"))))
+
+
+def _flat(value: object, mode: str) -> Iterator[str]:
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict):  # several ways to one node, or a table by mode
+        yield from _flat(value.get("locators", value.get(mode)), mode)
+    elif isinstance(value, list):
+        for item in value:
+            yield from _flat(item, mode)
+
+
+def _check_security(security: Security, config: zenoh.Config) -> None:
+    """What can only be told with the endpoints, the file's and those of `cfg` too."""
+    listens, dials = endpoints_of(config, "listen"), endpoints_of(config, "connect")
+    for side, endpoints in (("listen", listens), ("connect", dials)):
+        for endpoint in endpoints:
+            if security.tls_flag is not None and endpoint.partition("/")[0] not in ENCRYPTED:
+                raise InvalidParameter(side, endpoint, f"tls/ or quic/ ADDRESS:PORT, with {security.tls_flag}")
+    for endpoint in listens:
+        if endpoint.partition("/")[0] in ENCRYPTED and "#" not in endpoint and not _has_certificate(config):
+            raise InvalidParameter("--tls-cert", None, f"a certificate and --tls-key, to listen on {endpoint}")
+    if security.tls_ca is not None and listens and not dials and not _is_mutual(config):
+        words = "with --mutual-tls on a side that only listens: nobody's certificate is looked at without"
+        raise InvalidParameter("--tls-ca", str(security.tls_ca), words)
+    if security.users is not None and not listens:
+        raise InvalidParameter("--users", str(security.users), "on the side that listens (-l)")
+    if security.user is not None and not dials and not _scouts(config):
+        raise InvalidParameter("--user", security.user, "on the side that dials (-e); who listens has --users")
+
+
+def _is_mutual(config: zenoh.Config) -> bool:
+    return bool(config.get_json("transport/link/tls/enable_mtls") == "true")
+
+
+def _has_certificate(config: zenoh.Config) -> bool:
+    key = "transport/link/tls/listen_certificate"
+    return any(config.get_json(key + form) != "null" for form in ("", "_base64"))
+
+
+def _scouts(config: zenoh.Config) -> bool:
+    return bool(config.get_json("scouting/multicast/enabled") == "true")
 
 
 def _check_endpoint(name: str, value: str) -> None:
@@ -121,7 +199,7 @@ def _check_endpoint(name: str, value: str) -> None:
 
 
 def _endpoints(config: zenoh.Config, side: str) -> object:
-    """A list of endpoints; in a file it may also be a table by mode, or a list of lists."""
+    """A list of endpoints; in a file it may also be a table by mode, and have groups in it."""
     return json.loads(config.get_json(f"{side}/endpoints"))
 
 
@@ -133,7 +211,7 @@ def where(config: zenoh.Config) -> str:
             words.append(f"{verb} {', '.join(map(str, endpoints))}")
         elif endpoints:
             words.append(f"{verb} {json.dumps(endpoints)}")
-    if config.get_json("scouting/multicast/enabled") == "true":
+    if _scouts(config):
         words.append("scouting by multicast")
     return ", ".join(words)
 

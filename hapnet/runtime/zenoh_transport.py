@@ -246,15 +246,17 @@ class ZenohTransport:
             publishers = {kind: _publisher(session, f"{self._mine}/{kind}") for kind in KINDS}
             for kind in KINDS:
                 session.declare_subscriber(f"{self._theirs}/{kind}", _direct(self._receiver(kind)))
+            with self._lock:
+                self._session, self._publishers = session, publishers
             # the token comes after the subscribers: who sees it knows them
             session.liveliness().declare_subscriber(f"{self._theirs}/*", _direct(self._on_token), history=True)
             self._token = session.liveliness().declare_token(f"{self._mine}/{session.zid()}")
             session.info.declare_transport_events_listener(_direct(self._on_link), history=True)
         except zenoh.ZError as error:
-            _close(session)
+            self._disconnect()
+            if not session.is_closed():
+                _close(session)
             raise TransportError(f"cannot use Zenoh ({where(self._config)}): {reason(error)}") from None
-        with self._lock:
-            self._session, self._publishers = session, publishers
 
     def _open_session(self) -> zenoh.Session:
         while True:

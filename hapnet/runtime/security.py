@@ -1,0 +1,227 @@
+"""Who may connect: TLS, mutual TLS, users and passwords, as plain flags, and what is wrong with what they name.
+
+A side that listens shows its certificate; with mutual TLS it wants one of who dials, signed by the same authority. User
+and password are what a side that dials says of itself, over TLS or not.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import ssl
+import stat
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from ipaddress import ip_address
+from pathlib import Path
+
+from hapnet.errors import InvalidParameter
+
+PASSWORD_VARIABLE = "HAPNET_PASSWORD"
+"""The environment variable that the commands take a password from."""
+
+ENCRYPTED = ("tls", "quic")
+"""Zenoh's protocols that TLS flags are for."""
+
+_LOCAL = ("unixsock-stream", "unixpipe", "serial", "vsock")
+_NAME = re.compile(r"[^\s:#][^\s:]*")
+_USER = re.compile(rf"(?P<name>{_NAME.pattern}):\S.*")
+_EXPIRED, _NOT_YET_VALID = 10, 9  # X509_V_ERR_CERT_HAS_EXPIRED, X509_V_ERR_CERT_NOT_YET_VALID
+
+
+@dataclass(frozen=True, slots=True)
+class Security:
+    """Who may connect.
+
+    Attributes
+    ----------
+    tls_ca : certificate of the authority that the other side's certificate must be signed by; None: the public ones.
+    tls_cert, tls_key : this side's certificate and its key, both PEM; the key without a passphrase.
+    mutual_tls : who listens wants a certificate of who dials. A side that only dials shows its own anyway.
+    user : who this side is when it dials, with the password in `password_file` (its first line), else `password`.
+    users : on the side that listens, a file of lines ``user:password``: who may dial.
+    """
+
+    tls_ca: Path | None = None
+    tls_cert: Path | None = None
+    tls_key: Path | None = None
+    mutual_tls: bool = False
+    user: str | None = None
+    password_file: Path | None = None
+    password: str | None = field(default=None, repr=False)
+    users: Path | None = None
+
+    @property
+    def tls_flag(self) -> str | None:
+        """The first flag of those that make sense with TLS only; None if none is given."""
+        given = {
+            "--tls-ca": self.tls_ca is not None,
+            "--tls-cert": self.tls_cert is not None,
+            "--tls-key": self.tls_key is not None,
+            "--mutual-tls": self.mutual_tls,
+        }
+        return next((flag for flag, is_given in given.items() if is_given), None)
+
+    def check(self) -> None:
+        """Read every file and see whether it is what it is said to be.
+
+        Raises
+        ------
+        InvalidParameter : a file is not there, is not what its flag asks for, has expired, or flags do not go together.
+        """
+        _check_certificates(self)
+        _check_users(self)
+
+    def entries(self, *, listens: bool) -> Iterator[tuple[str, object]]:
+        """What this comes to in Zenoh's configuration: keys and values; call `check` before.
+
+        listens : whether this side listens; one that does shows its certificate on dialling only with `mutual_tls`.
+        """
+        tls = "transport/link/tls"
+        files = (
+            (self.tls_ca, ("root_ca_certificate",)),
+            (self.tls_cert, ("listen_certificate", "connect_certificate")),
+            (self.tls_key, ("listen_private_key", "connect_private_key")),
+        )
+        for path, names in files:
+            if path is not None:
+                for name in names:
+                    yield f"{tls}/{name}_base64", None  # where Zenoh would look first
+                    yield f"{tls}/{name}", str(path)
+        if self.mutual_tls or (self.tls_cert is not None and not listens):
+            yield f"{tls}/enable_mtls", True
+        if self.tls_flag is not None:
+            yield "transport/link/protocols", list(ENCRYPTED)  # a peer found by scouting offers others too
+        if self.user is not None:
+            yield "transport/auth/usrpwd/user", self.user
+            yield "transport/auth/usrpwd/password", self._password()
+        if self.users is not None:
+            yield "transport/auth/usrpwd/dictionary_file", str(self.users)
+
+    def warnings(self) -> tuple[str, ...]:
+        """Files with secrets in them that other users of this machine can read."""
+        secret = (("--tls-key", self.tls_key), ("--password-file", self.password_file), ("--users", self.users))
+        return tuple(
+            f"{flag} {path} can be read by others: chmod 600 {path}"
+            for flag, path in secret
+            if path is not None and path.stat().st_mode & (stat.S_IRGRP | stat.S_IROTH)
+        )
+
+    def _password(self) -> str | None:
+        if self.password_file is None:
+            return self.password
+        return next(iter(_read("--password-file", self.password_file).splitlines()), "").strip()  # as Zenoh reads users
+
+
+ANYBODY = Security()
+"""Who comes may connect, and nothing is encrypted."""
+
+
+def is_exposed(endpoint: str) -> bool:
+    """Does listening there let others than this machine's users read and send? An unknown host name counts as that."""
+    protocol, _, address = endpoint.partition("/")
+    if protocol in ENCRYPTED or protocol in _LOCAL:
+        return False
+    host = host_and_port(address)[0]
+    try:
+        return not ip_address(host).is_loopback
+    except ValueError:
+        return host != "localhost"
+
+
+def host_and_port(address: str) -> tuple[str, str]:
+    """Of ``HOST:PORT``, whatever Zenoh's options after ``?`` and ``#`` are; an IPv6 host is in brackets."""
+    host, _, port = re.split(r"[?#]", address)[0].rpartition(":")
+    return host.removeprefix("[").removesuffix("]"), port
+
+
+def _check_certificates(security: Security) -> None:
+    ca, cert, key = security.tls_ca, security.tls_cert, security.tls_key
+    if cert is not None and key is None:
+        raise InvalidParameter("--tls-cert", str(cert), "with its key, --tls-key FILE")
+    if key is not None and cert is None:
+        raise InvalidParameter("--tls-key", str(key), "with its certificate, --tls-cert FILE")
+    if security.mutual_tls and (ca is None or cert is None):
+        raise InvalidParameter("--mutual-tls", True, "with --tls-ca, --tls-cert and --tls-key")
+    if ca is not None:
+        _trust("--tls-ca", ca)
+    if cert is not None and key is not None:
+        _check_pair(cert, key)
+
+
+def _check_pair(cert: Path, key: Path) -> None:
+    trust = _trust("--tls-cert", cert)
+    _read("--tls-key", key)
+    own = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    try:
+        own.load_cert_chain(cert, key, password=lambda: b"")  # without one OpenSSL would ask the terminal
+    except ssl.SSLError as error:
+        words = f"the key of {cert}" if error.reason == "KEY_VALUES_MISMATCH" else "a private key, PEM, no passphrase"
+        raise InvalidParameter("--tls-key", str(key), words) from None
+    refused = _shown_to(trust, own)
+    if refused in (_EXPIRED, _NOT_YET_VALID):
+        words = "has expired" if refused == _EXPIRED else "is not valid yet"
+        raise InvalidParameter("--tls-cert", str(cert), f"a certificate that is valid now (this one {words})")
+
+
+def _shown_to(trust: ssl.SSLContext, own: ssl.SSLContext) -> int:
+    """Verify a certificate by a handshake in memory; OpenSSL's code of what is wrong with it, 0 if nothing is."""
+    to_server, to_client = ssl.MemoryBIO(), ssl.MemoryBIO()
+    client = trust.wrap_bio(to_client, to_server)
+    server = own.wrap_bio(to_server, to_client, server_side=True)
+    try:
+        for end in (client, server, client, server):
+            with contextlib.suppress(ssl.SSLWantReadError):
+                end.do_handshake()
+    except ssl.SSLCertVerificationError as error:
+        return error.verify_code
+    except ssl.SSLError:
+        return 0  # what else may be wrong is between the two sides: the one that dials tells
+    return 0
+
+
+def _trust(flag: str, path: Path) -> ssl.SSLContext:
+    """A context that trusts the certificates in a file, leaves too, whatever the host."""
+    _read(flag, path)
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.check_hostname = False
+    context.verify_flags |= ssl.VerifyFlags.VERIFY_X509_PARTIAL_CHAIN
+    try:
+        context.load_verify_locations(path)
+    except ssl.SSLError:
+        raise InvalidParameter(flag, str(path), "a file with a certificate in PEM") from None
+    return context
+
+
+def _check_users(security: Security) -> None:
+    user = security.user
+    if user is None and security.password_file is not None:
+        raise InvalidParameter("--password-file", str(security.password_file), "with --user NAME")
+    if user is not None:
+        if not _NAME.fullmatch(user):
+            raise InvalidParameter("--user", user, "a name without spaces and colons, and no # at its start")
+        if not security._password():
+            words = f"with its password, as --password-file FILE or in the environment as {PASSWORD_VARIABLE}"
+            raise InvalidParameter("--user", user, words)
+    if security.users is not None:
+        _check_dictionary(security.users)
+
+
+def _check_dictionary(path: Path) -> None:
+    names: set[str] = set()
+    for number, line in enumerate(_read("--users", path).splitlines(), 1):
+        match = _USER.fullmatch(line)
+        if match is None or match["name"] in names:
+            wrong = "is not that" if match is None else "names a user again"  # the line itself may hold a password
+            raise InvalidParameter("--users", str(path), f"lines user:password (line {number} {wrong})")
+        names.add(match["name"])
+    if not names:
+        raise InvalidParameter("--users", str(path), "lines user:password (it has none)")
+
+
+def _read(flag: str, path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        why = "not text" if isinstance(error, UnicodeDecodeError) else error.strerror
+        raise InvalidParameter(flag, str(path), f"a file that can be read ({why})") from None
