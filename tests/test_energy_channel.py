@@ -275,6 +275,27 @@ def test_admission_lets_a_leap_in_slowly() -> None:
     assert credited == c.credited_nJ > 10**6
 
 
+def test_one_message_that_leaps_is_soon_forgotten() -> None:
+    """A total of 9e9 J, said once: the burst, and what the bucket pays in 2 s, and no more in an hour."""
+    c = channel(power_W=5.0, burst_J=0.5)
+    c.receive(10**6, 0, 0)
+    credited = c.receive(2**63 - 1, 0, 10 * MS)
+    for now in range(20 * MS, 3600 * 1000 * MS, 1000 * MS):
+        credited += c.admit(now)
+        c.receive(10**6, 0, now)  # what was really sent
+    assert credited + 10**6 == c.credited_nJ <= 10**6 + round((0.5 + 2.0 * 5.0) * 1e9)
+
+
+def test_a_long_backlog_comes_at_the_rate_of_the_bucket() -> None:
+    """100 J after a long silence, 5 W and a burst of 0.5 J: (100 - 0.5) / 5 = 19.9 s, and the round trips."""
+    a, b = channel(), channel(power_W=5.0, burst_J=0.5)
+    pair = Pair(a, b)
+    a.send(100.0)
+    pair.heal()
+    assert b.credited_nJ == a.acked_nJ == 100 * 10**9
+    assert 19.9e9 <= pair.now <= 19.9e9 * 1.02
+
+
 def test_what_waits_is_credited_without_further_messages() -> None:
     c = channel(power_W=1.0, burst_J=0.001)
     credited = c.receive(5 * 10**6, 0, 0)

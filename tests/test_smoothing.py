@@ -49,6 +49,16 @@ def test_predictor_stops_at_its_limit_and_ignores_stale_data() -> None:
     assert stage.step(0.0, (0.01,), None) == pytest.approx((0.01 + 0.1 * 1.0,))
 
 
+def test_predictor_begins_anew_when_the_senders_clock_does() -> None:
+    """A peer that restarted on a host just booted counts from zero, and so does one whose stamp once leapt."""
+    stage = VelocityPredictor(0.0, longest=0.1)
+    stage.step(0.01, (0.0,), 1e6)
+    stage.step(0.01, (0.01,), 1e6 + 0.01)
+    assert stage.step(0.01, (5.0,), 3.0) == (5.0,)
+    assert stage.step(0.01, (5.02,), 3.01) == pytest.approx((5.02,))
+    assert stage.step(0.01, (5.02,), None) == pytest.approx((5.02 + 0.01 * 2.0,))
+
+
 def test_an_empty_pipeline_is_the_identity_and_a_full_one_is_in_order() -> None:
     assert Pipeline().step(0.01, (1.0, 2.0), 0.0) == (1.0, 2.0)
     both = Pipeline([VelocityPredictor(1.0, 10.0), SmoothingFilter(0.01)])

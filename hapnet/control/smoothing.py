@@ -77,6 +77,8 @@ class VelocityPredictor:
     def step(self, dt: float, y: Vector, sent_s: float | None) -> Vector:
         self._age += dt
         if sent_s is not None:
+            if self._last is not None and sent_s < self._last[0] - self.longest:
+                self.reset(y)  # nothing is reordered by so much: it is another clock, a restarted sender's
             if self._last is not None and sent_s > self._last[0]:
                 span = sent_s - self._last[0]
                 self._velocity = tuple([(new - old) / span for new, old in zip(y, self._last[1], strict=True)])

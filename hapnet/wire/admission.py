@@ -12,6 +12,9 @@ from hapnet.errors import InvalidParameter
 
 DEFAULT_POWER_W = 10.0
 DEFAULT_BURST_J = 0.1
+REPEATED_NS = 2_000_000_000
+"""A sender repeats a total that is not acknowledged within that, and 1.5 s is its timer's longest [ns]."""
+
 _AJ_PER_NJ = 1_000_000_000
 
 
@@ -36,6 +39,11 @@ class Admission:
         self._burst_aJ = round(burst_J * 1e9) * _AJ_PER_NJ
         self._level_aJ = self._burst_aJ
         self._filled_ns: int | None = None
+
+    @property
+    def most_waiting_nJ(self) -> int:
+        """How much may wait for tokens: what they pay until the sender says it again, whatever its timer."""
+        return (self._burst_aJ + self._rate_nW * REPEATED_NS) // _AJ_PER_NJ
 
     def take(self, wanted_nJ: int, now_ns: int) -> int:
         """Up to `wanted_nJ`, as far as the tokens go at `now_ns`."""

@@ -5,11 +5,13 @@ credited in all, so a later message repairs the loss of every earlier one, and n
 can create or lose energy. The rules:
 
 * New energy leaves at once if the last message is `spacing_ns` old, else when it is.
-* While something is unacknowledged it is repeated on the RFC 6298 timer, which every message restarts.
+* While something is unacknowledged it is repeated on the RFC 6298 timer, which every message restarts, and every
+  acknowledgement that advances, but for no longer than the timer's ceiling.
 * A message with `total_nJ` > 0 asks for an acknowledgement, which rides on a message of the other direction if one
   leaves within `ack_delay_ns` and else goes alone, with `total_nJ` = 0. That is stale by the ordinary rule (below what
   was credited) and never answered, so two quiet sides stay quiet.
-* Crediting passes the admission bucket. What it keeps waiting is credited by `admit` as tokens come.
+* Crediting passes the admission bucket. What it keeps waiting is credited by `admit` as tokens come. No more waits than
+  they pay until the sender repeats its total: a total that has leapt, by a flipped bit or a forger, is soon forgotten.
 
 At every instant `sent_nJ == acked_nJ + in_flight_nJ + abandoned_nJ` here, and, since acknowledging follows crediting
 follows sending, `acked_nJ (here) <= credited_nJ (peer) <= sent_nJ (here)`.
@@ -23,7 +25,7 @@ from math import floor
 from hapnet.errors import BadMessage, InvalidParameter
 from hapnet.wire.admission import Admission
 from hapnet.wire.messages import MAX_TOTAL_NJ
-from hapnet.wire.rto import RtoEstimator
+from hapnet.wire.rto import CEILING_NS, RtoEstimator
 
 SPACING_NS = 10_000_000
 ACK_DELAY_NS = 10_000_000  # the spacing: while energy flows both ways every acknowledgement finds a ride
@@ -56,6 +58,7 @@ class EnergyChannel:
         self.residue_J = residue_J
         self.rto = RtoEstimator()
         self._admission = admission
+        self._most_waiting_nJ = admission.most_waiting_nJ
         self._spacing_ns, self._ack_delay_ns = spacing_ns, ack_delay_ns
         self._told_nJ = 0  # highest total that was put in a message
         self._claimed_nJ = 0  # highest total that the peer put in one
@@ -98,7 +101,7 @@ class EnergyChannel:
         self.acknowledge(acked_nJ, now_ns)
         if total_nJ > 0:
             self._owe_ack(now_ns)
-        self._claimed_nJ = max(self._claimed_nJ, total_nJ)
+        self._claimed_nJ = max(self._claimed_nJ, min(total_nJ, self.credited_nJ + self._most_waiting_nJ))
         return self.admit(now_ns)
 
     def acknowledge(self, acked_nJ: int, now_ns: int) -> None:
@@ -115,7 +118,11 @@ class EnergyChannel:
             self.rto.sample(now_ns - sent_ns)
         else:  # credited in part: what is on its way would measure the peer's bucket, not the path
             self._timed.clear()
-        self._retransmit_ns = now_ns + self.rto.rto_ns if self._told_nJ > acked_nJ else None
+        if self._told_nJ > acked_nJ:  # crediting that takes long must not keep us from repeating what is claimed
+            last_ns = self._spaced_ns - self._spacing_ns
+            self._retransmit_ns = min(now_ns + self.rto.rto_ns, last_ns + CEILING_NS)
+        else:
+            self._retransmit_ns = None
 
     def admit(self, now_ns: int) -> int:
         """Credit what waits, as far as the bucket allows; returns it [nJ]."""

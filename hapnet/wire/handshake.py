@@ -28,6 +28,7 @@ HELLO_PERIOD_NS = 200_000_000
 PROMPT_NS = 20_000_000  # least time between two hellos, when strangers call for them
 REPLY_SPACING_NS = 10_000_000  # however fast strangers speak: at most MAX_REPLIES in this time
 MAX_REPLIES = 8
+TOLD_SPACING_NS = 100_000_000  # least time between two events that say that somebody does not fit
 MAX_PEERS = 4096
 BYE_COPIES = 3
 BYE_SPACING_NS = 20_000_000
@@ -66,7 +67,7 @@ class Handshake:
         self._bye: Bye | None = None
         self._byes_left = 0
         self._bye_ns = 0
-        self._told: dict[type[Event], tuple[int, str]] = {}
+        self._told: dict[type[Event], tuple[int, str, int]] = {}
 
     def check_peer(self, sender: int, now_ns: int) -> None:
         """Return if `sender` is the peer; else raise BadMessage (stranger, retired, own), and see to the sender."""
@@ -82,7 +83,7 @@ class Handshake:
     def hello(self, message: Hello, now_ns: int) -> tuple[Event, ...]:
         self._check_living(message.incarnation)
         if reason := self._misfit(_identity(message)):
-            return self._refuse(message.incarnation, reason)
+            return self._refuse(message.incarnation, reason, now_ns)
         self._check_no_rival(message.incarnation, now_ns)
         me = self.identity
         number = message.number
@@ -104,9 +105,9 @@ class Handshake:
             raise BadMessage("stale", f"welcome to hello {message.number}; the last pairing was after it, or never")
         identity = _identity(message)
         if reason := self._misfit(identity):
-            return self._refuse(message.incarnation, reason)
+            return self._refuse(message.incarnation, reason, now_ns)
         if len(self._retired) >= MAX_PEERS:
-            return self._refuse(message.incarnation, f"this side has seen {MAX_PEERS} peers; restart it")
+            return self._refuse(message.incarnation, f"this side has seen {MAX_PEERS} peers; restart it", now_ns)
         if self.peer is not None:
             self._reply(self._refusal(self.peer.incarnation, f"replaced by {identity.name}"))
             self._retire(self.peer, now_ns)
@@ -117,10 +118,12 @@ class Handshake:
         return (Paired(identity, self.pairs),)
 
     def refuse(self, message: Refuse, now_ns: int) -> tuple[Event, ...]:
+        if message.incarnation == self.identity.incarnation:
+            raise BadMessage("own", "this side's own incarnation came back")
         self.check_addressee(message.addressee)
         if self.peer is not None and self.peer.incarnation == message.incarnation:
             self._retire(self.peer, now_ns)
-        return self._tell(PeerRefused(message.reason), message.incarnation)
+        return self._tell(PeerRefused(message.reason), message.incarnation, now_ns)
 
     def bye(self, message: Bye, now_ns: int) -> tuple[Event, ...]:
         if self.peer is None or self.peer.incarnation != message.incarnation:
@@ -129,11 +132,11 @@ class Handshake:
         self._retire(self.peer, now_ns)
         return (PeerLeft(message.reason),)
 
-    def other_version(self, error: OtherVersion) -> tuple[Event, ...]:
+    def other_version(self, error: OtherVersion, now_ns: int) -> tuple[Event, ...]:
         """A frame of another version: a hello is refused in words, the rest ignored."""
-        if error.message_kind != Hello.KIND:
+        if error.message_kind != Hello.KIND or error.incarnation == self.identity.incarnation:
             return ()
-        return self._refuse(error.incarnation, error.detail)
+        return self._refuse(error.incarnation, error.detail, now_ns)
 
     def check_addressee(self, addressee: int) -> None:
         """Raise BadMessage (addressee) unless that is this incarnation."""
@@ -220,15 +223,19 @@ class Handshake:
     def _refusal(self, incarnation: int, reason: str) -> Refuse:
         return Refuse(self.identity.incarnation, incarnation, reason[:MAX_TEXT])
 
-    def _refuse(self, incarnation: int, reason: str) -> tuple[Event, ...]:
+    def _refuse(self, incarnation: int, reason: str, now_ns: int) -> tuple[Event, ...]:
+        if self.peer is not None and self.peer.incarnation == incarnation:
+            return ()  # the peer did fit: this is a forgery, and a refusal would end the pair
         self._reply(self._refusal(incarnation, reason))
-        return self._tell(Mismatch(reason), incarnation)
+        return self._tell(Mismatch(reason[:MAX_TEXT]), incarnation, now_ns)
 
-    def _tell(self, event: Mismatch | PeerRefused, incarnation: int) -> tuple[Event, ...]:
-        """The event, unless the last of its type said the same of the same peer."""
-        if self._told.get(type(event)) == (incarnation, event.reason):
-            return ()
-        self._told[type(event)] = (incarnation, event.reason)
+    def _tell(self, event: Mismatch | PeerRefused, incarnation: int, now_ns: int) -> tuple[Event, ...]:
+        """The event, unless the last of its type said the same of the same peer, or was just now."""
+        if (last := self._told.get(type(event))) is not None:
+            *what, told_ns = last
+            if what == [incarnation, event.reason] or now_ns - told_ns < TOLD_SPACING_NS:
+                return ()
+        self._told[type(event)] = (incarnation, event.reason, now_ns)
         return (event,)
 
 

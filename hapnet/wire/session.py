@@ -192,7 +192,7 @@ class Session:
             events = self._dispatch(message, now_ns)
         except OtherVersion as error:
             self._drop(error)
-            events = self._handshake.other_version(error)
+            events = self._handshake.other_version(error, now_ns)
         except BadMessage as error:
             self._drop(error)
             events = ()

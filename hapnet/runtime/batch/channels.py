@@ -45,6 +45,7 @@ class Channels:
         self._shown_nJ = self.credited_nJ.copy()
         """What messages say was credited: less than was, while a window's credits are known ahead."""
         self._told_nJ = whole([c._told_nJ for c in channels])
+        self._most_waiting_nJ = channels[0]._most_waiting_nJ
         self._claimed_nJ = whole([c._claimed_nJ for c in channels])
         self._residue_J = np.array([c.residue_J for c in channels])
         self._level_aJ = whole([c._admission._level_aJ for c in channels])
@@ -103,7 +104,8 @@ class Channels:
         self._acknowledge(at, acked_nJ, now_ns)
         asking = total_nJ > 0
         self._owe_ack(at[asking], now_ns[asking])
-        self._claimed_nJ[at] = np.maximum(self._claimed_nJ[at], total_nJ)
+        most = self.credited_nJ[at] + self._most_waiting_nJ
+        self._claimed_nJ[at] = np.maximum(self._claimed_nJ[at], np.minimum(total_nJ, most))
         return self.admit(at, now_ns)
 
     def admit(self, at: Index, now_ns: Whole) -> Whole:
@@ -218,7 +220,8 @@ class Channels:
         whole = total_nJ == acked_nJ
         self._sample(at[whole], now_ns[whole] - sent_ns[whole])
         self._first[at[~whole]] = self._last[at[~whole]]
-        self._retransmit_ns[at] = np.where(self._told_nJ[at] > acked_nJ, now_ns + self._rto_ns(at), NEVER)
+        due_ns = np.minimum(now_ns + self._rto_ns(at), self._spaced_ns[at] - self._spacing_ns + self._ceiling_ns)
+        self._retransmit_ns[at] = np.where(self._told_nJ[at] > acked_nJ, due_ns, NEVER)
 
     def _owe_ack(self, at: Index, now_ns: Whole) -> None:
         self._ack_ns[at] = np.minimum(self._ack_ns[at], now_ns + self._ack_delay_ns)

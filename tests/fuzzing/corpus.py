@@ -1,0 +1,159 @@
+"""Seed frames: golden ones, oddities, and a real conversation. `python -m tests.fuzzing.corpus` writes them."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import msgpack
+
+from hapnet.wire.session import Session
+
+FOLDER = Path(__file__).parent / "corpus"
+GOLDEN = Path(__file__).parents[1] / "data" / "frames.txt"
+DEVICE, WORLD = 0x1122334455667788, 0xFEDCBA9876543210
+"""The incarnations in the golden frames: of the device, "pen", and the world, "wall"."""
+
+MS = 1_000_000
+NAN, INF = float("nan"), float("inf")
+
+
+def golden() -> dict[str, bytes]:
+    lines = [line.split() for line in GOLDEN.read_text().splitlines() if not line.startswith("#")]
+    return {name: bytes.fromhex(frame) for name, frame in lines}
+
+
+def oddities() -> dict[str, bytes]:
+    """Frames that are wrong in one way, or only just right."""
+
+    def position(*coordinates: object, sequence: object = 7, sent_ns: object = 10**9) -> list[object]:
+        return [1, 1, WORLD, sequence, sent_ns, list(coordinates)]
+
+    def hello(**changes: object) -> list[object]:
+        fields: dict[str, object] = {"number": 1, "role": "world", "dof": 1, "name": "wall", "about": {}}
+        return [1, 3, WORLD, *(fields | changes).values()]
+
+    frames: dict[str, object] = {
+        "position-nan": position(NAN),
+        "position-infinite": position(INF, -INF),
+        "position-subnormal": position(5e-324, -5e-324, 2.2e-308),
+        "position-edge": position(1e6, -1e6),
+        "position-outside": position(1000000.0000000001),
+        "position-integer": position(1),
+        "position-64": position(*[0.5] * 64),
+        "position-65": position(*[0.5] * 65),
+        "position-none": position(),
+        "position-bytes": [1, 1, WORLD, 7, 10**9, struct.pack(">ddd", 1.0, 2.0, 3.0)],
+        "position-map": [1, 1, WORLD, 7, 10**9, {"x": 1.0}],
+        "position-leap": position(0.0, sequence=2**64 - 1, sent_ns=2**64 - 1),
+        "position-negative": position(0.0, sequence=-1),
+        "position-own": [1, 1, DEVICE, 7, 10**9, [0.0]],
+        "position-nobody": [1, 1, 0, 7, 10**9, [0.0]],
+        "position-boolean": [True, 1, WORLD, 7, 10**9, [0.0]],
+        "energy-most": [1, 2, WORLD, DEVICE, 2**63 - 1, 0],
+        "energy-too-much": [1, 2, WORLD, DEVICE, 2**63, 0],
+        "energy-unannounced": [1, 2, WORLD, DEVICE, 1, 2**63 - 1],
+        "energy-negative": [1, 2, WORLD, DEVICE, -1, 0],
+        "energy-other": [1, 2, WORLD, 3, 1000, 0],
+        "energy-2-53": [1, 2, WORLD, DEVICE, 2**53 + 1, 0],
+        "energy-float": [1, 2, WORLD, DEVICE, 1000.0, 0],
+        "hello-foreign": [1, 3, 99, 1, "world", 1, "wall", {}],
+        "hello-same-role": hello(role="device"),
+        "hello-no-role": hello(role="observer"),
+        "hello-dof": hello(dof=3),
+        "hello-dof-65": hello(dof=65),
+        "hello-binary-name": hello(name=b"wall"),
+        "hello-line-end": hello(name="wall\nERROR all is lost"),
+        "hello-long-name": hello(name="w" * 257),
+        "hello-about-32": hello(about={f"key{i}": i for i in range(32)}),
+        "hello-about-33": hello(about={f"key{i}": i for i in range(33)}),
+        "hello-about-nested": hello(about={"a": [1]}),
+        "hello-about-nan": hello(about={"a": NAN}),
+        "hello-about-values": hello(about={"coupling": "pspm", "a": None, "b": True, "c": -(2**63), "d": 2**64 - 1}),
+        "hello-coupling": hello(about={"coupling": "zoh"}),
+        "hello-earlier": hello(about={"earlier": 3}),
+        "welcome-number": [1, 4, WORLD, DEVICE, 2**64 - 1, "world", 1, "wall", {}],
+        "welcome-foreign": [1, 4, 99, DEVICE, 1, "world", 1, "wall", {}],
+        "refuse-version-9": [9, 5, WORLD, DEVICE, "too old"],
+        "hello-version-2": [2, 3, WORLD, "whatever", [2], {"version": 2}],
+        "energy-version-2": [2, 2, WORLD, DEVICE, 1000, 0],
+        "bye-nobody": [1, 6, WORLD, 0, 0, ""],
+        "bye-unannounced": [1, 6, WORLD, DEVICE, 2**62, "gone"],
+        "kind-7": [1, 7, WORLD],
+        "extension": [1, 1, WORLD, 7, msgpack.ExtType(5, b"time"), [0.0]],
+        "timestamp": [1, 1, WORLD, 7, msgpack.Timestamp(1, 2), [0.0]],
+        "map": {"version": 1},
+        "number": 7,
+    }
+    raw = {
+        "empty": b"",
+        "reserved": b"\xc1",
+        "nested": b"\x91" * 600,
+        "nested-wide": b"\xdc\x0f\xff" * 1365,
+        "announced": b"\xdd\xff\xff\xff\xff\x01",
+        "announced-text": b"\x95\x01\x05\x01\x01\xdb\xff\xff\xff\xff",
+        "not-utf8": b"\x95\x01\x05\x01\x01\xa2\xff\xfe",
+        "two-frames": golden()["energy"] * 2,
+        "cut": golden()["position"][:-1],
+        "size": b"\x00" * 4097,
+        "map-twice": b"\x98\x01\x03\x05\x01\xa6device\x01\xa1n\x82\xa1a\x01\xa1a\x02",
+        "map-integer-key": b"\x98\x01\x03\x05\x01\xa6device\x01\xa1n\x81\x01\x02",
+        "float32": b"\x96\x01\x01\x05\x07\x08\x91\xca" + struct.pack(">f", 0.1),
+        "long-integers": b"\x96\x01\x01\xcf" + struct.pack(">Q", 5) + b"\xd3" + struct.pack(">q", 7) +
+                         b"\x00\x91\xcb" + bytes(8),
+    }  # fmt: skip
+    return {name: msgpack.packb(frame) for name, frame in frames.items()} | raw
+
+
+def conversation() -> dict[str, bytes]:
+    """What a device and a world say to each other in their first second, one of each kind and the last of each."""
+    device = Session(role="device", dof=1, name="pen", incarnation=DEVICE, about={"coupling": "pspm"})
+    world = Session(role="world", dof=1, name="wall", incarnation=WORLD, about={"coupling": "pspm"})
+    frames: dict[str, bytes] = {}
+
+    def say(speaker: Session, listener: Session, now_ns: int, kind: str, data: bytes) -> None:
+        name = f"session-{speaker.identity.role}-{kind}"
+        frames[name if name not in frames else f"{name}-last"] = data
+        listener.receive(now_ns, data)
+
+    for now_ns in range(0, 1000 * MS, MS):
+        if now_ns == 900 * MS:
+            device.close(now_ns, "duration is over")
+        for speaker, listener in ((device, world), (world, device)):
+            if now_ns % (100 * MS) == 50 * MS:
+                speaker.give(now_ns * 1e-12)
+                say(speaker, listener, now_ns, "position", speaker.position(now_ns, (now_ns * 1e-11,)))
+            for kind, data in speaker.poll(now_ns)[0]:
+                say(speaker, listener, now_ns, f"{kind}-{data[2]}", data)
+    return frames
+
+
+def made() -> dict[str, bytes]:
+    """Every seed that is made here, by name."""
+    return {f"golden-{name}": data for name, data in golden().items()} | oddities() | conversation()
+
+
+def stored() -> dict[str, bytes]:
+    """Every seed in the folder, by name, those that atheris found among them."""
+    return {path.stem: path.read_bytes() for path in sorted(FOLDER.glob("*.bin"))}
+
+
+def stored_lives() -> list[bytes]:
+    """What atheris found for a whole session: inputs of `lives.one_life`."""
+    return [path.read_bytes() for path in sorted(FOLDER.glob("*.life"))]
+
+
+def write() -> int:
+    """Write the seeds that are made here anew; returns how many."""
+    FOLDER.mkdir(exist_ok=True)
+    for path in FOLDER.glob("*.bin"):
+        if not path.stem.startswith("found-"):
+            path.unlink()
+    seeds = made()
+    for name, data in seeds.items():
+        (FOLDER / f"{name}.bin").write_bytes(data)
+    return len(seeds)
+
+
+if __name__ == "__main__":
+    print(f"{write()} seeds in {FOLDER}")

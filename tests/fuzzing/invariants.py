@@ -1,0 +1,379 @@
+"""What must hold after every message, written from hapnet/wire/README.md and from the theory, not from the code."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Sized
+from typing import Any
+
+import msgpack
+
+from hapnet.checks import Vector
+from hapnet.control.coupling import Coupling, Modulator
+from hapnet.control.pspm import Modulation
+from hapnet.endpoint import ControlHalf, Endpoint
+from hapnet.errors import BadMessage
+from hapnet.wire.events import EnergyCredited, Event, Paired, PositionReceived
+from hapnet.wire.messages import Energy, Message, Position, Refuse, decode, encode
+from hapnet.wire.session import Outgoing
+
+POSITION, ENERGY, HELLO, WELCOME, REFUSE, BYE = range(1, 7)
+LENGTHS = {POSITION: 6, ENERGY: 6, HELLO: 8, WELCOME: 9, REFUSE: 5, BYE: 6}
+
+BAD_FRAMES = {"size", "malformed", "version", "kind", "length", "type", "range", "dimension"}
+BAD_MOMENTS = {
+    "own",
+    "retired",
+    "stranger",
+    "rival",
+    "unpaired",
+    "stale",
+    "addressee",
+    "dimension",
+    "acknowledgement",
+    "closed",
+}
+
+MOST = {"_retired": 4096, "_replies": 8, "_timed": 256, "about": 33, "dropped": len(BAD_FRAMES | BAD_MOMENTS)}
+"""The longest that containers of a session may be; any other: 32."""
+
+SLACK_J = -1e-9
+ROUNDING = 1e-12
+
+
+class Broken(AssertionError):
+    """Something that must hold does not."""
+
+
+def hold(truth: bool, *words: object) -> None:
+    """Raise Broken, with these words, unless it is true."""
+    if not truth:
+        raise Broken(" ".join(map(str, words)))
+
+
+# -- the decoder ----------------------------------------------------------------------------------------------------
+
+
+def allowed(data: bytes) -> list[Any] | None:
+    """The elements of the frame in `data` if the protocol's page allows it, else None."""
+    if len(data) > 4096:
+        return None
+    try:
+        frame = msgpack.unpackb(data, strict_map_key=False, max_array_len=65)  # no array may be longer
+    except (ValueError, TypeError, msgpack.UnpackException):
+        return None
+    if not isinstance(frame, list) or len(frame) < 3:
+        return None
+    version, kind = frame[:2]
+    if not (_integer(version, -(2**63)) and _integer(kind, 1, 6) and _integer(frame[2], 1)):
+        return None
+    if (version != 1 and kind != REFUSE) or len(frame) != LENGTHS[kind]:
+        return None
+    return frame if _fields(kind, frame[3:]) else None
+
+
+def _fields(kind: int, fields: list[Any]) -> bool:
+    match kind, fields:
+        case 1, [sequence, sent_ns, list() as position]:
+            floats = all(isinstance(x, float) and math.isfinite(x) and abs(x) <= 1e6 for x in position)
+            return _integer(sequence) and _integer(sent_ns) and 1 <= len(position) <= 64 and floats
+        case 2, [addressee, total_nJ, acked_nJ]:
+            return _integer(addressee) and _integer(total_nJ, 0, 2**63 - 1) and _integer(acked_nJ, 0, 2**63 - 1)
+        case 3, [number, *identity]:
+            return _integer(number) and _identity(*identity)
+        case 4, [addressee, number, *identity]:
+            return _integer(addressee) and _integer(number) and _identity(*identity)
+        case 5, [addressee, reason]:
+            return _integer(addressee) and _text(reason)
+        case 6, [addressee, acked_nJ, reason]:
+            return _integer(addressee) and _integer(acked_nJ, 0, 2**63 - 1) and _text(reason)
+    return False
+
+
+def _identity(role: object, dof: object, name: object, about: object) -> bool:
+    if not (isinstance(about, dict) and len(about) <= 32 and role in ("device", "world") and _text(role)):
+        return False
+    return _integer(dof, 1, 64) and _text(name) and all(_text(key) and _scalar(about[key]) for key in about)
+
+
+def _scalar(value: object) -> bool:
+    if isinstance(value, float):
+        return math.isfinite(value)
+    return value is None or isinstance(value, int) or _text(value)
+
+
+def _integer(value: object, least: int = 0, most: int = 2**64 - 1) -> bool:
+    if value is True or value is False or not isinstance(value, int):
+        return False
+    return least <= value <= most
+
+
+def _text(value: object) -> bool:
+    return isinstance(value, str) and len(value) <= 256 and value.isprintable()
+
+
+def decoded(data: bytes) -> Message | None:
+    """Decode `data`, see that this went as it must, and return the message, or None if it is a bad one."""
+    frame = allowed(data)
+    try:
+        message = decode(data)
+    except BadMessage as error:
+        hold(frame is None, "a frame that is allowed was refused:", error)
+        hold(error.kind in BAD_FRAMES, "a kind that nobody counts:", error.kind)
+        hold(len(str(error)) < 1000, "an error of", len(str(error)), "characters")
+        return None
+    if frame is None:
+        raise Broken(f"a frame that is not allowed was taken: {message}")
+    fields = tuple(message) if isinstance(message, tuple) else dataclasses.astuple(message)
+    hold(frame[1] == message.KIND, "kind", frame[1], "became", message)
+    hold(_same(list(fields), frame[2:]), "fields", frame[2:], "became", message)
+    again = decode(encode(message))
+    hold(type(again) is type(message) and repr(again) == repr(message), message, "encoded is", again)
+    return message
+
+
+def _same(fields: object, elements: object) -> bool:
+    """Equal in value and in type, a tuple being as good as a list; zeros have signs."""
+    if isinstance(fields, list | tuple) and isinstance(elements, list):
+        return len(fields) == len(elements) and all(map(_same, fields, elements))
+    return type(fields) is type(elements) and repr(fields) == repr(elements)
+
+
+# -- the wire half --------------------------------------------------------------------------------------------------
+
+
+class Watch:
+    """The wire half of a side under attack; `receive` and `poll` check all that a session promises.
+
+    Parameters
+    ----------
+    endpoint : of the side.
+    power_W, burst_J : of its admission.
+    accept_stale : does it take positions in any order?
+    """
+
+    def __init__(self, endpoint: Endpoint, *, power_W: float, burst_J: float, accept_stale: bool) -> None:
+        self.endpoint = endpoint
+        self.session = session = endpoint.session
+        self.own = session.identity.incarnation
+        self.offered = self.accepted = 0
+        self.claimed_nJ = 0
+        """What the present peer claimed to have sent, in messages that count."""
+        self.newest = -1
+        """Highest sequence of the present peer's positions."""
+        self._rate_nW, self._burst_aJ = round(power_W * 1e9), round(burst_J * 1e9) * 10**9
+        self._accept_stale = accept_stale
+        self._claimed_before_nJ = 0  # by earlier peers
+        self._told_nJ = 0
+        self._credited_nJ = 0
+        self._start_ns: int | None = None
+        self._dropped = 0
+
+    def receive(self, now_ns: int, data: bytes) -> tuple[Event, ...]:
+        """Hand a datagram to the endpoint and check everything."""
+        session = self.session
+        peer, replies = session.peer, session._handshake._replies
+        before = None if peer is None else replies.get(peer.incarnation)
+        try:
+            message = decode(data)
+        except BadMessage:
+            message = None
+        events = self.endpoint.receive(now_ns, data)
+        self.offered += 1
+        dropped = session.dropped.total() - self._dropped
+        self._dropped += dropped
+        self.accepted += 1 - dropped
+        hold(dropped == 1 or (dropped == 0 and message is not None), dropped, "counts for one message", message)
+        hold(self.offered == self.accepted + self._dropped, "messages got lost")
+        hold(not (events and dropped) or message is None, "dropped, and yet", events)
+        if message is not None:
+            self._check_fate(message, peer, bool(dropped), events)
+        if peer is not None and session.peer is peer:
+            reply = replies.get(peer.incarnation)
+            hold(
+                reply is before or not isinstance(reply, Refuse),
+                "it refuses its own peer, that is ends the pair:",
+                reply,
+            )
+        if session.peer is not peer:
+            self._claimed_before_nJ += self.claimed_nJ
+            self.claimed_nJ = self._told_nJ = 0
+            self.newest = -1
+        self._check(now_ns, events)
+        return events
+
+    def poll(self, now_ns: int) -> list[Outgoing]:
+        """Poll the endpoint and check everything, that it will not want to be polled at once again among it."""
+        outgoing, events = self.endpoint.poll(now_ns)
+        hold(len(outgoing) <= 10, len(outgoing), "messages at once")
+        for kind, data in outgoing:
+            frame = allowed(data)
+            if frame is None:
+                raise Broken(f"this side sends a frame that is not allowed: {data.hex()}")
+            hold(kind == ("position", "energy", *["control"] * 4)[frame[1] - 1], frame, "on the key", kind)
+            if frame[1] == ENERGY:
+                self._told_nJ = max(self._told_nJ, frame[4])
+        due_ns = self.session.next_due_ns
+        hold(due_ns is None or due_ns > now_ns, "polled at", now_ns, "and due again at", due_ns)
+        self._check(now_ns, events)
+        return outgoing
+
+    def _check_fate(self, message: Message, peer: Any, dropped: bool, events: tuple[Event, ...]) -> None:
+        """What the page says of this message in this state."""
+        from_peer = peer is not None and message.incarnation == peer.incarnation
+        if isinstance(message, Position):
+            news = message.sequence > self.newest or self._accept_stale
+            counts = from_peer and len(message.position) == self.session.identity.dof and news
+            hold(dropped != counts, "position", message, "after", self.newest, "dropped:", dropped)
+            if counts:
+                self.newest = max(self.newest, message.sequence)
+                hold(events[:1] == (PositionReceived(*message[1:]),), message, "gave", events)
+        elif isinstance(message, Energy):
+            counts = from_peer and message.addressee == self.own and message.acked_nJ <= self._told_nJ
+            hold(dropped != counts, "energy", message, "with", self._told_nJ, "nJ told; dropped:", dropped)
+            if counts:
+                self.claimed_nJ = max(self.claimed_nJ, message.total_nJ)
+        elif getattr(message, "addressee", self.own) not in (self.own, 0) and message.KIND != BYE:
+            hold(dropped, message, "was meant for somebody else")
+        if message.incarnation == self.own:
+            hold(dropped, "it hears itself:", message)
+        if any(isinstance(event, Paired) for event in events):
+            hold(message.KIND == WELCOME, "paired by", message)
+
+    def _check(self, now_ns: int, events: tuple[Event, ...]) -> None:
+        for event in events:
+            if isinstance(event, EnergyCredited):
+                hold(event.credited_nJ > 0, event)
+                self._credited_nJ += event.credited_nJ
+        session = self.session
+        in_flight, abandoned, acked = session.in_flight_nJ, session.abandoned_nJ, session.acked_nJ
+        hold(in_flight >= 0 and abandoned >= 0 and acked >= 0, "in flight", in_flight, "abandoned", abandoned)
+        hold(session.sent_nJ == acked + in_flight + abandoned, "sent", session.sent_nJ, acked, in_flight, abandoned)
+        hold(0.0 <= session.residue_J <= 1e-9, "residue", session.residue_J)
+        credited = session.credited_nJ
+        hold(credited == self._credited_nJ, credited, "nJ credited,", self._credited_nJ, "nJ reported")
+        hold(
+            credited <= self._claimed_before_nJ + self.claimed_nJ, credited, "nJ credited,", self.claimed_nJ, "claimed"
+        )
+        if self._start_ns is None:
+            self._start_ns = now_ns
+        admitted_aJ = self._burst_aJ + self._rate_nW * (now_ns - self._start_ns)
+        hold(credited * 10**9 <= admitted_aJ, credited, "nJ credited, admitted", admitted_aJ, "aJ")
+        hold(session.dropped.keys() <= BAD_FRAMES | BAD_MOMENTS, session.dropped)
+
+    def check_memory(self) -> None:
+        """Whatever a session holds on to, however deep, is bounded."""
+        for name, size in _sizes(self.session, 5):
+            hold(size <= MOST.get(name, 32), name, "holds", size)
+
+
+def _sizes(thing: object, depth: int) -> Iterator[tuple[str, int]]:
+    """(name, size) of every container among the attributes of `thing` and of what they hold."""
+    names = getattr(thing, "__dict__", None) or {
+        name: getattr(thing, name) for cls in type(thing).__mro__ for name in getattr(cls, "__slots__", ())
+    }
+    for name, value in names.items():
+        if isinstance(value, str | bytes):
+            yield f"{name} (text)", len(value) // 64
+        elif isinstance(value, Sized):
+            yield name, len(value)
+        elif depth and type(value).__module__.startswith("hapnet"):
+            yield from _sizes(value, depth - 1)
+
+
+# -- the control half -----------------------------------------------------------------------------------------------
+
+
+class Audited:
+    """A modulator, each of its updates checked against (8), (9), the ceiling and the step limit.
+
+    Stands in the modulator's place in a `Coupling`.
+    """
+
+    def __init__(self, modulator: Modulator, longest_step: float, ceiling: float) -> None:
+        self.inner = modulator
+        self.spring = modulator.spring
+        self.longest_step = longest_step
+        self.ceiling = ceiling
+        self.updates = 0
+        self._K: list[list[float]] = modulator.spring.K.tolist()
+        limit = modulator.spring.force_limit
+        largest = modulator.spring.ellipsoid.largest
+        self._knee = math.inf if limit is None else limit / math.sqrt(largest)
+
+    @property
+    def set_position(self) -> Vector:
+        return self.inner.set_position
+
+    @property
+    def energy(self) -> float:
+        return self.inner.energy
+
+    @property
+    def deficit(self) -> float:
+        return self.inner.deficit
+
+    @property
+    def account(self) -> float:
+        return self.inner.account
+
+    def modulate(self, y: Vector, x: Vector, dissipated: float, received: float) -> Modulation:
+        start, account = self.inner.set_position, self.inner.account
+        before = self._potential(x, start)
+        result = self.inner.modulate(y, x, dissipated, received)
+        ybar = result.set_position
+        after = self._potential(x, ybar)
+        numbers = (*ybar, *y, *x, *result[1:], dissipated, received, after)
+        hold(all(map(math.isfinite, numbers)), "not finite:", result, "from", y, x, dissipated, received)
+        hold(result.energy >= 0.0 and result.deficit >= 0.0, "energy", result.energy, "deficit", result.deficit)
+        hold(result.energy <= self.ceiling and result.sent >= 0.0 and result.discarded >= 0.0, result)
+        hold(result.energy == 0.0 or result.deficit == 0.0, "energy and a deficit:", result)
+        left = account + received + dissipated + before - after
+        kept = result.energy - result.deficit + result.sent + result.discarded
+        scale = abs(account) + received + abs(dissipated) + before + after
+        hold(abs(left - kept) <= ROUNDING * scale, "energy from nothing:", left, "became", kept, result)
+        if y is not x:  # letting the spring go knows no limit
+            self._check_step(start, ybar, x, before, account + received + dissipated + before)
+        self.updates += 1
+        return result
+
+    def _check_step(self, start: Vector, ybar: Vector, x: Vector, before: float, at_hand: float) -> None:
+        """The step limit; where a measured, negative D leaves less than the spring holds, ybar must yield too."""
+        yielding = 0.0
+        if at_hand < before and before > 0.0:
+            s, least = self._length(before), self._length(max(0.0, at_hand))
+            yielding = math.dist(x, start) * (1.0 - least / s)
+        step = math.dist(start, ybar)
+        rounding = ROUNDING * (math.hypot(*start) + math.hypot(*ybar) + math.hypot(*x)) + 1e-8 * yielding
+        limit = self.longest_step + yielding + rounding
+        hold(step <= limit, "step", step, "limit", self.longest_step, "yielding", yielding)
+
+    def _potential(self, x: Vector, ybar: Vector) -> float:
+        e = [a - b for a, b in zip(x, ybar, strict=True)]
+        square = sum(sum(k * b for k, b in zip(row, e, strict=True)) * a for row, a in zip(self._K, e, strict=True))
+        s = math.sqrt(max(0.0, square))
+        return 0.5 * square if s <= self._knee else self._knee * s - 0.5 * self._knee**2
+
+    def _length(self, potential: float) -> float:
+        """|e|_K where the spring holds this energy [J]."""
+        linear = math.sqrt(2.0 * potential)
+        return linear if linear <= self._knee else potential / self._knee + 0.5 * self._knee
+
+
+def check_coupling(coupling: Coupling, x: Vector, force_limit: float | None) -> None:
+    """Control after a tick or a step: finite, its half of the theorem kept, the spring within its limit."""
+    ledger, modulator = coupling.ledger, coupling.modulator
+    hold(ledger.slack_min >= SLACK_J, "slack", ledger.slack_min)
+    hold(modulator.energy >= 0.0 and modulator.deficit >= 0.0, "energy", modulator.energy, modulator.deficit)
+    state = (*x, *modulator.set_position, *coupling.target, ledger.margin, ledger.slack, ledger.credited, ledger.sent)
+    hold(all(map(math.isfinite, state)), "not finite:", state)
+    if force_limit is not None:
+        force = math.hypot(*coupling.spring.force(tuple(a - b for a, b in zip(x, modulator.set_position, strict=True))))
+        hold(force <= force_limit * (1.0 + ROUNDING), "the spring pulls with", force, "N of", force_limit)
+
+
+def check_control(control: ControlHalf, received: int) -> None:
+    """What waits between the halves is at most one position, and a credit for each message received since a tick."""
+    hold(len(control._arrived) <= 1, len(control._arrived), "positions wait")
+    hold(len(control._credits) <= received, len(control._credits), "credits wait of", received, "messages")
