@@ -303,9 +303,8 @@ async def _forward(rate: int, seconds: float, profile: LinkProfile) -> Forwardin
     ]
     loop = asyncio.get_running_loop()
     try:
-        for end in reversed(ends):
-            end.start()
-        for pipe in pipes:
+        for end, pipe in zip(reversed(ends), reversed(pipes), strict=True):
+            end.start()  # the client once the server is there: its first datagram must not be lost
             await loop.run_in_executor(None, _expect, pipe[0], 30.0)
         for pipe in pipes:
             pipe[0].send("go")
