@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from hapnet.commands import flags
+from hapnet.commands import flags, output
 from hapnet.commands.options import NO_LINK, LinkOptions, ZenohOptions, json_target, parameters, security
-from hapnet.errors import HapnetError
+from hapnet.errors import HapnetError, OutputError
 from hapnet.params import Params
 from netem.errors import NetemError
 
@@ -18,6 +19,8 @@ app = typer.Typer(
     name="hapnet",
     help="Passive haptics over bad networks: a haptic device and a virtual world, coupled by passive set-position "
     "modulation (PSPM) over Zenoh through an emulated lossy link. `hapnet run` shows it.",
+    epilog="Exit codes: 0 all is well; 2 something given is wrong, or the run failed: one line says what; 3 the run "
+    "went well, but what it was to write is not complete; 128 + N told to stop by signal N (Ctrl-C: 130).",
     add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -327,12 +330,14 @@ def doctor(
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run the command: 0, or 2 after one line on standard error where something given is wrong, or its own code."""
+    """Run the command; its exit code, with one line on standard error where that is 2 or 3."""
     args = sys.argv[1:] if argv is None else argv
     if "" not in sys.path:
         sys.path.append("")  # module:Class is looked up from the current directory too
     try:
         code = app(args=args or ["--help"], prog_name="hapnet", standalone_mode=False)
+    except OutputError as error:
+        return _fail(str(error), 3)
     except (HapnetError, NetemError) as error:
         return _fail(str(error))
     except typer.Abort:
@@ -340,7 +345,7 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
-        sys.stderr.close()  # who read our output has gone
+        output.silence(sys.stdout)  # who read our output has gone
         return 141
     except Exception as error:
         # click's own errors: which module defines them depends on typer's version
@@ -392,6 +397,7 @@ def _show(params: Params) -> int:
     return 0
 
 
-def _fail(line: str) -> int:
-    print(f"hapnet: {line}", file=sys.stderr)
-    return 2
+def _fail(line: str, code: int = 2) -> int:
+    with suppress(OSError):  # a closed terminal
+        print(f"hapnet: {line}", file=sys.stderr)
+    return code

@@ -48,6 +48,10 @@ class RecordingError(HapnetError):
     """A file is not a recording, or a recording cannot be written."""
 
 
+class OutputError(HapnetError):
+    """What a run was to write is missing or not complete, though the run went well."""
+
+
 class TransportError(HapnetError):
     """The transport could not be opened or set up."""
 

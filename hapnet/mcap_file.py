@@ -16,6 +16,7 @@ import os
 import struct
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from errno import ENOENT
 from importlib import import_module
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NoReturn
@@ -103,6 +104,7 @@ class RecordingWriter:
         self._flushed_ns = now_ns
         try:
             self._writer.flush()
+            self._require_name()
         except OSError as error:
             self._give_up(error)
 
@@ -115,6 +117,7 @@ class RecordingWriter:
             if summary is not None:
                 self._writer.add_metadata(_SUMMARY, {_KEY: self._encode(plain(summary))})
             self._writer.finish()
+            self._require_name()
             self._file.close()
         except OSError as error:
             self._give_up(error)
@@ -125,6 +128,11 @@ class RecordingWriter:
         channel: int = self._writer.register_channel(_TOPICS[kind], "json", schema_id)
         self._channels[kind] = channel
         return channel
+
+    def _require_name(self) -> None:
+        """A file that is removed can still be written, to nobody's use."""
+        if os.fstat(self._file.fileno()).st_nlink == 0:
+            raise FileNotFoundError(ENOENT, "it was removed")
 
     def _check_open(self) -> None:
         if self._file.closed:

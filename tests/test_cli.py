@@ -12,6 +12,7 @@ import pytest
 
 from hapnet import cli
 from netem import cli as netem_cli
+from tests.conftest import ENVIRONMENT
 
 COMMANDS = ("run", "simulate", "device", "world", "reproduce", "report", "bench", "doctor")
 HEAVY = ("matplotlib", "zenoh", "mcap", "numpy", "msgpack", "asyncio")
@@ -85,6 +86,52 @@ def test_help_loads_nothing_heavy(argv: list[str]) -> None:
 def test_help_in_a_pipe_has_no_escape_codes(capsys: Capture) -> None:
     assert cli.main(["run", "--help"]) == 0
     assert "\x1b" not in capsys.readouterr().out
+
+
+def test_help_says_what_exit_codes_mean(capsys: Capture) -> None:
+    assert cli.main(["--help"]) == 0
+    words = " ".join(capsys.readouterr().out.split())
+    assert "Exit codes: 0 all is well; 2 " in words
+    assert "; 3 the run went well, but " in words
+    assert "128 + N " in words
+
+
+# What cannot be written: one line, exit code 3
+
+
+def test_a_simulation_whose_files_cannot_be_written_is_shown_all_the_same(capsys: Capture) -> None:
+    for name in ("run.mcap", "figure.png.part", "summary.json"):
+        (Path("out") / name).mkdir(parents=True)  # in the way
+    (Path("out") / "run.mcap" / "x").touch()
+    assert cli.main(["simulate", "--duration", "0.2", "--out", "out", "--json", "s.json"]) == 3
+    out, err = capsys.readouterr()
+    assert "margin" in out
+    assert err == (
+        "hapnet: cannot write recording out/run.mcap: Is a directory; "
+        "cannot write figure out/figure.png: Is a directory; cannot write out/summary.json: Is a directory\n"
+    )
+    assert json.loads(Path("s.json").read_text("utf-8"))["theorem"]["margin_J"] > 0.0
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+def test_a_summary_that_finds_no_room_is_exit_code_3(capsys: Capture) -> None:
+    assert cli.main([*QUICK, "--json", "/dev/full"]) == 3
+    assert capsys.readouterr().err == "hapnet: cannot write /dev/full: No space left on device\n"
+    command = [sys.executable, "-m", "hapnet", *QUICK, "--json"]
+    with Path("/dev/full").open("w") as full:
+        for to, code in (("-", 3), ("s.json", 0)):  # words that nobody can read are no loss
+            done = subprocess.run(
+                [*command, to], stdout=full, stderr=subprocess.PIPE, text=True, timeout=30, env=ENVIRONMENT
+            )
+            assert done.returncode == code
+            assert "Traceback" not in done.stderr
+    read, write = os.pipe()
+    os.close(read)
+    done = subprocess.run([*command, "-"], stdout=write, stderr=subprocess.PIPE, text=True, timeout=30, env=ENVIRONMENT)
+    os.close(write)
+    assert done.returncode == 3
+    assert done.stderr.endswith("hapnet: cannot write standard output: Broken pipe\n")
+    assert "Traceback" not in done.stderr
 
 
 # Bad input: one line, exit code 2, nothing written

@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
+import shutil
 import socket
 import threading
 import time
@@ -22,7 +24,7 @@ from hapnet.params import Params
 from hapnet.runtime.build import prepare
 from hapnet.runtime.control import ThreadedDevice, ThreadedWorld
 from hapnet.runtime.notices import Notice
-from hapnet.runtime.realtime import RealtimeSide, Role
+from hapnet.runtime.realtime import LINGER_S, RealtimeSide, Role
 from hapnet.runtime.sides import DeviceSide
 from hapnet.runtime.stepper import Stepper
 from hapnet.runtime.zenoh_config import ZenohSettings, free_address
@@ -350,6 +352,71 @@ async def test_a_failing_control_thread_ends_the_side_with_its_error(monkeypatch
         monkeypatch.setattr(world.side.control.side, "step", broken)
         with pytest.raises(ArithmeticError, match="a step failed"):
             await asyncio.wait_for(asyncio.shield(world.task), WAIT_S)
+
+
+async def test_nothing_is_said_from_a_control_thread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not of an overrun, of dropped messages, of a recording that fails, nor through Python's logging."""
+    address, params = free_address(), parameters()
+    device = Running("device", address, params, record=tmp_path / "d" / "x.mcap")
+    control = device.side.control
+    world = Running("world", address, params)
+    assert isinstance(control, ThreadedDevice)
+    threads: dict[str, set[str]] = {}
+    handle, tick, notify = logging.Logger.handle, control.side.tick, device.side._notify
+
+    def handled(logger: logging.Logger, record: logging.LogRecord) -> None:
+        threads.setdefault("logging", set()).add(threading.current_thread().name)
+        handle(logger, record)
+
+    def tell(notice: Notice) -> None:
+        threads.setdefault(notice.kind, set()).add(threading.current_thread().name)
+        notify(notice)
+
+    def late(now_ns: int) -> bytes | None:
+        if control.side.ticks == 100:
+            time.sleep(0.05)
+        return tick(now_ns)
+
+    monkeypatch.setattr(logging.Logger, "handle", handled)
+    monkeypatch.setattr(device.side, "_notify", tell)
+    monkeypatch.setattr(device.side._teller, "_notify", tell)
+    monkeypatch.setattr(control.side, "tick", late)
+    async with running(world, device):
+        await device.until(lambda: (tmp_path / "d" / "x.mcap").exists())
+        shutil.rmtree(tmp_path / "d")
+        await asyncio.to_thread(device.side._on_message, "control", b"garbage")
+        logging.getLogger("hapnet.test").warning("seen")
+        await device.until(lambda: {"overrun", "dropped", "recording", "paired"} <= set(threads))
+        await asyncio.gather(device.end(), world.end())
+    assert {name for names in threads.values() for name in names} == {threading.main_thread().name}
+
+
+async def test_a_hurried_side_does_not_wait_for_what_is_in_flight() -> None:
+    """Nothing goes out any more, so that nothing can be acknowledged: `LINGER_S` would pass."""
+    address, params = free_address(), parameters(operator="sine")
+    device, world = Running("device", address, params), Running("world", address, params)
+    async with running(device, world):
+        await device.until(lambda: device.side.wire.session.credited_nJ > 0)
+        device.side._transport.put = lambda kind, data: True  # type: ignore[method-assign]
+        await device.until(lambda: not device.side.wire.session.settled)
+        begin = time.monotonic()
+        device.stop.set()
+        device.side.hurry()
+        await asyncio.wait_for(device.task, WAIT_S)
+        assert time.monotonic() - begin < LINGER_S
+        world.side.hurry()
+
+
+async def test_a_side_that_fails_says_goodbye() -> None:
+    address, params = free_address(), parameters()
+    world, device = Running("world", address, params), Running("device", address, params)
+    async with running(world, device):
+        await world.until(lambda: world.side.control.origin_ns is not None)
+        device.side._fail(HapnetError("it broke"))
+        with pytest.raises(HapnetError, match="it broke"):
+            await asyncio.wait_for(asyncio.shield(device.task), WAIT_S)
+        await world.until(lambda: bool(world.told("left")))
+        assert world.told("left") == ["the device left: it failed"]
 
 
 async def test_an_address_in_use_is_one_error() -> None:

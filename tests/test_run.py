@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ import pytest
 
 from hapnet.mcap_file import read_recording
 from hapnet.runtime.zenoh_config import free_address
+from tests.conftest import ENVIRONMENT
 
 HAPNET = [sys.executable, "-m", "hapnet"]
 LIMIT_S = 30.0
@@ -26,13 +27,15 @@ LIMIT_S = 30.0
 class Program:
     """A started `hapnet`, its output read as it comes; in a process group of its own, so that what it leaves shows."""
 
-    def __init__(self, *argv: object) -> None:
+    def __init__(self, *argv: object, before: Sequence[str] = ()) -> None:
+        """`before` : a command that starts the one that follows it."""
         self.process = subprocess.Popen(
-            [*HAPNET, *map(str, argv)],
+            [*before, *HAPNET, *map(str, argv)],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
             start_new_session=True,
+            env=ENVIRONMENT,
         )
         self.out: list[str] = []
         self.err: list[str] = []
@@ -80,8 +83,8 @@ class Program:
 
 
 @contextlib.contextmanager
-def started(*argv: object) -> Iterator[Program]:
-    program = Program(*argv)
+def started(*argv: object, before: Sequence[str] = ()) -> Iterator[Program]:
+    program = Program(*argv, before=before)
     try:
         yield program
     finally:

@@ -253,9 +253,10 @@ def test_a_failing_safe_is_reported_and_does_not_hide_the_first_error(caplog: py
     reported: list[BaseException] = []
     servo = Servo(MS, fail(first), safe=fail(second), on_error=reported.append)
     servo.start()
-    servo._thread.join(WAIT_S)
+    servo.join()
     assert reported == [first]
     assert "safe() failed" in caplog.text
+    assert {record.threadName for record in caplog.records} == {"MainThread"}  # a servo logs nothing
     assert "Traceback" not in caplog.text
 
     servo = Servo(MS, lambda now_ns: servo.stop(), safe=fail(second), on_error=reported.append)

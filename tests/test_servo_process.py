@@ -184,6 +184,29 @@ def test_it_ticks_renders_and_gives_its_account(running: Running, diary: Path) -
     assert not running.errors
 
 
+def test_a_recording_that_is_given_up_ends_the_samples_and_nothing_else(running: Running) -> None:
+    running.paired()
+    servo = running.servo
+    until(lambda: any(isinstance(sample, DeviceSample) for sample in running.samples))
+    servo.record_no_more()
+    servo.record_no_more()
+
+    def messages_without_samples() -> bool:
+        samples, messages = len(running.samples), len(running.messages)
+        until(lambda: len(running.messages) >= messages + 10)  # 100 ms: 100 ticks, five frames of samples
+        return len(running.samples) == samples
+
+    until(messages_without_samples)
+    os.kill(running.pid, signal.SIGSTOP)
+    away = time.monotonic()
+    until(lambda: time.monotonic() > away + 0.05)
+    os.kill(running.pid, signal.SIGCONT)
+    until(lambda: any(isinstance(sample, Event) for sample in running.samples))  # notes still come
+    servo.stop()
+    assert not running.errors
+    assert servo.unrecorded == 0
+
+
 def test_what_is_credited_arrives_once_though_the_pipe_was_full(running: Running) -> None:
     """Stopped, the servo reads nothing: the pipe fills with set-positions, and credits wait for it to go on."""
     running.paired()

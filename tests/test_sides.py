@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import itertools
+import math
 
 import numpy as np
 import pytest
 
-from hapnet.endpoint import DeviceEndpoint
+from hapnet.endpoint import DeviceEndpoint, WorldEndpoint
+from hapnet.errors import HapnetError
 from hapnet.params import Params
 from hapnet.plant.device import SimulatedDevice
+from hapnet.plant.scene import Scene
 from hapnet.record import Event
-from hapnet.runtime.build import device_session, device_side, prepare
+from hapnet.runtime.build import device_session, device_side, prepare, world_session, world_side
 from hapnet.runtime.sides import DeviceSide
 
 MS = 1_000_000
@@ -137,3 +140,22 @@ def test_a_restarted_side_starts_with_nothing() -> None:
         side.tick(0)
         assert side.coupling.modulator.energy == energy
         assert side.coupling.ledger.bound == energy
+
+
+class Timeless(Scene):
+    """A scene of the user's own, whose steps take no time that there is."""
+
+    def next_step_s(self, rng: np.random.Generator) -> float:
+        return math.nan
+
+
+def timeless(*, dof: int = 1) -> Scene:
+    return Timeless("timeless", dof)
+
+
+def test_a_scene_that_cannot_say_how_long_a_step_is_is_named() -> None:
+    setup = prepare(Params().set({"scene": "tests.test_sides:timeless"}), "sampled")
+    endpoint = WorldEndpoint(world_session(setup, 7))
+    side = world_side(setup, endpoint, np.random.default_rng(0), lambda sample: None)
+    with pytest.raises(HapnetError, match=r"the scene tests\.test_sides:timeless failed: next_step_s\(\) .*NaN"):
+        side.next_step_ns()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import logging
 import os
@@ -12,7 +11,8 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
-from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.commands.output import write_line
+from hapnet.errors import HapnetError, InvalidParameter, OutputError
 from hapnet.runtime.notices import Level, Notice
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ STYLES = {"info": "", "warning": "yellow", "error": "red"}
 
 
 class Log:
-    """Writes notices; what cannot be written (a full disk, a closed terminal) is left out and never ends a run.
+    """Writes notices; what cannot be written (a full disk, a reader that left) is left out and never ends a run.
 
     Lines are stamped with the monotonic clock, and with the time of day that it stands for: the clock on the wall is
     read once, at the start, so that later steps of it do not show.
@@ -34,6 +34,10 @@ class Log:
     target : where JSON lines go: a file, "-" for standard output, None: nowhere.
     progress : write down how far the run is, too.
 
+    Attributes
+    ----------
+    failure : in a line, why the file is not complete; None: it is.
+
     Raises
     ------
     HapnetError : the file cannot be written.
@@ -42,6 +46,8 @@ class Log:
     def __init__(self, role: str, words: Console | None, target: str | None, *, progress: bool = False) -> None:
         self._role, self._words, self._progress = role, words, progress
         self._file: int | None = None
+        self._target = target
+        self.failure: str | None = None
         self._offset_ns = time.time_ns() - time.monotonic_ns()
         try:
             if target == "-":
@@ -58,20 +64,29 @@ class Log:
         if notice.kind == "progress" and not self._progress:
             return
         self.write(notice)
-        if self._words is not None and notice.kind != "progress":
-            local = self._time(notice).astimezone()
-            stamp = f"{local:%H:%M:%S}.{local.microsecond // 1000:03d}"
-            self._words.print(f"{stamp} {notice.text}", style=STYLES[notice.level], markup=False)
+        if notice.kind != "progress":
+            self._say(notice)
 
     def write(self, notice: Notice) -> None:
         """One notice more, for programs only."""
-        if self._file is not None:
-            line = json.dumps(record(notice, self._role, self._time(notice)), ensure_ascii=False)
-            with contextlib.suppress(OSError):
-                os.write(self._file, f"{line}\n".encode())
+        if self._file is None:
+            return
+        line = json.dumps(record(notice, self._role, self._time(notice.at_ns)), ensure_ascii=False)
+        try:
+            write_line(self._file, f"{line}\n".encode(errors="replace"), f"the log {self._target}")
+        except OutputError as error:
+            if self.failure is None and not isinstance(error.__cause__, BrokenPipeError):
+                self.failure = str(error)
+                self._say(Notice("log", self.failure, time.monotonic_ns(), "warning"))
 
-    def _time(self, notice: Notice) -> datetime:
-        return datetime.fromtimestamp((notice.at_ns + self._offset_ns) * 1e-9, UTC)
+    def _say(self, notice: Notice) -> None:
+        if self._words is not None:
+            local = self._time(notice.at_ns).astimezone()
+            stamp = f"{local:%H:%M:%S}.{local.microsecond // 1000:03d}"
+            self._words.print(f"{stamp} {notice.text}", style=STYLES[notice.level], markup=False)
+
+    def _time(self, at_ns: int) -> datetime:
+        return datetime.fromtimestamp((at_ns + self._offset_ns) * 1e-9, UTC)
 
     def close(self) -> None:
         """No more notices."""

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any, cast
 
-from hapnet.errors import HapnetError
+from hapnet.errors import HapnetError, OutputError, RecordingError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -17,17 +19,81 @@ if TYPE_CHECKING:
     from hapnet.record import Recording
 
 
+INCOMPLETE = 3
+"""Exit code: the run went well, but not all that it was to write is there."""
+
+
 def console(json_to: str | None) -> Console:
     """Where words for people go: standard error if the JSON object has standard output for itself."""
     from rich.console import Console
 
-    class Patient(Console):
-        def on_broken_pipe(self) -> None:
-            """Who read our words has gone (``| head``): say no more, but end the run and write its files."""
-            self.quiet = True
-            os.dup2(os.open(os.devnull, os.O_WRONLY), self.file.fileno())
+    stream = _Patient(sys.stderr if json_to == "-" else sys.stdout)
+    return Console(file=cast(IO[str], stream), highlight=False, soft_wrap=True)
 
-    return Patient(stderr=json_to == "-", highlight=False, soft_wrap=True)
+
+class _Patient:
+    """A stream whose reader may go (``| head``, a closed terminal, a full disk): then no more is said, and no error."""
+
+    def __init__(self, stream: IO[str]) -> None:
+        self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        with self._forgiven():
+            self._stream.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        with self._forgiven():
+            self._stream.flush()
+
+    @contextmanager
+    def _forgiven(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError:
+            silence(self._stream)
+
+
+def silence(stream: IO[str]) -> None:
+    """What is written to `stream` from now on goes nowhere; else the interpreter's exit would fail at what is left."""
+    with suppress(OSError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+class Written:
+    """What a run leaves behind: each part is written whatever became of the others, and what is missing is counted.
+
+    Attributes
+    ----------
+    missing : a line for each part that is not there, or not all of it.
+    """
+
+    def __init__(self) -> None:
+        self.missing: list[str] = []
+
+    @contextmanager
+    def part(self) -> Iterator[None]:
+        """Inside, one part is written; that it cannot be is no error yet."""
+        try:
+            yield
+        except (OutputError, RecordingError) as error:
+            self.missing.append(str(error))
+
+    def code(self, code: int = 0) -> int:
+        """The exit code of a run that otherwise ends with `code`; says in one line what is missing."""
+        if not self.missing:
+            return code
+        complain("; ".join(dict.fromkeys(self.missing)))
+        return code or INCOMPLETE
+
+
+def complain(line: str) -> None:
+    """One line on standard error, if anybody is left to read it."""
+    with suppress(OSError):
+        sys.stderr.write(f"hapnet: {line}\n")
 
 
 def run_directory(out: Path | None, seed: int | None) -> Path:
@@ -42,24 +108,41 @@ def run_directory(out: Path | None, seed: int | None) -> Path:
 
 
 def write_json(value: dict[str, Any] | list[dict[str, Any]], json_to: str | None) -> None:
-    """`--json`: to a file, to standard output for "-", nowhere for None."""
+    """`--json`: to a file, to standard output for "-", nowhere for None. Raises OutputError if it cannot be written."""
     if json_to is None:
         return
     text = json.dumps(value, indent=2, allow_nan=False)
-    if json_to == "-":
-        sys.stdout.write(text + "\n")
-        return
     try:
-        Path(json_to).write_text(text + "\n", encoding="utf-8")
+        if json_to == "-":
+            sys.stdout.write(text + "\n")
+            sys.stdout.flush()
+        else:
+            Path(json_to).write_text(text + "\n", encoding="utf-8")
     except OSError as error:
-        raise HapnetError(f"cannot write {json_to}: {error.strerror or error}") from None
+        if json_to == "-":
+            silence(sys.stdout)
+        where = "standard output" if json_to == "-" else json_to
+        raise OutputError(f"cannot write {where}: {error.strerror or error}") from None
+
+
+def write_line(file: int, line: bytes, name: str) -> None:
+    """Append to the open file called `name`. Raises OutputError if it cannot be written."""
+    try:
+        while line:  # a disk that is nearly full takes a part
+            line = line[os.write(file, line) :]
+    except OSError as error:
+        raise OutputError(f"cannot write {name}: {error.strerror or error}") from error
 
 
 def save_figure(recording: Recording, path: Path) -> Path:
-    """Draw the run's figure."""
+    """Draw the run's figure. Raises OutputError if it cannot be written."""
     from hapnet import report
 
-    report.save_figure(report.figure(recording), path)
+    drawn = report.figure(recording)
+    try:
+        report.save_figure(drawn, path)
+    except RecordingError as error:
+        raise OutputError(str(error)) from None
     return path
 
 

@@ -5,18 +5,19 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import os
 import secrets
 import signal
 import sys
 import time
 from collections.abc import AsyncIterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hapnet.commands import output
-from hapnet.commands.side import catch, exit_code
+from hapnet.commands.side import PARENT, catch, exit_code
 from hapnet.endpoint import DeviceEndpoint, WorldEndpoint
 from hapnet.errors import HapnetError, RecordingError
 from hapnet.mcap_file import read_recording
@@ -41,20 +42,33 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, re
     check_sides(setup)
     words = output.console(json_to)
     directory = output.run_directory(out, seed)
-    (directory / "params.toml").write_text(params.toml(), encoding="utf-8")
+    try:
+        (directory / "params.toml").write_text(params.toml(), encoding="utf-8")
+        log = (directory / "log.jsonl").open("wb", buffering=0)
+    except OSError as error:
+        raise HapnetError(f"cannot write to {directory}: {error.strerror or error}") from None
     output.show_warnings(words, setup.warnings)
-    pair = Pair(setup, seed, directory, words, realtime=realtime)
-    code = asyncio.run(pair.run())
+    written = output.Written()
+    with log:
+        pair = Pair(setup, seed, directory, words, log.fileno(), written, realtime=realtime)
+        code = asyncio.run(pair.run())
     if not pair.reported:
         words.print("stopped before both processes ran: there is nothing to report", style="yellow")
-        return code
+        return written.code(code)
     summary, recording = pair.result()
-    output.write_json(summary, str(directory / "summary.json"))
-    figure = "" if recording is None else f", figure {output.save_figure(recording, directory / 'figure.png').name}"
+    figure = directory / "figure.png"
+    with written.part():
+        output.write_json(summary, str(directory / "summary.json"))
+    if recording is not None:
+        with written.part():
+            output.save_figure(recording, figure)
     output.show_summary(words, summary)
-    words.print(f"recordings device.mcap and world.mcap{figure}, summary.json, log.jsonl in {directory}")
-    output.write_json(summary, json_to)
-    return code
+    files = ("device.mcap", "world.mcap", "figure.png", "summary.json", "log.jsonl")
+    there = [file for file in files if (directory / file).exists()]
+    words.print(f"{', '.join(there)} in {directory}")
+    with written.part():
+        output.write_json(summary, json_to)
+    return written.code(code)
 
 
 def check_sides(setup: Setup) -> None:
@@ -74,13 +88,30 @@ def check_sides(setup: Setup) -> None:
 
 
 class Pair:
-    """The two child processes of a run."""
+    """The two child processes of a run.
 
-    def __init__(self, setup: Setup, seed: int, directory: Path, words: Console, *, realtime: bool) -> None:
+    log : where their notices go, a file descriptor. written : told what they could not write.
+    """
+
+    def __init__(
+        self,
+        setup: Setup,
+        seed: int,
+        directory: Path,
+        words: Console,
+        log: int,
+        written: output.Written,
+        *,
+        realtime: bool,
+    ) -> None:
         self.setup, self.seed, self.directory, self.words = setup, seed, directory, words
+        self._log, self._written = log, written
         self._realtime = realtime
         self._children: dict[str, asyncio.subprocess.Process] = {}
-        self._errors: dict[str, bytes] = {}
+        self._reports: dict[str, asyncio.Task[bytes]] = {}
+        self._parts: dict[str, dict[str, Any]] = {}
+        self._errors: dict[str, list[str]] = {}
+        self._told = False
 
     async def run(self) -> int:
         """Run to the end; the exit code.
@@ -91,43 +122,42 @@ class Pair:
         """
         stop = asyncio.Event()
         caught: list[signal.Signals] = []
-        catch(stop, caught.append)
+        catch(stop, caught, again=self._stop_children)
         address = free_address()
         session = f"run-{secrets.token_hex(4)}"
-        with (
-            _Progress(self.words, self.setup.params.duration_s) as progress,
-            (self.directory / "log.jsonl").open("wb", buffering=0) as log,
-        ):
+        with _Progress(self.words, self.setup.params.duration_s) as progress:
             for role, flag in (("world", "--listen"), ("device", "--connect")):
                 self._children[role] = await self._start(role, flag, address, session)
-            watchers = [asyncio.create_task(self._watch(role, progress, log)) for role in self._children]
+            watchers = [asyncio.create_task(self._watch(role, progress)) for role in self._children]
             stopping = asyncio.create_task(stop.wait())
             ended, _ = await asyncio.wait([*watchers, stopping], return_when=asyncio.FIRST_COMPLETED)
-            if stopping in ended or any(child.returncode for child in self._children.values()):
-                self._signal(signal.SIGINT)  # a second one to a child that has got it from the terminal does no harm
+            if stopping in ended or any(map(self._failed, self._children)):
+                self._stop_children()
             stopping.cancel()
             _, late = await asyncio.wait(watchers, timeout=STOP_LIMIT_S)
             if late:
                 self._signal(signal.SIGKILL)
                 await asyncio.wait(watchers)
-        self._raise_failure(caught)
+        for role in self._children:
+            if self._failed(role) and not caught:
+                said = self._errors[role]
+                code = self._children[role].returncode
+                raise HapnetError(said[-1] if said else f"the {role} process ended with exit code {code}")
+            self._written.missing += self._errors[role]
         return exit_code(caught)
 
     @property
     def reported(self) -> bool:
         """Have both processes left their summary? One that is interrupted while it starts does not."""
-        return all(self._file(role, "json").exists() for role in self._children)
+        return len(self._parts) == 2
 
     def result(self) -> tuple[dict[str, Any], Recording | None]:
         """The summary of both sides, and what they recorded."""
-        parts = [json.loads(self._file(role, "json").read_text(encoding="utf-8")) for role in ("device", "world")]
-        for role in ("device", "world"):
-            self._file(role, "json").unlink()
-        summary = merge(*parts, seed=self.seed)
+        summary = merge(self._parts["device"], self._parts["world"], seed=self.seed)
         try:
-            recording = join(*(read_recording(self._file(role, "mcap")) for role in ("device", "world")))
+            recording = join(*(read_recording(self._recording(role)) for role in ("device", "world")))
         except RecordingError as error:
-            self.words.print(f"no figure: {error}", style="yellow")
+            self._written.missing.append(f"no figure: {error}")
             return summary, None
         summary["motion"] = motion(recording)
         recording.meta["seed"] = self.seed
@@ -135,34 +165,53 @@ class Pair:
         return summary, Recording(recording.meta, recording.device, recording.world, recording.events, summary)
 
     async def _start(self, role: str, flag: str, address: str, session: str) -> asyncio.subprocess.Process:
+        report, theirs = os.pipe()  # a summary that needs no room on a disk
         command = [sys.executable, "-m", "hapnet", role, flag, address, "--no-multicast-scouting"]
         command += ["--session", session, "--params", str(self.directory / "params.toml"), "--seed", str(self.seed)]
-        command += [
-            "--record",
-            str(self._file(role, "mcap")),
-            "--json",
-            str(self._file(role, "json")),
-            "--log",
-            "-",
-            "--progress",
-        ]
+        command += ["--record", str(self._recording(role)), "--json", f"/dev/fd/{theirs}", "--log", "-", "--progress"]
         if self._realtime and role == "device":
             command.append("--realtime")
         pipe = asyncio.subprocess.PIPE
-        return await asyncio.create_subprocess_exec(
-            *command, stdin=asyncio.subprocess.DEVNULL, stdout=pipe, stderr=pipe
-        )
+        try:
+            child = await asyncio.create_subprocess_exec(
+                *command,
+                stdin=asyncio.subprocess.DEVNULL,
+                stdout=pipe,
+                stderr=pipe,
+                pass_fds=(theirs,),
+                env={**os.environ, PARENT: str(os.getpid())},
+            )
+        finally:
+            os.close(theirs)
+        self._reports[role] = asyncio.create_task(_read(report))
+        return child
 
-    async def _watch(self, role: str, progress: _Progress, log: BinaryIO) -> None:
+    async def _watch(self, role: str, progress: _Progress) -> None:
         child = self._children[role]
         assert child.stderr is not None
         errors = asyncio.create_task(child.stderr.read())
         async for line, notice in _notices(child):
             progress.tell(role, notice["kind"], notice["text"])
             if notice["kind"] != "progress":
-                log.write(line)
-        self._errors[role] = await errors
+                with self._written.part():
+                    output.write_line(self._log, line, str(self.directory / "log.jsonl"))
+        said = (await errors).decode(errors="replace").strip().splitlines()
         await child.wait()
+        self._errors[role] = [line.removeprefix("hapnet: ") for line in said if line.startswith("hapnet: ")]
+        if self._failed(role) and not self._errors[role]:
+            self._errors[role] = said
+        with contextlib.suppress(json.JSONDecodeError):
+            self._parts[role] = json.loads(await self._reports[role])
+
+    def _failed(self, role: str) -> bool:
+        """Has the process ended otherwise than it should?"""
+        told = (128 + signal.SIGTERM, -signal.SIGTERM) if self._told else ()
+        return self._children[role].returncode not in (None, 0, output.INCOMPLETE, *told)
+
+    def _stop_children(self) -> None:
+        """Called again: without delay. SIGINT comes from the terminal too, and would count as the second time."""
+        self._told = True
+        self._signal(signal.SIGTERM)
 
     def _signal(self, number: signal.Signals) -> None:
         for child in self._children.values():
@@ -170,15 +219,17 @@ class Pair:
                 with contextlib.suppress(ProcessLookupError):
                     child.send_signal(number)
 
-    def _raise_failure(self, caught: list[signal.Signals]) -> None:
-        for role, child in self._children.items():
-            if child.returncode and not caught and child.returncode != 128 + signal.SIGINT:
-                said = self._errors[role].decode(errors="replace").strip().splitlines()
-                line = f"the {role} process ended with exit code {child.returncode}"
-                raise HapnetError(said[-1].removeprefix("hapnet: ") if said else line)
+    def _recording(self, role: str) -> Path:
+        return self.directory / f"{role}.mcap"
 
-    def _file(self, role: str, ending: str) -> Path:
-        return self.directory / f"{role}.{ending}"
+
+async def _read(pipe: int) -> bytes:
+    """All that comes through a pipe, which is closed then."""
+    reader = asyncio.StreamReader()
+    await asyncio.get_running_loop().connect_read_pipe(
+        lambda: asyncio.StreamReaderProtocol(reader), os.fdopen(pipe, "rb", buffering=0)
+    )
+    return await reader.read()
 
 
 class _Progress:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import signal
 import time
 from collections.abc import Callable
@@ -19,6 +20,11 @@ from hapnet.runtime.build import prepare
 from hapnet.runtime.notices import Notice
 from hapnet.runtime.realtime import RealtimeSide, Role
 from hapnet.runtime.zenoh_config import Mode, ZenohSettings, zenoh_warnings
+
+PARENT = "HAPNET_PARENT"
+"""In the environment of a side that `hapnet run` starts: whose child it is."""
+
+PARENT_EVERY_S = 0.2
 
 
 @dataclass(frozen=True)
@@ -66,45 +72,70 @@ def main(params: Params, options: SideOptions) -> int:
     log = Log(options.role, words, options.log_to, progress=options.progress)
     for warning in warnings:
         log.write(Notice("warning", warning, time.monotonic_ns(), "warning"))
-    side = RealtimeSide(
-        setup,
-        options.role,
-        options.zenoh,
-        session=options.session,
-        name=options.name,
-        seed=options.seed,
-        record=options.record,
-        realtime=options.realtime,
-        notify=log.tell,
-    )
+    written = output.Written()
     try:
+        side = RealtimeSide(
+            setup,
+            options.role,
+            options.zenoh,
+            session=options.session,
+            name=options.name,
+            seed=options.seed,
+            record=options.record,
+            realtime=options.realtime,
+            notify=log.tell,
+        )
         summary, code = asyncio.run(_run(side, params.duration_s))
     finally:
         log.close()
+    written.missing += filter(None, (side.unrecorded, log.failure))
     if words is not None:
         output.show_summary(words, summary)
-    output.write_json(summary, options.json_to)
-    return code
+    with written.part():
+        output.write_json(summary, options.json_to)
+    return written.code(code)
 
 
 async def _run(side: RealtimeSide, duration_s: float) -> tuple[dict[str, Any], int]:
     stop = asyncio.Event()
     caught: list[signal.Signals] = []
-    catch(stop, caught.append)
-    summary = await side.run(stop, duration_s)
+    told = catch(stop, caught, again=side.hurry)
+    parent = os.environ.pop(PARENT, None)
+    watch = None if parent is None else asyncio.create_task(_outlive(int(parent), told))
+    try:
+        summary = await side.run(stop, duration_s)
+    finally:
+        if watch is not None:
+            watch.cancel()
     return summary, exit_code(caught)
 
 
-def catch(stop: asyncio.Event, note: Callable[[signal.Signals], None]) -> None:
-    """SIGINT, SIGTERM and a closed terminal ask for a clean stop."""
+async def _outlive(parent: int, told: Callable[[signal.Signals], None]) -> None:
+    """End as if told to when `parent` has died: nobody else would end this side, and it may hold a device."""
+    while os.getppid() == parent:
+        await asyncio.sleep(PARENT_EVERY_S)
+    told(signal.SIGTERM)
+
+
+def catch(
+    stop: asyncio.Event, caught: list[signal.Signals], *, again: Callable[[], object]
+) -> Callable[[signal.Signals], None]:
+    """SIGINT, SIGTERM and a closed terminal ask for a clean stop, and are noted in `caught`; returns what they call.
+
+    again : called when the same comes once more: somebody is impatient. A closing terminal may send SIGHUP twice.
+    """
     loop = asyncio.get_running_loop()
 
     def on_signal(number: signal.Signals) -> None:
-        note(number)
+        if number in caught and number != signal.SIGHUP:
+            again()
+        caught.append(number)
         stop.set()
 
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        loop.add_signal_handler(number, on_signal, number)
+        if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:  # nohup
+            loop.add_signal_handler(number, on_signal, number)
+    return on_signal
 
 
 def exit_code(caught: list[signal.Signals]) -> int:

@@ -26,12 +26,17 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, fi
     with Progress(*columns, TimeRemainingColumn(), console=words, disable=not words.is_terminal) as bar:
         task = bar.add_task("", total=params.duration_s)
         result = simulation.run(lambda done: bar.update(task, completed=done))
+    written = output.Written()
     if directory is not None:
-        save(result.recording, directory / "run.mcap")
-        output.save_figure(result.recording, directory / "figure.png")
-        output.write_json(result.summary, str(directory / "summary.json"))
+        with written.part():
+            save(result.recording, directory / "run.mcap")
+        with written.part():
+            output.save_figure(result.recording, directory / "figure.png")
+        with written.part():
+            output.write_json(result.summary, str(directory / "summary.json"))
     output.show_summary(words, result.summary)
-    if directory is not None:
+    if directory is not None and not written.missing:
         words.print(f"recording, figure and summary in {directory}")
-    output.write_json(result.summary, json_to)
-    return 0
+    with written.part():
+        output.write_json(result.summary, json_to)
+    return written.code()

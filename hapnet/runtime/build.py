@@ -24,13 +24,13 @@ from hapnet.control.spring import Spring, shared_spring
 from hapnet.control.zoh import ZeroOrderHold
 from hapnet.endpoint import NANO, DeviceControl, WorldControl
 from hapnet.errors import InvalidParameter
-from hapnet.loading import cause, load
 from hapnet.params import DeviceParams, Params, WorldParams
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.operator import Impedance, Operator, Press, Rest, Sine, read_motion
 from hapnet.plant.scene import SCENES, Scene, make_scene, scene_parameters
 from hapnet.runtime.own_device import OwnDevice
+from hapnet.runtime.own_operator import OwnOperator
 from hapnet.runtime.sides import Clock, ContinuousDeviceSide, DeviceSide, Drive, SampledDeviceSide, WorldSide, Write
 from hapnet.wire.handshake import RESERVOIR
 from hapnet.wire.messages import Role
@@ -198,7 +198,7 @@ def world_side(setup: Setup, endpoint: WorldControl, rng: np.random.Generator, w
         )
 
     make_coupling(mass.position, 0.0)  # so that what is wrong is said now and not at pairing
-    return WorldSide(endpoint, mass, setup.scene, make_coupling, rng=rng, write=write)
+    return WorldSide(endpoint, mass, setup.scene, make_coupling, rng=rng, write=write, name=setup.params.scene)
 
 
 def _session(setup: Setup, role: Role, name: str, incarnation: int) -> Session:
@@ -343,16 +343,7 @@ def _operator(setup: Setup) -> Operator:
         return Press(start, goal, impedance, reach=hand.reach_s, hold=hand.hold_s, wait=hand.wait_s)
     if name.endswith(".csv") or Path(name).exists():
         return read_motion(Path(name), dof, impedance, press_depth=hand.press_depth_m, hover=hand.hover_m)
-    allowed = "rest, sine, press, a recording's path (.csv), or module:Class taking dof and impedance"
-    make = load("operator", name, allowed)
-    try:
-        made: Operator = make(dof=dof, impedance=impedance)
-        made.reference(0.0)
-    except Exception as error:
-        raise InvalidParameter("operator", name, f"{allowed} ({cause(error)})") from error
-    if not isinstance(getattr(made, "impedance", None), Impedance):
-        raise InvalidParameter("operator", name, f"{allowed}; what it makes has no impedance")
-    return made
+    return OwnOperator(name, dof, impedance)
 
 
 def _range_warning(device: DeviceParams, dof: int) -> list[str]:

@@ -50,6 +50,9 @@ class Control(Protocol):
     def stop(self) -> None:
         """Render no force any more and end; returns when that is done. May be called again."""
 
+    def record_no_more(self) -> None:
+        """The recording has been given up: nobody needs samples any more. May be called again."""
+
     def summary(self, now_ns: int) -> Summary:
         """This side's part of the summary as of `now_ns`, complete once it has stopped."""
 
@@ -84,6 +87,9 @@ class ThreadedDevice:
 
     def stop(self) -> None:
         self._servo.stop()
+
+    def record_no_more(self) -> None:
+        """A sample costs a thread no more than the recorder that drops it."""
 
     def summary(self, now_ns: int) -> Summary:
         part = device_summary(self.side, self._coupling, servo_timing(self._servo, self.side))
@@ -123,6 +129,9 @@ class ThreadedWorld:
 
     def stop(self) -> None:
         self._stepper.stop()
+
+    def record_no_more(self) -> None:
+        """A sample costs a thread no more than the recorder that drops it."""
 
     def summary(self, now_ns: int) -> Summary:
         return with_wire(world_summary(self.side, self._coupling), self.wire.session, now_ns)

@@ -14,6 +14,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal
 
@@ -28,7 +29,7 @@ from hapnet.runtime.build import Setup, device_session, world_session
 from hapnet.runtime.control import Control, Outlet, ThreadedDevice, ThreadedWorld
 from hapnet.runtime.notices import Notice, notice_of
 from hapnet.runtime.parcel import FRAME_OVERHEAD, Parcel
-from hapnet.runtime.recorder import Recorder
+from hapnet.runtime.recorder import Recorder, described
 from hapnet.runtime.servo import tuned_interpreter
 from hapnet.runtime.servo_process import ServoProcess
 from hapnet.runtime.summary import Summary, combine, versions
@@ -111,6 +112,7 @@ class RealtimeSide:
         self._started_ns = self._clock()
         self._inquiry = Inquiry(zenoh, self._started_ns)
         self._stopped_ns: int | None = None
+        self._hurried = False
         entropy = np.random.SeedSequence(self.seed).spawn(4)
         incarnation = secrets.randbits(63) + 1
         outlet = Outlet(self._send, self._keep_sample, self._fail)
@@ -228,8 +230,10 @@ class RealtimeSide:
                 await asyncio.to_thread(self.control.stop)
                 self._stopped_ns = self._clock()
             if self._failure is not None:
+                with suppress(Exception):  # what has failed may be what says so
+                    await self._part("it failed", 0.0)
                 raise self._failure
-            await self._part("the run is over")
+            await self._part("the run is over", LINGER_S)
         finally:
             self.control.stop()
             await self._transport.close()
@@ -240,6 +244,15 @@ class RealtimeSide:
             if self._recorder is not None:
                 self._recorder.close(summary, self.control.unrecorded)
         return summary
+
+    def hurry(self) -> None:
+        """Part without waiting for what is in flight: that energy is lost, which is safe."""
+        self._hurried = True
+
+    @property
+    def unrecorded(self) -> str | None:
+        """What is missing in the recording; None: nothing."""
+        return None if self._recorder is None else self._recorder.missing
 
     async def _keep(self, stop: asyncio.Event, duration_s: float, collect: Callable[[], int]) -> None:
         """Housekeeping until it is time to stop."""
@@ -265,13 +278,13 @@ class RealtimeSide:
             await asyncio.wait((stopped,), timeout=_HOUSEKEEPING_S)
         stopped.cancel()
 
-    async def _part(self, reason: str) -> None:
+    async def _part(self, reason: str, linger_s: float) -> None:
         """Control has stopped: let energy in flight be acknowledged, then say goodbye."""
         session = self.wire.session
-        deadline = self._loop.time() + LINGER_S
+        deadline = self._loop.time() + linger_s
         self._pump()
         credited, quiet_until = -1, 0.0
-        while self._loop.time() < deadline:
+        while self._loop.time() < deadline and not self._hurried:
             with self._lock:
                 paired, settled, now = session.peer is not None, session.settled, session.credited_nJ
             if now != credited:
@@ -282,7 +295,7 @@ class RealtimeSide:
         with self._lock:
             session.close(self._clock(), reason)
         self._pump()
-        while self._pending() and self._loop.time() < deadline + 1.0:
+        while self._pending() and self._loop.time() < deadline + 1.0 and not self._hurried:
             await asyncio.sleep(0.005)
 
     def _pending(self) -> bool:
@@ -371,28 +384,10 @@ class RealtimeSide:
             self._teller.tell(note.kind, note.text, note.time_ns)
         if self._recorder is not None and self.control.origin_ns is not None:
             self._recorder.drain(self._clock(), self._meta)
+            if self._recorder.broken:
+                self.control.record_no_more()
 
     def _meta(self) -> dict[str, Any]:
         session, name = self._names
-        return {
-            "params": self.setup.params.as_dict(),
-            "seed": self.seed,
-            "role": self.role,
-            "clock": _boot_id(),
-            "origin_ns": self.control.origin_ns,
-            "session": session,
-            "name": name,
-            "scene": self.setup.scene.name,
-            "coupling": self.setup.params.coupling,
-            "surfaces": [surface._asdict() for surface in self.setup.scene.surfaces],
-            "links": {"up" if self.role == "device" else "down": str(self.profile)},
-            "versions": self._versions,
-        }
-
-
-def _boot_id() -> str:
-    """Names this machine's monotonic clock: two recordings with the same name can be aligned."""
-    try:
-        return "boot:" + Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
-    except OSError:
-        return "process:" + secrets.token_hex(8)
+        own = {"origin_ns": self.control.origin_ns, "session": session, "name": name, "versions": self._versions}
+        return described(self.setup, self.role, self.seed, self.profile) | own

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
@@ -10,6 +11,9 @@ from typing import Any
 from hapnet.errors import RecordingError
 from hapnet.mcap_file import RecordingWriter, preload
 from hapnet.record import Sample
+from hapnet.runtime.build import Setup
+from hapnet.wire.messages import Role
+from netem import LinkProfile
 
 MOST_SAMPLES = 100_000
 """How many samples may wait to be written; more are counted and dropped."""
@@ -28,6 +32,7 @@ class Recorder:
     Attributes
     ----------
     broken : it ended before its time.
+    missing : what was told; None: nothing is missing.
 
     Raises
     ------
@@ -38,6 +43,7 @@ class Recorder:
         _require_writable(path)
         preload()
         self.broken = False
+        self.missing: str | None = None
         self._path = path
         self._tell = tell
         self._writer: RecordingWriter | None = None
@@ -67,21 +73,48 @@ class Recorder:
             self._give_up(error)
 
     def close(self, summary: dict[str, Any], unrecorded: int) -> None:
-        """End it with the summary. `unrecorded` : samples that were lost before they came here."""
+        """End it with the summary; once. `unrecorded` : samples that were lost before they came here."""
         if self._writer is None:
             return
         if unrecorded := unrecorded + self._unrecorded:
-            self._tell(f"{unrecorded} samples are missing: they came faster than they could be written")
+            self._say(f"{unrecorded} samples are missing: they came faster than they could be written")
         try:
             self._writer.close(summary)
         except RecordingError as error:
-            self._give_up(error)
+            self.broken = True
+            self._say(f"{error}; its end is missing")
 
     def _give_up(self, error: RecordingError) -> None:
         self.broken = True
         self._writer = None
         self._samples.clear()
-        self._tell(f"{error}; the run goes on without a recording")
+        self._say(f"{error}; the run goes on without a recording")
+
+    def _say(self, text: str) -> None:
+        self.missing = text
+        self._tell(text)
+
+
+def described(setup: Setup, role: Role, seed: int, link: LinkProfile) -> dict[str, Any]:
+    """What the recording of a side is of, for its ``meta``."""
+    return {
+        "params": setup.params.as_dict(),
+        "seed": seed,
+        "role": role,
+        "clock": _boot_id(),
+        "scene": setup.scene.name,
+        "coupling": setup.params.coupling,
+        "surfaces": [surface._asdict() for surface in setup.scene.surfaces],
+        "links": {"up" if role == "device" else "down": str(link)},
+    }
+
+
+def _boot_id() -> str:
+    """Names this machine's monotonic clock: two recordings with the same name can be aligned."""
+    try:
+        return "boot:" + Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
+    except OSError:
+        return "process:" + secrets.token_hex(8)
 
 
 def _require_writable(path: Path) -> None:

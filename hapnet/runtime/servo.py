@@ -175,6 +175,7 @@ class Servo:
         self._stopping = threading.Event()
         self._ready = threading.Event()
         self._refusal: str | None = None
+        self._unsafe: str | None = None
         self._thread = threading.Thread(target=self._main, name="servo", daemon=True)
         self.error: BaseException | None = None
 
@@ -198,7 +199,7 @@ class Servo:
         """End the servo and wait until `safe` has returned (inside `tick`: without waiting). May be called again."""
         self._stopping.set()
         if self._thread is not threading.current_thread() and self._thread.ident is not None:
-            self._thread.join()
+            self.join()
         atexit.unregister(self.stop)
 
     def count_anew(self) -> None:
@@ -207,8 +208,11 @@ class Servo:
         self._late_period = self._grid.skipped = 0
 
     def join(self) -> None:
-        """Wait until the servo has ended."""
+        """Wait until the servo has ended; says then if `safe` failed, as the servo's thread logs nothing."""
         self._thread.join()
+        if self._unsafe is not None:
+            _log.error("the servo's safe() failed: %s", self._unsafe)
+            self._unsafe = None
 
     def stats(self) -> ServoStats:
         """How the deadlines were kept so far; from any thread."""
@@ -237,7 +241,7 @@ class Servo:
             if self._safe is not None:
                 self._safe()
         except BaseException as error:
-            _log.error("the servo's safe() failed: %s: %s", type(error).__name__, error)
+            self._unsafe = f"{type(error).__name__}: {error}"
             self.error = self.error or error
         if self.error is not None and self._on_error is not None:
             self._on_error(self.error)

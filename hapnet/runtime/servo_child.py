@@ -96,6 +96,9 @@ class ServoChild:
                         control.credit(credited_nJ)
                     case ("pair", restarted):
                         control.pair(restarted)
+                    case ("unrecord",):
+                        self._recording = False
+                        self._samples = []
         except PipeClosed:
             self.servo.stop()
 

@@ -122,6 +122,11 @@ class ServoProcess:
             self._end_process()
             self._process = None
 
+    def record_no_more(self) -> None:
+        if self._recording:
+            self._recording = False
+            self._deliver("unrecord")
+
     def summary(self, now_ns: int) -> Summary:
         return with_wire(self._part, self.wire.session, now_ns)
 

@@ -15,6 +15,8 @@ from hapnet.control.harvest import MeasuredHarvest
 from hapnet.control.ledger import Ledger
 from hapnet.control.servo_law import ContinuousServo, SampledServo
 from hapnet.endpoint import NANO, DeviceControl, WorldControl
+from hapnet.errors import HapnetError
+from hapnet.loading import cause
 from hapnet.plant.device import Device, Lived, SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.scene import Scene
@@ -329,7 +331,7 @@ class WorldSide:
     ----------
     endpoint, mass, scene : of this side.
     make_coupling : makes the coupling when control starts: position [m], kinetic energy [J], reservoir empty or not.
-    rng : draws the steps' lengths.
+    rng : draws the steps' lengths. name : under which the user knows the scene.
     """
 
     def __init__(
@@ -341,6 +343,7 @@ class WorldSide:
         *,
         rng: np.random.Generator,
         write: Write,
+        name: str,
     ) -> None:
         self.endpoint = endpoint
         self.mass = mass
@@ -351,6 +354,7 @@ class WorldSide:
         self.stepped_s = 0.0
         self._make_coupling = make_coupling
         self._rng = rng
+        self._name = name
         self._write = write
         self._last_ns = 0
 
@@ -386,5 +390,8 @@ class WorldSide:
         return message
 
     def next_step_ns(self) -> int:
-        """How long the scene wants the step that has begun to be [ns]."""
-        return max(1, round(self.scene.next_step_s(self._rng) / NANO))
+        """How long the scene wants the step that has begun to be [ns]; HapnetError if the scene fails."""
+        try:
+            return max(1, round(self.scene.next_step_s(self._rng) / NANO))
+        except Exception as error:
+            raise HapnetError(f"the scene {self._name} failed: next_step_s() raised {cause(error)}") from error

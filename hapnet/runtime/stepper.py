@@ -8,6 +8,9 @@ from collections.abc import Callable
 
 from hapnet.runtime.servo import set_timer_slack
 
+_LONGEST_SLEEP_S = 0.1
+"""However long a step is, `stop` is seen within this time [s]."""
+
 
 class Stepper:
     """A thread that calls ``step(now_ns)`` at deadlines that it is told: each call returns the next step's length [ns].
@@ -38,7 +41,7 @@ class Stepper:
             while not self._stopping.is_set():
                 now_ns = self._clock()
                 if now_ns < deadline_ns:
-                    time.sleep((deadline_ns - now_ns) * 1e-9)
+                    time.sleep(min((deadline_ns - now_ns) * 1e-9, _LONGEST_SLEEP_S))
                 else:
                     deadline_ns = now_ns + self._step(now_ns)
         except BaseException as error:

@@ -1,0 +1,51 @@
+"""A hand of the user's own, given as ``module:Class``: checked when it is made, and guarded while it runs."""
+
+from __future__ import annotations
+
+from math import isfinite
+
+from hapnet.checks import Vector
+from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.loading import cause, load
+from hapnet.plant.operator import Impedance, Operator
+
+ALLOWED = "rest, sine, press, a recording's path (.csv), or module:Class taking dof and impedance"
+
+
+class OwnOperator:
+    """The operator of `name`, made with ``dof`` and ``impedance`` and asked once where it wants to be.
+
+    Whatever it raises later, and any reference that is not as many finite numbers as the first, ends as one HapnetError
+    naming the operator.
+
+    Raises
+    ------
+    InvalidParameter : the operator cannot be made, has no impedance, or its first reference is none.
+    """
+
+    def __init__(self, name: str, dof: int, impedance: Impedance) -> None:
+        self.name = name
+        make = load("operator", name, ALLOWED)
+        try:
+            self._operator: Operator = make(dof=dof, impedance=impedance)
+            self._axes = len(self._operator.reference(0.0))
+        except Exception as error:
+            raise InvalidParameter("operator", name, f"{ALLOWED} ({cause(error)})") from error
+        if not isinstance(getattr(self._operator, "impedance", None), Impedance):
+            raise InvalidParameter("operator", name, f"{ALLOWED}; what it makes has no impedance")
+        self.impedance = self._operator.impedance
+        try:
+            self.reference(0.0)
+        except HapnetError as error:
+            raise InvalidParameter("operator", name, f"{ALLOWED} ({error})") from error
+
+    def reference(self, t: float) -> Vector:
+        """x_d [m] at `t` [s]; HapnetError if the operator fails."""
+        try:
+            x = tuple(map(float, self._operator.reference(t)))
+        except Exception as error:
+            raise HapnetError(f"the operator {self.name} failed: reference({t:g}) raised {cause(error)}") from error
+        if len(x) != self._axes or not isfinite(sum(x)):
+            wanted = f"{self._axes} finite numbers"
+            raise HapnetError(f"the operator {self.name} failed: reference({t:g}) gave {x} instead of {wanted}")
+        return x
