@@ -107,6 +107,11 @@ class ControlHalf:
 
     # -- called by control ------------------------------------------------------------------------------------------
 
+    @property
+    def arrived(self) -> Vector | None:
+        """The newest set-position that control has not taken yet [m]."""
+        return self._arrived[-1][0] if self._arrived else None
+
     def _take(self) -> Coupling:
         """Give the coupling what has arrived since the last tick."""
         coupling = self._coupling
@@ -114,6 +119,8 @@ class ControlHalf:
         if self._another:
             self._another = False
             coupling.stages.reset(coupling.target)
+            if (energy := coupling.share()) > 0.0:
+                self._surplus.append(energy)
         if self._arrived:
             coupling.receive(*self._arrived.popleft())
         while self._credits:

@@ -183,3 +183,25 @@ def test_the_ledger_balances_whatever_happens(seed: int) -> None:
         c.ledger.observe(phi(x), c.account)
         assert c.ledger.slack == pytest.approx(c.discarded, abs=1e-12)
         assert c.energy_min >= 0.0
+
+
+def test_what_is_shared_with_a_peer_that_begins_with_nothing_is_sent_and_leaves_the_slack_as_it_was() -> None:
+    c = coupling(ceiling=0.05)
+    c.receive((0.02,), 1.0)
+    c.update(0.005, (0.0,), 0.0)  # 20 mJ of the 50 are in the spring
+    before = c.modulator.energy
+    c.ledger.observe(c.potential((0.0,)), c.account)
+    slack = c.ledger.slack
+    margin = c.ledger.margin
+    given = c.share()
+    c.ledger.observe(c.potential((0.0,)), c.account)
+    assert given == c.ledger.sent == before / 2.0 == c.modulator.energy == c.account
+    assert given == pytest.approx(0.015)
+    assert c.ledger.slack == pytest.approx(slack, abs=1e-17)
+    assert c.ledger.margin == pytest.approx(margin - given, abs=1e-17)
+
+
+def test_without_pspm_nothing_is_shared() -> None:
+    zoh = ZeroOrderHold(Spring(100.0, 1), (0.0,), 0.05)
+    c = Coupling(zoh, stages=Pipeline([]), silence=Silence("hold", 0.1))
+    assert (c.share(), c.ledger.sent, c.account) == (0.0, 0.0, 0.05)

@@ -302,6 +302,8 @@ async def test_a_world_that_restarts_is_paired_anew() -> None:
     assert summary["device"]["incarnations"] == 2
     assert summary["device"]["ledger"]["slack_J"] >= -1e-9
     assert later["world"]["ledger"]["bound_J"] == 0.0  # a restarted side starts with an empty reservoir
+    assert later["world"]["credited_nJ"] >= 20_000_000  # and is given half of the other's, which was nearly full
+    assert summary["device"]["sent_nJ"] >= later["world"]["credited_nJ"]
     assert later["world"]["ledger"]["margin_J"] >= -1e-9
 
 

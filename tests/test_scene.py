@@ -166,3 +166,26 @@ def test_a_scene_of_the_users_that_raises_is_one_line(
     assert str(caught.value).startswith(f"scene is '{name}'")
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_mass_may_begin_towards_any_place_and_only_a_wall_stops_it(name: str) -> None:
+    """Never inside a wall, always on the way, and no sooner than a step of 1 um more would be inside one."""
+    rng = np.random.default_rng(2)
+    scene = make_scene(name)
+    start = np.array(scene.start)
+    stopped = 0
+    for _ in range(300):
+        goal = start + rng.normal(size=scene.dof) * 10.0 ** rng.uniform(-6, 6)
+        place = np.array(scene.towards(tuple(goal.tolist())))
+        assert scene.contacts.penetration(tuple(place.tolist())) <= 0.0
+        way = goal - start
+        share = (place - start) @ way / (way @ way)
+        assert place == pytest.approx(start + share * way, rel=1e-9, abs=1e-12)
+        if scene.contacts.penetration(tuple(goal.tolist())) > 0.0:
+            stopped += 1
+            beyond = place + way / np.linalg.norm(way) * max(1e-6, 1e-8 * np.linalg.norm(place))
+            assert any(wall.penetration(tuple(beyond.tolist())) > -1e-6 for wall in scene.walls)
+        else:
+            assert share == pytest.approx(1.0)
+    assert (stopped > 0) == bool(scene.walls)

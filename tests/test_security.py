@@ -23,7 +23,7 @@ from hapnet import cli
 from hapnet.errors import InvalidParameter
 from hapnet.runtime.security import Security, is_exposed
 from hapnet.runtime.zenoh_config import ZenohSettings, free_address, zenoh_config, zenoh_warnings
-from tests.test_run import read_json, started
+from tests.processes import read_json, started
 from tests.test_zenoh_transport import WAIT_S, Side, assert_exchange, opened, paired, value
 
 ACCESS = str(Path(__file__).resolve().parents[1] / "examples" / "secure" / "access.json5")

@@ -22,7 +22,7 @@ from hapnet.mcap_file import read_recording
 from hapnet.runtime.realtime import LINGER_S
 from hapnet.runtime.zenoh_config import free_address
 from tests.conftest import ENVIRONMENT
-from tests.test_run import HAPNET, LIMIT_S, Program, child_of, read_json, size, started
+from tests.processes import HAPNET, LIMIT_S, Program, child_of, read_json, size, started
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
 DRIVER = """
@@ -90,7 +90,7 @@ def pushing(*more: object, before: Sequence[str] = ()) -> Iterator[tuple[Program
     address = free_address()
     with (
         started("world", "-l", address, "--log", "world.jsonl") as world,
-        started("device", "-e", address, *ARM, *more, before=before) as device,
+        started("device", "-e", address, *ARM, *more, command=(*before, *HAPNET)) as device,
     ):
         device.until("a force", pressing)
         yield device, world
@@ -329,7 +329,9 @@ def test_a_log_that_ends_early_is_exit_code_3() -> None:
 
 def test_a_run_without_room_for_its_files_says_so_in_one_line() -> None:
     """The limit holds for the children too; the summary, which needs no room, is whole."""
-    with started("run", *ARM, "--duration", 1, "--json", "-", "--out", "r", before=limited(12_000)) as program:
+    with started(
+        "run", *ARM, "--duration", 1, "--json", "-", "--out", "r", command=(*limited(12_000), *HAPNET)
+    ) as program:
         code, stdout, stderr = program.end()
         assert not program.alive
     assert code == 3
@@ -359,7 +361,7 @@ def test_a_run_on_a_disk_that_is_really_full(here: Path) -> None:
         pytest.skip("no mount namespace can be made here (root only)")
     script = f'{mount} && "$@"; code=$?; cp small/* out; exit $code'
     argv = ("run", *ARM, "--duration", 4, "--json", "s.json", "--out", "small")
-    with started(*argv, before=[*space, "sh", "-c", script, "sh"]) as program:
+    with started(*argv, command=(*[*space, "sh", "-c", script, "sh"], *HAPNET)) as program:
         code, _, stderr = program.end()
     assert code == 3
     assert stderr.startswith("hapnet: cannot write recording small/")
@@ -372,7 +374,7 @@ def test_a_run_on_a_disk_that_is_really_full(here: Path) -> None:
 
 
 def test_a_run_that_cannot_begin_to_write_is_refused() -> None:
-    with started("run", "--out", "r", before=limited(0)) as program:
+    with started("run", "--out", "r", command=(*limited(0), *HAPNET)) as program:
         code, stdout, stderr = program.end()
     assert (code, stdout, stderr) == (2, "", "hapnet: cannot write to r: File too large\n")
 

@@ -15,7 +15,7 @@ from hapnet.params import Params
 from hapnet.runtime.sides import Write
 from hapnet.runtime.summary import Summary
 from hapnet.runtime.virtual import Simulation
-from tests.test_run import assert_accounts_agree, read_json, started
+from tests.processes import assert_accounts_agree, read_json, started
 
 WORST = {"link.up": "worst", "link.down": "worst"}
 REAL_S = 1800.0

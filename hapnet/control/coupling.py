@@ -32,6 +32,7 @@ class Modulator(Protocol):
     def account(self) -> float: ...
 
     def modulate(self, y: Vector, x: Vector, dissipated: float, received: float) -> Modulation: ...
+    def share(self) -> float: ...
 
 
 class Coupling:
@@ -90,6 +91,13 @@ class Coupling:
         """Shuffled energy arrived [J]; the next update uses it, once."""
         self._credit += energy
         self.has_datum = True
+
+    def share(self) -> float:
+        """Send half of the reservoir to a peer that begins with an empty one, and could not move else [J]."""
+        energy = self.modulator.share()
+        self.ledger.send(energy)
+        self.account = self.modulator.account
+        return energy
 
     def potential(self, x: Vector) -> float:
         """phi [J] with the present ybar."""

@@ -106,6 +106,12 @@ class SetPositionModulator:
         """What the ledger counts as this reservoir's content [J]: energy less deficit."""
         return self.energy - self.deficit
 
+    def share(self) -> float:
+        """Give away half of the reservoir; what was taken out of it [J]."""
+        half = self.energy / 2.0
+        self.energy -= half
+        return half
+
     def update(
         self,
         *,

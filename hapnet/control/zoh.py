@@ -39,3 +39,7 @@ class ZeroOrderHold:
         self.set_position = y
         jump = self.spring.between(y, x) - before
         return Modulation(y, self.energy, 0.0, 0.0, 0.0, jump)
+
+    def share(self) -> float:
+        """Nothing: there is no reservoir [J]."""
+        return 0.0

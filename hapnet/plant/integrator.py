@@ -117,6 +117,13 @@ class PassiveIntegrator:
                 contacts.require_separate(self._solve)
         self._contacts = contacts
 
+    def place(self, position: ArrayLike) -> None:
+        """Begin anew, at rest, at `position` (n,) [m]; raises InvalidParameter if that is inside a wall."""
+        x = self._input("position", position)
+        if self._contacts is not None:
+            self._contacts.require_outside(x)
+        self._x, self._v = x, (0.0,) * self._n
+
     def step(
         self,
         dt: float,

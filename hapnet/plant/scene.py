@@ -78,6 +78,15 @@ class Scene:
         """Draw how long the next step takes, T_k [s]: uniform in [min_s, max_s]."""
         return min(self.max_s, self.min_s + (self.max_s - self.min_s) * rng.random())
 
+    def towards(self, position: Vector) -> Vector:
+        """As far on the straight way from `start` to `position` (n,) [m] as the walls let a mass."""
+        share = 1.0
+        for wall in self.walls:
+            before, after = wall.penetration(self.start), wall.penetration(position)
+            if after > 0.0:  # rounding must not leave it inside
+                share = min(share, before / (before - after) * (1.0 - 1e-9))
+        return tuple([a + share * (b - a) for a, b in zip(self.start, position, strict=True)])
+
     @property
     def surfaces(self) -> tuple[Surface, ...]:
         """The walls that stand perpendicular to an axis, for drawing; others are left out."""

@@ -272,6 +272,7 @@ class RealtimeSide:
             rounds += 1
             if rounds % _COLLECT_EVERY == 0:
                 collect()
+                self._on_link()  # Zenoh's event of a loss may come while it still counts the link
                 if origin_ns is not None:
                     now_ns = self._clock()
                     self._teller.progress(now_ns, (now_ns - origin_ns) * NANO)

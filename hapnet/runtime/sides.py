@@ -368,6 +368,10 @@ class WorldSide:
         if self.origin_ns is None:
             if not endpoint.paired:
                 return None
+            if endpoint.restarted:  # with no energy to go there, it begins where the device is
+                if (position := endpoint.arrived) is None:
+                    return None
+                mass.place(self.scene.towards(position))
             endpoint.start(self._make_coupling(mass.position, mass.kinetic_J, endpoint.restarted))
             self.origin_ns = self._last_ns = now_ns
             return endpoint.step(now_ns, 0.0, mass.position, mass.kinetic_J, 0.0, 0.0)

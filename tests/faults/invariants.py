@@ -1,0 +1,92 @@
+"""What holds whatever happens, read from the recordings and summaries that the sides left.
+
+Expected values are the parameters' (3.3 N, 0.5 N a step, ...) as the recording's own settings name them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hapnet.checks import Array
+from hapnet.record import Columns, Recording
+
+ROUNDING_J = 1e-9
+NANO = 1e-9
+
+
+def lengths(vectors: Array) -> Array:
+    """Of rows."""
+    return np.asarray(np.sqrt((vectors**2).sum(axis=1)))
+
+
+def assert_device_within_limits(recording: Recording, *, gaps: bool = False) -> None:
+    """Force and its steps, at every tick of the recording.
+
+    A tick that came too late lets the spring go at once, which is the one step that may be larger; it is then without
+    force. `gaps` : samples may be missing, so that what came after a while need not be the next tick.
+    """
+    columns, params = recording.device, recording.meta["params"]["device"]
+    assert columns is not None
+    force_limit = params["force_limit_N"]
+    assert lengths(columns["force_N"]).max() <= force_limit * (1.0 + 1e-15)
+    late_ns = round((params["watchdog_s"] + 1.0 / params["servo_hz"]) / NANO)
+    late = np.diff(columns["time_ns"]) > late_ns
+    steps = lengths(np.diff(columns["set_position_m"], axis=0))
+    assert steps[~late].max() * params["stiffness"] <= params["step_limit_N"] + 1e-9
+    told = np.isin(columns["time_ns"][1:], [event.time_ns for event in recording.events if event.kind == "overrun"])
+    released = np.flatnonzero(late & told if gaps else late) + 1
+    assert (columns["set_position_m"][released] == columns["position_m"][released]).all()
+    assert (columns["force_N"][released] == 0.0).all()
+    assert gaps or late.any() == told.any()
+
+
+def assert_world_within_limits(recording: Recording) -> None:
+    """Steps of the virtual coupling's set-position, at every step of the recording."""
+    columns, params = recording.world, recording.meta["params"]["world"]
+    assert columns is not None
+    steps = lengths(np.diff(columns["set_position_m"], axis=0))
+    assert steps.max(initial=0.0) * params["stiffness"] <= params["step_limit_N"] + 1e-9
+
+
+def assert_passive(columns: Columns, *, restarted: bool = False) -> None:
+    """The half of the theorem at every sample of a side.
+
+    `restarted` : it began with an empty reservoir, so its margin begins at 0, and what a held torque leaks before it is
+    charged may show: K/2 dx^2 a tick, 0.1 mJ in the five ticks of an interval at 0.6 m/s.
+    """
+    assert columns["slack_J"].min() >= -ROUNDING_J
+    assert columns["margin_J"].min() >= -1e-4 if restarted else columns["margin_J"].min() > 0.0
+    assert columns["reservoir_J"].min() >= 0.0
+
+
+def assert_credited_was_sent(receiver: Columns, sender: Columns, sender_torn: bool, since_ns: int = 0) -> None:
+    """At every instant of a pair of incarnations, what one has credited is at most what the other has sent until then.
+
+    The pair began at `since_ns`; before that each may have had other peers. What is compared ends with the sender's
+    recording, if that was cut off.
+    """
+    base_credited = _at(receiver, "credited_J", np.array([since_ns]))
+    base_sent = _at(sender, "sent_J", np.array([since_ns]))
+    times = receiver["time_ns"][receiver["time_ns"] >= since_ns]
+    times = times[times <= sender["time_ns"][-1]] if sender_torn else times
+    if len(times):
+        credited = _at(receiver, "credited_J", times) - base_credited
+        sent = _at(sender, "sent_J", times) - base_sent
+        assert (credited <= sent + 2 * NANO).all()
+
+
+def _at(columns: Columns, name: str, times_ns: Array) -> Array:
+    """The value of a running total at these times: that of the last sample before, 0 before the first."""
+    at = np.searchsorted(columns["time_ns"], times_ns, side="right")
+    return np.asarray(np.concatenate(([0.0], columns[name]))[at])
+
+
+def overruns_in(recording: Recording, first_ns: int, last_ns: int) -> bool:
+    return any(event.kind == "overrun" and first_ns <= event.time_ns <= last_ns for event in recording.events)
+
+
+def columns_of(recording: Recording) -> Columns:
+    """The samples of the one side that it is of."""
+    columns = recording.device or recording.world
+    assert columns is not None
+    return columns

@@ -1,0 +1,156 @@
+"""SIGKILL of either side in contact, and again: the other side lives through it all in one process."""
+
+from __future__ import annotations
+
+import random
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hapnet.mcap_file import read_recording
+from hapnet.record import Recording
+from hapnet.runtime.summary import merge
+from tests.faults.invariants import (
+    NANO,
+    assert_credited_was_sent,
+    assert_device_within_limits,
+    assert_passive,
+    assert_world_within_limits,
+    columns_of,
+    lengths,
+    overruns_in,
+)
+from tests.faults.support import OTHER, PRESSED, RECOVERY_S, Role, Side, let_pass, pair
+
+LINK = ("--delay", "40ms", "--jitter", "10ms", "--loss", "2%")
+ROUND_TRIP_S = 0.1
+SILENCE_S = 0.2
+LONGEST_PAUSE_S = 1.0
+
+
+@pytest.mark.parametrize(
+    ("role", "on_silence", "kills"),
+    [
+        ("device", "release", 2),
+        ("world", "hold", 2),
+        pytest.param("device", "hold", 20, marks=pytest.mark.slow),
+        pytest.param("device", "release", 20, marks=pytest.mark.slow),
+        pytest.param("world", "hold", 20, marks=pytest.mark.slow),
+        pytest.param("world", "release", 20, marks=pytest.mark.slow),
+    ],
+)
+def test_a_side_killed_in_contact_comes_back(role: Role, on_silence: str, kills: int, tmp_path: Path) -> None:
+    rng = random.Random(f"{role} {on_silence}")
+    silence = ("--on-silence", on_silence, "--silence-after", SILENCE_S)
+    kills_ns, recoveries_s, starts_s = list[int](), list[float](), list[float]()
+    silences = list[tuple[int, int]]()
+    with pair(tmp_path, *LINK, *silence, device=(*PRESSED, "--set", "record_hz=1000")) as sides:
+        survivor, lives = sides.lives[OTHER[role]][0], sides.lives[role]
+        since_ns = sides.until_paired()
+        for number in range(kills):
+            # a world that begins anew may find the hand deep in its wall, and has no energy to follow it there
+            sides.world.until_pressed(since_ns, wall=role == "device" or number == 0)
+            let_pass(rng.uniform(0.0, 0.4))
+            kills_ns.append(time.monotonic_ns())
+            lives[-1].process.kill()
+            lives[-1].end()
+            let_pass(rng.uniform(0.0, LONGEST_PAUSE_S))
+            again = sides.start(role)
+            since_ns = survivor.until_said("heard", again.began_ns)
+            silence_s = survivor.said("heard", since_ns)[0]["values"]["silence_s"]
+            silences.append((since_ns - round(silence_s / NANO), since_ns))
+            # it runs: from the first line of its log on; before that Python imports
+            recoveries_s.append((since_ns - again.until_said("waiting")) * NANO)
+            starts_s.append((since_ns - again.began_ns) * NANO)
+        sides.world.until_pressed(since_ns, wall=role == "device")
+        sides.stop()
+    for since, times in (("its first line", recoveries_s), ("exec", starts_s)):
+        print(f"recovery from {since}: median {np.median(times):.3f} s, longest {max(times):.3f} s")
+    assert max(recoveries_s) < RECOVERY_S + ROUND_TRIP_S
+    assert [notice["values"]["pair"] for notice in survivor.said("paired")] == list(range(1, kills + 2))
+
+    left = read_recording(survivor.recording)
+    recordings = [read_recording(side.recording) for side in lives]
+    assert not left.torn
+    assert [recording.torn for recording in recordings] == [True] * kills + [False]
+    assert_pressed(left, recordings, role, kills_ns)
+    assert_within_bounds([left], restarted=False)
+    assert_within_bounds(recordings[:1], restarted=False)
+    assert_within_bounds(recordings[1:], restarted=True)
+    assert sum(columns_of(recording)["margin_J"].min() for recording in [left, *recordings]) > 0.0
+    for silent_ns, until_ns in silences:
+        assert_held_or_released(left, on_silence, silent_ns, until_ns)
+    assert_energy(survivor, lives[-1], left, recordings)
+
+
+def assert_pressed(left: Recording, recordings: list[Recording], role: Role, kills_ns: list[int]) -> None:
+    """At each kill the hand felt the coupling, and the wall unless the world had already been killed before."""
+    for recording, killed_ns in zip(recordings, kills_ns, strict=False):
+        device, world = (recording, left) if role == "device" else (left, recording)
+        assert device.device is not None
+        assert world.world is not None
+        force = lengths(device.device["force_N"][device.device["time_ns"] <= killed_ns])[-1]
+        assert force > 0.0
+        if role == "device" or recording is recordings[0]:
+            assert force > 0.3
+            assert world.world["penetration_m"][world.world["time_ns"] <= killed_ns][-1] > 0.0
+
+
+def assert_within_bounds(recordings: list[Recording], *, restarted: bool) -> None:
+    for recording in recordings:
+        columns = columns_of(recording)
+        assert_passive(columns, restarted=restarted)
+        if recording.device is not None:
+            assert_device_within_limits(recording)
+        else:
+            assert_world_within_limits(recording)
+
+
+def assert_held_or_released(left: Recording, on_silence: str, silent_ns: int, until_ns: int) -> None:
+    """What the survivor did between the last position that came and the next: nothing, or let the spring go."""
+    if overruns_in(left, silent_ns, until_ns):  # this machine held its servo up, which lets the spring go too
+        return
+    columns = columns_of(left)
+    times = columns["time_ns"]
+    force = lengths(columns["force_N"] if left.device is not None else columns["coupling_force_N"])
+    before = force[times <= silent_ns][-1]
+    if on_silence == "hold":
+        silence = (times > silent_ns + 60_000_000) & (times < until_ns - 1_000_000)  # the longest step of the world
+        assert len(np.unique(columns["target_m"][silence])) == 1
+        assert force[silence].min() > 0.25 * before
+    else:  # the hand, or the mass, comes to rest
+        silence = (times > silent_ns + (SILENCE_S + 0.4) / NANO) & (times < until_ns - 1_000_000)
+        assert force[silence].max(initial=0.0) < 0.1 * before
+
+
+def assert_energy(survivor: Side, last: Side, left: Recording, recordings: list[Recording]) -> None:
+    """Nothing of a pair that is over was credited to the next, and the bound counts every start once."""
+    mine = columns_of(left)
+    began = [int(notice["monotonic_ns"]) for notice in survivor.said("paired")]
+    for recording, since_ns in zip(recordings, [0, *began[1:]], strict=True):
+        theirs = columns_of(recording)
+        until = mine["time_ns"] <= theirs["time_ns"][-1]  # after that the other's sent total is not known any more
+        assert_credited_was_sent(theirs, mine, False, since_ns)
+        assert_credited_was_sent({name: column[until] for name, column in mine.items()}, theirs, True, since_ns)
+    ended, new = (side.summary[side.role] for side in (survivor, last))
+    assert ended["incarnations"] == len(recordings)
+    assert new["incarnations"] == 1
+    assert ended["in_flight_nJ"] == new["in_flight_nJ"] == 0
+    assert new["abandoned_nJ"] == 0
+    # what was acknowledged was credited by one of them, and what one of them credited had been sent
+    acknowledged_nJ = ended["sent_nJ"] - ended["abandoned_nJ"]
+    before_nJ = sum(round(columns_of(recording)["credited_J"][-1] / NANO) for recording in recordings[:-1])
+    assert before_nJ + new["credited_nJ"] <= ended["sent_nJ"] + len(recordings)
+    assert 0 <= new["credited_nJ"] <= acknowledged_nJ <= ended["sent_nJ"]
+    # the last pair's own, to the nanojoule
+    index = int(np.searchsorted(mine["time_ns"], began[-1], side="right")) - 1
+    credited_before_nJ = round(mine["credited_J"][index] / NANO)
+    assert new["sent_nJ"] == ended["credited_nJ"] - credited_before_nJ
+    # 0.05 J a reservoir, and nothing for those that took another's place
+    assert ended["ledger"]["bound_J"] == ended["peers_J"] == 0.05
+    assert new["ledger"]["bound_J"] == 0.0
+    assert survivor.summary["theorem"]["bound_J"] == 0.1
+    device, world = (survivor, last) if survivor.role == "device" else (last, survivor)
+    assert merge(device.summary, world.summary)["theorem"]["bound_J"] == 0.1

@@ -1,0 +1,127 @@
+"""Real processes, as a user starts them: what the tests of whole runs share."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from tests.conftest import ENVIRONMENT
+
+HAPNET = (sys.executable, "-m", "hapnet")
+NETEM = (sys.executable, "-c", "import sys; from netem.cli import main; sys.exit(main())")
+LIMIT_S = 30.0
+
+
+class Program:
+    """A started command, its output read as it comes; in a process group of its own, so that what it leaves shows.
+
+    command : what is started. env : variables beside this process's own.
+    """
+
+    def __init__(self, *argv: object, command: Sequence[str] = HAPNET, env: Mapping[str, str] | None = None) -> None:
+        self.began_ns = time.monotonic_ns()
+        self.process = subprocess.Popen(
+            [*command, *map(str, argv)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+            env={**ENVIRONMENT, **(env or {})},
+        )
+        self.out: list[str] = []
+        self.err: list[str] = []
+        self._readers = [
+            threading.Thread(target=lines.extend, args=(stream,), daemon=True)
+            for lines, stream in ((self.out, self.process.stdout), (self.err, self.process.stderr))
+        ]
+        for reader in self._readers:
+            reader.start()
+
+    def until(self, what: str, condition: Callable[[], bool]) -> None:
+        """Poll until it holds, for a bounded time."""
+        deadline = time.monotonic() + LIMIT_S
+        while not condition():
+            assert self.process.poll() is None, f"ended before: {what}\n{''.join(self.out + self.err)}"
+            assert time.monotonic() < deadline, f"not in time: {what}\n{''.join(self.out + self.err)}"
+            time.sleep(0.01)
+
+    def until_line(self, words: str) -> None:
+        self.until(f"a line with {words!r}", lambda: any(words in line for line in [*self.out, *self.err]))
+
+    def end(self) -> tuple[int, str, str]:
+        """Exit code, standard output and standard error, once it has ended."""
+        code = self.process.wait(LIMIT_S)
+        for reader in self._readers:
+            reader.join(LIMIT_S)
+        return code, "".join(self.out), "".join(self.err)
+
+    @property
+    def alive(self) -> bool:
+        """Does any process of its group live?"""
+        try:
+            os.killpg(self.process.pid, 0)
+        except ProcessLookupError:
+            return False
+        return True
+
+    def kill(self) -> None:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.process.pid, signal.SIGKILL)
+        self.end()
+        for stream in (self.process.stdout, self.process.stderr):
+            assert stream is not None
+            stream.close()
+
+
+@contextlib.contextmanager
+def started(*argv: object, command: Sequence[str] = HAPNET) -> Iterator[Program]:
+    program = Program(*argv, command=command)
+    try:
+        yield program
+    finally:
+        program.kill()
+
+
+def size(file: Path) -> int:
+    return file.stat().st_size if file.exists() else 0
+
+
+def read_json(file: Path) -> dict[str, Any]:
+    value: dict[str, Any] = json.loads(file.read_text("utf-8"))
+    return value
+
+
+def assert_accounts_agree(summary: dict[str, Any]) -> None:
+    """To the nanojoule, both ways, from the two processes' own counts."""
+    for way, sender, receiver in (("up", "device", "world"), ("down", "world", "device")):
+        flow = summary["energy"][way]
+        assert flow["sent_nJ"] == summary[sender]["sent_nJ"]
+        assert flow["credited_nJ"] == summary[receiver]["credited_nJ"]
+        assert flow["in_flight_nJ"] >= 0
+        assert flow["sent_nJ"] == flow["credited_nJ"] + flow["in_flight_nJ"] + flow["abandoned_nJ"]
+
+
+def assert_passive(summary: dict[str, Any]) -> None:
+    assert summary["theorem"]["margin_J"] > 0.0
+    for side in ("device", "world"):
+        assert summary[side]["ledger"]["margin_J"] > 0.0
+        assert summary[side]["ledger"]["slack_J"] >= -1e-9
+        assert summary[side]["reservoir_min_J"] >= 0.0
+
+
+def child_of(parent: int, role: str) -> int:
+    """The process that any thread of `parent` started with that word on its command line."""
+    for thread in Path(f"/proc/{parent}/task").iterdir():
+        for child in (thread / "children").read_text("ascii").split():
+            if role in Path(f"/proc/{child}/cmdline").read_bytes().decode().split("\0"):
+                return int(child)
+    raise AssertionError(f"{parent} has no child {role}")
