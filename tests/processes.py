@@ -46,9 +46,9 @@ class Program:
         for reader in self._readers:
             reader.start()
 
-    def until(self, what: str, condition: Callable[[], bool]) -> None:
+    def until(self, what: str, condition: Callable[[], bool], limit_s: float = LIMIT_S) -> None:
         """Poll until it holds, for a bounded time."""
-        deadline = time.monotonic() + LIMIT_S
+        deadline = time.monotonic() + limit_s
         while not condition():
             assert self.process.poll() is None, f"ended before: {what}\n{''.join(self.out + self.err)}"
             assert time.monotonic() < deadline, f"not in time: {what}\n{''.join(self.out + self.err)}"

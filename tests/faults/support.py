@@ -18,7 +18,7 @@ from hapnet.errors import RecordingError
 from hapnet.mcap_file import read_recording
 from hapnet.runtime.summary import merge
 from hapnet.runtime.zenoh_config import free_address
-from tests.processes import Program, assert_accounts_agree, assert_passive, read_json
+from tests.processes import HAPNET, Program, assert_accounts_agree, assert_passive, read_json
 
 Role = Literal["device", "world"]
 OTHER: dict[Role, Role] = {"device": "world", "world": "device"}
@@ -50,13 +50,23 @@ _PRESSED_STEPS = 5  # of the world: no longer the impact, which may bounce
 
 
 class Side(Program):
-    """One process of a side, with its log, recording and summary in files of its own."""
+    """One process of a side, with its log, recording and summary in files of its own.
 
-    def __init__(self, role: Role, stem: Path, *argv: object, env: Mapping[str, str] | None = None) -> None:
+    stem : of their names. command : what is started. env : variables beside this process's own.
+    """
+
+    def __init__(
+        self,
+        role: Role,
+        stem: Path,
+        *argv: object,
+        command: Sequence[str] = HAPNET,
+        env: Mapping[str, str] | None = None,
+    ) -> None:
         self.role = role
         self.recording, self._log, self._json = (stem.with_suffix(end) for end in (".mcap", ".jsonl", ".json"))
         files = ("--record", self.recording, "--log", self._log, "--json", self._json)
-        super().__init__(role, *argv, *files, env=env)
+        super().__init__(role, *argv, *files, command=command, env=env)
 
     @property
     def log(self) -> list[dict[str, Any]]:
@@ -65,7 +75,8 @@ class Side(Program):
         return [json.loads(line) for line in text.splitlines(keepends=True) if line.endswith("\n")]
 
     def said(self, kind: str, since_ns: int = 0) -> list[dict[str, Any]]:
-        return [notice for notice in self.log if notice["kind"] == kind and notice["monotonic_ns"] >= since_ns]
+        """What it said of a kind; of any if that is empty."""
+        return [line for line in self.log if kind in ("", line["kind"]) and line["monotonic_ns"] >= since_ns]
 
     def until_said(self, kind: str, since_ns: int = 0) -> int:
         """Wait until it says something of that kind; when it said it first since then [ns]."""

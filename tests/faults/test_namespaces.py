@@ -1,0 +1,330 @@
+"""Both sides on hosts of their own with a real cable between them: pulled, put back, and with one side's end meanwhile.
+
+The machine's monotonic clock is the same in all namespaces, so what the two sides wrote can be compared.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import time
+from bisect import bisect_right
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hapnet.checks import Array
+from hapnet.errors import RecordingError
+from hapnet.mcap_file import read_recording
+from hapnet.record import Columns
+from tests.faults.namespaces import CABLE, LIMIT_S, Host, Unavailable, two_hosts
+from tests.faults.support import OTHER, RECOVERY_S, Role, Side
+from tests.processes import HAPNET
+
+PORT = 17447
+
+SILENCE_NS = 500_000_000
+"""Told to both sides; and no set-position in use may be older while the peer is heard."""
+
+BLOCKED_MS = 200.0
+"""A servo that waits for a lost peer waits for longer; one that a busy machine keeps waiting does not."""
+
+NANO = 1e-9
+LITTLE = ("--set", "device.ceiling_J=0.001", "--set", "world.ceiling_J=0.001")
+"""Reservoirs that are full soon, though they begin empty: then energy flows."""
+
+
+class Pair:
+    """The world on one host, the device on the other."""
+
+    def __init__(self, world: Host, device: Host, directory: Path, dial: str, listen: str | None = None) -> None:
+        self.hosts: dict[Role, Host] = {"world": world, "device": device}
+        self._directory = directory
+        self._endpoints: dict[Role, tuple[str, str]] = {"world": ("-l", listen or dial), "device": ("-e", dial)}
+        self.lives: dict[Role, list[Side]] = {"world": [], "device": []}
+
+    def start(self, role: Role, *words: str) -> Side:
+        stem = self._directory / f"{role}{len(self.lives[role])}"
+        settled = ("--silence-after", SILENCE_NS * NANO, "--set", "record_hz=1000", "--duration", 120)
+        hand = ("--operator", "sine") if role == "device" else ()  # never twice at the same place
+        there = (*self.hosts[role].enter, *HAPNET)
+        side = Side(role, stem, *self._endpoints[role], *settled, *hand, *words, command=there)
+        self.lives[role].append(side)
+        return side
+
+    def start_both(self, *words: str) -> tuple[Side, Side]:
+        """The world and the device, paired."""
+        world, device = self.start("world", *words), self.start("device", *words)
+        world.until_said("paired")
+        device.until_said("paired")
+        return world, device
+
+    def stop(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Ask both to end; what the world and the device then say of themselves."""
+        last = [self.lives["world"][-1], self.lives["device"][-1]]
+        for side in last:
+            side.process.send_signal(signal.SIGTERM)
+        for side in last:
+            assert side.end()[0] == 128 + signal.SIGTERM, side.err
+        return last[0].summary["world"], last[1].summary["device"]
+
+
+@contextlib.contextmanager
+def joined(directory: Path, dial: str, listen: str | None = None) -> Iterator[Pair]:
+    """Two hosts, the first for the world. `dial`, `listen` : endpoints; a protocol stands for the world's address."""
+    with contextlib.ExitStack() as stack:
+        try:
+            world, device = stack.enter_context(two_hosts())
+        except Unavailable as reason:
+            pytest.skip(str(reason))
+        pair = Pair(world, device, directory, dial if "/" in dial else f"{dial}/{world.address}:{PORT}", listen)
+        try:
+            yield pair
+        finally:
+            for side in (*pair.lives["world"], *pair.lives["device"]):
+                side.kill()
+
+
+def samples(side: Side, role: Role) -> Columns:
+    columns: Columns | None = getattr(read_recording(side.recording), role)
+    assert columns is not None
+    return columns
+
+
+def sent_ns(receiver: Columns, sender: Columns) -> Array:
+    """When the sender was where the receiver's set-position is, at each of the receiver's samples; -1: never before.
+
+    A target is, bit for bit, a position that the sender had; the last time counts if there are several.
+    """
+    times: dict[bytes, list[int]] = {}
+    for time_ns, position in zip(sender["time_ns"].tolist(), sender["position_m"], strict=True):
+        times.setdefault(position.tobytes(), []).append(time_ns)
+    found = []
+    for now_ns, target in zip(receiver["time_ns"].tolist(), receiver["target_m"], strict=True):
+        had = times.get(target.tobytes(), [])
+        before = bisect_right(had, now_ns)
+        found.append(had[before - 1] if before else -1)
+    return np.array(found)
+
+
+def assert_new(receiver: Columns, sender: Columns, pulled_ns: int, heard_ns: int) -> None:
+    """No set-position from the past: never one after a later one; and soon after the silence only fresh ones."""
+    used_ns, sent = receiver["time_ns"], sent_ns(receiver, sender)
+    order = sent[(used_ns >= pulled_ns) & (sent >= 0)]
+    assert (np.diff(order) >= 0).all()
+    after = used_ns >= heard_ns + SILENCE_NS
+    assert after.any()
+    assert (sent[after] >= 0).all()
+    assert (used_ns[after] - sent[after]).max() < SILENCE_NS
+
+
+def assert_passive(side: dict[str, Any]) -> None:
+    assert side["ledger"]["margin_J"] > 0.0
+    assert side["ledger"]["slack_J"] >= -1e-9
+    assert side["reservoir_min_J"] >= 0.0
+
+
+def assert_accounts_agree(world: dict[str, Any], device: dict[str, Any]) -> None:
+    """To the nanojoule, both ways."""
+    for sender, receiver in ((device, world), (world, device)):
+        assert sender["in_flight_nJ"] == sender["abandoned_nJ"] == 0
+        assert 0 < sender["sent_nJ"] == receiver["credited_nJ"]
+
+
+def test_the_hosts_have_nothing_in_common_but_the_cable(tmp_path: Path) -> None:
+    with joined(tmp_path, "tcp") as pair:
+        world, device = pair.hosts["world"], pair.hosts["device"]
+        spaces = {host.run("readlink", "/proc/self/ns/net") for host in (world, device)}
+        assert len(spaces | {os.readlink("/proc/self/ns/net")}) == 3
+        for host, other in ((world, device), (device, world)):
+            links = {line.split(":")[1].split("@")[0].strip() for line in host.ip("-o link").splitlines()}
+            assert links == {"lo", CABLE}
+            assert f"dev {CABLE}" in host.ip(f"route get {other.address}")
+        world.pull()
+        with pytest.raises(subprocess.CalledProcessError, match="ip"):
+            world.ip(f"route get {device.address}")
+
+
+def _cable(protocol: str, where: Role, on_silence: str, *down_s: float) -> Any:
+    marks = [] if down_s == (3.0,) else [pytest.mark.slow]
+    times = "-".join(f"{each:g}s" for each in down_s)
+    return pytest.param(protocol, down_s, where, on_silence, marks=marks, id=f"{protocol}-{where}-{times}")
+
+
+@pytest.mark.parametrize(
+    ("protocol", "down_s", "where", "on_silence"),
+    [
+        _cable("tcp", "device", "hold", 3.0),
+        _cable("tcp", "world", "release", 10.0, 1.0),
+        _cable("tcp", "device", "release", 30.0),
+        _cable("udp", "world", "release", 3.0, 5.0, 1.5),
+        _cable("udp", "device", "hold", 10.0, 3.0, 1.5),
+    ],
+)
+def test_the_cable_is_pulled_and_put_back(
+    protocol: str, down_s: tuple[float, ...], where: Role, on_silence: str, tmp_path: Path
+) -> None:
+    """Both go on without each other, and are together again soon after; nothing is lost, credited twice, or late.
+
+    Over udp Zenoh says its greeting once, and waits for a second if that is lost: there, the median of three is asked.
+    """
+    spans: list[tuple[int, int, list[int]]] = []
+    with joined(tmp_path, protocol) as pair:
+        sides = world, device = pair.start_both("--on-silence", on_silence)
+        world.until("contact", lambda: in_contact(world))
+        for each_s in down_s:
+            began_ns = time.monotonic_ns()
+            pair.hosts[where].pull()
+            pulled_ns = max(side.until_said("silent", began_ns) for side in sides)
+            device.until("the time is over", _later(began_ns + round(each_s / NANO)), LIMIT_S)
+            plugged_ns = pair.hosts[where].plug()
+            heard_ns = [side.until_said("heard", plugged_ns) for side in sides]
+            spans.append((pulled_ns, plugged_ns, heard_ns))
+            device.until("what comes after", _later(max(heard_ns) + 2 * SILENCE_NS))
+        ends = pair.stop()
+    recovery_s = [(max(heard_ns) - plugged_ns) * NANO for _, plugged_ns, heard_ns in spans]
+    print("recovered after", recovery_s, "s")
+    assert (np.median(recovery_s) if protocol == "udp" else max(recovery_s)) < RECOVERY_S
+    assert_accounts_agree(*ends)
+    for end in ends:
+        assert_passive(end)
+        assert end["incarnations"] == 1
+        assert end["outages"]["count"] >= len(down_s)
+    assert ends[1]["servo"]["longest_ms"] < BLOCKED_MS
+    device_samples, world_samples = samples(device, "device"), samples(world, "world")
+    for pulled_ns, plugged_ns, heard_ns in spans:
+        assert_new(world_samples, device_samples, pulled_ns, heard_ns[0])
+        assert_new(device_samples, world_samples, pulled_ns, heard_ns[1])
+        for columns in (world_samples, device_samples):
+            alone = (columns["time_ns"] >= pulled_ns + SILENCE_NS // 5) & (columns["time_ns"] < plugged_ns)
+            if on_silence == "hold":
+                assert (np.diff(columns["target_m"][alone], axis=0) == 0.0).all()
+            elif alone.any():  # the set-position is where the side itself was at its last update, a few periods ago
+                own_ns = sent_ns(columns, columns)[alone]
+                assert (columns["time_ns"][alone] - own_ns).max() < SILENCE_NS // 5
+
+
+def in_contact(world: Side) -> bool:
+    try:
+        columns = read_recording(world.recording).world
+    except RecordingError:  # nothing there yet
+        return False
+    return columns is not None and bool(columns["penetration_m"][-1] > 0.0)
+
+
+def _later(time_ns: int) -> Callable[[], bool]:
+    return lambda: time.monotonic_ns() >= time_ns
+
+
+def _kill(protocol: str, victim: Role, *, slow: bool) -> Any:
+    return pytest.param(protocol, victim, marks=[pytest.mark.slow] if slow else [], id=f"{protocol}-{victim}")
+
+
+KILLS = [
+    _kill("tcp", "device", slow=False),
+    _kill("udp", "world", slow=True),
+    _kill("tcp", "world", slow=True),
+    _kill("udp", "device", slow=True),
+]
+
+
+@pytest.mark.parametrize(("protocol", "victim"), KILLS)
+def test_one_side_is_killed_in_contact(protocol: str, victim: Role, tmp_path: Path) -> None:
+    """Started again it is a new pair with the survivor, soon after it runs."""
+    with joined(tmp_path, protocol) as pair:
+        pair.start_both(*LITTLE)
+        _kill_in_contact(pair, victim)
+        restarted = _start_again(pair, victim)
+        from_ns = restarted.until_said("")
+        _assert_recovers(pair, victim, from_ns)
+
+
+@pytest.mark.parametrize(
+    ("protocol", "victim"),
+    [pytest.param(*kill.values, marks=pytest.mark.slow, id=kill.id) for kill in KILLS],
+)
+def test_a_host_dies_in_contact(protocol: str, victim: Role, tmp_path: Path) -> None:
+    """Nothing tells the survivor: the cable is out when the process ends, and until after it has been started again."""
+    with joined(tmp_path, protocol) as pair:
+        pair.start_both(*LITTLE)
+        _kill_in_contact(pair, victim, pull=True)
+        restarted = _start_again(pair, victim)
+        restarted.until_said("waiting")
+        from_ns = pair.hosts[victim].plug()
+        _assert_recovers(pair, victim, from_ns)
+
+
+def _kill_in_contact(pair: Pair, victim: Role, *, pull: bool = False) -> None:
+    world = pair.lives["world"][0]
+    world.until("contact", lambda: in_contact(world))
+    if pull:
+        pair.hosts[victim].pull()
+    pair.lives[victim][0].kill()
+
+
+def _start_again(pair: Pair, victim: Role) -> Side:
+    """Once the survivor has noticed."""
+    pair.lives[OTHER[victim]][0].until_said("silent")
+    return pair.start(victim, *LITTLE)
+
+
+def _assert_recovers(pair: Pair, victim: Role, from_ns: int) -> None:
+    """Both soon hear each other again, and at the end each nanojoule has been credited once."""
+    survivor, restarted = pair.lives[OTHER[victim]][0], pair.lives[victim][1]
+    heard_ns, paired_ns = survivor.until_said("heard", from_ns), restarted.until_said("paired", from_ns)
+    recovery_s = (max(heard_ns, paired_ns) - from_ns) * NANO
+    print("recovered after", recovery_s, "s")
+    assert recovery_s < RECOVERY_S
+    silent_ns = survivor.said("silent")[0]["monotonic_ns"]
+    before_nJ = _credited_nJ(survivor, OTHER[victim], silent_ns)
+
+    def energy_flows() -> bool:
+        now_ns = time.monotonic_ns()
+        return _credited_nJ(survivor, OTHER[victim], now_ns) > before_nJ or _credited_nJ(restarted, victim, now_ns) > 0
+
+    survivor.until("what comes after", _later(heard_ns + 2 * SILENCE_NS))
+    survivor.until("energy of the new pair", energy_flows)
+    ends = dict(zip(("world", "device"), pair.stop(), strict=True))
+    old, new = ends[OTHER[victim]], ends[victim]
+    assert_passive(old)
+    assert (old["incarnations"], new["incarnations"]) == (2, 1)
+    assert new["ledger"]["slack_J"] >= -1e-9
+    assert new["reservoir_min_J"] >= 0.0
+    assert ends["device"]["servo"]["longest_ms"] < BLOCKED_MS
+    assert old["credited_nJ"] - before_nJ == new["sent_nJ"]
+    assert new["sent_nJ"] + new["credited_nJ"] > 0
+    assert new["in_flight_nJ"] == new["abandoned_nJ"] == old["in_flight_nJ"] == 0
+    assert new["credited_nJ"] <= old["sent_nJ"] - old["abandoned_nJ"]
+
+
+def _credited_nJ(side: Side, role: Role, time_ns: int) -> int:
+    """What it had credited by then."""
+    columns = samples(side, role)
+    return round(float(columns["credited_J"][np.searchsorted(columns["time_ns"], time_ns, side="right") - 1]) / NANO)
+
+
+@pytest.mark.parametrize(
+    ("protocol", "listen", "dial"),
+    [
+        pytest.param("tcp", "0.0.0.0", "10.117.0.1", id="tcp-any"),
+        pytest.param("udp", "0.0.0.0", "10.117.0.1", id="udp-any", marks=pytest.mark.slow),
+        pytest.param("tcp", "[::]", "[fd00:117::1]", id="tcp-ipv6", marks=pytest.mark.slow),
+        pytest.param("udp", "[::]", "[fd00:117::1]", id="udp-ipv6", marks=pytest.mark.slow),
+    ],
+)
+def test_both_start_before_the_cable_is_in(protocol: str, listen: str, dial: str, tmp_path: Path) -> None:
+    """A world on all addresses of its host, of either kind; the device dials one that cannot be reached yet."""
+    with joined(tmp_path, f"{protocol}/{dial}:{PORT}", listen=f"{protocol}/{listen}:{PORT}") as pair:
+        for host in pair.hosts.values():
+            host.pull()
+        sides = pair.start("world"), pair.start("device")
+        for side in sides:
+            side.until_said("waiting")
+        plugged_ns = [host.plug() for host in pair.hosts.values()][-1]
+        assert max(side.until_said("paired") for side in sides) - plugged_ns < RECOVERY_S / NANO
+        pair.stop()
