@@ -338,6 +338,12 @@ class Audited:
         self.updates += 1
         return result
 
+    def share(self) -> float:
+        before = self.inner.energy
+        given = self.inner.share()
+        hold(0.0 <= given <= before and self.inner.energy + given == before, "shared", given, "of", before)
+        return given
+
     def _check_step(self, start: Vector, ybar: Vector, x: Vector, before: float, at_hand: float) -> None:
         """The step limit; where a measured, negative D leaves less than the spring holds, ybar must yield too."""
         yielding = 0.0
