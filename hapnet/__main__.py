@@ -5,6 +5,8 @@ import signal
 import sys
 from types import FrameType
 
+EVALUATED = ("<string>", "<module>")
+
 
 def main() -> int:
     """Run the command; its exit code."""
@@ -18,9 +20,14 @@ def main() -> int:
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    """Ctrl-C. An import that it interrupts may swallow an exception, or print it: it ends the process instead."""
+    """Ctrl-C. Where an exception would not do, it ends the process at once.
+
+    An import may swallow it, or print it; and once it has passed through an evaluated string (an annotation, say),
+    Python ends by the signal itself, whoever has caught it.
+    """
     while frame is not None:
-        if frame.f_code.co_filename.startswith("<frozen importlib"):
+        code = frame.f_code
+        if code.co_filename.startswith("<frozen importlib") or (code.co_filename, code.co_name) == EVALUATED:
             _leave(number, frame)
         frame = frame.f_back
     raise KeyboardInterrupt

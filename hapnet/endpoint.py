@@ -113,7 +113,7 @@ class ControlHalf:
         return self._arrived[-1][0] if self._arrived else None
 
     def _take(self) -> Coupling:
-        """Give the coupling what has arrived since the last tick."""
+        """Give the coupling what has arrived since the last tick, and another peer its share of the reservoir."""
         coupling = self._coupling
         assert coupling is not None, "control has not started"
         if self._another:

@@ -1,4 +1,4 @@
-"""What the tests share: where the recorded inputs are, and random matrices."""
+"""What the tests share: where the recorded inputs are, processes' environment, certificates, random matrices."""
 
 from __future__ import annotations
 

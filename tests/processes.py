@@ -21,6 +21,16 @@ NETEM = (sys.executable, "-c", "import sys; from netem.cli import main; sys.exit
 LIMIT_S = 30.0
 
 
+def until(
+    condition: Callable[[], bool], limit_s: float = LIMIT_S, said: Callable[[], str] = lambda: "not in time"
+) -> None:
+    """Poll until it holds, for a bounded time; after that the failure is what `said` says."""
+    deadline = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < deadline, said()
+        time.sleep(0.01)
+
+
 class Program:
     """A started command, its output read as it comes; in a process group of its own, so that what it leaves shows.
 
@@ -47,12 +57,18 @@ class Program:
             reader.start()
 
     def until(self, what: str, condition: Callable[[], bool], limit_s: float = LIMIT_S) -> None:
-        """Poll until it holds, for a bounded time."""
-        deadline = time.monotonic() + limit_s
-        while not condition():
-            assert self.process.poll() is None, f"ended before: {what}\n{''.join(self.out + self.err)}"
-            assert time.monotonic() < deadline, f"not in time: {what}\n{''.join(self.out + self.err)}"
-            time.sleep(0.01)
+        """Poll until it holds, for a bounded time; the process must not end before."""
+
+        def said(wrong: str) -> str:
+            return f"{wrong}: {what}\n{''.join(self.out + self.err)}"
+
+        def holds() -> bool:
+            if condition():
+                return True
+            assert self.process.poll() is None, said("ended before")
+            return False
+
+        until(holds, limit_s, lambda: said("not in time"))
 
     def until_line(self, words: str) -> None:
         self.until(f"a line with {words!r}", lambda: any(words in line for line in [*self.out, *self.err]))
@@ -72,6 +88,10 @@ class Program:
         except ProcessLookupError:
             return False
         return True
+
+    def until_gone(self, limit_s: float = LIMIT_S) -> None:
+        """Wait until no process of its group lives, whatever has become of itself."""
+        until(lambda: not self.alive, limit_s)
 
     def kill(self) -> None:
         with contextlib.suppress(ProcessLookupError):
@@ -113,9 +133,22 @@ def assert_accounts_agree(summary: dict[str, Any]) -> None:
 def assert_passive(summary: dict[str, Any]) -> None:
     assert summary["theorem"]["margin_J"] > 0.0
     for side in ("device", "world"):
-        assert summary[side]["ledger"]["margin_J"] > 0.0
-        assert summary[side]["ledger"]["slack_J"] >= -1e-9
-        assert summary[side]["reservoir_min_J"] >= 0.0
+        assert_side_passive(summary[side])
+
+
+def assert_side_passive(side: dict[str, Any]) -> None:
+    """Of a side's part of the summary: its own half of the theorem."""
+    assert side["ledger"]["margin_J"] > 0.0
+    assert side["ledger"]["slack_J"] >= -1e-9
+    assert side["reservoir_min_J"] >= 0.0
+
+
+def resident_kB(pid: int) -> int:
+    """Memory of a process that is in use now."""
+    for line in Path(f"/proc/{pid}/status").read_text("ascii").splitlines():
+        if line.startswith("VmRSS:"):
+            return int(line.split()[1])
+    raise AssertionError(f"{pid} has no memory")
 
 
 def child_of(parent: int, role: str) -> int:

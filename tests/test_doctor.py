@@ -202,7 +202,7 @@ def test_zenoh_that_does_not_answer_is_missing(monkeypatch: pytest.MonkeyPatch) 
 
 
 async def test_zenoh_over_tls(certificates: Path) -> None:
-    address = free_address().replace("tcp/", "tls/")
+    address = free_address("tls")
     files = {name: (certificates / f"{name}.pem", certificates / f"{name}.key") for name in ("world", "alice")}
     listens = Security(certificates / "ca.pem", *files["world"], mutual_tls=True)
     world = ZenohTransport(ZenohSettings(listen=(address,), security=listens), lambda kind, data: None, role="world")
@@ -222,7 +222,7 @@ async def test_zenoh_over_tls(certificates: Path) -> None:
 
 def test_a_tls_endpoint_is_shaken_hands_with_before_it_is_dialled(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(doctor, "REACH_S", 0.2)
-    address = free_address().replace("tcp/", "tls/")
+    address = free_address("tls")
     handshake, dialled = list(doctor.examine([address]))[-2:]
     assert (handshake.name, handshake.state) == ("tls handshake", MISSING)
     assert handshake.value == f"{address}: nobody listens there"

@@ -17,18 +17,17 @@ from hapnet.wire.messages import decode
 from hapnet.wire.session import SessionSettings
 from tests.fuzzing import corpus, coverage_guided, lives, storm
 from tests.fuzzing.__main__ import main
-from tests.fuzzing.invariants import Audited, Broken, allowed, decoded
+from tests.fuzzing.invariants import Audited, allowed, decoded
 from tests.fuzzing.mutator import Mutator
-from tests.fuzzing.storm import TARGETS, run, run_many
+from tests.fuzzing.storm import TARGETS, run_many
 
-DEFAULT = {"decoder": 40_000, "device": 20_000, "continuous": 20_000, "world": 20_000}
+DEFAULT = {"decoder": 40_000, "device": 20_000, "continuous": 20_000, "world": 20_000}  # 100,000 in all
 SLOW = 1_000_000
 SLOW_STORM = 20_000
 
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_a_hundred_thousand_messages_do_no_harm(target: str) -> None:
-    assert sum(DEFAULT.values()) == 100_000
     run_many(target, 1, DEFAULT[target])
 
 
@@ -153,13 +152,13 @@ def test_a_total_taken_for_an_amount_is_noticed(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_a_list_that_grows_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    check = Handshake._check_living
+    check = Handshake._check_sender
 
     def leaky(self: Handshake, sender: int) -> None:
         self.__dict__.setdefault("_seen", []).append(sender)
         check(self, sender)
 
-    monkeypatch.setattr(Handshake, "_check_living", leaky)
+    monkeypatch.setattr(Handshake, "_check_sender", leaky)
     assert "_seen holds" in found("device")
 
 
@@ -192,12 +191,7 @@ def test_an_exception_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     def fragile(self: Handshake, sender: int) -> None:
         assert sender != self.identity.incarnation
 
-    monkeypatch.setattr(Handshake, "_check_living", fragile)
+    monkeypatch.setattr(Handshake, "_check_sender", fragile)
     words = found("world")
     assert "AssertionError" in words
     assert "Traceback" in words
-
-
-def test_a_broken_law_is_no_other_error() -> None:
-    assert issubclass(Broken, AssertionError)
-    run("decoder", 2, 200)

@@ -24,11 +24,12 @@ from hapnet.params import Params
 from hapnet.runtime.build import prepare
 from hapnet.runtime.control import ThreadedDevice, ThreadedWorld
 from hapnet.runtime.notices import Notice
-from hapnet.runtime.realtime import LINGER_S, RealtimeSide, Role
+from hapnet.runtime.realtime import LINGER_S, RealtimeSide
 from hapnet.runtime.sides import DeviceSide
 from hapnet.runtime.stepper import Stepper
 from hapnet.runtime.zenoh_config import ZenohSettings, free_address
 from hapnet.runtime.zenoh_transport import ZenohTransport
+from hapnet.wire.messages import Role
 
 WAIT_S = 10.0
 LINK = "delay 5ms 2ms loss 5%"
@@ -350,8 +351,10 @@ async def test_a_failing_control_thread_ends_the_side_with_its_error(monkeypatch
         raise ArithmeticError("a step failed")
 
     async with running(world, device):
-        await world.until(lambda: world.side.control.origin_ns is not None)
-        monkeypatch.setattr(world.side.control.side, "step", broken)
+        control = world.side.control
+        assert isinstance(control, ThreadedWorld)
+        await world.until(lambda: control.origin_ns is not None)
+        monkeypatch.setattr(control.side, "step", broken)
         with pytest.raises(ArithmeticError, match="a step failed"):
             await asyncio.wait_for(asyncio.shield(world.task), WAIT_S)
 

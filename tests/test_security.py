@@ -24,7 +24,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.runtime.security import Security, is_exposed
 from hapnet.runtime.zenoh_config import ZenohSettings, free_address, zenoh_config, zenoh_warnings
 from tests.processes import read_json, started
-from tests.test_zenoh_transport import WAIT_S, Side, assert_exchange, opened, paired, value
+from tests.transports import WAIT_S, Side, assert_exchange, opened, own, paired, value
 
 ACCESS = str(Path(__file__).resolve().parents[1] / "examples" / "secure" / "access.json5")
 REFUSED_S = 0.8
@@ -32,11 +32,6 @@ REFUSED_S = 0.8
 
 TLS = "transport/link/tls"
 USRPWD = "transport/auth/usrpwd"
-
-
-def own(certificates: Path, name: str, *, ca: str = ".", mutual: bool = False) -> Security:
-    files = (certificates / ca / "ca.pem", certificates / f"{name}.pem", certificates / f"{name}.key")
-    return Security(*files, mutual_tls=mutual)
 
 
 def shows(certificates: Path, name: str) -> Security:
@@ -47,10 +42,6 @@ def shows(certificates: Path, name: str) -> Security:
 def with_file(security: Security, field: str, path: Path | None) -> Security:
     values = {name: getattr(security, name) for name in Security.__dataclass_fields__}
     return Security(**{**values, field: path})
-
-
-def free(protocol: str) -> str:
-    return free_address().replace("tcp/", f"{protocol}/")
 
 
 @pytest.fixture
@@ -351,7 +342,7 @@ async def assert_only(right: Side, strangers: dict[str, Side], world: Side) -> N
 
 @pytest.mark.parametrize("protocol", ["tls", "quic"])
 async def test_mutual_tls(protocol: str, certificates: Path) -> None:
-    endpoint = free(protocol)
+    endpoint = free_address(protocol)
 
     def dialler(security: Security) -> Side:
         return Side("device", ZenohSettings(connect=(endpoint,), security=security))
@@ -369,7 +360,7 @@ async def test_mutual_tls(protocol: str, certificates: Path) -> None:
 async def test_who_is_not_the_world_cannot_play_it(certificates: Path) -> None:
     """Neither with a certificate of another authority, nor with a device's own, which is not for that address."""
     names = ("world", "bob", "other/world")
-    endpoints = [free("tls") for _ in names]
+    endpoints = [free_address("tls") for _ in names]
     right, *wrong = (
         Side("world", ZenohSettings(listen=(endpoint,), security=shows(certificates, name)))
         for endpoint, name in zip(endpoints, names, strict=True)
@@ -385,7 +376,7 @@ async def test_who_is_not_the_world_cannot_play_it(certificates: Path) -> None:
 
 
 async def test_users(certificates: Path, users: Path) -> None:
-    endpoint, world = free("tls"), shows(certificates, "world")
+    endpoint, world = free_address("tls"), shows(certificates, "world")
 
     def dialler(user: str | None, password: str | None) -> Side:
         security = Security(certificates / "ca.pem", user=user, password=password)
@@ -431,10 +422,10 @@ DOWNS = [f"hapnet/s/{name}/down/position" for name in NAMES]
 def known(by: str, certificates: Path, users: Path, config: str) -> tuple[ZenohSettings, ...]:
     """The settings of a world with access control, of alice and of bob."""
     if by == "certificate":
-        endpoint, world = free("tls"), own(certificates, "world", mutual=True)
+        endpoint, world = free_address("tls"), own(certificates, "world", mutual=True)
         devices = [own(certificates, name) for name in NAMES]
     else:
-        endpoint, world = free("tcp"), Security(users=users)
+        endpoint, world = free_address("tcp"), Security(users=users)
         devices = [Security(user="alice", password="secret"), Security(user="bob", password="b:o b")]
     dials = (ZenohSettings(connect=(endpoint,), security=device) for device in devices)
     return ZenohSettings(listen=(endpoint,), config=config, security=world), *dials
@@ -492,7 +483,7 @@ async def test_a_device_reads_its_own_down_keys_only(by: str, certificates: Path
 
 async def test_a_device_with_another_ones_name_is_neither_seen_nor_heard(certificates: Path) -> None:
     """The transport itself under access control, its liveliness tokens too."""
-    endpoint, names = free("tls"), {"session": "s", "device": "alice"}
+    endpoint, names = free_address("tls"), {"session": "s", "device": "alice"}
     listens = ZenohSettings(listen=(endpoint,), config=ACCESS, security=own(certificates, "world", mutual=True))
     world = Side("world", listens, **names)
     alice, bob = (
@@ -516,7 +507,7 @@ async def test_a_device_with_another_ones_name_is_neither_seen_nor_heard(certifi
 def test_both_commands_with_certificates_users_and_access_control(
     certificates: Path, users: Path, tmp_path: Path
 ) -> None:
-    address = free("tls")
+    address = free_address("tls")
     password = tmp_path / "password"
     password.write_text("secret\n", "utf-8")
     password.chmod(0o600)

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,7 @@ from hapnet.runtime.control import Outlet
 from hapnet.runtime.servo_pipe import LONGEST_FRAME, Pipe, PipeClosed, available, socket_pair
 from hapnet.runtime.servo_process import ServoProcess
 from hapnet.wire.messages import Position, decode
+from tests.processes import until
 
 pytestmark = pytest.mark.skipif(not available(), reason="no SOCK_SEQPACKET here")
 
@@ -85,13 +86,6 @@ class Running:
         self.servo.start()
         self.servo.pair(False)
         until(lambda: self.servo.origin_ns is not None)
-
-
-def until(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + WAIT_S
-    while not condition():
-        assert time.monotonic() < deadline
-        threading.Event().wait(0.005)
 
 
 @pytest.fixture
@@ -335,7 +329,9 @@ def test_no_surplus_is_lost_to_a_parent_that_does_not_read(running: Running, mon
     servo = running.servo
     servo.credit(200_000_000)  # more than the ceiling: with shuffle all the surplus goes back
     began = time.monotonic()
-    until(lambda: servo.credit(1_000) or time.monotonic() > began + 0.5)  # a hundred updates with energy
+    while time.monotonic() < began + 0.5:  # a hundred updates with energy
+        servo.credit(1_000)
+        time.sleep(0.005)
     resume.set()
     servo.stop()
     while servo.has_surplus:

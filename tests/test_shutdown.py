@@ -10,7 +10,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -22,7 +21,7 @@ from hapnet.mcap_file import read_recording
 from hapnet.runtime.realtime import LINGER_S
 from hapnet.runtime.zenoh_config import free_address
 from tests.conftest import ENVIRONMENT
-from tests.processes import HAPNET, LIMIT_S, Program, child_of, read_json, size, started
+from tests.processes import HAPNET, LIMIT_S, Program, child_of, read_json, size, started, until
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
 DRIVER = """
@@ -164,7 +163,7 @@ def test_ctrl_c_in_the_first_tenth_of_a_second_is_no_traceback(command: list[str
                 return bool(int(line.split()[1], 16) >> (signal.SIGTERM - 1) & 1)
 
             program.until("its first line", caught)
-            threading.Event().wait(wait_s)
+            time.sleep(wait_s)
             program.process.send_signal(signal.SIGINT)
             code, _, stderr = program.end()
         assert (code, stderr) == (130, "")
@@ -181,6 +180,19 @@ def test_ctrl_c_within_an_import_is_no_traceback(module: str, monkeypatch: pytes
     with started("device", "-e", "tcp/127.0.0.1:1") as program:
         code, stdout, stderr = program.end()
     assert (code, stdout, stderr) == (130, "", "")
+
+
+def test_ctrl_c_within_an_evaluated_string_is_no_death_by_signal() -> None:
+    """As typer evaluates annotations: what passes through `eval` ends Python by SIGINT, though it is caught."""
+    Path("pressing.py").write_text(
+        "import os, signal, sys\n"
+        "from hapnet.__main__ import _interrupt\n"
+        "signal.signal(signal.SIGINT, _interrupt)\n"
+        "try:\n    eval('os.kill(os.getpid(), signal.SIGINT) or [n for n in range(10)]')\n"
+        "except KeyboardInterrupt:\n    sys.exit(130)\n"
+    )
+    with started(command=(sys.executable, "-m", "pressing")) as program:
+        assert program.end() == (130, "", "")
 
 
 # -- a terminal --------------------------------------------------------------------------------------------------------
@@ -238,10 +250,7 @@ def test_a_closed_terminal_ends_a_side_in_order(role: str) -> None:
         recording = Path("device.mcap" if role == "run" else f"{role}.mcap")
         try:
             terminal.until(b"paired with the ")
-            deadline = time.monotonic() + LIMIT_S
-            while not (size(recording) > 5_000 and pressing()):
-                assert time.monotonic() < deadline
-                threading.Event().wait(0.02)
+            until(lambda: size(recording) > 5_000 and pressing())
             terminal.close()
             code, stderr = terminal.end()
         finally:
@@ -444,10 +453,7 @@ def test_the_children_of_a_run_that_is_killed_end_in_order(more: tuple[str, ...]
             child_of(program.process.pid, role)
         os.kill(program.process.pid, signal.SIGKILL)
         program.process.wait()
-        deadline = time.monotonic() + 5.0
-        while program.alive:
-            assert time.monotonic() < deadline
-            threading.Event().wait(0.02)
+        program.until_gone(5.0)
     assert_no_force_last()
     for role in ("device", "world"):
         assert not read_recording(f"r/{role}.mcap").torn
@@ -462,7 +468,4 @@ def test_the_children_of_a_run_that_is_killed_before_they_meet_end_too() -> None
                       .read_text("ascii").count(" ") == 2)  # fmt: skip
         os.kill(program.process.pid, signal.SIGKILL)
         program.process.wait()
-        deadline = time.monotonic() + LIMIT_S
-        while program.alive:
-            assert time.monotonic() < deadline
-            threading.Event().wait(0.02)
+        program.until_gone()

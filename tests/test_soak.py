@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,7 @@ from hapnet.params import Params
 from hapnet.runtime.sides import Write
 from hapnet.runtime.summary import Summary
 from hapnet.runtime.virtual import Simulation
-from tests.processes import assert_accounts_agree, read_json, started
+from tests.processes import assert_accounts_agree, child_of, read_json, resident_kB, started
 
 WORST = {
     "link.up": "worst", "link.down": "worst", "operator": "sine", "operator_hand.frequency_hz": 1.5,
@@ -46,13 +45,6 @@ class Unrecorded(Simulation):
 
     def _writer(self) -> Write:
         return lambda sample: None
-
-
-def resident_kB(pid: int) -> int:
-    for line in Path(f"/proc/{pid}/status").read_text("ascii").splitlines():
-        if line.startswith("VmRSS:"):
-            return int(line.split()[1])
-    raise AssertionError(f"{pid} has no memory")
 
 
 def told(what: str, summary: Summary, memory: dict[str, list[int]]) -> None:
@@ -93,8 +85,8 @@ def test_half_an_hour_in_real_time(tmp_path: Path) -> None:
         began = time.monotonic()
         for at in np.arange(SETTLED_S, REAL_S, 60.0):
             time.sleep(max(0.0, began + at - time.monotonic()))
-            for name, pid in children(program.process.pid):
-                memory.setdefault(name, []).append(resident_kB(pid))
+            for role in ("device", "world"):
+                memory.setdefault(role, []).append(resident_kB(child_of(program.process.pid, role)))
         time.sleep(max(0.0, began + REAL_S - time.monotonic()))
         code, _, errors = program.end()
         assert code == 0, errors
@@ -104,9 +96,3 @@ def test_half_an_hour_in_real_time(tmp_path: Path) -> None:
     assert_exact(summary)
     for values in memory.values():
         assert values[-1] - values[0] < 4_000
-
-
-def children(parent: int) -> Iterator[tuple[str, int]]:
-    for child in Path(f"/proc/{parent}/task/{parent}/children").read_text("ascii").split():
-        words = Path(f"/proc/{child}/cmdline").read_bytes().decode().split("\0")
-        yield ("device" if "device" in words else "world"), int(child)

@@ -17,14 +17,9 @@ from examples.secure.make_certificates import issue, save
 from hapnet.runtime.security import Security
 from hapnet.runtime.tls_probe import Trust, probe, why_unanswered
 from hapnet.runtime.zenoh_config import ZenohSettings, free_address
-from tests.test_zenoh_transport import Side, assert_exchange, opened, paired
+from tests.transports import Side, assert_exchange, opened, own, paired
 
 LIMIT_S = 5.0
-
-
-def own(certificates: Path, name: str, *, ca: str = ".", mutual: bool = False) -> Security:
-    files = (certificates / ca / "ca.pem", certificates / f"{name}.pem", certificates / f"{name}.key")
-    return Security(*files, mutual_tls=mutual)
 
 
 async def why(endpoint: str, security: Security, timeout_s: float = LIMIT_S) -> str | None:
@@ -75,7 +70,7 @@ WRONG_ROOT = "the listener's certificate is not signed by --tls-ca"
 
 
 async def test_what_a_world_with_mutual_tls_refuses(certificates: Path) -> None:
-    endpoint = free_address().replace("tcp/", "tls/")
+    endpoint = free_address("tls")
     right = own(certificates, "alice")
     assert await why(endpoint, right) == f"{endpoint}: nobody listens there"
     world = Side("world", ZenohSettings(listen=(endpoint,), security=own(certificates, "world", mutual=True)))
@@ -92,7 +87,7 @@ async def test_what_a_world_with_mutual_tls_refuses(certificates: Path) -> None:
 
 
 async def test_a_probe_does_not_disturb_a_pair(certificates: Path) -> None:
-    endpoint = free_address().replace("tcp/", "tls/")
+    endpoint = free_address("tls")
     world = Side("world", ZenohSettings(listen=(endpoint,), security=own(certificates, "world", mutual=True)))
     device = Side("device", ZenohSettings(connect=(endpoint,), security=own(certificates, "alice")))
     async with opened(world, device):
@@ -185,5 +180,5 @@ async def test_no_such_host() -> None:
 
 
 async def test_what_a_probe_cannot_tell_is_none(certificates: Path) -> None:
-    assert await why(free_address().replace("tcp/", "quic/"), own(certificates, "alice")) is None
-    assert await why(free_address().replace("tcp/", "udp/"), Security()) is None
+    assert await why(free_address("quic"), own(certificates, "alice")) is None
+    assert await why(free_address("udp"), Security()) is None

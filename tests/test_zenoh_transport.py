@@ -1,83 +1,21 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import json
-import random
-import socket
 import subprocess
 import sys
 import textwrap
-from collections.abc import AsyncIterator
-from fractions import Fraction
 from pathlib import Path
 from typing import cast
 
 import pytest
 
 from hapnet.errors import InvalidParameter, TransportError
-from hapnet.runtime.zenoh_config import Mode, ZenohSettings, zenoh_config
-from hapnet.runtime.zenoh_transport import KINDS, Gate, Role, ZenohTransport
-
-WAIT_S = 10.0
-
-
-def free_endpoint() -> str:
-    with socket.socket() as s:
-        s.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{s.getsockname()[1]}"
-
-
-class Side:
-    """A transport, and the messages it got, in asyncio's hands."""
-
-    def __init__(self, role: Role, settings: ZenohSettings, **names: str) -> None:
-        self.loop = asyncio.get_running_loop()
-        self.received: asyncio.Queue[tuple[str, bytes]] = asyncio.Queue()
-        self.changed = asyncio.Event()
-        self.transport = ZenohTransport(settings, self._on_message, role=role, on_change=self.changed.set, **names)
-
-    def _on_message(self, kind: str, data: bytes) -> None:
-        self.loop.call_soon_threadsafe(self.received.put_nowait, (kind, data))
-
-    async def until_partners(self, count: int) -> None:
-        while self.transport.partners != count:
-            self.changed.clear()
-            await asyncio.wait_for(self.changed.wait(), WAIT_S)
-
-
-@contextlib.asynccontextmanager
-async def opened(*sides: Side) -> AsyncIterator[None]:
-    try:
-        for side in sides:
-            await asyncio.wait_for(side.transport.open(), WAIT_S)
-        yield
-    finally:
-        for side in reversed(sides):
-            assert await side.transport.close()
-
-
-async def paired(*sides: Side) -> None:
-    for side in sides:
-        await asyncio.wait_for(side.transport.wait_for_partner(), WAIT_S)
-
-
-async def assert_exchange(a: Side, b: Side) -> None:
-    for sender, receiver in ((a, b), (b, a)):
-        expected = [(kind, f"{kind} from the {sender.transport.role}".encode()) for kind in KINDS]
-        for kind, data in expected:
-            assert sender.transport.put(kind, data)
-        got = [await asyncio.wait_for(receiver.received.get(), WAIT_S) for _ in KINDS]
-        assert got == expected
-        assert receiver.received.empty()
-        assert sender.received.empty()
-
+from hapnet.runtime.zenoh_config import Mode, ZenohSettings, free_address, zenoh_config
+from hapnet.runtime.zenoh_transport import ZenohTransport
+from hapnet.wire.messages import Role
+from tests.transports import WAIT_S, Side, assert_exchange, opened, paired, value
 
 # Configuration
-
-
-def value(settings: ZenohSettings, key: str) -> object:
-    return json.loads(zenoh_config(settings).get_json(key))
 
 
 def test_defaults_suit_small_messages_at_1_khz() -> None:
@@ -170,36 +108,12 @@ def test_names_that_no_key_can_contain_are_refused(name: str) -> None:
         ZenohTransport(settings, lambda kind, data: None, device=name)
 
 
-# The gate
-
-
-def test_the_gate_lets_a_burst_through_and_then_the_rate() -> None:
-    """Against a plain token bucket that fills at each nanosecond asked."""
-    gate, rng = Gate(1000, 50), random.Random(3)
-    tokens, last, passed, refused = Fraction(50), 0, 0, 0
-    now = 10**9
-    last = now
-    for _ in range(20_000):
-        now += rng.choice([0, 1_000, 200_000, 900_000, 1_100_000, 80_000_000 * (rng.random() < 0.002)])
-        tokens = min(Fraction(50), tokens + Fraction(now - last, 10**6))
-        last = now
-        if tokens >= 1:
-            tokens -= 1
-            passed += 1
-            assert gate.admit(now)
-        else:
-            refused += 1
-            assert not gate.admit(now)
-    assert gate.refused == refused > 5000
-    assert passed > 5000
-
-
 # Exchange
 
 
 @pytest.mark.parametrize("listener", ["device", "world"])
 async def test_all_kinds_both_ways_with_the_listener_first(listener: Role) -> None:
-    endpoint = free_endpoint()
+    endpoint = free_address()
     dialler: Role = "world" if listener == "device" else "device"
     first = Side(listener, ZenohSettings(listen=(endpoint,)))
     second = Side(dialler, ZenohSettings(connect=(endpoint,)))
@@ -211,7 +125,7 @@ async def test_all_kinds_both_ways_with_the_listener_first(listener: Role) -> No
 
 
 async def test_a_dialler_waits_for_its_listener_and_says_so() -> None:
-    endpoint = free_endpoint()
+    endpoint = free_address()
     dialler = Side("device", ZenohSettings(connect=(endpoint,)))
     listener = Side("world", ZenohSettings(listen=(endpoint,)))
     async with opened(dialler):
@@ -229,7 +143,7 @@ async def test_a_dialler_waits_for_its_listener_and_says_so() -> None:
 
 async def test_a_session_that_is_lost_is_opened_again() -> None:
     """Zenoh closes a session by itself when it thinks it must; here somebody else does it."""
-    endpoint = free_endpoint()
+    endpoint = free_address()
     dialler = Side("device", ZenohSettings(connect=(endpoint,)))
     listener = Side("world", ZenohSettings(listen=(endpoint,)))
     async with opened(dialler, listener):
@@ -248,7 +162,7 @@ async def test_a_session_that_is_lost_is_opened_again() -> None:
 
 
 async def test_a_client_waits_for_its_router_and_reaches_the_other_client() -> None:
-    endpoint = free_endpoint()
+    endpoint = free_address()
     device = Side("device", ZenohSettings(mode="client", connect=(endpoint,)))
     world = Side("world", ZenohSettings(mode="client", connect=(endpoint,)))
     router = Side("device", ZenohSettings(mode="router", listen=(endpoint,)), device="another")
@@ -267,7 +181,7 @@ async def test_a_client_waits_for_its_router_and_reaches_the_other_client() -> N
 
 
 async def test_other_names_are_not_partners_and_two_of_one_name_are_seen() -> None:
-    endpoint = free_endpoint()
+    endpoint = free_address()
     world = Side("world", ZenohSettings(listen=(endpoint,)), session="s", device="left")
     stranger = Side("device", ZenohSettings(connect=(endpoint,)), session="s", device="right")
     twins = [Side("device", ZenohSettings(connect=(endpoint,)), session="s", device="left") for _ in range(2)]
@@ -286,7 +200,7 @@ async def test_other_names_are_not_partners_and_two_of_one_name_are_seen() -> No
 
 
 async def test_an_endpoint_in_use_is_one_line_that_names_it() -> None:
-    endpoint = free_endpoint()
+    endpoint = free_address()
     first, second = (Side("world", ZenohSettings(listen=(endpoint,))) for _ in range(2))
     async with opened(first):
         assert first.transport.status == f"listening on {endpoint}, no peer yet"
@@ -299,7 +213,7 @@ async def test_an_endpoint_in_use_is_one_line_that_names_it() -> None:
 
 
 async def test_puts_without_a_session_are_counted_not_raised() -> None:
-    side = Side("device", ZenohSettings(listen=(free_endpoint(),)))
+    side = Side("device", ZenohSettings(listen=(free_address(),)))
     assert not side.transport.put("position", b"early")
     async with opened(side):
         assert side.transport.put("position", b"nobody listens")
@@ -315,7 +229,7 @@ async def test_puts_without_a_session_are_counted_not_raised() -> None:
 async def test_an_exception_in_on_message_is_counted_and_the_next_message_comes(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    endpoint = free_endpoint()
+    endpoint = free_address()
     loop, third = asyncio.get_running_loop(), asyncio.Event()
 
     def on_message(kind: str, data: bytes) -> None:
@@ -338,7 +252,7 @@ async def test_an_exception_in_on_message_is_counted_and_the_next_message_comes(
 
 
 async def test_a_cancelled_open_leaves_nothing_behind() -> None:
-    side = Side("device", ZenohSettings(mode="client", connect=(free_endpoint(),)))
+    side = Side("device", ZenohSettings(mode="client", connect=(free_address(),)))
     opening = asyncio.create_task(side.transport.open())
     await asyncio.sleep(0)
     opening.cancel()
@@ -356,7 +270,7 @@ def test_the_interpreter_exits_without_close_and_quietly(end: str) -> None:
         async def main():
             got = asyncio.Event()
             loop = asyncio.get_running_loop()
-            endpoint = {free_endpoint()!r}
+            endpoint = {free_address()!r}
             world = ZenohTransport(
                 ZenohSettings(listen=(endpoint,)), lambda kind, data: loop.call_soon_threadsafe(got.set), role="world"
             )

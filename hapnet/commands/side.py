@@ -18,8 +18,9 @@ from hapnet.commands.options import ZenohOptions
 from hapnet.params import Params
 from hapnet.runtime.build import prepare
 from hapnet.runtime.notices import Notice
-from hapnet.runtime.realtime import RealtimeSide, Role
+from hapnet.runtime.realtime import RealtimeSide
 from hapnet.runtime.zenoh_config import Mode, ZenohSettings, zenoh_warnings
+from hapnet.wire.messages import Role
 
 PARENT = "HAPNET_PARENT"
 """In the environment of a side that `hapnet run` starts: whose child it is."""

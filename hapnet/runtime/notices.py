@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
@@ -11,12 +10,6 @@ from hapnet.endpoint import NANO
 from hapnet.wire.events import Event, Mismatch, Paired, PeerHeard, PeerLeft, PeerRefused, PeerSilent
 
 Level = Literal["info", "warning", "error"]
-
-DROPS_EVERY_NS = 10_000_000_000
-"""Dropped messages are told of at once when their kind is new, else at most this often [ns]."""
-
-ROUTINE = frozenset({"stale", "closed", "unpaired", "retired", "addressee"})
-"""Kinds of dropped messages that come of themselves, of delays, beginnings, ends and restarts: in the summary only."""
 
 
 @dataclass(frozen=True)
@@ -62,29 +55,3 @@ def notice_of(event: Event, now_ns: int, other: str, on_silence: str) -> Notice 
             values = {"silence_s": silence_ns * NANO, "recovery_s": recovery_ns * NANO, "missing": missing}
             return Notice("heard", text, now_ns, values=values)
     return None
-
-
-class Drops:
-    """Tells of messages that were dropped, at a bounded rate; whoever sends them cannot fill a log."""
-
-    def __init__(self) -> None:
-        self._told: Counter[str] = Counter()
-        self._told_ns: int | None = None
-
-    def look(self, now_ns: int, dropped: Mapping[str, int], why: Mapping[str, str]) -> Notice | None:
-        """What to say of the counts by kind since the last time. `why` : of the last one of each kind, in words."""
-        new = {kind: count - self._told[kind] for kind, count in dropped.items() if kind not in ROUTINE}
-        new = {kind: count for kind, count in new.items() if count > 0}
-        known = all(self._told[kind] for kind in new)
-        if not new or (known and self._told_ns is not None and now_ns - self._told_ns < DROPS_EVERY_NS):
-            return None
-        total = sum(new.values())
-        text = f"dropped {total} message{'s' * (total > 1)}"
-        if self._told_ns is not None:
-            text += f" in the last {(now_ns - self._told_ns) * NANO:.0f} s"
-        text += ": " + ", ".join(
-            f"{count} {kind}{f' ({why[kind]})' if kind in why else ''}" for kind, count in sorted(new.items())
-        )
-        self._told.update(new)
-        self._told_ns = now_ns
-        return Notice("dropped", text, now_ns, "warning", dict(new))

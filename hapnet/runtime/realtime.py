@@ -16,7 +16,7 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -38,10 +38,9 @@ from hapnet.runtime.tls_probe import Inquiry
 from hapnet.runtime.zenoh_config import ZenohSettings
 from hapnet.runtime.zenoh_transport import ZenohTransport
 from hapnet.wire.events import EnergyCredited, Event, Mismatch, PeerRefused, PositionReceived
+from hapnet.wire.messages import Role
 from netem import Link, TimelinePlayer
 from netem.aio import DeadlineTimer
-
-Role = Literal["device", "world"]
 
 LINGER_S = 2.0
 """After control has stopped, how long the energy in flight may take to be acknowledged [s]."""

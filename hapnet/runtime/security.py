@@ -23,10 +23,12 @@ PASSWORD_VARIABLE = "HAPNET_PASSWORD"
 ENCRYPTED = ("tls", "quic")
 """Zenoh's protocols that TLS flags are for."""
 
+UNTIMELY = {10: "has expired", 9: "is not valid yet"}
+"""OpenSSL's X509_V_ERR_CERT_HAS_EXPIRED and X509_V_ERR_CERT_NOT_YET_VALID in words."""
+
 _LOCAL = ("unixsock-stream", "unixpipe", "serial", "vsock")
 _NAME = re.compile(r"[^\s:#][^\s:]*")
 _USER = re.compile(rf"(?P<name>{_NAME.pattern}):\S.*")
-_EXPIRED, _NOT_YET_VALID = 10, 9  # X509_V_ERR_CERT_HAS_EXPIRED, X509_V_ERR_CERT_NOT_YET_VALID
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,9 +161,9 @@ def _check_pair(cert: Path, key: Path) -> None:
         words = f"the key of {cert}" if error.reason == "KEY_VALUES_MISMATCH" else "a private key, PEM, no passphrase"
         raise InvalidParameter("--tls-key", str(key), words) from None
     refused = _shown_to(trust, own)
-    if refused in (_EXPIRED, _NOT_YET_VALID):
-        words = "has expired" if refused == _EXPIRED else "is not valid yet"
-        raise InvalidParameter("--tls-cert", str(cert), f"a certificate that is valid now (this one {words})")
+    if refused in UNTIMELY:
+        words = f"a certificate that is valid now (this one {UNTIMELY[refused]})"
+        raise InvalidParameter("--tls-cert", str(cert), words)
 
 
 def _shown_to(trust: ssl.SSLContext, own: ssl.SSLContext) -> int:

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping
 
 from hapnet.endpoint import NANO
-from hapnet.runtime.notices import DROPS_EVERY_NS, Drops, Notice, notice_of
+from hapnet.runtime.notices import Notice, notice_of
 from hapnet.wire.events import Event
+
+TOLD_EVERY_NS = 10_000_000_000
+"""What strangers can bring about is told of at most so often [ns]; dropped messages of a new kind at once."""
+
+ROUTINE = frozenset({"stale", "closed", "unpaired", "retired", "addressee"})
+"""Kinds of dropped messages that come of themselves, of delays, beginnings, ends and restarts: in the summary only."""
 
 PATIENCE_NS = 1_500_000_000
 """A peer that is there and has not answered for longer may have another one."""
@@ -54,7 +61,7 @@ class Teller:
         if notice is None:
             return None
         if notice.kind == "refused":
-            if self._refused_ns is not None and now_ns - self._refused_ns < DROPS_EVERY_NS:
+            if self._refused_ns is not None and now_ns - self._refused_ns < TOLD_EVERY_NS:
                 return None
             self._refused_ns = now_ns
         self._notify(notice)
@@ -76,3 +83,29 @@ class Teller:
             self._notify(
                 Notice("link", f"the connection is back after {gone_s:.2f} s", now_ns, values={"gone_s": gone_s})
             )
+
+
+class Drops:
+    """Tells of messages that were dropped, at a bounded rate; whoever sends them cannot fill a log."""
+
+    def __init__(self) -> None:
+        self._told: Counter[str] = Counter()
+        self._told_ns: int | None = None
+
+    def look(self, now_ns: int, dropped: Mapping[str, int], why: Mapping[str, str]) -> Notice | None:
+        """What to say of the counts by kind since the last time. `why` : of the last one of each kind, in words."""
+        new = {kind: count - self._told[kind] for kind, count in dropped.items() if kind not in ROUTINE}
+        new = {kind: count for kind, count in new.items() if count > 0}
+        known = all(self._told[kind] for kind in new)
+        if not new or (known and self._told_ns is not None and now_ns - self._told_ns < TOLD_EVERY_NS):
+            return None
+        total = sum(new.values())
+        text = f"dropped {total} message{'s' * (total > 1)}"
+        if self._told_ns is not None:
+            text += f" in the last {(now_ns - self._told_ns) * NANO:.0f} s"
+        text += ": " + ", ".join(
+            f"{count} {kind}{f' ({why[kind]})' if kind in why else ''}" for kind, count in sorted(new.items())
+        )
+        self._told.update(new)
+        self._told_ns = now_ns
+        return Notice("dropped", text, now_ns, "warning", dict(new))

@@ -16,17 +16,20 @@ from dataclasses import dataclass
 import zenoh
 
 from hapnet.errors import HapnetError
-from hapnet.runtime.security import host_and_port
+from hapnet.runtime.security import UNTIMELY, host_and_port
 from hapnet.runtime.zenoh_config import ZenohSettings, endpoints_of, zenoh_config
 
 REFUSAL_S = 0.5
 """With TLS 1.3 a refused certificate shows only after the handshake; how long to wait for it at most [s]."""
 
-PATIENCE_NS = 3_000_000_000
+UNANSWERED_NS = 3_000_000_000
+"""How long nobody must have answered before the first probe [ns]."""
+
 ASK_EVERY_NS = 10_000_000_000
 PROBE_S = 2.0
+"""How long the probes of one asking may take together, about [s]."""
 
-_EXPIRED, _NOT_YET_VALID, _WRONG_NAME, _WRONG_ADDRESS = 10, 9, 62, 64  # OpenSSL's X509_V_ERR_*
+_WRONG_NAME, _WRONG_ADDRESS = 62, 64  # OpenSSL's X509_V_ERR_*
 _NOT_SIGNED = (2, 7, 18, 19, 20, 21)  # no issuer, another one of that name, or one that signed itself
 _SIGNED_BY_ANOTHER = ("UNKNOWN_CA", "DECRYPT_ERROR", "BAD_CERTIFICATE")  # of one name or not
 _HANG_UPS = (ssl.SSLEOFError, ssl.SSLZeroReturnError, ConnectionResetError, BrokenPipeError)
@@ -45,6 +48,8 @@ class Trust:
 
     @staticmethod
     def of(config: zenoh.Config) -> Trust:
+        """Read out of a configuration."""
+
         def value(name: str) -> object:
             return json.loads(config.get_json(f"transport/link/tls/{name}"))
 
@@ -89,7 +94,7 @@ class Inquiry:
 
     def __init__(self, settings: ZenohSettings, now_ns: int) -> None:
         self._settings = settings
-        self._next_ns = now_ns + PATIENCE_NS
+        self._next_ns = now_ns + UNANSWERED_NS
         self._thread: threading.Thread | None = None
         self._answer = ""
 
@@ -164,8 +169,8 @@ def _distrusted(error: ssl.SSLCertVerificationError, host: str, trust: Trust) ->
         return f"the listener's certificate is not signed by {by}"
     if code in (_WRONG_NAME, _WRONG_ADDRESS):
         return f"the listener's certificate is for another name than {host}: dial a name that is in it"
-    if code in (_EXPIRED, _NOT_YET_VALID):
-        return f"the listener's certificate, or --tls-ca, {'has expired' if code == _EXPIRED else 'is not valid yet'}"
+    if code in UNTIMELY:
+        return f"the listener's certificate, or --tls-ca, {UNTIMELY[code]}"
     return f"the listener's certificate is refused ({error.verify_message})"
 
 

@@ -204,6 +204,7 @@ def _endpoints(config: zenoh.Config, side: str) -> object:
 
 
 def where(config: zenoh.Config) -> str:
+    """Where a side listens, whom it dials and whether it scouts, in words."""
     words = []
     for side, verb in (("listen", "listening on"), ("connect", "dialling")):
         endpoints = _endpoints(config, side)
@@ -223,8 +224,8 @@ def reason(error: zenoh.ZError) -> str:
     return (inner[1] if inner else text).replace("\\n", " ").strip()
 
 
-def free_address() -> str:
+def free_address(protocol: str = "tcp") -> str:
     """An endpoint on this machine that nobody listens on now."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+        return f"{protocol}/127.0.0.1:{probe.getsockname()[1]}"

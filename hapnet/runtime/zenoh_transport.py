@@ -16,12 +16,14 @@ import logging
 import threading
 import time
 from collections.abc import Callable
-from typing import Literal, TypeVar
+from typing import TypeVar
 
 import zenoh
 
 from hapnet.errors import InvalidParameter, TransportError
+from hapnet.runtime.gate import Gate
 from hapnet.runtime.zenoh_config import ZenohSettings, reason, where, zenoh_config
+from hapnet.wire.messages import Role
 
 _log = logging.getLogger(__name__)
 
@@ -30,8 +32,6 @@ KINDS = ("position", "energy", "control")
 
 _T = TypeVar("_T")
 
-Role = Literal["device", "world"]
-
 EXIT_TIMEOUT_S = 2.0
 """How long an interpreter that exits without `close` waits for Zenoh to close [s]."""
 
@@ -39,6 +39,7 @@ WATCH_S = 0.1
 """How often the session is looked at, whether it is still open [s]."""
 
 REOPEN_EVERY_S = 0.5
+"""How often it is tried to open a session anew that was lost [s]."""
 
 MOST_HZ = 10_000
 MOST_AT_ONCE = 2_000
@@ -47,31 +48,6 @@ after seconds may deliver in one go."""
 
 _DIRECTION = {"device": "up", "world": "down"}
 _OTHER: dict[Role, Role] = {"device": "world", "world": "device"}
-
-
-class Gate:
-    """Lets so many messages a second through, and so many at once: a flood must not have the interpreter to itself.
-
-    rate_hz : at length. burst : at once.
-    """
-
-    def __init__(self, rate_hz: int, burst: int) -> None:
-        self._cost_ns = 1_000_000_000 // rate_hz
-        self._span_ns = self._cost_ns * burst
-        self._paid_ns = 0  # the messages so far are paid for by the time that passes up to then
-        self._lock = threading.Lock()
-        self.refused = 0
-        """Messages that were not let through."""
-
-    def admit(self, now_ns: int) -> bool:
-        """May a message that came at `now_ns` pass? From any thread."""
-        with self._lock:
-            paid_ns = max(self._paid_ns, now_ns - self._span_ns) + self._cost_ns
-            if paid_ns > now_ns:
-                self.refused += 1
-                return False
-            self._paid_ns = paid_ns
-            return True
 
 
 class ZenohTransport:

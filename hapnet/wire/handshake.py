@@ -10,7 +10,8 @@ An incarnation, 64 random bits, is one start of a process. The rules:
   old one has restarted. Its welcome must repeat a hello later than the current pairing. So what dead processes left in
   the network can never displace a living peer.
 * Nor can a living stranger: while the peer is heard, a stranger is a rival (two devices under one name), which is
-  dropped and not answered. It goes on saying hello, and its turn comes when the peer is silent.
+  dropped and not answered, but for the refusal of a hello that does not fit. It goes on saying hello, and its turn
+  comes when the peer is silent.
 * A peer that was displaced, left or refused is retired for as long as this side runs, and told so when it speaks: its
   totals go on where they were, so to pair with it anew, from zero, would credit them twice. There are at most
   `MAX_PEERS`; a side that has seen more pairs with nobody else, which is the safe way to have bounded memory.
@@ -48,7 +49,7 @@ ControlMessage = Hello | Welcome | Refuse | Bye
 class Handshake:
     """One side's part in finding and keeping its peer. `peer` is None while unpaired.
 
-    living : says of a time whether the peer, if there is one, was heard lately.
+    living : says of a time [ns] whether the peer, if there is one, was heard lately.
     """
 
     def __init__(self, identity: Identity, living: Callable[[int], bool], hello_period_ns: int) -> None:
@@ -73,7 +74,7 @@ class Handshake:
         """Return if `sender` is the peer; else raise BadMessage (stranger, retired, own), and see to the sender."""
         if self.peer is not None and self.peer.incarnation == sender:
             return
-        self._check_living(sender)
+        self._check_sender(sender)
         self._check_no_rival(sender, now_ns)
         self._call(now_ns)
         if self.peer is None:
@@ -81,7 +82,7 @@ class Handshake:
         raise BadMessage("stranger", f"incarnation {sender:#x} is not the peer's")
 
     def hello(self, message: Hello, now_ns: int) -> tuple[Event, ...]:
-        self._check_living(message.incarnation)
+        self._check_sender(message.incarnation)
         if reason := self._misfit(_identity(message)):
             return self._refuse(message.incarnation, reason, now_ns)
         self._check_no_rival(message.incarnation, now_ns)
@@ -98,7 +99,7 @@ class Handshake:
         self.check_addressee(message.addressee)
         if self.peer is not None and self.peer.incarnation == message.incarnation:
             return ()
-        self._check_living(message.incarnation)
+        self._check_sender(message.incarnation)
         self._check_no_rival(message.incarnation, now_ns)
         if not self._stale_hellos < message.number <= self._hellos:
             self._call(now_ns)
@@ -118,8 +119,7 @@ class Handshake:
         return (Paired(identity, self.pairs),)
 
     def refuse(self, message: Refuse, now_ns: int) -> tuple[Event, ...]:
-        if message.incarnation == self.identity.incarnation:
-            raise BadMessage("own", "this side's own incarnation came back")
+        self._check_not_own(message.incarnation)
         self.check_addressee(message.addressee)
         if self.peer is not None and self.peer.incarnation == message.incarnation:
             self._retire(self.peer, now_ns)
@@ -179,9 +179,13 @@ class Handshake:
             return self._hello_ns
         return self._reply_ns if self._hello_ns is None else min(self._reply_ns, self._hello_ns)
 
-    def _check_living(self, sender: int) -> None:
+    def _check_not_own(self, sender: int) -> None:
         if sender == self.identity.incarnation:
             raise BadMessage("own", "this side's own incarnation came back")
+
+    def _check_sender(self, sender: int) -> None:
+        """Raise BadMessage (own, retired) for one that can be no peer, ever."""
+        self._check_not_own(sender)
         if sender in self._retired:
             self._reply(self._refusal(sender, "this incarnation was retired; restart it"))
             raise BadMessage("retired", f"incarnation {sender:#x} was the peer once")

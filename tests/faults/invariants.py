@@ -81,6 +81,18 @@ def _at(columns: Columns, name: str, times_ns: Array) -> Array:
     return np.asarray(np.concatenate(([0.0], columns[name]))[at])
 
 
+def assert_pair_kept_the_rules(device: Recording, world: Recording, *, gaps: bool = False) -> None:
+    """All of the above of two sides that were one pair from beginning to end. `gaps` : in the device's samples."""
+    assert_device_within_limits(device, gaps=gaps)
+    assert_world_within_limits(world)
+    a, b = columns_of(device), columns_of(world)
+    assert_passive(a)
+    assert_passive(b)
+    assert_credited_was_sent(a, b, False)
+    if not gaps:
+        assert_credited_was_sent(b, a, False)
+
+
 def overruns_in(recording: Recording, first_ns: int, last_ns: int) -> bool:
     return any(event.kind == "overrun" and first_ns <= event.time_ns <= last_ns for event in recording.events)
 

@@ -10,7 +10,7 @@ import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -18,9 +18,9 @@ from hapnet.errors import RecordingError
 from hapnet.mcap_file import read_recording
 from hapnet.runtime.summary import merge
 from hapnet.runtime.zenoh_config import free_address
-from tests.processes import HAPNET, Program, assert_accounts_agree, assert_passive, read_json
+from hapnet.wire.messages import Role
+from tests.processes import HAPNET, Program, assert_accounts_agree, assert_passive, read_json, resident_kB
 
-Role = Literal["device", "world"]
 OTHER: dict[Role, Role] = {"device": "world", "world": "device"}
 
 RECOVERY_S = 2.0
@@ -90,8 +90,7 @@ class Side(Program):
     @property
     def memory_MB(self) -> float:
         """What is resident of it now."""
-        status = Path(f"/proc/{self.process.pid}/status").read_text("ascii")
-        return float(next(line.split()[1] for line in status.splitlines() if line.startswith("VmRSS:"))) / 1024.0
+        return resident_kB(self.process.pid) / 1024.0
 
     def until_pressed(self, since_ns: int, *, wall: bool) -> None:
         """Wait until the world has recorded some steps, begun since then, with the hand pressing.

@@ -12,6 +12,7 @@ import pytest
 from hapnet.mcap_file import read_recording
 from hapnet.record import Recording
 from hapnet.runtime.summary import merge
+from hapnet.wire.messages import Role
 from tests.faults.invariants import (
     NANO,
     assert_credited_was_sent,
@@ -22,7 +23,7 @@ from tests.faults.invariants import (
     lengths,
     overruns_in,
 )
-from tests.faults.support import OTHER, PRESSED, RECOVERY_S, Role, Side, let_pass, pair
+from tests.faults.support import OTHER, PRESSED, RECOVERY_S, Side, let_pass, pair
 
 LINK = ("--delay", "40ms", "--jitter", "10ms", "--loss", "2%")
 ROUND_TRIP_S = 0.1

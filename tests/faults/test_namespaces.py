@@ -22,9 +22,11 @@ from hapnet.checks import Array
 from hapnet.errors import RecordingError
 from hapnet.mcap_file import read_recording
 from hapnet.record import Columns
+from hapnet.wire.messages import Role
+from tests.faults.invariants import NANO, columns_of
 from tests.faults.namespaces import CABLE, LIMIT_S, Host, Unavailable, two_hosts
-from tests.faults.support import OTHER, RECOVERY_S, Role, Side
-from tests.processes import HAPNET
+from tests.faults.support import OTHER, RECOVERY_S, Side
+from tests.processes import HAPNET, assert_side_passive
 
 PORT = 17447
 
@@ -34,7 +36,6 @@ SILENCE_NS = 500_000_000
 BLOCKED_MS = 200.0
 """A servo that waits for a lost peer waits for longer; one that a busy machine keeps waiting does not."""
 
-NANO = 1e-9
 LITTLE = ("--set", "device.ceiling_J=0.001", "--set", "world.ceiling_J=0.001")
 """Reservoirs that are full soon, though they begin empty: then energy flows."""
 
@@ -90,10 +91,8 @@ def joined(directory: Path, dial: str, listen: str | None = None) -> Iterator[Pa
                 side.kill()
 
 
-def samples(side: Side, role: Role) -> Columns:
-    columns: Columns | None = getattr(read_recording(side.recording), role)
-    assert columns is not None
-    return columns
+def samples(side: Side) -> Columns:
+    return columns_of(read_recording(side.recording))
 
 
 def sent_ns(receiver: Columns, sender: Columns) -> Array:
@@ -122,13 +121,7 @@ def assert_new(receiver: Columns, sender: Columns, pulled_ns: int, heard_ns: int
     assert (used_ns[after] - sent[after] < SILENCE_NS).all()
 
 
-def assert_passive(side: dict[str, Any]) -> None:
-    assert side["ledger"]["margin_J"] > 0.0
-    assert side["ledger"]["slack_J"] >= -1e-9
-    assert side["reservoir_min_J"] >= 0.0
-
-
-def assert_accounts_agree(world: dict[str, Any], device: dict[str, Any]) -> None:
+def assert_all_credited(world: dict[str, Any], device: dict[str, Any]) -> None:
     """To the nanojoule, both ways."""
     for sender, receiver in ((device, world), (world, device)):
         assert sender["in_flight_nJ"] == sender["abandoned_nJ"] == 0
@@ -189,13 +182,13 @@ def test_the_cable_is_pulled_and_put_back(
     recovery_s = [(max(heard_ns) - plugged_ns) * NANO for _, plugged_ns, heard_ns, _ in spans]
     print("recovered after", recovery_s, "s")
     assert (np.median(recovery_s) if protocol == "udp" else max(recovery_s)) < RECOVERY_S
-    assert_accounts_agree(*ends)
+    assert_all_credited(*ends)
     for end in ends:
-        assert_passive(end)
+        assert_side_passive(end)
         assert end["incarnations"] == 1
         assert end["outages"]["count"] >= len(down_s)
     assert ends[1]["servo"]["longest_ms"] < BLOCKED_MS
-    device_samples, world_samples = samples(device, "device"), samples(world, "world")
+    device_samples, world_samples = samples(device), samples(world)
     for pulled_ns, plugged_ns, heard_ns, until_ns in spans:
         for side, mine, other, mine_ns in (
             (world, world_samples, device_samples, heard_ns[0]),
@@ -284,17 +277,17 @@ def _assert_recovers(pair: Pair, victim: Role, from_ns: int) -> None:
     print("recovered after", recovery_s, "s")
     assert recovery_s < RECOVERY_S
     silent_ns = survivor.said("silent")[0]["monotonic_ns"]
-    before_nJ = _credited_nJ(survivor, OTHER[victim], silent_ns)
+    before_nJ = _credited_nJ(survivor, silent_ns)
 
     def energy_flows() -> bool:
         now_ns = time.monotonic_ns()
-        return _credited_nJ(survivor, OTHER[victim], now_ns) > before_nJ or _credited_nJ(restarted, victim, now_ns) > 0
+        return _credited_nJ(survivor, now_ns) > before_nJ or _credited_nJ(restarted, now_ns) > 0
 
     survivor.until("what comes after", _later(heard_ns + 2 * SILENCE_NS))
     survivor.until("energy of the new pair", energy_flows)
     ends = dict(zip(("world", "device"), pair.stop(), strict=True))
     old, new = ends[OTHER[victim]], ends[victim]
-    assert_passive(old)
+    assert_side_passive(old)
     assert (old["incarnations"], new["incarnations"]) == (2, 1)
     assert new["ledger"]["slack_J"] >= -1e-9
     assert new["reservoir_min_J"] >= 0.0
@@ -305,9 +298,9 @@ def _assert_recovers(pair: Pair, victim: Role, from_ns: int) -> None:
     assert new["credited_nJ"] <= old["sent_nJ"] - old["abandoned_nJ"]
 
 
-def _credited_nJ(side: Side, role: Role, time_ns: int) -> int:
+def _credited_nJ(side: Side, time_ns: int) -> int:
     """What it had credited by then."""
-    columns = samples(side, role)
+    columns = samples(side)
     return round(float(columns["credited_J"][np.searchsorted(columns["time_ns"], time_ns, side="right") - 1]) / NANO)
 
 

@@ -11,19 +11,13 @@ from contextlib import asynccontextmanager
 import pytest
 import zenoh
 
-from hapnet.runtime.zenoh_config import ZenohSettings
+from hapnet.runtime.zenoh_config import ZenohSettings, free_address
 from hapnet.runtime.zenoh_transport import ZenohTransport
 from netem import LinkProfile, NetemError
 from netem.zenoh_relay import ZenohRelay
 
 WAIT_S = 10.0
 NOTHING = LinkProfile()
-
-
-def free_endpoint() -> str:
-    with socket.socket() as s:
-        s.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{s.getsockname()[1]}"
 
 
 class Node:
@@ -60,7 +54,7 @@ class Node:
 @asynccontextmanager
 async def network(up: str = "", key: str = "**") -> AsyncIterator[tuple[Node, Node, ZenohRelay]]:
     """Two nodes that only the relay joins; each has seen the other's token come through, and go."""
-    here, there = free_endpoint(), free_endpoint()
+    here, there = free_address(), free_address()
     relay = ZenohRelay(here, there, LinkProfile.parse(up), NOTHING, key=key)
     await relay.open()
     far, near = Node(listen=there), Node(connect=here)
@@ -128,7 +122,7 @@ async def test_the_link_shapes_and_only_the_key_passes() -> None:
 
 
 async def test_hapnets_two_sides_find_each_other_through_it() -> None:
-    here, there = free_endpoint(), free_endpoint()
+    here, there = free_address(), free_address()
     profile = LinkProfile.parse("delay 10ms")
     relay = ZenohRelay(here, there, profile, profile)
     await relay.open()
@@ -159,9 +153,9 @@ async def test_hapnets_two_sides_find_each_other_through_it() -> None:
 
 
 async def test_bad_endpoints_and_keys_are_refused() -> None:
-    free = free_endpoint()
+    free = free_address()
     with pytest.raises(NetemError, match=r"^key: 'a//b'"):
-        ZenohRelay(free, free_endpoint(), NOTHING, NOTHING, key="a//b")
+        ZenohRelay(free, free_address(), NOTHING, NOTHING, key="a//b")
     with pytest.raises(NetemError, match="another endpoint"):
         ZenohRelay(free, free, NOTHING, NOTHING)
     with pytest.raises(NetemError, match=r"^listen: 'garbage'"):
