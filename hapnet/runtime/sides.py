@@ -368,7 +368,7 @@ class WorldSide:
         if self.origin_ns is None:
             if not endpoint.paired:
                 return None
-            if endpoint.restarted:  # with no energy to go there, it begins where the device is
+            if endpoint.restarted:  # with no energy to go there, it begins where the device is, by its first position
                 if (position := endpoint.arrived) is None:
                     return None
                 mass.place(self.scene.towards(position))
