@@ -137,6 +137,7 @@ def summary_text(summary: Mapping[str, Any]) -> RenderableType:
         ("abandoned", "J", ("abandoned_nJ",), _exact_joule),
         ("quantisation", "mJ", ("quantisation_J",), _millijoule),
         ("pairs", "", ("incarnations",), _number),
+        ("initial energy of its peers", "mJ", ("peers_J",), _milli),
         ("silences", "", ("outages", "count"), _number),
         ("longest silence", "s", ("outages", "longest_s"), _number),
         ("slowest recovery", "ms", ("outages", "recovery_max_s"), _milli),

@@ -37,7 +37,7 @@ def recount(history: list[tuple[int, int | None]], now: int) -> Outages:
 @pytest.mark.parametrize("seed", range(50))
 def test_the_account_is_that_of_a_recount(seed: int) -> None:
     rng = random.Random(seed)
-    live = Liveness(SILENCE)
+    live = Liveness(SILENCE, SILENCE)
     live.begin(0)
     history: list[tuple[int, int | None]] = []
     now = number = 0
@@ -61,7 +61,7 @@ def test_the_account_is_that_of_a_recount(seed: int) -> None:
 
 
 def test_a_silence_that_a_restart_ends_lasts_until_the_first_position() -> None:
-    live = Liveness(SILENCE)
+    live = Liveness(SILENCE, SILENCE)
     assert not live.living(0)
     assert live.watch(10**12) is None  # nobody was there yet
     live.begin(0)

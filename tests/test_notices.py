@@ -36,7 +36,7 @@ def of(event: Event, on_silence: str = "hold") -> Notice | None:
         (Paired(PEER, 1), Notice("paired", "paired with the world", 7 * SECOND, values={"pair": 1})),
         (
             Paired(PEER, 3),
-            Notice("paired", "paired with the world (it restarted; pair 3)", 7 * SECOND, values={"pair": 3}),
+            Notice("paired", "paired with the world (another process; pair 3)", 7 * SECOND, values={"pair": 3}),
         ),
         (PeerLeft("bye now"), Notice("left", "the world left: bye now", 7 * SECOND, values={"reason": "bye now"})),
         *(

@@ -299,7 +299,7 @@ async def test_a_world_that_restarts_is_paired_anew() -> None:
             await again.until(lambda: again.count >= 3)
             later, summary = await asyncio.gather(again.end(), device.end())
     assert device.told("left") == ["the world left: the run is over"]
-    assert device.told("paired")[1] == "paired with the world (it restarted; pair 2)"
+    assert device.told("paired")[1] == "paired with the world (another process; pair 2)"
     assert summary["device"]["incarnations"] == 2
     assert summary["device"]["ledger"]["slack_J"] >= -1e-9
     assert later["world"]["ledger"]["bound_J"] == 0.0  # a restarted side starts with an empty reservoir

@@ -244,6 +244,38 @@ def test_a_rival_waits_until_the_peer_is_silent() -> None:
     assert device.peer == rival.identity
 
 
+def test_of_two_that_wait_one_is_welcomed() -> None:
+    """Else both would believe themselves the peer, and both would start with a full reservoir."""
+    for seed in range(20):
+        world, *devices = session("world", 1), session("device", 2), session("device", 3)
+        network = Network(*devices, seed=seed, jitter=100 * MS)
+        network.run(300 * MS)
+        network.sessions.append(world)
+        for _ in range(100):
+            for device in devices:
+                network.put(device, device.position(network.now, [0.0]))
+            network.run(20 * MS)
+        assert [device.peer is None for device in devices].count(True) == 1
+        assert world.peer in [device.identity for device in devices if device.peer is not None]
+
+
+def test_a_position_that_has_leapt_deafens_nobody() -> None:
+    """A forger's one position in the peer's name, with the highest number there is, must not be the last one heard."""
+    network, device, world = paired()
+    world.receive(network.now, device.position(network.now, [0.0]))
+    assert world.receive(network.now, msgpack.packb([1, 1, 1, 2**64 - 1, 0, [0.5]])) == ()
+    network.run(5000 * MS)
+    assert len(world.receive(network.now, device.position(network.now, [0.0]))) == 2  # heard again
+    assert world.dropped == {"leap": 1}
+
+
+def test_a_strangers_refusal_is_told_and_ends_nothing() -> None:
+    network, device, world = paired()
+    refusal = msgpack.packb([1, 5, 77, 1, "not you"])
+    assert device.receive(network.now, refusal) == (PeerRefused("not you"),)
+    assert device.peer == world.identity
+
+
 def test_a_silence_is_told_once_and_counted() -> None:
     network, device, world = paired()
     for _ in range(3):
@@ -290,7 +322,7 @@ def test_a_displaced_peer_is_told_and_never_comes_back() -> None:
     network.sessions.append(rival)
     network.run(900 * MS)  # the first says nothing, so it is taken for dead
     assert device.peer == rival.identity
-    assert network.happened(world)[1] == PeerRefused("replaced by world-3")
+    assert network.happened(world)[1] == PeerRefused("replaced by world-3", by_peer=True)
     world.give(1.0)
     network.run(2000 * MS)
     assert device.peer == rival.identity

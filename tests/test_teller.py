@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapnet.runtime.notices import Notice
-from hapnet.runtime.teller import PATIENCE_NS, ROUTINE, TOLD_EVERY_NS, Drops, Teller
-from hapnet.wire.events import Mismatch, PeerRefused
+from hapnet.runtime.teller import MOST_TOLD, PATIENCE_NS, ROUTINE, TOLD_EVERY_NS, Drops, Teller
+from hapnet.wire.events import Mismatch, PeerLeft, PeerRefused, PeerSilent
 
 SECOND = 1_000_000_000
 
@@ -38,6 +38,17 @@ def test_refusals_are_told_at_a_bounded_rate() -> None:
     for at in range(100):
         side.happened((Mismatch if at % 2 else PeerRefused)(f"reason {at}"), at * SECOND)
     assert [notice.at_ns for notice in told] == list(range(0, 100 * SECOND, TOLD_EVERY_NS))
+
+
+def test_whoever_comes_and_goes_does_not_fill_the_log() -> None:
+    """Pairs and ends, a hundred times a second for a minute: 20 in 10 s, and how many were left out."""
+    told: list[Notice] = []
+    teller = Teller("world", "hold", told.append)
+    for k in range(6000):
+        teller.happened(PeerLeft("over") if k % 2 else PeerSilent(0), k * 10_000_000)
+    assert len(told) == 6 * MOST_TOLD
+    left_out = [int(found[1]) for notice in told if (found := re.search(r"\((\d+) events", notice.text))]
+    assert left_out == [1000 - MOST_TOLD] * 5
 
 
 def test_a_lost_connection_is_told_once_and_how_long_it_was_gone() -> None:

@@ -83,9 +83,10 @@ class Scene:
         share = 1.0
         for wall in self.walls:
             before, after = wall.penetration(self.start), wall.penetration(position)
-            if after > 0.0:  # rounding must not leave it inside
+            if after > 0.0:
                 share = min(share, before / (before - after) * (1.0 - 1e-9))
-        return tuple([a + share * (b - a) for a, b in zip(self.start, position, strict=True)])
+        place = tuple([a + share * (b - a) for a, b in zip(self.start, position, strict=True)])
+        return place if all(wall.penetration(place) <= 0.0 for wall in self.walls) else self.start
 
     @property
     def surfaces(self) -> tuple[Surface, ...]:

@@ -33,7 +33,7 @@ def notice_of(event: Event, now_ns: int, other: str, on_silence: str) -> Notice 
     """
     match event:
         case Paired(_, number):
-            again = "" if number == 1 else f" (it restarted; pair {number})"
+            again = "" if number == 1 else f" (another process; pair {number})"
             return Notice("paired", f"paired with the {other}{again}", now_ns, values={"pair": number})
         case PeerLeft(reason):
             return Notice("left", f"the {other} left: {reason}", now_ns, values={"reason": reason})

@@ -34,7 +34,7 @@ from hapnet.runtime.servo import tuned_interpreter
 from hapnet.runtime.servo_process import ServoProcess
 from hapnet.runtime.summary import Summary, combine, versions
 from hapnet.runtime.teller import Teller
-from hapnet.runtime.tls_probe import Inquiry
+from hapnet.runtime.tls_probe import UNANSWERED_NS, Inquiry
 from hapnet.runtime.zenoh_config import ZenohSettings
 from hapnet.runtime.zenoh_transport import ZenohTransport
 from hapnet.wire.events import EnergyCredited, Event, Mismatch, PeerRefused, PositionReceived
@@ -325,6 +325,8 @@ class RealtimeSide:
         status = self._transport.status
         if not self._transport.peers and (why := self._inquiry.answer(now_ns)):
             status += f" ({why})"
+        elif self._transport.peers and not self._transport.partners and now_ns - self._started_ns > UNANSWERED_NS:
+            status += " (--session or --name differs, or access control does not let this side in)"
         self._teller.waiting(now_ns, status, self._transport.partners)
 
     def _on_link(self) -> None:
@@ -344,7 +346,7 @@ class RealtimeSide:
         """Does this end a device: a world that does not fit, or that has another one and will never take this again?"""
         if self.role != "device" or not isinstance(event, Mismatch | PeerRefused):
             return False
-        return self.control.origin_ns is None or (isinstance(event, PeerRefused) and self.wire.session.peer is None)
+        return self.control.origin_ns is None or (isinstance(event, PeerRefused) and event.by_peer)
 
     def _dropped(self) -> dict[str, int]:
         """How many messages were dropped, by kind; the lock is held."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 from hapnet.endpoint import NANO
 from hapnet.runtime.notices import Notice, notice_of
@@ -11,6 +12,9 @@ from hapnet.wire.events import Event
 
 TOLD_EVERY_NS = 10_000_000_000
 """What strangers can bring about is told of at most so often [ns]; dropped messages of a new kind at once."""
+
+MOST_TOLD = 20
+"""At most so many events of the session are told in `TOLD_EVERY_NS`."""
 
 ROUTINE = frozenset({"stale", "closed", "unpaired", "retired", "addressee"})
 """Kinds of dropped messages that come of themselves, of delays, beginnings, ends and restarts: in the summary only."""
@@ -30,6 +34,8 @@ class Teller:
         self._other = "world" if role == "device" else "device"
         self._drops = Drops()
         self._waiting = ""
+        self._told_ns: deque[int] = deque(maxlen=MOST_TOLD)
+        self._untold = 0
         self._met_ns: int | None = None
         self._refused_ns: int | None = None
         self._link_lost_ns: int | None = None
@@ -64,6 +70,13 @@ class Teller:
             if self._refused_ns is not None and now_ns - self._refused_ns < TOLD_EVERY_NS:
                 return None
             self._refused_ns = now_ns
+        if len(self._told_ns) == MOST_TOLD and now_ns - self._told_ns[0] < TOLD_EVERY_NS:
+            self._untold += 1
+            return None
+        self._told_ns.append(now_ns)
+        if self._untold:
+            notice = replace(notice, text=f"{notice.text} ({self._untold} events before this were too many to tell)")
+            self._untold = 0
         self._notify(notice)
         return notice
 

@@ -32,9 +32,10 @@ class EnergyCredited(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class PeerRefused:
-    """A peer will not pair with this incarnation, ever, and why."""
+    """A peer will not pair with this incarnation, ever, and why. by_peer: it was this side's own, and is no more."""
 
     reason: str
+    by_peer: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,8 @@ An incarnation, 64 random bits, is one start of a process. The rules:
 * Nor can a living stranger: while the peer is heard, a stranger is a rival (two devices under one name), which is
   dropped and not answered, but for the refusal of a hello that does not fit. It goes on saying hello, and its turn
   comes when the peer is silent.
+* Of several that look for a peer at once one is the suitor, the first; the others are rivals until it has become the
+  peer, or was not heard for `SUITOR_NS`. Were all welcomed, each would think itself the peer, with a full reservoir.
 * A peer that was displaced, left or refused is retired for as long as this side runs, and told so when it speaks: its
   totals go on where they were, so to pair with it anew, from zero, would credit them twice. There are at most
   `MAX_PEERS`; a side that has seen more pairs with nobody else, which is the safe way to have bounded memory.
@@ -29,6 +31,7 @@ HELLO_PERIOD_NS = 200_000_000
 PROMPT_NS = 20_000_000  # least time between two hellos, when strangers call for them
 REPLY_SPACING_NS = 10_000_000  # however fast strangers speak: at most MAX_REPLIES in this time
 MAX_REPLIES = 8
+SUITOR_NS = 500_000_000  # more than two hellos of a side that looks for a peer are apart
 TOLD_SPACING_NS = 100_000_000  # least time between two events that say that somebody does not fit
 MAX_PEERS = 4096
 BYE_COPIES = 3
@@ -65,6 +68,8 @@ class Handshake:
         self._prompt_ns = 0  # no hello before that
         self._replies: dict[int, Welcome | Refuse] = {}
         self._reply_ns = 0
+        self._suitor: int | None = None  # who alone may become the peer
+        self._suitor_ns = 0
         self._bye: Bye | None = None
         self._byes_left = 0
         self._bye_ns = 0
@@ -75,7 +80,7 @@ class Handshake:
         if self.peer is not None and self.peer.incarnation == sender:
             return
         self._check_sender(sender)
-        self._check_no_rival(sender, now_ns)
+        self._check_peer_is_silent(sender, now_ns)
         self._call(now_ns)
         if self.peer is None:
             raise BadMessage("unpaired", f"incarnation {sender:#x} is not the peer yet")
@@ -113,6 +118,7 @@ class Handshake:
             self._reply(self._refusal(self.peer.incarnation, f"replaced by {identity.name}"))
             self._retire(self.peer, now_ns)
         self.peer = identity
+        self._suitor = None
         self.pairs += 1
         self._stale_hellos = self._hellos
         self._hello_ns = None
@@ -121,9 +127,10 @@ class Handshake:
     def refuse(self, message: Refuse, now_ns: int) -> tuple[Event, ...]:
         self._check_not_own(message.incarnation)
         self.check_addressee(message.addressee)
-        if self.peer is not None and self.peer.incarnation == message.incarnation:
+        by_peer = self.peer is not None and self.peer.incarnation == message.incarnation
+        if self.peer is not None and by_peer:
             self._retire(self.peer, now_ns)
-        return self._tell(PeerRefused(message.reason), message.incarnation, now_ns)
+        return self._tell(PeerRefused(message.reason, by_peer), message.incarnation, now_ns)
 
     def bye(self, message: Bye, now_ns: int) -> tuple[Event, ...]:
         if self.peer is None or self.peer.incarnation != message.incarnation:
@@ -190,14 +197,23 @@ class Handshake:
             self._reply(self._refusal(sender, "this incarnation was retired; restart it"))
             raise BadMessage("retired", f"incarnation {sender:#x} was the peer once")
 
-    def _check_no_rival(self, sender: int, now_ns: int) -> None:
+    def _check_peer_is_silent(self, sender: int, now_ns: int) -> None:
         if self.peer is not None and self.peer.incarnation != sender and self._living(now_ns):
             raise BadMessage("rival", f"incarnation {sender:#x} wants the place of a peer that is alive")
+
+    def _check_no_rival(self, sender: int, now_ns: int) -> None:
+        """Return if `sender` is the peer, or the one that may become it: the suitor, which it is from then on."""
+        if self.peer is not None and self.peer.incarnation == sender:
+            return
+        self._check_peer_is_silent(sender, now_ns)
+        if self._suitor not in (None, sender) and now_ns - self._suitor_ns <= SUITOR_NS:
+            raise BadMessage("rival", f"incarnation {sender:#x} speaks while another one is about to be the peer")
+        self._suitor, self._suitor_ns = sender, now_ns
 
     def _earlier_peers(self, incarnation: int) -> int:
         """How many others this side was paired with before `incarnation`."""
         current = self.peer is not None and self.peer.incarnation != incarnation
-        return len(self._retired - {incarnation}) + current
+        return len(self._retired) - (incarnation in self._retired) + current
 
     def _misfit(self, peer: Identity) -> str | None:
         me = self.identity

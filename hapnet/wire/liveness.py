@@ -26,16 +26,24 @@ class Outages:
     """Positions between these that had not come before them: lost, or overtaken."""
 
 
+LIVING_NS = 500_000_000
+"""A peer that was heard within that is alive, however short or long a silence the user asks for."""
+
+LEAST_PERIOD_NS, MOST_AT_ONCE = 50_000, 2_000
+"""No sender's positions are closer together at length, nor do more of them come before their time."""
+
+
 class Liveness:
     """Keeps the time of what is heard, and its numbers.
 
     Parameters
     ----------
     silence_ns : the peer is silent when no new position came for longer.
+    living_ns : nobody may take its place until none came for longer.
     """
 
-    def __init__(self, silence_ns: int) -> None:
-        self._silence_ns = silence_ns
+    def __init__(self, silence_ns: int, living_ns: int = LIVING_NS) -> None:
+        self._silence_ns, self._living_ns = silence_ns, living_ns
         self._life_ns: int | None = None  # of the last new position, or of the pair's beginning
         self._heard_ns: int | None = None  # the same, but a new pair does not end a silence
         self._newest = -1
@@ -60,6 +68,15 @@ class Liveness:
     def is_new(self, sequence: int) -> bool:
         """Is a position with that number newer than all before it?"""
         return sequence > self._newest
+
+    def leaps(self, now_ns: int, sequence: int) -> bool:
+        """Is that number one that no sender can have come to since the last new one?
+
+        A forged one that counted would leave this side deaf to its peer for ever.
+        """
+        if self._base or self._life_ns is None:
+            return False
+        return sequence - self._newest > MOST_AT_ONCE + (now_ns - self._life_ns) // LEAST_PERIOD_NS
 
     def hear(self, now_ns: int, sequence: int) -> PeerHeard | None:
         """A new position came; what it ends, if that was a silence."""
@@ -88,7 +105,7 @@ class Liveness:
 
     def living(self, now_ns: int) -> bool:
         """Is the peer too young to be called silent, or was it heard lately?"""
-        return self._life_ns is not None and now_ns - self._life_ns <= self._silence_ns
+        return self._life_ns is not None and now_ns - self._life_ns <= self._living_ns
 
     def outages(self, now_ns: int) -> Outages:
         """The account at `now_ns`, a silence that lasts included."""

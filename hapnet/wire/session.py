@@ -306,6 +306,8 @@ class Session:
             self._handshake.check_peer(message.incarnation, now_ns)
         if len(message.position) != self.identity.dof:
             raise BadMessage("dimension", f"{len(message.position)} coordinates; allowed: {self.identity.dof}")
+        if self._liveness.leaps(now_ns, message.sequence):
+            raise BadMessage("leap", f"position {message.sequence}; no sender can have made so many")
         received = PositionReceived(message.sequence, message.sent_ns, message.position)
         if self._liveness.is_new(message.sequence):
             heard = self._liveness.hear(now_ns, message.sequence)

@@ -29,6 +29,7 @@ BAD_MOMENTS = {
     "rival",
     "unpaired",
     "stale",
+    "leap",
     "addressee",
     "dimension",
     "acknowledgement",
@@ -162,6 +163,7 @@ class Watch:
         """What the present peer claimed to have sent, in messages that count."""
         self.newest = -1
         """Highest sequence of the present peer's positions."""
+        self._newest_ns = 0
         self._rate_nW, self._burst_aJ = round(power_W * 1e9), round(burst_J * 1e9) * 10**9
         self._accept_stale = accept_stale
         self._claimed_before_nJ = 0  # by earlier peers
@@ -188,7 +190,7 @@ class Watch:
         hold(self.offered == self.accepted + self._dropped, "messages got lost")
         hold(not (events and dropped) or message is None, "dropped, and yet", events)
         if message is not None:
-            self._check_fate(message, peer, bool(dropped), events)
+            self._check_fate(now_ns, message, peer, bool(dropped), events)
         if peer is not None and session.peer is peer:
             reply = replies.get(peer.incarnation)
             hold(
@@ -219,15 +221,18 @@ class Watch:
         self._check(now_ns, events)
         return outgoing
 
-    def _check_fate(self, message: Message, peer: Any, dropped: bool, events: tuple[Event, ...]) -> None:
+    def _check_fate(self, now_ns: int, message: Message, peer: Any, dropped: bool, events: tuple[Event, ...]) -> None:
         """What the page says of this message in this state."""
         from_peer = peer is not None and message.incarnation == peer.incarnation
         if isinstance(message, Position):
             news = message.sequence > self.newest or self._accept_stale
-            counts = from_peer and len(message.position) == self.session.identity.dof and news
+            waited_ns = now_ns - self._newest_ns  # no more than 20 kHz at length, and 2000 at once
+            leaps = self.newest >= 0 and message.sequence > self.newest + 2000 + waited_ns // 50_000
+            counts = from_peer and len(message.position) == self.session.identity.dof and news and not leaps
             hold(dropped != counts, "position", message, "after", self.newest, "dropped:", dropped)
             if counts:
-                self.newest = max(self.newest, message.sequence)
+                if message.sequence > self.newest:
+                    self.newest, self._newest_ns = message.sequence, now_ns
                 hold(events[:1] == (PositionReceived(*message[1:]),), message, "gave", events)
         elif isinstance(message, Energy):
             counts = from_peer and message.addressee == self.own and message.acked_nJ <= self._told_nJ
