@@ -122,14 +122,17 @@ class Pair:
         device: Sequence[object] = (),
         world: Sequence[object] = (),
         dial: str | None = None,
+        listener: Role = "world",
         env: Mapping[str, str] | None = None,
     ) -> None:
         self.address = free_address()
         self._directory, self._env = directory, env
         self._argv: dict[Role, tuple[object, ...]] = {
-            "world": ("-l", self.address, *both, *world),
-            "device": ("-e", dial or self.address, *both, *device),
+            "world": (*both, *world),
+            "device": (*both, *device),
         }
+        self._argv[listener] += ("-l", self.address)
+        self._argv[OTHER[listener]] += ("-e", dial or self.address)
         self.lives: dict[Role, list[Side]] = {"device": [], "world": []}
 
     def start(self, role: Role) -> Side:

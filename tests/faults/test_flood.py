@@ -1,0 +1,66 @@
+"""A stranger that sends as fast as it can: the pair goes on, the servo ticks, the log stays short."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from hapnet.wire.messages import Role
+from tests.faults.support import pair
+from tests.processes import Program
+
+SECONDS = 3.0
+ATTACK = """
+import json, msgpack, sys, time, zenoh
+address, way, seconds = sys.argv[1], sys.argv[2], float(sys.argv[3])
+config = zenoh.Config()
+for key, value in (("connect/endpoints", [address]), ("listen/endpoints", []), ("scouting/multicast/enabled", False)):
+    config.insert_json5(key, json.dumps(value))
+session = zenoh.open(config)
+frames = [b"garbage" * 400, msgpack.packb([1, 1, 77, 5, 0, [1e6]]), msgpack.packb([1, 2, 77, 78, 2**62, 0]),
+          msgpack.packb([1, 3, 77, 1, "device" if way == "up" else "world", 1, "me", {}])]
+kinds = ("position", "position", "energy", "control")
+publishers = [session.declare_publisher(f"hapnet/default/device/{way}/{kind}", express=True,
+    congestion_control=zenoh.CongestionControl.DROP) for kind in kinds]
+time.sleep(0.3)  # until it is known who listens
+end, sent = time.monotonic() + seconds, 0
+while time.monotonic() < end:
+    for _ in range(50):
+        for publisher, frame in zip(publishers, frames):
+            publisher.put(frame)
+        sent += len(frames)
+print(sent)
+session.close()
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("way", ["down", "up"])
+@pytest.mark.parametrize("more", [(), ("--realtime",)], ids=["thread", "realtime"])
+def test_a_flood_does_not_keep_the_servo_from_its_work(way: str, more: tuple[str, ...], tmp_path: Path) -> None:
+    """The device is hit (down), or the world is (up), and the flood takes a core; under SCHED_FIFO none of that shows."""
+    hits: Role = "device" if way == "down" else "world"  # a stranger reaches only who listens
+    with pair(tmp_path, device=("--operator", "sine", *more), listener=hits) as sides:
+        sides.until_paired()
+        attack = Program(sides.address, way, SECONDS, command=(sys.executable, "-c", ATTACK))
+        try:
+            code, out, errors = attack.end()
+        finally:
+            attack.kill()
+        assert code == 0, errors
+        sides.stop()
+    sent = int(out)
+    hit = sides.lives[hits][0]
+    dropped = hit.summary[hits]["dropped"]
+    print(f"{sent} sent, dropped: {dropped}")
+    assert dropped["flood"] > 1_000
+    assert dropped["rival"] > 1_000
+    assert len(hit.said("dropped")) <= 5
+    summary = sides.accounts()  # passive, and energy to the nanojoule
+    servo = summary["device"]["servo"]
+    print("servo:", {name: servo[name] for name in ("ticks", "skipped", "overruns", "late_p99_us", "longest_ms")})
+    share = servo["skipped"] / (servo["ticks"] + servo["skipped"])
+    assert share < (0.05 if more else 0.2)
+    assert summary["device"]["incarnations"] == summary["world"]["incarnations"] == 1
