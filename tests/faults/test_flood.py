@@ -40,7 +40,7 @@ session.close()
 @pytest.mark.parametrize("way", ["down", "up"])
 @pytest.mark.parametrize("more", [(), ("--realtime",)], ids=["thread", "realtime"])
 def test_a_flood_does_not_keep_the_servo_from_its_work(way: str, more: tuple[str, ...], tmp_path: Path) -> None:
-    """The device is hit (down), or the world is (up), and the flood takes a core; under SCHED_FIFO none of that shows."""
+    """The device is hit (down), or the world is (up), and the flood takes a core; under SCHED_FIFO it does not show."""
     hits: Role = "device" if way == "down" else "world"  # a stranger reaches only who listens
     with pair(tmp_path, device=("--operator", "sine", *more), listener=hits) as sides:
         sides.until_paired()
