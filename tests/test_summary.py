@@ -96,6 +96,12 @@ def test_energy_in_flight_is_what_neither_side_has() -> None:
     assert energy["down"] == {"sent_nJ": 10, "credited_nJ": 7, "in_flight_nJ": 3, "abandoned_nJ": 0}
 
 
+def test_what_was_given_up_and_credited_nevertheless_is_not_abandoned() -> None:
+    """The sender left before the acknowledgement came: of its 20 nJ the receiver has credited 15."""
+    energy = both(side(0, 0, sent=100, credited=0, abandoned=20), side(0, 0, sent=0, credited=95))["energy"]
+    assert energy["up"] == {"sent_nJ": 100, "credited_nJ": 95, "in_flight_nJ": 0, "abandoned_nJ": 5}
+
+
 def test_one_side_knows_its_own_in_flight_and_not_what_was_credited() -> None:
     energy = both(side(0, 0, sent=100, credited=7, abandoned=20), None)["energy"]
     assert energy["up"] == {"sent_nJ": 100, "credited_nJ": None, "in_flight_nJ": 3, "abandoned_nJ": 20}

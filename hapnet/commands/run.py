@@ -32,7 +32,7 @@ from hapnet.runtime.zenoh_config import free_address
 if TYPE_CHECKING:
     from rich.console import Console
 
-STOP_LIMIT_S = 15.0
+STOP_LIMIT_S = 30.0
 """How long the processes may take to end after they were asked to [s]; after that they are killed."""
 
 

@@ -48,6 +48,9 @@ LINGER_S = 2.0
 QUIET_S = 0.3
 """So long nothing must have been credited before a side leaves: the other, which ends a little later, sends no more."""
 
+LONGEST_TRIP_S = 10.0
+"""The quiet is longer by a round trip of the emulated link, up to that, and the rest by two: one may get lost."""
+
 REFUSE_S = 0.4
 """How long a device goes on refusing a world that does not fit before it ends: some refusals get lost [s].
 
@@ -230,9 +233,9 @@ class RealtimeSide:
                 self._stopped_ns = self._clock()
             if self._failure is not None:
                 with suppress(Exception):  # what has failed may be what says so
-                    await self._part("it failed", 0.0)
+                    await self._part("it failed", linger=False)
                 raise self._failure
-            await self._part("the run is over", LINGER_S)
+            await self._part("the run is over", linger=True)
         finally:
             self.control.stop()
             await self._transport.close()
@@ -278,17 +281,18 @@ class RealtimeSide:
             await asyncio.wait((stopped,), timeout=_HOUSEKEEPING_S)
         stopped.cancel()
 
-    async def _part(self, reason: str, linger_s: float) -> None:
+    async def _part(self, reason: str, *, linger: bool) -> None:
         """Control has stopped: let energy in flight be acknowledged, then say goodbye."""
         session = self.wire.session
-        deadline = self._loop.time() + linger_s
+        trip_s = min(2.0 * self.profile.delay_ns * NANO, LONGEST_TRIP_S)
+        deadline = self._loop.time() + (LINGER_S + 2.0 * trip_s) * linger
         self._pump()
         credited, quiet_until = -1, 0.0
         while self._loop.time() < deadline and not self._hurried:
             with self._lock:
                 paired, settled, now = session.peer is not None, session.settled, session.credited_nJ
             if now != credited:
-                credited, quiet_until = now, self._loop.time() + QUIET_S
+                credited, quiet_until = now, self._loop.time() + QUIET_S + trip_s
             if not paired or (settled and self._loop.time() >= quiet_until):
                 break
             await asyncio.sleep(0.005)

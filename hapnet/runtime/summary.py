@@ -169,7 +169,10 @@ def _control_summary(control: ControlHalf, coupling_name: str) -> Summary:
 
 
 def _flow(sender: Summary | None, receiver: Summary | None) -> dict[str, int | None]:
-    """Shuffled energy one way [nJ]: sent = credited + in flight + abandoned."""
+    """Shuffled energy one way [nJ]: sent = credited + in flight + abandoned.
+
+    A sender that leaves gives up what is not acknowledged; what of that was credited nevertheless, the receiver knows.
+    """
     if sender is None:
         credited = None if receiver is None else receiver["credited_nJ"]
         return {"sent_nJ": None, "credited_nJ": credited, "in_flight_nJ": None, "abandoned_nJ": None}
@@ -177,6 +180,7 @@ def _flow(sender: Summary | None, receiver: Summary | None) -> dict[str, int | N
     credited = None if receiver is None else receiver["credited_nJ"]
     in_flight = sender["in_flight_nJ"]
     if None not in (credited, abandoned) and not _restarted([side for side in (sender, receiver) if side is not None]):
+        abandoned = min(abandoned, sent - credited)
         in_flight = sent - credited - abandoned
     return {"sent_nJ": sent, "credited_nJ": credited, "in_flight_nJ": in_flight, "abandoned_nJ": abandoned}
 
