@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -158,3 +159,15 @@ def child_of(parent: int, role: str) -> int:
             if role in Path(f"/proc/{child}/cmdline").read_bytes().decode().split("\0"):
                 return int(child)
     raise AssertionError(f"{parent} has no child {role}")
+
+
+@contextlib.contextmanager
+def no_room(size: int) -> Iterator[None]:
+    """No file of this process may grow beyond `size` bytes; not even what the tests' own output goes to, so be short."""
+    assert signal.getsignal(signal.SIGXFSZ) is signal.SIG_IGN  # Python's own doing: a write fails instead
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))

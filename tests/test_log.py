@@ -3,7 +3,6 @@ from __future__ import annotations
 import json
 import logging
 import os
-import resource
 import time
 from datetime import UTC, datetime
 from io import StringIO
@@ -17,6 +16,7 @@ from hapnet import cli
 from hapnet.commands.log import Log, check_target
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.runtime.notices import Notice
+from tests.processes import no_room
 
 KEYS = {"time", "monotonic_ns", "level", "role", "kind", "text"}
 
@@ -99,13 +99,9 @@ def test_a_log_that_can_be_written_no_more_ends_no_run_and_is_told_once(tmp_path
     console, file = words(), tmp_path / "x.jsonl"
     log = Log("world", console, str(file))
     log.tell(Notice("a", "first", 5))
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (file.stat().st_size + 20, hard))
-    try:
+    with no_room(file.stat().st_size + 20):
         for _ in range(3):
             log.tell(Notice("a", "then", 5))
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     log.close()
     assert log.failure == f"cannot write the log {file}: File too large"
     assert said(console).count("cannot write the log") == 1

@@ -1,10 +1,7 @@
 from __future__ import annotations
 
 import os
-import resource
 import shutil
-import signal
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +12,7 @@ from hapnet.mcap_file import FLUSH_NS, read_recording
 from hapnet.record import Event, WorldSample
 from hapnet.runtime import recorder as module
 from hapnet.runtime.recorder import Recorder
+from tests.processes import no_room
 
 META = {"origin_ns": 0, "clock": "test", "role": "world"}
 
@@ -28,16 +26,6 @@ def sample(index: int) -> WorldSample:
     return WorldSample(
         index * 10_000_000, 0.01, one, one, one, one, one, one, 0.0, 0.1 + 1e-6 * index, 0.0, 0.0, 0.0, 1.0, 0.5
     )
-
-
-@pytest.fixture
-def no_room() -> Iterator[None]:
-    """No file of this process may grow beyond 8000 bytes."""
-    assert signal.getsignal(signal.SIGXFSZ) is signal.SIG_IGN  # Python's own doing: a write fails instead
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (8000, hard))
-    yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def test_samples_are_written_in_their_order_with_the_summary(tmp_path: Path) -> None:
@@ -79,14 +67,14 @@ def test_a_file_that_cannot_be_written_is_refused_before_anything_runs(tmp_path:
             Recorder(path, print)
 
 
-@pytest.mark.usefixtures("no_room")
 def test_a_full_disk_ends_the_recording_and_is_told_once(tmp_path: Path) -> None:
     told: list[str] = []
     recorder = Recorder(tmp_path / "x.mcap", told.append)
-    for index in range(5000):
-        recorder.keep(sample(index))
-        recorder.drain(index * FLUSH_NS, meta)
-    recorder.close({}, 0)
+    with no_room(8000):
+        for index in range(5000):
+            recorder.keep(sample(index))
+            recorder.drain(index * FLUSH_NS, meta)
+        recorder.close({}, 0)
     assert recorder.broken
     path = tmp_path / "x.mcap"
     assert told == [f"cannot write recording {path}: File too large; the run goes on without a recording"]
@@ -105,12 +93,8 @@ def test_a_disk_that_is_full_only_at_the_end_is_told_too(tmp_path: Path) -> None
     recorder = Recorder(tmp_path / "x.mcap", told.append)
     recorder.keep(sample(0))
     recorder.drain(0, meta)
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (os.stat(tmp_path / "x.mcap").st_size, hard))
-    try:
+    with no_room(os.stat(tmp_path / "x.mcap").st_size):
         recorder.close({"seed": 1}, 0)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert told == [f"cannot write recording {tmp_path / 'x.mcap'}: File too large; its end is missing"]
     torn = read_recording(tmp_path / "x.mcap")
     assert torn.torn
