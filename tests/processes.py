@@ -163,7 +163,7 @@ def child_of(parent: int, role: str) -> int:
 
 @contextlib.contextmanager
 def no_room(size: int) -> Iterator[None]:
-    """No file of this process may grow beyond `size` bytes; not even what the tests' own output goes to, so be short."""
+    """No file of this process may grow beyond `size` bytes: not even the one that the tests' own output goes to."""
     assert signal.getsignal(signal.SIGXFSZ) is signal.SIG_IGN  # Python's own doing: a write fails instead
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
