@@ -144,5 +144,5 @@ OnSilence = Annotated[
     typer.Option("--on-silence", help="When nothing arrives: hold the set-position, or release the spring."),
 ]
 SilenceAfter = Annotated[
-    float | None, typer.Option("--silence-after", help="The silence that counts [s]; 0.5 by default.")
+    float | None, typer.Option("--silence-after", help="Seconds of silence that count; 0.5 by default.")
 ]
