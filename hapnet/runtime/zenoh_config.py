@@ -29,7 +29,7 @@ _DEFAULTS: dict[str, object] = {
     "scouting/multicast/autoconnect_strategy": {"peer": {"to_peer": "greater-zid"}},  # only one of two peers dials
     "connect/timeout_ms": 1000,
     "connect/exit_on_failure": False,
-    "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},
+    "connect/retry": {"period_init_ms": 100, "period_max_ms": 200, "period_increase_factor": 1.5},
     "transport/shared_memory/enabled": False,
     "transport/unicast/open_timeout": 1000,
     "transport/unicast/accept_timeout": 1000,

@@ -36,6 +36,9 @@ SILENCE_NS = 500_000_000
 BLOCKED_MS = 200.0
 """A servo that waits for a lost peer waits for longer; one that a busy machine keeps waiting does not."""
 
+LOST_GREETING_S = 1.5
+"""Over udp Zenoh says its greeting once: one that is lost costs its time-out and a pause."""
+
 LITTLE = ("--set", "device.ceiling_J=0.001", "--set", "world.ceiling_J=0.001")
 """Reservoirs that are full soon, though they begin empty: then energy flows."""
 
@@ -237,7 +240,7 @@ def test_one_side_is_killed_in_contact(protocol: str, victim: Role, tmp_path: Pa
         _kill_in_contact(pair, victim)
         restarted = _start_again(pair, victim)
         from_ns = restarted.until_said("")
-        _assert_recovers(pair, victim, from_ns)
+        _assert_recovers(pair, victim, from_ns, protocol)
 
 
 @pytest.mark.parametrize(
@@ -252,7 +255,7 @@ def test_a_host_dies_in_contact(protocol: str, victim: Role, tmp_path: Path) -> 
         restarted = _start_again(pair, victim)
         restarted.until_said("waiting")
         from_ns = pair.hosts[victim].plug()
-        _assert_recovers(pair, victim, from_ns)
+        _assert_recovers(pair, victim, from_ns, protocol)
 
 
 def _kill_in_contact(pair: Pair, victim: Role, *, pull: bool = False) -> None:
@@ -269,13 +272,13 @@ def _start_again(pair: Pair, victim: Role) -> Side:
     return pair.start(victim, *LITTLE)
 
 
-def _assert_recovers(pair: Pair, victim: Role, from_ns: int) -> None:
+def _assert_recovers(pair: Pair, victim: Role, from_ns: int, protocol: str) -> None:
     """Both soon hear each other again, and at the end each nanojoule has been credited once."""
     survivor, restarted = pair.lives[OTHER[victim]][0], pair.lives[victim][1]
     heard_ns, paired_ns = survivor.until_said("heard", from_ns), restarted.until_said("paired", from_ns)
     recovery_s = (max(heard_ns, paired_ns) - from_ns) * NANO
     print("recovered after", recovery_s, "s")
-    assert recovery_s < RECOVERY_S
+    assert recovery_s < RECOVERY_S + LOST_GREETING_S * (protocol == "udp")
     silent_ns = survivor.said("silent")[0]["monotonic_ns"]
     before_nJ = _credited_nJ(survivor, silent_ns)
 
