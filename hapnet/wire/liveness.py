@@ -46,8 +46,7 @@ class Liveness:
         self._silence_ns, self._living_ns = silence_ns, living_ns
         self._life_ns: int | None = None  # of the last new position, or of the pair's beginning
         self._heard_ns: int | None = None  # the same, but a new pair does not end a silence
-        self._newest = -1
-        self._base = True  # the next position is the pair's first: what came before it was not for this side
+        self._newest = -1  # none yet: what came before the pair's first position was not for this side
         self._told = False
         self._word_ns: int | None = None
         self._count = self._longest_ns = self._total_ns = self._recovery_max_ns = self._received = self._missing = 0
@@ -57,7 +56,7 @@ class Liveness:
         self._life_ns = now_ns
         if self._heard_ns is None:
             self._heard_ns = now_ns
-        self._newest, self._base = -1, True
+        self._newest = -1
         self.word(now_ns)
 
     def word(self, now_ns: int) -> None:
@@ -74,14 +73,14 @@ class Liveness:
 
         A forged one that counted would leave this side deaf to its peer for ever.
         """
-        if self._base or self._life_ns is None:
+        if self._newest < 0 or self._life_ns is None:
             return False
         return sequence - self._newest > MOST_AT_ONCE + (now_ns - self._life_ns) // LEAST_PERIOD_NS
 
     def hear(self, now_ns: int, sequence: int) -> PeerHeard | None:
         """A new position came; what it ends, if that was a silence."""
-        missing = 0 if self._base else sequence - self._newest - 1
-        self._newest, self._base = sequence, False
+        missing = 0 if self._newest < 0 else sequence - self._newest - 1
+        self._newest = sequence
         self._received += 1
         self._missing += missing
         heard_ns, self._heard_ns, self._life_ns = self._heard_ns, now_ns, now_ns

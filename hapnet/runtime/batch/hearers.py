@@ -46,7 +46,7 @@ class Hearers:
         one._received += int(self._received[i])
         one._missing += int(self._missing[i])
         self._received[i] = self._missing[i] = 0
-        one._newest, one._base = int(self.newest[i]), bool(self.newest[i] < 0)
+        one._newest = int(self.newest[i])
         one._heard_ns = one._life_ns = int(self._heard_ns[i] + self._shift_ns[i])
 
     def _one_by_one(self, i: int, due_ns: Whole, number: Whole, new: NDArray[np.bool_]) -> None:
