@@ -167,12 +167,19 @@ class Params:
     """All parameters of a run."""
 
     scene: str = _p("wall", "free, wall, box, paper, or module:Class")
-    operator: str = _p("press", "rest, sine, press, a recording's path, or module:Class")
+    operator: str = _p(
+        "press", "rest, sine, press, a recording's path, or module:Class; mouse: led live by hapnet play"
+    )
     hardware: str = _p("simulated", "the device: simulated, or module:Class of your own")
     coupling: str = _p("pspm", "pspm; zoh: a plain virtual coupling, not passive", ("pspm", "zoh"))
     dof: int = _p(0, "degrees of freedom; 0: the scene's own", _NOT_NEGATIVE)
     duration_s: float = _p(10.0, "from pairing [s]; 0: until stopped", _NOT_NEGATIVE)
     record_hz: float = _p(200.0, "recorded samples a second of the device [Hz]", _POSITIVE)
+    telemetry_hz: float = _p(
+        60.0,
+        "samples a second that each side publishes for hapnet view [Hz]; 0: none",
+        _Range(at_least=0.0, at_most=1000.0),
+    )
     device: DeviceParams = field(default_factory=DeviceParams)
     operator_hand: OperatorParams = field(default_factory=OperatorParams)
     world: WorldParams = field(default_factory=WorldParams)

@@ -20,7 +20,8 @@ from hapnet.runtime.build import (
     world_session,
     world_side,
 )
-from hapnet.runtime.sides import ContinuousDeviceSide, DeviceSide, SampledDeviceSide, WorldSide
+from hapnet.runtime.sides import ContinuousDeviceSide, DeviceSide, SampledDeviceSide
+from hapnet.runtime.world_side import WorldSide
 from netem import LinkProfile
 from netem.errors import NetemError
 

@@ -155,7 +155,11 @@ def parameters(**changes: object) -> Params:
     return Params().set({name.replace("__", "."): value for name, value in given.items()})
 
 
-IDLE_DEVICE = RealtimeSide(prepare(parameters(), "sampled"), "device", ZenohSettings(connect=("tcp/127.0.0.1:1",)))
+def idle(role: Role) -> RealtimeSide:
+    return RealtimeSide(prepare(parameters(), "sampled"), role, ZenohSettings(connect=("tcp/127.0.0.1:1",)))
+
+
+IDLE_DEVICE = idle("device")
 
 
 @contextlib.asynccontextmanager
@@ -216,22 +220,22 @@ async def test_duration_counts_from_pairing() -> None:
 @given(sent=st.integers(0, 10**12), due=st.integers(0, 2 * 10**12))
 def test_the_loop_looks_after_the_protocol_between_two_ticks(sent: int, due: int) -> None:
     """At two fifths of a period after a tick's message or whole periods later, never early, less than a period late."""
-    side = IDLE_DEVICE
-    side._sent_ns, side._asked_ns, period = sent, None, 1_000_000
-    granted = side._calm_ns(due)
+    egress = IDLE_DEVICE._egress
+    egress._sent_ns, egress._asked_ns, period = sent, None, 1_000_000
+    granted = egress._calm_ns(due)
     assert granted is not None
     assert (granted - sent) % period == 400_000
     assert granted >= sent + 400_000
     assert due <= granted
     assert granted < max(due, sent + 400_000) + period
-    side._sent_ns = sent + 12_345
-    assert side._calm_ns(due) == granted  # what was granted stays, or the timer would be set anew with every tick
+    egress._sent_ns = sent + 12_345
+    assert egress._calm_ns(due) == granted  # what was granted stays, or the timer would be set anew with every tick
 
 
 def test_the_worlds_loop_does_not_wait() -> None:
-    side = RealtimeSide(prepare(parameters(), "sampled"), "world", ZenohSettings(listen=("tcp/127.0.0.1:1",)))
-    side._sent_ns = 5
-    assert (side._calm_ns(7), side._calm_ns(None)) == (7, None)
+    egress = idle("world")._egress
+    egress._sent_ns = 5
+    assert (egress._calm_ns(7), egress._calm_ns(None)) == (7, None)
 
 
 async def test_garbage_from_the_network_is_counted_and_the_servo_goes_on() -> None:
@@ -402,7 +406,7 @@ async def test_a_hurried_side_does_not_wait_for_what_is_in_flight() -> None:
     device, world = Running("device", address, params), Running("world", address, params)
     async with running(device, world):
         await device.until(lambda: device.side.wire.session.credited_nJ > 0)
-        device.side._transport.put = lambda kind, data: True  # type: ignore[method-assign]
+        device.side._egress._put = lambda kind, data: True
         await device.until(lambda: not device.side.wire.session.settled)
         begin = time.monotonic()
         device.stop.set()

@@ -74,7 +74,7 @@ class Running:
         self.samples: list[Sample] = []
         self.errors: list[BaseException] = []
         outlet = Outlet(self.messages.append, self.samples.append, self.errors.append)
-        self.servo = ServoProcess(setup, device_session(setup, 7), outlet, recording=True)
+        self.servo = ServoProcess(setup, device_session(setup, 7), outlet)
 
     @property
     def pid(self) -> int:
@@ -176,29 +176,6 @@ def test_it_ticks_renders_and_gives_its_account(running: Running, diary: Path) -
     assert sum(count for _, count in summary["servo"]["late_histogram_us"]) >= summary["servo"]["ticks"]
     assert summary["ledger"]["slack_J"] >= -1e-12
     assert not running.errors
-
-
-def test_a_recording_that_is_given_up_ends_the_samples_and_nothing_else(running: Running) -> None:
-    running.paired()
-    servo = running.servo
-    until(lambda: any(isinstance(sample, DeviceSample) for sample in running.samples))
-    servo.record_no_more()
-    servo.record_no_more()
-
-    def messages_without_samples() -> bool:
-        samples, messages = len(running.samples), len(running.messages)
-        until(lambda: len(running.messages) >= messages + 10)  # 100 ms: 100 ticks, five frames of samples
-        return len(running.samples) == samples
-
-    until(messages_without_samples)
-    os.kill(running.pid, signal.SIGSTOP)
-    away = time.monotonic()
-    until(lambda: time.monotonic() > away + 0.05)
-    os.kill(running.pid, signal.SIGCONT)
-    until(lambda: any(isinstance(sample, Event) for sample in running.samples))  # notes still come
-    servo.stop()
-    assert not running.errors
-    assert servo.unrecorded == 0
 
 
 def test_what_is_credited_arrives_once_though_the_pipe_was_full(running: Running) -> None:
@@ -386,7 +363,7 @@ threading.Event().wait(30.0)
 def test_a_class_of_the_script_itself_is_refused() -> None:
     setup = prepare(Params().set({"hardware": "__main__:Mine", "scene": "free"}), "sampled")
     with pytest.raises(InvalidParameter, match="in a module of its own"):
-        ServoProcess(setup, device_session(setup, 7), Outlet(print, print, print), recording=False)
+        ServoProcess(setup, device_session(setup, 7), Outlet(print, print, print))
 
 
 def test_where_there_are_no_such_sockets_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,7 @@ from hapnet.endpoint import DeviceEndpoint, WorldEndpoint
 from hapnet.params import Params
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.runtime.build import device_session, prepare, world_session, world_side
-from hapnet.runtime.sides import WorldSide
+from hapnet.runtime.world_side import WorldSide
 
 _TARGET = (0.016, 0.004, -0.003)  # m, behind the wall, and within reach of the reservoir
 _WALL_M = 0.010

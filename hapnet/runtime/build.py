@@ -27,17 +27,22 @@ from hapnet.errors import InvalidParameter
 from hapnet.params import DeviceParams, Params, WorldParams
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
+from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.operator import Impedance, Operator, Press, Rest, Sine, read_motion
 from hapnet.plant.scene import SCENES, Scene, make_scene, scene_parameters
 from hapnet.runtime.own_device import OwnDevice
 from hapnet.runtime.own_operator import OwnOperator
-from hapnet.runtime.sides import Clock, ContinuousDeviceSide, DeviceSide, Drive, SampledDeviceSide, WorldSide, Write
+from hapnet.runtime.sides import Clock, ContinuousDeviceSide, DeviceSide, Drive, SampledDeviceSide, Write
+from hapnet.runtime.world_side import WorldSide
 from hapnet.wire.handshake import RESERVOIR
 from hapnet.wire.messages import Role
 from hapnet.wire.session import Session, SessionSettings
 from netem import LinkProfile, Timeline
 
 _DEFAULTS = Params()
+LIVE = "mouse"
+"""The operator that is led while it runs; in real time only."""
+
 _SCENE_PARAMETERS = {
     "stiffness": "world.wall.stiffness",
     "damping": "world.wall.damping",
@@ -99,13 +104,23 @@ def prepare(params: Params, default_servo: str) -> Setup:
         raise InvalidParameter("device.servo", servo, "sampled with a device of your own")
     if servo == "sampled" and harvest == "range" and params.coupling == "pspm":
         warnings.extend(_range_warning(device, scene.dof))
-    up, down = LinkProfile.named(params.link.up), LinkProfile.named(params.link.down)
-    for name, profile in (("link.up", up), ("link.down", down)):
-        if profile.corrupt:
-            allowed = "a link without corrupt: the checksums below Zenoh drop what is corrupted, which is loss"
-            raise InvalidParameter(name, str(profile), allowed)
+    up, down = link_profile("link.up", params.link.up), link_profile("link.down", params.link.down)
     timelines = (_timeline(params.link.up_timeline), _timeline(params.link.down_timeline))
     return Setup(params, scene, servo, harvest, up, down, *timelines, tuple(warnings))
+
+
+def link_profile(name: str, words: str) -> LinkProfile:
+    """The emulated link that the parameter `name` gives: tc-netem's words, or a profile's name.
+
+    Raises
+    ------
+    NetemError, InvalidParameter : there is no such link, or none that can stand between the two sides.
+    """
+    profile = LinkProfile.named(words)
+    if profile.corrupt:
+        allowed = "a link without corrupt: the checksums below Zenoh drop what is corrupted, which is loss"
+        raise InvalidParameter(name, str(profile), allowed)
+    return profile
 
 
 def _timeline(text: str) -> Timeline | None:
@@ -129,8 +144,9 @@ def device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Writ
     params = setup.params
     device = params.device
     period = 1.0 / device.servo_hz
+    hand = _operator(setup)
     simulated = SimulatedDevice(
-        _operator(setup),
+        hand,
         mass=device.mass,
         damping=device.own_damping,
         period=period,
@@ -145,11 +161,15 @@ def device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Writ
         make = _continuous_servo(setup)
         with _named("device"):
             make(simulated.position, 0.0, False)  # so that what is wrong is said now and not at pairing
-        return ContinuousDeviceSide(endpoint, simulated, make, drive)
-    hold = _sampled_servo(setup)
-    with _named("device"):
-        hold(simulated.position, False)
-    return SampledDeviceSide(endpoint, simulated, hold, drive)
+        side: DeviceSide = ContinuousDeviceSide(endpoint, simulated, make, drive)
+    else:
+        hold = _sampled_servo(setup)
+        with _named("device"):
+            hold(simulated.position, False)
+        side = SampledDeviceSide(endpoint, simulated, hold, drive)
+    if isinstance(hand, LiveHand):
+        side.live_hand = hand
+    return side
 
 
 def _drive(setup: Setup, clock: Clock, write: Write) -> Drive:
@@ -334,6 +354,8 @@ def _operator(setup: Setup) -> Operator:
     walls = setup.scene.walls
     normal = walls[0].normal if walls else (1.0, *(0.0,) * (dof - 1))
     start = tuple([hand.start_m * component for component in normal])
+    if name == LIVE:
+        return LiveHand(start, impedance)
     if name == "rest":
         return Rest(dof, impedance, start)
     if name == "sine":

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from hapnet.checks import Vector
 from hapnet.endpoint import DeviceEndpoint, WireHalf, WorldEndpoint
 from hapnet.record import Sample
 from hapnet.runtime.build import Setup, device_side, world_side
@@ -50,8 +51,11 @@ class Control(Protocol):
     def stop(self) -> None:
         """Render no force any more and end; returns when that is done. May be called again."""
 
-    def record_no_more(self) -> None:
-        """The recording has been given up: nobody needs samples any more. May be called again."""
+    def pause(self, paused: bool) -> None:
+        """Let what is simulated stand still, or go on."""
+
+    def lead(self, position: Vector) -> None:
+        """Where a live hand is to go [m], shape (n,)."""
 
     def summary(self, now_ns: int) -> Summary:
         """This side's part of the summary as of `now_ns`, complete once it has stopped."""
@@ -88,8 +92,12 @@ class ThreadedDevice:
     def stop(self) -> None:
         self._servo.stop()
 
-    def record_no_more(self) -> None:
-        """A sample costs a thread no more than the recorder that drops it."""
+    def pause(self, paused: bool) -> None:
+        self.side.paused = paused
+
+    def lead(self, position: Vector) -> None:
+        assert self.side.live_hand is not None
+        self.side.live_hand.lead(position)
 
     def summary(self, now_ns: int) -> Summary:
         part = device_summary(self.side, self._coupling, servo_timing(self._servo, self.side))
@@ -130,8 +138,11 @@ class ThreadedWorld:
     def stop(self) -> None:
         self._stepper.stop()
 
-    def record_no_more(self) -> None:
-        """A sample costs a thread no more than the recorder that drops it."""
+    def pause(self, paused: bool) -> None:
+        self.side.paused = paused
+
+    def lead(self, position: Vector) -> None:
+        raise AssertionError("a world has no hand")
 
     def summary(self, now_ns: int) -> Summary:
         return with_wire(world_summary(self.side, self._coupling), self.wire.session, now_ns)

@@ -2,15 +2,14 @@
 
 Three kinds of thread share a side. The control thread (servo, or the world's stepper) owns the control half and puts a
 position that the link does not delay on the wire itself. Zenoh's receiving thread decodes what arrives into the control
-half's slots. The event loop does what is left: delayed release, retransmission, recording. The wire half, the link and
-the timer that wakes the loop for them have one lock, held for microseconds and never while a message is put.
+half's slots. The event loop does what is left: delayed release, retransmission, recording, telemetry. What they share,
+wire half and link, is behind one lock (egress.py).
 """
 
 from __future__ import annotations
 
 import asyncio
 import secrets
-import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
@@ -20,27 +19,31 @@ from typing import Any
 
 import numpy as np
 
+from hapnet import checks
+from hapnet.checks import Vector
 from hapnet.endpoint import NANO
-from hapnet.errors import HapnetError
+from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.record import Event as Note
 from hapnet.record import Sample
 from hapnet.runtime import servo_pipe
-from hapnet.runtime.build import Setup, device_session, world_session
+from hapnet.runtime.build import LIVE, Setup, device_session, link_profile, world_session
 from hapnet.runtime.control import Control, Outlet, ThreadedDevice, ThreadedWorld
+from hapnet.runtime.egress import Egress
 from hapnet.runtime.notices import Notice, notice_of
-from hapnet.runtime.parcel import FRAME_OVERHEAD, Parcel
-from hapnet.runtime.recorder import Recorder, described
+from hapnet.runtime.parcel import Parcel
+from hapnet.runtime.recorder import Recordings, described
 from hapnet.runtime.servo import tuned_interpreter
 from hapnet.runtime.servo_process import ServoProcess
 from hapnet.runtime.summary import Summary, combine, versions
+from hapnet.runtime.telemeter import LinkMeter, Telemeter
 from hapnet.runtime.teller import Teller
 from hapnet.runtime.tls_probe import UNANSWERED_NS, Inquiry
 from hapnet.runtime.zenoh_config import ZenohSettings
-from hapnet.runtime.zenoh_transport import ZenohTransport
+from hapnet.runtime.zenoh_transport import TELEMETRY, ZenohTransport
+from hapnet.telemetry import Status
 from hapnet.wire.events import EnergyCredited, Event, Mismatch, PeerRefused, PositionReceived
 from hapnet.wire.messages import Role
-from netem import Link, TimelinePlayer
-from netem.aio import DeadlineTimer
+from netem import Link
 
 LINGER_S = 2.0
 """After control has stopped, how long the energy in flight may take to be acknowledged [s]."""
@@ -92,25 +95,19 @@ class RealtimeSide:
         self.seed = secrets.randbits(32) if seed is None else seed
         self.profile = setup.up if role == "device" else setup.down
         self._timeline = setup.up_timeline if role == "device" else setup.down_timeline
-        self._player: TimelinePlayer | None = None
+        self._playing = False
         self._clock = time.monotonic_ns
-        self._notify = notify
-        self._notes: deque[Note] = deque(maxlen=_MOST_NOTES)
-        on_silence = (setup.params.device if role == "device" else setup.params.world).on_silence
-        self._teller = Teller(role, on_silence, notify)
-        self._recorder = (
-            None
-            if record is None
-            else Recorder(record, lambda text: self._teller.tell("recording", text, self._clock()))
-        )
-        self._lock = threading.Lock()
-        self._failure: BaseException | None = None
+        self._told = notify
         self._names = (session, name)
         self._versions = versions()  # a hundred files are read for it: not once the servo runs
-        self._sent_ns: int | None = None
-        self._asked_ns: int | None = None
-        self._granted_ns: int | None = None
-        self._period_ns = round(1e9 / setup.params.device.servo_hz) if role == "device" else None
+        self._about = described(setup, role, self.seed, self.profile)
+        rate_hz = setup.params.telemetry_hz
+        self._telemeter = Telemeter(rate_hz, self._publish, self._status) if rate_hz else None
+        self._notes: deque[Note] = deque(maxlen=_MOST_NOTES)
+        on_silence = (setup.params.device if role == "device" else setup.params.world).on_silence
+        self._teller = Teller(role, on_silence, self._notify)
+        self._recordings = Recordings(lambda text: self._teller.tell("recording", text, self._clock()))
+        self._failure: BaseException | None = None
         self._started_ns = self._clock()
         self._inquiry = Inquiry(zenoh, self._started_ns)
         self._stopped_ns: int | None = None
@@ -124,53 +121,39 @@ class RealtimeSide:
             self.control = ThreadedWorld(setup, world_session(setup, incarnation), outlet, self._clock, rng=steps)
         elif realtime and servo_pipe.available():
             protocol = device_session(setup, incarnation)
-            self.control = ServoProcess(setup, protocol, outlet, recording=record is not None)
+            self.control = ServoProcess(setup, protocol, outlet)
         else:
             protocol = device_session(setup, incarnation)
             self.control = ThreadedDevice(setup, protocol, outlet, self._clock, realtime=realtime)
         self.wire = self.control.wire
-        self.link: Link[Parcel] = Link(self.profile, seed=entropy[0 if role == "device" else 1])
+        self._link: Link[Parcel] = Link(self.profile, seed=entropy[0 if role == "device" else 1])
+        self._meter = LinkMeter()
         self._transport = ZenohTransport(
             zenoh, self._on_message, session=session, device=name, role=role, on_change=self._on_link
         )
-
-    def _keep_sample(self, sample: Sample) -> None:
-        """For the recording; from any thread. A note is told as well, by the loop."""
-        if isinstance(sample, Note):
-            self._notes.append(sample)
-        if self._recorder is not None:
-            self._recorder.keep(sample)
+        period_ns = round(1e9 / setup.params.device.servo_hz) if role == "device" else None
+        self._egress = Egress(self.wire, self._link, self._transport.put, self._clock, period_ns=period_ns)
+        self._paused = False
+        if record is not None:
+            self._recordings.begin(record)
 
     # -- threads of their own ----------------------------------------------------------------------------------------
 
-    def _send(self, data: bytes) -> None:
-        """Offer control's message to the link and put on the wire what is not delayed; on control's own thread.
+    def _keep_sample(self, sample: Sample) -> None:
+        """For the recording and who watches; from any thread. A note is told as well, by the loop."""
+        if isinstance(sample, Note):
+            self._notes.append(sample)
+        elif self._telemeter is not None:
+            self._telemeter.keep(sample)
+        self._recordings.keep(sample)
 
-        The message comes first: what else is to be done here waits until it has been put.
-        """
-        now_ns = self._clock()
-        ready = [Parcel("position", data)]
-        with self._lock:
-            straight = self.link.passes()
-            if not straight:
-                self.link.send(now_ns, ready[0], size=len(data) + FRAME_OVERHEAD)
-                ready = [parcel for _, parcel in self.link.poll(now_ns)]
-        for parcel in ready:
-            self._transport.put(parcel.kind, parcel.data)
-        self._sent_ns = now_ns
-        if straight and not self.wire.uncollected:
-            return  # nothing else is due sooner than before
-        with self._lock:
-            self.wire.collect()
-            self._arm()
+    def _send(self, data: bytes) -> None:
+        """On control's thread."""
+        self._egress.send(data)
 
     def _on_message(self, kind: str, data: bytes) -> None:
         """On Zenoh's thread."""
-        now_ns = self._clock()
-        with self._lock:
-            events = self.wire.receive(now_ns, data)
-            self._arm()
-        self._report(events)
+        self._report(self._egress.receive(data))
 
     def _report(self, events: tuple[Event, ...]) -> None:
         told = [event for event in events if not isinstance(event, PositionReceived | EnergyCredited)]
@@ -180,33 +163,6 @@ class RealtimeSide:
     def _fail(self, error: BaseException) -> None:
         self._failure = self._failure or error
         self._loop.call_soon_threadsafe(self._stop.set)
-
-    def _arm(self) -> None:
-        """Wake the loop when the link or the protocol is due next; the lock is held."""
-        link_ns, wire_ns = self.link.next_due_ns, self._calm_ns(self.wire.next_due_ns)
-        due_ns = wire_ns if link_ns is None else link_ns if wire_ns is None else min(link_ns, wire_ns)
-        if self._player is not None and (change_ns := self._player.next_due_ns) is not None:
-            due_ns = change_ns if due_ns is None else min(due_ns, change_ns)
-        if self._timer.kind == "timerfd":  # may be set from any thread
-            self._timer.arm(due_ns)
-        elif due_ns != self._timer.due_ns:
-            self._loop.call_soon_threadsafe(self._timer.arm, due_ns)
-
-    def _calm_ns(self, wire_ns: int | None) -> int | None:
-        """When the loop is to look after the protocol that is due at `wire_ns`: that, or a little later.
-
-        A servo's message and the loop would be in each other's way if both came at once, and they would, again and
-        again: what is sent with a tick is due again a whole number of periods later. So the loop comes between two.
-        """
-        if wire_ns == self._asked_ns:
-            return self._granted_ns
-        self._asked_ns = self._granted_ns = wire_ns
-        period_ns = self._period_ns
-        if wire_ns is not None and period_ns is not None and self._sent_ns is not None:
-            first_ns = self._sent_ns + (2 * period_ns) // 5
-            periods = max(0, -((first_ns - wire_ns) // period_ns))  # up to the first such time that is not before
-            self._granted_ns = first_ns + periods * period_ns
-        return self._granted_ns
 
     # -- the event loop ----------------------------------------------------------------------------------------------
 
@@ -219,15 +175,15 @@ class RealtimeSide:
         """
         self._loop = asyncio.get_running_loop()
         self._stop = stop
-        self._timer = DeadlineTimer(self._loop, self._pump)
+        self._egress.open(self._loop, self._pump)
+        telemetry = None if self._telemeter is None else self._loop.create_task(self._telemeter.run())
         try:
             with tuned_interpreter() as collect:
                 refused = await asyncio.to_thread(self.control.start)
                 await self._transport.open()  # only now: a peer that is answered is one that control is ready for
                 if refused:
                     self._teller.tell("realtime", refused, self._clock())
-                with self._lock:
-                    self._arm()
+                self._egress.arm()
                 await self._keep(stop, duration_s, collect)
                 await asyncio.to_thread(self.control.stop)
                 self._stopped_ns = self._clock()
@@ -238,13 +194,14 @@ class RealtimeSide:
             await self._part("the run is over", linger=True)
         finally:
             self.control.stop()
+            if telemetry is not None:
+                telemetry.cancel()
             await self._transport.close()
-            self._timer.close()
+            self._egress.close()
             summary = self.summary()
             self._drain()
             self._watch()
-            if self._recorder is not None:
-                self._recorder.close(summary, self.control.unrecorded)
+            self._recordings.end(summary, self.control.unrecorded)
         return summary
 
     def hurry(self) -> None:
@@ -254,7 +211,53 @@ class RealtimeSide:
     @property
     def unrecorded(self) -> str | None:
         """What is missing in the recording; None: nothing."""
-        return None if self._recorder is None else self._recorder.missing
+        return "; ".join(self._recordings.missing) or None
+
+    # -- while it runs, on the event loop ----------------------------------------------------------------------------
+
+    def change_link(self, words: str) -> None:
+        """From now on what this side sends goes through this link, in tc-netem's words or a profile's name.
+
+        Raises
+        ------
+        NetemError, InvalidParameter : there is no such link.
+        """
+        profile = link_profile("link.up" if self.role == "device" else "link.down", words)
+        self.profile = profile
+        self._about = described(self.setup, self.role, self.seed, profile)
+        self._egress.change(profile)
+        self._notify(Notice("netem", f"emulated link, {profile}", self._clock()))
+
+    def pause(self, paused: bool) -> None:
+        """Let what is simulated stand still, or go on; servo, protocol and link go on all the time."""
+        self._paused = paused
+        self.control.pause(paused)
+        self._notify(Notice("pause", "paused" if paused else "goes on", self._clock()))
+
+    def lead(self, position: Vector) -> None:
+        """Where the hand of the operator ``mouse`` is to go [m], shape (n,).
+
+        Raises
+        ------
+        InvalidParameter : this side has no such hand, or that is no position.
+        """
+        if self.role != "device" or self.setup.params.operator != LIVE:
+            raise InvalidParameter(
+                "operator", self.setup.params.operator, f"{LIVE}, at the device: no other hand is led"
+            )
+        self.control.lead(checks.vector("position", position, self.setup.dof))
+
+    def record(self, path: Path | None) -> None:
+        """Begin a recording and end the one that is being made, if there is one; None: only end it.
+
+        Raises
+        ------
+        RecordingError : it cannot be written.
+        """
+        self._drain()
+        self._recordings.end(self.summary(), self.control.unrecorded)
+        if path is not None:
+            self._recordings.begin(path)
 
     async def _keep(self, stop: asyncio.Event, duration_s: float, collect: Callable[[], int]) -> None:
         """Housekeeping until it is time to stop."""
@@ -266,9 +269,9 @@ class RealtimeSide:
                 self._wait(self._clock())
             elif duration_s > 0.0 and self._clock() - origin_ns >= duration_s / NANO:
                 break
-            if origin_ns is not None and self._timeline is not None and self._player is None:
-                self._player = TimelinePlayer(self.link, self._timeline, origin_ns)
-                self._pump()
+            if origin_ns is not None and self._timeline is not None and not self._playing:
+                self._playing = True
+                self._egress.play(self._timeline, origin_ns)
             self._watch()
             self._drain()
             rounds += 1
@@ -289,40 +292,30 @@ class RealtimeSide:
         self._pump()
         credited, quiet_until = -1, 0.0
         while self._loop.time() < deadline and not self._hurried:
-            with self._lock:
+            with self._egress.lock:
                 paired, settled, now = session.peer is not None, session.settled, session.credited_nJ
             if now != credited:
                 credited, quiet_until = now, self._loop.time() + QUIET_S + trip_s
             if not paired or (settled and self._loop.time() >= quiet_until):
                 break
             await asyncio.sleep(0.005)
-        with self._lock:
+        with self._egress.lock:
             session.close(self._clock(), reason)
         self._pump()
-        while self._pending() and self._loop.time() < deadline + 1.0 and not self._hurried:
+        while self._egress.pending and self._loop.time() < deadline + 1.0 and not self._hurried:
             await asyncio.sleep(0.005)
 
-    def _pending(self) -> bool:
-        """Is anything on the link or still to be said?"""
-        with self._lock:
-            return (self.link.next_due_ns, self.wire.session.next_due_ns) != (None, None)
-
     def _pump(self) -> None:
-        """Send what the protocol has to say and what the link releases, and wait for what is due next."""
-        now_ns = self._clock()
-        with self._lock:
-            changes = [] if self._player is None else self._player.advance(now_ns)
-            outgoing, events = self.wire.poll(now_ns)
-            for message in outgoing:
-                data = message.data
-                self.link.send(now_ns, Parcel(message.kind, data), size=len(data) + FRAME_OVERHEAD)
-            released = self.link.poll(now_ns)
-            self._arm()
-        for _, parcel in released:
-            self._transport.put(parcel.kind, parcel.data)
+        """Send what is due, and tell what has happened."""
+        events, changes = self._egress.pump()
         self._report(events)
         for at_ns, entry in changes:
             self._notify(Notice("netem", f"emulated link, {entry}", at_ns))
+
+    def _notify(self, notice: Notice) -> None:
+        self._told(notice)
+        if self._telemeter is not None and notice.kind != "progress":
+            self._telemeter.keep(Note(notice.at_ns, notice.kind, notice.text))
 
     def _wait(self, now_ns: int) -> None:
         """There is no peer yet: tell what this side does, and if nobody is there at all, why that may be."""
@@ -341,7 +334,7 @@ class RealtimeSide:
     def _watch(self) -> None:
         """Has the other side fallen silent, and what was dropped?"""
         session, now_ns = self.wire.session, self._clock()
-        with self._lock:
+        with self._egress.lock:
             events, counts, why = session.watch(now_ns), self._dropped(), session.dropped_for.copy()
         self._tell(events, now_ns)
         self._teller.dropped(now_ns, counts, why)
@@ -363,8 +356,8 @@ class RealtimeSide:
                 notice = notice_of(event, now_ns, "world", "")
                 assert notice is not None
                 self._loop.call_later(REFUSE_S, self._fail, HapnetError(notice.text))
-            elif (notice := self._teller.happened(event, now_ns)) is not None and self._recorder is not None:
-                self._recorder.keep(Note(now_ns, notice.kind, notice.text))
+            elif (notice := self._teller.happened(event, now_ns)) is not None:
+                self._recordings.keep(Note(now_ns, notice.kind, notice.text))
 
     # -- recording and summary ---------------------------------------------------------------------------------------
 
@@ -373,9 +366,9 @@ class RealtimeSide:
         own: dict[str, Any] = {"device": None, "world": None}
         links: dict[str, Any] = {"up": None, "down": None}
         end_ns = self._stopped_ns or self._clock()
-        with self._lock:
+        with self._egress.lock:
             own[self.role] = self.control.summary(end_ns) | {"dropped": self._dropped()}
-            links["up" if self.role == "device" else "down"] = self.link.stats.as_dict()
+            links["up" if self.role == "device" else "down"] = self._link.stats.as_dict()
         origin_ns = self.control.origin_ns
         elapsed = None if origin_ns is None else (end_ns - origin_ns) * NANO
         coupling = self.setup.params.coupling
@@ -388,12 +381,31 @@ class RealtimeSide:
         while self._notes:
             note = self._notes.popleft()
             self._teller.tell(note.kind, note.text, note.time_ns)
-        if self._recorder is not None and self.control.origin_ns is not None:
-            self._recorder.drain(self._clock(), self._meta)
-            if self._recorder.broken:
-                self.control.record_no_more()
+        if self.control.origin_ns is not None:
+            self._recordings.drain(self._clock(), self._meta)
 
     def _meta(self) -> dict[str, Any]:
         session, name = self._names
         own = {"origin_ns": self.control.origin_ns, "session": session, "name": name, "versions": self._versions}
-        return described(self.setup, self.role, self.seed, self.profile) | own
+        return self._about | own
+
+    # -- telemetry ---------------------------------------------------------------------------------------------------
+
+    def _publish(self, data: bytes) -> None:
+        self._transport.put(TELEMETRY, data)
+
+    def _status(self) -> Status:
+        session = self.wire.session
+        with self._egress.lock:
+            stats, round_trip_ns, paired = self._link.stats, session.round_trip_ns, session.peer is not None
+        return Status(
+            role=self.role,
+            time_ns=self._clock(),
+            incarnation=session.identity.incarnation,
+            paired=paired,
+            paused=self._paused,
+            recording=str(self._recordings.path or ""),
+            about=self._meta(),
+            link=self._meter.read(stats),
+            round_trip_ms=None if round_trip_ns is None else round_trip_ns * 1e-6,
+        )

@@ -44,7 +44,7 @@ class Recorder:
         preload()
         self.broken = False
         self.missing: str | None = None
-        self._path = path
+        self.path = path
         self._tell = tell
         self._writer: RecordingWriter | None = None
         self._samples: deque[Sample] = deque()
@@ -65,7 +65,7 @@ class Recorder:
             return
         try:
             if self._writer is None:
-                self._writer = RecordingWriter(self._path, meta())
+                self._writer = RecordingWriter(self.path, meta())
             while self._samples:
                 self._writer.write(self._samples.popleft())
             self._writer.flush(now_ns)
@@ -93,6 +93,55 @@ class Recorder:
     def _say(self, text: str) -> None:
         self.missing = text
         self._tell(text)
+
+
+class Recordings:
+    """The recordings of a side, one after another; while there is none, samples are dropped.
+
+    tell : told in words what is missing in one.
+
+    Attributes
+    ----------
+    missing : what was told of those that have ended.
+    """
+
+    def __init__(self, tell: Callable[[str], None]) -> None:
+        self.missing: list[str] = []
+        self._tell = tell
+        self._recorder: Recorder | None = None
+        self._lost_before = 0
+
+    @property
+    def path(self) -> Path | None:
+        """Of the recording that is being made."""
+        recorder = self._recorder
+        return None if recorder is None or recorder.broken else recorder.path
+
+    def begin(self, path: Path) -> None:
+        """From now on record at `path`. Raises RecordingError if that cannot be."""
+        self._recorder = Recorder(path, self._tell)
+
+    def keep(self, sample: Sample) -> None:
+        """One more sample, from any thread."""
+        if (recorder := self._recorder) is not None:
+            recorder.keep(sample)
+
+    def drain(self, now_ns: int, meta: Callable[[], dict[str, Any]]) -> None:
+        """See `Recorder.drain`."""
+        if self._recorder is not None:
+            self._recorder.drain(now_ns, meta)
+
+    def end(self, summary: dict[str, Any], lost: int) -> None:
+        """End the recording that is being made, if there is one.
+
+        lost : samples that did not come here, of all recordings so far.
+        """
+        recorder, self._recorder = self._recorder, None
+        if recorder is not None:
+            recorder.close(summary, lost - self._lost_before)
+            if recorder.missing is not None:
+                self.missing.append(recorder.missing)
+        self._lost_before = lost
 
 
 def described(setup: Setup, role: Role, seed: int, link: LinkProfile) -> dict[str, Any]:

@@ -29,7 +29,7 @@ LAST_WORDS_S = 2.0
 """How long what must be said at the end may wait for a parent that does not read."""
 
 _COLLECT_EVERY_S = 1.0
-_SAMPLES = 20  # a frame
+_MOST_SAMPLES = 20  # a frame
 
 
 class ServoChild:
@@ -50,9 +50,9 @@ class ServoChild:
         )
         self.collect: Callable[[], int] = lambda: 0
         self._collect_every = round(_COLLECT_EVERY_S * params.device.servo_hz)
-        self._recording: bool = setup["recording"]
         self._parent: int = setup["parent"]
         self._samples: list[DeviceSample] = []
+        self._a_frame = max(1, min(_MOST_SAMPLES, round(params.record_hz / (params.telemetry_hz or 1.0))))
         self._unrecorded = 0
         self._unsent = 0
         self._surplus = 0.0  # what found the pipe full, to go with the next message
@@ -96,18 +96,19 @@ class ServoChild:
                         control.credit(credited_nJ)
                     case ("pair", restarted):
                         control.pair(restarted)
-                    case ("unrecord",):
-                        self._recording = False
-                        self._samples = []
+                    case ("pause", paused):
+                        self.side.paused = paused
+                    case ("lead", position) if self.side.live_hand is not None:
+                        self.side.live_hand.lead(position)
         except PipeClosed:
             self.servo.stop()
 
     def _write(self, sample: Sample) -> None:
         if not isinstance(sample, DeviceSample):
             self._pipe.offer("note", sample)
-        elif self._recording:
+        else:
             self._samples.append(sample)
-            if len(self._samples) >= _SAMPLES:
+            if len(self._samples) >= self._a_frame:
                 self._flush_samples()
 
     def _flush_samples(self) -> None:

@@ -1,6 +1,6 @@
 """Frames between a servo's process and the process that owns its wire half, over a socket pair.
 
-A frame is a msgpack array; its first element says what it is. To the servo: setup, pair, arrive, credit, unrecord.
+A frame is a msgpack array; its first element says what it is. To the servo: setup, pair, arrive, credit, pause, lead.
 From it: ready or refused, began, position, samples, note, failed, end. The socket keeps frames whole and in order
 (SOCK_SEQPACKET). To stop the servo its parent closes the way to it (`hang_up`): that cannot find the pipe full, and is
 what is seen of a parent that has died.

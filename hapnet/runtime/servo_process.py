@@ -34,14 +34,14 @@ class ServoProcess:
 
     Parameters
     ----------
-    setup, session, outlet : of this side. recording : whether samples are wanted.
+    setup, session, outlet : of this side.
 
     Raises
     ------
     InvalidParameter : a part of the user's own is defined in the script itself, where another process cannot find it.
     """
 
-    def __init__(self, setup: Setup, session: Session, outlet: Outlet, *, recording: bool) -> None:
+    def __init__(self, setup: Setup, session: Session, outlet: Outlet) -> None:
         for name in ("hardware", "operator", "scene"):
             if setup.params.get(name).startswith("__main__:"):
                 allowed = "a class in a module of its own: with realtime it is made in another process"
@@ -49,7 +49,7 @@ class ServoProcess:
         self.wire = WireHalf(session, self)
         self.origin_ns: int | None = None
         self.unrecorded = 0
-        self._setup, self._outlet, self._recording = setup, outlet, recording
+        self._setup, self._outlet = setup, outlet
         self._surplus: deque[float] = deque()
         self._owed: deque[tuple[Any, ...]] = deque()  # what must arrive and found the pipe full
         self._paying = threading.Lock()
@@ -122,10 +122,12 @@ class ServoProcess:
             self._end_process()
             self._process = None
 
-    def record_no_more(self) -> None:
-        if self._recording:
-            self._recording = False
-            self._deliver("unrecord")
+    def pause(self, paused: bool) -> None:
+        self._deliver("pause", paused)
+
+    def lead(self, position: Vector) -> None:
+        self._pay()
+        self._pipe.offer("lead", position)
 
     def summary(self, now_ns: int) -> Summary:
         return with_wire(self._part, self.wire.session, now_ns)
@@ -149,8 +151,7 @@ class ServoProcess:
                 self._pipe.close()
                 raise HapnetError(f"the servo's process did not start: {error.strerror or error}") from error
         self._pipe.offer("setup", {
-            "params": params.flat(), "incarnation": self.wire.session.identity.incarnation,
-            "recording": self._recording, "parent": os.getpid(),
+            "params": params.flat(), "incarnation": self.wire.session.identity.incarnation, "parent": os.getpid(),
         })  # fmt: skip
 
     def _end_process(self) -> str:

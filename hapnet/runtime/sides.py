@@ -1,4 +1,4 @@
-"""The two sides of a run, complete: endpoint, plant and record, driven by either runtime."""
+"""The device's side of a run, complete: endpoint, device and record, driven by either runtime."""
 
 from __future__ import annotations
 
@@ -7,20 +7,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from operator import mul, sub
 
-import numpy as np
-
 from hapnet.checks import Vector
 from hapnet.control.coupling import Coupling
 from hapnet.control.harvest import MeasuredHarvest
 from hapnet.control.ledger import Ledger
 from hapnet.control.servo_law import ContinuousServo, SampledServo
-from hapnet.endpoint import NANO, DeviceControl, WorldControl
-from hapnet.errors import HapnetError
-from hapnet.loading import cause
+from hapnet.endpoint import NANO, DeviceControl
 from hapnet.plant.device import Device, Lived, SimulatedDevice
-from hapnet.plant.integrator import PassiveIntegrator
-from hapnet.plant.scene import Scene
-from hapnet.record import DeviceSample, Event, Sample, WorldSample
+from hapnet.plant.live_hand import LiveHand
+from hapnet.record import DeviceSample, Event, Sample
 
 Write = Callable[[Sample], None]
 Clock = Callable[[], int]
@@ -64,6 +59,10 @@ class DeviceSide(ABC):
         """How many times the watchdog let the spring go."""
         self.longest_ns = 0
         """The longest time between two ticks [ns]."""
+        self.paused = False
+        """A simulated device stands still, with the hand on it; all else goes on. Not recorded meanwhile."""
+        self.live_hand: LiveHand | None = None
+        """The simulated hand, if it is led while it runs."""
         self._period_ns = drive.period_ns
         self._longest_ns = _NEVER if drive.watchdog_ns is None else drive.period_ns + drive.watchdog_ns
         self._released = False
@@ -109,7 +108,7 @@ class DeviceSide(ABC):
         message = self._control(now_ns, release=late)
         self._last_ns = now_ns
         self.ticks += 1
-        if self.ticks % self._record_every == 0:
+        if self.ticks % self._record_every == 0 and not self.paused:
             self._write(self._sample(now_ns))
         return message
 
@@ -142,8 +141,11 @@ class DeviceSide(ABC):
     def _periods(self, now_ns: int) -> int:
         """How many periods a simulated device moves on, so that over all ticks it keeps to the clock: 1 if all is well.
 
-        More if the servo was late, none in the tick after one that was called late.
+        More if the servo was late, none in the tick after one that was called late or while it is paused.
         """
+        if self.paused:
+            self._expected_ns = now_ns
+            return 0
         self._expected_ns += self._period_ns
         if now_ns == self._expected_ns:
             return 1
@@ -322,80 +324,3 @@ class SampledDeviceSide(DeviceSide):
     def _sample(self, now_ns: int) -> DeviceSample:
         hand = None if self._simulated is None else self._simulated.hand_force
         return self._sampled(now_ns, self._x, self._servo.force, hand)
-
-
-class WorldSide:
-    """A virtual mass among the contacts of a scene, and its endpoint.
-
-    Parameters
-    ----------
-    endpoint, mass, scene : of this side.
-    make_coupling : makes the coupling when control starts: position [m], kinetic energy [J], reservoir empty or not.
-    rng : draws the steps' lengths. name : under which the user knows the scene.
-    """
-
-    def __init__(
-        self,
-        endpoint: WorldControl,
-        mass: PassiveIntegrator,
-        scene: Scene,
-        make_coupling: Callable[[Vector, float, bool], Coupling],
-        *,
-        rng: np.random.Generator,
-        write: Write,
-        name: str,
-    ) -> None:
-        self.endpoint = endpoint
-        self.mass = mass
-        self.scene = scene
-        self.origin_ns: int | None = None
-        self.steps = 0
-        self.longest_step_s = 0.0
-        self.stepped_s = 0.0
-        self._make_coupling = make_coupling
-        self._rng = rng
-        self._name = name
-        self._write = write
-        self._last_ns = 0
-
-    @property
-    def coupling(self) -> Coupling:
-        return self.endpoint.coupling
-
-    def step(self, now_ns: int) -> bytes | None:
-        """End the running step, whatever it took, and begin the next; the position message to send."""
-        endpoint, mass = self.endpoint, self.mass
-        if self.origin_ns is None:
-            if not endpoint.paired:
-                return None
-            if endpoint.restarted:  # with no energy to go there, it begins where the device is, by its first position
-                if (position := endpoint.arrived) is None:
-                    return None
-                mass.place(self.scene.towards(position))
-            endpoint.start(self._make_coupling(mass.position, mass.kinetic_J, endpoint.restarted))
-            self.origin_ns = self._last_ns = now_ns
-            return endpoint.step(now_ns, 0.0, mass.position, mass.kinetic_J, 0.0, 0.0)
-        dt = (now_ns - self._last_ns) * NANO
-        self._last_ns = now_ns
-        coupling = endpoint.coupling
-        done = mass.step(dt, coupling.set_position, self.scene.contacts)
-        message = endpoint.step(now_ns, dt, done.position, mass.kinetic_J, done.work_J, done.dissipated_J)
-        self.steps += 1
-        self.stepped_s += dt
-        self.longest_step_s = max(self.longest_step_s, dt)
-        ledger, modulator = coupling.ledger, coupling.modulator
-        self._write(
-            WorldSample(
-                now_ns, dt, done.position, mass.velocity, modulator.set_position, coupling.target,
-                done.coupling_force, done.force, done.penetration_m, modulator.energy,
-                coupling.potential(done.position), ledger.sent, ledger.credited, ledger.margin, ledger.slack,
-            )
-        )  # fmt: skip
-        return message
-
-    def next_step_ns(self) -> int:
-        """How long the scene wants the step that has begun to be [ns]; HapnetError if the scene fails."""
-        try:
-            return max(1, round(self.scene.next_step_s(self._rng) / NANO))
-        except Exception as error:
-            raise HapnetError(f"the scene {self._name} failed: next_step_s() raised {cause(error)}") from error

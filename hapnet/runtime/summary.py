@@ -11,7 +11,8 @@ from typing import Any
 
 from hapnet.endpoint import NANO, ControlHalf
 from hapnet.record import Columns, Recording
-from hapnet.runtime.sides import DeviceSide, WorldSide
+from hapnet.runtime.sides import DeviceSide
+from hapnet.runtime.world_side import WorldSide
 from hapnet.wire.session import Session
 from netem import LinkStats
 

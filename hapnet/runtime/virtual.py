@@ -19,8 +19,9 @@ from hapnet.record import MemoryRecorder, Recording
 from hapnet.runtime.build import Setup, device_session, device_side, prepare, world_session, world_side
 from hapnet.runtime.collector import collector_paused
 from hapnet.runtime.parcel import FRAME_OVERHEAD, Parcel
-from hapnet.runtime.sides import DeviceSide, WorldSide, Write
+from hapnet.runtime.sides import DeviceSide, Write
 from hapnet.runtime.summary import Summary, combine, device_summary, versions, with_wire, world_summary
+from hapnet.runtime.world_side import WorldSide
 from netem import Link, TimelinePlayer
 
 PAIRING_LIMIT_NS = 60_000_000_000

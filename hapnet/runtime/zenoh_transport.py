@@ -2,6 +2,7 @@
 
 Keys are ``hapnet/<session>/<device>/{up,down}/{position,energy,control}``; up is from the device. All are best effort,
 express, of the highest priority, and dropped on congestion: what must not be lost, the energy channel repeats itself.
+Beside them each side publishes ``.../telemetry`` for who watches it, of the lowest priority.
 
 Threads: `ZenohTransport.put` may be called from any. What arrives is handed over on Zenoh's own receiving threads,
 where nothing may block.
@@ -28,7 +29,10 @@ from hapnet.wire.messages import Role
 _log = logging.getLogger(__name__)
 
 KINDS = ("position", "energy", "control")
-"""The kinds of message, each a key of its own."""
+"""The kinds of message between the sides, each a key of its own."""
+
+TELEMETRY = "telemetry"
+"""What a side publishes on a key of its own for others, not for its peer."""
 
 _T = TypeVar("_T")
 
@@ -143,8 +147,8 @@ class ZenohTransport:
                 return True
             except zenoh.ZError:
                 pass
-        elif kind not in KINDS:
-            raise InvalidParameter("kind", kind, "one of " + ", ".join(KINDS))
+        elif kind not in (*KINDS, TELEMETRY):
+            raise InvalidParameter("kind", kind, "one of " + ", ".join((*KINDS, TELEMETRY)))
         with self._lock:
             self.failed_puts += 1
         return False
@@ -220,6 +224,7 @@ class ZenohTransport:
         session = self._open_session()
         try:
             publishers = {kind: _publisher(session, f"{self._mine}/{kind}") for kind in KINDS}
+            publishers[TELEMETRY] = _publisher(session, f"{self._mine}/{TELEMETRY}", urgent=False)
             for kind in KINDS:
                 session.declare_subscriber(f"{self._theirs}/{kind}", _direct(self._receiver(kind)))
             with self._lock:
@@ -307,12 +312,12 @@ def _close(session: zenoh.Session) -> None:
     close()
 
 
-def _publisher(session: zenoh.Session, key: str) -> zenoh.Publisher:
+def _publisher(session: zenoh.Session, key: str, *, urgent: bool = True) -> zenoh.Publisher:
     return session.declare_publisher(
         key,
         congestion_control=zenoh.CongestionControl.DROP,
-        priority=zenoh.Priority.REAL_TIME,
-        express=True,
+        priority=zenoh.Priority.REAL_TIME if urgent else zenoh.Priority.BACKGROUND,
+        express=urgent,
         reliability=zenoh.Reliability.BEST_EFFORT,
     )
 

@@ -278,6 +278,11 @@ class Session:
         return self._channel.in_flight_nJ
 
     @property
+    def round_trip_ns(self) -> int | None:
+        """The energy channel's estimate of the round trip (RFC 6298, SRTT); None before the first."""
+        return self._channel.rto.srtt_ns
+
+    @property
     def residue_J(self) -> float:
         """What was given and makes no whole nanojoule yet: all that was given is sent_nJ plus this."""
         return self._channel.residue_J

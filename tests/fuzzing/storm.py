@@ -14,7 +14,8 @@ from hapnet.control.coupling import Coupling
 from hapnet.endpoint import DeviceEndpoint, WorldEndpoint
 from hapnet.params import Params
 from hapnet.runtime.build import Setup, device_session, device_side, prepare, world_session, world_side
-from hapnet.runtime.sides import DeviceSide, SampledDeviceSide, WorldSide
+from hapnet.runtime.sides import DeviceSide, SampledDeviceSide
+from hapnet.runtime.world_side import WorldSide
 from hapnet.wire.events import PositionReceived
 from hapnet.wire.messages import Role
 from hapnet.wire.session import Session

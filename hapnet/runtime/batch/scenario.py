@@ -16,9 +16,10 @@ from hapnet.plant.operator import Press, Recorded, Rest, Sine
 from hapnet.plant.scene import Scene
 from hapnet.runtime.batch.lines import vectorisable
 from hapnet.runtime.parcel import Parcel
-from hapnet.runtime.sides import ContinuousDeviceSide, DeviceSide, WorldSide, Write
+from hapnet.runtime.sides import ContinuousDeviceSide, DeviceSide, Write
 from hapnet.runtime.summary import Summary
 from hapnet.runtime.virtual import Simulation, _or_never
+from hapnet.runtime.world_side import WorldSide
 from hapnet.wire.messages import Energy, Position, decode
 from netem import Link
 
