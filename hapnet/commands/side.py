@@ -13,10 +13,12 @@ from typing import Any, cast, get_args
 
 from hapnet import checks
 from hapnet.commands import output
+from hapnet.commands.console import obey
 from hapnet.commands.log import Log, check_target
 from hapnet.commands.options import ZenohOptions
+from hapnet.errors import InvalidParameter
 from hapnet.params import Params
-from hapnet.runtime.build import prepare
+from hapnet.runtime.build import LIVE, prepare
 from hapnet.runtime.notices import Notice
 from hapnet.runtime.realtime import RealtimeSide
 from hapnet.runtime.zenoh_config import Mode, ZenohSettings, zenoh_warnings
@@ -24,6 +26,9 @@ from hapnet.wire.messages import Role
 
 PARENT = "HAPNET_PARENT"
 """In the environment of a side that `hapnet run` starts: whose child it is."""
+
+CONSOLE = "HAPNET_CONSOLE"
+"""Likewise: set if commands come on standard input."""
 
 PARENT_EVERY_S = 0.2
 
@@ -65,6 +70,8 @@ def zenoh_settings(options: ZenohOptions) -> ZenohSettings:
 def main(params: Params, options: SideOptions) -> int:
     """Run one side until its duration is over or it is told to stop."""
     setup = prepare(params, "sampled")
+    if params.operator == LIVE and CONSOLE not in os.environ:
+        raise InvalidParameter("operator", LIVE, f"another one: {LIVE} is led by the page of hapnet play")
     warnings = setup.warnings + zenoh_warnings(options.zenoh)
     check_target(options.log_to, options.json_to)
     words = None if options.log_to == "-" else output.console(options.json_to)
@@ -86,7 +93,7 @@ def main(params: Params, options: SideOptions) -> int:
             realtime=options.realtime,
             notify=log.tell,
         )
-        summary, code = asyncio.run(_run(side, params.duration_s))
+        summary, code = asyncio.run(_run(side, params.duration_s, log))
     finally:
         log.close()
     written.missing += filter(None, (side.unrecorded, log.failure))
@@ -97,17 +104,21 @@ def main(params: Params, options: SideOptions) -> int:
     return written.code(code)
 
 
-async def _run(side: RealtimeSide, duration_s: float) -> tuple[dict[str, Any], int]:
+async def _run(side: RealtimeSide, duration_s: float, log: Log) -> tuple[dict[str, Any], int]:
     stop = asyncio.Event()
     caught: list[signal.Signals] = []
     told = catch(stop, caught, again=side.hurry)
     parent = os.environ.pop(PARENT, None)
-    watch = None if parent is None else asyncio.create_task(_outlive(int(parent), told))
+    beside = [] if parent is None else [asyncio.create_task(_outlive(int(parent), told))]
+    if os.environ.pop(CONSOLE, None) is not None:
+        beside.append(
+            asyncio.create_task(obey(side, lambda text: log.tell(Notice("console", text, time.monotonic_ns()))))
+        )
     try:
         summary = await side.run(stop, duration_s)
     finally:
-        if watch is not None:
-            watch.cancel()
+        for task in beside:
+            task.cancel()
     return summary, exit_code(caught)
 
 

@@ -16,7 +16,7 @@ from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.metrics import motion
 from hapnet.params import Params
 from hapnet.record import MemoryRecorder, Recording
-from hapnet.runtime.build import Setup, device_session, device_side, prepare, world_session, world_side
+from hapnet.runtime.build import LIVE, Setup, device_session, device_side, prepare, world_session, world_side
 from hapnet.runtime.collector import collector_paused
 from hapnet.runtime.parcel import FRAME_OVERHEAD, Parcel
 from hapnet.runtime.sides import DeviceSide, Write
@@ -94,6 +94,8 @@ class Simulation:
         if params.hardware != "simulated":
             raise InvalidParameter("hardware", params.hardware, "simulated: a real device does not run in virtual time")
         self.seed = seed
+        if params.operator == LIVE:
+            raise InvalidParameter("operator", LIVE, "another one: nobody can lead a hand in virtual time")
         self.setup = setup or prepare(params, "continuous")
         self.now_ns = 0
         self.two_port = TwoPort()

@@ -1,0 +1,45 @@
+"""What `hapnet play` asks of the two sides while they run: a JSON object a line, on their standard input.
+
+``{"do": "lead", "position": [x, ...]}``, ``{"do": "link", "words": "..."}``, ``{"do": "pause", "on": true}`` and
+``{"do": "record", "path": "..." or null}``. Not on the network: who may command a side is who has started it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from hapnet.errors import HapnetError
+from hapnet.runtime.realtime import RealtimeSide
+from netem.errors import NetemError
+
+
+async def obey(side: RealtimeSide, complain: Callable[[str], None]) -> None:
+    """Do what standard input says, until it ends; a line that makes no sense is complained of and changes nothing."""
+    reader = asyncio.StreamReader()
+    await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
+    async for line in reader:
+        try:
+            _do(side, json.loads(line))
+        except (HapnetError, NetemError) as error:
+            complain(str(error))
+        except (KeyError, TypeError, ValueError) as error:
+            complain(f"no command: {line!r:.80} ({type(error).__name__}: {error})")
+
+
+def _do(side: RealtimeSide, command: dict[str, Any]) -> None:
+    match command["do"]:
+        case "lead":
+            side.lead(tuple(command["position"]))
+        case "link":
+            side.change_link(str(command["words"]))
+        case "pause":
+            side.pause(bool(command["on"]))
+        case "record":
+            side.record(None if command["path"] is None else Path(command["path"]))
+        case other:
+            raise ValueError(other)

@@ -1,0 +1,174 @@
+"""The two processes of a run on this machine, started, heard and ended."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import secrets
+import signal
+import sys
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from typing import Any
+
+from hapnet.commands import output
+from hapnet.commands.side import CONSOLE, PARENT
+from hapnet.errors import HapnetError
+from hapnet.params import Params
+from hapnet.runtime.zenoh_config import free_address
+
+STOP_LIMIT_S = 30.0
+"""How long the processes may take to end after they were asked to [s]; after that they are killed."""
+
+
+class Pair:
+    """Two child processes: a world that listens, and a device that dials it.
+
+    Parameters
+    ----------
+    params, seed : of both. directory : where the parameters go, and what they write.
+    heed : told each notice: role, line as it was written, and what it says.
+    record : both record, as device.mcap and world.mcap in `directory`. console : both take commands (`tell`).
+    realtime : of the device. session : under which they meet.
+
+    Attributes
+    ----------
+    address : where the world listens. parts : each side's summary, once it has left one.
+    errors : by role, what it said on standard error.
+    """
+
+    def __init__(
+        self,
+        params: Params,
+        seed: int,
+        directory: Path,
+        heed: Callable[[str, bytes, dict[str, Any]], None],
+        *,
+        record: bool = True,
+        console: bool = False,
+        realtime: bool = False,
+        session: str | None = None,
+    ) -> None:
+        self.address = free_address()
+        self.session = session or f"run-{secrets.token_hex(4)}"
+        self.parts: dict[str, dict[str, Any]] = {}
+        self.errors: dict[str, list[str]] = {}
+        self._params, self._seed, self._directory, self._heed = params, seed, directory, heed
+        self._record, self._console, self._realtime = record, console, realtime
+        self._children: dict[str, asyncio.subprocess.Process] = {}
+        self._reports: dict[str, asyncio.Task[bytes]] = {}
+        self._told = False
+
+    async def run(self, stop: asyncio.Event) -> None:
+        """Run until both have ended: of themselves, since one failed, or since `stop` was set.
+
+        Raises
+        ------
+        HapnetError : the parameters cannot be written, or a process failed; its message is its own.
+        """
+        try:
+            (self._directory / "params.toml").write_text(self._params.toml(), encoding="utf-8")
+        except OSError as error:
+            raise HapnetError(f"cannot write to {self._directory}: {error.strerror or error}") from None
+        for role, flag in (("world", "--listen"), ("device", "--connect")):
+            self._children[role] = await self._start(role, flag)
+        watchers = [asyncio.create_task(self._watch(role)) for role in self._children]
+        stopping = asyncio.create_task(stop.wait())
+        ended, _ = await asyncio.wait([*watchers, stopping], return_when=asyncio.FIRST_COMPLETED)
+        if stopping in ended or any(map(self._failed, self._children)):
+            self.stop()
+        stopping.cancel()
+        _, late = await asyncio.wait(watchers, timeout=STOP_LIMIT_S)
+        if late:
+            self._signal(signal.SIGKILL)
+            await asyncio.wait(watchers)
+        for role in self._children:
+            if self._failed(role) and not stop.is_set():
+                said = self.errors[role]
+                code = self._children[role].returncode
+                raise HapnetError(said[-1] if said else f"the {role} process ended with exit code {code}")
+
+    def recording(self, role: str) -> Path:
+        """Where this side records."""
+        return self._directory / f"{role}.mcap"
+
+    def tell(self, role: str, **command: Any) -> None:
+        """A command for one side's console; nothing happens if it has ended."""
+        child = self._children.get(role)
+        if child is not None and child.stdin is not None and child.returncode is None:
+            with contextlib.suppress(ConnectionError):
+                child.stdin.write(json.dumps(command).encode() + b"\n")
+
+    def stop(self) -> None:
+        """Ask both to end; called again: without delay. SIGINT comes from the terminal too, and would count double."""
+        self._told = True
+        self._signal(signal.SIGTERM)
+
+    async def _start(self, role: str, flag: str) -> asyncio.subprocess.Process:
+        report, theirs = os.pipe()  # a summary that needs no room on a disk
+        command = [sys.executable, "-m", "hapnet", role, flag, self.address, "--no-multicast-scouting"]
+        command += ["--session", self.session, "--params", str(self._directory / "params.toml")]
+        command += ["--seed", str(self._seed), "--json", f"/dev/fd/{theirs}", "--log", "-", "--progress"]
+        if self._record:
+            command += ["--record", str(self.recording(role))]
+        if self._realtime and role == "device":
+            command.append("--realtime")
+        pipe = asyncio.subprocess.PIPE
+        try:
+            child = await asyncio.create_subprocess_exec(
+                *command,
+                stdin=pipe if self._console else asyncio.subprocess.DEVNULL,
+                stdout=pipe,
+                stderr=pipe,
+                pass_fds=(theirs,),
+                env={**os.environ, PARENT: str(os.getpid())} | ({CONSOLE: "1"} if self._console else {}),
+                process_group=0 if self._console else None,
+            )
+        finally:
+            os.close(theirs)
+        self._reports[role] = asyncio.create_task(_read(report))
+        return child
+
+    async def _watch(self, role: str) -> None:
+        child = self._children[role]
+        assert child.stderr is not None
+        errors = asyncio.create_task(child.stderr.read())
+        async for line, notice in _notices(child):
+            self._heed(role, line, notice)
+        said = (await errors).decode(errors="replace").strip().splitlines()
+        await child.wait()
+        self.errors[role] = [line.removeprefix("hapnet: ") for line in said if line.startswith("hapnet: ")]
+        if self._failed(role) and not self.errors[role]:
+            self.errors[role] = said
+        with contextlib.suppress(json.JSONDecodeError):
+            self.parts[role] = json.loads(await self._reports[role])
+
+    def _failed(self, role: str) -> bool:
+        """Has the process ended otherwise than it should?"""
+        told = (128 + signal.SIGTERM, -signal.SIGTERM) if self._told else ()
+        return self._children[role].returncode not in (None, 0, output.INCOMPLETE, *told)
+
+    def _signal(self, number: signal.Signals) -> None:
+        for child in self._children.values():
+            if child.returncode is None:
+                with contextlib.suppress(ProcessLookupError):
+                    child.send_signal(number)
+
+
+async def _read(pipe: int) -> bytes:
+    """All that comes through a pipe, which is closed then."""
+    reader = asyncio.StreamReader()
+    await asyncio.get_running_loop().connect_read_pipe(
+        lambda: asyncio.StreamReaderProtocol(reader), os.fdopen(pipe, "rb", buffering=0)
+    )
+    return await reader.read()
+
+
+async def _notices(child: asyncio.subprocess.Process) -> AsyncIterator[tuple[bytes, dict[str, Any]]]:
+    """The lines that a process logs, as they are and what they say."""
+    assert child.stdout is not None
+    async for line in child.stdout:
+        with contextlib.suppress(json.JSONDecodeError):
+            yield line, json.loads(line)
