@@ -1,7 +1,8 @@
 """What `hapnet play` asks of the two sides while they run: a JSON object a line, on their standard input.
 
 ``{"do": "lead", "position": [x, ...]}``, ``{"do": "link", "words": "..."}``, ``{"do": "pause", "on": true}`` and
-``{"do": "record", "path": "..." or null}``. Not on the network: who may command a side is who has started it.
+``{"do": "record", "path": "..." or null}``; ``{"do": "hurry"}`` before it is told to stop. Not on the network: only who
+has started a side commands it.
 """
 
 from __future__ import annotations
@@ -41,5 +42,7 @@ def _do(side: RealtimeSide, command: dict[str, Any]) -> None:
             side.pause(bool(command["on"]))
         case "record":
             side.record(None if command["path"] is None else Path(command["path"]))
+        case "hurry":
+            side.hurry()
         case other:
             raise ValueError(other)

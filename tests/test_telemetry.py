@@ -1,0 +1,93 @@
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+
+import msgpack
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hapnet.errors import BadMessage
+from hapnet.record import DeviceSample, Event, WorldSample
+from hapnet.telemetry import LONGEST, VERSION, Status, Telemetry, decode, encode
+
+WHOLE = st.integers(-(2**63), 2**63 - 1)
+NUMBER = st.floats(allow_nan=False)
+STATUS = Status(
+    role="device", time_ns=5, incarnation=2**62, paired=True, paused=False, recording="a.mcap",
+    about={"params": {"dof": 1}, "surfaces": ({"normal": (1.0,)},)}, link={"profile": "", "delay_now_ms": None},
+    round_trip_ms=81.5,
+)  # fmt: skip
+
+
+@st.composite
+def samples(draw: st.DrawFn) -> DeviceSample | WorldSample:
+    vector = st.tuples(*[NUMBER] * draw(st.integers(1, 6)))
+    kind = draw(st.sampled_from((DeviceSample, WorldSample)))
+    values = {}
+    for name, words in kind.__annotations__.items():
+        text = str(words)
+        values[name] = draw(WHOLE if "int" in text else NUMBER if "float" in text else vector)
+        if "None" in text and draw(st.booleans()):
+            values[name] = None
+    return kind(**values)
+
+
+@given(message=st.one_of(samples(), st.builds(Event, WHOLE, st.text(), st.text()), st.just(STATUS)))
+def test_what_is_published_is_what_is_read(message: Telemetry) -> None:
+    assert decode(encode(message)) == message
+
+
+def test_what_json_cannot_hold_is_unknown_in_a_status() -> None:
+    status = decode(encode(Status(**{**vars(STATUS), "link": {"loss_now": math.nan}})))
+    assert isinstance(status, Status)
+    assert status.link == {"loss_now": None}
+
+
+@given(data=st.binary(max_size=200))
+def test_any_bytes_are_a_message_or_are_refused(data: bytes) -> None:
+    with suppress(BadMessage):
+        decode(data)
+
+
+@given(message=st.one_of(samples(), st.just(STATUS)), at=st.integers(0, 10**6), value=st.integers(0, 255))
+def test_a_flipped_byte_never_raises_anything_else(message: Telemetry, at: int, value: int) -> None:
+    data = bytearray(encode(message))
+    data[at % len(data)] = value
+    with suppress(BadMessage):
+        decode(bytes(data))
+
+
+DEVICE = DeviceSample(1, (0.0,), (0.0,), (0.0,), (0.0,), None, *[0.0] * (len(DeviceSample._fields) - 6))
+
+
+@pytest.mark.parametrize(
+    ("frame", "why"),
+    [
+        ([VERSION + 1, "device"], "version"),
+        ([VERSION, "weather", 1], "neither"),
+        ([VERSION], "neither"),
+        ("text", "neither"),
+        ([VERSION, "device", *DEVICE[:-1]], "fields"),
+        ([VERSION, "device", 1.0, *DEVICE[1:]], "time_ns"),
+        ([VERSION, "device", True, *DEVICE[1:]], "time_ns"),
+        ([VERSION, "device", *DEVICE._replace(position_m=())], "position_m"),
+        ([VERSION, "device", *DEVICE._replace(position_m=None)], "position_m"),
+        ([VERSION, "device", *DEVICE._replace(position_m=("0",))], "position_m"),
+        ([VERSION, "device", *DEVICE._replace(position_m=(0.0, 0.0))], "numbers of axes"),
+        ([VERSION, "device", *DEVICE._replace(margin_J=1)], "margin_J"),
+        ([VERSION, "event", 1, "kind"], "neither"),
+        ([VERSION, "status", {"role": "device"}], "other fields"),
+        ([VERSION, "status", {**vars(STATUS), "role": "mouse"}], "role"),
+        ([VERSION, "status", {**vars(STATUS), "about": []}], "about"),
+    ],
+)
+def test_what_is_refused_is_named(frame: object, why: str) -> None:
+    with pytest.raises(BadMessage, match=why):
+        decode(msgpack.packb(frame))
+
+
+def test_what_is_too_long_is_not_looked_at() -> None:
+    with pytest.raises(BadMessage, match="at most"):
+        decode(bytes(LONGEST + 1))
