@@ -1,15 +1,12 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import logging
 import shutil
 import socket
 import threading
 import time
-from collections.abc import AsyncIterator, Callable
 from pathlib import Path
-from typing import Any
 
 import msgpack
 import pytest
@@ -20,20 +17,15 @@ from hypothesis import strategies as st
 from hapnet import cli
 from hapnet.errors import HapnetError, RecordingError
 from hapnet.mcap_file import read_recording
-from hapnet.params import Params
 from hapnet.runtime.build import prepare
 from hapnet.runtime.control import ThreadedDevice, ThreadedWorld
 from hapnet.runtime.notices import Notice
 from hapnet.runtime.realtime import LINGER_S, RealtimeSide
-from hapnet.runtime.sides import DeviceSide
 from hapnet.runtime.stepper import Stepper
 from hapnet.runtime.zenoh_config import ZenohSettings, free_address
 from hapnet.runtime.zenoh_transport import ZenohTransport
 from hapnet.wire.messages import Role
-
-WAIT_S = 10.0
-LINK = "delay 5ms 2ms loss 5%"
-
+from tests.pairs import WAIT_S, Running, parameters, running
 
 # The world's stepper
 
@@ -111,65 +103,11 @@ def test_an_error_in_a_step_ends_the_stepper_and_is_told() -> None:
     assert len(steps.called_ns) == 1
 
 
-# Two sides in one loop
-
-
-class Running:
-    """A side and what it told; `stop` ends it."""
-
-    def __init__(self, role: Role, address: str, params: Params, **more: Any) -> None:
-        self.notices: list[Notice] = []
-        self.stop = asyncio.Event()
-        where = ZenohSettings(listen=(address,)) if role == "world" else ZenohSettings(connect=(address,))
-        setup = prepare(params, "sampled")
-        self.side = RealtimeSide(setup, role, where, seed=1, notify=self.notices.append, **more)
-        self.task = asyncio.create_task(self.side.run(self.stop, params.duration_s))
-
-    async def until(self, condition: Callable[[], bool]) -> None:
-        """Poll until it holds; what ended the side meanwhile is raised."""
-        async with asyncio.timeout(WAIT_S):
-            while not condition():
-                if self.task.done():
-                    self.task.result()
-                    raise AssertionError(f"{self.side.role} has ended")
-                await asyncio.sleep(0.01)
-
-    async def end(self) -> dict[str, Any]:
-        self.stop.set()
-        return await asyncio.wait_for(self.task, WAIT_S)
-
-    @property
-    def count(self) -> int:
-        """Ticks of the device's servo, or steps of the world."""
-        control = self.side.control
-        assert isinstance(control, ThreadedDevice | ThreadedWorld)
-        side = control.side
-        return side.ticks if isinstance(side, DeviceSide) else side.steps
-
-    def told(self, kind: str) -> list[str]:
-        return [notice.text for notice in self.notices if notice.kind == kind]
-
-
-def parameters(**changes: object) -> Params:
-    given = {"duration_s": 0.0, "link.up": LINK, "link.down": LINK, **changes}
-    return Params().set({name.replace("__", "."): value for name, value in given.items()})
-
-
 def idle(role: Role) -> RealtimeSide:
     return RealtimeSide(prepare(parameters(), "sampled"), role, ZenohSettings(connect=("tcp/127.0.0.1:1",)))
 
 
 IDLE_DEVICE = idle("device")
-
-
-@contextlib.asynccontextmanager
-async def running(*sides: Running) -> AsyncIterator[None]:
-    try:
-        yield
-    finally:
-        for side in sides:
-            side.stop.set()
-        await asyncio.gather(*(side.task for side in sides), return_exceptions=True)
 
 
 async def test_two_sides_run_part_and_agree(tmp_path: Path) -> None:

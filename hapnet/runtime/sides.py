@@ -191,7 +191,7 @@ class ContinuousDeviceSide(DeviceSide):
 
     @property
     def resting(self) -> int:
-        if self.ledger is None or self.endpoint.has_news:
+        if self.ledger is None or self.endpoint.has_news or self.paused:
             return 0
         return self._servo.resting(self._resting_dt)
 

@@ -1,0 +1,111 @@
+"""Hears what a pair publishes, over Zenoh, and takes no part in it."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+
+import zenoh
+
+from hapnet.errors import BadMessage
+from hapnet.runtime.zenoh_config import ZenohSettings, reason, where, zenoh_config
+from hapnet.runtime.zenoh_transport import TELEMETRY
+from hapnet.telemetry import Telemetry, decode
+
+LOOK_S = 0.2
+"""How often the connection is looked at [s]."""
+
+LOST_S = 1.0
+"""Without any connection for so long, Zenoh is opened anew [s]."""
+
+
+class Watcher:
+    """Hands each message of one pair's telemetry to `take`, on one of Zenoh's threads, where nothing may block.
+
+    Of several pairs the first that is heard is watched. Whoever dials does it as a Zenoh client: the process that it
+    dials then hands on what the other one publishes.
+
+    Parameters
+    ----------
+    settings : how to reach the pair. take : called with each message.
+    session, name : of the pair; None: of any.
+
+    Attributes
+    ----------
+    pair : (session, name) of the pair that is watched; None: nothing was heard yet.
+    others : pairs that were heard besides. unreadable : messages that were none.
+
+    Raises
+    ------
+    InvalidParameter, TransportError : as `zenoh_config`.
+    """
+
+    def __init__(
+        self,
+        settings: ZenohSettings,
+        take: Callable[[Telemetry], None],
+        *,
+        session: str | None = None,
+        name: str | None = None,
+    ) -> None:
+        if settings.mode is None and settings.connect:
+            settings = replace(settings, mode="client")
+        self._config = zenoh_config(settings)
+        self._take = take
+        self._key = f"hapnet/{session or '*'}/{name or '*'}/*/{TELEMETRY}"
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._main, name="watcher", daemon=True)
+        self.pair: tuple[str, str] | None = None
+        self.others: set[tuple[str, str]] = set()
+        self.unreadable = 0
+        self.problem = ""
+
+    @property
+    def where(self) -> str:
+        """How the pair is to be reached, in words."""
+        return where(self._config)
+
+    def open(self) -> None:
+        """Begin to listen, for as long as it takes; returns at once."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Listen no more."""
+        self._stopping.set()
+        if self._thread.ident is not None:
+            self._thread.join()
+
+    def _main(self) -> None:
+        while not self._stopping.is_set():
+            try:
+                with zenoh.open(self._config) as session:
+                    self.problem = ""
+                    session.declare_subscriber(self._key, zenoh.handlers.Callback(self._hear, indirect=False))
+                    self._keep(session)
+            except zenoh.ZError as error:
+                self.problem = reason(error)
+            self._stopping.wait(LOOK_S)
+
+    def _keep(self, session: zenoh.Session) -> None:
+        """Until the session is lost, or to no avail."""
+        alone_s = 0.0
+        while not self._stopping.wait(LOOK_S) and not session.is_closed():
+            alone_s = 0.0 if session.info.transports() else alone_s + LOOK_S
+            if alone_s > LOST_S:
+                return
+
+    def _hear(self, sample: zenoh.Sample) -> None:
+        _, session, name, *_ = str(sample.key_expr).split("/")
+        if self.pair is None:
+            self.pair = session, name
+        elif self.pair != (session, name):
+            self.others.add((session, name))
+            return
+        try:
+            message = decode(sample.payload.to_bytes())
+        except BadMessage:
+            self.unreadable += 1
+            return
+        self._take(message)
+
