@@ -11,6 +11,7 @@ import typer
 
 from hapnet.commands import flags, output
 from hapnet.commands.options import NO_LINK, LinkOptions, ZenohOptions, json_target, parameters, security
+from hapnet.commands.replay import replay
 from hapnet.errors import HapnetError, OutputError
 from hapnet.params import Params
 from netem.errors import NetemError
@@ -283,6 +284,9 @@ def report(
     from hapnet.commands import report as command
 
     return command.main(files, json_to, out)
+
+
+app.command()(replay)
 
 
 @app.command()

@@ -1,31 +1,36 @@
-"""Recordings as files: MCAP with one JSON schema a topic, written as the run goes, readable when torn.
+"""Recordings as files: MCAP with one protobuf message a topic, written as the run goes, readable when torn.
 
 Topics: ``/device/state`` (`DeviceSample`), ``/world/state`` (`WorldSample`), ``/events`` (`Event` as ``foxglove.Log``).
-A sample's time is its message's log time in nanoseconds on the recording process's clock; its other fields are the JSON
-object, vectors as arrays, null where a value is unknown. The settings are an MCAP metadata record at the start of the
-file (``hapnet``), the final summary one at the end (``hapnet.summary``), each a JSON text under the key ``json``.
+A sample's time is its message's log time in nanoseconds on the recording process's clock. Its other fields are doubles,
+vectors one field an axis (``position_m`` is ``position_x_m``, ``position_y_m``, ...), NaN where a value is unknown. The
+settings are an MCAP metadata record at the start of the file (``hapnet``), the final summary one at the end
+(``hapnet.summary``), each a JSON text under the key ``json``.
 
-The schemas use one plain type a field, though null may stand in its place: Foxglove's schema parser refuses a whole
-topic when a type is a list such as ``["number", "null"]``.
+Why protobuf, and why axes apart: Foxglove, PlotJuggler and Rerun all decode it, where Rerun keeps JSON as a text, and
+they plot numbers, not lists. Recordings of before that, in JSON, can be read.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import os
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from errno import ENOENT
 from importlib import import_module
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NoReturn
 
+from hapnet import protobuf
 from hapnet.errors import RecordingError
+from hapnet.protobuf import Doubles
 from hapnet.record import VECTORS, DeviceSample, Event, Recording, Sample, WorldSample, from_samples, plain
 
 if TYPE_CHECKING:
-    from mcap.records import McapRecord
+    from mcap.records import Channel, McapRecord, Schema
 
 CHUNK_BYTES = 128 * 1024
 """No chunk is larger: what one chunk holds is what a torn file can lose beside the last flush."""
@@ -39,6 +44,7 @@ second it grew by 4 MB in ten minutes.
 
 _MESSAGE_ROOM = 1024  # mcap closes a chunk after the message that passes its limit; a sample is smaller than this
 _TEXT_LIMIT = 2000
+_MAGIC = b"\x89MCAP0\r\n"
 _META, _SUMMARY, _KEY = "hapnet", "hapnet.summary", "json"
 _TOPICS: dict[type[Sample], str] = {DeviceSample: "/device/state", WorldSample: "/world/state", Event: "/events"}
 
@@ -60,6 +66,7 @@ class RecordingWriter:
     def __init__(self, path: str | os.PathLike[str], meta: Mapping[str, Any]) -> None:
         self._path = Path(path)
         self._channels: dict[type[Sample], int] = {}
+        self._layouts: dict[type[Sample], _Layout] = {}
         self._flushed_ns: int | None = None
         self._encode = json.JSONEncoder(allow_nan=False, ensure_ascii=False, separators=(",", ":")).encode
         text = self._encode(plain(meta))
@@ -76,23 +83,22 @@ class RecordingWriter:
             self._give_up(error)
 
     def write(self, sample: Sample) -> None:
-        """Append one sample; samples of one kind come in the order of their times."""
+        """Append one sample; samples of one kind come in the order of their times, and have the same axes."""
         self._check_open()
         kind = type(sample)
         time_ns = sample[0]
         try:
             if isinstance(sample, Event):
                 self._writer.flush()  # a long text starts a chunk, so that no chunk passes its limit
-                data = self._encode(_log_message(sample))
+                channel = self._channels.get(kind) or self._register(kind, "foxglove.Log", _LOG)
+                data = _log_message(sample)
             else:
-                fields = dict(zip(kind._fields, sample, strict=True))
-                del fields["time_ns"]
-                try:
-                    data = self._encode(fields)
-                except ValueError:
-                    data = self._encode(plain(fields))
-            channel = self._channels.get(kind) or self._register(kind)
-            self._writer.add_message(channel, time_ns, data.encode(), time_ns)
+                layout = self._layouts.get(kind)
+                if layout is None:
+                    layout = self._layouts[kind] = _Layout.of(sample)
+                    self._register(kind, f"hapnet.{kind.__name__}", layout.message.describe("hapnet", kind.__name__))
+                data, channel = layout.pack(sample), self._channels[kind]
+            self._writer.add_message(channel, time_ns, data, time_ns)
         except OSError as error:
             self._give_up(error)
 
@@ -122,10 +128,9 @@ class RecordingWriter:
         except OSError as error:
             self._give_up(error)
 
-    def _register(self, kind: type[Sample]) -> int:
-        name, schema = _schema(kind)
-        schema_id: int = self._writer.register_schema(name, "jsonschema", self._encode(schema).encode())
-        channel: int = self._writer.register_channel(_TOPICS[kind], "json", schema_id)
+    def _register(self, kind: type[Sample], name: str, descriptor: bytes) -> int:
+        schema_id: int = self._writer.register_schema(name, "protobuf", descriptor)
+        channel: int = self._writer.register_channel(_TOPICS[kind], "protobuf", schema_id)
         self._channels[kind] = channel
         return channel
 
@@ -147,6 +152,15 @@ class RecordingWriter:
         raise self._error(error) from error
 
 
+def is_mcap(path: str | os.PathLike[str]) -> bool:
+    """Is there such a file, and does it begin as MCAP files do?"""
+    try:
+        with open(path, "rb") as file:
+            return file.read(len(_MAGIC)) == _MAGIC
+    except (OSError, ValueError):
+        return False
+
+
 def read_recording(path: str | os.PathLike[str]) -> Recording:
     """Read a recording, complete or torn; of a torn one, everything up to its last whole chunk.
 
@@ -154,26 +168,29 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
     ------
     RecordingError : the file cannot be read, or is not a recording.
     """
-    from mcap.records import Channel, Message, Metadata
+    from mcap.records import Channel, Message, Metadata, Schema
 
     kinds = {topic: kind for kind, topic in _TOPICS.items()}
-    channels: dict[int, type[Sample]] = {}
+    schemas = dict[int, Schema]()
+    decoders: dict[int, Callable[[int, bytes], Sample]] = {}
     samples: list[Sample] = []
     texts: dict[str, str] = {}
     records = _Records(Path(path))
     try:
         for record in records:
-            if isinstance(record, Message) and record.channel_id in channels:
-                samples.append(_sample(channels[record.channel_id], record.log_time, json.loads(record.data)))
+            if isinstance(record, Message) and record.channel_id in decoders:
+                samples.append(decoders[record.channel_id](record.log_time, record.data))
+            elif isinstance(record, Schema):
+                schemas[record.id] = record
             elif isinstance(record, Channel) and record.topic in kinds:
-                channels[record.id] = kinds[record.topic]
+                decoders[record.id] = _decoder(kinds[record.topic], record, schemas.get(record.schema_id))
             elif isinstance(record, Metadata) and _KEY in record.metadata:
                 texts[record.name] = record.metadata[_KEY]
         if _META not in texts:
             raise RecordingError(f"{path} is not a recording: an MCAP file, but without the metadata record {_META!r}")
         summary = json.loads(texts[_SUMMARY]) if _SUMMARY in texts else None
         return from_samples(json.loads(texts[_META]), samples, summary, records.torn)
-    except (AttributeError, TypeError, ValueError) as error:
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise RecordingError(f"{path} is not a recording: its content does not fit ({error})") from error
 
 
@@ -256,13 +273,12 @@ class _Records:
         import zstandard
         from mcap.exceptions import McapError
         from mcap.stream_reader import StreamReader
-        from mcap.writer import MCAP0_MAGIC
 
         # what the reader and the decompressors raise on a record that is cut short or damaged (lz4: RuntimeError)
         damage = (McapError, ValueError, struct.error, RuntimeError, zstandard.ZstdError)
         try:
             with self._path.open("rb") as file:
-                if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+                if file.read(len(_MAGIC)) != _MAGIC:
                     raise RecordingError(f"{self._path} is not a recording: expected an MCAP file written by hapnet")
                 file.seek(0)
                 size = os.fstat(file.fileno()).st_size
@@ -280,33 +296,120 @@ class _Records:
             raise RecordingError(f"cannot read recording {self._path}: {error.strerror or error}") from error
 
 
-def _sample(kind: type[Sample], time_ns: int, fields: Mapping[str, Any]) -> Sample:
-    """A sample from its message; a field that is missing is unknown, one that has no name here is passed over."""
+@dataclass(frozen=True)
+class _Layout:
+    """How the samples of one kind lie in their message: `places` of the fields after the time, None: not recorded."""
+
+    kind: type[Sample]
+    message: Doubles
+    places: tuple[slice | int | None, ...]
+
+    @classmethod
+    def of(cls, sample: DeviceSample | WorldSample) -> _Layout:
+        """As all samples of this kind and with these axes have it."""
+        kind, n = type(sample), len(sample.position_m)
+        return cls.found(kind, Doubles([name for field in kind._fields[1:] for name in _names(field, n)]))
+
+    @classmethod
+    def found(cls, kind: type[Sample], message: Doubles) -> _Layout:
+        """As `message` has it; what it does not have is unknown."""
+        names = message.names
+        n = 0
+        while _names("position_m", n + 1)[-1] in names:
+            n += 1
+        places: list[slice | int | None] = []
+        for field in kind._fields[1:]:
+            first, *others = _names(field, n) or (field,)
+            at = names.index(first) if first in names else None
+            if at is None or names[at + 1 : at + 1 + len(others)] != tuple(others):
+                places.append(None)
+            else:
+                places.append(slice(at, at + n) if field in VECTORS else at)
+        return cls(kind, message, tuple(places))
+
+    def pack(self, sample: DeviceSample | WorldSample) -> bytes:
+        """The message of a sample; RecordingError if it has not the axes of the first."""
+        values: list[float] = []
+        for value in sample[1:]:
+            if isinstance(value, tuple | list):
+                values += value
+            elif value is None:
+                values += (math.nan,) * len(sample.position_m)
+            else:
+                values.append(value)
+        try:
+            return self.message.pack(values)
+        except (ValueError, struct.error) as error:
+            raise RecordingError(f"a {type(sample).__name__} does not fit those before it ({error})") from None
+
+    def unpack(self, time_ns: int, data: bytes) -> Sample:
+        values = self.message.unpack(data)
+        return self.kind._make((time_ns, *[None if place is None else values[place] for place in self.places]))
+
+
+def _names(field: str, n: int) -> Sequence[str]:
+    """What the field of a sample is called in its message, for `n` axes: position_m is position_x_m and so on."""
+    if field not in VECTORS:
+        return (field,)
+    stem, _, unit = field.rpartition("_")
+    return [f"{stem}_{'xyz'[axis] if axis < 3 else axis + 1}_{unit}" for axis in range(n)]
+
+
+def _decoder(kind: type[Sample], channel: Channel, schema: Schema | None) -> Callable[[int, bytes], Sample]:
+    """What makes samples of a channel's messages: log time [ns], data. ValueError if they cannot be such samples."""
+    if channel.message_encoding == "json":
+        return lambda time_ns, data: _json_sample(kind, time_ns, json.loads(data))
+    if channel.message_encoding != "protobuf" or schema is None:
+        raise ValueError(f"{channel.topic} is encoded as {channel.message_encoding}")
+    if kind is Event:
+        return _event
+    return _Layout.found(kind, Doubles.described(schema.data)).unpack
+
+
+def _json_sample(kind: type[Sample], time_ns: int, fields: Mapping[str, Any]) -> Sample:
+    """A field that is missing is unknown, one that has no name here is passed over."""
     if kind is Event:
         return Event(time_ns, str(fields.get("name")), str(fields.get("message")))
     return kind._make((time_ns, *map(fields.get, kind._fields[1:])))
 
 
-def _log_message(event: Event) -> dict[str, Any]:
+_INFO, _TEXT, _NAME = 2, 3, 4  # in foxglove.Log: a level, two fields
+
+
+def _event(time_ns: int, data: bytes) -> Event:
+    found = dict(protobuf.fields(data))
+    text, name = (found.get(number, b"") for number in (_TEXT, _NAME))
+    if not isinstance(text, bytes) or not isinstance(name, bytes):
+        raise ValueError("an event without a text")
+    return Event(time_ns, name.decode(), text.decode())
+
+
+def _log_message(event: Event) -> bytes:
+    field = protobuf.field
     seconds, nanoseconds = divmod(event.time_ns, 1_000_000_000)
-    return {
-        "timestamp": {"sec": seconds, "nsec": nanoseconds},
-        "level": 2,
-        "message": event.text[:_TEXT_LIMIT],
-        "name": event.kind,
-        "file": "",
-        "line": 0,
-    }
+    stamp = field(1, seconds) + field(2, nanoseconds)
+    return field(1, stamp) + field(2, _INFO) + field(_TEXT, event.text[:_TEXT_LIMIT]) + field(_NAME, event.kind)
 
 
-def _schema(kind: type[Sample]) -> tuple[str, dict[str, Any]]:
-    """Name and JSON schema of the messages that carry `kind`."""
-    number, integer, text = {"type": "number"}, {"type": "integer"}, {"type": "string"}
-    if kind is Event:
-        levels = enumerate(("UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL"))
-        time = {"type": "object", "title": "time", "properties": {"sec": integer, "nsec": integer}}
-        level = {"oneOf": [{"title": title, "const": value} for value, title in levels]}
-        fields = {"timestamp": time, "level": level, "message": text, "name": text, "file": text, "line": integer}
-        return "foxglove.Log", {"type": "object", "properties": fields}
-    properties = {f: {"type": "array", "items": number} if f in VECTORS else number for f in kind._fields[1:]}
-    return f"hapnet.{kind.__name__}", {"type": "object", "properties": properties}
+def _described_log() -> bytes:
+    """Foxglove's schema of a log's line."""
+    stamp = [("seconds", protobuf.INT64, ""), ("nanos", protobuf.INT32, "")]
+    fields = [
+        ("timestamp", protobuf.MESSAGE, ".google.protobuf.Timestamp"),
+        ("level", protobuf.ENUM, ".foxglove.Log.Level"),
+        ("message", protobuf.STRING, ""),
+        ("name", protobuf.STRING, ""),
+        ("file", protobuf.STRING, ""),
+        ("line", protobuf.FIXED32, ""),
+    ]
+    levels = {"Level": ("UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL")}
+    time_file = "google/protobuf/timestamp.proto"
+    return protobuf.descriptor_set(
+        protobuf.describe_file(time_file, "google.protobuf", [protobuf.describe_message("Timestamp", stamp)]),
+        protobuf.describe_file(
+            "foxglove/Log.proto", "foxglove", [protobuf.describe_message("Log", fields, levels)], [time_file]
+        ),
+    )
+
+
+_LOG = _described_log()

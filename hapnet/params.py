@@ -168,7 +168,7 @@ class Params:
 
     scene: str = _p("wall", "free, wall, box, paper, or module:Class")
     operator: str = _p(
-        "press", "rest, sine, press, a recording's path, or module:Class; mouse: led live by hapnet play"
+        "press", "rest, sine, press, a recording's path (.csv, .mcap), module:Class; mouse: led live by hapnet play"
     )
     hardware: str = _p("simulated", "the device: simulated, or module:Class of your own")
     coupling: str = _p("pspm", "pspm; zoh: a plain virtual coupling, not passive", ("pspm", "zoh"))

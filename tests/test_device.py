@@ -101,7 +101,7 @@ def test_second_order_convergence_to_the_exact_motion(general: bool) -> None:
     for substeps in (1, 2, 4):
         device = SimulatedDevice(Away(2, HAND, tuple(goal)), period=5e-3, substeps=substeps)
         device._follow = Rest(2, HAND, tuple(goal)).reference
-        device._reference = tuple(goal)
+        device.references = [tuple(goal)]
         device.couple(K, [0.1, 0.2], (0.0, 0.0))
         for _ in range(40):
             device.advance()

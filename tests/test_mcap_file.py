@@ -1,23 +1,29 @@
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import json
 import math
 import os
+import re
 import signal
+import struct
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap.records import Chunk, Metadata
 from mcap.stream_reader import StreamReader
+from mcap.writer import Writer
 
 from hapnet.errors import RecordingError
 from hapnet.mcap_file import CHUNK_BYTES, RecordingWriter, read_recording, repair, save
-from hapnet.record import Event, Sample, join
+from hapnet.protobuf import Doubles
+from hapnet.record import DeviceSample, Event, Sample, WorldSample, join
 from tests.test_record import META, ORIGIN, device_sample, halves, memory, run, same
 
 
@@ -49,26 +55,105 @@ def test_what_is_read_is_what_was_written(tmp_path: Path, n: int) -> None:
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.mcap", "b.mcap"]
 
 
-def test_numbers_that_are_not_finite_become_null(tmp_path: Path) -> None:
+def test_numbers_that_are_not_finite(tmp_path: Path) -> None:
+    """A message's stay as they are; JSON has none, so in settings and summary they become null."""
     sample = device_sample(1)._replace(margin_J=math.inf, target_m=(math.nan, 1.0))
     writer = RecordingWriter(tmp_path / "a.mcap", {**META, "limit": math.inf, "K": np.eye(2)})
     writer.write(sample)
     writer.close({"min": -math.inf, "x": np.float64(2.0), "path": tmp_path})
-    with (tmp_path / "a.mcap").open("rb") as file:
-        [(_, _, message)] = make_reader(file).iter_messages()
-    fields = json.loads(message.data, parse_constant=lambda name: pytest.fail(name))
-    assert fields["margin_J"] is None
-    assert fields["target_m"] == [None, 1.0]
-    assert message.log_time == sample.time_ns
     recording = read_recording(tmp_path / "a.mcap")
+    assert recording.device is not None
+    assert recording.device["margin_J"][0] == math.inf
+    np.testing.assert_array_equal(recording.device["target_m"][0], [math.nan, 1.0])
     assert recording.meta["limit"] is None
     assert recording.meta["K"] == [[1.0, 0.0], [0.0, 1.0]]
     assert recording.summary == {"min": None, "x": 2.0, "path": str(tmp_path)}
-    assert recording.device is not None
-    assert math.isnan(recording.device["margin_J"][0])
 
 
-def test_viewers_find_schemas_indexes_and_small_chunks(tmp_path: Path) -> None:
+TEXTS = {  # what viewers must find: the fields of a two-axis device and world, with their units
+    "/device/state": "position_x_m position_y_m set_position_x_m set_position_y_m target_x_m target_y_m force_x_N "
+    "force_y_N operator_force_x_N operator_force_y_N reservoir_J deficit_J potential_J sent_J credited_J margin_J "
+    "slack_J operator_target_x_m operator_target_y_m",
+    "/world/state": "step_s position_x_m position_y_m velocity_x_mps velocity_y_mps set_position_x_m set_position_y_m "
+    "target_x_m target_y_m coupling_force_x_N coupling_force_y_N contact_force_x_N contact_force_y_N penetration_m "
+    "reservoir_J potential_J sent_J credited_J margin_J slack_J",
+}
+UNITS = ("_m", "_mps", "_s", "_N", "_J")
+
+
+def decoded(descriptor: bytes, data: bytes) -> dict[str, float]:
+    """A message of doubles by its descriptor, read without hapnet: texts of the one, tags and doubles of the other."""
+    names = [text.decode() for text in re.findall(rb"\x0a[\x01-\x7f]([a-zA-Z_]+)\x18", descriptor)]
+    values, at = {}, 0
+    while at < len(data):
+        tag = data[at]
+        at += 1
+        if tag > 0x7F:
+            tag, at = tag & 0x7F | data[at] << 7, at + 1
+        assert tag & 7 == 1, "a double"
+        [values[names[(tag >> 3) - 1]]] = struct.unpack_from("<d", data, at)
+        at += 8
+    assert list(values) == names
+    return values
+
+
+def test_viewers_find_topics_schemas_units_and_times_in_order(tmp_path: Path) -> None:
+    """With the plain MCAP reader: what Foxglove, PlotJuggler and Rerun go by."""
+    samples = [*run(2), device_sample(400)]
+    write(tmp_path / "a.mcap", samples)
+    times: dict[str, list[int]] = {}
+    with (tmp_path / "a.mcap").open("rb") as file:
+        for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
+            assert schema is not None
+            assert (schema.encoding, channel.message_encoding) == ("protobuf", "protobuf")
+            times.setdefault(channel.topic, []).append(message.log_time)
+            if channel.topic == "/events":
+                assert schema.name == "foxglove.Log"
+                assert b".google.protobuf.Timestamp" in schema.data
+                continue
+            assert (
+                schema.name
+                == {"/device/state": "hapnet.DeviceSample", "/world/state": "hapnet.WorldSample"}[channel.topic]
+            )
+            values = decoded(schema.data, message.data)
+            assert list(values) == TEXTS[channel.topic].split()
+            assert all(name.endswith(UNITS) for name in values)
+            if channel.topic == "/device/state":
+                sample = device_sample((message.log_time - ORIGIN) // 1_000_000)
+                assert (values["position_y_m"], values["potential_J"]) == (sample.position_m[1], sample.potential_J)
+                assert math.isnan(values["operator_force_x_N"]) == (sample.operator_force_N is None)
+    assert times.keys() == {"/device/state", "/world/state", "/events"}
+    assert all(at == sorted(at) for at in times.values())
+    assert sum(map(len, times.values())) == len(samples)
+
+
+def test_googles_implementation_decodes_every_message(tmp_path: Path) -> None:
+    pytest.importorskip("google.protobuf", reason="protobuf is not installed")
+    from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+
+    write(tmp_path / "a.mcap", run(3))
+    read: dict[str, list[Any]] = {}
+    with (tmp_path / "a.mcap").open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages():
+            assert schema is not None
+            pool = descriptor_pool.DescriptorPool()
+            for content in descriptor_pb2.FileDescriptorSet.FromString(schema.data).file:
+                pool.Add(content)
+            decode = message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
+            read.setdefault(channel.topic, []).append(decode.FromString(message.data))
+    assert {topic: len(messages) for topic, messages in read.items()} == {
+        "/device/state": 300,
+        "/world/state": 10,
+        "/events": 2,
+    }
+    assert read["/device/state"][7].position_z_m == device_sample(7, 3).position_m[2]
+    assert read["/events"][0].message == "session ‘a’"
+    assert read["/events"][0].name == "paired"
+    stamp = read["/events"][0].timestamp
+    assert stamp.seconds * 10**9 + stamp.nanos == ORIGIN
+
+
+def test_viewers_find_indexes_and_small_chunks(tmp_path: Path) -> None:
     samples = run(3)
     samples.append(Event(ORIGIN + 10**9, "long", "x" * 100_000))
     samples += [device_sample(i, 3) for i in range(1001, 1100)]
@@ -78,21 +163,77 @@ def test_viewers_find_schemas_indexes_and_small_chunks(tmp_path: Path) -> None:
         assert summary is not None
         assert summary.statistics is not None
         assert summary.statistics.message_count == len(samples)
-        topics = {channel.topic: summary.schemas[channel.schema_id] for channel in summary.channels.values()}
-        messages = {channel.topic: json.loads(m.data) for _, channel, m in make_reader(file).iter_messages()}
         file.seek(0)
         records = list(StreamReader(file, emit_chunks=True, validate_crcs=True).records)
-    assert set(topics) == {"/device/state", "/world/state", "/events"}
-    for topic, schema in topics.items():
-        assert schema.encoding == "jsonschema"
-        properties = json.loads(schema.data)["properties"]
-        assert properties.keys() == messages[topic].keys()
-        # a list of types makes Foxglove refuse the topic
-        assert all(isinstance(p.get("type", "oneOf" in p and "level"), str) for p in properties.values())
     chunks = [record for record in records if isinstance(record, Chunk)]
     assert max(chunk.uncompressed_size for chunk in chunks) <= CHUNK_BYTES
     first = next(i for i, record in enumerate(records) if isinstance(record, Metadata))
     assert first < records.index(chunks[0])
+
+
+def test_recordings_in_json_can_still_be_read(tmp_path: Path) -> None:
+    """As they were written before protobuf: vectors as lists, null where unknown, no operator_target_m."""
+    samples = run(2)
+    with (tmp_path / "old.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        writer.add_metadata("hapnet", {"json": json.dumps(META)})
+        channels = {}
+        for kind, topic in ((DeviceSample, "/device/state"), (WorldSample, "/world/state"), (Event, "/events")):
+            schema = writer.register_schema(topic, "jsonschema", b'{"type": "object"}')
+            channels[kind] = writer.register_channel(topic, "json", schema)
+        for sample in samples:
+            fields = {"name": sample.kind, "message": sample.text} if isinstance(sample, Event) else sample._asdict()
+            fields.pop("operator_target_m", None)
+            writer.add_message(channels[type(sample)], sample.time_ns, json.dumps(fields).encode(), sample.time_ns)
+        writer.finish()
+    recording = read_recording(tmp_path / "old.mcap")
+    expected = memory([s._replace(operator_target_m=None) if isinstance(s, DeviceSample) else s for s in samples])
+    assert same(recording, dataclasses.replace(expected, summary=None))
+
+
+def test_what_a_newer_version_adds_is_passed_over_and_what_is_missing_is_unknown(tmp_path: Path) -> None:
+    message = Doubles(["new_J", "position_x_m", "position_y_m", "force_x_N", "force_y_N", "margin_J", "newer_x_m"])
+    with (tmp_path / "new.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        writer.add_metadata("hapnet", {"json": json.dumps(META)})
+        schema = writer.register_schema("hapnet.DeviceSample", "protobuf", message.describe("hapnet", "DeviceSample"))
+        channel = writer.register_channel("/device/state", "protobuf", schema)
+        writer.add_message(channel, ORIGIN, message.pack([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]), ORIGIN)
+        writer.finish()
+    columns = read_recording(tmp_path / "new.mcap").device
+    assert columns is not None
+    assert columns["position_m"].tolist() == [[2.0, 3.0]]
+    assert columns["force_N"].tolist() == [[4.0, 5.0]]
+    assert columns["margin_J"].tolist() == [6.0]
+    assert np.isnan(columns["target_m"]).all()
+    assert np.isnan(columns["reservoir_J"]).all()
+
+
+@pytest.mark.parametrize(
+    ("encoding", "descriptor", "data"),
+    [
+        ("cdr", b"", b""),
+        ("protobuf", b"", b""),
+        ("protobuf", b"\xff\xff", b""),
+        ("protobuf", Doubles(["position_x_m"]).describe("hapnet", "DeviceSample"), b"\x09\x00"),
+        ("json", b"{}", b"[1"),
+    ],
+)
+def test_messages_that_do_not_fit_are_told_in_one_line(
+    tmp_path: Path, encoding: str, descriptor: bytes, data: bytes
+) -> None:
+    with (tmp_path / "x.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        writer.add_metadata("hapnet", {"json": json.dumps(META)})
+        schema = writer.register_schema("x", encoding, descriptor)
+        writer.add_message(writer.register_channel("/device/state", encoding, schema), 1, data, 1)
+        writer.finish()
+    with pytest.raises(RecordingError, match=r"x\.mcap is not a recording: its content does not fit") as info:
+        read_recording(tmp_path / "x.mcap")
+    assert "\n" not in str(info.value)
 
 
 CHILD = """
@@ -246,9 +387,12 @@ def test_flush_writes_only_when_half_a_second_has_passed(tmp_path: Path) -> None
 
 
 def test_samples_of_different_dimension_are_refused(tmp_path: Path) -> None:
-    write(tmp_path / "x.mcap", [device_sample(0, 1), device_sample(1, 2)])
-    with pytest.raises(RecordingError, match="does not fit"):
-        read_recording(tmp_path / "x.mcap")
+    writer = RecordingWriter(tmp_path / "x.mcap", META)
+    writer.write(device_sample(0, 1))
+    with pytest.raises(RecordingError, match="DeviceSample does not fit"):
+        writer.write(device_sample(1, 2))
+    writer.close()
+    assert read_recording(tmp_path / "x.mcap").device is not None
 
 
 def test_a_joined_recording_can_be_saved(tmp_path: Path) -> None:

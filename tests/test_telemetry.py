@@ -59,7 +59,7 @@ def test_a_flipped_byte_never_raises_anything_else(message: Telemetry, at: int, 
         decode(bytes(data))
 
 
-DEVICE = DeviceSample(1, (0.0,), (0.0,), (0.0,), (0.0,), None, *[0.0] * (len(DeviceSample._fields) - 6))
+DEVICE = DeviceSample(1, (0.0,), (0.0,), (0.0,), (0.0,), None, *[0.0] * 7, None)
 
 
 @pytest.mark.parametrize(

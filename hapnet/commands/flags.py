@@ -13,7 +13,7 @@ _SECURITY = "Security"
 _PARAMS = "Parameters"
 
 Scene = Annotated[str | None, typer.Option(help="free, wall, box, paper, or module:Class.")]
-Operator = Annotated[str | None, typer.Option(help="The hand: rest, sine, press, or a recorded motion's path (.csv).")]
+Operator = Annotated[str | None, typer.Option(help="The hand: rest, sine, press, or a recording's path (.csv, .mcap).")]
 Hardware = Annotated[
     str | None,
     typer.Option("--device", metavar="MODULE:CLASS", help="A device of your own instead of the simulated one."),

@@ -31,11 +31,11 @@ class Pair:
     params, seed : of both. directory : where the parameters go, and what they write.
     heed : told each notice: role, line as it was written, and what it says.
     record : both record, as device.mcap and world.mcap in `directory`. console : both take commands (`tell`).
-    realtime : of the device. session : under which they meet.
+    realtime : of the device. session, address : under which they meet, and where the world listens; None: drawn.
 
     Attributes
     ----------
-    address : where the world listens. parts : each side's summary, once it has left one.
+    parts : each side's summary, once it has left one.
     errors : by role, what it said on standard error.
     """
 
@@ -50,9 +50,10 @@ class Pair:
         console: bool = False,
         realtime: bool = False,
         session: str | None = None,
+        address: str | None = None,
     ) -> None:
-        self.address = free_address()
-        self.session = session or f"run-{secrets.token_hex(4)}"
+        self._address = address or free_address()
+        self._session = session or f"run-{secrets.token_hex(4)}"
         self.parts: dict[str, dict[str, Any]] = {}
         self.errors: dict[str, list[str]] = {}
         self._params, self._seed, self._directory, self._heed = params, seed, directory, heed
@@ -61,19 +62,22 @@ class Pair:
         self._reports: dict[str, asyncio.Task[bytes]] = {}
         self._told = False
 
-    async def run(self, stop: asyncio.Event) -> None:
-        """Run until both have ended: of themselves, since one failed, or since `stop` was set.
-
-        Raises
-        ------
-        HapnetError : the parameters cannot be written, or a process failed; its message is its own.
-        """
+    async def start(self) -> None:
+        """Start both. Raises HapnetError if the parameters cannot be written."""
         try:
             (self._directory / "params.toml").write_text(self._params.toml(), encoding="utf-8")
         except OSError as error:
             raise HapnetError(f"cannot write to {self._directory}: {error.strerror or error}") from None
         for role, flag in (("world", "--listen"), ("device", "--connect")):
             self._children[role] = await self._start(role, flag)
+
+    async def run(self, stop: asyncio.Event) -> None:
+        """Wait until both have ended: of themselves, since one failed, or since `stop` was set.
+
+        Raises
+        ------
+        HapnetError : a process failed; the message is its own.
+        """
         watchers = [asyncio.create_task(self._watch(role)) for role in self._children]
         stopping = asyncio.create_task(stop.wait())
         ended, _ = await asyncio.wait([*watchers, stopping], return_when=asyncio.FIRST_COMPLETED)
@@ -108,8 +112,8 @@ class Pair:
 
     async def _start(self, role: str, flag: str) -> asyncio.subprocess.Process:
         report, theirs = os.pipe()  # a summary that needs no room on a disk
-        command = [sys.executable, "-m", "hapnet", role, flag, self.address, "--no-multicast-scouting"]
-        command += ["--session", self.session, "--params", str(self._directory / "params.toml")]
+        command = [sys.executable, "-m", "hapnet", role, flag, self._address, "--no-multicast-scouting"]
+        command += ["--session", self._session, "--params", str(self._directory / "params.toml")]
         command += ["--seed", str(self._seed), "--json", f"/dev/fd/{theirs}", "--log", "-", "--progress"]
         if self._record:
             command += ["--record", str(self.recording(role))]

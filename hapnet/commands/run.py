@@ -75,6 +75,7 @@ async def _run(pair: Pair) -> int:
     stop = asyncio.Event()
     caught: list[signal.Signals] = []
     catch(stop, caught, again=pair.stop)
+    await pair.start()
     await pair.run(stop)
     return exit_code(caught)
 

@@ -111,9 +111,11 @@ async def _run(side: RealtimeSide, duration_s: float, log: Log) -> tuple[dict[st
     parent = os.environ.pop(PARENT, None)
     beside = [] if parent is None else [asyncio.create_task(_outlive(int(parent), told))]
     if os.environ.pop(CONSOLE, None) is not None:
-        beside.append(
-            asyncio.create_task(obey(side, lambda text: log.tell(Notice("console", text, time.monotonic_ns()))))
-        )
+
+        def complain(text: str) -> None:
+            log.tell(Notice("console", text, time.monotonic_ns(), "warning"))
+
+        beside.append(asyncio.create_task(obey(side, complain)))
     try:
         summary = await side.run(stop, duration_s)
     finally:

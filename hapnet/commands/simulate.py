@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from hapnet.commands import output
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from hapnet.runtime.virtual import Result, Simulation
+
 
 def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, files: bool) -> int:
     """Simulate, write recording, figure and summary, print the summary."""
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
     from hapnet.mcap_file import save
     from hapnet.runtime.virtual import Simulation
 
@@ -22,10 +26,7 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, fi
     simulation = Simulation(params, seed)
     output.show_warnings(words, simulation.setup.warnings)
     directory = output.run_directory(out, seed) if files else None
-    columns = (TextColumn("simulating"), BarColumn(), TextColumn("{task.completed:.1f} of {task.total:g} s"))
-    with Progress(*columns, TimeRemainingColumn(), console=words, disable=not words.is_terminal) as bar:
-        task = bar.add_task("", total=params.duration_s)
-        result = simulation.run(lambda done: bar.update(task, completed=done))
+    result = with_progress(simulation, words, "simulating")
     written = output.Written()
     if directory is not None:
         with written.part():
@@ -40,3 +41,13 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, fi
     with written.part():
         output.write_json(result.summary, json_to)
     return written.code()
+
+
+def with_progress(simulation: Simulation, words: Console, doing: str) -> Result:
+    """Run it under a bar."""
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn(doing), BarColumn(), TextColumn("{task.completed:.1f} of {task.total:g} s"))
+    with Progress(*columns, TimeRemainingColumn(), console=words, disable=not words.is_terminal) as bar:
+        task = bar.add_task("", total=simulation.setup.params.duration_s)
+        return simulation.run(lambda done: bar.update(task, completed=done))

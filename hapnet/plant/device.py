@@ -91,8 +91,9 @@ class SimulatedDevice:
         self.time = 0.0
         self._ticks = 0
         self._follow = operator.reference
-        self._reference = operator.reference(0.0)
-        self.position: Vector = self._reference
+        self.references = [operator.reference(0.0)]
+        """Where the hand wanted to be [m] at the end of each tick of the last `run`."""
+        self.position: Vector = self.references[-1]
         self.velocity: Vector = (0.0,) * len(self.position)
         self.hand_force: Vector = self.velocity
         """The hand's force on the device, mean over the last substep [N]."""
@@ -179,8 +180,8 @@ class SimulatedDevice:
         passed, period, follow = self._ticks, self.period, self._follow
         self._ticks = passed + ticks
         self.time = self._ticks * period
-        start, path = self._reference, [follow(k * period) for k in range(passed + 1, passed + ticks + 1)]
-        self._reference = path[-1]
+        start, path = self.references[-1], [follow(k * period) for k in range(passed + 1, passed + ticks + 1)]
+        self.references = path
         if self._decoupled and not self._saturated:
             lived = self._run_axes(start, path)
             if lived is not None:

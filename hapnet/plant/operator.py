@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import csv
 import math
+from bisect import bisect_right
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -153,6 +154,38 @@ class Recorded:
         first = self._points[min(int(index), len(self._points) - 2)]
         second = self._points[min(int(index), len(self._points) - 2) + 1]
         return tuple([a + share * (b - a) for a, b in zip(first, second, strict=True)])
+
+
+class Followed:
+    """A recorded motion, followed once on cubic curves through its points, at rest before the first and after the last.
+
+    The slope at a point is that of the parabola through it and its neighbours, so on an even grid of step h the curves
+    keep within ``h^3/24 max|d^3x/dt^3|``, and the fourth-order term of Hermite's formula, of a smooth motion.
+
+    Parameters
+    ----------
+    times : (N,) since the start, increasing [s]. path : (N, n) positions at these times [m].
+    """
+
+    def __init__(self, times: Array, path: Array, impedance: Impedance) -> None:
+        self.impedance = impedance
+        slope = np.gradient(path, times, axis=0)
+        h = np.diff(times)[:, None]
+        mean = np.diff(path, axis=0) / h
+        a, b = slope[:-1], slope[1:]
+        curves = np.stack([path[:-1], a, (3.0 * mean - 2.0 * a - b) / h, (a + b - 2.0 * mean) / h**2], axis=-1)
+        self._curves: list[list[tuple[float, float, float, float]]] = curves.tolist()
+        self._times: list[float] = times.tolist()
+        self._ends: tuple[Vector, Vector] = tuple(path[0].tolist()), tuple(path[-1].tolist())
+
+    def reference(self, t: float) -> Vector:
+        at = bisect_right(self._times, t) - 1
+        if at < 0:
+            return self._ends[0]
+        if at >= len(self._curves):
+            return self._ends[1]
+        s = t - self._times[at]
+        return tuple([p0 + s * (p1 + s * (p2 + s * p3)) for p0, p1, p2, p3 in self._curves[at]])
 
 
 def minimum_jerk(s: float) -> float:

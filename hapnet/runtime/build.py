@@ -32,6 +32,7 @@ from hapnet.plant.operator import Impedance, Operator, Press, Rest, Sine, read_m
 from hapnet.plant.scene import SCENES, Scene, make_scene, scene_parameters
 from hapnet.runtime.own_device import OwnDevice
 from hapnet.runtime.own_operator import OwnOperator
+from hapnet.runtime.recorded_hand import is_recording, recorded_hand
 from hapnet.runtime.sides import Clock, ContinuousDeviceSide, DeviceSide, Drive, SampledDeviceSide, Write
 from hapnet.runtime.world_side import WorldSide
 from hapnet.wire.handshake import RESERVOIR
@@ -363,6 +364,8 @@ def _operator(setup: Setup) -> Operator:
     if name == "press":
         goal = tuple([hand.goal_m * component for component in normal])
         return Press(start, goal, impedance, reach=hand.reach_s, hold=hand.hold_s, wait=hand.wait_s)
+    if is_recording(name):
+        return recorded_hand(name, dof, impedance)
     if name.endswith(".csv") or Path(name).exists():
         return read_motion(Path(name), dof, impedance, press_depth=hand.press_depth_m, hover=hand.hover_m)
     return OwnOperator(name, dof, impedance)

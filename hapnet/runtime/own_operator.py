@@ -9,7 +9,7 @@ from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.loading import cause, load
 from hapnet.plant.operator import Impedance, Operator
 
-ALLOWED = "rest, sine, press, a recording's path (.csv), or module:Class taking dof and impedance"
+ALLOWED = "rest, sine, press, a recording's path (.csv, .mcap), or module:Class taking dof and impedance"
 
 
 class OwnOperator:

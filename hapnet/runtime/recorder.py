@@ -12,6 +12,7 @@ from hapnet.errors import RecordingError
 from hapnet.mcap_file import RecordingWriter, preload
 from hapnet.record import Sample
 from hapnet.runtime.build import Setup
+from hapnet.runtime.recorded_hand import fingerprint
 from hapnet.wire.messages import Role
 from netem import LinkProfile
 
@@ -148,6 +149,7 @@ def described(setup: Setup, role: Role, seed: int, link: LinkProfile) -> dict[st
     """What the recording of a side is of, for its ``meta``."""
     return {
         "params": setup.params.as_dict(),
+        "operator_sha256": fingerprint(setup.params.operator),
         "seed": seed,
         "role": role,
         "clock": _boot_id(),

@@ -153,12 +153,14 @@ class DeviceSide(ABC):
         self._expected_ns += (periods - 1) * self._period_ns
         return periods
 
-    def _sampled(self, now_ns: int, x: Vector, force: Vector, hand: Vector | None) -> DeviceSample:
+    def _sampled(
+        self, now_ns: int, x: Vector, force: Vector, hand: Vector | None, target: Vector | None
+    ) -> DeviceSample:
         coupling = self.endpoint.coupling
         modulator, ledger = coupling.modulator, coupling.ledger
         return DeviceSample(
             now_ns, x, modulator.set_position, coupling.target, force, hand, modulator.energy, modulator.deficit,
-            coupling.potential(x), ledger.sent, ledger.credited, ledger.margin, ledger.slack,
+            coupling.potential(x), ledger.sent, ledger.credited, ledger.margin, ledger.slack, target,
         )  # fmt: skip
 
 
@@ -204,14 +206,16 @@ class ContinuousDeviceSide(DeviceSide):
         rest, kinetic_at = servo.rest, device.kinetic_at
         tick, every = self.ticks, self._record_every
         lowest = ledger.work
-        for work, x, v, hand_force in lived:
+        for (work, x, v, hand_force), target in zip(
+            lived, device.references, strict=False
+        ):  # the tick that follows too
             rest(dt, x, work, kinetic_at(v))
             if ledger.work < lowest:
                 lowest = ledger.work
             tick += 1
             if tick % every == 0:
                 at_ns = now_ns + (tick - self.ticks - 1) * self._period_ns
-                self._write(self._sampled(at_ns, x, self._force(x, v), hand_force))
+                self._write(self._sampled(at_ns, x, self._force(x, v), hand_force, target))
         observe(lowest)
         observe(ledger.work)
         self._last_ns = self._expected_ns = now_ns + (ticks - 1) * self._period_ns
@@ -238,7 +242,7 @@ class ContinuousDeviceSide(DeviceSide):
     def _sample(self, now_ns: int) -> DeviceSample:
         device = self._simulated
         x = device.position
-        return self._sampled(now_ns, x, self._force(x, device.velocity), device.hand_force)
+        return self._sampled(now_ns, x, self._force(x, device.velocity), device.hand_force, device.references[-1])
 
     def _force(self, x: Vector, v: Vector) -> Vector:
         """The coupling's force on the device [N]."""
@@ -322,5 +326,6 @@ class SampledDeviceSide(DeviceSide):
         ledger.observe(self.coupling.potential(x) + self._kinetic, self._servo.account)
 
     def _sample(self, now_ns: int) -> DeviceSample:
-        hand = None if self._simulated is None else self._simulated.hand_force
-        return self._sampled(now_ns, self._x, self._servo.force, hand)
+        simulated = self._simulated
+        hand = (None, None) if simulated is None else (simulated.hand_force, simulated.references[-1])
+        return self._sampled(now_ns, self._x, self._servo.force, *hand)

@@ -19,6 +19,7 @@ from hapnet.record import MemoryRecorder, Recording
 from hapnet.runtime.build import LIVE, Setup, device_session, device_side, prepare, world_session, world_side
 from hapnet.runtime.collector import collector_paused
 from hapnet.runtime.parcel import FRAME_OVERHEAD, Parcel
+from hapnet.runtime.recorded_hand import fingerprint
 from hapnet.runtime.sides import DeviceSide, Write
 from hapnet.runtime.summary import Summary, combine, device_summary, versions, with_wire, world_summary
 from hapnet.runtime.world_side import WorldSide
@@ -118,6 +119,7 @@ class Simulation:
         setup = self.setup
         self._meta = {
             "params": setup.params.as_dict(),
+            "operator_sha256": fingerprint(setup.params.operator),
             "seed": self.seed,
             "role": "both",
             "clock": "virtual",
@@ -142,6 +144,7 @@ class Simulation:
         HapnetError : the sides did not find each other, or the duration is unlimited.
         """
         start_ns = self._meta["origin_ns"] = self.pair()
+        self._meta["device_origin_ns"] = self.device.origin_ns
         end_ns = start_ns + round(self.setup.params.duration_s / NANO)
         while progress is not None and self.now_ns < end_ns:
             self._until(min(end_ns, self.now_ns + 500_000_000))

@@ -97,7 +97,7 @@ class Devices:
         """Give scenario i's state back."""
         device._ticks = int(self.ticks[i])
         device.time = device._ticks * device.period
-        device._reference = self.motion.reference(device._ticks)
+        device.references = [self.motion.reference(device._ticks)]
         for name, values in (("position", self.position), ("velocity", self.velocity),
                              ("hand_force", self.hand_force), ("_low", self.low), ("_high", self.high)):  # fmt: skip
             setattr(device, name, tuple(values[:, i].tolist()))

@@ -1,0 +1,174 @@
+"""`hapnet replay`: a recorded run again in virtual time, as it was or through another link or coupling."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hapnet.commands import flags, output
+from hapnet.commands.options import LinkOptions, json_target, parameters
+from hapnet.errors import InvalidParameter, OutputError, RecordingError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.table import Table
+
+    from hapnet.record import Recording
+
+
+def replay(
+    files: Annotated[
+        list[Path], typer.Argument(metavar="FILE...", help="One recording, or the device's and the world's.")
+    ],
+    scene: flags.Scene = None,
+    coupling: flags.Coupling = None,
+    duration: Annotated[
+        float | None, typer.Option(help="Seconds from pairing.", show_default="the recording's")
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Of everything random.", show_default="the recording's")
+    ] = None,
+    link: flags.Link = None,
+    profile: flags.Profile = None,
+    delay: flags.Delay = None,
+    jitter: flags.Jitter = None,
+    loss: flags.Loss = None,
+    reorder: flags.Reorder = None,
+    rate: flags.Rate = None,
+    uplink: flags.Uplink = None,
+    downlink: flags.Downlink = None,
+    timeline: flags.TimelineText = None,
+    up_timeline: flags.UpTimeline = None,
+    down_timeline: flags.DownTimeline = None,
+    params_file: flags.ParamsFile = None,
+    assign: flags.Assign = None,
+    json_to: flags.Json = None,
+    out: flags.Out = None,
+) -> int:
+    """A recorded run again, in virtual time: as it was, or the same hand through another link or coupling.
+
+    Parameters and seed are the recording's, but for what is given here. Writes recording, figures and summary.
+    """
+    from dataclasses import replace as changed
+
+    from hapnet import report
+    from hapnet.commands.simulate import with_progress
+    from hapnet.mcap_file import save
+    from hapnet.runtime.replay import compare, read_original
+    from hapnet.runtime.virtual import Simulation
+
+    json_target(json_to)
+    links = LinkOptions(
+        link, profile, delay, jitter, loss, reorder, rate, uplink, downlink, timeline, up_timeline, down_timeline
+    )
+    original = read_original(files)
+    params = parameters(
+        original.params, file=params_file, assignments=assign or (), links=links, scene=scene, coupling=coupling,
+        duration_s=duration,
+    )  # fmt: skip
+    if params.duration_s <= 0.0:
+        raise InvalidParameter("duration_s", params.duration_s, "above 0 in virtual time")
+    if params.operator != original.params.operator:
+        original = changed(original, hand=f"{params.operator}, as asked")
+    seed = original.seed if seed is None else seed
+    simulation = Simulation(params, seed)
+    words = output.console(json_to)
+    directory = output.run_directory(out, seed)
+    target = directory / "run.mcap"
+    if any(target.resolve() == file.resolve() for file in files):
+        raise InvalidParameter("--out", str(directory), "another directory than the recording's, which stays as it is")
+    output.show_warnings(words, simulation.setup.warnings)
+    words.print(f"hand: {original.hand}", markup=False)
+    for line in original.notes:
+        words.print(f"note: {line}", markup=False)
+    result = with_progress(simulation, words, "replaying")
+    summary = result.summary
+    compared = summary["replay"] = compare(original, result.recording, summary)
+    recording = changed(result.recording, summary=summary)
+    written = output.Written()
+    with written.part():
+        save(recording, target)
+    with written.part():
+        output.save_figure(recording, directory / "figure.png")
+    with written.part():
+        try:
+            report.save_figure(figure(original.recording, recording), directory / "replay.png")
+        except RecordingError as error:
+            raise OutputError(str(error)) from None
+    with written.part():
+        output.write_json(summary, str(directory / "summary.json"))
+    output.show_summary(words, summary)
+    words.print(table(compared))
+    words.print(verdict(compared))
+    if not written.missing:
+        words.print(f"recording, figures and summary in {directory}")
+    with written.part():
+        output.write_json(summary, json_to)
+    return written.code()
+
+
+def table(compared: dict[str, Any]) -> Table:
+    """Original and replay side by side, in the units of people; - where a value is unknown."""
+    from rich import box
+    from rich.table import Table
+
+    result = Table("", "original", "replay", title="replay", title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    for label, unit, key, scale in (
+        ("passivity margin, least", "mJ", "margin_J", 1e3),
+        ("device's half", "mJ", "device_margin_J", 1e3),
+        ("world's half", "mJ", "world_margin_J", 1e3),
+        ("force, largest", "N", "peak_force_N", 1.0),
+        ("position error, free (rms)", "mm", "free_rms_m", 1e3),
+        ("position error, in contact (rms)", "mm", "contact_rms_m", 1e3),
+        ("penetration, largest", "mm", "peak_penetration_m", 1e3),
+        ("contacts", "", "contacts", None),
+    ):
+        values = [compared[run][key] for run in ("original", "replay")]
+        shown = ["-" if v is None else str(v) if scale is None else f"{v * scale:.4g}" for v in values]
+        result.add_row(f"{label} \\[{unit}]" if unit else label, *shown)
+    for column in result.columns[1:]:
+        column.justify = "right"
+    return result
+
+
+def verdict(compared: dict[str, Any]) -> str:
+    """In one line, how the replay compares with the original."""
+    if compared["identical"]:
+        return "the replay is identical to the original: every value of every sample, as far as both go"
+    most, rms = compared["max_position_difference_m"], compared["rms_position_difference_m"]
+    if most is None:
+        return "the replay differs from the original; their paths cannot be compared"
+    return f"the replay differs from the original: the device by {most * 1e3:.3g} mm at most, {rms * 1e3:.3g} mm rms"
+
+
+def figure(original: Recording, again: Recording) -> Figure:
+    """The device's position and the force on it, the original dashed, along the axis that moved most."""
+    import numpy as np
+    from matplotlib.figure import Figure
+
+    from hapnet.runtime.recorded_hand import hand_times
+
+    assert original.device is not None
+    assert again.device is not None
+    axis = int(np.ptp(original.device["position_m"], axis=0).argmax())
+    drawn = Figure(figsize=(9.0, 5.5), layout="constrained")
+    panels = drawn.subplots(2, 1, sharex=True)
+    for panel, name, scale, label in (
+        (panels[0], "position_m", 1e3, "device's position [mm]"),
+        (panels[1], "force_N", 1.0, "force on the device [N]"),
+    ):
+        for run, said, style in (
+            (again, "replay", {"color": "C0"}),
+            (original, "original", {"color": "black", "linestyle": "--", "linewidth": 0.9}),
+        ):
+            assert run.device is not None
+            values = run.device[name]
+            if axis < values.shape[1]:
+                panel.plot(hand_times(run), values[:, axis] * scale, label=said, **style)
+        panel.set_ylabel(label)
+        panel.grid(alpha=0.3)
+    panels[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)
+    panels[1].set_xlabel("time since control started [s]")
+    return drawn
