@@ -64,7 +64,7 @@ def run(
 
     Default: 10 s, a link with 40 ms delay, 10 ms jitter and 2 % loss each way.
 
-    Writes two recordings, a figure and a summary.
+    Writes two recordings, a report, its figure and a summary.
     """
     links = LinkOptions(
         link, profile, delay, jitter, loss, reorder, rate, uplink, downlink, timeline, up_timeline, down_timeline
@@ -277,9 +277,9 @@ def report(
         list[Path], typer.Argument(metavar="FILE...", help="One recording, or the device's and the world's.")
     ],
     json_to: flags.Json = None,
-    out: Annotated[Path | None, typer.Option(help="Directory for the figure.", show_default="beside FILE")] = None,
+    out: Annotated[Path | None, typer.Option(help="Directory for what is written.", show_default="beside FILE")] = None,
 ) -> int:
-    """Summary and figure of one or two recordings; a torn one is repaired into a copy beside it."""
+    """One or two recordings as a page (HTML), figures and a summary; a torn one is repaired into a copy beside it."""
     json_target(json_to)
     from hapnet.commands import report as command
 

@@ -50,7 +50,7 @@ def _position_error(device: Columns, world: Columns) -> tuple[NDArray[np.float64
 
 
 def _rms(values: NDArray[np.float64]) -> float | None:
-    return float(np.sqrt(np.mean(values**2))) if len(values) else None
+    return _finite(np.sqrt(np.mean(values**2))) if len(values) else None
 
 
 def _finite(value: float) -> float | None:

@@ -254,18 +254,23 @@ class Params:
     def as_dict(self) -> dict[str, Any]:
         return dataclasses.asdict(self)
 
+    def described(self) -> Iterator[tuple[str, str, str]]:
+        """Dotted name, value as TOML has it, and meaning with unit of every parameter."""
+        for name, value, spec in _leaves(self):
+            allowed = spec.metadata["allowed"]
+            choice = f" ({' | '.join(allowed)})" if isinstance(allowed, tuple) else ""
+            yield name, _toml(value), f"{spec.metadata['doc']}{choice}"
+
     def toml(self) -> str:
         """All parameters as TOML with their meaning: what `--show-params` prints and `--params` reads."""
         lines: list[str] = []
         section = ""
-        for name, value, spec in _leaves(self):
+        for name, value, meaning in self.described():
             prefix, _, last = name.rpartition(".")
             if prefix != section:
                 lines.extend(["", f"[{prefix}]"])
                 section = prefix
-            allowed = spec.metadata["allowed"]
-            choice = f" ({' | '.join(allowed)})" if isinstance(allowed, tuple) else ""
-            lines.append(f"{f'{last} = {_toml(value)}':<32} # {spec.metadata['doc']}{choice}")
+            lines.append(f"{f'{last} = {value}':<32} # {meaning}")
         return "\n".join(lines) + "\n"
 
 

@@ -158,6 +158,7 @@ class Link(Generic[T]):
             delay_p50_ms=self._delays.quantile_ms(0.50),
             delay_p99_ms=self._delays.quantile_ms(0.99),
             late_max_ms=self._latest_ns * 1e-6,
+            delay_histogram_ms=self._delays.bins_ms(),
         )
 
     def passes(self) -> bool:

@@ -10,6 +10,7 @@ from operator import mul
 import numpy as np
 
 _PER_OCTAVE = 64  # a bin is 1.1 % wide
+_FEWEST = 8  # bins that are always allowed
 _FLOOR_NS, _OCTAVES = 1000, 40  # 1 us to 10^6 s; what lies outside counts in the outermost bins
 
 
@@ -24,6 +25,9 @@ class LinkStats:
     overtakers that the word itself made. Delays are from offer to the release that the profile gave, None before the
     first; the percentiles are read from bins 1.1 % wide. `late_max_ms` is how long anything stayed after its release at
     most, because nobody polled. `netem.expect` has what these figures should come to.
+
+    `delay_histogram_ms` is ready to draw, (edge, count): a bin reaches from the edge before it to its own, and holds
+    `count` delays. A count of 0 is a gap; the first is one, which only says where the first bin begins.
     """
 
     profile: str
@@ -42,6 +46,7 @@ class LinkStats:
     delay_p50_ms: float | None
     delay_p99_ms: float | None
     late_max_ms: float
+    delay_histogram_ms: tuple[tuple[float, int], ...]
 
     @property
     def loss(self) -> float | None:
@@ -56,7 +61,7 @@ class LinkStats:
 
     def as_dict(self) -> dict[str, object]:
         """All fields by name, as JSON has them."""
-        return dataclasses.asdict(self)
+        return dataclasses.asdict(self) | {"delay_histogram_ms": [list(pair) for pair in self.delay_histogram_ms]}
 
 
 class DelayHistogram:
@@ -107,3 +112,27 @@ class DelayHistogram:
         index = int(np.searchsorted(np.cumsum(self._counts), rank))
         middle = _FLOOR_NS * 2.0 ** ((index + 0.5) / _PER_OCTAVE)
         return float(min(max(middle, self._least_ns), self._most_ns)) * 1e-6
+
+    def bins_ms(self, most: int = 60) -> tuple[tuple[float, int], ...]:
+        """(edge, count) as in `LinkStats.delay_histogram_ms`; neighbours are joined until few enough are filled.
+
+        That is `most`, or the square root of how many were counted, as of fewer a finer histogram shows only noise.
+        """
+        self.fold()
+        counts, most = self._counts, min(most, max(_FEWEST, math.isqrt(self._count)))
+        while np.count_nonzero(counts) > most:
+            counts = counts.reshape(-1, 2).sum(axis=1)
+        joined = len(self._counts) // len(counts)
+        out: list[tuple[float, int]] = []
+        reached = -1
+        for index in np.flatnonzero(counts).tolist():
+            if index != reached:
+                out.append((_edge_ms(index * joined), 0))
+            reached = index + 1
+            out.append((_edge_ms(reached * joined), int(counts[index])))
+        return tuple(out)
+
+
+def _edge_ms(index: int) -> float:
+    """Where the bin begins; what is below the first counts in it."""
+    return _FLOOR_NS * 2.0 ** (index / _PER_OCTAVE) * 1e-6 if index else 0.0

@@ -15,7 +15,7 @@ from matplotlib.image import imread
 from rich.console import Console
 
 from hapnet.errors import RecordingError
-from hapnet.record import DeviceSample, MemoryRecorder, Recording, WorldSample
+from hapnet.record import DeviceSample, Event, MemoryRecorder, Recording, WorldSample
 from hapnet.report import figure, save_figure, summary_text, verdict
 
 LINK = "delay 40ms 10ms distribution normal loss 2%"
@@ -110,6 +110,48 @@ def test_a_long_run_keeps_its_extremes() -> None:
     assert max(drawn.get_ydata()) == 99.0
     assert drawn.get_xdata()[0] == 0.0
     assert drawn.get_xdata()[-1] == recording.device["time_s"][-1]
+
+
+def shaded(panel: Axes) -> list[tuple[float, float]]:
+    """From when to when the silences are."""
+    spans = [patch.get_extents().transformed(panel.transData.inverted()) for patch in panel.patches]
+    hatched = [patch.get_hatch() for patch in panel.patches]
+    return [(float(s.x0), float(s.x1)) for s, hatch in zip(spans, hatched, strict=True) if hatch == ".."]
+
+
+def test_silences_are_shaded_each_from_its_notice_to_its_end() -> None:
+    """Those of both sides overlap; the second of the device's ends with the recording; an end without begin is none."""
+    texts = (
+        (0.1, "heard", "the world is heard again after 0.6 s"),
+        (1.0, "silent", "nothing from the world for 0.50 s: the set-position is held"),
+        (1.2, "silent", "nothing from the device for 0.51 s: the set-position is held"),
+        (1.5, "heard", "the world is heard again after 1.00 s, 40 ms after its first word; 9 positions are missing"),
+        (1.9, "paired", "paired with the device (another process; pair 2)"),
+        (2.0, "overrun", "the servo was away for 30.1 ms: no force"),
+        (3.0, "silent", "nothing from the world for 0.50 s: the spring is let go"),
+    )
+    recording = run()
+    recording.events.extend(Event(round(at * 1e9), kind, text) for at, kind, text in texts)
+    fig = figure(recording)
+    assert recording.device is not None
+    end = recording.device["time_s"][-1]
+    for panel in fig.axes:
+        assert shaded(panel) == [pytest.approx(s) for s in ((1.0, 1.5), (1.2, 1.9), (3.0, end))]
+    legend = fig.axes[0].get_legend()
+    assert legend is not None
+    assert [text.get_text() for text in legend.get_texts()].count("silence") == 1
+    assert not shaded(figure(run()).axes[0])
+
+
+def test_gaps_do_not_hide_extremes_and_a_single_sample_shows() -> None:
+    recording = run(seconds=60)
+    assert recording.device is not None
+    recording.device["force_N"][7001] = 99.0
+    recording.device["force_N"][7002] = math.nan
+    drawn = lines(figure(recording).axes[1])["coupling on the device"]
+    assert np.nanmax(drawn.get_ydata()) == 99.0
+    alone = Recording(recording.meta, {k: v[:1] for k, v in recording.device.items()}, None, [], None)
+    assert lines(figure(alone).axes[0])["device"].get_marker() == "."
 
 
 def title(fig: Figure) -> str:

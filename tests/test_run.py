@@ -48,7 +48,7 @@ def test_the_main_job(more: tuple[str, ...], tmp_path: Path) -> None:
     assert servo["ticks"] + servo["skipped"] == pytest.approx(1000.0 * summary["duration_s"], rel=0.1)
     assert summary == read_json(out / "summary.json")
     assert {file.name for file in out.iterdir()} == {
-        "device.mcap", "world.mcap", "figure.png", "summary.json", "params.toml", "log.jsonl",
+        "device.mcap", "world.mcap", "report.html", "figure.png", "summary.json", "params.toml", "log.jsonl",
     }  # fmt: skip
     device, world = (read_recording(out / f"{side}.mcap") for side in ("device", "world"))
     assert device.device is not None
@@ -66,7 +66,14 @@ def test_the_main_job(more: tuple[str, ...], tmp_path: Path) -> None:
     report = read_json(tmp_path / "r.json")
     for key in ("theorem", "device", "world", "energy", "links", "motion"):
         assert report[key] == summary[key]
-    assert (out / "device-world.png").exists()
+    assert {file.name for file in out.glob("device-world*")} == {
+        "device-world.html", "device-world.png", "device-world-link.png", "device-world-servo.png",
+    }  # fmt: skip
+    for way in ("up", "down"):
+        link = summary["links"][way]
+        assert sum(count for _, count in link["delay_histogram_ms"]) == link["delivered"]
+        edges = [edge for edge, _ in link["delay_histogram_ms"]]
+        assert 25.0 < edges[0] < edges[-1] < 55.0
 
 
 @pytest.mark.parametrize(
@@ -229,6 +236,11 @@ def test_a_killed_process_leaves_a_recording_that_report_repairs(tmp_path: Path)
     assert copy.device is not None
     assert (copy.device["time_ns"] == torn.device["time_ns"]).all()
     report = read_json(tmp_path / "r.json")
+    page = (tmp_path / "device.html").read_text("utf-8")
+    assert "device.mcap is torn: its writer was killed" in page
+    assert "a repaired copy is device.repaired.mcap" in page
+    assert "device&#x27;s half passive" in page.lower()
+    assert (tmp_path / "device.png").read_bytes().startswith(b"\x89PNG")
     assert report["device"]["ledger"]["margin_J"] == torn.device["margin_J"].min()
     assert report["world"] is None
 

@@ -345,7 +345,7 @@ def test_a_run_without_room_for_its_files_says_so_in_one_line() -> None:
         assert not program.alive
     assert code == 3
     last = stderr.splitlines()[-1]
-    for file in ("r/device.mcap", "r/figure.png"):
+    for file in ("r/device.mcap", "r/report.html", "r/figure.png"):
         assert f"{file}: File too large" in last
     assert last.startswith("hapnet: ")
     assert stderr.count("hapnet: ") == 1

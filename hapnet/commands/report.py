@@ -1,43 +1,111 @@
-"""`hapnet report`: summary and figure of one or two recordings; a torn one is repaired beside it."""
+"""`hapnet report`: one or two recordings as a page, as pictures and as a summary; a torn one is repaired beside it."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hapnet.commands import output
-from hapnet.errors import InvalidParameter
+from hapnet.errors import InvalidParameter, RecordingError
 from hapnet.mcap_file import read_recording, repair
 from hapnet.metrics import motion
-from hapnet.record import Recording, join
+from hapnet.record import Event, Recording, join
 from hapnet.runtime.summary import from_recording, merge
+
+if TYPE_CHECKING:
+    from hapnet.report import Source
 
 
 def main(files: list[Path], json_to: str | None, out: Path | None) -> int:
     """Read, repair what is torn, summarise, draw."""
+    from hapnet import report
+
     if not 1 <= len(files) <= 2:
         raise InvalidParameter("FILE", [str(file) for file in files], "one recording, or the device's and the world's")
     words = output.console(json_to)
+    written = output.Written()
     recordings = [read_recording(file) for file in files]
-    for file, recording in zip(files, recordings, strict=True):
-        if recording.torn:
-            words.print(f"{file} is torn (its writer was killed): repaired and indexed copy in {repair(file)}")
+    summary = _summary(files, recordings)
     whole = recordings[0] if len(files) == 1 else join(*recordings)
-    summary = _summary(recordings)
     summary["motion"] = motion(whole)
-    whole = Recording(whole.meta, whole.device, whole.world, whole.events, summary, whole.torn)
+    sources = []
+    for file, recording in zip(files, recordings, strict=True):
+        source = source_of(file, recording)
+        if source.torn:
+            with written.part():
+                source = replace(source, repaired=repair(file))
+            copy = f": repaired and indexed copy in {source.repaired}" if source.repaired else ""
+            words.print(f"{file} is torn (its writer was killed){copy}", markup=False)
+        sources.append(source)
     directory = files[0].parent if out is None else output.run_directory(out, None)
-    figure = output.save_figure(whole, directory / f"{'-'.join(file.stem for file in files)}.png")
-    output.show_summary(words, summary)
-    words.print(f"figure in {figure}")
-    output.write_json(summary, json_to)
-    return 0
+    stem = "-".join(file.stem for file in files)
+    shown = _legible(replace(whole, summary=summary))
+    names = {"run": f"{stem}.png", "link": f"{stem}-link.png", "servo": f"{stem}-servo.png"}
+    there = write(shown, sources, directory, f"{stem}.html", names, written)
+    words.print(report.summary_text(shown.summary or {}))
+    if there:
+        words.print(f"{', '.join(there)} in {directory}", markup=False)
+    with written.part():
+        output.write_json(summary, json_to)
+    return written.code()
 
 
-def _summary(recordings: list[Recording]) -> dict[str, Any]:
+def write(
+    recording: Recording,
+    sources: Sequence[Source],
+    directory: Path,
+    page: str,
+    names: Mapping[str, str],
+    written: output.Written,
+) -> list[str]:
+    """Write the page, and those pictures as files that have a name; what is there then.
+
+    names : of the pictures' files. written : told what cannot be written.
+    """
+    from hapnet import report
+
+    drawn = report.pictures(recording)
+    files = {page: report.page(recording, drawn, sources).encode("utf-8", errors="replace")}
+    files |= {names[name]: picture.png for name, picture in drawn.items() if name in names}
+    there = []
+    for name, data in files.items():
+        with written.part():
+            report.save(data, directory / name, "figure" if name.endswith(".png") else "report")
+            there.append(name)
+    return there
+
+
+def source_of(file: Path, recording: Recording) -> Source:
+    """What a report says of the file that a recording was read from."""
+    from hapnet.report import Source, legible
+
+    sides = [side for side in ("device", "world") if getattr(recording, side) is not None]
+    role = "both" if len(sides) == 2 else sides[0] if sides else "no samples"
+    written = datetime.fromtimestamp(file.stat().st_mtime, UTC)
+    return Source(Path(legible(str(file))), role, recording.torn, None, f"{written:%Y-%m-%d %H:%M:%S} UTC")
+
+
+def _legible(recording: Recording) -> Recording:
+    """All that a recording says, fit to be shown, whoever wrote it."""
+    from hapnet.report import legible
+
+    events = [Event(event.time_ns, legible(event.kind), legible(event.text)) for event in recording.events]
+    return replace(recording, meta=legible(recording.meta), summary=legible(recording.summary), events=events)
+
+
+def _summary(files: list[Path], recordings: list[Recording]) -> dict[str, Any]:
     """What the processes said at their end, or what their recordings still tell."""
     parts = [recording.summary or from_recording(recording) for recording in recordings]
+    for file, part in zip(files, parts, strict=True):
+        if not isinstance(part, dict):
+            raise RecordingError(f"{file} is not a recording: its summary does not fit")
     if len(parts) == 1:
         return parts[0]
-    device, world = sorted(parts, key=lambda part: part["device"] is None)
-    return merge(device, world)
+    try:
+        device, world = sorted(parts, key=lambda part: part["device"] is None)
+        return merge(device, world)
+    except (KeyError, TypeError) as error:
+        raise RecordingError(f"these are not recordings that fit each other: their summaries lack {error}") from None

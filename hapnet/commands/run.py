@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import signal
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ import numpy as np
 
 from hapnet.commands import output
 from hapnet.commands.pair import Pair
+from hapnet.commands.report import source_of, write
 from hapnet.commands.side import catch, exit_code
 from hapnet.endpoint import DeviceEndpoint, WorldEndpoint
 from hapnet.errors import HapnetError, RecordingError
@@ -26,9 +28,11 @@ from hapnet.runtime.summary import merge
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from hapnet.report import Source
+
 
 def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, realtime: bool) -> int:
-    """Start both processes, wait for them, write the run's figure and summary."""
+    """Start both processes, wait for them, write the run's report, figure and summary."""
     setup = prepare(params, "sampled")
     check_sides(setup)
     words = output.console(json_to)
@@ -54,15 +58,13 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, re
     if len(pair.parts) < 2:  # one that is interrupted while it starts leaves no summary
         words.print("stopped before both processes ran: there is nothing to report", style="yellow")
         return written.code(code)
-    summary, recording = _result(pair, setup, seed, written)
-    figure = directory / "figure.png"
+    summary, recording, sources = _result(pair, setup, seed, written)
     with written.part():
         output.write_json(summary, str(directory / "summary.json"))
     if recording is not None:
-        with written.part():
-            output.save_figure(recording, figure)
+        write(recording, sources, directory, "report.html", {"run": "figure.png"}, written)
     output.show_summary(words, summary)
-    files = ("device.mcap", "world.mcap", "figure.png", "summary.json", "log.jsonl")
+    files = ("device.mcap", "world.mcap", "report.html", "figure.png", "summary.json", "log.jsonl")
     there = [file for file in files if (directory / file).exists()]
     words.print(f"{', '.join(there)} in {directory}")
     with written.part():
@@ -80,18 +82,22 @@ async def _run(pair: Pair) -> int:
     return exit_code(caught)
 
 
-def _result(pair: Pair, setup: Setup, seed: int, written: output.Written) -> tuple[dict[str, Any], Recording | None]:
+def _result(
+    pair: Pair, setup: Setup, seed: int, written: output.Written
+) -> tuple[dict[str, Any], Recording | None, list[Source]]:
     """The summary of both sides, and what they recorded."""
     summary = merge(pair.parts["device"], pair.parts["world"], seed=seed)
     try:
-        recording = join(*(read_recording(pair.recording(role)) for role in ("device", "world")))
+        parts = {(file := pair.recording(role)): read_recording(file) for role in ("device", "world")}
+        recording = join(*parts.values())
     except RecordingError as error:
-        written.missing.append(f"no figure: {error}")
-        return summary, None
+        written.missing.append(f"no report: {error}")
+        return summary, None, []
     summary["motion"] = motion(recording)
     recording.meta["seed"] = seed
     recording.meta["links"] = {"up": str(setup.up), "down": str(setup.down)}
-    return summary, Recording(recording.meta, recording.device, recording.world, recording.events, summary)
+    sources = [source_of(file, part) for file, part in parts.items()]
+    return summary, replace(recording, summary=summary), sources
 
 
 def check_sides(setup: Setup) -> None:

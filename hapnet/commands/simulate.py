@@ -37,7 +37,10 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, fi
             output.write_json(result.summary, str(directory / "summary.json"))
     output.show_summary(words, result.summary)
     if directory is not None and not written.missing:
-        words.print(f"recording, figure and summary in {directory}")
+        file = directory / "run.mcap"
+        words.print(
+            f"recording, figure and summary in {directory}; a page of it all: hapnet report {file}", markup=False
+        )
     with written.part():
         output.write_json(result.summary, json_to)
     return written.code()

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import platform
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from functools import cache
 from importlib import metadata
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from hapnet.endpoint import NANO, ControlHalf
 from hapnet.record import Columns, Recording
@@ -201,7 +205,8 @@ def from_recording(recording: Recording) -> Summary:
     device = None if recording.device is None else _device_columns(recording.device, coupling)
     world = None if recording.world is None else _world_columns(recording.world, coupling)
     ends = [columns["time_s"][-1] for columns in (recording.device, recording.world) if columns is not None]
-    asked = meta.get("links") or {}
+    asked = meta.get("links")
+    asked = asked if isinstance(asked, Mapping) else {}
     unknown = dict.fromkeys(field.name for field in fields(LinkStats))
     links = {way: {**unknown, "profile": asked[way]} if way in asked else None for way in ("up", "down")}
     return combine(
@@ -217,25 +222,39 @@ def from_recording(recording: Recording) -> Summary:
 def _device_columns(columns: Columns, coupling_name: str) -> Summary:
     result = _side_columns(columns, coupling_name)
     if coupling_name == "pspm":
-        result["deficit_max_J"] = float(columns["deficit_J"].max())
+        result["deficit_max_J"] = _extreme(columns["deficit_J"], np.max)
     return {**unknown_device(), **result}
 
 
 def _world_columns(columns: Columns, coupling_name: str) -> Summary:
     result, steps = _side_columns(columns, coupling_name), columns["step_s"]  # one sample a step
-    result["step"] = {"count": len(steps), "mean_s": float(steps.mean()), "max_s": float(steps.max())}
+    result["step"] = {"count": len(steps), "mean_s": _known(steps.mean()), "max_s": _known(steps.max())}
     return result
 
 
 def _side_columns(columns: Columns, coupling_name: str) -> Summary:
     """The keys that both sides have."""
     return {
-        "ledger": {name: float(columns[name].min()) for name in ("margin_J", "slack_J")} | {"bound_J": None},
-        "reservoir_min_J": float(columns["reservoir_J"].min()) if coupling_name == "pspm" else None,
+        "ledger": {name: _extreme(columns[name], np.min) for name in ("margin_J", "slack_J")} | {"bound_J": None},
+        "reservoir_min_J": _extreme(columns["reservoir_J"], np.min) if coupling_name == "pspm" else None,
         "deficit_max_J": None,
-        "sent_nJ": round(float(columns["sent_J"][-1]) * 1e9),
-        "credited_nJ": round(float(columns["credited_J"][-1]) * 1e9),
+        "sent_nJ": _nanojoules(columns["sent_J"][-1]),
+        "credited_nJ": _nanojoules(columns["credited_J"][-1]),
         **dict.fromkeys(("in_flight_nJ", "discarded_nJ", "abandoned_nJ", "incarnations", "peers_J")),
         "outages": dict.fromkeys(("count", "longest_s", "total_s", "recovery_max_s")),
         **dict.fromkeys(("received", "missing", "dropped")),
     }
+
+
+def _extreme(values: NDArray[np.float64], pick: Callable[[NDArray[np.float64]], float]) -> float | None:
+    """Of those that are known."""
+    known = values[np.isfinite(values)]
+    return float(pick(known)) if len(known) else None
+
+
+def _known(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _nanojoules(energy_J: float) -> int | None:
+    return round(float(energy_J) * 1e9) if math.isfinite(energy_J) else None

@@ -108,4 +108,3 @@ class Watcher:
             self.unreadable += 1
             return
         self._take(message)
-

@@ -393,6 +393,9 @@ def test_statistics_of_a_known_link() -> None:
     found = link.stats.as_dict()
     assert found["delay_p50_ms"] == found["delay_p99_ms"] == pytest.approx(40.0)
     assert found["profile"] == "delay 40ms loss 20%"
+    (low, _), (high, count) = found["delay_histogram_ms"]
+    assert low <= 40.0 <= high
+    assert count == found["delivered"]
     assert {"offered", "delivered", "lost", "reordered", "in_flight"} <= set(found)
 
 

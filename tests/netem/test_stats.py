@@ -48,7 +48,43 @@ def test_a_constant_delay_is_exact() -> None:
     )
 
 
+@given(st.lists(st.integers(2000, 10**12), min_size=1, max_size=600), st.integers(8, 60))
+def test_bins_hold_every_delay_between_their_edges(delays_ns: list[int], most: int) -> None:
+    bins = histogram_of(delays_ns).bins_ms(most)
+    edges, counts = zip(*bins, strict=True)
+    assert list(edges) == sorted(set(edges))
+    assert counts[0] == 0
+    assert sum(count > 0 for count in counts) <= most
+    delays_ms = np.array(delays_ns) * 1e-6
+    for edge, seen in zip(edges, np.cumsum(counts), strict=True):  # rounding may put one that is on the edge beside it
+        assert np.sum(delays_ms < edge * (1 - 1e-9)) <= seen <= np.sum(delays_ms < edge * (1 + 1e-9))
+
+
+def test_a_gap_between_bins_is_told() -> None:
+    bins = histogram_of([10_000_000] * 3 + [80_000_000] * 2).bins_ms()
+    assert [count for _, count in bins] == [0, 3, 0, 2]
+    (a, b, c, d) = (edge for edge, _ in bins)
+    assert a <= 10.0 < b
+    assert c <= 80.0 < d
+    assert b / a == pytest.approx(2 ** (1 / 64), rel=1e-12)
+    assert d / c == pytest.approx(2 ** (1 / 64), rel=1e-12)
+
+
+def test_few_delays_make_few_bins() -> None:
+    """A hundred values spread over an octave: at most ten bins, the square root."""
+    bins = histogram_of([int(1e7 * 2 ** (i / 100)) for i in range(100)]).bins_ms()
+    assert sum(count > 0 for _, count in bins) <= 10
+    assert sum(count for _, count in bins) == 100
+
+
+def test_what_passes_at_once_is_in_a_bin_that_begins_at_0() -> None:
+    ((low, _), (high, count)) = histogram_of([0] * 7).bins_ms()
+    assert (low, count) == (0.0, 7)
+    assert 0.0 < high <= 1.02e-3
+
+
 def test_nothing_counted_is_none() -> None:
+    assert DelayHistogram().bins_ms() == ()
     assert DelayHistogram().quantile_ms(0.5) is None
     assert DelayHistogram().mean_ms() is None
     assert DelayHistogram().std_ms() is None

@@ -1,0 +1,260 @@
+"""What people look at first after a run: a figure of four panels against time."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapnet.record import Columns, Recording
+from hapnet.report.style import MM, STYLE
+from hapnet.report.words import get, known, millijoule, verdict
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_POINTS = 4000  # a curve keeps at most about this many: more than the paper can resolve
+_TITLE = 300  # letters of a title's part: a link's words are shorter
+# device, proxy (or world), and the thinner third: told apart by dash and grey value as well as by hue
+_DEVICE: dict[str, Any] = {"color": "#08306b", "linestyle": "-"}
+_WORLD: dict[str, Any] = {"color": "#e6550d", "linestyle": (0, (5, 1.5))}
+_THIRD: dict[str, Any] = {"color": "0.35", "linestyle": (0, (1, 1.2)), "linewidth": 0.8}
+
+
+def figure(recording: Recording) -> Figure:
+    """Positions, forces, reservoirs and passivity margin against time, 180 mm wide.
+
+    With several axes, positions and forces are drawn along one: the axis along which the contact force is largest on
+    average or, if there was no contact, along which the device moved most. It is named in the panels' labels. The path
+    in the plane is added for the scene ``paper`` and whenever the device moves along two axes.
+    """
+    import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    axis = _main_axis(recording)
+    plane = _plane(recording, axis)
+    with matplotlib.rc_context(STYLE):
+        fig = Figure(figsize=(180 * MM, (200 if plane is None else 280) * MM), dpi=150, layout="constrained")
+        FigureCanvasAgg(fig)
+        fig.suptitle(_title(recording), fontsize=9, parse_math=False)
+        ratios = [1.25, 1.0, 0.9, 0.9] + ([] if plane is None else [1.7])
+        grid = fig.add_gridspec(len(ratios), 1, height_ratios=ratios)
+        panels = [fig.add_subplot(grid[0])]
+        panels += [fig.add_subplot(grid[row], sharex=panels[0]) for row in (1, 2, 3)]
+        _positions(panels[0], recording, axis)
+        _forces(panels[1], recording, axis)
+        _reservoirs(panels[2], recording)
+        _margins(panels[3], recording)
+        silences = _silences(recording)
+        for panel in panels:
+            _shade_silences(panel, silences, named=panel is panels[0])
+        for panel in panels[:3]:
+            panel.tick_params(labelbottom=False)
+        panels[3].set_xlabel("time [s]")
+        panels[0].margins(x=0.01)
+        if plane is not None:
+            _path(fig.add_subplot(grid[4]), recording, plane)
+        for panel in fig.axes:
+            _legend(panel)
+    return fig
+
+
+def _positions(panel: Axes, recording: Recording, axis: int) -> None:
+    device, world = recording.device, recording.world
+    _shade_contact(panel, world)
+    if device is not None:
+        _curve(panel, device, device["position_m"][:, axis] * 1e3, "device", **_DEVICE)
+    if world is not None:
+        _curve(panel, world, world["position_m"][:, axis] * 1e3, "proxy", **_WORLD)
+    modulated = device if device is not None else world
+    if modulated is not None:
+        name = "device's" if device is not None else "world's"
+        y = modulated["set_position_m"][:, axis] * 1e3
+        _curve(panel, modulated, y, f"{name} set-position (modulated)", drawstyle="steps-post", **_THIRD)
+    panel.set_ylabel(f"position{_along(recording, axis)} [mm]")
+
+
+def _forces(panel: Axes, recording: Recording, axis: int) -> None:
+    device, world = recording.device, recording.world
+    _shade_contact(panel, world)
+    if device is not None:
+        _curve(panel, device, device["force_N"][:, axis], "coupling on the device", **_DEVICE)
+    if world is not None:
+        y = world["contact_force_N"][:, axis]
+        _curve(panel, world, y, "contact on the proxy", drawstyle="steps-post", **_WORLD)
+    panel.set_ylabel(f"force{_along(recording, axis)} [N]")
+
+
+def _reservoirs(panel: Axes, recording: Recording) -> None:
+    for columns, label, style in ((recording.device, "device", _DEVICE), (recording.world, "world", _WORLD)):
+        if columns is not None:
+            _curve(panel, columns, columns["reservoir_J"] * 1e3, label, drawstyle="steps-post", **style)
+    panel.set_ylabel("reservoir [mJ]")
+    panel.set_ylim(bottom=0.0)
+
+
+def _margins(panel: Axes, recording: Recording) -> None:
+    device, world = recording.device, recording.world
+    low = 0.0
+    for columns, label, style in ((device, "device's half", _DEVICE), (world, "world's half", _WORLD)):
+        if columns is not None:
+            low = min(low, _least(columns["margin_J"]) * 1e3)
+            _curve(panel, columns, columns["margin_J"] * 1e3, label, drawstyle="steps-post", **style)
+    if (total := _total_margin(recording)) is not None:
+        low = min(low, _least(total["margin_J"]) * 1e3)
+        told = known(get(recording.summary, "theorem", "margin_J"))
+        label = "sum" if told is None else f"sum (theorem's margin: {millijoule(told)} mJ)"
+        _curve(panel, total, total["margin_J"] * 1e3, label, color="black", linestyle="-.", linewidth=0.9)
+    top = panel.get_ylim()[1]
+    bottom = low * 1.1 - 0.08 * (top - low)
+    panel.set_ylim(bottom, top)
+    panel.axhspan(bottom, 0.0, facecolor="#fcbba1", edgecolor="#cb181d", hatch="////", alpha=0.6, lw=0, zorder=0)
+    panel.axhline(0.0, color="#cb181d", linewidth=1.0)
+    panel.set_ylabel("passivity margin [mJ]")
+
+
+def _path(panel: Axes, recording: Recording, plane: tuple[int, int]) -> None:
+    first, second = plane
+    if (device := recording.device) is not None:
+        path = device["position_m"][:: _stride(device)] * 1e3
+        panel.plot(path[:, first], path[:, second], label="device", **{**_DEVICE, "linewidth": 2.4, "alpha": 0.35})
+    if (world := recording.world) is not None:
+        path, label = world["position_m"] * 1e3, "proxy"
+        if _written(recording) and (inside := world["penetration_m"] > 0.0).any():
+            path, label = np.where(inside[:, None], path, np.nan), "proxy, where it touched"
+        path = path[:: _stride(world)]
+        panel.plot(path[:, first], path[:, second], label=label, color=_WORLD["color"], linewidth=0.9)
+    panel.set_aspect("equal", adjustable="datalim")
+    panel.set_xlabel(f"{'xyz'[first]} [mm]")
+    panel.set_ylabel(f"{'xyz'[second]} [mm]")
+
+
+def _total_margin(recording: Recording) -> Columns | None:
+    """Margin of both ports together at the device's times, the world's held between its steps; needs one clock."""
+    device, world = recording.device, recording.world
+    if device is None or world is None or not recording.meta.get("aligned", True):
+        return None
+    latest = np.searchsorted(world["time_s"], device["time_s"], side="right") - 1
+    both = latest >= 0
+    total = device["margin_J"][both] + world["margin_J"][latest[both]]
+    return {"time_s": device["time_s"][both], "margin_J": total}
+
+
+def _curve(panel: Axes, columns: Columns, values: NDArray[np.float64], label: str, **style: Any) -> None:
+    kept = _envelope(values)
+    alone: dict[str, Any] = {"marker": "."} if np.count_nonzero(np.isfinite(values)) == 1 else {}  # a line needs two
+    panel.plot(columns["time_s"][kept], values[kept], label=label, **alone, **style)
+
+
+def _envelope(values: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Indices to draw: all of them or, of a long curve, the least and the greatest value of each short stretch."""
+    if len(values) <= _POINTS:
+        return np.arange(len(values))
+    stretches = np.array_split(np.arange(len(values)), _POINTS // 2)
+    low, high = (np.where(np.isnan(values), other, values) for other in (np.inf, -np.inf))
+    kept = [s[int(i)] for s in stretches for i in (np.argmin(low[s]), np.argmax(high[s]))]
+    return np.unique(np.array([0, *kept, len(values) - 1], dtype=np.intp))
+
+
+def _shade_contact(panel: Axes, world: Columns | None) -> None:
+    if world is not None and (inside := world["penetration_m"] > 0.0).any():
+        whole_height = panel.get_xaxis_transform()
+        style: dict[str, Any] = {"color": "0.9", "linewidth": 0, "zorder": 0, "label": "contact"}
+        panel.fill_between(world["time_s"], 0, 1, where=inside, step="post", transform=whole_height, **style)
+
+
+def _silences(recording: Recording) -> list[tuple[float, float]]:
+    """From when to when [s] a side heard nothing of the other; what did not end lasts until the recording does."""
+    origin_ns = int(recording.meta.get("origin_ns", 0))
+    ends = [float(c["time_s"][-1]) for c in (recording.device, recording.world) if c is not None]
+    since: dict[str, float] = {}
+    found = []
+    for event in recording.events:
+        other = next((role for role in ("device", "world") if f"the {role}" in event.text), "")
+        at_s = (event.time_ns - origin_ns) / 1e9
+        ends.append(at_s)
+        if event.kind == "silent":
+            since.setdefault(other, at_s)
+        elif event.kind in ("heard", "paired", "left") and other in since:
+            found.append((since.pop(other), at_s))
+    return found + [(at_s, max(ends)) for at_s in since.values()]
+
+
+def _shade_silences(panel: Axes, silences: list[tuple[float, float]], *, named: bool) -> None:
+    for number, (begin_s, end_s) in enumerate(silences):
+        label = "silence" if named and number == 0 else None
+        panel.axvspan(begin_s, end_s, facecolor="#fee391", edgecolor="#993404", hatch="..", alpha=0.5, lw=0, zorder=0,
+                      label=label)  # fmt: skip
+
+
+def _legend(panel: Axes) -> None:
+    """Above the panel, where it cannot cover data."""
+    handles, labels = panel.get_legend_handles_labels()
+    if handles:
+        style = {"ncols": len(handles), "handlelength": 2.6, "borderaxespad": 0.1, "columnspacing": 1.4}
+        panel.legend(handles, labels, loc="lower left", bbox_to_anchor=(0.0, 1.0), fontsize=8, **style)
+
+
+def _main_axis(recording: Recording) -> int:
+    device, world = recording.device, recording.world
+    if world is not None and (pressed := np.nansum(np.abs(world["contact_force_N"]), axis=0)).any():
+        return int(np.argmax(pressed))
+    columns = device if device is not None else world
+    return 0 if columns is None else int(np.argmax(np.ptp(columns["position_m"], axis=0)))
+
+
+def _plane(recording: Recording, axis: int) -> tuple[int, int] | None:
+    """The plane to draw the path in: across the main axis for three axes. None if the motion is along a line."""
+    columns = recording.device if recording.device is not None else recording.world
+    if columns is None or (n := columns["position_m"].shape[1]) < 2:
+        return None
+    first, second = [i for i in range(n) if n == 2 or i != axis][:2]
+    extent = np.ptp(columns["position_m"], axis=0)
+    both = min(extent[first], extent[second]) > 0.05 * extent.max() > 0.0
+    return (first, second) if _written(recording) or both else None
+
+
+def _written(recording: Recording) -> bool:
+    return bool(get(recording.meta, "params", "scene") == "paper")
+
+
+def _stride(columns: Columns) -> int:
+    return max(1, len(columns["time_s"]) // (2 * _POINTS))
+
+
+def _along(recording: Recording, axis: int) -> str:
+    columns = recording.device if recording.device is not None else recording.world
+    n = 1 if columns is None else columns["position_m"].shape[1]
+    return "" if n == 1 else f" along {'xyz'[axis] if n <= 3 else axis + 1}"
+
+
+def _title(recording: Recording) -> str:
+    summary, meta = recording.summary or {}, recording.meta
+    up, down = (get(summary, "links", way, "profile") or get(meta, "links", way) for way in ("up", "down"))
+    asked = {"link": up} if up == down else {"uplink": up, "downlink": down}
+    words = [f"{name}: {str(profile)[:_TITLE]}" for name, profile in asked.items() if profile is not None]
+    for name in ("coupling", "seed"):
+        value = summary.get(name, meta.get(name))
+        words += [] if value is None else [f"{name}\N{NO-BREAK SPACE}{str(value)[:_TITLE]}"]
+    about = (line.replace("\N{NO-BREAK SPACE}", " ") for line in textwrap.wrap(", ".join(words), 100))
+    return "\n".join([*about, verdict(_told(recording))])
+
+
+def _told(recording: Recording) -> Mapping[str, Any]:
+    """The summary or, where there is none (a torn file), what the samples tell."""
+    if recording.summary is not None:
+        return recording.summary
+    if (total := _total_margin(recording)) is not None and len(total["margin_J"]):
+        return {"theorem": {"margin_J": _least(total["margin_J"])}}
+    sides = {"device": recording.device, "world": recording.world}
+    return {s: {"ledger": {"margin_J": _least(c["margin_J"])}} for s, c in sides.items() if c is not None}
+
+
+def _least(values: NDArray[np.float64]) -> float:
+    finite = values[np.isfinite(values)]
+    return float(finite.min()) if len(finite) else 0.0

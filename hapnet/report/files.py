@@ -1,0 +1,40 @@
+"""What a report writes: each file appears only when it is complete."""
+
+from __future__ import annotations
+
+import io
+import os
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hapnet.errors import RecordingError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def png(fig: Figure) -> bytes:
+    """`fig` as a PNG."""
+    out = io.BytesIO()
+    fig.savefig(out, format="png", dpi=150)
+    return out.getvalue()
+
+
+def save(data: bytes, path: str | os.PathLike[str], what: str) -> None:
+    """Write `data`. Raises `RecordingError`, which calls it `what`, if it cannot be written."""
+    target = Path(path)
+    part = target.with_name(target.name + ".part")
+    try:
+        part.write_bytes(data)
+        part.replace(target)
+    except OSError as error:
+        raise RecordingError(f"cannot write {what} {target}: {error.strerror or error}") from error
+    finally:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+
+
+def save_figure(fig: Figure, path: str | os.PathLike[str]) -> None:
+    """Write `fig` as a PNG. Raises `RecordingError` if it cannot be written."""
+    save(png(fig), path, "figure")

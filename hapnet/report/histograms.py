@@ -1,0 +1,130 @@
+"""How long the links took, and how late the servo was: histograms as they were counted on the spot."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapnet.report.style import MM, STYLE
+from hapnet.report.words import get, known, number
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_COLORS = {"up": "#08306b", "down": "#e6550d"}
+_TITLE = 300  # letters
+_BARS = 60
+_WIDE = 20.0  # times the median: a delay that is longer needs a logarithmic axis
+_SUB_BINS = 8  # an octave of the servo's lateness has 32 bins; these are made of four each
+
+
+def link_histogram(summary: Mapping[str, Any]) -> Figure | None:
+    """The delays of both links, a panel each, 180 mm wide; None if no link counted any."""
+    from matplotlib import rc_context
+
+    links = {way: get(summary, "links", way) for way in ("up", "down")}
+    bins = {way: _bins(get(link, "delay_histogram_ms")) for way, link in links.items()}
+    found = {way: part for way, part in bins.items() if len(part) > 1}
+    if not found:
+        return None
+    longest = max(part[-1, 0] for part in found.values())
+    wide = any(part[-1, 0] > _WIDE * _median(part) for part in found.values())
+    with rc_context(STYLE):
+        fig = _figure(20 + 40 * len(found))
+        panels = fig.subplots(len(found), 1, sharex=True, squeeze=False)[:, 0]
+        for panel, (way, part) in zip(panels, found.items(), strict=True):
+            _delays(panel, part, _COLORS[way], logarithmic=wide)
+            _marks(panel, {name: get(links[way], f"delay_{name}_ms") for name in ("p50", "p99")}, "ms")
+            words = textwrap.wrap(f"{way}link: {get(links[way], 'profile') or 'nothing emulated'}"[:_TITLE], 78)
+            panel.set_title("\n".join(words), loc="left", fontsize=8, parse_math=False)
+        if not wide:
+            shortest = min(part[0, 0] for part in found.values())
+            room = max(0.1 * (longest - shortest), 0.02 * longest)
+            panels[0].set_xlim(max(0.0, shortest - room), longest + room)
+        panels[-1].set_xlabel("delay in the link [ms]")
+    return fig
+
+
+def lateness_histogram(summary: Mapping[str, Any]) -> Figure | None:
+    """How late the servo's ticks were, on logarithmic axes; None if that was not recorded."""
+    from matplotlib import rc_context
+
+    servo = get(summary, "device", "servo")
+    bins = _bins(get(servo, "late_histogram_us"))
+    if not len(bins):
+        return None
+    late_ns = np.maximum(bins[:, 0] * 1e3, 1.0)
+    low, high = np.floor(np.log2(late_ns.min())), np.floor(np.log2(late_ns.max())) + 1
+    octaves = np.exp2(np.arange(low, high))
+    edges = np.append(np.outer(octaves, 1.0 + np.arange(_SUB_BINS) / _SUB_BINS).ravel(), np.exp2(high))
+    counts, _ = np.histogram(late_ns, bins=edges, weights=bins[:, 1])
+    with rc_context(STYLE):
+        fig = _figure(60)
+        panel = fig.subplots()
+        panel.set(xscale="log", yscale="log", xlabel="lateness of a servo tick [µs]", ylabel="ticks")
+        _stairs(panel, counts, edges * 1e-3, _COLORS["up"])
+        panel.set_ylim(0.5, 2.0 * counts.max())
+        panel.xaxis.set_major_formatter(_plain_ticks)
+        _marks(panel, {name: get(servo, f"late_{name}_us") for name in ("p50", "p99", "max")}, "µs")
+    return fig
+
+
+def _delays(panel: Axes, bins: NDArray[np.float64], color: str, *, logarithmic: bool) -> None:
+    edges, counts = bins[:, 0].copy(), bins[1:, 1]
+    if logarithmic:  # on which bins are equally wide
+        edges[0] = edges[0] or edges[1] / 2.0
+        panel.set_xscale("log")
+        panel.xaxis.set_major_formatter(_plain_ticks)
+    else:  # shared out to bars that are
+        span, widths = edges[-1] - edges[0], np.diff(edges)[counts > 0.0]
+        even = np.linspace(edges[0], edges[-1], max(1, round(min(_BARS, span / np.median(widths)))) + 1)
+        edges, counts = even, np.diff(np.interp(even, edges, np.cumsum(bins[:, 1])))
+    _stairs(panel, counts, edges, color)
+    panel.set_ylabel("packets")
+
+
+def _stairs(panel: Axes, counts: NDArray[np.float64], edges: NDArray[np.float64], color: str) -> None:
+    panel.stairs(counts, edges, fill=True, color=color, alpha=0.3)
+    panel.stairs(counts, edges, color=color, linewidth=0.9)
+
+
+def _bins(histogram: Any) -> NDArray[np.float64]:
+    """(edge, count) a row; none if it is no histogram, or nothing was counted."""
+    nothing = np.zeros((0, 2))
+    try:
+        bins = np.array(histogram or nothing, dtype=float).reshape(-1, 2)
+    except (TypeError, ValueError):
+        return nothing
+    sound = np.isfinite(bins).all() and (bins >= 0.0).all() and (np.diff(bins[:, 0]) > 0.0).all()
+    return bins if sound and bins[:, 1].any() else nothing
+
+
+def _median(bins: NDArray[np.float64]) -> float:
+    return float(bins[np.searchsorted(np.cumsum(bins[:, 1]), bins[:, 1].sum() / 2.0), 0])
+
+
+def _marks(panel: Axes, values: Mapping[str, Any], unit: str) -> None:
+    panel.set_axisbelow(True)
+    for (name, value), style in zip(values.items(), ("--", ":", "-."), strict=False):
+        if known(value) is not None:
+            panel.axvline(value, color="black", linestyle=style, linewidth=0.9, label=f"{name} {number(value)} {unit}")
+    if panel.get_legend_handles_labels()[0]:
+        panel.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, fontsize=8, borderaxespad=0.1)
+
+
+def _plain_ticks(value: float, _: object) -> str:
+    return f"{value:g}"
+
+
+def _figure(height_mm: float) -> Figure:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    fig = Figure(figsize=(180 * MM, height_mm * MM), dpi=150, layout="constrained")
+    FigureCanvasAgg(fig)
+    return fig

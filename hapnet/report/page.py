@@ -1,0 +1,241 @@
+"""A report as one HTML file: no script, nothing from elsewhere, to be read in any browser and on paper."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from hapnet.record import Recording
+from hapnet.report import tables
+from hapnet.report.html import Html, element, join, table
+from hapnet.report.pictures import Picture
+from hapnet.report.settings import Setting, commands, of_side, settings
+from hapnet.report.words import get, number, outcome, verdict
+
+FOLDED = 12
+"""A longer list of events is folded."""
+
+MOST_EVENTS = 500
+"""More are in the recording only."""
+
+_POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
+_WHAT_IT_MEANS = {
+    "good": "At no time had the hand and the world together taken out more energy than the bound d² allows "
+    "(Theorem 1); the margin is what was left of it at the worst instant.",
+    "bad": "More energy came out of the two ports than was ever put in: Theorem 1 does not hold for this run.",
+    "unknown": "There is no energy account to judge it by.",
+}
+_HALF = (
+    "One side's recording knows what went in and out at its own port only, which is its half of Theorem 1; "
+    "hapnet report with both sides' files tells the whole."
+)
+_COUPLINGS = {
+    "pspm": "passive set-position modulation (pspm)",
+    "zoh": "plain virtual coupling (zoh), which nothing keeps passive",
+}
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file that a report is of.
+
+    repaired : the copy that was made of it, if it was torn. written : when that last happened, in UTC.
+    """
+
+    path: Path
+    role: str
+    torn: bool = False
+    repaired: Path | None = None
+    written: str = ""
+
+
+def page(recording: Recording, drawn: Mapping[str, Picture], sources: Sequence[Source]) -> str:
+    """The report of `recording`, whose summary must be there, with its pictures.
+
+    What a recording says is text here, whatever it is: `legible` should have gone over it.
+    """
+    summary = recording.summary or {}
+    hand = _of_device(recording, "operator")
+    title = f"Scene {get(recording.meta, 'scene') or 'unknown'}{f', hand {hand}' if hand else ''}"
+    body = element(
+        "main",
+        _head(summary, title, sources),
+        _section("What was run", _facts(recording, sources)),
+        _section("What happened", _picture(drawn.get("run"))),
+        _section("Summary", _table(tables.sides(summary)), _table(tables.motion(summary))),
+        _section("Links", _table(tables.links(summary)), _picture(drawn.get("link"))),
+        _section("Energy account", _energy(tables.energy(summary))),
+        _section("Servo", _picture(drawn.get("servo"))),
+        _section("Silences and events", _events(recording)),
+        _section("How to make it again", _commands(recording, sources)),
+        _section("Settings", _settings(settings(recording))),
+        _section("Versions", _versions(recording)),
+        _section("Files", _files(sources)),
+    )
+    style = Html((files("hapnet.report") / "style.css").read_text("utf-8"))
+    head = element(
+        "head",
+        element("meta", charset="utf-8"),
+        element("meta", http_equiv="Content-Security-Policy", content=_POLICY),
+        element("meta", name="viewport", content="width=device-width, initial-scale=1"),
+        element("meta", name="color-scheme", content="light dark"),
+        element("title", f"{title}: hapnet report"),
+        element("style", style),
+    )
+    return f"<!doctype html>\n{element('html', head, element('body', body), lang='en')}\n"
+
+
+_ENERGY = (
+    "Shuffled energy is counted in whole nanojoules: what was sent is what was credited, what is in flight and what "
+    "was abandoned, to the last one. “Discarded” in the summary is the surplus that a side did not send."
+)
+
+
+def _head(summary: Mapping[str, Any], title: str, sources: Sequence[Source]) -> Html:
+    line = verdict(summary)
+    meaning = _HALF if "'s half" in line else _WHAT_IT_MEANS[outcome(line)]
+    return element(
+        "header",
+        element("p", "hapnet report", class_="kicker"),
+        element("h1", title),
+        element("p", line[0].upper() + line[1:], class_=f"verdict {outcome(line)}"),
+        element("p", meaning),
+        *(element("p", _torn(source), class_="note") for source in sources if source.torn),
+    )
+
+
+def _torn(source: Source) -> str:
+    words = f"{source.path.name} is torn: its writer was killed. The report is of the samples that can be read of it"
+    return f"{words}; a repaired copy is {source.repaired.name}." if source.repaired else f"{words}."
+
+
+def _facts(recording: Recording, sources: Sequence[Source]) -> Html:
+    summary, meta = recording.summary or {}, recording.meta
+    coupling = get(summary, "coupling")
+    duration = get(summary, "duration_s")
+    facts = {
+        "scene": get(meta, "scene"),
+        "hand": _of_device(recording, "operator"),
+        "device": _of_device(recording, "hardware"),
+        "coupling": _COUPLINGS.get(str(coupling), coupling),
+        **{f"{way}link": _link(recording, way) for way in ("up", "down")},
+        "duration": None if duration is None else f"{number(duration)} s",
+        "seed": get(summary, "seed"),
+        "clock": "virtual time" if get(meta, "clock") == "virtual" else "real time",
+        "file written": ", ".join(dict.fromkeys(source.written for source in sources if source.written)),
+    }
+    known_ones = {name: str(value) for name, value in facts.items() if value not in (None, "")}
+    items = [element("div", element("dt", name), element("dd", value)) for name, value in known_ones.items()]
+    return element("dl", *items)
+
+
+def _link(recording: Recording, way: str) -> str | None:
+    side = of_side(recording, "device" if way == "up" else "world")
+    asked = get(side, "links", way)
+    if asked is None:
+        asked = get(recording.summary, "links", way, "profile")
+    timeline = get(side, "params", "link", f"{way}_timeline")
+    return None if asked is None else f"{asked or 'nothing emulated'}{f'; {timeline}' if timeline else ''}"
+
+
+def _energy(account: tables.Table) -> Html:
+    return join(_table(account), element("p", _ENERGY)) if account.rows else Html()
+
+
+def _events(recording: Recording) -> Html:
+    if not (events := recording.events):
+        return element("p", "None were recorded.")
+    origin_ns = int(recording.meta.get("origin_ns", 0))
+    rows = [
+        (f"{round((event.time_ns - origin_ns) / 1e9, 3) + 0.0:.3f}", event.kind, event.text)
+        for event in events[:MOST_EVENTS]
+    ]
+    shown = table(("time [s]", "kind", "what"), rows, class_="events")
+    if len(events) > len(rows):
+        shown = join(shown, element("p", f"The other {len(events) - len(rows)} are in the recording only."))
+    if len(events) <= FOLDED:
+        return shown
+    counts = ", ".join(f"{count} {kind}" for kind, count in Counter(e.kind for e in events).most_common(FOLDED))
+    return element("details", element("summary", f"{len(events)} events: {counts}"), shown)
+
+
+def _settings(rows: list[Setting]) -> Html:
+    if not rows:
+        return element("p", "The recording does not tell them.")
+    changed = sum(bool(row.default) for row in rows)
+    words = (
+        f"{changed} of {len(rows)} differ from the defaults; they are marked." if changed else "All are the defaults."
+    )
+    cells = [
+        (
+            join(element("mark", row.name), " ") if row.default else row.name,
+            row.value,
+            row.default,
+            row.meaning,
+        )
+        for row in rows
+    ]
+    return join(element("p", words), table(("parameter", "value", "default", "meaning"), cells, class_="settings"))
+
+
+def _commands(recording: Recording, sources: Sequence[Source]) -> Html:
+    device = next((s.repaired or s.path for s in sources if s.role in ("device", "both")), None)
+    found = commands(recording, device)
+    if not found:
+        return element("p", "Its settings do not fit this version of hapnet.")
+    return join(*(join(element("p", f"{c.purpose}:"), element("pre", element("code", c.line))) for c in found))
+
+
+def _versions(recording: Recording) -> Html:
+    told = {
+        side: get(of_side(recording, side), "versions") or get(recording.summary, "versions")
+        for side in ("device", "world")
+    }
+    same = told["device"] == told["world"]
+    columns = {"": told["device"]} if same else told
+    names = dict.fromkeys(name for versions in columns.values() if isinstance(versions, Mapping) for name in versions)
+    rows = [(name, *(str(get(versions, name) or "-") for versions in columns.values())) for name in names]
+    return table(("" if same else "package", *columns), rows) if rows else element("p", "Unknown.")
+
+
+def _files(sources: Sequence[Source]) -> Html:
+    rows = [
+        (
+            str(source.path),
+            source.role,
+            f"torn, repaired copy: {source.repaired or 'none'}" if source.torn else "whole",
+            source.written or "-",
+        )
+        for source in sources
+    ]
+    return table(("file", "side", "state", "written"), rows, class_="files")
+
+
+def _section(title: str, *parts: Html) -> Html:
+    """Nothing if there is nothing in it."""
+    return element("section", element("h2", title), *parts) if any(parts) else Html()
+
+
+def _table(content: tables.Table) -> Html:
+    if not content.rows:
+        return Html()
+    head = ("", *content.columns) if any(content.columns) else ()
+    return table(head, content.rows, caption=content.title, class_="numbers")
+
+
+def _picture(picture: Picture | None) -> Html:
+    if picture is None:
+        return Html()
+    source = f"data:image/png;base64,{b64encode(picture.png).decode('ascii')}"
+    image = element("img", src=source, alt=picture.alternative)
+    return element("figure", element("div", image, class_="wide", tabindex="0"), element("figcaption", picture.caption))
+
+
+def _of_device(recording: Recording, name: str) -> Any:
+    """A parameter that only the device's process goes by."""
+    return None if recording.device is None else get(of_side(recording, "device"), "params", name)

@@ -1,0 +1,56 @@
+"""The pictures of a report, each with what to say to who cannot see it and to who sees it for the first time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hapnet.record import Recording
+from hapnet.report.figures import figure
+from hapnet.report.files import png
+from hapnet.report.histograms import lateness_histogram, link_histogram
+from hapnet.report.words import get, number, verdict
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A PNG. `name` ends its file's name; `caption` says how to read it, `alternative` what it shows."""
+
+    name: str
+    png: bytes
+    caption: str
+    alternative: str
+
+
+def pictures(recording: Recording) -> dict[str, Picture]:
+    """By name: ``run``, and where they were counted ``link`` and ``servo``."""
+    summary = recording.summary or {}
+    found = [Picture("run", png(figure(recording)), _RUN, f"Against time: {_PANELS}. {verdict(summary)}.")]
+    if (links := link_histogram(summary)) is not None:
+        ways = [
+            f"{way}link p50 {number(get(link, 'delay_p50_ms'))} ms, p99 {number(get(link, 'delay_p99_ms'))} ms"
+            for way in ("up", "down")
+            if (link := get(summary, "links", way)) is not None
+        ]
+        found.append(Picture("link", png(links), _LINK, f"Histogram of delays: {'; '.join(ways)}."))
+    if (lateness := lateness_histogram(summary)) is not None:
+        late = (get(summary, "device", "servo", f"late_{name}_us") for name in ("p50", "p99", "max"))
+        told = "Histogram of lateness: p50 {} µs, p99 {} µs, most {} µs.".format(*map(number, late))
+        found.append(Picture("servo", png(lateness), _SERVO, told))
+    return {picture.name: picture for picture in found}
+
+
+_PANELS = "positions of device and proxy, forces, energy reservoirs, passivity margin"
+_RUN = (
+    "Positions: the proxy stops at the wall while the hand goes on; grey is contact. Forces: what the coupling makes "
+    "the hand feel, and what the wall does to the proxy. Reservoirs: the energy that each side may spend on moving its "
+    "spring; an empty one holds the set-position back. Margin: what is left of the bound d²; in the red, energy came "
+    "from nowhere. A silence is shaded from when it was noticed until the other side was heard again."
+)
+_LINK = (
+    "How long packets stayed in each emulated link, from being offered to the release that the profile gave, as the "
+    "link itself counted them; lost ones are not in it. A link of the network beneath is not either."
+)
+_SERVO = (
+    "How late the servo's ticks began after their deadlines; both axes are logarithmic. A tick that is late by its "
+    "whole period is a deadline missed."
+)

@@ -1,0 +1,115 @@
+"""What a recording was made with: its parameters, and the commands that make it again."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from hapnet.errors import InvalidParameter
+from hapnet.params import Params
+from hapnet.record import Recording
+from hapnet.report.words import get, known
+
+
+class Setting(NamedTuple):
+    """A parameter as it was. `default` is empty where it was left at that, or where there is none of that name."""
+
+    name: str
+    value: str
+    default: str
+    meaning: str
+
+
+class Command(NamedTuple):
+    """What to type, and what that does."""
+
+    purpose: str
+    line: str
+
+
+def settings(recording: Recording) -> list[Setting]:
+    """All parameters that the recording tells, in the order of `--show-params`; two values where the sides differ."""
+    sides = [_flat(part) for part in _parts(recording).values()]
+    defaults = {name: (value, meaning) for name, value, meaning in Params().described()}
+    names = dict.fromkeys([*defaults, *(name for side in sides for name in side)])
+    rows = []
+    for name in names:
+        values = list(dict.fromkeys(_written(side[name]) for side in sides if name in side))
+        default, meaning = defaults.get(name, ("", ""))
+        if values:
+            rows.append(Setting(name, " / ".join(values), "" if values == [default] else default, meaning))
+    return rows
+
+
+def commands(recording: Recording, device: Path | None) -> list[Command]:
+    """How to make it again: by its settings and, where a device was recorded (in that file), by its hand."""
+    found = []
+    if (params := _params(recording)) is not None:
+        virtual = recording.meta.get("clock") == "virtual"
+        if params.hardware == "simulated":
+            servo = params.device.servo if virtual or params.device.servo != "auto" else "sampled"
+            what = "The same, to the last digit" if virtual else "The same settings in virtual time"
+            found.append(Command(what, _line("simulate", recording, params.set({"device.servo": servo}))))
+        if not virtual:
+            found.append(Command("Once more in real time, on one machine", _line("run", recording, params)))
+    if recording.device is not None and device is not None:
+        line = shlex.join(["hapnet", "replay", str(device)])
+        found.append(Command("The recorded hand again, through this link or another", line))
+    return found
+
+
+def of_side(recording: Recording, side: str) -> Mapping[str, Any]:
+    """What the device's or the world's process wrote of itself."""
+    found: Mapping[str, Any] = get(recording.meta, "sides", side) or recording.meta
+    return found
+
+
+def _parts(recording: Recording) -> dict[str, Any]:
+    """The parameters of each process."""
+    parts = {side: get(recording.meta, "sides", side, "params") for side in ("device", "world")}
+    return {side: part for side, part in parts.items() if part} or {"": get(recording.meta, "params")}
+
+
+def _params(recording: Recording) -> Params | None:
+    """The parameters of both processes together, each side's own from it; None if they do not fit this version."""
+    parts = _parts(recording)
+    flat = _flat(next(iter(parts.values())))
+    if "world" in parts:
+        flat |= {k: v for k, v in _flat(parts["world"]).items() if k.startswith(("world.", "link.down"))}
+    if not known(flat.get("duration_s")):
+        flat["duration_s"] = round(known(get(recording.summary, "duration_s")) or Params().duration_s, 3)
+    try:
+        return Params().set(flat)
+    except InvalidParameter:
+        return None
+
+
+def _line(command: str, recording: Recording, params: Params) -> str:
+    words = ["hapnet", command]
+    if isinstance(seed := get(recording.summary, "seed"), int):
+        words += ["--seed", str(seed)]
+    default = {name: value for name, value, _ in Params().described()}
+    for name, written, _ in params.described():
+        if written != default[name]:
+            value = params.get(name)
+            words += ["--set", f"{name}={value if isinstance(value, str) else written}"]
+    return shlex.join(words)
+
+
+def _flat(tree: Any, prefix: str = "") -> dict[str, Any]:
+    return dict(_leaves(tree, prefix)) if isinstance(tree, Mapping) else {}
+
+
+def _leaves(tree: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Any]]:
+    for name, value in tree.items():
+        if isinstance(value, Mapping):
+            yield from _leaves(value, f"{prefix}{name}.")
+        else:
+            yield prefix + name, value
+
+
+def _written(value: Any) -> str:
+    return json.dumps(value, ensure_ascii=False)

@@ -1,0 +1,150 @@
+"""The summary as tables: one source for the terminal's and the page's."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from hapnet.report.words import exact_joule, get, known, milli, millijoule, number, outcome, text, verdict
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+_WAYS = ("up", "down")
+_Row = tuple[str, str, tuple[str, ...], Callable[[Any], str]]  # label, unit, where in the summary, into words
+
+_SIDES: tuple[_Row, ...] = (
+    ("margin, least", "mJ", ("ledger", "margin_J"), millijoule),
+    ("slack, least", "mJ", ("ledger", "slack_J"), millijoule),
+    ("true slack, least", "mJ", ("true_slack_J",), millijoule),
+    ("reservoir, least", "mJ", ("reservoir_min_J",), millijoule),
+    ("deficit, largest", "mJ", ("deficit_max_J",), millijoule),
+    ("sent", "J", ("sent_nJ",), exact_joule),
+    ("credited", "J", ("credited_nJ",), exact_joule),
+    ("discarded", "J", ("discarded_nJ",), exact_joule),
+    ("abandoned", "J", ("abandoned_nJ",), exact_joule),
+    ("quantisation", "mJ", ("quantisation_J",), millijoule),
+    ("pairs", "", ("incarnations",), number),
+    ("initial energy of its peers", "mJ", ("peers_J",), milli),
+    ("silences", "", ("outages", "count"), number),
+    ("longest silence", "s", ("outages", "longest_s"), number),
+    ("slowest recovery", "ms", ("outages", "recovery_max_s"), milli),
+    ("positions lost or overtaken", "", ("missing",), number),
+    ("servo ticks", "", ("servo", "ticks"), number),
+    ("servo late p50", "µs", ("servo", "late_p50_us"), number),
+    ("servo late p99", "µs", ("servo", "late_p99_us"), number),
+    ("servo skipped", "", ("servo", "skipped"), number),
+    ("steps", "", ("step", "count"), number),
+    ("step mean", "ms", ("step", "mean_s"), milli),
+    ("step longest", "ms", ("step", "max_s"), milli),
+)
+_ENERGY: tuple[_Row, ...] = (
+    ("energy sent", "J", ("sent_nJ",), exact_joule),
+    ("energy credited", "J", ("credited_nJ",), exact_joule),
+    ("energy in flight", "J", ("in_flight_nJ",), exact_joule),
+    ("energy abandoned", "J", ("abandoned_nJ",), exact_joule),
+)
+_LINKS: tuple[_Row, ...] = (
+    ("asked", "", ("profile",), text),
+    ("delay p50", "ms", ("delay_p50_ms",), number),
+    ("delay p99", "ms", ("delay_p99_ms",), number),
+    ("released late, most", "ms", ("late_max_ms",), number),
+    ("packets offered", "", ("offered",), number),
+    ("delivered", "", ("delivered",), number),
+    ("reordered", "", ("reordered",), number),
+)
+_MOTION: tuple[_Row, ...] = (
+    ("position error, free (rms)", "mm", ("free_rms_m",), milli),
+    ("position error, in contact (rms)", "mm", ("contact_rms_m",), milli),
+    ("penetration, largest", "mm", ("peak_penetration_m",), milli),
+    ("force, largest", "N", ("peak_force_N",), number),
+    ("contacts", "", ("contacts",), number),
+)
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of a label and a value a column, in words; a row of which nothing is known is left out."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: list[tuple[str, ...]] = field(default_factory=list)
+
+
+def sides(summary: Mapping[str, Any]) -> Table:
+    """What each side knows of itself."""
+    columns = ("device", "world")
+    return Table("sides", columns, [*_rows(_SIDES, [get(summary, side) for side in columns])])
+
+
+def energy(summary: Mapping[str, Any]) -> Table:
+    """The account of the shuffled energy."""
+    return Table("shuffled energy (up: from the device)", _WAYS, [*_rows(_ENERGY, _ways(summary, "energy"))])
+
+
+def links(summary: Mapping[str, Any]) -> Table:
+    """What the emulated links did."""
+    ways = _ways(summary, "links")
+    rows = [*_rows(_LINKS, ways)]
+    lost = [_loss(way) for way in ways]
+    if any(lost):
+        rows.append(("lost [%]", *map(text, lost)))
+    return Table("links (up: from the device)", _WAYS, rows)
+
+
+def motion(summary: Mapping[str, Any]) -> Table:
+    """How the proxy followed the hand."""
+    return Table("motion", ("",), [*_rows(_MOTION, [get(summary, "motion")])])
+
+
+def summary_text(summary: Mapping[str, Any]) -> RenderableType:
+    """The summary object for people: its verdict and all tables; ``-`` where a value is unknown."""
+    from rich import box
+    from rich.console import Group
+    from rich.table import Table as RichTable
+    from rich.text import Text
+
+    def drawn(table: Table) -> RichTable:
+        layout = {"title_justify": "left", "box": box.SIMPLE_HEAD, "pad_edge": False}
+        out = RichTable(title=table.title, show_header=any(table.columns), **layout)  # type: ignore[arg-type]
+        out.add_column("")
+        for column in table.columns:
+            out.add_column(column, justify="right")
+        for row in table.rows:
+            out.add_row(*map(Text, row))  # not markup, whatever it says
+        return out
+
+    tables = (sides(summary), energy(summary), links(summary), motion(summary))
+    line = verdict(summary)
+    return Group(
+        Text(line, style={"bad": "bold red", "unknown": "bold yellow", "good": "bold green"}[outcome(line)]),
+        Text(_about(summary)),
+        *(drawn(table) for table in tables if table.rows),
+    )
+
+
+def _ways(summary: Mapping[str, Any], what: str) -> list[Any]:
+    return [get(summary, what, way) for way in _WAYS]
+
+
+def _rows(rows: tuple[_Row, ...], columns: list[Any]) -> Iterator[tuple[str, ...]]:
+    for label, unit, path, convert in rows:
+        values = [get(column, *path) for column in columns]
+        if any(value is not None for value in values):
+            yield (f"{label} [{unit}]" if unit else label, *map(convert, values))
+
+
+def _loss(link: Any) -> str | None:
+    lost, offered = known(get(link, "lost")), known(get(link, "offered"))
+    return None if lost is None or not offered else f"{100 * lost / offered:.2f}"
+
+
+def _about(summary: Mapping[str, Any]) -> str:
+    duration = get(summary, "duration_s")
+    values = {
+        "coupling": get(summary, "coupling"),
+        "seed": get(summary, "seed"),
+        "duration": None if duration is None else f"{number(duration)} s",
+    }
+    return ", ".join(f"{name} {value}" for name, value in values.items() if value is not None)
