@@ -34,6 +34,9 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 
 def _leave(number: int, frame: FrameType | None) -> None:
+    progress = sys.modules.get("hapnet.commands.progress")
+    if progress is not None and hasattr(progress, "erase"):  # an import of it may be what is interrupted
+        progress.erase()
     os._exit(128 + number)
 
 

@@ -2,19 +2,35 @@
 
 from __future__ import annotations
 
+import io
+import os
 import sys
-from contextlib import suppress
+import warnings
+from contextlib import redirect_stdout, suppress
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hapnet.commands import flags, output
-from hapnet.commands.options import NO_LINK, LinkOptions, ZenohOptions, json_target, parameters, security
-from hapnet.commands.replay import replay
+from hapnet.commands import complete, flags, output
+from hapnet.commands.groups import Without, grouped
+from hapnet.commands.options import (
+    NO_LINK,
+    Dialling,
+    LinkOptions,
+    ModelOptions,
+    OneWay,
+    ParamsOptions,
+    SideFlags,
+    ZenohOptions,
+    json_target,
+)
 from hapnet.errors import HapnetError, OutputError
 from hapnet.params import Params
 from netem.errors import NetemError
+
+if TYPE_CHECKING:
+    from hapnet.wire.messages import Role
 
 app = typer.Typer(
     name="hapnet",
@@ -22,40 +38,37 @@ app = typer.Typer(
     "modulation (PSPM) over Zenoh through an emulated lossy link. `hapnet run` shows it.",
     epilog="Exit codes: 0 all is well; 2 something given is wrong, or the run failed: one line says what; 3 the run "
     "went well, but what it was to write is not complete; 128 + N told to stop by signal N (Ctrl-C: 130).",
-    add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
 
+def _print_versions(context: typer.Context, wanted: bool) -> None:
+    if wanted and not context.resilient_parsing:
+        from hapnet.versions import described
+
+        print(described("hapnet"))
+        raise typer.Exit
+
+
+@app.callback()
+def before_any_command(
+    version: Annotated[
+        bool,
+        typer.Option("--version", help="Versions for a bug report, and end.", callback=_print_versions, is_eager=True),
+    ] = False,
+) -> None:
+    """What goes before a command's name."""
+
+
 @app.command()
+@grouped
 def run(
-    scene: flags.Scene = None,
-    operator: flags.Operator = None,
-    hardware: flags.Hardware = None,
-    coupling: flags.Coupling = None,
-    servo: flags.ServoKind = None,
-    servo_hz: flags.ServoRate = None,
-    dof: flags.Dof = None,
-    duration: flags.Duration = None,
-    on_silence: flags.OnSilence = None,
-    silence_after: flags.SilenceAfter = None,
+    *,
+    model: ModelOptions,
     seed: flags.Seed = 0,
-    link: flags.Link = None,
-    profile: flags.Profile = None,
-    delay: flags.Delay = None,
-    jitter: flags.Jitter = None,
-    loss: flags.Loss = None,
-    reorder: flags.Reorder = None,
-    rate: flags.Rate = None,
-    uplink: flags.Uplink = None,
-    downlink: flags.Downlink = None,
-    timeline: flags.TimelineText = None,
-    up_timeline: flags.UpTimeline = None,
-    down_timeline: flags.DownTimeline = None,
-    params_file: flags.ParamsFile = None,
-    assign: flags.Assign = None,
-    show_params: flags.Show = False,
+    links: LinkOptions,
+    params: ParamsOptions,
     json_to: flags.Json = None,
     out: flags.Out = None,
     realtime: flags.Realtime = False,
@@ -66,50 +79,23 @@ def run(
 
     Writes two recordings, a report, its figure and a summary.
     """
-    links = LinkOptions(
-        link, profile, delay, jitter, loss, reorder, rate, uplink, downlink, timeline, up_timeline, down_timeline
-    )
-    params = parameters(
-        Params(), file=params_file, assignments=assign or (), links=links, hardware=hardware, scene=scene,
-        operator=operator, coupling=coupling, device__servo=servo, device__servo_hz=servo_hz, dof=dof,
-        duration_s=duration, device__on_silence=on_silence, world__on_silence=on_silence,
-        device__silence_after_s=silence_after, world__silence_after_s=silence_after,
-    )  # fmt: skip
-    if show_params:
-        return _show(params)
+    chosen = params.over(Params(), model.named("device", "world"), links)
+    if params.show_params:
+        return _show(chosen)
     json_target(json_to)
     from hapnet.commands import run as command
 
-    return command.main(params, seed, json_to, out, realtime=realtime)
+    return command.main(chosen, seed, json_to, out, realtime=realtime)
 
 
 @app.command()
+@grouped
 def simulate(
-    scene: flags.Scene = None,
-    operator: flags.Operator = None,
-    coupling: flags.Coupling = None,
-    servo: flags.ServoKind = None,
-    servo_hz: flags.ServoRate = None,
-    dof: flags.Dof = None,
-    duration: flags.Duration = None,
-    on_silence: flags.OnSilence = None,
-    silence_after: flags.SilenceAfter = None,
+    *,
+    model: Annotated[ModelOptions, Without("hardware")],
     seed: flags.Seed = 0,
-    link: flags.Link = None,
-    profile: flags.Profile = None,
-    delay: flags.Delay = None,
-    jitter: flags.Jitter = None,
-    loss: flags.Loss = None,
-    reorder: flags.Reorder = None,
-    rate: flags.Rate = None,
-    uplink: flags.Uplink = None,
-    downlink: flags.Downlink = None,
-    timeline: flags.TimelineText = None,
-    up_timeline: flags.UpTimeline = None,
-    down_timeline: flags.DownTimeline = None,
-    params_file: flags.ParamsFile = None,
-    assign: flags.Assign = None,
-    show_params: flags.Show = False,
+    links: LinkOptions,
+    params: ParamsOptions,
     json_to: flags.Json = None,
     out: flags.Out = None,
     files: Annotated[bool, typer.Option("--files/--no-files", help="Write recording, figure and summary.")] = True,
@@ -117,144 +103,47 @@ def simulate(
     workers: Annotated[int, typer.Option(min=0, help="Processes for many seeds; 0: one a core.")] = 0,
 ) -> int:
     """The same in virtual time: one process, deterministic under a seed, much faster than real time."""
-    links = LinkOptions(
-        link, profile, delay, jitter, loss, reorder, rate, uplink, downlink, timeline, up_timeline, down_timeline
-    )
-    params = parameters(
-        Params(), file=params_file, assignments=assign or (), links=links, scene=scene, operator=operator,
-        coupling=coupling, device__servo=servo, device__servo_hz=servo_hz, dof=dof, duration_s=duration,
-        device__on_silence=on_silence, world__on_silence=on_silence,
-        device__silence_after_s=silence_after, world__silence_after_s=silence_after,
-    )  # fmt: skip
-    if show_params:
-        return _show(params)
+    chosen = params.over(Params(), model.named("device", "world"), links)
+    if params.show_params:
+        return _show(chosen)
     json_target(json_to)
     from hapnet.commands import batch
     from hapnet.commands import simulate as command
 
     if seeds is not None:
-        return batch.main(params, batch.seed_range(seeds), json_to, workers)
-    return command.main(params, seed, json_to, out, files=files)
+        return batch.main(chosen, batch.seed_range(seeds), json_to, workers)
+    return command.main(chosen, seed, json_to, out, files=files)
 
 
 @app.command()
-def device(
-    scene: flags.Scene = None,
-    operator: flags.Operator = None,
-    hardware: flags.Hardware = None,
-    coupling: flags.Coupling = None,
-    servo: flags.ServoKind = None,
-    servo_hz: flags.ServoRate = None,
-    dof: flags.Dof = None,
-    duration: flags.Duration = None,
-    on_silence: flags.OnSilence = None,
-    silence_after: flags.SilenceAfter = None,
-    seed: flags.OwnSeed = None,
-    session: flags.Session = "default",
-    name: flags.Name = "device",
-    record: flags.Record = None,
-    mode: flags.Mode = None,
-    connect: flags.Connect = None,
-    listen: flags.Listen = None,
-    config: flags.Config = None,
-    no_multicast_scouting: flags.NoScouting = False,
-    cfg: flags.Cfg = None,
-    tls_ca: flags.TlsCa = None,
-    tls_cert: flags.TlsCert = None,
-    tls_key: flags.TlsKey = None,
-    mutual_tls: flags.MutualTls = False,
-    user: flags.User = None,
-    password_file: flags.PasswordFile = None,
-    users: flags.Users = None,
-    link: flags.Link = None,
-    profile: flags.Profile = None,
-    delay: flags.Delay = None,
-    jitter: flags.Jitter = None,
-    loss: flags.Loss = None,
-    reorder: flags.Reorder = None,
-    rate: flags.Rate = None,
-    timeline: flags.TimelineText = None,
-    params_file: flags.ParamsFile = None,
-    assign: flags.Assign = None,
-    show_params: flags.Show = False,
-    json_to: flags.Json = None,
-    realtime: flags.Realtime = False,
-    log_to: flags.Log = None,
-    progress: flags.Progress = False,
-) -> int:
+@grouped
+def device(*, model: ModelOptions, side: SideFlags, zenoh: ZenohOptions, links: OneWay, params: ParamsOptions) -> int:
     """The device's side only: a simulated device and hand, for two hosts. Start it before or after `hapnet world`."""
-    links = LinkOptions(link, profile, delay, jitter, loss, reorder, rate, timeline=timeline)
-    params = parameters(
-        Params(link=NO_LINK, duration_s=0.0), file=params_file, assignments=assign or (), links=links,
-        hardware=hardware, scene=scene, operator=operator, coupling=coupling, device__servo=servo,
-        device__servo_hz=servo_hz, dof=dof, duration_s=duration, device__on_silence=on_silence,
-        device__silence_after_s=silence_after,
-    )  # fmt: skip
-    who = security(tls_ca, tls_cert, tls_key, mutual_tls, user, password_file, users)
-    zenoh = ZenohOptions(mode, connect, listen, config, no_multicast_scouting, cfg, who)
-    return _side("device", params, zenoh, session, name, seed, record, json_to, show_params, realtime, log_to, progress)
+    return _side("device", model, side, zenoh, links, params)
 
 
 @app.command()
+@grouped
 def world(
-    scene: flags.Scene = None,
-    coupling: flags.Coupling = None,
-    dof: flags.Dof = None,
-    duration: flags.Duration = None,
-    on_silence: flags.OnSilence = None,
-    silence_after: flags.SilenceAfter = None,
-    seed: flags.OwnSeed = None,
-    session: flags.Session = "default",
-    name: flags.Name = "device",
-    record: flags.Record = None,
-    mode: flags.Mode = None,
-    connect: flags.Connect = None,
-    listen: flags.Listen = None,
-    config: flags.Config = None,
-    no_multicast_scouting: flags.NoScouting = False,
-    cfg: flags.Cfg = None,
-    tls_ca: flags.TlsCa = None,
-    tls_cert: flags.TlsCert = None,
-    tls_key: flags.TlsKey = None,
-    mutual_tls: flags.MutualTls = False,
-    user: flags.User = None,
-    password_file: flags.PasswordFile = None,
-    users: flags.Users = None,
-    link: flags.Link = None,
-    profile: flags.Profile = None,
-    delay: flags.Delay = None,
-    jitter: flags.Jitter = None,
-    loss: flags.Loss = None,
-    reorder: flags.Reorder = None,
-    rate: flags.Rate = None,
-    timeline: flags.TimelineText = None,
-    params_file: flags.ParamsFile = None,
-    assign: flags.Assign = None,
-    show_params: flags.Show = False,
-    json_to: flags.Json = None,
-    log_to: flags.Log = None,
-    progress: flags.Progress = False,
+    *,
+    model: Annotated[ModelOptions, Without("operator", "hardware", "servo", "servo_hz")],
+    side: Annotated[SideFlags, Without("realtime")],
+    zenoh: ZenohOptions,
+    links: OneWay,
+    params: ParamsOptions,
 ) -> int:
     """The virtual world's side only, for two hosts. Start it before or after `hapnet device`."""
-    links = LinkOptions(link, profile, delay, jitter, loss, reorder, rate, timeline=timeline)
-    params = parameters(
-        Params(link=NO_LINK, duration_s=0.0), file=params_file, assignments=assign or (), links=links, scene=scene,
-        coupling=coupling, dof=dof, duration_s=duration, world__on_silence=on_silence,
-        world__silence_after_s=silence_after,
-    )  # fmt: skip
-    who = security(tls_ca, tls_cert, tls_key, mutual_tls, user, password_file, users)
-    zenoh = ZenohOptions(mode, connect, listen, config, no_multicast_scouting, cfg, who)
-    return _side("world", params, zenoh, session, name, seed, record, json_to, show_params, False, log_to, progress)
+    return _side("world", model, side, zenoh, links, params)
 
 
 @app.command()
+@grouped
 def reproduce(
-    figure: Annotated[str, typer.Argument(help="fig4, fig5 or fig6.")],
+    *,
+    figure: flags.Figure,
     duration: flags.Duration = None,
     seed: flags.Seed = 0,
-    params_file: flags.ParamsFile = None,
-    assign: flags.Assign = None,
-    show_params: flags.Show = False,
+    params: ParamsOptions,
     json_to: flags.Json = None,
     out: flags.Out = None,
 ) -> int:
@@ -264,11 +153,40 @@ def reproduce(
     base = Params().set(command.SECTION_4)
     if figure == "fig6":
         base = base.set({"device.smoothing_s": command.SMOOTHING_S})
-    params = parameters(base, file=params_file, assignments=assign or (), duration_s=duration)
-    if show_params:
-        return _show(params)
+    chosen = params.over(base, {"duration_s": duration})
+    if params.show_params:
+        return _show(chosen)
     json_target(json_to)
-    return command.main(figure, params, seed, json_to, out)
+    return command.main(figure, chosen, seed, json_to, out)
+
+
+@app.command()
+@grouped
+def replay(
+    files: Annotated[
+        list[Path], typer.Argument(metavar="FILE...", help="One recording, or the device's and the world's.")
+    ],
+    *,
+    model: Annotated[
+        ModelOptions,
+        Without("operator", "hardware", "servo", "servo_hz", "dof", "on_silence", "silence_after"),
+    ],
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Of everything random.", show_default="the recording's")
+    ] = None,
+    links: LinkOptions,
+    params: Annotated[ParamsOptions, Without("show_params")],
+    json_to: flags.Json = None,
+    out: flags.Out = None,
+) -> int:
+    """A recorded run again, in virtual time: as it was, or the same hand through another link or coupling.
+
+    Parameters and seed are the recording's, but for what is given here. Writes recording, figures and summary.
+    """
+    json_target(json_to)
+    from hapnet.commands import replay as command
+
+    return command.main(files, lambda base: params.over(base, model.named(), links), seed, json_to, out)
 
 
 @app.command()
@@ -286,14 +204,9 @@ def report(
     return command.main(files, json_to, out)
 
 
-app.command()(replay)
-
-
 @app.command()
 def bench(
-    only: Annotated[
-        str | None, typer.Option(metavar="NAME[,NAME]", help="Rows to measure, patterns too: servo_*,device_tick.")
-    ] = None,
+    only: flags.Only = None,
     seconds: Annotated[float, typer.Option(help="Length of a round [s].")] = 3.0,
     rounds: Annotated[int, typer.Option(help="Figures are medians over so many rounds.")] = 3,
     realtime: flags.Realtime = False,
@@ -315,22 +228,13 @@ def bench(
 
 
 @app.command()
-def doctor(
-    connect: flags.Connect = None,
-    tls_ca: flags.TlsCa = None,
-    tls_cert: flags.TlsCert = None,
-    tls_key: flags.TlsKey = None,
-    mutual_tls: flags.MutualTls = False,
-    user: flags.User = None,
-    password_file: flags.PasswordFile = None,
-    json_to: flags.Json = None,
-) -> int:
+@grouped
+def doctor(*, zenoh: Dialling, json_to: flags.Json = None) -> int:
     """What this machine allows a servo to do, and what to do about what it does not; with -e, whether Zenoh answers."""
     json_target(json_to)
     from hapnet.commands import doctor as command
 
-    who = security(tls_ca, tls_cert, tls_key, mutual_tls, user, password_file)
-    return command.main(connect or [], json_to, who)
+    return command.main(zenoh.connect or [], json_to, zenoh.security)
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -338,6 +242,8 @@ def main(argv: list[str] | None = None) -> int:
     args = sys.argv[1:] if argv is None else argv
     if "" not in sys.path:
         sys.path.append("")  # module:Class is looked up from the current directory too
+    if "_HAPNET_COMPLETE" in os.environ:
+        return _complete()
     try:
         code = app(args=args or ["--help"], prog_name="hapnet", standalone_mode=False)
     except OutputError as error:
@@ -351,49 +257,47 @@ def main(argv: list[str] | None = None) -> int:
     except BrokenPipeError:
         output.silence(sys.stdout)  # who read our output has gone
         return 141
+    except OSError as error:
+        if error.filename is None:
+            raise
+        return _fail(f"{error.filename}: {error.strerror}")
     except Exception as error:
         # click's own errors: which module defines them depends on typer's version
         format_message = getattr(error, "format_message", None)
         if format_message is None:
             raise
-        return _fail(format_message())
+        context = getattr(error, "ctx", None)
+        asked = "hapnet" if context is None else context.command_path
+        return _fail(f"{format_message().rstrip('.')}; see {asked} --help")
     return code if isinstance(code, int) else 0
 
 
+def _complete() -> int:
+    """A shell asks, after TAB or for its script: the environment says what. Somebody types: nothing else is said."""
+    warnings.simplefilter("ignore")
+    offered = io.StringIO()
+    code, glued = 1, False
+    with suppress(Exception):
+        glued = os.environ["_HAPNET_COMPLETE"] == "complete_bash" and complete.glue()
+        try:
+            with redirect_stdout(offered):
+                app(args=[], prog_name="hapnet", standalone_mode=False)
+        except SystemExit as ended:
+            code = ended.code if isinstance(ended.code, int) else 0
+    print(complete.behind(offered.getvalue()) if glued else offered.getvalue(), end="")
+    return code
+
+
 def _side(
-    role: str,
-    params: Params,
-    zenoh: ZenohOptions,
-    session: str,
-    name: str,
-    seed: int | None,
-    record: Path | None,
-    json_to: str | None,
-    show_params: bool,
-    realtime: bool,
-    log_to: str | None,
-    progress: bool,
+    role: Role, model: ModelOptions, given: SideFlags, zenoh: ZenohOptions, links: LinkOptions, params: ParamsOptions
 ) -> int:
-    if show_params:
-        return _show(params)
-    json_target(json_to)
+    chosen = params.over(Params(link=NO_LINK, duration_s=0.0), model.named(role), links)
+    if params.show_params:
+        return _show(chosen)
+    json_target(given.json_to)
     from hapnet.commands import side
 
-    return side.main(
-        params,
-        side.SideOptions(
-            role="device" if role == "device" else "world",
-            zenoh=side.zenoh_settings(zenoh),
-            session=session,
-            name=name,
-            seed=seed,
-            record=record,
-            realtime=realtime,
-            json_to=json_to,
-            log_to=log_to,
-            progress=progress,
-        ),
-    )
+    return side.main(chosen, side.SideOptions(role=role, zenoh=side.zenoh_settings(zenoh), **vars(given)))
 
 
 def _show(params: Params) -> int:

@@ -244,7 +244,8 @@ class Params:
         try:
             table = tomllib.loads(file.read_text(encoding="utf-8"))
         except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            raise InvalidParameter("--params", str(file), f"a TOML file ({error})") from None
+            why = error.strerror if isinstance(error, OSError) else error
+            raise InvalidParameter("--params", str(file), f"a TOML file ({why})") from None
         return self.set(dict(_flatten(table)))
 
     def flat(self) -> dict[str, Any]:

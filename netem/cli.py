@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import os
 import sys
+import warnings
 from collections.abc import Callable, Coroutine
+from contextlib import suppress
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TextIO
@@ -15,28 +17,37 @@ import typer
 from netem import units
 from netem.errors import NetemError
 from netem.profile import PRESETS, LinkProfile, compose
+from netem.progress import Progress
 
 if TYPE_CHECKING:
     from netem.live import RelayFigures
     from netem.relay import UdpRelay
-    from netem.survey import Survey
     from netem.zenoh_relay import ZenohRelay
 
 app = typer.Typer(
     name="netem",
     help="A link emulator with the words of Linux's tc-netem: no root, no kernel module, the same seed the same link.",
-    add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
 
+
+def _profiles() -> list[tuple[str, str]]:
+    return list(PRESETS.items())
+
+
 Words = Annotated[
     list[str] | None,
     typer.Argument(
-        metavar="WORDS", help="tc-netem's, such as 'delay 40ms 10ms loss gemodel 1% 20%', or a profile's name."
+        metavar="WORDS",
+        help="tc-netem's, such as 'delay 40ms 10ms loss gemodel 1% 20%', or a profile's name.",
+        autocompletion=_profiles,
     ),
 ]
-Profile = Annotated[str | None, typer.Option(help="A named profile instead; `netem profiles` lists them.")]
+ProfileOption = Annotated[
+    str | None,
+    typer.Option("--profile", help="A named profile instead; `netem profiles` lists them.", autocompletion=_profiles),
+]
 Delay = Annotated[str | None, typer.Option(help="Delay, such as 40ms.")]
 Jitter = Annotated[str | None, typer.Option(help="Jitter [correlation], such as 10ms or '10ms 25%'.")]
 LossOption = Annotated[str | None, typer.Option("--loss", help="Loss, such as 2% or 'gemodel 1% 20%'.")]
@@ -46,8 +57,11 @@ JsonTo = Annotated[str | None, typer.Option("--json", metavar="FILE|-", help="Wr
 
 # of the relays
 _TIMELINE = "Changes while it runs: 'at 5s: delay 200ms; at 8s: down; at 9s: up', or a file of such lines"
-Up = Annotated[str | None, typer.Option(metavar="WORDS", help="Profile of the way there, from who dials --listen.")]
-Down = Annotated[str | None, typer.Option(metavar="WORDS", help="Profile of the way back.")]
+Up = Annotated[
+    str | None,
+    typer.Option(metavar="WORDS", help="Profile of the way there, from who dials --listen.", autocompletion=_profiles),
+]
+Down = Annotated[str | None, typer.Option(metavar="WORDS", help="Profile of the way back.", autocompletion=_profiles)]
 TimelineOption = Annotated[str | None, typer.Option("--timeline", metavar="TEXT|FILE", help=f"{_TIMELINE}; both ways.")]
 UpTimeline = Annotated[str | None, typer.Option(metavar="TEXT|FILE", help="The same for the way there alone.")]
 DownTimeline = Annotated[str | None, typer.Option(metavar="TEXT|FILE", help="The same for the way back alone.")]
@@ -70,6 +84,24 @@ class Benchmark(StrEnum):
     UDP = "udp"
 
 
+def _print_versions(context: typer.Context, wanted: bool) -> None:
+    if wanted and not context.resilient_parsing:
+        from netem.versions import described
+
+        print(described("netem"))
+        raise typer.Exit
+
+
+@app.callback()
+def before_any_command(
+    version: Annotated[
+        bool,
+        typer.Option("--version", help="Versions for a bug report, and end.", callback=_print_versions, is_eager=True),
+    ] = False,
+) -> None:
+    """What goes before a command's name."""
+
+
 @app.command()
 def profiles(json_to: JsonTo = None) -> None:
     """List the named profiles. Their figures are for one direction."""
@@ -85,7 +117,7 @@ def profiles(json_to: JsonTo = None) -> None:
 @app.command()
 def show(
     words: Words = None,
-    profile: Profile = None,
+    profile: ProfileOption = None,
     delay: Delay = None,
     jitter: Jitter = None,
     loss: LossOption = None,
@@ -107,7 +139,8 @@ def show(
     _check_writable("--json", json_to)
     from netem import survey
 
-    result = survey.run(link_profile, seed, count, interval_ns, size)
+    with Progress(sys.stderr if json_to == "-" else sys.stdout, f"sending {count:,} messages") as progress:
+        result = survey.run(link_profile, seed, count, interval_ns, size, progress=progress.at)
     if png is not None:
         from netem import plot
 
@@ -115,7 +148,7 @@ def show(
     if json_to is not None:
         _write_json(result.as_dict(), json_to)
     if json_to != "-":
-        _print_survey(link_profile, result)
+        print("\n".join(survey.lines(link_profile, result)))
 
 
 @app.command()
@@ -123,7 +156,7 @@ def udp(
     listen: Annotated[str, typer.Option(metavar="A:P", help="Where the program's clients send to; [::1]:P for IPv6.")],
     to: Annotated[str, typer.Option(metavar="B:P", help="Where its server listens.")],
     words: Words = None,
-    profile: Profile = None,
+    profile: ProfileOption = None,
     delay: Delay = None,
     jitter: Jitter = None,
     loss: LossOption = None,
@@ -165,7 +198,7 @@ def zenoh(
     words: Words = None,
     key: Annotated[str, typer.Option("-k", "--key", metavar="EXPR", help="Key expression of what is relayed.")] = "**",
     mode: Annotated[Mode, typer.Option(help="Of the session that dials: client if it dials a router.")] = Mode.PEER,
-    profile: Profile = None,
+    profile: ProfileOption = None,
     delay: Delay = None,
     jitter: Jitter = None,
     loss: LossOption = None,
@@ -218,13 +251,16 @@ def bench(
     out = sys.stderr if json_to == "-" else sys.stdout
     for part in what or list(Benchmark):
         if part is Benchmark.LATENESS:
-            lateness = benchmarks.lateness(runs, seconds / 3)
+            with Progress(out, "measuring lateness", runs * seconds):
+                lateness = benchmarks.lateness(runs, seconds / 3)
             found[part.value], lines = lateness.as_dict(), lateness.lines()
         elif part is Benchmark.CORE:
-            core = benchmarks.core(runs)
+            with Progress(out, "measuring the core"):
+                core = benchmarks.core(runs)
             found[part.value], lines = core.as_dict(), core.lines()
         else:
-            forwarded = benchmarks.udp(rate, seconds)
+            with Progress(out, "measuring the UDP relay", seconds + 1.0):
+                forwarded = benchmarks.udp(rate, seconds)
             found[part.value], lines = forwarded.as_dict(), forwarded.lines()
         print("\n".join(lines), file=out, flush=True)
     if json_to is not None:
@@ -285,6 +321,8 @@ class _Session:
 def main(argv: list[str] | None = None) -> int:
     """Run the command; the exit code is 0, or 2 after one line on standard error where the input is wrong."""
     args = sys.argv[1:] if argv is None else argv
+    if "_NETEM_COMPLETE" in os.environ:
+        return _complete()
     try:
         code = app(args=args or ["--help"], prog_name="netem", standalone_mode=False)
         sys.stdout.flush()
@@ -300,8 +338,18 @@ def main(argv: list[str] | None = None) -> int:
         format_message = getattr(error, "format_message", None)
         if format_message is None:
             raise
-        return _fail(format_message())
+        context = getattr(error, "ctx", None)
+        asked = "netem" if context is None else context.command_path
+        return _fail(f"{format_message().rstrip('.')}; see {asked} --help")
     return code if isinstance(code, int) else 0
+
+
+def _complete() -> int:
+    """A shell asks, after TAB or for its script: the environment says what. Somebody types: nothing else is said."""
+    warnings.simplefilter("ignore")
+    with suppress(Exception):
+        app(args=[], prog_name="netem", standalone_mode=False)
+    return 1
 
 
 def _compose(
@@ -361,37 +409,3 @@ def _write_json(result: object, target: str) -> None:
         Path(target).write_text(text + "\n", encoding="utf-8")
     except OSError as error:
         raise NetemError(f"--json: cannot write {target}: {error.strerror}") from error
-
-
-def _print_survey(profile: LinkProfile, result: Survey) -> None:
-    from netem.expectation import expect
-
-    stats, asked = result.stats, expect(profile)
-    print(f"profile    {stats.profile or '(nothing)'}")
-    print(f"offered    {stats.offered}")
-    share = 100.0 / stats.offered
-    print(f"delivered  {stats.delivered} ({stats.delivered * share:.2f} %)")
-    burst = "" if result.mean_loss_burst is None else f", bursts of {result.mean_loss_burst:.2f} on average"
-    print(
-        f"lost       {stats.lost} ({stats.lost * share:.2f} %, asked {100 * asked.loss:.2f} %){burst}, "
-        f"longest {result.longest_loss}"
-    )
-    if stats.dropped_limit:
-        print(f"dropped    {stats.dropped_limit} ({stats.dropped_limit * share:.2f} %): over limit {profile.limit}")
-    ahead = f", {stats.sent_ahead} sent ahead (asked {100 * asked.sent_ahead:.2f} %)" if profile.reorder else ""
-    print(f"reordered  {stats.reordered} ({stats.reordered * share:.2f} %){ahead}")
-    if stats.delivered:
-        queued = bool(profile.rate_bit_s or profile.trace or profile.slot)
-        print(
-            f"delay      mean {stats.delay_mean_ms:.3f} ms, standard deviation {stats.delay_std_ms:.3f} ms, "
-            f"p50 {stats.delay_p50_ms:.3f} ms, p99 {stats.delay_p99_ms:.3f} ms"
-        )
-        print(
-            f"           asked {asked.delay_mean_ms:.3f} ms and {asked.delay_std_ms:.3f} ms"
-            + (", before what the rate, trace or slot adds" if queued else "")
-        )
-        print(f"           lag-1 correlation {result.delay_correlation or 0.0:.3f}")
-    if len(result.edges_ms) > 2:
-        most = max(result.counts)
-        for low, number in zip(result.edges_ms, result.counts, strict=False):
-            print(f"{low:10.3f} ms {'#' * round(50 * number / most):<50} {number}")

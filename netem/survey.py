@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
+from netem.expectation import expect
 from netem.link import Link
 from netem.profile import LinkProfile
 from netem.stats import LinkStats
+
+_TELL_EVERY = 10_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,14 +38,25 @@ class Survey:
         return self.stats.as_dict() | {name: getattr(self, name) for name in names}
 
 
-def run(profile: LinkProfile, seed: int, count: int, interval_ns: int, size: int, bins: int = 20) -> Survey:
+def run(
+    profile: LinkProfile,
+    seed: int,
+    count: int,
+    interval_ns: int,
+    size: int,
+    bins: int = 20,
+    *,
+    progress: Callable[[float], None] | None = None,
+) -> Survey:
     """Send `count` messages of `size` bytes, one every `interval_ns`, and wait for all that arrive.
 
-    The messages are plain numbers, so there is nothing to corrupt.
+    The messages are plain numbers, so there is nothing to corrupt. `progress` is told now and then what share is sent.
     """
     link: Link[int] = Link(profile, seed)
     delays = np.full(count, -1, dtype=np.int64)
     for number in range(count):
+        if progress is not None and number % _TELL_EVERY == 0:
+            progress(number / count)
         link.send(number * interval_ns, number, size)
         for due_ns, arrived in link.poll(number * interval_ns):
             delays[arrived] = due_ns - arrived * interval_ns
@@ -67,6 +82,43 @@ def _evaluate(stats: LinkStats, delays: NDArray[np.int64], bins: int) -> Survey:
         edges_ms=limits.tolist(),
         counts=counts.astype(int).tolist(),
     )
+
+
+def lines(profile: LinkProfile, result: Survey) -> list[str]:
+    """A survey for people: what was asked for, what came of it, and the histogram of delays."""
+    stats, asked = result.stats, expect(profile)
+    out: list[str] = []
+    out.append(f"profile    {stats.profile or '(nothing)'}")
+    out.append(f"offered    {stats.offered}")
+    share = 100.0 / stats.offered
+    out.append(f"delivered  {stats.delivered} ({stats.delivered * share:.2f} %)")
+    burst = "" if result.mean_loss_burst is None else f", bursts of {result.mean_loss_burst:.2f} on average"
+    out.append(
+        f"lost       {stats.lost} ({stats.lost * share:.2f} %, asked {100 * asked.loss:.2f} %){burst}, "
+        f"longest {result.longest_loss}"
+    )
+    if stats.dropped_limit:
+        out.append(
+            f"dropped    {stats.dropped_limit} ({stats.dropped_limit * share:.2f} %): over limit {profile.limit}"
+        )
+    ahead = f", {stats.sent_ahead} sent ahead (asked {100 * asked.sent_ahead:.2f} %)" if profile.reorder else ""
+    out.append(f"reordered  {stats.reordered} ({stats.reordered * share:.2f} %){ahead}")
+    if stats.delivered:
+        queued = bool(profile.rate_bit_s or profile.trace or profile.slot)
+        out.append(
+            f"delay      mean {stats.delay_mean_ms:.3f} ms, standard deviation {stats.delay_std_ms:.3f} ms, "
+            f"p50 {stats.delay_p50_ms:.3f} ms, p99 {stats.delay_p99_ms:.3f} ms"
+        )
+        out.append(
+            f"           asked {asked.delay_mean_ms:.3f} ms and {asked.delay_std_ms:.3f} ms"
+            + (", before what the rate, trace or slot adds" if queued else "")
+        )
+        out.append(f"           lag-1 correlation {result.delay_correlation or 0.0:.3f}")
+    if len(result.edges_ms) > 2:
+        most = max(result.counts)
+        for low, number in zip(result.edges_ms, result.counts, strict=False):
+            out.append(f"{low:10.3f} ms {'#' * round(50 * number / most):<50} {number}")
+    return out
 
 
 def lag_1_correlation(series: NDArray[np.float64]) -> float | None:

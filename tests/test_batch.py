@@ -222,8 +222,8 @@ def test_the_command_prints_one_table_and_one_object_a_seed(tmp_path: Path, caps
     file = tmp_path / "batch.json"
     assert cli.main(["simulate", "--seeds", "3:13", "--duration", "0.3", "--json", str(file)]) == 0
     out = capsys.readouterr().out
-    assert "theorem margin [J]" in out
-    assert "credited down [nJ]" in out
+    assert "theorem margin [mJ]" in out
+    assert "credited down [mJ]" in out
     assert "0 of 10 scenarios" in out
     runs = json.loads(file.read_text("utf-8"))
     assert [run["seed"] for run in runs] == list(range(3, 13))

@@ -2,9 +2,12 @@ from __future__ import annotations
 
 import json
 import os
+import platform
 import subprocess
 import sys
 import tomllib
+from collections.abc import Callable
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -75,7 +78,7 @@ def test_netem_explains_itself(argv: list[str], capsys: Capture) -> None:
     assert not err
 
 
-@pytest.mark.parametrize("argv", [["--help"], *([command, "--help"] for command in COMMANDS)])
+@pytest.mark.parametrize("argv", [["--help"], ["--version"], *([command, "--help"] for command in COMMANDS)])
 def test_help_loads_nothing_heavy(argv: list[str]) -> None:
     code = f"import sys\nfrom hapnet.cli import main\nmain({argv!r})\nprint(*sys.modules, file=sys.stdout)"
     loaded = set(python(code, COLUMNS="200").splitlines()[-1].split())
@@ -94,6 +97,67 @@ def test_help_says_what_exit_codes_mean(capsys: Capture) -> None:
     assert "Exit codes: 0 all is well; 2 " in words
     assert "; 3 the run went well, but " in words
     assert "128 + N " in words
+
+
+# Versions
+
+
+@pytest.mark.parametrize(("program", "main"), [("hapnet", cli.main), ("netem", netem_cli.main)])
+def test_versions_for_a_bug_report(program: str, main: Callable[[list[str]], int], capsys: Capture) -> None:
+    assert main(["--version"]) == 0
+    out, err = capsys.readouterr()
+    first, *rest = out.splitlines()
+    assert first == f"{program} {metadata.version('hapnet-haptics')}"
+    told = dict(line.split(maxsplit=1) for line in rest)
+    assert told["python"].startswith(platform.python_version())
+    assert platform.release() in told["platform"]
+    assert told["cpus"].startswith(str(os.cpu_count()))
+    for package in ("numpy", "eclipse-zenoh", "msgpack", "typer", "rich", "mcap", "matplotlib"):
+        assert told[package] == metadata.version(package)
+    assert not err
+
+
+def test_what_is_not_installed_is_said_to_be(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    real = metadata.version
+
+    def version(package: str) -> str:
+        if package == "viser":
+            raise metadata.PackageNotFoundError(package)
+        return real(package)
+
+    monkeypatch.setattr(metadata, "version", version)
+    assert cli.main(["--version"]) == 0
+    assert "\nviser          not installed\n" in capsys.readouterr().out
+
+
+# Wrong words are answered with where to read on
+
+
+@pytest.mark.parametrize(
+    ("argv", "says"),
+    [
+        (["nosuch"], "No such command 'nosuch'; see hapnet --help"),
+        (["report"], "Missing argument 'FILE...'; see hapnet report --help"),
+        (["run", "more"], "Got unexpected extra argument(s) (more); see hapnet run --help"),
+    ],
+)
+def test_wrong_words_are_answered_with_where_to_read_on(argv: list[str], says: str, capsys: Capture) -> None:
+    assert cli.main(argv) == 2
+    assert capsys.readouterr() == ("", f"hapnet: {says}\n")
+
+
+def test_a_file_where_a_directory_is_wanted(capsys: Capture, tmp_path: Path) -> None:
+    file = tmp_path / "letter"
+    file.touch()
+    assert cli.main(["simulate", "--duration", "0.1", "--out", str(file)]) == 2
+    assert capsys.readouterr().err == f"hapnet: cannot write to {file}: it is a file, and --out names a directory\n"
+
+
+def test_completion_that_cannot_be_installed(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+    monkeypatch.setenv("HOME", "/proc/no")
+    monkeypatch.setattr("shellingham.detect_shell", lambda: ("bash", "/bin/bash"))
+    assert cli.main(["--install-completion"]) == 2
+    assert capsys.readouterr() == ("", "hapnet: /proc/no: No such file or directory\n")
 
 
 # What cannot be written: one line, exit code 3

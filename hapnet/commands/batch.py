@@ -8,6 +8,7 @@ from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from hapnet.commands import output
+from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 
@@ -38,8 +39,6 @@ def seed_range(words: str) -> range:
 
 def main(params: Params, seeds: range, json_to: str | None, workers: int) -> int:
     """Simulate every seed in so many `workers` (0: what pays); print a table, write one object a scenario."""
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
-
     from hapnet.runtime.batch.processes import usable_cores
     from hapnet.runtime.batch.run import simulate_batch
     from hapnet.runtime.build import prepare
@@ -50,10 +49,8 @@ def main(params: Params, seeds: range, json_to: str | None, workers: int) -> int
         workers = usable_cores() if len(seeds) * params.duration_s > LONG_S else 1
     words = output.console(json_to)
     output.show_warnings(words, prepare(params, "continuous").warnings)
-    columns = (TextColumn(f"simulating {len(seeds)} seeds"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=words, disable=not words.is_terminal) as bar:
-        task = bar.add_task("", total=1.0)
-        runs = simulate_batch(params, seeds, workers=workers, progress=lambda share: bar.update(task, completed=share))
+    with Progress(words, "simulating", len(seeds), "seeds") as bar:
+        runs = simulate_batch(params, seeds, workers=workers, progress=lambda share: bar.update(share * len(seeds)))
     words.print(_table(runs))
     outside = sum(run.summary["theorem"]["margin_J"] < -TOLERANCE_J for run in runs)
     words.print(f"{outside} of {len(runs)} scenarios put out more than the theorem's bound allows")
@@ -74,24 +71,29 @@ def _table(runs: list[BatchRun]) -> Table:
     from rich.table import Table
 
     table = Table("", "median", "least", "most")
-    for name, path in _figures():
+    for name, path, scale in _figures():
         known = [x for x in (_at(run.summary, path) for run in runs) if x is not None]
         if known:
-            table.add_row(escape(name), *(f"{x:.4g}" for x in (median(known), min(known), max(known))))
+            table.add_row(escape(name), *(_words(x * scale) for x in (median(known), min(known), max(known))))
     return table
 
 
-def _figures() -> Iterator[tuple[str, tuple[str, ...]]]:
-    """What the table shows, and where a summary has it."""
-    yield "theorem margin [J]", ("theorem", "margin_J")
+def _figures() -> Iterator[tuple[str, tuple[str, ...], float]]:
+    """What the table shows, where a summary has it, and by what to multiply that."""
+    yield "theorem margin [mJ]", ("theorem", "margin_J"), 1e3
     for side in ("device", "world"):
-        yield f"{side} margin [J]", (side, "ledger", "margin_J")
-        yield f"{side} slack [J]", (side, "ledger", "slack_J")
-        yield f"{side} reservoir minimum [J]", (side, "reservoir_min_J")
+        yield f"{side} margin [mJ]", (side, "ledger", "margin_J"), 1e3
+        yield f"{side} slack [mJ]", (side, "ledger", "slack_J"), 1e3
+        yield f"{side} reservoir minimum [mJ]", (side, "reservoir_min_J"), 1e3
     for way in ("up", "down"):
-        yield f"sent {way} [nJ]", ("energy", way, "sent_nJ")
-        yield f"credited {way} [nJ]", ("energy", way, "credited_nJ")
-        yield f"lost {way}", ("links", way, "lost")
+        yield f"sent {way} [mJ]", ("energy", way, "sent_nJ"), 1e-6
+        yield f"credited {way} [mJ]", ("energy", way, "credited_nJ"), 1e-6
+        yield f"lost {way}", ("links", way, "lost"), 1.0
+
+
+def _words(value: float) -> str:
+    """Four digits, down to the tolerance; what is less is rounding, and shown as nothing."""
+    return f"{round(value, 6) + 0.0:.4g}"
 
 
 def _at(summary: dict[str, Any], path: tuple[str, ...]) -> float | None:

@@ -12,6 +12,7 @@ from hapnet.bench import report
 from hapnet.bench.registry import Measure, select
 from hapnet.bench.row import Options, Row
 from hapnet.commands import output
+from hapnet.commands.progress import Progress
 from hapnet.errors import HapnetError, InvalidParameter
 from netem.errors import NetemError
 
@@ -71,19 +72,10 @@ def _show(rows: list[Row], directory: Path, words: Console) -> None:
 
 def _measure(chosen: dict[str, Measure], options: Options, words: Console) -> Iterator[Row]:
     """One row after another; a bar on a terminal, a line each elsewhere."""
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-
-    columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"))
-    # no refresh thread: it would run beside what is measured
-    with Progress(*columns, console=words, disable=not words.is_terminal, auto_refresh=False, transient=True) as bar:
-        task = bar.add_task("", total=len(chosen))
-        for number, (name, measure) in enumerate(chosen.items(), start=1):
-            if words.is_terminal:
-                bar.update(task, description=name, refresh=True)
-            else:
-                words.print(f"{number}/{len(chosen)} {name}")
+    with Progress(words, "measuring", len(chosen), "", background=False) as progress:
+        for number, (name, measure) in enumerate(chosen.items()):
+            progress.update(number, f"{number + 1}/{len(chosen)} {name}")
             try:
                 yield measure(options)
             except (HapnetError, NetemError) as error:
                 yield Row(name, "", _FAILED, note=f"{_FAILED}: {error}", panel=False)
-            bar.advance(task)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from hapnet.commands import output
+from hapnet.commands.progress import Progress
 from hapnet.doctor import MISSING, OK, SKIPPED, WARNING, examine
 from hapnet.runtime.security import Security
 
@@ -15,11 +16,12 @@ def main(connect: list[str], json_to: str | None, security: Security) -> int:
 
     words = output.console(json_to)
     checks = []
-    for check in examine(connect, security):
-        checks.append(check)
-        line = Text(f"{check.state:<8} ", style=_STYLE[check.state]).append(
-            f"{check.name:<18} {check.value}", "default"
-        )
-        words.print(line.append(f" → {check.advice}", _STYLE[check.state]) if check.advice else line)
+    with Progress(words, "examining"):
+        for check in examine(connect, security):
+            checks.append(check)
+            line = Text(f"{check.state:<8} ", style=_STYLE[check.state]).append(
+                f"{check.name:<18} {check.value}", "default"
+            )
+            words.print(line.append(f" → {check.advice}", _STYLE[check.state]) if check.advice else line)
     output.write_json([check.as_dict() for check in checks], json_to)
     return 1 if any(check.state == MISSING for check in checks) else 0

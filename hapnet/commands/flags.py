@@ -1,4 +1,4 @@
-"""The flags of `hapnet`, declared once: each is the type of a command's argument in `hapnet.cli`."""
+"""The flags of `hapnet`, declared once: types for the fields of groups of options and for commands' arguments."""
 
 from __future__ import annotations
 
@@ -7,20 +7,39 @@ from typing import Annotated
 
 import typer
 
+from hapnet.commands import complete
+
 _LINK = "Link, emulated"
 _ZENOH = "Zenoh"
 _SECURITY = "Security"
 _PARAMS = "Parameters"
 
-Scene = Annotated[str | None, typer.Option(help="free, wall, box, paper, or module:Class.")]
-Operator = Annotated[str | None, typer.Option(help="The hand: rest, sine, press, or a recording's path (.csv, .mcap).")]
+Scene = Annotated[
+    str | None, typer.Option(help="free, wall, box, paper, or module:Class.", autocompletion=complete.scenes)
+]
+Operator = Annotated[
+    str | None,
+    typer.Option(
+        help="The hand: rest, sine, press, or a recording's path (.csv, .mcap).", autocompletion=complete.operators
+    ),
+]
 Hardware = Annotated[
     str | None,
     typer.Option("--device", metavar="MODULE:CLASS", help="A device of your own instead of the simulated one."),
 ]
-Coupling = Annotated[str | None, typer.Option(help="pspm, or zoh: a plain virtual coupling, not passive.")]
+Coupling = Annotated[
+    str | None,
+    typer.Option(
+        help="pspm, or zoh: a plain virtual coupling, not passive.", autocompletion=complete.choices("coupling")
+    ),
+]
 ServoKind = Annotated[
-    str | None, typer.Option("--servo", help="sampled (as on hardware) or continuous (as in theory).")
+    str | None,
+    typer.Option(
+        "--servo",
+        help="sampled (as on hardware) or continuous (as in theory).",
+        autocompletion=complete.choices("device.servo"),
+    ),
 ]
 ServoRate = Annotated[float | None, typer.Option("--servo-hz", help="Rate of the servo; 1000 by default.")]
 Duration = Annotated[float | None, typer.Option(help="Seconds from pairing; 0: until Ctrl-C.")]
@@ -33,7 +52,13 @@ ParamsFile = Annotated[
 ]
 Assign = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="NAME=VALUE", help="Set one: world.wall.stiffness=30000.", rich_help_panel=_PARAMS),
+    typer.Option(
+        "--set",
+        metavar="NAME=VALUE",
+        help="Set one: world.wall.stiffness=30000.",
+        rich_help_panel=_PARAMS,
+        autocompletion=complete.assignments,
+    ),
 ]
 Show = Annotated[bool, typer.Option("--show-params", help="Print all parameters and end.", rich_help_panel=_PARAMS)]
 Json = Annotated[str | None, typer.Option("--json", metavar="FILE|-", help="Summary as JSON; -: alone on stdout.")]
@@ -49,17 +74,34 @@ Realtime = Annotated[
 
 Link = Annotated[
     str | None,
-    typer.Option("--link", metavar="'TC WORDS'", help="tc-netem's words, or a profile.", rich_help_panel=_LINK),
+    typer.Option(
+        "--link",
+        metavar="'TC WORDS'",
+        help="tc-netem's words, or a profile.",
+        rich_help_panel=_LINK,
+        autocompletion=complete.profiles,
+    ),
 ]
-Profile = Annotated[str | None, typer.Option(help="A named profile (`netem profiles`).", rich_help_panel=_LINK)]
+Profile = Annotated[
+    str | None,
+    typer.Option(help="A named profile (`netem profiles`).", rich_help_panel=_LINK, autocompletion=complete.profiles),
+]
 Delay = Annotated[str | None, typer.Option(help="Delay, such as 40ms.", rich_help_panel=_LINK)]
 Jitter = Annotated[str | None, typer.Option(help="Jitter, such as 10ms.", rich_help_panel=_LINK)]
 Loss = Annotated[str | None, typer.Option(help="Loss, such as 2% or 'gemodel 1% 20%'.", rich_help_panel=_LINK)]
 Reorder = Annotated[str | None, typer.Option(help="Reordering, such as 5%.", rich_help_panel=_LINK)]
 Rate = Annotated[str | None, typer.Option(help="Rate, such as 1mbit.", rich_help_panel=_LINK)]
-Uplink = Annotated[str | None, typer.Option(help="From the device only: tc words or a profile.", rich_help_panel=_LINK)]
+Uplink = Annotated[
+    str | None,
+    typer.Option(
+        help="From the device only: tc words or a profile.", rich_help_panel=_LINK, autocompletion=complete.profiles
+    ),
+]
 Downlink = Annotated[
-    str | None, typer.Option(help="From the world only: tc words or a profile.", rich_help_panel=_LINK)
+    str | None,
+    typer.Option(
+        help="From the world only: tc words or a profile.", rich_help_panel=_LINK, autocompletion=complete.profiles
+    ),
 ]
 
 _TIMELINE = "Changes from pairing on: 'at 5s: down; at 9s: up', or a file"
@@ -73,7 +115,16 @@ DownTimeline = Annotated[
     str | None, typer.Option(metavar="TEXT|FILE", help="From the world only.", rich_help_panel=_LINK)
 ]
 
-Mode = Annotated[str | None, typer.Option("-m", "--mode", help="peer, client or router.", rich_help_panel=_ZENOH)]
+Mode = Annotated[
+    str | None,
+    typer.Option(
+        "-m",
+        "--mode",
+        help="peer, client or router.",
+        rich_help_panel=_ZENOH,
+        autocompletion=complete.words(*complete.MODES),
+    ),
+]
 Connect = Annotated[
     list[str] | None,
     typer.Option(
@@ -131,6 +182,7 @@ Users = Annotated[
     Path | None,
     typer.Option("--users", metavar="FILE", help="Who may dial here: lines user:password.", rich_help_panel=_SECURITY),
 ]
+
 Session = Annotated[str, typer.Option(help="Name of the session, the same on both sides.")]
 Name = Annotated[str, typer.Option(help="Name of the device, the same on both sides.")]
 Record = Annotated[Path | None, typer.Option(help="Record this side to an MCAP file.")]
@@ -141,8 +193,24 @@ Log = Annotated[
 Progress = Annotated[bool, typer.Option("--progress", hidden=True)]
 OnSilence = Annotated[
     str | None,
-    typer.Option("--on-silence", help="When nothing arrives: hold the set-position, or release the spring."),
+    typer.Option(
+        "--on-silence",
+        help="When nothing arrives: hold the set-position, or release the spring.",
+        autocompletion=complete.choices("device.on_silence"),
+    ),
 ]
 SilenceAfter = Annotated[
     float | None, typer.Option("--silence-after", help="Seconds of silence that count; 0.5 by default.")
+]
+Figure = Annotated[
+    str,
+    typer.Argument(help="fig4, fig5 or fig6.", autocompletion=complete.words(*complete.FIGURES)),
+]
+Only = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME[,NAME]",
+        help="Rows to measure, patterns too: servo_*,device_tick.",
+        autocompletion=complete.rows,
+    ),
 ]

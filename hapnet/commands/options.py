@@ -1,106 +1,185 @@
-"""From a command line's options to parameters."""
+"""The groups of options that commands share, and what they make of them: parameters, Zenoh's settings, outputs."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
+from hapnet.commands import flags
+from hapnet.commands.groups import Without
 from hapnet.errors import InvalidParameter
 from hapnet.params import LinkParams, Params
-from hapnet.runtime.security import PASSWORD_VARIABLE, Security
 from netem.profile import PRESETS, LinkProfile, compose
+
+if TYPE_CHECKING:
+    from hapnet.runtime.security import Security
 
 NO_LINK = LinkParams("", "")
 """What two hosts on a real network start from: nothing is emulated unless asked for."""
 
 
 @dataclass(frozen=True)
-class LinkOptions:
-    """The link flags as given."""
+class ModelOptions:
+    """What is coupled, and how."""
 
-    link: str | None = None
-    profile: str | None = None
-    delay: str | None = None
-    jitter: str | None = None
-    loss: str | None = None
-    reorder: str | None = None
-    rate: str | None = None
-    uplink: str | None = None
-    downlink: str | None = None
-    timeline: str | None = None
-    up_timeline: str | None = None
-    down_timeline: str | None = None
+    scene: flags.Scene = None
+    operator: flags.Operator = None
+    hardware: flags.Hardware = None
+    coupling: flags.Coupling = None
+    servo: flags.ServoKind = None
+    servo_hz: flags.ServoRate = None
+    dof: flags.Dof = None
+    duration: flags.Duration = None
+    on_silence: flags.OnSilence = None
+    silence_after: flags.SilenceAfter = None
 
-    def over(self, default: str) -> str:
-        """The words of one direction: what the flags make of the default."""
-        flags = (self.delay, self.jitter, self.loss, self.reorder, self.rate)
-        if self.link is None and self.profile is None and all(flag is None for flag in flags):
-            return default
-        words = None if self.link is None else PRESETS.get(self.link, self.link)
-        return str(compose(words, self.profile, *flags, base=LinkProfile.named(default)))
+    def named(self, *sides: str) -> dict[str, object]:
+        """The parameters that are given, by their dotted names; those of silence for each of these sides."""
+        found: dict[str, object] = {
+            "hardware": self.hardware,
+            "scene": self.scene,
+            "operator": self.operator,
+            "coupling": self.coupling,
+            "device.servo": self.servo,
+            "device.servo_hz": self.servo_hz,
+            "dof": self.dof,
+            "duration_s": self.duration,
+        }
+        found |= {f"{side}.on_silence": self.on_silence for side in sides}
+        found |= {f"{side}.silence_after_s": self.silence_after for side in sides}
+        return found
 
 
 @dataclass(frozen=True)
-class ZenohOptions:
-    """Zenoh's flags as given, and those of who may connect."""
+class LinkOptions:
+    """The emulated link."""
 
-    mode: str | None
-    connect: list[str] | None
-    listen: list[str] | None
-    config: str | None
-    no_multicast_scouting: bool
-    cfg: list[str] | None
-    security: Security
+    link: flags.Link = None
+    profile: flags.Profile = None
+    delay: flags.Delay = None
+    jitter: flags.Jitter = None
+    loss: flags.Loss = None
+    reorder: flags.Reorder = None
+    rate: flags.Rate = None
+    uplink: flags.Uplink = None
+    downlink: flags.Downlink = None
+    timeline: flags.TimelineText = None
+    up_timeline: flags.UpTimeline = None
+    down_timeline: flags.DownTimeline = None
 
+    def over(self, params: Params) -> Params:
+        """Parameters with what these flags make of their link.
 
-def parameters(
-    base: Params,
-    *,
-    file: Path | None = None,
-    assignments: Sequence[str] = (),
-    links: LinkOptions | None = None,
-    **named: str | float | int | None,
-) -> Params:
-    """Defaults, then the file, then named options, then the link flags, then `--set`; each overrides what is before.
-
-    Raises
-    ------
-    InvalidParameter, netem.NetemError : in one line, what is wrong and what is allowed.
-    """
-    params = base if file is None else base.load(file)
-    params = params.set({name.replace("__", "."): value for name, value in named.items() if value is not None})
-    if links is not None:
-        up, down = links.over(params.link.up), links.over(params.link.down)
-        up = up if links.uplink is None else links.uplink
-        down = down if links.downlink is None else links.downlink
+        Raises
+        ------
+        InvalidParameter, netem.NetemError : the words are not tc-netem's, or do not go together.
+        """
+        up = self._way(params.link.up) if self.uplink is None else self.uplink
+        down = self._way(params.link.down) if self.downlink is None else self.downlink
         changes = {"link.up": up, "link.down": down}
-        for name, given in (("up", links.up_timeline), ("down", links.down_timeline)):
-            text = links.timeline if given is None else given
+        for name, given in (("up", self.up_timeline), ("down", self.down_timeline)):
+            text = self.timeline if given is None else given
             if text is not None:
                 from netem import Timeline  # which brings numpy: not for --help
 
                 changes[f"link.{name}_timeline"] = str(Timeline.read(text))
-        params = params.set(changes)
-    params = params.set_words(assignments)
-    for words in (params.link.up, params.link.down):
-        LinkProfile.named(words)
-    return params
+        return params.set(changes)
+
+    def _way(self, default: str) -> str:
+        """The words of one direction: what the flags make of the default."""
+        given = (self.delay, self.jitter, self.loss, self.reorder, self.rate)
+        if self.link is None and self.profile is None and all(flag is None for flag in given):
+            return default
+        words = None if self.link is None else PRESETS.get(self.link, self.link)
+        return str(compose(words, self.profile, *given, base=LinkProfile.named(default)))
 
 
-def security(
-    tls_ca: Path | None,
-    tls_cert: Path | None,
-    tls_key: Path | None,
-    mutual_tls: bool,
-    user: str | None,
-    password_file: Path | None,
-    users: Path | None = None,
-) -> Security:
-    """The security flags, and the password in the environment for who wants none in a file."""
-    password = os.environ.get(PASSWORD_VARIABLE)
-    return Security(tls_ca, tls_cert, tls_key, mutual_tls, user, password_file, password, users)
+OneWay = Annotated[LinkOptions, Without("uplink", "downlink", "up_timeline", "down_timeline")]
+"""The link of a process that shapes only what it sends."""
+
+
+@dataclass(frozen=True)
+class ParamsOptions:
+    """Where parameters come from beside the flags that have names of their own."""
+
+    params_file: flags.ParamsFile = None
+    assign: flags.Assign = None
+    show_params: flags.Show = False
+
+    def over(self, base: Params, named: Mapping[str, object] | None = None, links: LinkOptions | None = None) -> Params:
+        """Defaults, then the file, then `named` (None: not given), then the link flags, then `--set`.
+
+        Each overrides what is before.
+
+        Raises
+        ------
+        InvalidParameter, netem.NetemError : in one line, what is wrong and what is allowed.
+        """
+        params = base if self.params_file is None else base.load(self.params_file)
+        params = params.set({name: value for name, value in (named or {}).items() if value is not None})
+        if links is not None:
+            params = links.over(params)
+        params = params.set_words(self.assign or ())
+        for words in (params.link.up, params.link.down):
+            LinkProfile.named(words)
+        return params
+
+
+@dataclass(frozen=True)
+class ZenohOptions:
+    """Zenoh's flags, and who may connect."""
+
+    mode: flags.Mode = None
+    connect: flags.Connect = None
+    listen: flags.Listen = None
+    config: flags.Config = None
+    no_multicast_scouting: flags.NoScouting = False
+    cfg: flags.Cfg = None
+    tls_ca: flags.TlsCa = None
+    tls_cert: flags.TlsCert = None
+    tls_key: flags.TlsKey = None
+    mutual_tls: flags.MutualTls = False
+    user: flags.User = None
+    password_file: flags.PasswordFile = None
+    users: flags.Users = None
+
+    @property
+    def security(self) -> Security:
+        """The security flags, and the password in the environment for who wants none in a file."""
+        from hapnet.runtime.security import PASSWORD_VARIABLE, Security
+
+        password = os.environ.get(PASSWORD_VARIABLE)
+        return Security(
+            self.tls_ca,
+            self.tls_cert,
+            self.tls_key,
+            self.mutual_tls,
+            self.user,
+            self.password_file,
+            password,
+            self.users,
+        )
+
+
+Dialling = Annotated[ZenohOptions, Without("mode", "listen", "config", "no_multicast_scouting", "cfg", "users")]
+"""What a command needs that only dials."""
+
+
+@dataclass(frozen=True)
+class SideFlags:
+    """What one side's process is told beside its parameters."""
+
+    seed: flags.OwnSeed = None
+    session: flags.Session = "default"
+    name: flags.Name = "device"
+    record: flags.Record = None
+    json_to: flags.Json = None
+    realtime: flags.Realtime = False
+    log_to: flags.Log = None
+    progress: flags.Progress = False
 
 
 def json_target(target: str | None) -> Path | None:

@@ -102,6 +102,8 @@ def run_directory(out: Path | None, seed: int | None) -> Path:
     path = out if out is not None else Path("runs") / name
     try:
         path.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        raise HapnetError(f"cannot write to {path}: it is a file, and --out names a directory") from None
     except OSError as error:
         raise HapnetError(f"cannot write to {path}: {error.strerror or error}") from None
     return path

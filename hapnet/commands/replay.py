@@ -2,72 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from hapnet.commands import flags, output
-from hapnet.commands.options import LinkOptions, json_target, parameters
+from hapnet.commands import output
+from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter, OutputError, RecordingError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.table import Table
 
+    from hapnet.params import Params
     from hapnet.record import Recording
 
 
-def replay(
-    files: Annotated[
-        list[Path], typer.Argument(metavar="FILE...", help="One recording, or the device's and the world's.")
-    ],
-    scene: flags.Scene = None,
-    coupling: flags.Coupling = None,
-    duration: Annotated[
-        float | None, typer.Option(help="Seconds from pairing.", show_default="the recording's")
-    ] = None,
-    seed: Annotated[
-        int | None, typer.Option(min=0, help="Of everything random.", show_default="the recording's")
-    ] = None,
-    link: flags.Link = None,
-    profile: flags.Profile = None,
-    delay: flags.Delay = None,
-    jitter: flags.Jitter = None,
-    loss: flags.Loss = None,
-    reorder: flags.Reorder = None,
-    rate: flags.Rate = None,
-    uplink: flags.Uplink = None,
-    downlink: flags.Downlink = None,
-    timeline: flags.TimelineText = None,
-    up_timeline: flags.UpTimeline = None,
-    down_timeline: flags.DownTimeline = None,
-    params_file: flags.ParamsFile = None,
-    assign: flags.Assign = None,
-    json_to: flags.Json = None,
-    out: flags.Out = None,
+def main(
+    files: list[Path],
+    chosen: Callable[[Params], Params],
+    seed: int | None,
+    json_to: str | None,
+    out: Path | None,
 ) -> int:
-    """A recorded run again, in virtual time: as it was, or the same hand through another link or coupling.
+    """Simulate with the recording's parameters and seed; write recording, figures and summary, and compare.
 
-    Parameters and seed are the recording's, but for what is given here. Writes recording, figures and summary.
+    chosen : what the flags make of the recording's parameters.
     """
     from dataclasses import replace as changed
 
     from hapnet import report
-    from hapnet.commands.simulate import with_progress
     from hapnet.mcap_file import save
     from hapnet.runtime.replay import compare, read_original
     from hapnet.runtime.virtual import Simulation
 
-    json_target(json_to)
-    links = LinkOptions(
-        link, profile, delay, jitter, loss, reorder, rate, uplink, downlink, timeline, up_timeline, down_timeline
-    )
     original = read_original(files)
-    params = parameters(
-        original.params, file=params_file, assignments=assign or (), links=links, scene=scene, coupling=coupling,
-        duration_s=duration,
-    )  # fmt: skip
+    params = chosen(original.params)
     if params.duration_s <= 0.0:
         raise InvalidParameter("duration_s", params.duration_s, "above 0 in virtual time")
     if params.operator != original.params.operator:
@@ -83,7 +53,8 @@ def replay(
     words.print(f"hand: {original.hand}", markup=False)
     for line in original.notes:
         words.print(f"note: {line}", markup=False)
-    result = with_progress(simulation, words, "replaying")
+    with Progress(words, "replaying", params.duration_s) as progress:
+        result = simulation.run(progress.update)
     summary = result.summary
     compared = summary["replay"] = compare(original, result.recording, summary)
     recording = changed(result.recording, summary=summary)

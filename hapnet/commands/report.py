@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hapnet.commands import output
+from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter, RecordingError
 from hapnet.mcap_file import read_recording, repair
 from hapnet.metrics import motion
@@ -27,7 +28,8 @@ def main(files: list[Path], json_to: str | None, out: Path | None) -> int:
         raise InvalidParameter("FILE", [str(file) for file in files], "one recording, or the device's and the world's")
     words = output.console(json_to)
     written = output.Written()
-    recordings = [read_recording(file) for file in files]
+    with Progress(words, "reading"):
+        recordings = [read_recording(file) for file in files]
     summary = _summary(files, recordings)
     whole = recordings[0] if len(files) == 1 else join(*recordings)
     summary["motion"] = motion(whole)

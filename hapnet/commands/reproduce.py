@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hapnet.commands import output
+from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 
@@ -32,17 +33,21 @@ def main(figure: str, params: Params, seed: int, json_to: str | None, out: Path 
     """Simulate Section 4, draw the figure, print the summary."""
     from hapnet import report
     from hapnet.mcap_file import save
-    from hapnet.runtime.virtual import simulate
+    from hapnet.runtime.virtual import Simulation
 
     if figure not in FIGURES:
         raise InvalidParameter("figure", figure, "one of " + ", ".join(FIGURES))
     words = output.console(json_to)
-    result = simulate(params, seed)
-    directory = output.run_directory(out, seed)
-    recording = result.recording
-    drawn = timesteps(recording) if figure == "fig4" else profiles(recording, params)
-    report.save_figure(drawn, directory / f"{figure}.png")
-    save(recording, directory / f"{figure}.mcap")
+    simulation = Simulation(params, seed)
+    with Progress(words, "simulating", params.duration_s) as progress:
+        result = simulation.run(progress.update)
+        directory = output.run_directory(out, seed)
+        recording = result.recording
+        progress.stage("drawing")
+        drawn = timesteps(recording) if figure == "fig4" else profiles(recording, params)
+        report.save_figure(drawn, directory / f"{figure}.png")
+        progress.stage("writing")
+        save(recording, directory / f"{figure}.mcap")
     result.summary["reconstructed"] = True
     output.write_json(result.summary, str(directory / f"{figure}.json"))
     output.show_warnings(words, result.warnings)

@@ -13,6 +13,7 @@ import numpy as np
 
 from hapnet.commands import output
 from hapnet.commands.pair import Pair
+from hapnet.commands.progress import Progress
 from hapnet.commands.report import source_of, write
 from hapnet.commands.side import catch, exit_code
 from hapnet.endpoint import DeviceEndpoint, WorldEndpoint
@@ -26,8 +27,6 @@ from hapnet.runtime.own_device import load_class
 from hapnet.runtime.summary import merge
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from hapnet.report import Source
 
 
@@ -43,13 +42,22 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, re
         raise HapnetError(f"cannot write to {directory}: {error.strerror or error}") from None
     output.show_warnings(words, setup.warnings)
     written = output.Written()
-    with log, _Progress(words, params.duration_s) as progress:
+    with log, Progress(words, "starting") as progress:
+        running = False
 
         def heed(role: str, line: bytes, notice: dict[str, Any]) -> None:
-            progress.tell(role, notice["kind"], notice["text"])
+            """A notice, for people and for the log; the device's clock says how far the run is."""
+            nonlocal running
             if notice["kind"] != "progress":
+                if notice["kind"] != "waiting":
+                    words.print(f"{role}: {notice['text']}", markup=False)
                 with written.part():
                     output.write_line(log.fileno(), line, str(directory / "log.jsonl"))
+            elif role == "device":
+                if not running:
+                    running = True
+                    progress.stage("running", params.duration_s or None)
+                progress.update(float(notice["text"]))
 
         pair = Pair(params, seed, directory, heed, realtime=realtime)
         code = asyncio.run(_run(pair))
@@ -62,7 +70,8 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, re
     with written.part():
         output.write_json(summary, str(directory / "summary.json"))
     if recording is not None:
-        write(recording, sources, directory, "report.html", {"run": "figure.png"}, written)
+        with Progress(words, "drawing"):
+            write(recording, sources, directory, "report.html", {"run": "figure.png"}, written)
     output.show_summary(words, summary)
     files = ("device.mcap", "world.mcap", "report.html", "figure.png", "summary.json", "log.jsonl")
     there = [file for file in files if (directory / file).exists()]
@@ -114,39 +123,3 @@ def check_sides(setup: Setup) -> None:
     else:
         load_class(setup.params.hardware)
     world_side(setup, WorldEndpoint(world_session(setup, 1)), np.random.default_rng(0), lambda sample: None)
-
-
-class _Progress:
-    """A bar on a terminal, lines now and then elsewhere."""
-
-    _LINE_EVERY_S = 5.0
-
-    def __init__(self, words: Console, duration_s: float) -> None:
-        from rich.progress import BarColumn, Progress, TextColumn
-
-        total = duration_s or None
-        of = f" of {duration_s:g} s" if duration_s else " s"
-        columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed:.0f}" + of))
-        self._words = words
-        self._bar = Progress(*columns, console=words, disable=not words.is_terminal)
-        self._task = self._bar.add_task("starting", total=total)
-        self._next_line_s = self._LINE_EVERY_S
-
-    def __enter__(self) -> _Progress:
-        self._bar.start()
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self._bar.stop()
-
-    def tell(self, role: str, kind: str, text: str) -> None:
-        if kind == "progress":
-            if role != "device":
-                return
-            elapsed = float(text)
-            self._bar.update(self._task, completed=elapsed, description="running")
-            if not self._words.is_terminal and elapsed >= self._next_line_s:
-                self._next_line_s += self._LINE_EVERY_S
-                self._words.print(f"{elapsed:.0f} s")
-        elif kind != "waiting":
-            self._words.print(f"{role}: {text}")

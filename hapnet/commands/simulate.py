@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from hapnet.commands import output
+from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
-
-if TYPE_CHECKING:
-    from rich.console import Console
-
-    from hapnet.runtime.virtual import Result, Simulation
 
 
 def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, files: bool) -> int:
@@ -26,15 +21,18 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, fi
     simulation = Simulation(params, seed)
     output.show_warnings(words, simulation.setup.warnings)
     directory = output.run_directory(out, seed) if files else None
-    result = with_progress(simulation, words, "simulating")
     written = output.Written()
-    if directory is not None:
-        with written.part():
-            save(result.recording, directory / "run.mcap")
-        with written.part():
-            output.save_figure(result.recording, directory / "figure.png")
-        with written.part():
-            output.write_json(result.summary, str(directory / "summary.json"))
+    with Progress(words, "simulating", params.duration_s) as progress:
+        result = simulation.run(progress.update)
+        if directory is not None:
+            progress.stage("writing")
+            with written.part():
+                save(result.recording, directory / "run.mcap")
+            progress.stage("drawing")
+            with written.part():
+                output.save_figure(result.recording, directory / "figure.png")
+            with written.part():
+                output.write_json(result.summary, str(directory / "summary.json"))
     output.show_summary(words, result.summary)
     if directory is not None and not written.missing:
         file = directory / "run.mcap"
@@ -44,13 +42,3 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, fi
     with written.part():
         output.write_json(result.summary, json_to)
     return written.code()
-
-
-def with_progress(simulation: Simulation, words: Console, doing: str) -> Result:
-    """Run it under a bar."""
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn(doing), BarColumn(), TextColumn("{task.completed:.1f} of {task.total:g} s"))
-    with Progress(*columns, TimeRemainingColumn(), console=words, disable=not words.is_terminal) as bar:
-        task = bar.add_task("", total=simulation.setup.params.duration_s)
-        return simulation.run(lambda done: bar.update(task, completed=done))

@@ -246,7 +246,8 @@ def _read_columns(file: Path) -> dict[str, Array]:
             rows = list(csv.DictReader(lines))
         table = {name: np.array([float(row[name]) for row in rows]) for name in (rows[0] if rows else {})}
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InvalidParameter("operator", str(file), f"{wanted} ({error})") from None
+        why = error.strerror if isinstance(error, OSError) else error
+        raise InvalidParameter("operator", str(file), f"{wanted} ({why})") from None
     except (TypeError, ValueError):
         raise InvalidParameter("operator", str(file), f"{wanted}, numbers only") from None
     if "time_s" not in table or "x_m" not in table:

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import math
-import platform
 from collections.abc import Callable, Mapping
 from dataclasses import fields
-from functools import cache
-from importlib import metadata
 from typing import Any
 
 import numpy as np
@@ -17,6 +14,7 @@ from hapnet.endpoint import NANO, ControlHalf
 from hapnet.record import Columns, Recording
 from hapnet.runtime.sides import DeviceSide
 from hapnet.runtime.world_side import WorldSide
+from hapnet.versions import versions as versions
 from hapnet.wire.session import Session
 from netem import LinkStats
 
@@ -26,13 +24,6 @@ _UNKNOWN_SERVO = dict.fromkeys((
     "ticks", "late_p50_us", "late_p99_us", "late_max_us", "late_period", "skipped", "overruns", "longest_ms", "unsent",
     "late_histogram_us",
 ))  # fmt: skip
-
-
-def versions() -> dict[str, str]:
-    """What matters in a bug report."""
-    names = ("hapnet-haptics", "numpy", "eclipse-zenoh", "msgpack", "mcap")
-    found = {name: _version(name) for name in names}
-    return {**found, "python": platform.python_version()}
 
 
 def device_summary(side: DeviceSide, coupling_name: str, servo: Mapping[str, Any] | None = None) -> Summary:
@@ -188,14 +179,6 @@ def _flow(sender: Summary | None, receiver: Summary | None) -> dict[str, int | N
         abandoned = min(abandoned, sent - credited)
         in_flight = sent - credited - abandoned
     return {"sent_nJ": sent, "credited_nJ": credited, "in_flight_nJ": in_flight, "abandoned_nJ": abandoned}
-
-
-@cache
-def _version(name: str) -> str:
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return "not installed"
 
 
 def from_recording(recording: Recording) -> Summary:

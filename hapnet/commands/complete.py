@@ -1,0 +1,138 @@
+"""What the shell offers after TAB as values of flags; typer keeps of it what begins with the word on the line."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from hapnet.params import Params
+from netem.profile import PRESETS
+
+OPERATORS = ("rest", "sine", "press")
+FIGURES = ("fig4", "fig5", "fig6")
+MODES = ("peer", "client", "router")
+MOTIONS = (".csv", ".mcap")
+"""Files that an operator can be made of."""
+
+_UNQUOTED = frozenset("._-+=@%/,")  # of names that no shell takes apart
+
+
+def glue() -> bool:
+    """Words on bash's line that hold an ``=``, whole again; whether the last one is such a word.
+
+    bash takes words apart there, so of the last it wants to be told only what comes behind the ``=``: `behind`.
+    """
+    words = os.environ.get("COMP_WORDS", "").split("\n")[: int(os.environ.get("COMP_CWORD", "0")) + 1]
+    line, glued = words[:1], False
+    for before, word in pairwise(words):
+        glued = word == "=" or (before == "=" and word != "")
+        if glued:
+            line[-1] += word
+        else:
+            line.append(word)
+    os.environ["COMP_WORDS"], os.environ["COMP_CWORD"] = "\n".join(line), str(len(line) - 1)
+    return glued
+
+
+def behind(offered: str) -> str:
+    """Of each line offered what is behind its last ``=``, if there is anything."""
+    return "\n".join(filter(None, (line.rpartition("=")[2] for line in offered.splitlines())))
+
+
+def choices(parameter: str) -> Callable[[], list[str]]:
+    """The words that a parameter allows."""
+    return lambda: list(_allowed(parameter))
+
+
+def words(*given: str) -> Callable[[], list[str]]:
+    """These words."""
+    return lambda: list(given)
+
+
+def profiles() -> list[tuple[str, str]]:
+    """Named link profiles, with their tc words."""
+    return [(name, tc) for name, tc in PRESETS.items()]
+
+
+def scenes() -> list[str]:
+    """Built-in scenes."""
+    from hapnet.plant.scene import SCENES
+
+    return list(SCENES)
+
+
+def operators(incomplete: str) -> list[str]:
+    """Built-in hands, and files with a motion."""
+    return [*OPERATORS, *files(incomplete, MOTIONS)]
+
+
+def assignments(incomplete: str) -> list[tuple[str, str]]:
+    """``NAME=`` of every parameter; of one that is written out also ``NAME=`` with its default and what else it allows.
+
+    So there are always two that begin alike: the shell adds no space after the ``=``.
+    """
+    values = Params().flat()
+    names = [name for name in values if name.startswith(incomplete.partition("=")[0])]
+    found = [(f"{name}=", str(_about(name)["doc"]).replace("[", "\\[")) for name in names]  # no markup: a unit
+    if len(names) == 1:
+        (name,) = names
+        told = dict.fromkeys((_word(values[name]), *_allowed(name)))
+        found += [(f"{name}={value}", found[0][1]) for value in told if value]
+    return found
+
+
+def rows(incomplete: str) -> list[str]:
+    """Rows of the benchmark, after a comma one more."""
+    from hapnet.bench.registry import ROWS
+
+    before, comma, _ = incomplete.rpartition(",")
+    return [f"{before}{comma}{row}" for row in ROWS]
+
+
+def files(incomplete: str, endings: tuple[str, ...]) -> list[str]:
+    """Paths that begin so: files with one of these endings, and directories; of a single directory, what is in it."""
+    found: list[str] = []
+    for _ in range(20):
+        directory, slash, start = incomplete.rpartition("/")
+        found = []
+        try:
+            for path in sorted(Path(os.path.expanduser(f"{directory}{slash}") or ".").iterdir()):
+                hidden = path.name.startswith(".") and not start.startswith(".")
+                if hidden or not path.name.startswith(start) or not _plain(path.name):
+                    continue
+                if path.is_dir():
+                    found.append(f"{directory}{slash}{path.name}/")
+                elif path.name.endswith(endings):
+                    found.append(f"{directory}{slash}{path.name}")
+        except OSError:
+            break
+        if len(found) != 1 or not found[0].endswith("/"):
+            break
+        incomplete = found[0]
+    return found
+
+
+def _about(parameter: str) -> Mapping[str, Any]:
+    """A parameter's meaning and what it allows."""
+    section, _, last = parameter.rpartition(".")
+    owner = Params().get(section) if section else Params()
+    return next(field.metadata for field in fields(owner) if field.name == last)
+
+
+def _allowed(parameter: str) -> tuple[str, ...]:
+    allowed = _about(parameter)["allowed"]
+    return allowed if isinstance(allowed, tuple) else ()
+
+
+def _plain(name: str) -> bool:
+    return all(letter.isalnum() or letter in _UNQUOTED for letter in name)
+
+
+def _word(value: object) -> str:
+    """A value as `--set` takes it; nothing where a shell would want quotes."""
+    text = str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)
+    return text if _plain(text) else ""

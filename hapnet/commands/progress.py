@@ -1,0 +1,178 @@
+"""How far a command is, for people: a bar with the time left on a terminal, a line now and then elsewhere."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress as Bar
+
+BAR_AFTER_S = 1.0
+"""A command that is over before shows no bar."""
+LINE_EVERY_S = 5.0
+_REDRAW_S = 0.1
+
+_ERASE = b"\r\x1b[2K\x1b[?25h"  # the line, and the cursor is back
+
+_drawn: set[Progress] = set()
+
+
+class Progress:
+    """Shows how far a command is, while the ``with`` block lasts; a bar leaves no trace.
+
+    Parameters
+    ----------
+    words : where people read.
+    doing : what is being done, such as "simulating".
+    total : of what `update` counts; None: unknown.
+    unit : of that; "": `doing` says it.
+    background : draw from a thread of its own, so that time passes though nobody calls `update`. Without it every
+        `update` is shown, at once, and nothing runs between: for what is measured.
+    clock : seconds.
+    """
+
+    def __init__(
+        self,
+        words: Console,
+        doing: str,
+        total: float | None = None,
+        unit: str = "s",
+        *,
+        background: bool = True,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._words, self._clock = words, clock
+        self._began = clock()
+        self._background = background
+        self._bar_after_s, self._line_every_s = (BAR_AFTER_S, LINE_EVERY_S) if background else (0.0, 0.0)
+        self._next_line_s = self._line_every_s
+        self._bar: Bar | None = None
+        self._over = threading.Event()
+        self._lock = threading.RLock()
+        self._thread = threading.Thread(target=self._redraw, name="progress", daemon=True)
+        self.stage(doing, total, unit)
+
+    def __enter__(self) -> Progress:
+        if self._background:
+            self._thread.start()
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self._over.set()
+        with self._lock:
+            if self._bar is not None:
+                self._bar.stop()
+                _drawn.discard(self)
+        if self._background:
+            self._thread.join()
+
+    def stage(self, doing: str, total: float | None = None, unit: str = "s") -> None:
+        """From now on this is being done, and nothing of it yet."""
+        with self._lock:
+            self._doing, self._total, self._unit = doing, total, unit
+            self._done = 0.0
+            self._first: tuple[float, float] | None = None  # update: when, and how much was done
+
+    def update(self, done: float, doing: str | None = None) -> None:
+        """So much of the total is done."""
+        self._done = done
+        self._doing = doing or self._doing
+        if self._first is None:
+            self._first = self._clock(), done
+        if not self._background:
+            self.tick()
+
+    def tick(self) -> None:
+        """Show what is to be shown now; called by the thread, or by `update` where there is none."""
+        with self._lock:
+            lasted_s = self._clock() - self._began
+            if self._over.is_set():
+                return
+            if self._words.is_terminal:
+                if lasted_s >= self._bar_after_s:
+                    self._draw()
+            elif lasted_s >= self._next_line_s:
+                self._next_line_s = lasted_s + self._line_every_s
+                known = [words for words in (self._count(), self._left()) if words]
+                if not known and self._background:
+                    known = [f"{lasted_s:.0f} s so far"]
+                self._words.print(": ".join(filter(None, (self._doing, ", ".join(known)))), markup=False)
+
+    def erase(self) -> None:
+        """The terminal as it was, at once; for who ends the process here."""
+        self._over.set()
+        free = self._lock.acquire(timeout=_REDRAW_S)  # nobody is drawing now, unless the terminal takes nothing
+        with suppress(OSError):
+            os.write(self._words.file.fileno(), _ERASE)
+        if free:
+            self._lock.release()
+
+    def _redraw(self) -> None:
+        while not self._over.wait(_REDRAW_S):
+            self.tick()
+
+    def _draw(self) -> None:
+        if self._bar is None:
+            from rich.progress import BarColumn, Progress, TextColumn
+            from rich.table import Column
+
+            def text(name: str) -> TextColumn:
+                return TextColumn(f"{{task.{name}}}", markup=False, table_column=Column(no_wrap=True))
+
+            columns = (text("description"), BarColumn(bar_width=30), text("fields[count]"), text("fields[left]"))
+            self._bar = Progress(
+                *columns,
+                console=self._words,
+                auto_refresh=False,
+                transient=True,
+                redirect_stdout=False,  # what a program reads must not go where the bar is
+                redirect_stderr=False,
+            )
+            self._bar.add_task(self._doing, count="", left="")
+            _drawn.add(self)
+            self._bar.start()
+        self._bar.update(
+            self._bar.task_ids[0],
+            description=self._doing,
+            total=self._total,
+            completed=self._done,
+            count=self._count(),
+            left=self._left(),
+            refresh=True,
+        )
+
+    def _count(self) -> str:
+        if self._total is None or not self._unit:
+            return f"{self._done:.0f} {self._unit}" if self._done and self._unit else ""
+        digits = 0 if self._total >= 10.0 else 1
+        if isinstance(self._total, int):
+            digits = 0
+        return f"{self._done:.{digits}f} of {self._total:g} {self._unit}"
+
+    def _left(self) -> str:
+        """The time left, at the speed since the first update."""
+        if self._total is None or self._first is None:
+            return ""
+        at, before = self._first
+        if not before < self._done <= self._total:
+            return ""
+        return f"{_duration((self._clock() - at) * (self._total - self._done) / (self._done - before))} left"
+
+
+def erase() -> None:
+    """Erase what is drawn, for who ends the process without leaving the ``with`` blocks."""
+    for progress in tuple(_drawn):
+        progress.erase()
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 99.5:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60.0)
+    return f"{minutes} min" if minutes < 100 else f"{minutes // 60} h {minutes % 60} min"

@@ -1,0 +1,40 @@
+"""What is installed, and on what it runs: the words of `--version`, for bug reports. Imports none of it."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Sequence
+from importlib import metadata
+
+ABSENT = "not installed"
+DISTRIBUTION = "hapnet-haptics"
+"""What brings both packages, `hapnet` and `netem`."""
+PACKAGES = ("numpy", "eclipse-zenoh", "msgpack", "typer", "rich", "mcap", "matplotlib", "viser")
+
+
+def installed(package: str) -> str:
+    """A distribution's version, or that it is not installed."""
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return ABSENT
+
+
+def described(program: str, packages: Sequence[str] = PACKAGES) -> str:
+    """A line for the program, then one each for Python, the system, the processors and the packages."""
+    system = " ".join(filter(None, (platform.system(), platform.release(), platform.machine())))
+    rows = {
+        "python": f"{platform.python_version()} ({platform.python_implementation()})",
+        "platform": system,
+        "cpus": _processors(),
+        **{package: installed(package) for package in packages},
+    }
+    width = max(map(len, rows))
+    return "\n".join([f"{program} {installed(DISTRIBUTION)}", *(f"{name:<{width}}  {rows[name]}" for name in rows)])
+
+
+def _processors() -> str:
+    there = os.cpu_count() or 1
+    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else there
+    return f"{there}" if usable == there else f"{there}, of which {usable} may be used"

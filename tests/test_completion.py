@@ -1,0 +1,209 @@
+"""What a shell gets when TAB is pressed: by the protocol of typer's scripts, and by bash itself."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from hapnet import cli
+from hapnet.bench.registry import ROWS
+from hapnet.commands import complete
+from hapnet.commands.reproduce import FIGURES
+from hapnet.params import Params
+from hapnet.plant.scene import SCENES
+from hapnet.runtime.build import prepare
+from netem import cli as netem_cli
+from netem.profile import PRESETS
+from tests.conftest import ENVIRONMENT
+
+Capture = pytest.CaptureFixture[str]
+
+PROFILES = list(PRESETS)
+WALL = ["world.wall.stiffness=", "world.wall.damping=", "world.wall.position_m=", "world.wall.half_width_m="]
+
+
+@pytest.fixture(autouse=True)
+def directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    return tmp_path
+
+
+@pytest.fixture
+def tab(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> Tab:
+    return Tab(monkeypatch, capsys)
+
+
+class Tab:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+        self._monkeypatch, self._capsys = monkeypatch, capsys
+
+    def __call__(self, program: str, *words: str) -> list[str]:
+        """What bash is offered after `words`, the last of which is not finished."""
+        self._monkeypatch.setenv("COMP_WORDS", "\n".join((program, *words)))
+        self._monkeypatch.setenv("COMP_CWORD", str(len(words)))
+        return self.asked(program, "complete_bash").split()
+
+    def line(self, shell: str, line: str) -> str:
+        """What zsh or fish is offered after `line`."""
+        self._monkeypatch.setenv("_TYPER_COMPLETE_ARGS", line)
+        self._monkeypatch.setenv("_TYPER_COMPLETE_FISH_ACTION", "get-args")
+        return self.asked(line.partition(" ")[0], f"complete_{shell}")
+
+    def asked(self, program: str, instruction: str) -> str:
+        self._monkeypatch.setenv(f"_{program.upper()}_COMPLETE", instruction)
+        main = {"hapnet": cli.main, "netem": netem_cli.main}[program]
+        try:
+            code = main([])
+        except SystemExit as ended:
+            code = 1 if ended.code else 0
+        out, err = self._capsys.readouterr()
+        assert (code, err) == (0, "")
+        return out
+
+
+@pytest.mark.parametrize(
+    ("line", "offered"),
+    [
+        ("si", ["simulate"]),
+        ("simulate --profi", ["--profile"]),
+        ("--vers", ["--version"]),
+        ("--version si", ["simulate"]),
+        ("run --profile ", PROFILES),
+        ("run --link l", ["lan", "lossy-wifi", "leo"]),
+        ("run --uplink 4", ["4g"]),
+        ("simulate --downlink ge", ["geo"]),
+        ("run --scene ", list(SCENES)),
+        ("run --scene=w", ["wall"]),
+        ("device --operator ", ["rest", "sine", "press"]),
+        ("simulate --coupling ", ["pspm", "zoh"]),
+        ("run --servo ", ["auto", "continuous", "sampled"]),
+        ("world --on-silence ", ["hold", "release"]),
+        ("device --mode ", ["peer", "client", "router"]),
+        ("device -m r", ["router"]),
+        ("run --set world.wall.", WALL),
+        ("run --set world.wall.st", [WALL[0], "world.wall.stiffness=3000"]),
+        ("run --set device.harvest=", [f"device.harvest={value}" for value in ("", "auto", "range", "measured")]),
+        ("run --set nosuch", []),
+        ("reproduce ", list(FIGURES)),
+        ("reproduce fig4 --set dura", ["duration_s=", "duration_s=10"]),
+        ("bench --only ", list(ROWS)),
+        ("bench --only servo_idle,codec", ["servo_idle,codec_position"]),
+        ("report ", []),
+        ("run --duration ", []),
+        ("run --scene nosuch --set world.m", ["world.mass=", "world.mass=0.02"]),
+    ],
+)
+def test_what_hapnet_offers(line: str, offered: list[str], tab: Tab) -> None:
+    assert tab("hapnet", *line.split(" ")) == offered
+
+
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        (["--set", "device.harvest", "="], ["auto", "range", "measured"]),
+        (["--set", "device.harvest", "=", "m"], ["measured"]),
+        (["--set", "device.harvest", "=", ""], []),
+        (["--scene", "=", "w"], ["wall"]),
+        (["--scene", "=", "wall", "--set", "=", "world.mass", "="], ["0.02"]),
+        (["--scene", "=", "wall", "--set", "world.ma"], ["world.mass=", "world.mass=0.02"]),
+        (["--set", "world.mass", "=", "0.1", "--coup"], ["--coupling"]),
+    ],
+)
+def test_bash_takes_words_apart(words: list[str], offered: list[str], tab: Tab) -> None:
+    """At each =, and the cursor is behind the last word."""
+    assert tab("hapnet", "run", *words) == offered
+
+
+@pytest.mark.parametrize(
+    ("line", "offered"),
+    [
+        ("", ["profiles", "show", "udp", "zenoh", "bench"]),
+        ("show ", PROFILES),
+        ("show --profile wan-c", ["wan-continental"]),
+        ("udp --up wo", ["worst"]),
+        ("zenoh --mode ", ["peer", "client"]),
+        ("bench ", ["lateness", "core", "udp"]),
+        ("--version sh", ["show"]),
+    ],
+)
+def test_what_netem_offers(line: str, offered: list[str], tab: Tab) -> None:
+    assert tab("netem", *line.split(" ")) == offered
+
+
+def test_a_hand_may_be_a_file(directory: Path, tab: Tab) -> None:
+    for name in (
+        "a.csv",
+        "b.mcap",
+        "c.txt",
+        "two words.csv",
+        ".hidden.csv",
+        "runs/x/d.csv",
+        "runs/x/e.csv",
+        "resin/f.csv",
+    ):
+        (directory / name).parent.mkdir(parents=True, exist_ok=True)
+        (directory / name).touch()
+    assert tab("hapnet", "run", "--operator", "") == ["rest", "sine", "press", "a.csv", "b.mcap", "resin/", "runs/"]
+    assert tab("hapnet", "run", "--operator", "re") == ["rest", "resin/f.csv"]
+    assert tab("hapnet", "run", "--operator", "ru") == ["runs/x/d.csv", "runs/x/e.csv"]
+    assert tab("hapnet", "run", "--operator", "runs/x/e") == ["runs/x/e.csv"]
+    assert tab("hapnet", "run", "--operator", f"{directory}/resin/") == [f"{directory}/resin/f.csv"]
+    assert tab("hapnet", "run", "--operator", "nosuch/") == []
+
+
+def test_zsh_and_fish_show_what_is_meant_with_its_units(tab: Tab) -> None:
+    assert '"world.wall.damping=":"B_w [Ns/m] (rec.)"' in tab.line("zsh", "hapnet run --set world.wall.")
+    assert "world.wall.damping=\tB_w [Ns/m] (rec.)\n" in tab.line("fish", "hapnet run --set world.wall.")
+    assert f"lan\t{PRESETS['lan']}\n" in tab.line("fish", "netem show l")
+
+
+@pytest.mark.parametrize("program", ["hapnet", "netem"])
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_there_is_a_script_for_the_shell(shell: str, program: str, tab: Tab) -> None:
+    script = tab.asked(program, f"source_{shell}")
+    assert f"_{program.upper()}_COMPLETE=complete_{shell}" in script
+
+
+def test_nothing_is_said_when_it_fails(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+    monkeypatch.setenv("_HAPNET_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", "hapnet 'run")
+    monkeypatch.setenv("COMP_CWORD", "not a number")
+    assert cli.main([]) == 1
+    assert capsys.readouterr() == ("", "")
+
+
+def test_what_is_offered_is_accepted() -> None:
+    """The words that stand here, as importing what knows them takes long, are those that the program takes."""
+    assert complete.FIGURES == FIGURES
+    for operator in complete.OPERATORS:
+        assert prepare(Params().set({"operator": operator}), "continuous").params.operator == operator
+    for name, _ in complete.assignments(""):
+        Params().get(name.removesuffix("="))
+    told = [word for name in Params().flat() for word, _ in complete.assignments(f"{name}=") if not word.endswith("=")]
+    assert len(told) > len(Params().flat()) / 2
+    Params().set_words(told)
+
+
+def test_bash_completes_the_installed_command(directory: Path) -> None:
+    """The script as a shell reads it, and the command's own entry, which sees to signals before it imports."""
+    command = directory / "hapnet"
+    command.write_text(f"#!{sys.executable}\nimport sys\nfrom hapnet.__main__ import main\nsys.exit(main())\n", "utf-8")
+    command.chmod(0o755)
+    asks = """
+        source <(_HAPNET_COMPLETE=source_bash hapnet)
+        complete -p hapnet
+        COMP_WORDS=(hapnet simulate --profile l) COMP_CWORD=3
+        _hapnet_completion hapnet
+        printf '%s\\n' "${COMPREPLY[@]}"
+    """
+    path = f"{directory}{os.pathsep}{os.environ['PATH']}"
+    done = subprocess.run(
+        ["bash", "--norc", "-c", asks], env={**ENVIRONMENT, "PATH": path}, capture_output=True, text=True, timeout=60
+    )
+    assert not done.stderr
+    assert done.stdout.splitlines() == ["complete -o default -F _hapnet_completion hapnet", "lan", "lossy-wifi", "leo"]
