@@ -20,6 +20,7 @@ from hapnet.commands.options import (
     LinkOptions,
     ModelOptions,
     OneWay,
+    PageOptions,
     ParamsOptions,
     SideFlags,
     ZenohOptions,
@@ -113,6 +114,52 @@ def simulate(
     if seeds is not None:
         return batch.main(chosen, batch.seed_range(seeds), json_to, workers)
     return command.main(chosen, seed, json_to, out, files=files)
+
+
+@app.command()
+@grouped
+def play(
+    *,
+    model: Annotated[ModelOptions, Without("operator", "hardware", "duration")],
+    seed: flags.Seed = 0,
+    links: LinkOptions,
+    params: ParamsOptions,
+    out: Annotated[
+        Path | None, typer.Option(help="Directory for recordings.", show_default="runs/<UTC time>-<seed>")
+    ] = None,
+    realtime: flags.Realtime = False,
+    page: PageOptions,
+) -> int:
+    """Feel it: a live page with the mouse as the hand. Both processes run on this machine, as in `hapnet run`.
+
+    Drag the handle into the wall; make the link worse; switch PSPM off and see it shake. The page also pauses, begins
+    anew and records. The hand is a relaxed one unless `operator_hand` is set.
+    """
+    chosen = params.over(Params(), model.named("device", "world"), links)
+    from hapnet.commands import play as command
+
+    chosen = command.led(chosen)
+    if params.show_params:
+        return _show(chosen)
+    return command.main(chosen, seed, out, page, realtime=realtime)
+
+
+@app.command()
+@grouped
+def view(
+    *,
+    session: Annotated[str | None, typer.Option(help="Name of the session.", show_default="the first heard")] = None,
+    name: Annotated[str | None, typer.Option(help="Name of the device.", show_default="the first heard")] = None,
+    zenoh: Annotated[ZenohOptions, Without("users", "mutual_tls")],
+    page: PageOptions,
+) -> int:
+    """Watch a pair that runs elsewhere, on a live page, without disturbing it: `hapnet view -e tcp/HOST:17447`.
+
+    Dial the side that listens. What others may see of a pair is theirs to say: see the README on access control.
+    """
+    from hapnet.commands import view as command
+
+    return command.main(zenoh, session, name, page)
 
 
 @app.command()

@@ -52,6 +52,17 @@ class OutputError(HapnetError):
     """What a run was to write is missing or not complete, though the run went well."""
 
 
+class MissingLibrary(HapnetError):
+    """Something needs a library of an extra that is not installed."""
+
+    def __init__(self, what: str, library: str, extra: str) -> None:
+        self.what, self.library, self.extra = what, library, extra
+        super().__init__(f"{what} needs {library}, which is not installed: pip install 'hapnet-haptics[{extra}]'")
+
+    def __reduce__(self) -> tuple[type[MissingLibrary], tuple[str, str, str]]:
+        return type(self), (self.what, self.library, self.extra)
+
+
 class TransportError(HapnetError):
     """The transport could not be opened or set up."""
 

@@ -214,3 +214,8 @@ Only = Annotated[
         autocompletion=complete.rows,
     ),
 ]
+Host = Annotated[
+    str, typer.Option(help="Serve the page on this address; 0.0.0.0: to others too, who may press every button.")
+]
+Port = Annotated[int, typer.Option(min=0, max=65535, help="Serve it on this port, or on the next free one.")]
+Browser = Annotated[bool, typer.Option("--browser/--no-browser", help="Open it in a browser.")]

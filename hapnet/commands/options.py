@@ -182,6 +182,15 @@ class SideFlags:
     progress: flags.Progress = False
 
 
+@dataclass(frozen=True)
+class PageOptions:
+    """Where the live page is served."""
+
+    host: flags.Host = "127.0.0.1"
+    port: flags.Port = 8080
+    browser: flags.Browser = True
+
+
 def json_target(target: str | None) -> Path | None:
     """Where `--json` writes: None for standard output."""
     if target in (None, "-"):

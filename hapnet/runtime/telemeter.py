@@ -34,6 +34,7 @@ class Telemeter:
         self._period_s = 1.0 / rate_hz
         self._put, self._status = put, status
         self._newest: Sample | None = None
+        self._began = False  # the first sample comes after a status: who watches knows then what it is of
         self._events: deque[Event] = deque(maxlen=_MOST_EVENTS)
 
     def keep(self, sample: Sample) -> None:
@@ -52,10 +53,10 @@ class Telemeter:
             if now_s - due_s > period_s:
                 self.dropped += 1
             else:
-                self.publish()
-                if now_s >= status_s:
+                if now_s >= status_s or (self._newest is not None and not self._began):
                     status_s = now_s + STATUS_EVERY_S
                     self._put(encode(self._status()))
+                self.publish()
             due_s = max(due_s + period_s, loop.time())
             await asyncio.sleep(due_s - loop.time())
 
@@ -63,6 +64,7 @@ class Telemeter:
         """Put what was kept since the last time."""
         sample, self._newest = self._newest, None
         if sample is not None:
+            self._began = True
             self._put(encode(sample))
         while self._events:
             self._put(encode(self._events.popleft()))

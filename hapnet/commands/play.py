@@ -1,0 +1,219 @@
+"""`hapnet play`: a pair of processes whose hand is the mouse, and the page that shows and changes them."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import signal
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from hapnet.checks import Vector
+from hapnet.commands import output
+from hapnet.commands.options import PageOptions
+from hapnet.commands.pair import Pair
+from hapnet.commands.run import check_sides
+from hapnet.commands.side import catch, exit_code
+from hapnet.commands.view import show
+from hapnet.errors import InvalidParameter
+from hapnet.params import OperatorParams, Params
+from hapnet.runtime.build import LIVE, link_profile, prepare
+from hapnet.runtime.zenoh_config import ZenohSettings, free_address
+from hapnet.view.history import History
+from hapnet.view.server import serve
+from hapnet.view.watcher import Watcher
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+RELAXED_HAND = {
+    "operator_hand.mass": 0.1,
+    "operator_hand.damping": 0.5,
+    "operator_hand.stiffness": 40.0,
+}
+"""A hand that holds the handle loosely: it is shaken by what a firm one would damp."""
+
+SESSION = "play"
+
+
+def led(params: Params) -> Params:
+    """`params` for a hand that is led by the mouse, until told to stop; relaxed where it is the default one."""
+    hand = RELAXED_HAND if params.operator_hand == OperatorParams() else {}
+    return params.set({**hand, "operator": LIVE, "duration_s": 0.0})
+
+
+def main(params: Params, seed: int, out: Path | None, options: PageOptions, *, realtime: bool) -> int:
+    """Serve the page and keep a pair running behind it, until told to stop."""
+    setup = prepare(params, "sampled")
+    check_sides(setup)
+    words = output.console(None)
+    output.show_warnings(words, setup.warnings)
+    history = History()
+    address = free_address()
+    stage = Stage(params, seed, out, address, words, realtime=realtime)
+    watcher = Watcher(ZenohSettings(connect=(address,)), history.take, session=SESSION, name="device")
+    with contextlib.ExitStack() as closing:
+        page = closing.enter_context(serve(history, stage, host=options.host, port=options.port))
+        watcher.open()
+        closing.callback(watcher.close)
+        words.print(f"open {page.url} and drag the handle; Ctrl-C ends")
+        words.print(
+            "the browser shares this machine's cores with the servo: with --realtime the servo goes first, and "
+            f"`hapnet view -e {address}` shows the same to more people",
+            style="dim",
+        )
+        if options.browser:
+            show(page.url)
+        return asyncio.run(_run(stage))
+
+
+async def _run(stage: Stage) -> int:
+    stop = asyncio.Event()
+    caught: list[signal.Signals] = []
+    catch(stop, caught, again=stage.hurry)
+    await stage.run(stop)
+    return exit_code(caught)
+
+
+class Stage:
+    """Pairs of processes, one after another, under the page's `Controls`: an episode each, with an account of its own.
+
+    What changes the link, the hand or a recording reaches the running pair; what changes the coupling ends it and
+    begins another.
+
+    Parameters
+    ----------
+    params, seed : of the first episode. out : where recordings go. address : where the world listens.
+    """
+
+    def __init__(
+        self, params: Params, seed: int, out: Path | None, address: str, words: Console, *, realtime: bool
+    ) -> None:
+        self._params, self._seed, self._out, self._address = params, seed, out, address
+        self._words, self._realtime = words, realtime
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._pair: Pair | None = None
+        self._over = asyncio.Event()
+        self._position: Vector | None = None
+        self._directory: Path | None = None
+        self._recorded = 0
+        self._recording = False
+        self._overran = False
+
+    async def run(self, stop: asyncio.Event) -> None:
+        """An episode after another until `stop` is set.
+
+        Raises
+        ------
+        HapnetError : a process failed; the message is its own.
+        """
+        self._loop = asyncio.get_running_loop()
+        stopping = asyncio.create_task(stop.wait())
+        stopping.add_done_callback(lambda task: self._over.set())
+        while not stop.is_set():
+            self._over.clear()
+            with tempfile.TemporaryDirectory(prefix="hapnet-") as directory:
+                pair = Pair(
+                    self._params, self._seed, Path(directory), self._heed, record=False, console=True,
+                    realtime=self._realtime, session=SESSION, address=self._address,
+                )  # fmt: skip
+                await pair.start()
+                self._pair = pair
+                if self._position is not None:
+                    self._lead(self._position)
+                if self._recording:
+                    self._record()
+                await pair.run(self._over)
+        stopping.cancel()
+
+    def hurry(self) -> None:
+        """End without waiting for what is in flight."""
+        if self._pair is not None:
+            self._pair.stop()
+
+    # -- the page's controls, on its threads -------------------------------------------------------------------------
+
+    def lead(self, position: Vector) -> None:
+        self._call(self._lead, position)
+
+    def link(self, way: Literal["up", "down"], words: str) -> None:
+        profile = link_profile(f"link.{way}", words)
+        if profile.trace is not None or profile.csv is not None:  # a page may be open to others: it reads no files here
+            raise InvalidParameter(f"link.{way}", words, "a link without files: those are for the command line")
+        self._call(self._link, way, str(profile))
+
+    def coupling(self, name: Literal["pspm", "zoh"]) -> None:
+        self._anew({"coupling": name})
+
+    def smoothing(self, seconds: float) -> None:
+        self._anew({"device.smoothing_s": seconds})
+
+    def reset(self) -> None:
+        self._anew({})
+
+    def pause(self, on: bool) -> None:
+        self._call(self._tell_both, lambda role: {"do": "pause", "on": on})
+
+    def record(self, on: bool) -> None:
+        if on and self._directory is None:
+            self._directory = output.run_directory(self._out, self._seed)
+        self._call(self._switch_recording, on)
+
+    # -- on the loop -------------------------------------------------------------------------------------------------
+
+    def _call(self, do: Callable[..., None], *args: Any) -> None:
+        if self._loop is not None:
+            with contextlib.suppress(RuntimeError):  # the loop is closed: there is nothing left to control
+                self._loop.call_soon_threadsafe(do, *args)
+
+    def _anew(self, changes: dict[str, object]) -> None:
+        params = self._params.set(changes)
+        prepare(params, "sampled")  # in the page's thread, which shows what is wrong
+
+        def change() -> None:
+            self._params = self._params.set(changes)
+            self._tell_both(lambda role: {"do": "hurry"})
+            self._over.set()
+
+        self._call(change)
+
+    def _lead(self, position: Vector) -> None:
+        self._position = position
+        if self._pair is not None:
+            self._pair.tell("device", do="lead", position=position)
+
+    def _link(self, way: str, words: str) -> None:
+        self._params = self._params.set({f"link.{way}": words})
+        if self._pair is not None:
+            self._pair.tell("device" if way == "up" else "world", do="link", words=words)
+
+    def _switch_recording(self, on: bool) -> None:
+        self._recording = on
+        if on:
+            self._record()
+        else:
+            self._tell_both(lambda role: {"do": "record", "path": None})
+
+    def _record(self) -> None:
+        assert self._directory is not None
+        self._recorded += 1
+        stem = self._directory.absolute() / f"{self._recorded:02d}"
+        self._tell_both(lambda role: {"do": "record", "path": f"{stem}-{role}.mcap"})
+        self._words.print(f"recording {stem}-device.mcap and -world.mcap; afterwards: hapnet report {stem}-*.mcap")
+
+    def _tell_both(self, command: Callable[[str], dict[str, Any]]) -> None:
+        if self._pair is not None:
+            for role in ("device", "world"):
+                self._pair.tell(role, **command(role))
+
+    def _heed(self, role: str, line: bytes, notice: dict[str, Any]) -> None:
+        """What goes wrong is said; of a servo that comes late, as it does beside a browser, the first time only."""
+        kind, text = notice["kind"], notice["text"]
+        if notice["level"] == "info" or (kind == "overrun" and self._overran):
+            return
+        if kind == "overrun":
+            self._overran = True
+            text += "; it shares the processor with the browser, and is not told of again (--realtime helps)"
+        self._words.print(f"{role}: {text}", style="yellow", markup=False)

@@ -1,0 +1,38 @@
+"""What the page may do to a running pair."""
+
+from __future__ import annotations
+
+from typing import Literal, Protocol
+
+from hapnet.checks import Vector
+
+Way = Literal["up", "down"]
+
+
+class Controls(Protocol):
+    """Called from the page's threads, several at once perhaps.
+
+    `coupling`, `smoothing` and `reset` start a new episode: the processes begin anew, and for about a second there is
+    no telemetry. All but `lead` may block, and may raise HapnetError or netem.NetemError: the page shows the line.
+    """
+
+    def lead(self, position: Vector) -> None:
+        """Where the hand wants to be, (n,) [m]. Called some 20 times a second during a drag: returns at once."""
+
+    def link(self, way: Way, words: str) -> None:
+        """Change the emulated link of a direction; `words` are tc-netem's, "" for the ideal link."""
+
+    def coupling(self, name: Literal["pspm", "zoh"]) -> None:
+        """Couple the sides with PSPM, or with a plain virtual coupling."""
+
+    def smoothing(self, seconds: float) -> None:
+        """Time constant of the device's smoothing filter [s]; 0: none."""
+
+    def pause(self, on: bool) -> None:
+        """Hold both sides still, or let them go on."""
+
+    def reset(self) -> None:
+        """Begin anew with the same settings."""
+
+    def record(self, on: bool) -> None:
+        """Begin or end a recording."""

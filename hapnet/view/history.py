@@ -1,0 +1,177 @@
+"""What the page knows of a running pair: the last seconds of both sides, and how they are."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapnet.checks import Array, Vector
+from hapnet.record import DeviceSample, Event, WorldSample
+from hapnet.telemetry import Status
+from hapnet.wire.messages import Role
+
+Message: TypeAlias = DeviceSample | WorldSample | Event | Status
+
+CAPACITY = 4096
+"""Samples kept a side: ten seconds at up to 400 Hz."""
+
+MOST_EVENTS = 50
+
+
+@dataclass(frozen=True)
+class Track:
+    """The last seconds of one side, oldest first; N samples of n axes.
+
+    `time_s` (N,) ends at 0 or before: the newest sample of both sides where they share a clock, else this side's own.
+    `force_N` (N, n) is the coupling's on the device, the walls' on the proxy. `penetration_m` (N,) is the proxy's, NaN
+    on the device's side.
+    """
+
+    time_s: Array
+    position_m: Array
+    set_position_m: Array
+    force_N: Array
+    penetration_m: Array
+    reservoir_J: Array
+    margin_J: Array
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """A consistent copy of all that is known. What did not arrive yet is None.
+
+    `margin_J` is the sum of both sides' margins as they are now, `least_margin_J` the least of it since the episode
+    began. `taken` counts the samples that ever came from either side, so that silence can be told from rest.
+    """
+
+    device: Track | None
+    world: Track | None
+    device_status: Status | None
+    world_status: Status | None
+    aligned: bool
+    margin_J: float | None
+    least_margin_J: float | None
+    events: tuple[Event, ...]
+    taken: int
+
+
+class History:
+    """Keeps what `take` is given, from any thread; `snapshot` copies it for drawing.
+
+    A `Status` with a new incarnation tells that its side began anew: what that side did before is forgotten, and so is
+    the least margin. Samples that are older than the newest one of their side, or do not have its axes, are dropped.
+
+    Parameters
+    ----------
+    seconds : how much of the past a snapshot shows.
+    """
+
+    def __init__(self, seconds: float = 10.0) -> None:
+        self._span_ns = round(seconds * 1e9)
+        self._lock = threading.Lock()
+        self._rings: dict[Role, _Ring | None] = {"device": None, "world": None}
+        self._status: dict[Role, Status | None] = {"device": None, "world": None}
+        self._margin: dict[Role, float | None] = {"device": None, "world": None}
+        self._least: float | None = None
+        self._events: list[Event] = []
+        self._taken = 0
+
+    def take(self, message: Message) -> None:
+        """One more message, from any thread."""
+        with self._lock:
+            if isinstance(message, DeviceSample):
+                row = (*message.position_m, *message.set_position_m, *message.force_N)
+                self._sample("device", message, row, float("nan"))
+            elif isinstance(message, WorldSample):
+                row = (*message.position_m, *message.set_position_m, *message.contact_force_N)
+                self._sample("world", message, row, message.penetration_m)
+            elif isinstance(message, Status):
+                self._take_status(message)
+            else:
+                self._events = [*self._events, message][-MOST_EVENTS:]
+
+    def snapshot(self) -> Snapshot:
+        """What is known now; the arrays are copies."""
+        with self._lock:
+            device, world = self._rings["device"], self._rings["world"]
+            statuses = self._status["device"], self._status["world"]
+            aligned = _same_clock(*statuses)
+            newest = max((ring.newest_ns for ring in (device, world) if ring), default=0) if aligned else None
+            return Snapshot(
+                None if device is None else device.track(self._span_ns, newest),
+                None if world is None else world.track(self._span_ns, newest),
+                *statuses,
+                aligned,
+                self._total(),
+                self._least,
+                tuple(self._events),
+                self._taken,
+            )
+
+    def _sample(self, role: Role, sample: DeviceSample | WorldSample, vectors: Vector, penetration: float) -> None:
+        dof = len(sample.position_m)
+        ring = self._rings[role] or _Ring(dof)
+        if ring.dof != dof or len(vectors) != 3 * dof or sample.time_ns <= ring.newest_ns:
+            return
+        self._rings[role] = ring
+        ring.append(sample.time_ns, (*vectors, penetration, sample.reservoir_J, sample.margin_J))
+        self._taken += 1
+        self._margin[role] = sample.margin_J
+        total = self._total()
+        if total is not None and (self._least is None or total < self._least):
+            self._least = total
+
+    def _take_status(self, status: Status) -> None:
+        before = self._status[status.role]
+        self._status[status.role] = status
+        if before is not None and before.incarnation != status.incarnation:
+            self._rings[status.role] = self._margin[status.role] = self._least = None
+
+    def _total(self) -> float | None:
+        device, world = self._margin["device"], self._margin["world"]
+        return None if device is None or world is None else device + world
+
+
+class _Ring:
+    """The newest `CAPACITY` samples of one side."""
+
+    def __init__(self, dof: int) -> None:
+        self.dof = dof
+        self.newest_ns = -(2**62)
+        self._time_ns: NDArray[np.int64] = np.empty(CAPACITY, dtype=np.int64)
+        self._values: Array = np.empty((CAPACITY, 3 * dof + 3))
+        self._count = 0
+
+    def append(self, time_ns: int, values: Vector) -> None:
+        at = self._count % CAPACITY
+        self._time_ns[at] = time_ns
+        self._values[at] = values
+        self._count += 1
+        self.newest_ns = time_ns
+
+    def track(self, span_ns: int, zero_ns: int | None) -> Track:
+        """The samples of the last `span_ns`, their times counted from `zero_ns`, by default from the newest."""
+        zero_ns = self.newest_ns if zero_ns is None else zero_ns
+        order = np.arange(max(0, self._count - CAPACITY), self._count) % CAPACITY
+        times = self._time_ns[order]
+        first = int(np.searchsorted(times, self.newest_ns - span_ns))
+        values = self._values[order[first:]]
+        n = self.dof
+        return Track(
+            (times[first:] - zero_ns) / 1e9,
+            values[:, :n],
+            values[:, n : 2 * n],
+            values[:, 2 * n : 3 * n],
+            values[:, -3],
+            values[:, -2],
+            values[:, -1],
+        )
+
+
+def _same_clock(a: Status | None, b: Status | None) -> bool:
+    clock = a and a.about.get("clock")
+    return a is not None and b is not None and clock is not None and clock == b.about.get("clock")

@@ -1,0 +1,140 @@
+"""The part of the page that changes an emulated link: a preset, sliders, tc-netem's words."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import viser
+
+from hapnet.errors import HapnetError
+from hapnet.view.controls import Controls, Way
+from netem import PRESETS, LinkProfile, NetemError
+from netem.effects import RandomLoss
+
+CUSTOM = "custom"
+
+TYPED_S = 0.15
+"""What was typed last comes up to 50 ms after the Enter that ended it."""
+
+SETTLED_S = 1.5
+"""By then both sides have told the link that was put in force."""
+
+
+class LinkForm:
+    """Preset, sliders and words of one link, or of both alike, in the container that is open when this is made.
+
+    Parameters
+    ----------
+    ways : the directions that this form changes, asked anew each time.
+    """
+
+    def __init__(self, gui: viser.GuiApi, label: str, controls: Controls, ways: Callable[[], Iterable[Way]]) -> None:
+        self._controls = controls
+        self._ways = ways
+        self._lock = threading.Lock()
+        self._profile = LinkProfile()
+        self._followed, self._changed_s = "", -SETTLED_S
+        self.folder = gui.add_folder(label)
+        with self.folder:
+            self._preset = gui.add_dropdown(
+                "preset", (*PRESETS, CUSTOM), initial_value="ideal", hint="typical links; figures are one way"
+            )
+            self._delay = gui.add_slider("delay [ms]", 0.0, 500.0, 1.0, 0.0)
+            self._jitter = gui.add_slider("jitter [ms]", 0.0, 100.0, 1.0, 0.0)
+            self._loss = gui.add_slider("loss [%]", 0.0, 50.0, 0.5, 0.0)
+            typed = gui.add_form(None)
+            with typed:
+                self._words = gui.add_text(
+                    "words", "ideal", hint="what is in force, in tc-netem's words; Enter puts others in force"
+                )
+        self._react(self._preset, self._by_preset)
+        self._react(self._delay, lambda: _delayed(self._profile, self._delay.value))
+        self._react(self._jitter, lambda: _jittered(self._profile, self._jitter.value))
+        self._react(self._loss, lambda: _lossy(self._profile, self._loss.value))
+
+        @typed.on_submit
+        def _(event: viser.GuiEvent[viser.GuiFormHandle]) -> None:
+            time.sleep(TYPED_S)
+            self._change(lambda: LinkProfile.named(self._words.value), event.client)
+
+    def follow(self, words: str) -> None:
+        """Show the link that is in force; words that this netem does not know are shown as they are.
+
+        What was changed here is not turned back by news from before, nor is what a user types by what he did.
+        """
+        if not self._lock.acquire(blocking=False):
+            return
+        try:
+            if words == self._followed or time.monotonic() - self._changed_s < SETTLED_S:
+                return
+            self._followed = words
+            profile = LinkProfile.named(words)
+            if str(profile) != str(self._profile):
+                self._show(profile)
+        except NetemError:
+            put(self._words, words)
+        finally:
+            self._lock.release()
+
+    def send(self, client: viser.ClientHandle | None) -> None:
+        """Put what is shown in force."""
+        self._change(lambda: self._profile, client)
+
+    def _react(self, element: viser.GuiInputHandle[Any], wanted: Callable[[], LinkProfile]) -> None:
+        @element.on_update
+        def _(event: viser.GuiEvent[Any]) -> None:
+            if event.client is not None:  # or this page set it
+                self._change(wanted, event.client)
+
+    def _change(self, wanted: Callable[[], LinkProfile], client: viser.ClientHandle | None) -> None:
+        """Events come in threads, in any order: each puts in force what is shown when its turn comes."""
+        with self._lock:
+            try:
+                profile = wanted()
+                for way in self._ways():
+                    self._controls.link(way, str(profile))
+            except (HapnetError, NetemError) as error:
+                tell(client, "The link stays as it was", str(error))
+            else:
+                self._changed_s = time.monotonic()
+                if str(profile) != str(self._profile):
+                    self._show(profile)
+
+    def _show(self, profile: LinkProfile) -> None:
+        self._profile = profile
+        words = str(profile)
+        put(self._preset, next((name for name in PRESETS if str(LinkProfile.preset(name)) == words), CUSTOM))
+        put(self._delay, min(profile.delay_ns / 1e6, 500.0))
+        put(self._jitter, min(profile.jitter_ns / 1e6, 100.0))
+        put(self._loss, min(100.0 * profile.loss.probability, 50.0) if isinstance(profile.loss, RandomLoss) else 0.0)
+        put(self._words, words or "ideal")
+
+    def _by_preset(self) -> LinkProfile:
+        return self._profile if self._preset.value == CUSTOM else LinkProfile.preset(self._preset.value)
+
+
+def put(element: Any, value: object) -> None:
+    """Set the value of an input; viser's declaration of it is read-only to mypy."""
+    element.value = value
+
+
+def tell(client: viser.ClientHandle | None, title: str, text: str) -> None:
+    """A notification on the page of who asked."""
+    if client is not None:
+        client.add_notification(title, text, color="red", auto_close_seconds=8.0)
+
+
+def _delayed(profile: LinkProfile, ms: float) -> LinkProfile:
+    return profile.replace(delay_ns=round(ms * 1e6), **({} if ms else {"reorder": 0.0, "reorder_correlation": 0.0}))
+
+
+def _jittered(profile: LinkProfile, ms: float) -> LinkProfile:
+    still: dict[str, Any] = {} if ms else {"distribution": "uniform", "delay_correlation": 0.0}
+    return profile.replace(jitter_ns=round(ms * 1e6), **still)
+
+
+def _lossy(profile: LinkProfile, percent: float) -> LinkProfile:
+    return profile.replace(loss=RandomLoss(percent / 100.0) if percent else None)

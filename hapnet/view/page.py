@@ -1,0 +1,116 @@
+"""The page: scene, plots, numbers and controls on one viser server, drawn from a `History`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import viser
+
+from hapnet.checks import Vector
+from hapnet.telemetry import Status
+from hapnet.view.controls import Controls
+from hapnet.view.history import History, Snapshot
+from hapnet.view.panel import ABOUT, ControlPanel, Numbers
+from hapnet.view.plots import Plots
+from hapnet.view.scene import Scene
+
+SILENT_S = 0.7
+"""How long without a sample is told."""
+
+PLOTTED_S = 10.0
+
+
+class Page:
+    """What is on the page. Times `now_s` are of one monotonic clock.
+
+    Parameters
+    ----------
+    controls : None: this page watches only; there is nothing to press, and the handle cannot be dragged.
+    """
+
+    def __init__(self, server: viser.ViserServer, history: History, controls: Controls | None) -> None:
+        self._server = server
+        self._history = history
+        self._controls = controls
+        self._scene: Scene | None = None
+        self._drawn: tuple[int, Any] | None = None  # the axes and walls that the scene was made for
+        self._taken, self._heard_s = 0, -1e9
+        self._starting_from: tuple[int | None, int | None] | None = None
+        self._origin: Vector = ()
+        gui = server.gui
+        gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
+        gui.set_panel_label("hapnet")
+        self._numbers = Numbers(gui)
+        self._panel = None if controls is None else ControlPanel(gui, controls, self._lead, self._start_anew)
+        with gui.add_folder("what am I looking at?", expand_by_default=False):
+            gui.add_markdown(ABOUT)
+        gui.main_panel.dock_left()
+        gui.main_panel.set_width(290)
+        panel = gui.add_panel()
+        with panel.add_tab("last 10 s", viser.Icon.CHART_LINE):
+            self._plots = Plots(gui, PLOTTED_S)
+        panel.dock_right()
+        panel.set_width(370)
+
+        @server.on_client_connect
+        def _(client: viser.ClientHandle) -> None:
+            self._plots.fit(client.camera.image_height)
+
+    def draw_scene(self, now_s: float) -> None:
+        """The 3-D part, for some 30 times a second."""
+        snapshot = self._history.snapshot()
+        if snapshot.taken == self._taken:
+            return
+        self._taken, self._heard_s = snapshot.taken, now_s
+        if (track := snapshot.device or snapshot.world) is None:
+            return
+        wanted = track.position_m.shape[1], self._surfaces(snapshot)
+        if self._scene is None or self._drawn != wanted:
+            lead = None if self._controls is None else self._lead
+            self._scene, self._drawn = Scene(self._server, *wanted, lead), wanted
+            self._origin = (0.0,) * wanted[0]
+        self._scene.update(snapshot)
+
+    def draw_rest(self, now_s: float) -> None:
+        """Plots, numbers and controls, for some 4 times a second."""
+        snapshot = self._history.snapshot()
+        with self._server.atomic():
+            self._numbers.update(snapshot, self._state(snapshot, now_s))
+            self._plots.update(snapshot, self._surfaces(snapshot))
+            if self._panel is not None:
+                self._panel.update(snapshot)
+
+    def _state(self, snapshot: Snapshot, now_s: float) -> str:
+        silent = now_s - self._heard_s > SILENT_S
+        if self._starting_from is not None:
+            began = all(a != b for a, b in zip(self._starting_from, _incarnations(snapshot), strict=True))
+            if not began or silent:
+                return "starting ..."
+            self._starting_from = None
+        statuses = [s for s in (snapshot.device_status, snapshot.world_status) if s is not None]
+        if any(status.paused for status in statuses):
+            return "paused"
+        if silent:
+            return "no telemetry" if snapshot.taken else "waiting for telemetry ..."
+        if not all(status.paired for status in statuses):
+            return "not paired"
+        return "recording" if any(status.recording for status in statuses) else "running"
+
+    def _start_anew(self, begins: bool) -> None:
+        self._starting_from = _incarnations(self._history.snapshot()) if begins else None
+
+    def _lead(self, position: Vector | None) -> None:
+        """Lead the hand to `position`, None: home."""
+        target = self._origin if position is None else position
+        if self._controls is not None and self._scene is not None and target:
+            self._controls.lead(target)
+            self._scene.show_target(target)
+
+    def _surfaces(self, snapshot: Snapshot) -> Any:
+        status: Status | None = snapshot.world_status or snapshot.device_status
+        return [] if status is None else status.about.get("surfaces", [])
+
+
+def _incarnations(snapshot: Snapshot) -> tuple[int | None, int | None]:
+    device, world = snapshot.device_status, snapshot.world_status
+    return None if device is None else device.incarnation, None if world is None else world.incarnation

@@ -1,0 +1,216 @@
+"""The page's words and buttons: what was measured, and what a user may do."""
+
+from __future__ import annotations
+
+import html
+import threading
+from collections.abc import Callable
+from pathlib import PurePath
+from typing import Any, Literal
+
+import viser
+
+from hapnet.checks import Vector
+from hapnet.errors import HapnetError
+from hapnet.telemetry import Status
+from hapnet.view.controls import Controls, Way
+from hapnet.view.history import Snapshot
+from hapnet.view.link_form import LinkForm, put, tell
+from netem import NetemError
+
+SMOOTHING_S = 0.02
+"""Time constant of the smoothing filter that the page switches on [s]."""
+
+ROUNDING_J = 1e-9
+"""What rounding may take from the margin [J]."""
+
+ABOUT = """
+A hand (blue) moves a haptic device here; a virtual mass, the *proxy* (orange), moves in a virtual world elsewhere. Over
+a network they tell each other where they are, and a spring on each side pulls them together. The **arrow** is the force
+that the hand feels. The proxy stops at the wall; the handle goes on, and is pushed back.
+
+What arrives late makes such springs put energy into the hand: it shakes. **PSPM** watches the energy on both sides and
+moves a spring's end (the small dark ball) only as far as its reservoir can pay. So the *margin*, what is left of the
+energy that passivity allows, never falls below zero, whatever the link does. Switch PSPM off on a bad link to see it.
+"""
+
+_CELL = "padding:0 8px 0 0;border:0;line-height:18px"
+
+
+class Numbers:
+    """What was measured, in a few lines; in the container that is open when this is made."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        self._html = gui.add_html(_table(Snapshot(None, None, None, None, False, None, None, (), 0), "waiting"))
+
+    def update(self, snapshot: Snapshot, state: str) -> None:
+        """`state` : in a word or two, what the pair does."""
+        content = _table(snapshot, state)
+        if content != self._html.content:
+            self._html.content = content
+
+
+class ControlPanel:
+    """Buttons, switches and links, in the container that is open when this is made.
+
+    Parameters
+    ----------
+    lead : leads the hand, as a drag does.
+    starting : called when an episode is about to start anew.
+    """
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        controls: Controls,
+        lead: Callable[[Vector | None], None],
+        starting: Callable[[bool], None],
+    ) -> None:
+        self._controls = controls
+        self._starting = starting
+        self._busy = threading.Lock()
+        self._seen: dict[str, Any] = {}
+        self._pause = gui.add_button("pause", icon=viser.Icon.PLAYER_PAUSE)
+        self._record = gui.add_button("record", icon=viser.Icon.PLAYER_RECORD, color="red")
+        reset = gui.add_button("reset", icon=viser.Icon.RELOAD, color="gray")
+        home = gui.add_button("hand home", icon=viser.Icon.HOME, color="gray", hint="lead the hand back to the middle")
+        self._pspm = gui.add_checkbox("PSPM", True, hint="off: a plain virtual coupling, not passive on a bad link")
+        self._smoothing = gui.add_checkbox("smoothing filter", False, hint=f"{1e3 * SMOOTHING_S:.0f} ms, before PSPM")
+        self._alike = gui.add_checkbox("alike both ways", True)
+        self._up = LinkForm(gui, "link, both ways", controls, self._ways_of_first)
+        self._down = LinkForm(gui, "link, world to device", controls, lambda: ("down",))
+        self._down.folder.visible = False
+        self._paused = self._recording = False
+
+        self._on_click(self._pause, lambda: controls.pause(not self._paused))
+        self._on_click(self._record, lambda: controls.record(not self._recording))
+        self._on_click(reset, controls.reset, anew=True)
+        self._on_click(home, lambda: lead(None))
+        self._on_switch(self._pspm, self._couple)
+        self._on_switch(self._smoothing, lambda on: controls.smoothing(SMOOTHING_S if on else 0.0))
+
+        @self._alike.on_update
+        def _(event: viser.GuiEvent[viser.GuiCheckboxHandle]) -> None:
+            self._arrange()
+            if event.client is not None and self._alike.value:
+                self._up.send(event.client)
+
+    def update(self, snapshot: Snapshot) -> None:
+        """Follow what the sides say of themselves; what a user just changed is not turned back by older news."""
+        device, world = snapshot.device_status, snapshot.world_status
+        if device is not None:
+            if self._is_new("paused", device.paused):
+                self._paused = device.paused
+                self._pause.label = "go on" if device.paused else "pause"
+                self._pause.icon = viser.Icon.PLAYER_PLAY if device.paused else viser.Icon.PLAYER_PAUSE
+            if self._is_new("recording", device.recording):
+                self._recording = bool(device.recording)
+                self._record.label = "stop recording" if device.recording else "record"
+                self._record.icon = viser.Icon.PLAYER_STOP if device.recording else viser.Icon.PLAYER_RECORD
+            coupling = device.about.get("coupling", "pspm")
+            if self._is_new("coupling", (device.incarnation, coupling)):
+                put(self._pspm, coupling == "pspm")
+            smoothing = float(device.about.get("params", {}).get("device", {}).get("smoothing_s", 0.0))
+            if self._is_new("smoothing", (device.incarnation, smoothing)):
+                put(self._smoothing, smoothing > 0.0)
+        up, down = _words(device), _words(world)
+        if up is not None and down is not None:
+            if "links" not in self._seen:
+                self._seen["links"] = up, down
+                put(self._alike, up == down)
+            self._up.follow(up)
+            self._down.follow(down)
+
+    def _is_new(self, name: str, value: object) -> bool:
+        known = self._seen.get(name, self)
+        self._seen[name] = value
+        return bool(known != value)
+
+    def _ways_of_first(self) -> tuple[Way, ...]:
+        return ("up", "down") if self._alike.value else ("up",)
+
+    def _arrange(self) -> None:
+        self._up.folder.label = "link, both ways" if self._alike.value else "link, device to world"
+        self._down.folder.visible = not self._alike.value
+
+    def _couple(self, on: bool) -> None:
+        name: Literal["pspm", "zoh"] = "pspm" if on else "zoh"
+        self._controls.coupling(name)
+
+    def _on_click(self, button: viser.GuiButtonHandle, act: Callable[[], None], anew: bool = False) -> None:
+        @button.on_click
+        def _(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+            self._do(act, anew, event.client)
+
+    def _on_switch(self, box: viser.GuiCheckboxHandle, act: Callable[[bool], None]) -> None:
+        @box.on_update
+        def _(event: viser.GuiEvent[viser.GuiCheckboxHandle]) -> None:
+            if event.client is not None and not self._do(lambda: act(box.value), True, event.client):
+                put(box, not box.value)
+
+    def _do(self, act: Callable[[], None], anew: bool, client: viser.ClientHandle | None) -> bool:
+        """One at a time; False: it could not be done, and was told."""
+        with self._busy:
+            try:
+                if anew:
+                    self._starting(True)
+                act()
+            except (HapnetError, NetemError) as error:
+                self._starting(False)
+                tell(client, "That did not work", str(error))
+                return False
+            return True
+
+
+def passive(snapshot: Snapshot) -> bool | None:
+    """Whether the bound held so far in this episode; None: not known yet."""
+    least = snapshot.least_margin_J
+    return None if least is None else least >= -ROUNDING_J
+
+
+def _words(status: Status | None) -> str | None:
+    return None if status is None else str(status.link.get("profile", ""))
+
+
+def _table(snapshot: Snapshot, state: str) -> str:
+    device, world = snapshot.device_status, snapshot.world_status
+    kept = passive(snapshot)
+    word, colour = {None: ("...", "#64748b"), True: ("passive", "#15803d"), False: ("NOT passive", "#dc2626")}[kept]
+    recording = device.recording if device is not None else ""
+    rows = [
+        ("delay up, down", f"{_link(device, 'delay_now_ms', 1.0, 0)}, {_link(world, 'delay_now_ms', 1.0, 0)} ms"),
+        ("loss up, down", f"{_link(device, 'loss_now', 100.0, 1)}, {_link(world, 'loss_now', 100.0, 1)} %"),
+        ("round trip", f"{_number(None if device is None else device.round_trip_ms, 0)} ms"),
+        ("margin now", f"{_number(_milli(snapshot.margin_J), 1)} mJ"),
+        ("least so far", f"{_number(_milli(snapshot.least_margin_J), 1)} mJ"),
+    ]
+    if recording:
+        rows.append(("recording", PurePath(recording).name))
+    about = device.about if device is not None else world.about if world is not None else {}
+    what = " · ".join(str(about[key]) for key in ("name", "scene") if about.get(key))
+    if about:
+        what = " · ".join(filter(None, (what, {"pspm": "PSPM", "zoh": "PSPM off"}.get(str(about.get("coupling")), ""))))
+    lines = "".join(
+        f'<tr><td style="{_CELL};opacity:.65">{html.escape(name)}</td>'
+        f'<td style="{_CELL};font-weight:600">{html.escape(value)}</td></tr>'
+        for name, value in rows
+    )
+    return (
+        '<div style="padding:2px 12px 4px;font-size:13px;font-variant-numeric:tabular-nums">'
+        f'<div style="font-size:20px;font-weight:700;color:{colour}" class="hapnet-passive">{word}</div>'
+        f'<div style="opacity:.8" class="hapnet-state">{html.escape(state)}</div>'
+        f'<div style="opacity:.65">{html.escape(what)}</div><table>{lines}</table></div>'
+    )
+
+
+def _link(status: Status | None, key: str, factor: float, digits: int) -> str:
+    value = None if status is None else status.link.get(key)
+    return _number(None if value is None else factor * float(value), digits)
+
+
+def _milli(value: float | None) -> float | None:
+    return None if value is None else 1e3 * value
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"

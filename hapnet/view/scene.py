@@ -1,0 +1,244 @@
+"""The 3-D part of the page: handle, proxy, walls, the spring between them, the force; and the mouse as the hand.
+
+Scene units are centimetres, so that motions of some 40 mm suit viser's camera and clipping.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+import numpy as np
+import viser
+import viser.transforms
+from numpy.typing import NDArray
+
+from hapnet.checks import Array, Vector
+from hapnet.view.history import Snapshot
+
+UNIT = 100.0
+"""Scene units a metre."""
+
+FORCE_UNIT = 1.0
+"""Length of the arrow, in scene units a newton."""
+
+REACH_M = 0.1
+"""The hand is led at most this far from the origin on each axis: the workspace of a desktop device."""
+
+BLUE, ORANGE, GREEN, SLATE = (37, 99, 235), (234, 88, 12), (22, 163, 74), (71, 85, 105)
+
+_HANDLE_RADIUS, _PROXY_RADIUS, _MARK_RADIUS = 0.38, 0.3, 0.12
+_EXTENT = 4.5  # of a wall, from the origin, where no other wall ends it
+_THICKNESS, _THIN = 0.8, 0.1  # of a wall that stands alone, of one among others
+_LIFT = 0.75  # the arrow flies above the spring, which has the same direction
+_FOV = math.radians(30.0)
+_DISTANCE = 24.0
+
+
+class Scene:
+    """Draws a pair of `dof` axes between `surfaces` (`hapnet.plant.scene.Surface` as dicts).
+
+    One and two axes are seen from the front, three from a little above, with z upwards.
+
+    Parameters
+    ----------
+    lead : called with where the hand wants to be, (n,) [m], while the handle is dragged; None: it cannot be.
+    """
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        dof: int,
+        surfaces: Iterable[Mapping[str, Any]],
+        lead: Callable[[Vector], None] | None,
+    ) -> None:
+        self.dof = dof
+        self._server = server
+        scene = self._scene = server.scene
+        scene.reset()
+        scene.set_up_direction("+z" if dof > 2 else "+y")
+        self._look()
+        _add_grid(scene, dof)
+        for number, surface in enumerate(surfaces):
+            _add_wall(scene, number, dof, list(surfaces), surface)
+        self._ghost = scene.add_icosphere(
+            "/ghost", _HANDLE_RADIUS, SLATE, opacity=0.25, cast_shadow=False, receive_shadow=False, visible=False
+        )
+        self._handle = scene.add_icosphere("/handle", _HANDLE_RADIUS, BLUE, cast_shadow=False, receive_shadow=False)
+        self._proxy = scene.add_icosphere("/proxy", _PROXY_RADIUS, ORANGE, cast_shadow=False, receive_shadow=False)
+        self._mark = scene.add_icosphere("/set_position", _MARK_RADIUS, SLATE, cast_shadow=False, receive_shadow=False)
+        self._spring = scene.add_line_segments(
+            "/spring", _coil(), SLATE, thickness=2.5, thickness_units="screen", visible=False
+        )
+        self._arrow = scene.add_arrows(
+            "/handle/force",
+            np.zeros((1, 2, 3)),
+            GREEN,
+            shaft_radius=0.07,
+            head_radius=0.19,
+            head_length=0.4,
+            visible=False,
+        )
+        self._newtons = scene.add_label("/handle/force_label", "", anchor="bottom-center", visible=False)
+        self._names = [
+            scene.add_label(f"/{node}/name", text, position=(0.0, -0.55, 0.0) if dof < 3 else (0.0, 0.0, -0.55),
+                            anchor="top-center", font_screen_scale=0.85)
+            for node, text in (("handle", "handle"), ("proxy", "proxy"))
+        ]  # fmt: skip
+        self._spot = np.zeros(3)
+        if lead is not None:
+            self._let_drag(lead)
+
+    def show_target(self, position: Vector | None) -> None:
+        """Where the hand wants to be; None: unknown, nothing is shown."""
+        self._ghost.visible = position is not None
+        if position is not None:
+            self._ghost.position = _spot(position)
+
+    def update(self, snapshot: Snapshot) -> None:
+        """Draw the newest sample of each side."""
+        device, world = snapshot.device, snapshot.world
+        with self._server.atomic():
+            for track, node in ((device, self._handle), (world, self._proxy)):
+                node.visible = track is not None
+                if track is not None:
+                    node.position = _spot(track.position_m[-1])
+            self._mark.visible = device is not None
+            if device is not None:
+                self._spot = _spot(device.position_m[-1])
+                self._mark.position = _spot(device.set_position_m[-1])
+                self._show_force(device.force_N[-1])
+            if device is not None and world is not None:
+                self._show_spring(_spot(device.position_m[-1]), _spot(world.position_m[-1]))
+
+    def _show_force(self, force: Array) -> None:
+        size = float(np.linalg.norm(force))
+        self._arrow.visible = self._newtons.visible = size > 0.02
+        if size <= 0.02:
+            return
+        tail = self._up * _LIFT
+        tip = tail + _padded(force) * FORCE_UNIT
+        self._arrow.points = np.array([[tail, tip]], dtype=np.float32)
+        self._newtons.position = (tail + tip) / 2.0 + self._up * 0.25
+        self._newtons.text = f"{size:.2f} N"
+
+    def _show_spring(self, a: Array, b: Array) -> None:
+        way = b - a
+        length = float(np.linalg.norm(way))
+        self._spring.visible = length > 0.05
+        if length <= 0.05:
+            return
+        self._spring.position = a
+        self._spring.wxyz = _turned_to(way / length)
+        self._spring.scale = (length, 1.0, 1.0)
+
+    def _look(self) -> None:
+        """Straight at the plane of motion, so that what is dragged stays under the mouse."""
+        self._up = np.array([0.0, 0.0, 1.0]) if self.dof > 2 else np.array([0.0, 1.0, 0.0])
+        tilt = math.radians(20.0)
+        back = (0.0, -math.cos(tilt), math.sin(tilt)) if self.dof > 2 else (0.0, 0.0, 1.0)
+        cameras: list[viser.InitialCameraConfig | viser.CameraHandle] = [self._server.initial_camera]
+        cameras += [client.camera for client in self._server.get_clients().values()]
+        for camera in cameras:
+            camera.fov = _FOV
+            camera.position = _DISTANCE * np.array(back)
+            camera.look_at = np.zeros(3)
+
+    def _let_drag(self, lead: Callable[[Vector], None]) -> None:
+        held = np.zeros(3)
+
+        # A coroutine, since viser keeps the order of those only.
+        @self._handle.on_drag
+        async def _(event: viser.SceneNodeDragEvent[viser.IcosphereHandle]) -> None:
+            nonlocal held
+            pointer = np.array(event.end_position)
+            if event.phase == "start":
+                held = np.array(event.start_position) - self._spot
+            if event.phase != "end":
+                place = np.clip((pointer - held)[: self.dof] / UNIT, -REACH_M, REACH_M)
+                lead(tuple(place.tolist()))
+
+
+def _spot(position: Array | Vector) -> Array:
+    return _padded(position) * UNIT
+
+
+def _padded(vector: Array | Vector) -> Array:
+    """Three axes of `vector`: missing ones are 0, and those beyond the third are not shown."""
+    out = np.zeros(3)
+    shown = np.asarray(vector, dtype=float)[:3]
+    out[: len(shown)] = shown
+    return out
+
+
+def _coil(turns: int = 9, radius: float = 0.16, lead: float = 0.12) -> NDArray[np.float32]:
+    """A spring along x from 0 to 1, its ends straight, as segments (N, 2, 3)."""
+    along = np.linspace(0.0, 1.0, turns * 12 + 1)
+    angle = 2.0 * math.pi * turns * along
+    points = np.stack([lead + (1.0 - 2.0 * lead) * along, radius * np.sin(angle), radius * (np.cos(angle) - 1.0)], 1)
+    points = np.vstack([[0.0, 0.0, 0.0], points, [1.0, 0.0, 0.0]])
+    return np.stack([points[:-1], points[1:]], 1).astype(np.float32)
+
+
+def _turned_to(direction: Array) -> Array:
+    """The quaternion (w, x, y, z) that turns the x axis to `direction`, a unit vector."""
+    w = 1.0 + float(direction[0])
+    if w < 1e-9:
+        return np.array([0.0, 0.0, 0.0, 1.0])
+    turn = np.array([w, 0.0, -direction[2], direction[1]])
+    return np.asarray(turn / np.linalg.norm(turn))
+
+
+def _add_grid(scene: viser.SceneApi, dof: int) -> None:
+    scene.add_label(
+        "/scale",
+        "a square: 10 mm",
+        position=(-4.6, 0.0, -5.9) if dof > 2 else (-4.6, -5.9, 0.0),
+        anchor="center-left",
+        font_screen_scale=0.85,
+    )
+    scene.add_grid(
+        "/grid",
+        width=24.0,
+        height=24.0,
+        plane="xz" if dof > 2 else "xy",
+        cell_size=1.0,
+        section_size=5.0,
+        cell_color=(226, 232, 240),
+        section_color=(203, 213, 225),
+        position=(0.0, _EXTENT + 1.0, 0.0) if dof > 2 else (0.0, 0.0, -3.0),
+        shadow_opacity=0.0,
+    )
+
+
+def _add_wall(
+    scene: viser.SceneApi, number: int, dof: int, surfaces: list[Mapping[str, Any]], surface: Mapping[str, Any]
+) -> None:
+    """A slab on the solid side. It stands off by the proxy's radius: drawn as a ball, that touches as a point does."""
+    axis, solid = int(surface["axis"]), int(surface["solid"])
+    if axis > 2:
+        return
+    middle, size = np.zeros(3), np.empty(3)
+    for other in range(3):
+        faces = [abs(float(s["position_m"])) * UNIT for s in surfaces if int(s["axis"]) == other]
+        beside = max(faces) + _PROXY_RADIUS if len(faces) > 1 else _EXTENT
+        size[other] = 2.0 * beside if other < dof or dof > 2 else 3.0 if other == 2 else 2.0 * _EXTENT
+    alone = len(surfaces) == 1
+    size[axis] = _THICKNESS if alone else _THIN
+    middle[axis] = float(surface["position_m"]) * UNIT + solid * (_PROXY_RADIUS + size[axis] / 2.0)
+    before_the_rest = dof > 2 and (axis, solid) in ((1, -1), (2, 1))
+    scene.add_box(
+        f"/wall_{number}",
+        (148, 163, 184),
+        size,
+        opacity=0.05 if before_the_rest else 0.35 if alone or dof < 3 else 0.2,
+        position=middle,
+        cast_shadow=False,
+        receive_shadow=False,
+        side="double",
+    )
+    if alone:
+        corner = np.zeros(3)
+        corner[1 if dof < 3 else 2] = size[1 if dof < 3 else 2] / 2.0 + 0.2
+        scene.add_label("/wall_name", "wall", position=middle + corner, anchor="bottom-center", font_screen_scale=0.85)

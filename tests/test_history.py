@@ -1,0 +1,163 @@
+"""The history: what is kept, on which clock, and when it begins anew."""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hapnet.record import DeviceSample, Event, WorldSample
+from hapnet.telemetry import Status
+from hapnet.view.history import CAPACITY, MOST_EVENTS, History
+from hapnet.wire.messages import Role
+
+MS = 1_000_000
+
+
+def device(time_ns: int, margin: float = 0.1, x: float = 0.0, dof: int = 1) -> DeviceSample:
+    at = (x,) * dof
+    return DeviceSample(time_ns, at, at, at, (2.0 * x,) * dof, None, 0.05, 0.0, 0.0, 0.0, 0.0, margin, 0.0)
+
+
+def world(time_ns: int, margin: float = 0.1, x: float = 0.0, depth: float = 0.0) -> WorldSample:
+    return WorldSample(
+        time_ns, 0.03, (x,), (0.0,), (x,), (x,), (0.0,), (3.0 * x,), depth, 0.04, 0.0, 0.0, 0.0, margin, 0.0
+    )
+
+
+def status(role: Role, incarnation: int = 1, **about: Any) -> Status:
+    return Status(role, 0, incarnation, True, False, "", about, {}, None)
+
+
+def test_nothing_is_known_at_first() -> None:
+    snapshot = History().snapshot()
+    assert (snapshot.device, snapshot.world, snapshot.margin_J, snapshot.least_margin_J) == (None, None, None, None)
+    assert snapshot.taken == 0
+
+
+def test_the_last_seconds_are_kept_in_order() -> None:
+    history = History(seconds=1.0)
+    for tick in range(3000):
+        history.take(device(tick * MS, x=float(tick)))
+    track = history.snapshot().device
+    assert track is not None
+    assert track.position_m[:, 0].tolist() == list(range(1999, 3000))
+    np.testing.assert_allclose(track.time_s, np.arange(-1000, 1) / 1000.0, atol=1e-12)
+    np.testing.assert_array_equal(track.force_N, 2.0 * track.position_m)
+
+
+def test_memory_is_bounded_and_the_newest_stay() -> None:
+    history = History(seconds=1e6)
+    for tick in range(CAPACITY + 10):
+        history.take(device(tick * MS, x=float(tick)))
+    for number in range(MOST_EVENTS + 5):
+        history.take(Event(number, "kind", ""))
+    snapshot = history.snapshot()
+    assert snapshot.device is not None
+    assert snapshot.device.position_m[:, 0].tolist() == list(range(10, CAPACITY + 10))
+    assert [event.time_ns for event in snapshot.events] == list(range(5, MOST_EVENTS + 5))
+
+
+def test_a_snapshot_is_a_copy() -> None:
+    history = History()
+    history.take(device(1, x=1.0))
+    before = history.snapshot()
+    history.take(device(2, x=2.0))
+    assert before.device is not None
+    assert before.device.position_m.tolist() == [[1.0]]
+
+
+@pytest.mark.parametrize(("clocks", "ends"), [(("a", "a"), (-2.0, 0.0)), (("a", "b"), (0.0, 0.0))])
+def test_one_clock_only_where_both_name_the_same(clocks: tuple[str, str], ends: tuple[float, float]) -> None:
+    history = History()
+    history.take(device(1_000 * MS))
+    history.take(world(3_000 * MS))
+    history.take(status("device", clock=clocks[0]))
+    history.take(status("world", clock=clocks[1]))
+    snapshot = history.snapshot()
+    assert snapshot.device is not None
+    assert snapshot.world is not None
+    assert snapshot.aligned == (clocks[0] == clocks[1])
+    assert (snapshot.device.time_s[-1], snapshot.world.time_s[-1]) == ends
+
+
+def test_a_clock_without_a_name_is_shared_with_nobody() -> None:
+    history = History()
+    history.take(status("device"))
+    history.take(status("world"))
+    assert not history.snapshot().aligned
+
+
+def test_the_least_margin_is_that_of_the_sum_with_each_side_held() -> None:
+    rng = np.random.default_rng(5)
+    history, now, sums = History(), {"device": np.nan, "world": np.nan}, []
+    for tick in range(1, 500):
+        role, margin = ("device", "world")[int(rng.integers(2))], float(rng.normal())
+        history.take(device(tick, margin) if role == "device" else world(tick, margin))
+        now[role] = margin
+        sums.append(now["device"] + now["world"])
+    snapshot = history.snapshot()
+    assert snapshot.least_margin_J == np.nanmin(sums)
+    assert snapshot.margin_J == sums[-1]
+
+
+def test_a_new_incarnation_begins_anew() -> None:
+    history = History()
+    history.take(status("device", 1))
+    history.take(device(5_000, margin=-7.0, x=1.0))
+    history.take(world(5_000, margin=1.0))
+    assert history.snapshot().least_margin_J == -6.0
+    history.take(status("device", 1))
+    assert history.snapshot().least_margin_J == -6.0
+    history.take(status("device", 2))
+    snapshot = history.snapshot()
+    assert (snapshot.device, snapshot.margin_J, snapshot.least_margin_J) == (None, None, None)
+    assert snapshot.world is not None
+    history.take(device(10, margin=2.0, dof=1))  # on a clock that began anew, too
+    assert history.snapshot().least_margin_J == 3.0
+
+
+def test_what_is_old_or_does_not_fit_is_dropped() -> None:
+    history = History()
+    history.take(device(10, x=1.0))
+    for late in (device(10, x=2.0), device(9, x=2.0), device(20, dof=2), device(20)._replace(force_N=(1.0, 2.0))):
+        history.take(late)
+    snapshot = history.snapshot()
+    assert snapshot.taken == 1
+    assert snapshot.device is not None
+    assert snapshot.device.position_m.tolist() == [[1.0]]
+
+
+def test_any_thread_may_tell_it_and_what_is_copied_is_consistent() -> None:
+    history = History()
+
+    def tell(role: Role) -> None:
+        for tick in range(1, 3000):
+            history.take(device(tick, margin=tick) if role == "device" else world(tick, margin=tick, x=float(tick)))
+
+    threads = [threading.Thread(target=tell, args=(role,)) for role in ("device", "world")]
+    for thread in threads:
+        thread.start()
+    while any(thread.is_alive() for thread in threads):
+        snapshot = history.snapshot()
+        for track in (snapshot.device, snapshot.world):
+            assert track is None or np.all(np.diff(track.time_s) > 0.0)
+        if snapshot.device is not None and snapshot.world is not None:
+            assert snapshot.margin_J == snapshot.device.margin_J[-1] + snapshot.world.margin_J[-1]
+    for thread in threads:
+        thread.join()
+    assert history.snapshot().taken == 2 * 2999
+
+
+def test_a_status_is_kept_as_it_is() -> None:
+    history = History()
+    told = status("world", clock="c")
+    history.take(told)
+    assert history.snapshot().world_status == told
+    newer = dataclasses.replace(told, paused=True)
+    history.take(newer)
+    assert history.snapshot().world_status == newer
+    assert history.snapshot().device_status is None

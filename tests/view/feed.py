@@ -1,0 +1,142 @@
+"""A pair that is not there: a simulated run played back as telemetry, and controls that keep what they were told."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any, Literal
+
+from hapnet.checks import Vector
+from hapnet.params import Params
+from hapnet.record import DeviceSample, Event, Sample, WorldSample
+from hapnet.runtime.virtual import simulate
+from hapnet.telemetry import Status
+from hapnet.view.controls import Way
+from hapnet.view.history import History
+from hapnet.wire.messages import Role
+from netem import NetemError
+
+NANO = 1_000_000_000
+ROLES: tuple[Role, Role] = ("device", "world")
+
+
+class Feed:
+    """Plays a simulated run back into `history` over and over, with a status twice a second.
+
+    Nine tenths of the first time are told at once, so that there is a past; the rest at its own pace.
+    """
+
+    def __init__(self, history: History, params: Params, seed: int = 1) -> None:
+        recording = simulate(params.set({"record_hz": 60.0}), seed).recording
+        self.meta = recording.meta
+        self.links = {"device": str(recording.meta["params"]["link"]["up"]), "world": ""}
+        self.links["world"] = str(recording.meta["params"]["link"]["down"])
+        self.incarnation, self.paused, self.recording, self.paired = 1, False, "", True
+        self.coupling = params.coupling
+        self.smoothing = params.device.smoothing_s
+        self._samples = [s for s in recording.samples() if not isinstance(s, Event)]
+        self._history = history
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._play, daemon=True)
+
+    def status(self, role: Role, now_ns: int) -> Status:
+        params = {**self.meta["params"], "device": {**self.meta["params"]["device"], "smoothing_s": self.smoothing}}
+        about = {**self.meta, "params": params, "role": role, "clock": "one", "name": "left", "session": "default"}
+        about["coupling"] = self.coupling
+        link = {"profile": self.links[role], "delay_now_ms": 41.7, "loss_now": 0.02}
+        return Status(role, now_ns, self.incarnation, self.paired, self.paused, self.recording, about, link, 96.0)
+
+    def __enter__(self) -> Feed:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join()
+
+    def _play(self) -> None:
+        first, last = self._samples[0].time_ns, self._samples[-1].time_ns
+        status_due = time.monotonic_ns()
+        began, number, round_ns = status_due - (last - first) * 9 // 10, 0, 0
+        while True:
+            now = time.monotonic_ns()
+            if now >= status_due:
+                status_due += NANO // 2
+                for role in ROLES:
+                    self._history.take(self.status(role, now))
+            if self.paused:
+                began += 10_000_000
+            else:
+                while (at := began + round_ns + self._samples[number].time_ns - first) <= now:
+                    self._history.take(_moved(self._samples[number], at))
+                    number += 1
+                    if number == len(self._samples):
+                        number, round_ns = 0, round_ns + last - first + NANO // 60
+            if self._stop.wait(0.01):
+                return
+
+
+def _moved(sample: Sample, time_ns: int) -> Sample:
+    assert isinstance(sample, DeviceSample | WorldSample)
+    return sample._replace(time_ns=time_ns)
+
+
+class FakeControls:
+    """Keeps every call; `link`, `pause` and `record` change what `feed` tells, as the real ones would."""
+
+    def __init__(self, feed: Feed | None = None) -> None:
+        self.calls: list[tuple[Any, ...]] = []
+        self._feed = feed
+        self._news = threading.Condition()
+
+    def lead(self, position: Vector) -> None:
+        self._called("lead", position)
+
+    def link(self, way: Way, words: str) -> None:
+        if "loss" in words and "66%" in words:
+            raise NetemError("loss: 66% is more than this link is made for")
+        if self._feed is not None:
+            self._feed.links["device" if way == "up" else "world"] = words
+        self._called("link", way, words)
+
+    def coupling(self, name: Literal["pspm", "zoh"]) -> None:
+        if self._feed is not None:
+            self._feed.coupling = name
+        self._begin_anew("coupling", name)
+
+    def smoothing(self, seconds: float) -> None:
+        if self._feed is not None:
+            self._feed.smoothing = seconds
+        self._begin_anew("smoothing", seconds)
+
+    def pause(self, on: bool) -> None:
+        if self._feed is not None:
+            self._feed.paused = on
+        self._called("pause", on)
+
+    def reset(self) -> None:
+        self._begin_anew("reset")
+
+    def record(self, on: bool) -> None:
+        if self._feed is not None:
+            self._feed.recording = "/tmp/runs/play.mcap" if on else ""
+        self._called("record", on)
+
+    def named(self, name: str) -> list[tuple[Any, ...]]:
+        return [call[1:] for call in list(self.calls) if call[0] == name]
+
+    def wait(self, until: Callable[[], object], seconds: float = 60.0) -> bool:
+        """Whether `until` becomes true by a call within `seconds`."""
+        with self._news:
+            return self._news.wait_for(lambda: bool(until()), seconds)
+
+    def _begin_anew(self, *call: Any) -> None:
+        if self._feed is not None:
+            self._feed.incarnation += 1
+        self._called(*call)
+
+    def _called(self, *call: Any) -> None:
+        with self._news:
+            self.calls.append(call)
+            self._news.notify_all()

@@ -1,0 +1,52 @@
+"""Serving the page: addresses, what is said, what is not imported."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import sys
+
+import pytest
+
+from hapnet.errors import InvalidParameter, MissingLibrary
+from hapnet.view.history import History
+from hapnet.view.server import serve
+from tests.conftest import ENVIRONMENT
+
+
+def test_hapnet_and_its_help_do_not_import_viser() -> None:
+    code = "import sys, hapnet, hapnet.cli, hapnet.view.history, hapnet.view.server; print('viser' in sys.modules)"
+    ran = subprocess.run([sys.executable, "-c", code], env=ENVIRONMENT, capture_output=True, text=True, check=True)
+    assert ran.stdout.strip() == "False"
+
+
+def test_without_viser_a_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "viser", None)
+    with pytest.raises(MissingLibrary, match=r"viser.*pip install 'hapnet-haptics\[view\]'"):
+        serve(History(), port=0)
+
+
+def test_a_taken_port_gives_the_next_free_one_and_nothing_is_printed(capfd: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("viser", reason="the live page's library is not installed")
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with serve(History(), port=port) as page:
+            assert page.port > port
+            assert page.url == f"http://127.0.0.1:{page.port}"
+            assert not page.watched
+            socket.create_connection(("127.0.0.1", page.port), timeout=5.0).close()
+    page.close()
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(("127.0.0.1", page.port), timeout=5.0)
+    out = capfd.readouterr()
+    assert out.out + out.err == ""
+
+
+@pytest.mark.parametrize(
+    ("host", "port", "words"),
+    [("192.0.2.1", 0, "host"), ("nowhere.invalid", 0, "host"), ("127.0.0.1", 65536, "port"), ("127.0.0.1", -1, "port")],
+)
+def test_an_address_that_cannot_be_is_refused_with_a_line(host: str, port: int, words: str) -> None:
+    pytest.importorskip("viser", reason="the live page's library is not installed")
+    with pytest.raises(InvalidParameter, match=words):
+        serve(History(), host=host, port=port)
