@@ -1,37 +1,47 @@
-"""A device of your own: anything with `dof`, limits, `read` and `apply`. Here a mass on a bench, without a hand.
+"""A device of your own: anything with `dof`, its limits, `read` and `apply`.
 
-hapnet run --device examples.own_device:Bench
+Here a carriage on a tilted rail: it slides into a virtual wall, and comes to rest where the wall carries its weight.
+
+python examples/own_device.py                               # flags of `hapnet run` may follow: --profile 4g
+hapnet run --device examples.own_device:Rail                # the same; or `hapnet device`, with the world elsewhere
 """
 
 from __future__ import annotations
 
+import sys
 import time
 
+Vector = tuple[float, ...]
 
-class Bench:
-    """A 100 g carriage on a rail, integrated in its own time; replace `read` and `apply` with your driver's calls."""
 
-    force_limit = 3.0  # N
-    resolution = 2e-5  # m
+class Rail:
+    """A carriage that integrates itself in its own time; your driver's calls go into `read` and `apply`."""
+
+    force_limit = 3.0  # of the actuators [N]; None: no limit
+    resolution = 2e-5  # of the encoders [m]; 0.0: exact
+
+    MASS, FRICTION, WEIGHT = 0.1, 2.0, 1.0  # kg, Ns/m, and N along the rail
 
     def __init__(self, dof: int) -> None:
         self.dof = dof
-        self._x = self._v = self._force = [0.0] * dof
+        self._x = self._v = self._force = (0.0,) * dof
         self._seen = time.monotonic()
 
-    def read(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    def read(self) -> tuple[Vector, Vector]:
+        """Position [m] and velocity [m/s] now; called once a servo period."""
         now = time.monotonic()
         dt, self._seen = min(now - self._seen, 0.01), now
-        self._v = [v + dt * (f - 0.5 * v) / 0.1 for v, f in zip(self._v, self._force, strict=True)]
-        self._x = [x + dt * v for x, v in zip(self._x, self._v, strict=True)]
-        counts = tuple(self.resolution * round(x / self.resolution) for x in self._x)
-        return counts, tuple(self._v)
+        push = [f + self.WEIGHT - self.FRICTION * v for f, v in zip(self._force, self._v, strict=True)]
+        self._v = tuple(v + dt * f / self.MASS for v, f in zip(self._v, push, strict=True))
+        self._x = tuple(x + dt * v for x, v in zip(self._x, self._v, strict=True))
+        return tuple(self.resolution * round(x / self.resolution) for x in self._x), self._v
 
-    def apply(self, force: tuple[float, ...]) -> None:
-        self._force = list(force)
+    def apply(self, force: Vector) -> None:
+        """Hold this force [N] until the next call."""
+        self._force = force
 
 
 if __name__ == "__main__":
     from hapnet.cli import main
 
-    raise SystemExit(main(["run", "--device", "examples.own_device:Bench", "--duration", "3", "--out", "runs/bench"]))
+    raise SystemExit(main(["run", "--device", "examples.own_device:Rail", "--duration", "3", *sys.argv[1:]]))

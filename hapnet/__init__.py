@@ -4,6 +4,18 @@
 >>> result = simulate(Params().set({"link.up": "4g", "link.down": "4g"}), seed=1)
 >>> result.summary["theorem"]["margin_J"] > 0.0
 True
+
+What is imported from here, and stays:
+
+* `Params`: every parameter of a run. `HapnetError` and, where a value is not allowed, `InvalidParameter`.
+* `simulate`, `simulate_batch`: both sides in virtual time, once or many times.
+* `RealtimeSide`: one side in real time, in an asyncio program of yours; made from what `prepare` checks, and from
+  `ZenohSettings`, which say how to reach the other side. It tells its `Notice`s.
+* `Scene`, `Wall`: what a world of your own is made of. A device of your own needs no base class
+  (`hapnet.plant.device.Device`).
+* `SetPositionModulator`, `PassiveIntegrator`: the paper's two laws, for a servo or a world loop of your own.
+
+`examples/` has a short program for each.
 """
 
 from __future__ import annotations
@@ -15,16 +27,28 @@ if TYPE_CHECKING:
     from hapnet.control.pspm import SetPositionModulator
     from hapnet.errors import HapnetError, InvalidParameter
     from hapnet.params import Params
+    from hapnet.plant.contact import Wall
     from hapnet.plant.integrator import PassiveIntegrator
+    from hapnet.plant.scene import Scene
     from hapnet.runtime.batch.run import simulate_batch
+    from hapnet.runtime.build import prepare
+    from hapnet.runtime.notices import Notice
+    from hapnet.runtime.realtime import RealtimeSide
     from hapnet.runtime.virtual import simulate
+    from hapnet.runtime.zenoh_config import ZenohSettings
 
 _HOMES = {
     "HapnetError": "hapnet.errors",
     "InvalidParameter": "hapnet.errors",
+    "Notice": "hapnet.runtime.notices",
     "Params": "hapnet.params",
     "PassiveIntegrator": "hapnet.plant.integrator",
+    "RealtimeSide": "hapnet.runtime.realtime",
+    "Scene": "hapnet.plant.scene",
     "SetPositionModulator": "hapnet.control.pspm",
+    "Wall": "hapnet.plant.contact",
+    "ZenohSettings": "hapnet.runtime.zenoh_config",
+    "prepare": "hapnet.runtime.build",
     "simulate": "hapnet.runtime.virtual",
     "simulate_batch": "hapnet.runtime.batch.run",
 }
@@ -32,9 +56,15 @@ _HOMES = {
 __all__ = [
     "HapnetError",
     "InvalidParameter",
+    "Notice",
     "Params",
     "PassiveIntegrator",
+    "RealtimeSide",
+    "Scene",
     "SetPositionModulator",
+    "Wall",
+    "ZenohSettings",
+    "prepare",
     "simulate",
     "simulate_batch",
 ]

@@ -61,6 +61,10 @@ def parameters(**changes: object) -> Params:
     return Params().set({name.replace("__", "."): value for name, value in given.items()})
 
 
+def idle(role: Role) -> RealtimeSide:
+    return RealtimeSide(prepare(parameters(), "sampled"), role, ZenohSettings(connect=("tcp/127.0.0.1:1",)))
+
+
 @contextlib.asynccontextmanager
 async def running(*sides: Running) -> AsyncIterator[None]:
     try:

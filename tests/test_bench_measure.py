@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from hapnet import cli
-from hapnet.bench import latency, servo, simulation, traffic
+from hapnet.bench import latency, servo, sides, simulation, traffic, watched
 from hapnet.bench.children import Child, Gate, together
 from hapnet.bench.cost import Call, cost
 from hapnet.bench.link import link_release
@@ -160,7 +160,7 @@ def test_a_side_may_say_much_on_standard_error(tmp_path: Path, monkeypatch: pyte
     driver.write_text("import sys\nsys.stderr.write('x' * 200_000)\nraise ValueError('\\nno motor')\n", "utf-8")
     (tmp_path / "params.toml").write_text('hardware = "chatty:Motor"\n', "utf-8")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    side = traffic._Side("device", tmp_path, "--connect", free_address())
+    side = sides.Side("device", tmp_path, "--connect", free_address())
     with side, pytest.raises(HapnetError, match=r"the device process: .*no motor"):
         side.expect("paired")
 
@@ -319,3 +319,12 @@ def wait_until(condition: Callable[[], bool], timeout_s: float = 20.0) -> None:
     while not condition():
         assert time.monotonic() < deadline
         time.sleep(0.02)
+
+
+@pytest.mark.slow
+def test_a_watched_servo_is_measured_beside_one_that_nobody_watches() -> None:
+    row = watched.servo_watched(Options(seconds=2.0, rounds=1))
+    assert row.unit == "us"
+    assert "reads all telemetry" in row.what
+    assert {"late_period", "late_period_bare"} <= set(row.more)
+    assert row.ratio_p99 is not None

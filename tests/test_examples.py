@@ -1,50 +1,160 @@
-"""Every example runs, and says what its docstring promises."""
+"""Every example runs, and says what theory says."""
 
 from __future__ import annotations
 
+import ast
+import re
+import signal
 import subprocess
 import sys
 from ipaddress import ip_address
+from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 from cryptography import x509
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
-ROOT = Path(__file__).resolve().parents[1]
+import hapnet
+from hapnet.mcap_file import read_recording
+from hapnet.runtime.zenoh_config import free_address
+from tests.conftest import ENVIRONMENT, ROOT
+from tests.processes import started
+
+EXAMPLES = {file.stem: file for file in sorted((ROOT / "examples").glob("*.py"))}
+NUMBER = r"(-?\d+(?:\.\d+)?)"
 
 
-def run(code: str, tmp_path: Path) -> str:
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, env={"PYTHONPATH": str(ROOT)}, capture_output=True, timeout=60
-    )
-    assert done.returncode == 0, done.stderr.decode()
-    return done.stdout.decode()
+def run(name: str, *argv: object, cwd: Path) -> str:
+    """What an example prints, started as a user starts it."""
+    command = [sys.executable, str(EXAMPLES[name]), *map(str, argv)]
+    done = subprocess.run(command, cwd=cwd, env=ENVIRONMENT, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
 
 
-def test_modulator(tmp_path: Path) -> None:
-    lines = run("from examples.modulator import main; main()", tmp_path).splitlines()
-    assert len(lines) == 10
-    assert "modulated [ 0.03 -0.02]" in lines[-1]
+def numbers(pattern: str, text: str) -> list[tuple[float, ...]]:
+    """The numbers in every place that fits, where the pattern has a #."""
+    found = re.finditer(re.escape(pattern).replace(r"\#", NUMBER).replace(r"\ ", r"\s+"), text)
+    return [tuple(map(float, match.groups())) for match in found]
 
 
-def test_link_study(tmp_path: Path) -> None:
-    lines = run("from examples.link_study import main; main(3.0)", tmp_path).splitlines()
-    assert [line.split()[:2] for line in lines[1:3]] == [["ideal", "pspm"], ["ideal", "zoh"]]
-    margins = {tuple(line.split()[:2]): float(line.split()[-1]) for line in lines[1:]}
-    assert all(margin >= 0.0 for (_, coupling), margin in margins.items() if coupling == "pspm")
+def test_there_are_five() -> None:
+    assert set(EXAMPLES) == {"own_device", "own_world", "two_hosts", "link_study", "asyncio_program"}
 
 
-def test_own_scene(tmp_path: Path) -> None:
-    words = "['simulate','--scene','examples.own_scene:corridor','--duration','2','--no-files']"
-    assert "passive" in run(f"from hapnet.cli import main; raise SystemExit(main({words}))", tmp_path)
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_an_example_is_short_and_needs_public_names_only(name: str) -> None:
+    text = EXAMPLES[name].read_text(encoding="utf-8")
+    assert len(text.splitlines()) < 60
+    imports = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.ImportFrom)]
+    used = {(node.module, alias.name) for node in imports for alias in node.names}
+    ours = {(module, name) for module, name in used if (module or "").partition(".")[0] == "hapnet"}
+    assert ours
+    assert ours <= {("hapnet", name) for name in hapnet.__all__} | {("hapnet.cli", "main")}
+
+
+def test_public_names_are_loaded_on_first_use() -> None:
+    assert all(getattr(hapnet, name).__name__ == name for name in hapnet.__all__)
+    assert all(f"`{name}`" in (hapnet.__doc__ or "") for name in hapnet.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'Simulate'"):
+        _ = hapnet.Simulate
+    code = "import sys, hapnet; print({'numpy', 'zenoh'} & set(sys.modules))"
+    assert subprocess.check_output([sys.executable, "-c", code], env=ENVIRONMENT, text=True) == "set()\n"
 
 
 def test_own_device(tmp_path: Path) -> None:
-    words = "['run','--device','examples.own_device:Bench','--duration','1','--out','out']"
-    said = run(f"from hapnet.cli import main; raise SystemExit(main({words}))", tmp_path)
-    assert "passive" in said
-    assert (tmp_path / "out" / "figure.png").exists()
+    """The carriage rests where K (x - p) = W and K'/K W = K_w (p - wall); W is its weight along the rail."""
+    busy = ("--set", "device.watchdog_s=0")  # a machine that tests may be late
+    said = run("own_device", "--out", tmp_path, "--duration", 2, *busy, cwd=ROOT)
+    assert "passive: margin" in said
+    device = read_recording(tmp_path / "device.mcap").device
+    assert device is not None
+    at_rest = device["time_s"] > 1.5
+    weight, K, K_v, wall, K_w = 1.0, 100.0, 500.0, 0.02, 3000.0
+    p = wall + K_v / K * weight / K_w
+    assert np.median(device["position_m"][at_rest]) == pytest.approx(p + weight / K, abs=5e-4)
+    assert np.median(device["force_N"][at_rest]) == pytest.approx(-weight, rel=0.05)
+    assert (tmp_path / "figure.png").exists()
+
+
+def test_own_world(tmp_path: Path) -> None:
+    """A slow hand: K_h (A - x) = K (x - p) and K' (x - p) = K_w (p - wall) at the sine's crest, at either wall."""
+    said = run("own_world", cwd=tmp_path)
+    walls = numbers("wall, # N/m: # mm deep, # N felt", said)
+    assert [wall[0] for wall in walls] == [100.0, 1000.0]
+    hand, K, K_v, amplitude = 135.0, 100.0, 500.0, 0.03
+    for K_w, depth_mm, felt_N in walls:
+        x, p = np.linalg.solve([[hand + K, -K], [K_v, -K_v - K_w]], [hand * amplitude, -K_w * 0.02])
+        assert depth_mm == pytest.approx(1e3 * (p - 0.02), rel=0.1)
+        assert felt_N == pytest.approx(K * (x - p), abs=0.05)
+    ((margin, bound),) = numbers("margin # mJ of # mJ", said)
+    assert 0.0 < margin <= bound
+
+
+def test_own_world_on_the_command_line(tmp_path: Path) -> None:
+    argv = ["simulate", "--scene", "examples.own_world:corridor", "--dof", "2", "--duration", "1", "--no-files"]
+    done = subprocess.run(
+        [sys.executable, "-m", "hapnet", *argv],
+        cwd=tmp_path,
+        env=ENVIRONMENT,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "passive" in done.stdout
+
+
+def test_two_hosts(tmp_path: Path) -> None:
+    """Both sides end, and what one sent is what the other was credited, to the nanojoule."""
+    said = run("two_hosts", "--port", free_address().rpartition(":")[2], cwd=tmp_path)
+    words = ": # s, emulated delay # ms, passivity margin # mJ, energy sent # nJ, credited # nJ"
+    ((device,), (world,)) = (numbers(role + words, said) for role in ("device", "world"))
+    for seconds, delay_ms, margin_mJ, sent_nJ, _ in (device, world):
+        assert 3.0 <= seconds < 4.0
+        assert delay_ms == pytest.approx(20.0, abs=2.5)
+        assert margin_mJ > 0.0
+        assert sent_nJ > 0.0
+    assert (device[3], device[4]) == (world[4], world[3])
+
+
+def test_a_host_on_its_own_is_told_to_stop() -> None:
+    port = free_address().rpartition(":")[2]
+    command = (sys.executable, str(EXAMPLES["two_hosts"]))
+    with started("world", "127.0.0.1", "--port", port, command=command) as world:
+        world.until_line(f"tcp/127.0.0.1:{port}")
+        world.process.send_signal(signal.SIGINT)
+        assert world.end() == (1, f"world: tcp/127.0.0.1:{port}\n", "world: nobody came\n")
+
+
+def test_link_study(tmp_path: Path) -> None:
+    """Theorem 1 with PSPM at every delay; the plain coupling breaks it, and shakes the hand."""
+    said = run("link_study", cwd=tmp_path)
+    pspm, zoh = (
+        {delay: (margin, error) for delay, margin, error in numbers(f"# {words} # #", said)}
+        for words in ("PSPM", "plain virtual coupling")
+    )
+    assert pspm.keys() == zoh.keys() >= {0.0, 60.0}
+    assert all(margin >= 0.0 for margin, _ in pspm.values())
+    assert zoh[0.0][0] > 0.0
+    assert zoh[60.0][0] < -500.0
+    assert zoh[60.0][1] > 5.0 * pspm[60.0][1]
+    assert (tmp_path / "runs" / "link_study.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_asyncio_program(tmp_path: Path) -> None:
+    said = run("asyncio_program", cwd=tmp_path)
+    rows = numbers("# s: delay up to # ms (p99), # of # messages lost, passivity margin # mJ", said)
+    assert [row[1] for row in rows] == pytest.approx(3 * [10.0] + 3 * [50.0], rel=0.012)  # a bin is 1.1 % wide
+    assert all(before[0] < after[0] and before[3] < after[3] for before, after in pairwise(rows))
+    assert all(margin > 0.0 for *_, margin in rows)
+    assert "world: paired with the device" in said
+    assert "world: emulated link, delay 50ms loss 5%" in said
+    ((sent, credited),) = numbers("world: energy sent # nJ, credited # nJ", said)
+    assert numbers("device: energy sent # nJ, credited # nJ", said) == [(credited, sent)]
+    assert credited > 0.0  # the hand worked
 
 
 def make_certificates(tmp_path: Path, *argv: str) -> subprocess.CompletedProcess[str]:
@@ -92,8 +202,3 @@ def test_make_certificates_explains_itself(tmp_path: Path) -> None:
     done = make_certificates(tmp_path, "--help")
     assert done.returncode == 0
     assert all(flag in done.stdout for flag in ("--host", "--device", "--out", "--days"))
-
-
-@pytest.mark.parametrize("file", sorted((ROOT / "examples").glob("*.py")), ids=lambda file: file.stem)
-def test_examples_stay_short(file: Path) -> None:
-    assert len(file.read_text(encoding="utf-8").splitlines()) < 60

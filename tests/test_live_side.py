@@ -19,7 +19,7 @@ from hapnet.runtime.zenoh_config import ZenohSettings, free_address
 from hapnet.telemetry import Status, Telemetry
 from hapnet.view.watcher import Watcher
 from netem.errors import NetemError
-from tests.pairs import Running, parameters, running
+from tests.pairs import Running, idle, parameters, running
 
 
 def device_of(running: Running) -> ThreadedDevice:
@@ -93,6 +93,12 @@ async def test_the_link_is_changed_while_it_runs() -> None:
     assert up["profile"] == "delay 60ms"
     assert up["delay_p99_ms"] == pytest.approx(60.0, rel=0.012)  # a bin of the histogram is 1.1 % wide
     assert "emulated link, delay 60ms" in device.told("netem")
+
+
+def test_the_link_is_changed_before_it_runs() -> None:
+    side = idle("device")
+    side.change_link("delay 7ms")
+    assert side.summary()["links"]["up"]["profile"] == "delay 7ms"
 
 
 @pytest.mark.parametrize(("words", "error"), [("dealy 3ms", NetemError), ("corrupt 5%", InvalidParameter)])

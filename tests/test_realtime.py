@@ -24,8 +24,7 @@ from hapnet.runtime.realtime import LINGER_S, RealtimeSide
 from hapnet.runtime.stepper import Stepper
 from hapnet.runtime.zenoh_config import ZenohSettings, free_address
 from hapnet.runtime.zenoh_transport import ZenohTransport
-from hapnet.wire.messages import Role
-from tests.pairs import WAIT_S, Running, parameters, running
+from tests.pairs import WAIT_S, Running, idle, parameters, running
 
 # The world's stepper
 
@@ -101,10 +100,6 @@ def test_an_error_in_a_step_ends_the_stepper_and_is_told() -> None:
     stepper.stop()
     assert steps.error is error
     assert len(steps.called_ns) == 1
-
-
-def idle(role: Role) -> RealtimeSide:
-    return RealtimeSide(prepare(parameters(), "sampled"), role, ZenohSettings(connect=("tcp/127.0.0.1:1",)))
 
 
 IDLE_DEVICE = idle("device")

@@ -74,8 +74,8 @@ class Setup:
         return self.scene.dof
 
 
-def prepare(params: Params, default_servo: str) -> Setup:
-    """Check parameters that only make sense together, and resolve what "auto" stands for.
+def prepare(params: Params, default_servo: str = "sampled") -> Setup:
+    """Check parameters that only make sense together, and resolve what "auto" stands for: the servo is `default_servo`.
 
     Raises
     ------

@@ -45,6 +45,7 @@ class Egress:
         self._wire, self._link, self._put, self._clock = wire, link, put, clock
         self._period_ns = period_ns
         self._player: TimelinePlayer | None = None
+        self._timer: DeadlineTimer | None = None
         self._sent_ns: int | None = None
         self._asked_ns: int | None = None
         self._granted_ns: int | None = None
@@ -57,7 +58,8 @@ class Egress:
 
     def close(self) -> None:
         """`due` is not called any more."""
-        self._timer.close()
+        if self._timer is not None:
+            self._timer.close()
 
     def play(self, timeline: Timeline, origin_ns: int) -> None:
         """Change the link as the timeline says, counted from `origin_ns`."""
@@ -130,6 +132,8 @@ class Egress:
             self._arm()
 
     def _arm(self) -> None:
+        if self._timer is None:
+            return  # not open yet
         link_ns, wire_ns = self._link.next_due_ns, self._calm_ns(self._wire.next_due_ns)
         due_ns = wire_ns if link_ns is None else link_ns if wire_ns is None else min(link_ns, wire_ns)
         if self._player is not None and (change_ns := self._player.next_due_ns) is not None:

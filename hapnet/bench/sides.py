@@ -1,0 +1,123 @@
+"""The two processes of a pair, as a benchmark starts and hears them."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import secrets
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from hapnet.bench.children import READY_S, uninterrupted
+from hapnet.bench.servo import Lateness
+from hapnet.errors import HapnetError
+from hapnet.params import Params
+from hapnet.runtime.zenoh_config import free_address
+
+
+def start_pair(
+    stack: ExitStack,
+    params: Params,
+    *,
+    realtime: bool,
+    beside: Callable[[str], AbstractContextManager[object]] | None = None,
+) -> tuple[Side, Side]:
+    """A device and a world that have paired; both record, and end with `stack`.
+
+    beside : entered with the world's address, before the device starts: that must not disturb what is measured.
+    """
+    directory = Path(stack.enter_context(TemporaryDirectory(prefix="hapnet-bench-")))
+    (directory / "params.toml").write_text(params.toml(), encoding="utf-8")
+    address, session = free_address(), f"bench-{secrets.token_hex(4)}"
+    with uninterrupted():
+        world = stack.enter_context(Side("world", directory, "--listen", address, "--session", session))
+    world.expect("waiting")  # it has loaded its libraries: that must not disturb what is measured
+    if beside is not None:
+        stack.enter_context(beside(address))
+    flags = ["--realtime"] if realtime else []
+    with uninterrupted():
+        device = stack.enter_context(Side("device", directory, "--connect", address, "--session", session, *flags))
+    device.expect("paired")
+    return device, world
+
+
+def lateness(summary: dict[str, Any], device: Side) -> Lateness:
+    """How the device's servo kept its deadlines, from pairing."""
+    servo = summary["device"]["servo"]
+    bins = tuple((round(edge * 1e3), count) for edge, count in servo["late_histogram_us"])
+    return Lateness(bins, servo["skipped"], device.notices.get("realtime"))
+
+
+class Side:
+    """A process of `hapnet device` or `hapnet world`."""
+
+    def __init__(self, role: str, directory: Path, *flags: str) -> None:
+        self.role = role
+        self.notices: dict[str, str] = {}
+        """The newest notice of each kind."""
+        self._json = directory / f"{role}.json"
+        command = [sys.executable, "-m", "hapnet", role, *flags, "--no-multicast-scouting", "--log", "-"]
+        command += ["--params", str(directory / "params.toml"), "--seed", "0"]
+        command += ["--record", str(directory / f"{role}.mcap"), "--json", str(self._json)]
+        self._errors = (directory / f"{role}.err").open("w+", encoding="utf-8")  # a pipe would fill up, and block it
+        self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=self._errors, text=True)
+        self._queue: SimpleQueue[str | None] = SimpleQueue()
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def __enter__(self) -> Side:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self._process.kill()
+        self._process.wait()
+        self._reader.join()
+        assert self._process.stdout is not None
+        self._process.stdout.close()
+        self._errors.close()
+
+    def expect(self, kind: str) -> None:
+        """Return when it tells something of this kind."""
+        for told in self._told(READY_S):
+            if told == kind:
+                return
+        raise HapnetError(self._failure(f"ended before it was {kind}"))
+
+    def summary(self, timeout_s: float) -> dict[str, Any]:
+        """Its summary, once it has ended."""
+        for _ in self._told(timeout_s):
+            pass
+        if self._process.wait(timeout_s) != 0:
+            raise HapnetError(self._failure(f"ended with exit code {self._process.returncode}"))
+        summary: dict[str, Any] = json.loads(self._json.read_text(encoding="utf-8"))
+        return summary
+
+    def _told(self, timeout_s: float) -> Iterator[str]:
+        with contextlib.suppress(Empty):
+            while (kind := self._queue.get(timeout=timeout_s)) is not None:
+                yield kind
+            return
+        raise HapnetError(f"the {self.role} process said nothing for {timeout_s:.0f} s")
+
+    def _failure(self, otherwise: str) -> str:
+        self._process.kill()
+        self._process.wait()
+        self._errors.seek(0)
+        said = self._errors.read().strip().splitlines()
+        return f"the {self.role} process: {said[-1].removeprefix('hapnet: ') if said else otherwise}"
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            with contextlib.suppress(json.JSONDecodeError):
+                notice = json.loads(line)
+                self.notices[notice["kind"]] = notice["text"]
+                self._queue.put(notice["kind"])
+        self._queue.put(None)

@@ -1,0 +1,101 @@
+"""The servo's lateness while somebody watches the pair, beside the same with nobody watching, in turns."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import subprocess
+import time
+from collections.abc import Iterator
+from functools import partial
+from importlib.util import find_spec
+from tempfile import TemporaryDirectory
+
+from hapnet.bench.children import Child, Gate, uninterrupted
+from hapnet.bench.row import Limit, Options, Row, row
+from hapnet.bench.servo import Lateness, late_share
+from hapnet.bench.sides import lateness, start_pair
+from hapnet.params import Params
+from hapnet.runtime.zenoh_config import ZenohSettings, free_address
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+HEADLESS = ("--headless", "--no-sandbox", "--disable-gpu", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+
+
+def servo_watched(options: Options) -> Row:
+    """A client that reads everything stands for the page; with --realtime, a browser shows the page where there is one.
+
+    A browser on the same cores takes what it takes from a servo that has no priority over it.
+    """
+    browser = next(filter(None, map(shutil.which, BROWSERS)), None) if find_spec("viser") is not None else None
+    browser = browser if options.realtime else None
+    who = "a browser shows the page, on the same cores" if browser else "a client reads all telemetry"
+    watched: list[Lateness] = []
+    alone: list[Lateness] = []
+    for number in range(options.rounds):
+        turns = [(watched, partial(_watching, browser, options.seconds)), (alone, None)]
+        for parts, beside in turns if number % 2 else reversed(turns):
+            params = Params().set({"link.up": "", "link.down": "", "duration_s": options.seconds})
+            with contextlib.ExitStack() as stack:
+                device, world = start_pair(stack, params, realtime=options.realtime, beside=beside)
+                summary = device.summary(options.seconds + 30.0)
+                world.summary(30.0)
+            parts.append(lateness(summary, device))
+    return row(
+        "servo_watched",
+        "us",
+        f"lateness while {who}",
+        [part.distribution for part in watched],
+        "the same pair with nobody watching, in turns",
+        [part.distribution for part in alone],
+        more=late_share(watched, alone),
+        limits=(Limit("ratio_p99", 1.2),),
+        note="; ".join(filter(None, ["" if browser or not options.realtime else "no browser", watched[0].refusal])),
+    )
+
+
+@contextlib.contextmanager
+def _watching(browser: str | None, seconds: float, address: str) -> Iterator[None]:
+    """Inside, somebody watches the pair whose world listens at `address`."""
+    port = int(free_address().rpartition(":")[2])
+    with contextlib.ExitStack() as stack:
+        if browser is None:
+            reader = stack.enter_context(Child(_read, address, seconds))
+        else:
+            reader = stack.enter_context(Child(_show, address, seconds, port))
+            profile = stack.enter_context(TemporaryDirectory(prefix="hapnet-bench-", ignore_cleanup_errors=True))
+            command = [browser, *HEADLESS, f"--user-data-dir={profile}", "--remote-debugging-port=0"]
+            with uninterrupted():
+                process = subprocess.Popen(
+                    [*command, f"http://127.0.0.1:{port}"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+                )
+            stack.callback(process.wait)
+            stack.callback(process.kill)
+        reader.wait_ready()
+        reader.go()
+        yield
+
+
+def _read(gate: Gate, address: str, seconds: float) -> None:
+    from hapnet.view.history import History
+    from hapnet.view.watcher import Watcher
+
+    watcher = Watcher(ZenohSettings(connect=(address,)), History().take)
+    watcher.open()
+    gate()
+    time.sleep(2.0 * seconds + 60.0)  # it is ended before that
+
+
+def _show(gate: Gate, address: str, seconds: float, port: int) -> None:
+    from hapnet.view.history import History
+    from hapnet.view.server import serve
+    from hapnet.view.watcher import Watcher
+
+    history = History()
+    watcher = Watcher(ZenohSettings(connect=(address,)), history.take)
+    watcher.open()
+    with serve(history, port=port) as page:
+        while not page.watched:
+            time.sleep(0.1)
+        gate()
+        time.sleep(2.0 * seconds + 60.0)
