@@ -24,7 +24,7 @@ LONGEST = 64 * 1024
 """No message is longer [bytes]."""
 
 _SAMPLES: dict[str, type[DeviceSample] | type[WorldSample]] = {"device": DeviceSample, "world": WorldSample}
-_MOST_AXES = 6
+_MOST_AXES = 64
 _OPTIONAL = frozenset({"operator_force_N", "operator_target_m"})
 
 

@@ -481,6 +481,36 @@ async def test_a_device_reads_its_own_down_keys_only(by: str, certificates: Path
     assert (set(at_alice), set(at_bob)) == ({right[0]}, {right[1]})
 
 
+async def test_a_viewer_reads_telemetry_and_nothing_else(certificates: Path) -> None:
+    """Of both sides, through the one it dials; and whatever it says reaches nobody."""
+    endpoint = free_address("tls")
+    world = ZenohSettings(listen=(endpoint,), config=ACCESS, security=own(certificates, "world", mutual=True))
+    alice = ZenohSettings(connect=(endpoint,), security=own(certificates, "alice"))
+    viewer = ZenohSettings(mode="client", connect=(endpoint,), security=own(certificates, "viewer"))
+    ways = ("hapnet/s/alice/up", "hapnet/s/alice/down")
+    telemetry = [f"{way}/telemetry" for way in ways]
+    at_world, at_alice, seen = Got(), Got(), Got()
+    greedy = (*telemetry, "**", "hapnet/s/alice/up/*", *(f"{way}/position" for way in ways))
+    async with (
+        session(world, at_world, "hapnet/s/alice/up/position") as listener,
+        session(alice, at_alice, "hapnet/s/alice/down/position") as device,
+        session(viewer, seen, *greedy) as watching,
+    ):
+
+        def put() -> None:
+            for kind in ("telemetry", "position"):
+                device.put(f"{ways[0]}/{kind}", "device")
+                listener.put(f"{ways[1]}/{kind}", "world")
+                for way in ways:
+                    watching.put(f"{way}/{kind}", "viewer")
+
+        right = [(telemetry[0], "device"), (telemetry[1], "world")]
+        went = [(at_world, (f"{ways[0]}/position", "device")), (at_alice, (f"{ways[1]}/position", "world"))]
+        await until_each_came_often(*((seen, message) for message in right), *went, put=put)
+    assert {message for message in seen if message[1] != "viewer"} == set(right)  # it hears itself
+    assert "viewer" not in {words for got in (at_world, at_alice) for _, words in got}
+
+
 async def test_a_device_with_another_ones_name_is_neither_seen_nor_heard(certificates: Path) -> None:
     """The transport itself under access control, its liveliness tokens too."""
     endpoint, names = free_address("tls"), {"session": "s", "device": "alice"}

@@ -23,7 +23,7 @@ STATUS = Status(
 
 @st.composite
 def samples(draw: st.DrawFn) -> DeviceSample | WorldSample:
-    vector = st.tuples(*[NUMBER] * draw(st.integers(1, 6)))
+    vector = st.tuples(*[NUMBER] * draw(st.integers(1, 8)))
     kind = draw(st.sampled_from((DeviceSample, WorldSample)))
     values = {}
     for name, words in kind.__annotations__.items():

@@ -35,6 +35,7 @@ class Watcher:
     ----------
     pair : (session, name) of the pair that is watched; None: nothing was heard yet.
     others : pairs that were heard besides. unreadable : messages that were none.
+    problem : why Zenoh is not open, if it is not.
 
     Raises
     ------
@@ -53,7 +54,8 @@ class Watcher:
             settings = replace(settings, mode="client")
         self._config = zenoh_config(settings)
         self._take = take
-        self._key = f"hapnet/{session or '*'}/{name or '*'}/*/{TELEMETRY}"
+        # two keys: under access control a subscription must lie within what may be read
+        self._keys = [f"hapnet/{session or '*'}/{name or '*'}/{way}/{TELEMETRY}" for way in ("up", "down")]
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._main, name="watcher", daemon=True)
         self.pair: tuple[str, str] | None = None
@@ -81,7 +83,8 @@ class Watcher:
             try:
                 with zenoh.open(self._config) as session:
                     self.problem = ""
-                    session.declare_subscriber(self._key, zenoh.handlers.Callback(self._hear, indirect=False))
+                    for key in self._keys:
+                        session.declare_subscriber(key, zenoh.handlers.Callback(self._hear, indirect=False))
                     self._keep(session)
             except zenoh.ZError as error:
                 self.problem = reason(error)
