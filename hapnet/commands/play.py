@@ -211,7 +211,7 @@ class Stage:
     def _heed(self, role: str, line: bytes, notice: dict[str, Any]) -> None:
         """What goes wrong is said; of a servo that comes late, as it does beside a browser, the first time only."""
         kind, text = notice["kind"], notice["text"]
-        if notice["level"] == "info" or (kind == "overrun" and self._overran):
+        if notice["level"] == "info" or self._over.is_set() or (kind == "overrun" and self._overran):
             return
         if kind == "overrun":
             self._overran = True
