@@ -265,7 +265,7 @@ def bench(
 ) -> int:
     """What the servo, the message path and the simulation cost on this machine, each beside a bare reference.
 
-    Writes a table, bench.json and a figure of the histograms. The default takes two minutes; --seconds 60 --rounds 5 is
+    Writes a table, bench.json and a figure of the histograms. The default takes three minutes; --seconds 60 --rounds 5 is
     for figures to publish.
     """
     json_target(json_to)
