@@ -114,6 +114,7 @@ async def test_what_the_page_asks_reaches_the_running_pair(tmp_path: Path) -> No
     assert "hapnet report" in play.said.getvalue()
 
 
+@pytest.mark.slow
 async def test_another_coupling_is_another_episode_with_an_account_of_its_own(tmp_path: Path) -> None:
     """On a bad link, with a loose hand: the plain coupling breaks the bound, PSPM does not."""
     bad = "delay 40ms 10ms loss 2%"

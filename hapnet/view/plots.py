@@ -17,6 +17,9 @@ POINTS = 300
 
 _BLUE, _ORANGE, _GREEN, _INK, _GREY = "#2563eb", "#ea580c", "#16a34a", "#0f172a", "#94a3b8"
 
+_LEAST = 1.0
+"""The axis always goes up to this [N, mJ, mm]: else what is nothing but rounding would fill a plot."""
+
 _HEADING, _FRAME = 96, 42  # pixels: of the panel above the plots, of a plot around its curves
 
 _LEGEND = (
@@ -70,8 +73,8 @@ class Plots:
 
     def _add(self, gui: viser.GuiApi, title: str, *curves: uplot.Series) -> viser.GuiUplotHandle:
         return gui.add_uplot(
-            (np.array([-self._seconds, 0.0]), *(np.zeros(2) for _ in range(len(curves) + 1))),
-            ({"label": "s"}, _curve("zero", _GREY, width=1.0), *curves),
+            (np.array([-self._seconds, 0.0]), *(np.zeros(2) for _ in range(len(curves) + 2))),
+            ({"label": "s"}, _curve("least range", "transparent"), _curve("zero", _GREY, width=1.0), *curves),
             title=title,
             scales={"x": {"time": False, "range": (-self._seconds, 0.0)}},
             axes=({"size": 26.0, "ticks": {"size": 4.0}}, {"size": 52.0, "ticks": {"size": 4.0}}),
@@ -83,7 +86,9 @@ class Plots:
 
 
 def _draw(plot: viser.GuiUplotHandle, at: Array, *curves: Array) -> None:
-    plot.data = (at, np.zeros(len(at)), *curves)
+    reach = np.zeros(len(at))
+    reach[0] = _LEAST
+    plot.data = (at, reach, np.zeros(len(at)), *curves)
 
 
 def _held(track: Track | None, name: str, at: Array) -> Array:

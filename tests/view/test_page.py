@@ -114,6 +114,7 @@ def keep(page: Page, tmp_path: Path, name: str) -> Path:
     return directory / f"{name}.png"
 
 
+@pytest.mark.slow
 def test_it_shows_scene_plots_and_numbers(browser: Browser, tmp_path: Path) -> None:
     with opened(browser, (1280, 720), operator="press", duration_s=12.0) as shown:
         page = shown.page
@@ -125,6 +126,7 @@ def test_it_shows_scene_plots_and_numbers(browser: Browser, tmp_path: Path) -> N
         assert keep(page, tmp_path, "page").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_a_run_that_is_not_passive_says_so(browser: Browser, tmp_path: Path) -> None:
     light = {"operator_hand.mass": 0.1, "operator_hand.damping": 1.0, "duration_s": 10.0}
     with opened(browser, (1280, 720), scene="free", operator="sine", coupling="zoh", watching=True, **light) as shown:
@@ -147,6 +149,7 @@ def test_who_watches_only_can_press_and_drag_nothing(browser: Browser) -> None:
         assert shown.controls.calls == []
 
 
+@pytest.mark.slow
 def test_a_drag_leads_the_hand_where_the_mouse_is(playing: Open) -> None:
     page, controls = playing.page, playing.controls
     page.mouse.move(*playing.scene_point(0.0))
