@@ -233,7 +233,10 @@ def replay(
     json_target(json_to)
     from hapnet.commands import replay as command
 
-    return command.main(files, lambda base: params.over(base, model.named(), links), seed, json_to, out)
+    def chosen(base: Params) -> Params:
+        return params.over(links.for_all_of(base), model.named(), links)
+
+    return command.main(files, chosen, seed, json_to, out)
 
 
 @app.command()
@@ -265,8 +268,8 @@ def bench(
 ) -> int:
     """What the servo, the message path and the simulation cost on this machine, each beside a bare reference.
 
-    Writes a table, bench.json and a figure of the histograms. The default takes three minutes; --seconds 60 --rounds 5 is
-    for figures to publish.
+    Writes a table, bench.json and a figure of the histograms. The default takes three minutes; --seconds 60 --rounds 5
+    is for figures to publish.
     """
     json_target(json_to)
     from hapnet.commands import bench as command

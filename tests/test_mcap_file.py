@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from mcap.reader import make_reader
 from mcap.records import Chunk, Metadata
 from mcap.stream_reader import StreamReader
@@ -22,7 +23,6 @@ from mcap.writer import Writer
 
 from hapnet.errors import RecordingError
 from hapnet.mcap_file import CHUNK_BYTES, RecordingWriter, read_recording, repair, save
-from hapnet.protobuf import Doubles
 from hapnet.record import DeviceSample, Event, Sample, WorldSample, join
 from tests.test_record import META, ORIGIN, device_sample, halves, memory, run, same
 
@@ -128,9 +128,6 @@ def test_viewers_find_topics_schemas_units_and_times_in_order(tmp_path: Path) ->
 
 
 def test_googles_implementation_decodes_every_message(tmp_path: Path) -> None:
-    pytest.importorskip("google.protobuf", reason="protobuf is not installed")
-    from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
-
     write(tmp_path / "a.mcap", run(3))
     read: dict[str, list[Any]] = {}
     with (tmp_path / "a.mcap").open("rb") as file:
@@ -192,15 +189,29 @@ def test_recordings_in_json_can_still_be_read(tmp_path: Path) -> None:
     assert same(recording, dataclasses.replace(expected, summary=None))
 
 
+def described(names: list[str]) -> bytes:
+    """The descriptor set of a DeviceSample with these doubles, in proto3, as earlier versions wrote it."""
+    fields = [{"name": name, "number": i, "type": 1, "label": 1} for i, name in enumerate(names, 1)]
+    file = descriptor_pb2.FileDescriptorProto(name="hapnet/DeviceSample.proto", package="hapnet", syntax="proto3")
+    file.message_type.add(name="DeviceSample", field=fields)
+    return bytes(descriptor_pb2.FileDescriptorSet(file=[file]).SerializeToString())
+
+
+def packed(values: list[float]) -> bytes:
+    """A message of doubles numbered from 1, up to 15, as the wire format has it."""
+    return b"".join(bytes([number << 3 | 1]) + struct.pack("<d", value) for number, value in enumerate(values, 1))
+
+
 def test_what_a_newer_version_adds_is_passed_over_and_what_is_missing_is_unknown(tmp_path: Path) -> None:
-    message = Doubles(["new_J", "position_x_m", "position_y_m", "force_x_N", "force_y_N", "margin_J", "newer_x_m"])
+    names = ["new_J", "position_x_m", "position_y_m", "force_x_N", "force_y_N", "margin_J", "newer_x_m"]
+    values = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]
     with (tmp_path / "new.mcap").open("wb") as file:
         writer = Writer(file)
         writer.start()
         writer.add_metadata("hapnet", {"json": json.dumps(META)})
-        schema = writer.register_schema("hapnet.DeviceSample", "protobuf", message.describe("hapnet", "DeviceSample"))
+        schema = writer.register_schema("hapnet.DeviceSample", "protobuf", described(names))
         channel = writer.register_channel("/device/state", "protobuf", schema)
-        writer.add_message(channel, ORIGIN, message.pack([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]), ORIGIN)
+        writer.add_message(channel, ORIGIN, packed(values), ORIGIN)
         writer.finish()
     columns = read_recording(tmp_path / "new.mcap").device
     assert columns is not None
@@ -217,8 +228,10 @@ def test_what_a_newer_version_adds_is_passed_over_and_what_is_missing_is_unknown
         ("cdr", b"", b""),
         ("protobuf", b"", b""),
         ("protobuf", b"\xff\xff", b""),
-        ("protobuf", Doubles(["position_x_m"]).describe("hapnet", "DeviceSample"), b"\x09\x00"),
+        ("protobuf", described(["position_x_m"]), b"\x09\x00"),
+        ("protobuf", described(["force_x_N"]), packed([1.0])),
         ("json", b"{}", b"[1"),
+        ("json", b"{}", b"[" * 200_000),
     ],
 )
 def test_messages_that_do_not_fit_are_told_in_one_line(
@@ -228,12 +241,38 @@ def test_messages_that_do_not_fit_are_told_in_one_line(
         writer = Writer(file)
         writer.start()
         writer.add_metadata("hapnet", {"json": json.dumps(META)})
-        schema = writer.register_schema("x", encoding, descriptor)
+        schema = writer.register_schema("hapnet.DeviceSample", encoding, descriptor)
         writer.add_message(writer.register_channel("/device/state", encoding, schema), 1, data, 1)
         writer.finish()
     with pytest.raises(RecordingError, match=r"x\.mcap is not a recording: its content does not fit") as info:
         read_recording(tmp_path / "x.mcap")
     assert "\n" not in str(info.value)
+
+
+@pytest.mark.parametrize("name", ["hapnet", "hapnet.summary"])
+def test_settings_nested_without_end_are_told_in_one_line(tmp_path: Path, name: str) -> None:
+    with (tmp_path / "x.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        writer.add_metadata("hapnet", {"json": json.dumps(META)})
+        writer.add_metadata(name, {"json": "[" * 200_000})
+        writer.finish()
+    with pytest.raises(RecordingError, match=r"x\.mcap is not a recording: its content does not fit") as info:
+        read_recording(tmp_path / "x.mcap")
+    assert "\n" not in str(info.value)
+
+
+def test_a_zero_is_written_and_nothing_is_loaded_before_it_is_needed(tmp_path: Path) -> None:
+    write(tmp_path / "a.mcap", [device_sample(0)._replace(margin_J=0.0, position_m=(0.0, -0.0))])
+    with (tmp_path / "a.mcap").open("rb") as file:
+        [(schema, _, message)] = make_reader(file).iter_messages()
+    assert schema is not None
+    values = decoded(schema.data, message.data)
+    assert values["margin_J"] == 0.0
+    assert math.copysign(1.0, values["position_y_m"]) == -1.0
+    code = "import sys, hapnet.cli, hapnet.runtime.servo_child, hapnet.mcap_file; print('google' in str(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
 
 
 CHILD = """

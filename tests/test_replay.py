@@ -19,10 +19,13 @@ from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.mcap_file import RecordingWriter, read_recording, save
 from hapnet.params import Params
 from hapnet.plant.operator import Followed, Impedance
-from hapnet.record import Recording
+from hapnet.record import DeviceSample, Event, Recording, WorldSample
 from hapnet.runtime.recorded_hand import hand_times, recorded_hand
 from hapnet.runtime.replay import compare, read_original
 from hapnet.runtime.virtual import Result, simulate
+from hapnet.runtime.zenoh_config import free_address
+from netem import Timeline
+from tests.pairs import Running, parameters, running
 from tests.processes import started
 
 Capture = pytest.CaptureFixture[str]
@@ -343,6 +346,240 @@ def test_the_recorded_hand_keeps_to_the_theory_of_cubic_curves(n: int) -> None:
     assert bound / 20 < worst <= bound
     assert hand.reference(0.0) == hand.reference(0.1) == tuple(path[0])
     assert hand.reference(9.0) == tuple(path[-1])
+
+
+# What was changed while it ran
+
+
+def session(
+    tmp_path: Path,
+    side: str,
+    *,
+    link: str = "delay 5ms",
+    origin_ns: int = 7_000_000_000,
+    begins_s: float = 0.0,
+    ends_s: float = 2.0,
+    pauses: tuple[tuple[float, float], ...] = (),
+    events: tuple[tuple[float, str, str], ...] = (),
+    **params: object,
+) -> Path:
+    """A side's recording in real time, by hand: its device is where its hand is led, x_d = 0.01 m/s t, but in pauses.
+
+    Times count from the session's start; a sample comes every 5 ms, of the world every 20 ms.
+    """
+    given = {"operator": "mouse", "scene": "free", "link.up": "delay 1ms", "link.down": "delay 1ms", **params}
+    way = "up" if side == "device" else "down"
+    meta = {
+        "params": Params().set({name.replace("__", "."): value for name, value in given.items()}).as_dict(),
+        "seed": 3,
+        "role": side,
+        "clock": "boot:1",
+        "origin_ns": origin_ns,
+        "coupling": "pspm",
+        "links": {way: link},
+        "operator_sha256": None,
+    }
+    path = tmp_path / f"{side}.mcap"
+    writer = RecordingWriter(path, meta)
+    told = list(events)
+    for stop_s, go_s in pauses:
+        told += [(stop_s, "pause", "paused"), (go_s, "pause", "goes on")]
+    for at_s, kind, text in sorted(told):
+        writer.write(Event(origin_ns + round(at_s * 1e9), kind, text))
+    step_ms = 5 if side == "device" else 20
+    for at_ms in range(step_ms, round(ends_s * 1e3) + 1, step_ms):
+        at_s = at_ms / 1e3
+        if at_s < begins_s or any(start < at_s <= end for start, end in pauses):
+            continue
+        lived = at_s - sum(max(0.0, min(at_s, end) - start) for start, end in pauses)
+        x, zero = (0.01 * lived,), (0.0,)
+        time_ns = origin_ns + at_ms * 1_000_000
+        if side == "device":
+            writer.write(DeviceSample(time_ns, x, x, x, zero, zero, 0.05, 0.0, 0.0, 0.0, 0.0, 0.1, 0.1, x))
+        else:
+            energies = (0.0, 0.05, 0.0, 0.0, 0.0, 0.1, 0.1)
+            writer.write(WorldSample(time_ns, 0.02, x, zero, x, x, zero, zero, *energies))
+    writer.close(None)
+    return path
+
+
+def changed(at_s: float, words: str) -> tuple[float, str, str]:
+    return at_s, "netem", f"emulated link, {words}"
+
+
+def test_a_link_that_was_changed_while_it_ran_is_changed_in_the_replay(tmp_path: Path) -> None:
+    up = (changed(0.5, "delay 60ms"), changed(1.2, "ideal"), (1.3, "note", "emulated link, down"))
+    down = (changed(0.7, "down"), changed(0.9, "up"))
+    device = session(tmp_path, "device", link="delay 5ms", events=up)
+    world = session(tmp_path, "world", link="delay 9ms", events=down, origin_ns=7_010_000_000)
+    for files in ((device, world), (world, device)):
+        original = read_original(files)
+        link = original.params.link
+        assert (link.up, link.down) == ("delay 5ms", "delay 9ms")
+        assert link.up_timeline == "at 500ms: delay 60ms; at 1.2s: ideal"
+        assert link.down_timeline == "at 710ms: down; at 910ms: up"  # on the device's clock, as both are on one
+        assert [note for note in original.notes if "changed while it ran" in note] == [
+            "the uplink was changed while it ran, 2 times: so it is in the replay",
+            "the downlink was changed while it ran, 2 times: so it is in the replay",
+        ]
+    alone = read_original([device]).params.link
+    assert (alone.up_timeline, alone.down, alone.down_timeline) == (link.up_timeline, "delay 1ms", "")
+    summary = simulate(original.params, original.seed).summary
+    assert summary["links"]["up"]["profile"] == ""
+    assert 30 < summary["links"]["up"]["delay_p99_ms"] < 62
+    assert summary["links"]["down"]["lost_down"] > 0
+
+
+def test_a_timeline_of_its_own_is_not_applied_twice(tmp_path: Path) -> None:
+    own = "at 500ms: delay 60ms; at 1s: up"
+    events = (changed(0.5, "at 500ms: delay 60ms"), changed(0.8, "loss 1%"), changed(1.0, "at 1s: up"))
+    link = read_original([session(tmp_path, "device", events=events, link__up_timeline=own)]).params.link
+    assert link.up_timeline == "at 500ms: delay 60ms; at 800ms: loss 1%; at 1s: up"
+    quiet = read_original([session(tmp_path, "device", link__up_timeline="at 9s: down; at 10s: repeat")]).params.link
+    assert quiet.up_timeline == "at 9s: down; at 10s: repeat"  # it ended before the first change
+
+
+@pytest.mark.parametrize(
+    ("flags", "up", "down"),
+    [
+        ((), "at 500ms: delay 60ms", "at 700ms: down"),
+        (("--uplink", "delay 5ms"), "", "at 700ms: down"),
+        (("--downlink", "delay 5ms"), "at 500ms: delay 60ms", ""),
+        (("--delay", "5ms"), "", ""),
+        (("--delay", "5ms", "--up-timeline", "at 1s: up"), "at 1s: up", ""),
+    ],
+    ids=" ".join,
+)
+def test_a_link_that_is_asked_for_is_the_replays_from_end_to_end(
+    tmp_path: Path, capsys: Capture, flags: tuple[str, ...], up: str, down: str
+) -> None:
+    device = session(tmp_path, "device", ends_s=0.8, events=(changed(0.5, "delay 60ms"),))
+    world = session(tmp_path, "world", ends_s=0.8, events=(changed(0.7, "down"),))
+    assert run("replay", device, world, *flags, "--out", "again") == 0
+    capsys.readouterr()
+    link = read_recording(tmp_path / "again" / "run.mcap").meta["params"]["link"]
+    assert (link["up_timeline"], link["down_timeline"]) == (up, down)
+
+
+def test_a_recording_that_begins_in_the_middle_is_replayed_from_its_beginning(tmp_path: Path) -> None:
+    events = (changed(40.0005, "down"), changed(40.5, "up"), changed(41.0, "delay 60ms"))
+    own = "at 3s: delay 200ms; at 41s: down"
+    device = session(
+        tmp_path, "device", link="delay 70ms", begins_s=40.0, ends_s=42.0, events=events[1:], link__up_timeline=own
+    )
+    world = session(tmp_path, "world", link="delay 80ms", begins_s=40.0, ends_s=42.0, link__down_timeline=own)
+    original = read_original([device, world])
+    params = original.params
+    assert params.duration_s == pytest.approx(2.0, abs=1e-9)
+    assert (params.link.up, params.link.up_timeline) == ("delay 70ms", "at 500ms: up; at 1s: delay 60ms")
+    assert (params.link.down, params.link.down_timeline) == ("delay 80ms", "")
+    assert any("begins 40.0 s after its session did" in note for note in original.notes)
+    times = hand_times(original.recording)
+    assert times[0] == 0.0
+    assert times[-1] == pytest.approx(2.0, abs=1e-9)
+    hand = recorded_hand(str(device), 1, Impedance())
+    for t in (0.0, 0.005, 1.0, 2.0):
+        assert hand.reference(t)[0] == pytest.approx(0.4 + 0.01 * t, abs=1e-12)
+    result = simulate(params, original.seed)
+    target = result.recording.device
+    assert target is not None
+    assert target["operator_target_m"][-1, 0] == pytest.approx(0.42, abs=1e-4)
+    compared = compare(original, result.recording, result.summary)
+    assert compared["max_position_difference_m"] is not None
+
+    held = session(tmp_path, "device", begins_s=40.0, ends_s=42.0, operator="press")
+    assert "the recording begins in the middle of its session" in read_original([held]).hand
+
+
+def test_a_link_that_was_down_when_the_recording_began_is_down_at_the_start(tmp_path: Path) -> None:
+    events = (changed(39.99, "down"), changed(41.0, "up"))
+    link = read_original([session(tmp_path, "device", begins_s=40.0, ends_s=42.0, events=events)]).params.link
+    assert (link.up, link.up_timeline) == ("delay 5ms", "at 0ms: down; at 1s: up")
+
+
+def test_pauses_are_left_out(tmp_path: Path) -> None:
+    pauses = ((0.502, 1.502), (1.702, 3.702))
+    events = (changed(0.3, "delay 60ms"), changed(1.0, "delay 70ms"), changed(4.0, "delay 80ms"))
+    both: dict[str, Any] = {"pauses": pauses, "ends_s": 5.0}
+    device = session(tmp_path, "device", events=events, **both)
+    world = session(tmp_path, "world", **both)
+    original = read_original([device, world])
+    assert "pauses are left out: 2, 3.0 s in all" in original.notes
+    assert original.params.duration_s == pytest.approx(2.0, abs=0.012)
+    times = hand_times(original.recording)
+    assert np.diff(times) == pytest.approx(0.005, abs=1e-9)
+    hand = recorded_hand(str(device), 1, Impedance())
+    for t in np.linspace(0.1, 1.9, 50):
+        assert hand.reference(t)[0] == pytest.approx(0.01 * t, abs=1e-4)  # two samples' way, one for each pause
+    entries = Timeline.parse(original.params.link.up_timeline).entries
+    assert [entry.at_ns / 1e9 for entry in entries] == pytest.approx([0.3, 0.502, 1.0], abs=0.012)
+    made = read_original([session(tmp_path, "device", operator="press", **both)])
+    assert made.hand == "press, made again from its parameters"  # its own time stood still, too
+
+
+def test_samples_that_are_missing_are_no_pause(tmp_path: Path) -> None:
+    path = session(tmp_path, "device", ends_s=3.0)
+
+    def lossy(whole: Recording) -> Recording:
+        assert whole.device is not None
+        kept = (whole.device["time_s"] < 1.0) | (whole.device["time_s"] > 2.0)
+        told = [Event(7_500_000_000, "pause", "paused"), Event(7_500_100_000, "pause", "goes on")]
+        return dataclasses.replace(whole, device={k: v[kept] for k, v in whole.device.items()}, events=told)
+
+    original = read_original([rewritten(path, lossy, "lossy.mcap")])
+    assert original.params.duration_s == pytest.approx(3.0, abs=1e-9)
+    assert hand_times(original.recording)[-1] == pytest.approx(3.0, abs=1e-9)
+
+
+def test_a_real_hand_moves_on_in_a_pause(tmp_path: Path) -> None:
+    path = session(tmp_path, "device", pauses=((0.5, 1.5),), hardware="mine:Device")
+    assert read_original([path]).params.duration_s == pytest.approx(2.0, abs=1e-9)
+
+
+async def test_a_session_whose_link_was_changed_by_hand_is_replayed(tmp_path: Path) -> None:
+    address, params = (
+        free_address(),
+        parameters(operator="sine", link__up="", link__down="delay 2ms", link__up_timeline="at 100ms: delay 4ms"),
+    )
+    device, world = Running("device", address, params), Running("world", address, params)
+    async with running(device, world):
+        await device.until(lambda: device.count > 600)
+        await device.until(lambda: str(device.side.profile) == "delay 4ms")
+        device.side.record(tmp_path / "device.mcap")
+        world.side.record(tmp_path / "world.mcap")
+        began = device.count
+        await device.until(lambda: device.count > began + 150)
+        device.side.change_link("delay 60ms")
+        world.side.change_link("")
+        began = device.count
+        await device.until(lambda: device.count > began + 150)
+        device.side.pause(True)
+        world.side.pause(True)
+        began = device.count
+        await device.until(lambda: device.count > began + 400)
+        device.side.pause(False)
+        world.side.pause(False)
+        await device.until(lambda: device.count > began + 600)
+        await device.end()
+        await world.end()
+    original = read_original([tmp_path / "device.mcap", tmp_path / "world.mcap"])
+    link = original.params.link
+    assert (link.up, link.down) == ("delay 4ms", "delay 2ms")
+    [up] = Timeline.parse(link.up_timeline).entries
+    [down] = Timeline.parse(link.down_timeline).entries
+    assert (str(up.action), str(down.action)) == ("delay 60ms", "")
+    assert 0.1 < up.at_ns / 1e9 < original.params.duration_s
+    assert original.recording.device is not None
+    recorded_s = float(np.ptp(original.recording.device["time_s"]))
+    told = [event.time_ns for event in read_recording(tmp_path / "device.mcap").events if event.kind == "pause"]
+    paused_s = (told[1] - told[0]) / 1e9
+    assert paused_s > 0.3
+    assert hand_times(original.recording)[-1] == pytest.approx(recorded_s - paused_s, abs=0.1)
+    assert any("pauses are left out: 1" in note for note in original.notes)
+    assert any("after its session did" in note for note in original.notes)
+    result = simulate(original.params, original.seed)
+    assert result.summary["links"]["up"]["profile"] == "delay 60ms"
+    assert compare(original, result.recording, result.summary)["rms_position_difference_m"] < 0.02
 
 
 # The command

@@ -88,6 +88,13 @@ class LinkOptions:
                 changes[f"link.{name}_timeline"] = str(Timeline.read(text))
         return params.set(changes)
 
+    def for_all_of(self, params: Params) -> Params:
+        """`params` without the timelines of the directions that these flags give another link."""
+        effects = (self.delay, self.jitter, self.loss, self.reorder, self.rate)
+        both = any(flag is not None for flag in (self.link, self.profile, *effects))
+        given = {"up": both or self.uplink is not None, "down": both or self.downlink is not None}
+        return params.set({f"link.{way}_timeline": "" for way, other in given.items() if other})
+
     def _way(self, default: str) -> str:
         """The words of one direction: what the flags make of the default."""
         given = (self.delay, self.jitter, self.loss, self.reorder, self.rate)

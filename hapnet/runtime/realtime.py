@@ -25,7 +25,7 @@ from hapnet.endpoint import NANO
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.record import Event as Note
 from hapnet.record import Sample
-from hapnet.runtime import servo_pipe
+from hapnet.runtime import recorded_hand, recorded_link, servo_pipe
 from hapnet.runtime.build import LIVE, Setup, device_session, link_profile, world_session
 from hapnet.runtime.control import Control, Outlet, ThreadedDevice, ThreadedWorld
 from hapnet.runtime.egress import Egress
@@ -43,7 +43,7 @@ from hapnet.runtime.zenoh_transport import TELEMETRY, ZenohTransport
 from hapnet.telemetry import Status
 from hapnet.wire.events import EnergyCredited, Event, Mismatch, PeerRefused, PositionReceived
 from hapnet.wire.messages import Role
-from netem import Link
+from netem import Link, LinkProfile
 
 LINGER_S = 2.0
 """After control has stopped, how long the energy in flight may take to be acknowledged [s]."""
@@ -95,7 +95,8 @@ class RealtimeSide:
         self.seed = secrets.randbits(32) if seed is None else seed
         self.profile = setup.up if role == "device" else setup.down
         self._timeline = setup.up_timeline if role == "device" else setup.down_timeline
-        self._playing = False
+        self._playing = self._down = self._paused = self._hurried = False
+        self._way = "up" if role == "device" else "down"
         self._clock = time.monotonic_ns
         self._told = notify
         self._names = (session, name)
@@ -111,7 +112,6 @@ class RealtimeSide:
         self._started_ns = self._clock()
         self._inquiry = Inquiry(zenoh, self._started_ns)
         self._stopped_ns: int | None = None
-        self._hurried = False
         entropy = np.random.SeedSequence(self.seed).spawn(4)
         incarnation = secrets.randbits(63) + 1
         outlet = Outlet(self._send, self._keep_sample, self._fail)
@@ -120,8 +120,7 @@ class RealtimeSide:
             steps = np.random.default_rng(entropy[2])
             self.control = ThreadedWorld(setup, world_session(setup, incarnation), outlet, self._clock, rng=steps)
         elif realtime and servo_pipe.available():
-            protocol = device_session(setup, incarnation)
-            self.control = ServoProcess(setup, protocol, outlet)
+            self.control = ServoProcess(setup, device_session(setup, incarnation), outlet)
         else:
             protocol = device_session(setup, incarnation)
             self.control = ThreadedDevice(setup, protocol, outlet, self._clock, realtime=realtime)
@@ -133,7 +132,6 @@ class RealtimeSide:
         )
         period_ns = round(1e9 / setup.params.device.servo_hz) if role == "device" else None
         self._egress = Egress(self.wire, self._link, self._transport.put, self._clock, period_ns=period_ns)
-        self._paused = False
         if record is not None:
             self._recordings.begin(record)
 
@@ -222,17 +220,15 @@ class RealtimeSide:
         ------
         NetemError, InvalidParameter : there is no such link.
         """
-        profile = link_profile("link.up" if self.role == "device" else "link.down", words)
-        self.profile = profile
-        self._about = described(self.setup, self.role, self.seed, profile)
+        profile = link_profile(f"link.{self._way}", words)
         self._egress.change(profile)
-        self._notify(Notice("netem", f"emulated link, {profile}", self._clock()))
+        self._link_changed(profile, recorded_link.told(profile), self._clock())
 
     def pause(self, paused: bool) -> None:
         """Let what is simulated stand still, or go on; servo, protocol and link go on all the time."""
         self._paused = paused
         self.control.pause(paused)
-        self._notify(Notice("pause", "paused" if paused else "goes on", self._clock()))
+        self._notify(Notice("pause", recorded_hand.PAUSED if paused else "goes on", self._clock()))
 
     def lead(self, position: Vector) -> None:
         """Where the hand of the operator ``mouse`` is to go [m], shape (n,).
@@ -258,6 +254,8 @@ class RealtimeSide:
         self._recordings.end(self.summary(), self.control.unrecorded)
         if path is not None:
             self._recordings.begin(path)
+            if self._down:
+                self._recordings.keep(Note(self._clock(), recorded_link.KIND, recorded_link.told("down")))
 
     async def _keep(self, stop: asyncio.Event, duration_s: float, collect: Callable[[], int]) -> None:
         """Housekeeping until it is time to stop."""
@@ -310,12 +308,23 @@ class RealtimeSide:
         events, changes = self._egress.pump()
         self._report(events)
         for at_ns, entry in changes:
-            self._notify(Notice("netem", f"emulated link, {entry}", at_ns))
+            self._link_changed(entry.action, recorded_link.told(entry), at_ns)
+
+    def _link_changed(self, change: recorded_link.Change, text: str, at_ns: int) -> None:
+        if isinstance(change, LinkProfile):
+            self.profile = change
+            self._about = self._about | {"links": {self._way: str(change)}}
+        else:
+            self._down = change == "down"
+        self._notify(Notice(recorded_link.KIND, text, at_ns))
 
     def _notify(self, notice: Notice) -> None:
         self._told(notice)
+        note = Note(notice.at_ns, notice.kind, notice.text)
+        if notice.kind in (recorded_link.KIND, "pause"):  # a replay needs them; the session's are kept where told
+            self._recordings.keep(note)
         if self._telemeter is not None and notice.kind != "progress":
-            self._telemeter.keep(Note(notice.at_ns, notice.kind, notice.text))
+            self._telemeter.keep(note)
 
     def _wait(self, now_ns: int) -> None:
         """There is no peer yet: tell what this side does, and if nobody is there at all, why that may be."""
@@ -368,7 +377,7 @@ class RealtimeSide:
         end_ns = self._stopped_ns or self._clock()
         with self._egress.lock:
             own[self.role] = self.control.summary(end_ns) | {"dropped": self._dropped()}
-            links["up" if self.role == "device" else "down"] = self._link.stats.as_dict()
+            links[self._way] = self._link.stats.as_dict()
         origin_ns = self.control.origin_ns
         elapsed = None if origin_ns is None else (end_ns - origin_ns) * NANO
         coupling = self.setup.params.coupling

@@ -17,8 +17,10 @@ from hapnet.metrics import motion
 from hapnet.params import Params
 from hapnet.record import Columns, Recording, join
 from hapnet.runtime.own_operator import ALLOWED
-from hapnet.runtime.recorded_hand import fingerprint, hand_times, knows_hand
+from hapnet.runtime.recorded_hand import begins_late, fingerprint, hand_times, knows_hand, left_out, replay_ns
+from hapnet.runtime.recorded_link import KIND, played
 from hapnet.runtime.summary import Summary, from_recording, merge
+from netem import Timeline
 
 _WORLDS = ("scene", "world.", "link.down")
 """Beginnings of the parameters' names that are the world's; all others are the device's."""
@@ -72,7 +74,13 @@ def read_original(files: Sequence[Path]) -> Original:
     asked = {name: value for name, value in own.items() if name in known}
     asked |= {name: value for name, value in worlds.items() if name in known and name.startswith(_WORLDS)}
     operator, hand = _hand(device, files[at], asked)
-    notes = _notes(device, world, simulated, sorted({*own, *worlds} - known))
+    notes = [*_notes(device, world, simulated, sorted({*own, *worlds} - known)), *_left_out(recording)]
+    if not simulated:
+        for way, part in (("up", device), ("down", world)):
+            if way == "up" or part is not device:
+                changes, told = _link(recording, part, way, asked)
+                asked |= changes
+                notes += told
     asked |= {
         "operator": operator,
         "hardware": "simulated",
@@ -152,11 +160,46 @@ def _notes(device: Recording, world: Recording, simulated: bool, unknown: list[s
         yield f"this version does not know, and leaves out: {', '.join(unknown)}"
 
 
+def _left_out(recording: Recording) -> Iterator[str]:
+    cuts = left_out(recording)
+    if begins_late(recording):
+        begin_ns, end_ns = cuts.pop(0)
+        yield (
+            f"the recording begins {(end_ns - begin_ns) / 1e9:.1f} s after its session did, and so the replay begins "
+            "there: at rest, with reservoirs as at a start"
+        )
+    if cuts:
+        yield f"pauses are left out: {len(cuts)}, {sum(end - begin for begin, end in cuts) / 1e9:.1f} s in all"
+
+
+def _link(whole: Recording, part: Recording, way: str, asked: Mapping[str, Any]) -> tuple[dict[str, object], list[str]]:
+    """The link's parameters as its side recorded it, changes while it ran included; and what is to be told of it.
+
+    `whole` has the device's clock, `part` its own.
+    """
+    words = (part.meta.get("links") or {}).get(way, asked.get(f"link.{way}", ""))
+    aligned = whole.meta.get("aligned", True)
+    device = (whole.meta.get("sides") or {}).get("device", whole.meta)
+    shift_ns = 0 if aligned else int(device["origin_ns"]) - int(part.meta["origin_ns"])
+    events = [event for event in part.events if event.kind == KIND]
+    times = replay_ns(whole, np.array([event.time_ns + shift_ns for event in events], dtype=np.int64))
+    start, entries, notes = played(words, zip(times.tolist(), (event.text for event in events), strict=True))
+    if entries:
+        often = "once" if len(entries) == 1 else f"{len(entries)} times"
+        notes.append(f"the {way}link was changed while it ran, {often}: so it is in the replay")
+    changed: dict[str, object] = {f"link.{way}": start}
+    if events or begins_late(whole):  # else the run's own timeline, if it had one, is all there was
+        changed[f"link.{way}_timeline"] = str(Timeline(entries)) if entries else ""
+    return changed, notes
+
+
 def _hand(device: Recording, file: Path, asked: Mapping[str, Any]) -> tuple[str, str]:
     """The operator that makes the hand again, or else follows its recorded motion; and which of both, in words."""
     operator, recorded = str(asked.get("operator")), str(file.resolve())
     if (hardware := asked.get("hardware", "simulated")) != "simulated":
         why = f"the device was {hardware}"
+    elif begins_late(device):
+        why = "the recording begins in the middle of its session"
     elif operator in _MADE:
         return operator, f"{operator}, made again from its parameters"
     else:
@@ -178,7 +221,8 @@ def _duration_s(recording: Recording, asked: object) -> object:
     """From pairing to the end, or to where a recording is torn [s]. `asked` : for how long it was simulated."""
     if asked is not None and not recording.torn:
         return asked
-    return max(float(side["time_s"][-1]) for side in (recording.device, recording.world) if side is not None)
+    sides = [side for side in (recording.device, recording.world) if side is not None]
+    return max(float(replay_ns(recording, side["time_ns"][-1:])[0]) for side in sides) / 1e9
 
 
 def _difference(original: Recording, replay: Recording) -> dict[str, float | None]:

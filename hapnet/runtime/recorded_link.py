@@ -1,0 +1,62 @@
+"""What happened to a side's emulated link while it ran, as events of its recording; and the timeline they make."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Literal, TypeAlias
+
+from netem import LinkProfile, Timeline
+from netem.timeline import Entry
+
+KIND = "netem"
+"""The kind of these events."""
+
+_PREFIX = "emulated link, "
+
+Change: TypeAlias = LinkProfile | Literal["down", "up"]
+
+
+def told(change: Change | Entry) -> str:
+    """The text of the event: a change by hand, or an entry of the side's timeline."""
+    return f"{_PREFIX}{str(change) or 'ideal'}"
+
+
+def read(text: str) -> Change:
+    """The change that a text of `told` tells. ValueError if it is none, or if a file that it names cannot be read."""
+    words = text.removeprefix(_PREFIX)
+    if words == text:
+        raise ValueError(f"{text!r:.60} is not a change of the link")
+    [entry] = Timeline.parse(words if words.startswith("at ") else f"at 0s: {words}").entries
+    return entry.action
+
+
+def played(words: str, changes: Iterable[tuple[int, str]]) -> tuple[str, tuple[Entry, ...], list[str]]:
+    """A recorded link, for a run that begins when the changes' times are 0.
+
+    Parameters
+    ----------
+    words : the link when the recording began.
+    changes : when each was [ns], in order, and its text. What was before the run or at its start is in force there.
+
+    Returns
+    -------
+    The link at the run's start, the entries of a timeline, and why a change is left out, a line each.
+    """
+    start, down = words, False
+    later: list[Entry] = []
+    unread: list[str] = []
+    for at_ns, text in changes:
+        try:
+            change = read(text)
+        except ValueError as error:
+            unread.append(f"a change of the link is left out: {error}")
+            continue
+        if at_ns > 0:
+            later.append(Entry(at_ns, change))
+        elif isinstance(change, LinkProfile):
+            start = str(change)
+        else:
+            down = change == "down"
+    if down:
+        later.insert(0, Entry(0, "down"))
+    return start, tuple(later), unread
