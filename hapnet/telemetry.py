@@ -9,6 +9,7 @@ counts it.
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass
 from typing import Any, TypeAlias, get_args
 
@@ -25,6 +26,7 @@ LONGEST = 64 * 1024
 
 _SAMPLES: dict[str, type[DeviceSample] | type[WorldSample]] = {"device": DeviceSample, "world": WorldSample}
 _MOST_AXES = 64
+_LATEST_NS = 2**63 - 1  # of an array's times
 _OPTIONAL = frozenset({"operator_force_N", "operator_target_m"})
 
 
@@ -96,7 +98,7 @@ def _sample(kind: type[DeviceSample] | type[WorldSample], fields: list[Any]) -> 
         raise BadMessage("telemetry", f"{len(fields)} fields of a {kind.__name__}, which has {len(names)}")
     for name, value in zip(names, fields, strict=True):
         if name == "time_ns":
-            fits = type(value) is int
+            fits = type(value) is int and value <= _LATEST_NS
         elif name in VECTORS:
             fits = (value is None and name in _OPTIONAL) or (
                 isinstance(value, tuple) and 0 < len(value) <= _MOST_AXES and all(type(v) is float for v in value)
@@ -124,4 +126,26 @@ def _status(fields: dict[str, Any]) -> Status:
             raise BadMessage("telemetry", f"{name} of a status is {fields[name]!r:.60}")
     if fields["role"] not in get_args(Role):
         raise BadMessage("telemetry", f"role of a status is {fields['role']!r:.60}")
+    if not (_is_about(fields["about"]) and _is_link(fields["link"])):
+        raise BadMessage("telemetry", "a status whose parameters, surfaces or link are none")
     return Status(**fields)
+
+
+def _is_about(about: dict[str, Any]) -> bool:
+    """Is what it has of parameters and surfaces what a page can draw?"""
+    params, surfaces = about.get("params", {}), about.get("surfaces", ())
+    device = params.get("device", {}) if isinstance(params, dict) else None
+    if not isinstance(device, dict) or not isinstance(device.get("smoothing_s", 0.0), float | int):
+        return False
+    return isinstance(surfaces, tuple) and all(map(_is_surface, surfaces))
+
+
+def _is_surface(surface: object) -> bool:
+    match surface:
+        case {"axis": int(axis), "solid": 1 | -1, "position_m": float(place) | int(place)}:
+            return 0 <= axis < _MOST_AXES and abs(place) < math.inf
+    return False
+
+
+def _is_link(link: dict[str, Any]) -> bool:
+    return all(isinstance(link.get(name), float | int | None) for name in ("delay_now_ms", "loss_now"))

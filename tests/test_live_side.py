@@ -143,6 +143,14 @@ async def test_a_hand_that_is_not_led_cannot_be() -> None:
             device.side.lead((0.01,))
 
 
+async def test_nor_can_the_hand_that_holds_a_device_of_its_own() -> None:
+    params = parameters(operator="mouse", hardware="examples.own_device:Rail")
+    device = Running("device", free_address(), params)
+    async with running(device):
+        with pytest.raises(InvalidParameter, match="simulated"):
+            device.side.lead((0.01,))
+
+
 def test_nobody_leads_a_hand_in_virtual_time() -> None:
     with pytest.raises(InvalidParameter, match="mouse"):
         Simulation(Params().set({"operator": "mouse"}))

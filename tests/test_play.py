@@ -14,7 +14,9 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from hapnet.commands.play import RELAXED_HAND, SESSION, Stage, led
+from hapnet.commands.options import PageOptions
+from hapnet.commands.pair import Pair
+from hapnet.commands.play import RELAXED_HAND, SESSION, Stage, led, main
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.mcap_file import read_recording
 from hapnet.params import Params
@@ -153,6 +155,54 @@ async def test_a_process_that_fails_ends_it_with_its_own_words(tmp_path: Path) -
     with pytest.raises(HapnetError, match="world"):
         await asyncio.wait_for(play.task, WAIT_S)
     play.watcher.close()
+
+
+async def test_what_is_asked_while_the_processes_start_is_not_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The parameters are written by then, and there is nobody yet to be told."""
+    play = Playing(tmp_path)
+    start = Pair.start
+
+    async def asked(pair: Pair) -> None:
+        await start(pair)
+        play.stage.link("down", "delay 33ms")
+        play.stage.record(True)
+        await asyncio.sleep(0)
+
+    monkeypatch.setattr(Pair, "start", asked)
+    try:
+        await play.until(lambda: (s := play.history.snapshot().world_status) is not None and s.paired)
+        await play.until(lambda: (d := play.device) is not None and d.recording.endswith("01-device.mcap"))
+        world = play.history.snapshot().world_status
+        assert world is not None
+        assert world.link["profile"] == "delay 33ms"
+    finally:
+        play.stop.set()
+        play.stage.hurry()
+        await asyncio.wait_for(play.task, WAIT_S)
+        play.watcher.close()
+    assert play.said.getvalue().count("recording ") == 1
+
+
+@pytest.mark.parametrize("words", ["trace /etc/hostname", 'delay 1ms "csv" /etc/hostname'])
+def test_a_page_reads_no_file(words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not even to say what is wrong with it: that would be shown to whoever has the page open."""
+    monkeypatch.setattr(Path, "read_text", None)
+    monkeypatch.setattr(Path, "open", None)
+    monkeypatch.setattr("builtins.open", None)
+    stage = Stage(led(Params()), 1, tmp_path, "tcp/127.0.0.1:1", Console(file=StringIO()), realtime=False)
+    with pytest.raises(InvalidParameter, match="without files"):
+        stage.link("up", words)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [({"hardware": "examples.own_device:Rail"}, "hapnet view"), ({"telemetry_hz": 0.0}, "what is published")],
+)
+def test_what_no_page_can_show_or_lead_is_refused(changes: dict[str, object], words: str) -> None:
+    with pytest.raises(InvalidParameter, match=words):
+        main(led(Params().set(changes)), 1, None, PageOptions(), realtime=False)
 
 
 def test_the_hand_is_relaxed_unless_it_was_set() -> None:

@@ -67,8 +67,8 @@ class Unplugged:
 class Running:
     """A servo's process and what came from it."""
 
-    def __init__(self, hardware: str = "Loose", **words: object) -> None:
-        params = Params().set({"scene": "free", "dof": 2, "hardware": f"tests.test_servo_process:{hardware}", **words})
+    def __init__(self, hardware: str = "tests.test_servo_process:Loose", **words: object) -> None:
+        params = Params().set({"scene": "free", "dof": 2, "hardware": hardware, **words})
         setup = prepare(params, "sampled")
         self.messages: list[bytes] = []
         self.samples: list[Sample] = []
@@ -207,13 +207,33 @@ def test_what_is_credited_arrives_once_though_the_pipe_was_full(running: Running
     assert away[0].kind == "overrun"
 
 
+def test_what_is_told_before_it_runs_reaches_the_servo() -> None:
+    """As a page tells the side of a new episode where the hand is, while it still starts."""
+    made = Running("simulated", operator="mouse")
+    servo = made.servo
+    servo.pause(True)
+    servo.pause(False)
+    servo.lead((0.02, -0.01))
+    try:
+        made.paired()
+
+        def target() -> tuple[float, ...]:
+            last = made.samples[-1] if made.samples else None
+            return (last.operator_target_m or ()) if isinstance(last, DeviceSample) else ()
+
+        until(lambda: target() == pytest.approx((0.02, -0.01), abs=1e-6))
+    finally:
+        servo.stop()
+    assert not made.errors
+
+
 def test_a_device_that_cannot_be_made_is_named(diary: Path) -> None:
     with pytest.raises(HapnetError, match=r"Unplugged.*no such device"):
-        Running("Unplugged").servo.start()
+        Running(f"{__name__}:Unplugged").servo.start()
 
 
 def test_a_device_that_fails_is_told_in_one_line(diary: Path) -> None:
-    running = Running("Breaking")
+    running = Running(f"{__name__}:Breaking")
     running.paired()
     until(lambda: bool(running.errors))
     running.servo.stop()

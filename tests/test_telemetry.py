@@ -16,8 +16,8 @@ WHOLE = st.integers(-(2**63), 2**63 - 1)
 NUMBER = st.floats(allow_nan=False)
 STATUS = Status(
     role="device", time_ns=5, incarnation=2**62, paired=True, paused=False, recording="a.mcap",
-    about={"params": {"dof": 1}, "surfaces": ({"normal": (1.0,)},)}, link={"profile": "", "delay_now_ms": None},
-    round_trip_ms=81.5,
+    about={"params": {"dof": 1}, "surfaces": ({"axis": 0, "position_m": 0.02, "solid": 1},)},
+    link={"profile": "", "delay_now_ms": None}, round_trip_ms=81.5,
 )  # fmt: skip
 
 
@@ -72,6 +72,7 @@ DEVICE = DeviceSample(1, (0.0,), (0.0,), (0.0,), (0.0,), None, *[0.0] * 7, None)
         ([VERSION, "device", *DEVICE[:-1]], "fields"),
         ([VERSION, "device", 1.0, *DEVICE[1:]], "time_ns"),
         ([VERSION, "device", True, *DEVICE[1:]], "time_ns"),
+        ([VERSION, "device", 2**63, *DEVICE[1:]], "time_ns"),
         ([VERSION, "device", *DEVICE._replace(position_m=())], "position_m"),
         ([VERSION, "device", *DEVICE._replace(position_m=None)], "position_m"),
         ([VERSION, "device", *DEVICE._replace(position_m=("0",))], "position_m"),
@@ -81,6 +82,21 @@ DEVICE = DeviceSample(1, (0.0,), (0.0,), (0.0,), (0.0,), None, *[0.0] * 7, None)
         ([VERSION, "status", {"role": "device"}], "other fields"),
         ([VERSION, "status", {**vars(STATUS), "role": "mouse"}], "role"),
         ([VERSION, "status", {**vars(STATUS), "about": []}], "about"),
+        *(
+            ([VERSION, "status", {**vars(STATUS), **odd}], "parameters, surfaces or link")
+            for odd in (
+                {"about": {"params": 3}},
+                {"about": {"params": {"device": 3}}},
+                {"about": {"params": {"device": {"smoothing_s": "long"}}}},
+                {"about": {"surfaces": 3}},
+                {"about": {"surfaces": [{"axis": 0, "solid": 1}]}},
+                {"about": {"surfaces": [{"axis": -1, "position_m": 0.0, "solid": 1}]}},
+                {"about": {"surfaces": [{"axis": 0, "position_m": 0.0, "solid": 2}]}},
+                {"about": {"surfaces": [{"axis": 0, "position_m": math.inf, "solid": 1}]}},
+                {"link": {"delay_now_ms": "long"}},
+                {"link": {"loss_now": [0.1]}},
+            )
+        ),
     ],
 )
 def test_what_is_refused_is_named(frame: object, why: str) -> None:

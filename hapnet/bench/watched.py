@@ -82,6 +82,8 @@ def _read(gate: Gate, address: str, seconds: float) -> None:
 
     watcher = Watcher(ZenohSettings(connect=(address,)), History().take)
     watcher.open()
+    while watcher.pair is None:  # or nobody would read
+        time.sleep(0.05)
     gate()
     time.sleep(2.0 * seconds + 60.0)  # it is ended before that
 
@@ -95,7 +97,7 @@ def _show(gate: Gate, address: str, seconds: float, port: int) -> None:
     watcher = Watcher(ZenohSettings(connect=(address,)), history.take)
     watcher.open()
     with serve(history, port=port) as page:
-        while not page.watched:
+        while not page.watched or watcher.pair is None:
             time.sleep(0.1)
         gate()
         time.sleep(2.0 * seconds + 60.0)

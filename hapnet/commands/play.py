@@ -21,6 +21,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.params import OperatorParams, Params
 from hapnet.runtime.build import LIVE, link_profile, prepare
 from hapnet.runtime.zenoh_config import ZenohSettings, free_address
+from hapnet.view.controls import Way, require_no_file
 from hapnet.view.history import History
 from hapnet.view.server import serve
 from hapnet.view.watcher import Watcher
@@ -47,6 +48,11 @@ def led(params: Params) -> Params:
 def main(params: Params, seed: int, out: Path | None, options: PageOptions, *, realtime: bool) -> int:
     """Serve the page and keep a pair running behind it, until told to stop."""
     setup = prepare(params, "sampled")
+    if params.hardware != "simulated":
+        allowed = "simulated: here the mouse is the hand; `hapnet view` shows a pair with a device of your own"
+        raise InvalidParameter("hardware", params.hardware, allowed)
+    if not params.telemetry_hz:
+        raise InvalidParameter("telemetry_hz", params.telemetry_hz, "above 0: the page shows what is published")
     check_sides(setup)
     words = output.console(None)
     output.show_warnings(words, setup.warnings)
@@ -114,6 +120,8 @@ class Stage:
         stopping.add_done_callback(lambda task: self._over.set())
         while not stop.is_set():
             self._over.clear()
+            self._pair = None
+            given = self._params.link
             with tempfile.TemporaryDirectory(prefix="hapnet-") as directory:
                 pair = Pair(
                     self._params, self._seed, Path(directory), self._heed, record=False, console=True,
@@ -121,6 +129,9 @@ class Stage:
                 )  # fmt: skip
                 await pair.start()
                 self._pair = pair
+                if (link := self._params.link) != given:  # it was changed while the processes were started
+                    self._link("up", link.up)
+                    self._link("down", link.down)
                 if self._position is not None:
                     self._lead(self._position)
                 if self._recording:
@@ -138,11 +149,9 @@ class Stage:
     def lead(self, position: Vector) -> None:
         self._call(self._lead, position)
 
-    def link(self, way: Literal["up", "down"], words: str) -> None:
-        profile = link_profile(f"link.{way}", words)
-        if profile.trace is not None or profile.csv is not None:  # a page may be open to others: it reads no files here
-            raise InvalidParameter(f"link.{way}", words, "a link without files: those are for the command line")
-        self._call(self._link, way, str(profile))
+    def link(self, way: Way, words: str) -> None:
+        require_no_file(words)
+        self._call(self._link, way, str(link_profile(f"link.{way}", words)))
 
     def coupling(self, name: Literal["pspm", "zoh"]) -> None:
         self._anew({"coupling": name})
@@ -184,7 +193,7 @@ class Stage:
         if self._pair is not None:
             self._pair.tell("device", do="lead", position=position)
 
-    def _link(self, way: str, words: str) -> None:
+    def _link(self, way: Way, words: str) -> None:
         self._params = self._params.set({f"link.{way}": words})
         if self._pair is not None:
             self._pair.tell("device" if way == "up" else "world", do="link", words=words)
@@ -192,7 +201,8 @@ class Stage:
     def _switch_recording(self, on: bool) -> None:
         self._recording = on
         if on:
-            self._record()
+            if self._pair is not None and not self._over.is_set():  # else the next episode begins with it
+                self._record()
         else:
             self._tell_both(lambda role: {"do": "record", "path": None})
 

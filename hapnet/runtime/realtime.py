@@ -237,9 +237,10 @@ class RealtimeSide:
         ------
         InvalidParameter : this side has no such hand, or that is no position.
         """
-        if self.role != "device" or self.setup.params.operator != LIVE:
+        params = self.setup.params
+        if self.role != "device" or params.operator != LIVE or params.hardware != "simulated":
             raise InvalidParameter(
-                "operator", self.setup.params.operator, f"{LIVE}, at the device: no other hand is led"
+                "operator", params.operator, f"{LIVE}, at the device, a simulated one: no other hand is led"
             )
         self.control.lead(checks.vector("position", position, self.setup.dof))
 

@@ -51,7 +51,8 @@ class ServoProcess:
         self.unrecorded = 0
         self._setup, self._outlet = setup, outlet
         self._surplus: deque[float] = deque()
-        self._owed: deque[tuple[Any, ...]] = deque()  # what must arrive and found the pipe full
+        self._owed: deque[tuple[Any, ...]] = deque()  # what must arrive and found the pipe full, or not open yet
+        self._open_for_all = False  # the first frame is the setup
         self._paying = threading.Lock()
         self._life = threading.Lock()  # held while the process is started and while it is ended
         self._process: subprocess.Popen[bytes] | None = None
@@ -84,7 +85,7 @@ class ServoProcess:
 
     def _pay(self) -> None:
         with self._paying:  # or two threads would pay the same twice
-            while self._owed and self._pipe.offer(*self._owed[0]):
+            while self._open_for_all and self._owed and self._pipe.offer(*self._owed[0]):
                 self._owed.popleft()
 
     # -- the process ---------------------------------------------------------------------------------------------------
@@ -126,8 +127,7 @@ class ServoProcess:
         self._deliver("pause", paused)
 
     def lead(self, position: Vector) -> None:
-        self._pay()
-        self._pipe.offer("lead", position)
+        self._deliver("lead", position)
 
     def summary(self, now_ns: int) -> Summary:
         return with_wire(self._part, self.wire.session, now_ns)
@@ -153,6 +153,8 @@ class ServoProcess:
         self._pipe.offer("setup", {
             "params": params.flat(), "incarnation": self.wire.session.identity.incarnation, "parent": os.getpid(),
         })  # fmt: skip
+        self._open_for_all = True
+        self._pay()
 
     def _end_process(self) -> str:
         """The process is to have ended, of itself or not; how it did, in words."""

@@ -5,8 +5,21 @@ from __future__ import annotations
 from typing import Literal, Protocol
 
 from hapnet.checks import Vector
+from hapnet.errors import InvalidParameter
+from netem.units import split_words
 
 Way = Literal["up", "down"]
+
+
+def require_no_file(words: str) -> None:
+    """A page may be open to others: no file is read for it, or what is wrong with its content would be shown there.
+
+    Raises
+    ------
+    InvalidParameter, netem.NetemError : the link that these words describe is read from a file, or they are no words.
+    """
+    if {"trace", "csv"} & set(split_words(words)):
+        raise InvalidParameter("link", words, "a link without files: those are for the command line")
 
 
 class Controls(Protocol):

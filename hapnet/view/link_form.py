@@ -10,7 +10,7 @@ from typing import Any
 import viser
 
 from hapnet.errors import HapnetError
-from hapnet.view.controls import Controls, Way
+from hapnet.view.controls import Controls, Way, require_no_file
 from netem import PRESETS, LinkProfile, NetemError
 from netem.effects import RandomLoss
 
@@ -58,7 +58,7 @@ class LinkForm:
         @typed.on_submit
         def _(event: viser.GuiEvent[viser.GuiFormHandle]) -> None:
             time.sleep(TYPED_S)
-            self._change(lambda: LinkProfile.named(self._words.value), event.client)
+            self._change(lambda: _typed(self._words.value), event.client)
 
     def follow(self, words: str) -> None:
         """Show the link that is in force; words that this netem does not know are shown as they are.
@@ -125,6 +125,11 @@ def tell(client: viser.ClientHandle | None, title: str, text: str) -> None:
     """A notification on the page of who asked."""
     if client is not None:
         client.add_notification(title, text, color="red", auto_close_seconds=8.0)
+
+
+def _typed(words: str) -> LinkProfile:
+    require_no_file(words)
+    return LinkProfile.named(words)
 
 
 def _delayed(profile: LinkProfile, ms: float) -> LinkProfile:

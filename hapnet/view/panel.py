@@ -82,8 +82,8 @@ class ControlPanel:
         self._down.folder.visible = False
         self._paused = self._recording = False
 
-        self._on_click(self._pause, lambda: controls.pause(not self._paused))
-        self._on_click(self._record, lambda: controls.record(not self._recording))
+        self._on_click(self._pause, self._switch_pause)
+        self._on_click(self._record, self._switch_recording)
         self._on_click(reset, controls.reset, anew=True)
         self._on_click(home, lambda: lead(None))
         self._on_switch(self._pspm, self._couple)
@@ -99,11 +99,11 @@ class ControlPanel:
         """Follow what the sides say of themselves; what a user just changed is not turned back by older news."""
         device, world = snapshot.device_status, snapshot.world_status
         if device is not None:
-            if self._is_new("paused", device.paused):
+            if self._is_new("paused", (device.incarnation, device.paused)):
                 self._paused = device.paused
                 self._pause.label = "go on" if device.paused else "pause"
                 self._pause.icon = viser.Icon.PLAYER_PLAY if device.paused else viser.Icon.PLAYER_PAUSE
-            if self._is_new("recording", device.recording):
+            if self._is_new("recording", (device.incarnation, device.recording)):
                 self._recording = bool(device.recording)
                 self._record.label = "stop recording" if device.recording else "record"
                 self._record.icon = viser.Icon.PLAYER_STOP if device.recording else viser.Icon.PLAYER_RECORD
@@ -132,6 +132,14 @@ class ControlPanel:
     def _arrange(self) -> None:
         self._up.folder.label = "link, both ways" if self._alike.value else "link, device to world"
         self._down.folder.visible = not self._alike.value
+
+    def _switch_pause(self) -> None:
+        self._controls.pause(not self._paused)
+        self._paused = not self._paused  # a second click may come before the next status
+
+    def _switch_recording(self) -> None:
+        self._controls.record(not self._recording)
+        self._recording = not self._recording
 
     def _couple(self, on: bool) -> None:
         name: Literal["pspm", "zoh"] = "pspm" if on else "zoh"

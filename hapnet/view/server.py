@@ -46,8 +46,8 @@ class PageServer:
         with _quiet():
             self._server = Server(host, _free_port(host, port), label="hapnet", verbose=False)
         self.port = self._server.get_port()
-        shown = "127.0.0.1" if host in ("0.0.0.0", "") else "[::1]" if host == "::" else host
-        self.url = f"http://{shown}:{self.port}"
+        shown = {"0.0.0.0": "127.0.0.1", "": "127.0.0.1", "::": "::1"}.get(host, host)
+        self.url = f"http://[{shown}]:{self.port}" if ":" in shown else f"http://{shown}:{self.port}"
         self._page = Page(self._server, history, controls)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._draw, name="hapnet-page", daemon=True)

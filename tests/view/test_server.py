@@ -42,6 +42,18 @@ def test_a_taken_port_gives_the_next_free_one_and_nothing_is_printed(capfd: pyte
     assert out.out + out.err == ""
 
 
+@pytest.mark.parametrize("host", ["::1", "::"])
+def test_an_ipv6_address_is_in_brackets_as_a_browser_wants_it(host: str) -> None:
+    pytest.importorskip("viser", reason="the live page's library is not installed")
+    try:
+        socket.create_server(("::1", 0), family=socket.AF_INET6).close()
+    except OSError:
+        pytest.skip("there is no IPv6 here")
+    with serve(History(), host=host, port=0) as page:
+        assert page.url == f"http://[::1]:{page.port}"
+        socket.create_connection(("::1", page.port), timeout=5.0).close()
+
+
 @pytest.mark.parametrize(
     ("host", "port", "words"),
     [("192.0.2.1", 0, "host"), ("nowhere.invalid", 0, "host"), ("127.0.0.1", 65536, "port"), ("127.0.0.1", -1, "port")],
