@@ -27,7 +27,7 @@ RUN = {
 
 
 def study(coupling: str) -> tuple[list[float], list[float]]:
-    """At each delay: the least passivity margin of all seeds [mJ], and the position error (rms) [mm]."""
+    """At each delay, of all seeds: the least passivity margin, and the position error at the end (rms) [mJ, mm]."""
     links = [f"delay {delay}ms {delay / 10}ms loss 1%" for delay in DELAYS_MS]
     cases = [Params().set({**RUN, "coupling": coupling, "link.up": link, "link.down": link}) for link in links]
     runs = simulate_batch(cases, seeds=SEEDS)  # seeds vary fastest
@@ -39,7 +39,7 @@ def study(coupling: str) -> tuple[list[float], list[float]]:
 def main() -> None:
     figure = Figure(figsize=(7.0, 5.0), layout="constrained")
     top, bottom = figure.subplots(2, sharex=True)
-    print(f"{'delay [ms]':>10}  {'coupling':<23}{'margin, least [mJ]':>19}{'position error, rms [mm]':>26}")
+    print(f"{'delay [ms]':>10}  {'coupling':<23}{'margin, least [mJ]':>19}{'error at the end [mm]':>26}")
     for coupling, words in COUPLINGS.items():
         margins, errors = study(coupling)
         for row in zip(DELAYS_MS, margins, errors, strict=True):
@@ -48,7 +48,7 @@ def main() -> None:
         bottom.plot(DELAYS_MS, errors, "o-", label=words)
     top.axhline(0.0, color="0.3", linewidth=0.8)
     top.set(ylabel="passivity margin, least [mJ]", title="below zero: not passive")
-    bottom.set(xlabel="delay, one way [ms]", ylabel="position error, rms [mm]")
+    bottom.set(xlabel="delay, one way [ms]", ylabel="position error at the end,\nrms of all seeds [mm]")
     bottom.legend()
     Path("runs").mkdir(exist_ok=True)
     figure.savefig("runs/link_study.png", dpi=150)

@@ -31,9 +31,11 @@ async def run(role: Literal["world", "device"], endpoint: str, link: str) -> Non
     if summary["duration_s"] is None:
         sys.exit(f"{role}: nobody came")
     own, sends = summary[role], summary["links"]["down" if role == "world" else "up"]
-    print(f"{role}: {summary['duration_s']:.1f} s, emulated delay {sends['delay_p50_ms'] or 0.0:.1f} ms, ", end="")
-    print(f"passivity margin {1e3 * own['ledger']['margin_J']:.2f} mJ, ", end="")
-    print(f"energy sent {own['sent_nJ']} nJ, credited {own['credited_nJ']} nJ")
+    print(
+        f"{role}: {summary['duration_s']:.1f} s, emulated delay {sends['delay_p50_ms'] or 0.0:.1f} ms, "
+        f"passivity margin {1e3 * own['ledger']['margin_J']:.2f} mJ, "
+        f"energy sent {own['sent_nJ']} nJ, credited {own['credited_nJ']} nJ"
+    )
 
 
 def main() -> None:

@@ -14,6 +14,9 @@ def main() -> int:
     signal.signal(signal.SIGTERM, _leave)
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup
         signal.signal(signal.SIGHUP, _leave)
+    if signal.SIGINT in signal.sigpending():  # held back by who started this, as the interpreter was starting
+        os._exit(128 + signal.SIGINT)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     from hapnet.cli import main
 
     return main()

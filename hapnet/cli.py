@@ -211,7 +211,7 @@ def reproduce(
 @grouped
 def replay(
     files: Annotated[
-        list[Path], typer.Argument(metavar="FILE...", help="One recording, or the device's and the world's.")
+        list[Path], typer.Argument(metavar="FILE", help="One recording, or the device's and the world's.")
     ],
     *,
     model: Annotated[
@@ -242,7 +242,7 @@ def replay(
 @app.command()
 def report(
     files: Annotated[
-        list[Path], typer.Argument(metavar="FILE...", help="One recording, or the device's and the world's.")
+        list[Path], typer.Argument(metavar="FILE", help="One recording, or the device's and the world's.")
     ],
     json_to: flags.Json = None,
     out: Annotated[Path | None, typer.Option(help="Directory for what is written.", show_default="beside FILE")] = None,
@@ -257,7 +257,7 @@ def report(
 @app.command()
 def bench(
     only: flags.Only = None,
-    seconds: Annotated[float, typer.Option(help="Length of a round [s].")] = 3.0,
+    seconds: Annotated[float, typer.Option(help="Length of a round, in seconds.")] = 3.0,
     rounds: Annotated[int, typer.Option(help="Figures are medians over so many rounds.")] = 3,
     realtime: flags.Realtime = False,
     beside: Annotated[int, typer.Option(help="Busy processes beside servo_traffic.")] = 0,

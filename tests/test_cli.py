@@ -137,7 +137,7 @@ def test_what_is_not_installed_is_said_to_be(capsys: Capture, monkeypatch: pytes
     ("argv", "says"),
     [
         (["nosuch"], "No such command 'nosuch'; see hapnet --help"),
-        (["report"], "Missing argument 'FILE...'; see hapnet report --help"),
+        (["report"], "Missing argument 'FILE'; see hapnet report --help"),
         (["run", "more"], "Got unexpected extra argument(s) (more); see hapnet run --help"),
     ],
 )

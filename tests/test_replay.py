@@ -676,6 +676,14 @@ def test_settings_that_are_none_are_told_in_one_line(tmp_path: Path, meta: dict[
     assert "\n" not in str(info.value)
 
 
+@pytest.mark.parametrize("summary", [{"a": 1}, {"device": 7, "world": None, "theorem": {"margin_J": 0.0}}, [1]])
+def test_a_summary_that_does_not_fit_is_told_in_one_line(tmp_path: Path, summary: Any) -> None:
+    recorded(tmp_path / "a.mcap", duration_s=0.2)
+    rewritten(tmp_path / "a.mcap", lambda whole: dataclasses.replace(whole, summary=summary), "b.mcap")
+    with pytest.raises(HapnetError, match="summary does not fit"):
+        read_original([tmp_path / "b.mcap"])
+
+
 def test_settings_of_another_version_are_told(tmp_path: Path) -> None:
     recorded(tmp_path / "a.mcap", duration_s=0.2)
 

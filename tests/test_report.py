@@ -169,7 +169,13 @@ def test_the_title_tells_the_link_the_coupling_the_seed_and_the_verdict() -> Non
     recording = run()
     told = Recording(recording.meta, recording.device, recording.world, [], summary)
     assert title(figure(told)) == "link: lan, coupling zoh, seed 8\nNOT passive: margin -12.5 mJ of d² = 100 mJ"
-    assert "sum (theorem's margin: -12.5 mJ)" in lines(figure(told).axes[3])
+    assert "sum (≥ -12.5 mJ)" in lines(figure(told).axes[3])
+
+
+def test_a_set_position_is_called_modulated_only_where_it_is() -> None:
+    plain = run()
+    plain.meta["coupling"] = "zoh"
+    assert set(lines(figure(plain).axes[0])) == {"device", "proxy", "device's set-position (as received)"}
 
 
 def test_a_long_title_is_not_broken_inside_a_setting() -> None:

@@ -12,6 +12,7 @@ from matplotlib.patches import StepPatch
 from hapnet.report import lateness_histogram, link_histogram
 from hapnet.runtime.servo import Histogram
 from netem import Link, LinkProfile
+from netem.profile import PRESETS
 
 
 def measured(words: str, count: int = 2000) -> dict[str, Any]:
@@ -54,6 +55,18 @@ def test_delays_are_drawn_in_bars_of_one_width() -> None:
     assert heights.tolist() == [down["delivered"]]
     assert edges.tolist() == [pytest.approx(5.0, rel=0.011)] * 2
     assert second.get_xlabel() == "delay in the link [ms]"
+
+
+@pytest.mark.parametrize("words", [PRESETS["4g"], PRESETS["worst"], "delay 35ms loss 0.25% rate 6mbit " * 3])
+def test_a_link_in_words_does_not_reach_into_the_legend(words: str) -> None:
+    link = {**measured("delay 40ms 10ms", 100), "profile": words}
+    fig = link_histogram({"links": {"up": link, "down": link}})
+    assert fig is not None
+    fig.canvas.draw()
+    for panel in fig.axes:
+        legend = panel.get_legend()
+        assert legend is not None
+        assert panel._left_title.get_window_extent().x1 < legend.get_window_extent().x0  # type: ignore[attr-defined]
 
 
 def test_those_sent_ahead_do_not_hide_the_others() -> None:

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from hapnet import cli
+from hapnet.commands.play import led
 from hapnet.params import Params
 from hapnet.record import Event, Recording
 from hapnet.report import Source, legible, page, pictures
@@ -237,6 +238,14 @@ def test_many_events_are_folded_and_far_too_many_counted() -> None:
     assert "The other 30 are in the recording only." in found.sections["Silences and events"]
 
 
+def test_that_virtual_time_records_no_events_is_told() -> None:
+    """They may be counted in the summary beside it: that none were recorded is not that there were none."""
+    recording = replace(run(seconds=1), events=[], summary={})
+    assert page_of(recording).sections["Silences and events"].strip() == "None were recorded."
+    simulated = replace(recording, meta={**recording.meta, "clock": "virtual"})
+    assert "virtual time records no events" in page_of(simulated).sections["Silences and events"]
+
+
 def test_settings_with_units_and_meaning_and_what_differs_from_the_defaults(simulated: Recording) -> None:
     rows = {row.name: row for row in settings(simulated)}
     assert list(rows) == list(Params().flat())
@@ -261,9 +270,9 @@ def test_settings_of_two_processes_and_of_another_version() -> None:
     assert rows["link.up"].value == '"delay 1ms" / ""'
     assert rows["later"] == ("later", "5", "", "")
     assert rows["world.mass"].value == "[[1.0, 0.0], [0.0, 2.0]]"
-    assert not [c for c in commands(recording, None) if "simulate" in c.line]  # a parameter that is not known here
+    assert not [c for c in commands(recording, []) if "simulate" in c.line]  # a parameter that is not known here
     del recording.meta["sides"]["device"]["params"]["later"]
-    line = next(c.line for c in commands(recording, None) if "simulate" in c.line)
+    line = next(c.line for c in commands(recording, []) if "simulate" in c.line)
     assert shlex.split(line)[2:] == [
         "--set", "duration_s=3.457", "--set", "device.servo=sampled", "--set", "world.mass=[[1.0, 0.0], [0.0, 2.0]]",
         "--set", "link.up=delay 1ms", "--set", "link.down=delay 2ms",
@@ -284,15 +293,26 @@ def test_the_commands_shown_bring_the_settings_back(
     params = Params().set(changes)
     meta = {"clock": "virtual", "params": params.as_dict()}
     recording = replace(run(seconds=1), meta=meta, summary={"seed": 12})
-    virtual, replayed = commands(recording, Path("a b/device.mcap"))
-    assert shlex.split(replayed.line) == ["hapnet", "replay", "a b/device.mcap"]
+    virtual, replayed = commands(recording, [Path("a b/device.mcap"), Path("world.mcap")])
+    assert shlex.split(replayed.line) == ["hapnet", "replay", "a b/device.mcap", "world.mcap"]
     hapnet, *argv = shlex.split(virtual.line)
     assert (hapnet, argv[:3]) == ("hapnet", ["simulate", "--seed", "12"])
     assert cli.main([*argv, "--show-params"]) == 0
     assert capsys.readouterr().out == params.toml()
     meta["clock"] = "boot:1"
-    again = next(c.line for c in commands(recording, None) if c.line.startswith("hapnet run"))
+    again = next(c.line for c in commands(recording, []) if c.line.startswith("hapnet run"))
     assert cli.main([*shlex.split(again)[1:], "--show-params"]) == 0
+    assert capsys.readouterr().out == params.toml()
+
+
+def test_what_a_hand_led_live_did_is_made_again_by_another_or_replayed(capsys: pytest.CaptureFixture[str]) -> None:
+    """Nobody leads it in `hapnet simulate` or `hapnet run`, which refuse it."""
+    params = led(Params().set({"scene": "box", "dof": 2, "link.up": "delay 40ms"}))
+    meta = {"clock": "boot:1", "params": params.as_dict()}
+    recording = replace(run(seconds=1), meta=meta, summary={"seed": 12, "duration_s": 3.0})
+    lines = [shlex.split(command.line) for command in commands(recording, [Path("device.mcap")])]
+    assert [line[1] for line in lines] == ["play", "replay"]
+    assert cli.main([*lines[0][1:], "--show-params"]) == 0
     assert capsys.readouterr().out == params.toml()
 
 

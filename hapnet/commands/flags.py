@@ -42,7 +42,7 @@ ServoKind = Annotated[
     ),
 ]
 ServoRate = Annotated[float | None, typer.Option("--servo-hz", help="Rate of the servo; 1000 by default.")]
-Duration = Annotated[float | None, typer.Option(help="Seconds from pairing; 0: until Ctrl-C.")]
+Duration = Annotated[float | None, typer.Option(help="Seconds from pairing; 0: until Ctrl-C (not in virtual time).")]
 Dof = Annotated[int | None, typer.Option(help="Degrees of freedom, 1 to 3; the scene's own by default.")]
 Seed = Annotated[int, typer.Option(min=0, help="Of everything random.")]
 OwnSeed = Annotated[int | None, typer.Option("--seed", min=0, help="Of this side's link and steps; drawn by default.")]

@@ -120,6 +120,8 @@ class Pair:
         if self._realtime and role == "device":
             command.append("--realtime")
         pipe = asyncio.subprocess.PIPE
+        # the terminal's Ctrl-C would hit an interpreter that has no handler yet: it is held back until there is one
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             child = await asyncio.create_subprocess_exec(
                 *command,
@@ -131,6 +133,7 @@ class Pair:
                 process_group=0 if self._console else None,
             )
         finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
             os.close(theirs)
         self._reports[role] = asyncio.create_task(_read(report))
         return child

@@ -75,7 +75,8 @@ def _positions(panel: Axes, recording: Recording, axis: int) -> None:
     if modulated is not None:
         name = "device's" if device is not None else "world's"
         y = modulated["set_position_m"][:, axis] * 1e3
-        _curve(panel, modulated, y, f"{name} set-position (modulated)", drawstyle="steps-post", **_THIRD)
+        how = "as received" if _coupling(recording) == "zoh" else "modulated"
+        _curve(panel, modulated, y, f"{name} set-position ({how})", drawstyle="steps-post", **_THIRD)
     panel.set_ylabel(f"position{_along(recording, axis)} [mm]")
 
 
@@ -108,7 +109,7 @@ def _margins(panel: Axes, recording: Recording) -> None:
     if (total := _total_margin(recording)) is not None:
         low = min(low, _least(total["margin_J"]) * 1e3)
         told = known(get(recording.summary, "theorem", "margin_J"))
-        label = "sum" if told is None else f"sum (theorem's margin: {millijoule(told)} mJ)"
+        label = "sum" if told is None else f"sum (≥ {millijoule(told)} mJ)"
         _curve(panel, total, total["margin_J"] * 1e3, label, color="black", linestyle="-.", linewidth=0.9)
     top = panel.get_ylim()[1]
     bottom = low * 1.1 - 0.08 * (top - low)
@@ -221,6 +222,10 @@ def _plane(recording: Recording, axis: int) -> tuple[int, int] | None:
 
 def _written(recording: Recording) -> bool:
     return bool(get(recording.meta, "params", "scene") == "paper")
+
+
+def _coupling(recording: Recording) -> Any:
+    return get(recording.summary, "coupling") or get(recording.meta, "coupling")
 
 
 def _stride(columns: Columns) -> int:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 _COLORS = {"up": "#08306b", "down": "#e6550d"}
 _TITLE = 300  # letters
+_LINE = 64  # letters: to the right of them is the legend
 _BARS = 60
 _WIDE = 20.0  # times the median: a delay that is longer needs a logarithmic axis
 _SUB_BINS = 8  # an octave of the servo's lateness has 32 bins; these are made of four each
@@ -40,7 +41,7 @@ def link_histogram(summary: Mapping[str, Any]) -> Figure | None:
         for panel, (way, part) in zip(panels, found.items(), strict=True):
             _delays(panel, part, _COLORS[way], logarithmic=wide)
             _marks(panel, {name: get(links[way], f"delay_{name}_ms") for name in ("p50", "p99")}, "ms")
-            words = textwrap.wrap(f"{way}link: {get(links[way], 'profile') or 'nothing emulated'}"[:_TITLE], 78)
+            words = textwrap.wrap(f"{way}link: {get(links[way], 'profile') or 'nothing emulated'}"[:_TITLE], _LINE)
             panel.set_title("\n".join(words), loc="left", fontsize=8, parse_math=False)
         if not wide:
             shortest = min(part[0, 0] for part in found.values())

@@ -26,7 +26,7 @@ MOST_EVENTS = 500
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 _WHAT_IT_MEANS = {
     "good": "At no time had the hand and the world together taken out more energy than the bound d² allows "
-    "(Theorem 1); the margin is what was left of it at the worst instant.",
+    "(Theorem 1); at least the margin was left of it at every instant.",
     "bad": "More energy came out of the two ports than was ever put in: Theorem 1 does not hold for this run.",
     "unknown": "There is no energy account to judge it by.",
 }
@@ -34,6 +34,7 @@ _HALF = (
     "One side's recording knows what went in and out at its own port only, which is its half of Theorem 1; "
     "hapnet report with both sides' files tells the whole."
 )
+_NO_EVENTS = "A run in virtual time records no events; the summary counts its silences."
 _COUPLINGS = {
     "pspm": "passive set-position modulation (pspm)",
     "zoh": "plain virtual coupling (zoh), which nothing keeps passive",
@@ -149,7 +150,8 @@ def _energy(account: tables.Table) -> Html:
 
 def _events(recording: Recording) -> Html:
     if not (events := recording.events):
-        return element("p", "None were recorded.")
+        virtual = get(recording.meta, "clock") == "virtual"
+        return element("p", _NO_EVENTS if virtual else "None were recorded.")
     origin_ns = int(recording.meta.get("origin_ns", 0))
     rows = [
         (f"{round((event.time_ns - origin_ns) / 1e9, 3) + 0.0:.3f}", event.kind, event.text)
@@ -184,8 +186,7 @@ def _settings(rows: list[Setting]) -> Html:
 
 
 def _commands(recording: Recording, sources: Sequence[Source]) -> Html:
-    device = next((s.repaired or s.path for s in sources if s.role in ("device", "both")), None)
-    found = commands(recording, device)
+    found = commands(recording, [s.repaired or s.path for s in sources if s.role != "no samples"])
     if not found:
         return element("p", "Its settings do not fit this version of hapnet.")
     return join(*(join(element("p", f"{c.purpose}:"), element("pre", element("code", c.line))) for c in found))

@@ -41,10 +41,11 @@ def pictures(recording: Recording) -> dict[str, Picture]:
 
 _PANELS = "positions of device and proxy, forces, energy reservoirs, passivity margin"
 _RUN = (
-    "Positions: the proxy stops at the wall while the hand goes on; grey is contact. Forces: what the coupling makes "
-    "the hand feel, and what the wall does to the proxy. Reservoirs: the energy that each side may spend on moving its "
-    "spring; an empty one holds the set-position back. Margin: what is left of the bound d²; in the red, energy came "
-    "from nowhere. A silence is shaded from when it was noticed until the other side was heard again."
+    "Positions: in contact, which is grey, the surface stops the proxy while the hand goes on. Forces: what the "
+    "coupling makes the hand feel, and what the surface does to the proxy. Reservoirs: the energy that each side may "
+    "spend on moving its spring; an empty one holds the set-position back. Margin: what is left of the bound d²; in "
+    "the red, energy came from nowhere. A silence is shaded from when it was noticed until the other side was heard "
+    "again."
 )
 _LINK = (
     "How long packets stayed in each emulated link, from being offered to the release that the profile gave, as the "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,6 +12,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 from hapnet.record import Recording
 from hapnet.report.words import get, known
+from hapnet.runtime.build import LIVE
 
 
 class Setting(NamedTuple):
@@ -44,19 +45,23 @@ def settings(recording: Recording) -> list[Setting]:
     return rows
 
 
-def commands(recording: Recording, device: Path | None) -> list[Command]:
-    """How to make it again: by its settings and, where a device was recorded (in that file), by its hand."""
+def commands(recording: Recording, files: Sequence[Path]) -> list[Command]:
+    """How to make it again: by its settings and, where a device was recorded (in these files), by its hand."""
     found = []
     if (params := _params(recording)) is not None:
         virtual = recording.meta.get("clock") == "virtual"
-        if params.hardware == "simulated":
+        live, default = params.operator == LIVE, Params()
+        if live:  # which is not asked for, and has no end
+            asked = params.set({"operator": default.operator, "duration_s": default.duration_s})
+            found.append(Command("The same settings, with your own hand", _line("play", recording, asked)))
+        if params.hardware == "simulated" and not live:
             servo = params.device.servo if virtual or params.device.servo != "auto" else "sampled"
             what = "The same, to the last digit" if virtual else "The same settings in virtual time"
             found.append(Command(what, _line("simulate", recording, params.set({"device.servo": servo}))))
-        if not virtual:
+        if not virtual and not live:
             found.append(Command("Once more in real time, on one machine", _line("run", recording, params)))
-    if recording.device is not None and device is not None:
-        line = shlex.join(["hapnet", "replay", str(device)])
+    if recording.device is not None and files:
+        line = shlex.join(["hapnet", "replay", *map(str, files)])
         found.append(Command("The recorded hand again, through this link or another", line))
     return found
 

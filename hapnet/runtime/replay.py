@@ -91,7 +91,12 @@ def read_original(files: Sequence[Path]) -> Original:
     params, seed = Params().set(asked), device.meta.get("seed")
     if not isinstance(seed, int) or seed < 0:
         raise InvalidParameter("seed of the recording", seed, "a whole number, 0 or above")
-    return Original(tuple(files), recording, summarise(parts, recording), params, seed, hand, simulated, tuple(notes))
+    try:
+        summary = summarise(parts, recording)
+        key_figures(summary)
+    except (KeyError, TypeError, AttributeError):
+        raise RecordingError("this recording cannot be replayed: its summary does not fit") from None
+    return Original(tuple(files), recording, summary, params, seed, hand, simulated, tuple(notes))
 
 
 def summarise(parts: Sequence[Recording], whole: Recording) -> Summary:
