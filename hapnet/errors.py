@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 
 class HapnetError(Exception):
     """Root of all errors that hapnet raises on purpose."""
@@ -57,7 +59,8 @@ class MissingLibrary(HapnetError):
 
     def __init__(self, what: str, library: str, extra: str) -> None:
         self.what, self.library, self.extra = what, library, extra
-        super().__init__(f"{what} needs {library}, which is not installed: pip install 'hapnet-haptics[{extra}]'")
+        how = f"python3 -m pip --python {sys.executable} install {library}"
+        super().__init__(f"{what} needs {library}, of the extra `{extra}`, which is not installed: {how}")
 
     def __reduce__(self) -> tuple[type[MissingLibrary], tuple[str, str, str]]:
         return type(self), (self.what, self.library, self.extra)

@@ -246,7 +246,7 @@ class Params:
         except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
             why = error.strerror if isinstance(error, OSError) else error
             raise InvalidParameter("--params", str(file), f"a TOML file ({why})") from None
-        return self.set(dict(_flatten(table)))
+        return self.set(dict(flatten(table)))
 
     def flat(self) -> dict[str, Any]:
         """Every parameter under its dotted name; ``Params().set(params.flat())`` is `params` again."""
@@ -293,10 +293,11 @@ def _toml(value: object) -> str:
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def _flatten(table: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
+def flatten(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """What a table and its tables hold, under dotted names."""
     for name, value in table.items():
         if isinstance(value, Mapping):
-            yield from _flatten(value, f"{prefix}{name}.")
+            yield from flatten(value, f"{prefix}{name}.")
         else:
             yield prefix + name, value
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import threading
 import time
 from pathlib import Path
@@ -17,9 +18,10 @@ from hapnet.runtime.control import ThreadedDevice, ThreadedWorld
 from hapnet.runtime.virtual import Simulation
 from hapnet.runtime.zenoh_config import ZenohSettings, free_address
 from hapnet.telemetry import Status, Telemetry
+from hapnet.view import watcher as watcher_module
 from hapnet.view.watcher import Watcher
 from netem.errors import NetemError
-from tests.pairs import Running, idle, parameters, running
+from tests.pairs import WAIT_S, Running, idle, parameters, running
 
 
 def device_of(running: Running) -> ThreadedDevice:
@@ -244,4 +246,19 @@ async def test_telemetry_can_be_off() -> None:
         await world.until(lambda: heard.newest("world") is not None and device.count > 500)
         assert not heard.all(DeviceSample)
         assert heard.newest("device") is None
+    watcher.close()
+
+
+async def test_a_pair_that_has_ended_is_let_go_for_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(watcher_module, "GONE_S", 1.2)
+    address, heard = free_address(), Heard()
+    watcher = Watcher(ZenohSettings(connect=(address,)), heard.take)
+    watcher.open()
+    for session in ("first", "second"):
+        world = Running("world", address, parameters(), session=session)
+        async with running(world):
+            await world.until(lambda session=session: watcher.pair == (session, "device"))
+        async with asyncio.timeout(WAIT_S):
+            while watcher.pair is not None:
+                await asyncio.sleep(0.02)
     watcher.close()

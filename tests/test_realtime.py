@@ -20,7 +20,8 @@ from hapnet.mcap_file import read_recording
 from hapnet.runtime.build import prepare
 from hapnet.runtime.control import ThreadedDevice, ThreadedWorld
 from hapnet.runtime.notices import Notice
-from hapnet.runtime.realtime import LINGER_S, RealtimeSide
+from hapnet.runtime.parting import LINGER_S
+from hapnet.runtime.realtime import RealtimeSide
 from hapnet.runtime.stepper import Stepper
 from hapnet.runtime.zenoh_config import ZenohSettings, free_address
 from hapnet.runtime.zenoh_transport import ZenohTransport

@@ -11,14 +11,13 @@ from hapnet.commands import output
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
+from hapnet.report.words import ROUNDING_J
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from hapnet.runtime.batch.scenario import BatchRun
 
-TOLERANCE_J = 1e-9
-"""A margin this far below zero is rounding."""
 LONG_S = 1000.0
 """Seconds to simulate in all from which starting processes pays."""
 
@@ -52,7 +51,7 @@ def main(params: Params, seeds: range, json_to: str | None, workers: int) -> int
     with Progress(words, "simulating", len(seeds), "seeds") as bar:
         runs = simulate_batch(params, seeds, workers=workers, progress=lambda share: bar.update(share * len(seeds)))
     words.print(_table(runs))
-    outside = sum(run.summary["theorem"]["margin_J"] < -TOLERANCE_J for run in runs)
+    outside = sum(run.summary["theorem"]["margin_J"] < -ROUNDING_J for run in runs)
     words.print(f"{outside} of {len(runs)} scenarios put out more than the theorem's bound allows")
     if not all(run.vectorised for run in runs):
         words.print("simulated one at a time: these parameters, or so few seeds, are not vectorised", style="yellow")

@@ -28,7 +28,7 @@ async def obey(side: RealtimeSide, complain: Callable[[str], None]) -> None:
             _do(side, json.loads(line))
         except (HapnetError, NetemError) as error:
             complain(str(error))
-        except (KeyError, TypeError, ValueError) as error:
+        except Exception as error:  # whatever is wrong with one command, the next is heard
             complain(f"no command: {line!r:.80} ({type(error).__name__}: {error})")
 
 

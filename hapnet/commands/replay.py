@@ -87,7 +87,7 @@ def table(compared: dict[str, Any]) -> Table:
 
     result = Table("", "original", "replay", title="replay", title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
     for label, unit, key, scale in (
-        ("passivity margin, least", "mJ", "margin_J", 1e3),
+        ("passivity margin, both halves", "mJ", "margin_J", 1e3),
         ("device's half", "mJ", "device_margin_J", 1e3),
         ("world's half", "mJ", "world_margin_J", 1e3),
         ("force, largest", "N", "peak_force_N", 1.0),

@@ -6,15 +6,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from hapnet.commands import output
 from hapnet.commands.progress import Progress
-from hapnet.errors import InvalidParameter, RecordingError
+from hapnet.errors import InvalidParameter
 from hapnet.mcap_file import read_recording, repair
 from hapnet.metrics import motion
 from hapnet.record import Event, Recording, join
-from hapnet.runtime.summary import from_recording, merge
+from hapnet.runtime.summary import of_recordings
 
 if TYPE_CHECKING:
     from hapnet.report import Source
@@ -30,7 +30,7 @@ def main(files: list[Path], json_to: str | None, out: Path | None) -> int:
     written = output.Written()
     with Progress(words, "reading"):
         recordings = [read_recording(file) for file in files]
-    summary = _summary(files, recordings)
+    summary = of_recordings(files, recordings)
     whole = recordings[0] if len(files) == 1 else join(*recordings)
     summary["motion"] = motion(whole)
     sources = []
@@ -96,18 +96,3 @@ def _legible(recording: Recording) -> Recording:
 
     events = [Event(event.time_ns, legible(event.kind), legible(event.text)) for event in recording.events]
     return replace(recording, meta=legible(recording.meta), summary=legible(recording.summary), events=events)
-
-
-def _summary(files: list[Path], recordings: list[Recording]) -> dict[str, Any]:
-    """What the processes said at their end, or what their recordings still tell."""
-    parts = [recording.summary or from_recording(recording) for recording in recordings]
-    for file, part in zip(files, parts, strict=True):
-        if not isinstance(part, dict):
-            raise RecordingError(f"{file} is not a recording: its summary does not fit")
-    if len(parts) == 1:
-        return parts[0]
-    try:
-        device, world = sorted(parts, key=lambda part: part["device"] is None)
-        return merge(device, world)
-    except (KeyError, TypeError) as error:
-        raise RecordingError(f"these are not recordings that fit each other: their summaries lack {error}") from None

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from hapnet.errors import InvalidParameter
-from hapnet.params import Params
+from hapnet.params import Params, flatten
 from hapnet.record import Recording
 from hapnet.report.words import get, known
 from hapnet.runtime.build import LIVE
@@ -105,15 +105,7 @@ def _line(command: str, recording: Recording, params: Params) -> str:
 
 
 def _flat(tree: Any, prefix: str = "") -> dict[str, Any]:
-    return dict(_leaves(tree, prefix)) if isinstance(tree, Mapping) else {}
-
-
-def _leaves(tree: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Any]]:
-    for name, value in tree.items():
-        if isinstance(value, Mapping):
-            yield from _leaves(value, f"{prefix}{name}.")
-        else:
-            yield prefix + name, value
+    return dict(flatten(tree, prefix)) if isinstance(tree, Mapping) else {}
 
 
 def _written(value: Any) -> str:

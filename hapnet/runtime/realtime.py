@@ -31,6 +31,7 @@ from hapnet.runtime.control import Control, Outlet, ThreadedDevice, ThreadedWorl
 from hapnet.runtime.egress import Egress
 from hapnet.runtime.notices import Notice, notice_of
 from hapnet.runtime.parcel import Parcel
+from hapnet.runtime.parting import LINGER_S, Parting
 from hapnet.runtime.recorder import Recordings, described
 from hapnet.runtime.servo import tuned_interpreter
 from hapnet.runtime.servo_process import ServoProcess
@@ -44,15 +45,6 @@ from hapnet.telemetry import Status
 from hapnet.wire.events import EnergyCredited, Event, Mismatch, PeerRefused, PositionReceived
 from hapnet.wire.messages import Role
 from netem import Link, LinkProfile
-
-LINGER_S = 2.0
-"""After control has stopped, how long the energy in flight may take to be acknowledged [s]."""
-
-QUIET_S = 0.3
-"""So long nothing must have been credited before a side leaves: the other, which ends a little later, sends no more."""
-
-LONGEST_TRIP_S = 10.0
-"""The quiet is longer by a round trip of the emulated link, up to that, and the rest by two: one may get lost."""
 
 REFUSE_S = 0.4
 """How long a device goes on refusing a world that does not fit before it ends: some refusals get lost [s].
@@ -252,7 +244,9 @@ class RealtimeSide:
         RecordingError : it cannot be written.
         """
         self._drain()
-        self._recordings.end(self.summary(), self.control.unrecorded)
+        summary = self.summary()
+        known = summary[self.role]["ledger"]["margin_J"] is not None  # a servo's process tells it at its end only
+        self._recordings.end(summary if known else None, self.control.unrecorded)
         if path is not None:
             self._recordings.begin(path)
             if self._down:
@@ -285,24 +279,8 @@ class RealtimeSide:
 
     async def _part(self, reason: str, *, linger: bool) -> None:
         """Control has stopped: let energy in flight be acknowledged, then say goodbye."""
-        session = self.wire.session
-        trip_s = min(2.0 * self.profile.delay_ns * NANO, LONGEST_TRIP_S)
-        deadline = self._loop.time() + (LINGER_S + 2.0 * trip_s) * linger
-        self._pump()
-        credited, quiet_until = -1, 0.0
-        while self._loop.time() < deadline and not self._hurried:
-            with self._egress.lock:
-                paired, settled, now = session.peer is not None, session.settled, session.credited_nJ
-            if now != credited:
-                credited, quiet_until = now, self._loop.time() + QUIET_S + trip_s
-            if not paired or (settled and self._loop.time() >= quiet_until):
-                break
-            await asyncio.sleep(0.005)
-        with self._egress.lock:
-            session.close(self._clock(), reason)
-        self._pump()
-        while self._egress.pending and self._loop.time() < deadline + 1.0 and not self._hurried:
-            await asyncio.sleep(0.005)
+        leaving = Parting(self.wire.session, self._egress, self._clock, self._pump, lambda: self._hurried)
+        await leaving.run(reason, LINGER_S * linger, self.profile.delay_ns * NANO)
 
     def _pump(self) -> None:
         """Send what is due, and tell what has happened."""

@@ -14,12 +14,12 @@ from hapnet.errors import HapnetError, InvalidParameter, RecordingError
 from hapnet.loading import load
 from hapnet.mcap_file import read_recording
 from hapnet.metrics import motion
-from hapnet.params import Params
+from hapnet.params import Params, flatten
 from hapnet.record import Columns, Recording, join
 from hapnet.runtime.own_operator import ALLOWED
 from hapnet.runtime.recorded_hand import begins_late, fingerprint, hand_times, knows_hand, left_out, replay_ns
 from hapnet.runtime.recorded_link import KIND, played
-from hapnet.runtime.summary import Summary, from_recording, merge
+from hapnet.runtime.summary import Summary, of_recordings
 from netem import Timeline
 
 _WORLDS = ("scene", "world.", "link.down")
@@ -92,20 +92,11 @@ def read_original(files: Sequence[Path]) -> Original:
     if not isinstance(seed, int) or seed < 0:
         raise InvalidParameter("seed of the recording", seed, "a whole number, 0 or above")
     try:
-        summary = summarise(parts, recording)
+        summary = of_recordings(files, parts) | {"motion": motion(recording)}
         key_figures(summary)
     except (KeyError, TypeError, AttributeError):
         raise RecordingError("this recording cannot be replayed: its summary does not fit") from None
     return Original(tuple(files), recording, summary, params, seed, hand, simulated, tuple(notes))
-
-
-def summarise(parts: Sequence[Recording], whole: Recording) -> Summary:
-    """The summary of a run from its one or two recordings, complete or torn; `whole` is both of them."""
-    told = [part.summary or from_recording(part) for part in parts]
-    if len(told) == 2:
-        told.sort(key=lambda summary: summary["device"] is None)
-        told = [merge(*told)]
-    return {**told[0], "motion": motion(whole)}
 
 
 def compare(original: Original, replay: Recording, summary: Summary) -> dict[str, Any]:
@@ -131,7 +122,9 @@ def key_figures(summary: Summary) -> dict[str, float | int | None]:
         f"{side}_margin_J": None if summary[side] is None else summary[side]["ledger"]["margin_J"]
         for side in ("device", "world")
     }
-    return {"margin_J": summary["theorem"]["margin_J"], **sides, **summary["motion"]}
+    known = [margin for margin in sides.values() if margin is not None]
+    # of two processes no more is known than the sum of what each had least, so that is taken of both runs
+    return {"margin_J": sum(known) if len(known) == 2 else None, **sides, **summary["motion"]}
 
 
 def _parameters(recording: Recording) -> dict[str, Any]:
@@ -139,15 +132,7 @@ def _parameters(recording: Recording) -> dict[str, Any]:
     tree = recording.meta.get("params")
     if not isinstance(tree, Mapping):
         raise RecordingError("this recording cannot be replayed: it does not say with which parameters it was made")
-    return dict(_leaves(tree))
-
-
-def _leaves(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    for name, value in tree.items():
-        if isinstance(value, Mapping):
-            yield from _leaves(value, f"{prefix}{name}.")
-        else:
-            yield prefix + name, value
+    return dict(flatten(tree))
 
 
 def _notes(device: Recording, world: Recording, simulated: bool, unknown: list[str]) -> Iterator[str]:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapnet.endpoint import NANO, ControlHalf
+from hapnet.errors import RecordingError
 from hapnet.record import Columns, Recording
 from hapnet.runtime.sides import DeviceSide
 from hapnet.runtime.world_side import WorldSide
@@ -241,3 +243,23 @@ def _known(value: float) -> float | None:
 
 def _nanojoules(energy_J: float) -> int | None:
     return round(float(energy_J) * 1e9) if math.isfinite(energy_J) else None
+
+
+def of_recordings(files: Sequence[Path], recordings: Sequence[Recording]) -> Summary:
+    """The summary of a run from its one or two recordings: what the processes said at their end, or what is recorded.
+
+    Raises
+    ------
+    RecordingError : what a file says of itself is no summary.
+    """
+    parts = [recording.summary or from_recording(recording) for recording in recordings]
+    for file, part in zip(files, parts, strict=True):
+        if not isinstance(part, dict):
+            raise RecordingError(f"{file} is not a recording: its summary does not fit")
+    if len(parts) == 1:
+        return parts[0]
+    try:
+        device, world = sorted(parts, key=lambda part: part["device"] is None)
+        return merge(device, world)
+    except (KeyError, TypeError) as error:
+        raise RecordingError(f"these are not recordings that fit each other: their summaries lack {error}") from None

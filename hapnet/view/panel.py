@@ -12,6 +12,7 @@ import viser
 
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError
+from hapnet.report.words import ROUNDING_J
 from hapnet.telemetry import Status
 from hapnet.view.controls import Controls, Way
 from hapnet.view.history import Snapshot
@@ -20,9 +21,6 @@ from netem import NetemError
 
 SMOOTHING_S = 0.02
 """Time constant of the smoothing filter that the page switches on [s]."""
-
-ROUNDING_J = 1e-9
-"""What rounding may take from the margin [J]."""
 
 ABOUT = """
 A hand (blue) moves a haptic device here; a virtual mass, the *proxy* (orange), moves in a virtual world elsewhere. Over

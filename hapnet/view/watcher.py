@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -19,6 +20,9 @@ LOOK_S = 0.2
 LOST_S = 1.0
 """Without any connection for so long, Zenoh is opened anew [s]."""
 
+GONE_S = 5.0
+"""A pair that is not heard for so long is let go, for the next that is [s]."""
+
 
 class Watcher:
     """Hands each message of one pair's telemetry to `take`, on one of Zenoh's threads, where nothing may block.
@@ -33,7 +37,6 @@ class Watcher:
 
     Attributes
     ----------
-    pair : (session, name) of the pair that is watched; None: nothing was heard yet.
     others : pairs that were heard besides. unreadable : messages that were none.
     problem : why Zenoh is not open, if it is not.
 
@@ -58,10 +61,16 @@ class Watcher:
         self._keys = [f"hapnet/{session or '*'}/{name or '*'}/{way}/{TELEMETRY}" for way in ("up", "down")]
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._main, name="watcher", daemon=True)
-        self.pair: tuple[str, str] | None = None
+        self._pair: tuple[str, str] | None = None
+        self._heard_s = 0.0
         self.others: set[tuple[str, str]] = set()
         self.unreadable = 0
         self.problem = ""
+
+    @property
+    def pair(self) -> tuple[str, str] | None:
+        """(session, name) of the pair that is watched; None: nothing is heard."""
+        return self._pair if time.monotonic() - self._heard_s < GONE_S else None
 
     @property
     def where(self) -> str:
@@ -100,11 +109,13 @@ class Watcher:
 
     def _hear(self, sample: zenoh.Sample) -> None:
         _, session, name, *_ = str(sample.key_expr).split("/")
-        if self.pair is None:
-            self.pair = session, name
-        elif self.pair != (session, name):
+        if self.pair not in (None, (session, name)):
             self.others.add((session, name))
             return
+        if self._pair != (session, name):
+            self._pair = session, name
+            self.others.clear()
+        self._heard_s = time.monotonic()
         try:
             message = decode(sample.payload.to_bytes())
         except BadMessage:
