@@ -64,6 +64,7 @@ def test_public_names_are_loaded_on_first_use() -> None:
     assert subprocess.check_output([sys.executable, "-c", code], env=ENVIRONMENT, text=True) == "set()\n"
 
 
+@pytest.mark.slow
 def test_own_device(tmp_path: Path) -> None:
     """The carriage rests where K (x - p) = W and K'/K W = K_w (p - wall); W is its weight along the rail."""
     busy = ("--set", "device.watchdog_s=0")  # a machine that tests may be late
@@ -107,6 +108,7 @@ def test_own_world_on_the_command_line(tmp_path: Path) -> None:
     assert "passive" in done.stdout
 
 
+@pytest.mark.slow
 def test_two_hosts(tmp_path: Path) -> None:
     """Both sides end, and what one sent is what the other was credited, to the nanojoule."""
     said = run("two_hosts", "--port", free_address().rpartition(":")[2], cwd=tmp_path)

@@ -233,6 +233,7 @@ def test_play_says_where_its_page_is_and_leaves_nothing_behind(number: signal.Si
         assert not alive(children)
 
 
+@pytest.mark.slow
 def test_view_shows_a_pair_that_runs_elsewhere() -> None:
     pytest.importorskip("viser")
     address = free_address()

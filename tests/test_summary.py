@@ -7,8 +7,8 @@ import pytest
 
 from hapnet.params import Params
 from hapnet.record import Recording
-from hapnet.runtime.summary import Summary, combine, from_recording, merge, versions
-from hapnet.runtime.virtual import simulate
+from hapnet.runtime.summary import Summary, combine, device_summary, from_recording, merge, versions
+from hapnet.runtime.virtual import Simulation, simulate
 
 SIDE_KEYS = {"ledger", "reservoir_min_J", "sent_nJ", "credited_nJ", "discarded_nJ", "abandoned_nJ", "incarnations"}
 LINK_KEYS = {"profile", "offered", "delivered", "lost", "reordered", "delay_p50_ms", "delay_p99_ms"}
@@ -165,6 +165,16 @@ def test_a_recording_without_pspm_has_no_reservoir(simulated: Any) -> None:
     told = from_recording(simulated.recording)
     for side in ("device", "world"):
         assert (told[side]["reservoir_min_J"] is not None) == (simulated.summary["coupling"] == "pspm")
+
+
+def test_a_side_that_ends_before_its_first_tick_knows_no_slack() -> None:
+    """Control has started and nothing was observed: the least of no slacks is no number, and JSON has none for it."""
+    simulation = Simulation(Params().set({"device.servo": "sampled"}))
+    simulation._run(10**10, lambda: simulation.device.origin_ns is not None)
+    part = device_summary(simulation.device, "pspm")
+    assert simulation.device.ticks == 0
+    assert part["true_slack_J"] is None
+    json.dumps(part, allow_nan=False)
 
 
 def test_versions_name_what_is_installed() -> None:

@@ -33,7 +33,7 @@ def device_summary(side: DeviceSide, coupling_name: str, servo: Mapping[str, Any
     result = _control_summary(side.endpoint, coupling_name)
     result["servo"] = {**_UNKNOWN_SERVO, "ticks": side.ticks, **(servo or {})}
     result["quantisation_J"] = side.quantisation
-    result["true_slack_J"] = side.true_slack
+    result["true_slack_J"] = None if side.true_slack is None else _known(side.true_slack)
     return result
 
 
@@ -154,7 +154,7 @@ def _control_summary(control: ControlHalf, coupling_name: str) -> Summary:
     if control.started:
         coupling = control.coupling
         account = coupling.ledger
-        ledger = {"margin_J": account.margin_min, "slack_J": account.slack_min, "bound_J": account.bound}
+        ledger = {"margin_J": account.margin_min, "slack_J": _known(account.slack_min), "bound_J": account.bound}
         discarded = coupling.discarded
         if coupling_name == "pspm":
             minimum, deficit = coupling.energy_min, coupling.deficit_max

@@ -317,7 +317,11 @@ def _credited_nJ(side: Side, time_ns: int) -> int:
     ],
 )
 def test_both_start_before_the_cable_is_in(protocol: str, listen: str, dial: str, tmp_path: Path) -> None:
-    """A world on all addresses of its host, of either kind; the device dials one that cannot be reached yet."""
+    """A world on all addresses of its host, of either kind; the device dials one that cannot be reached yet.
+
+    A greeting or a neighbour's solicitation that goes out as the cable comes in may be lost: the kernel's next is a
+    second later.
+    """
     with joined(tmp_path, f"{protocol}/{dial}:{PORT}", listen=f"{protocol}/{listen}:{PORT}") as pair:
         for host in pair.hosts.values():
             host.pull()
@@ -325,5 +329,5 @@ def test_both_start_before_the_cable_is_in(protocol: str, listen: str, dial: str
         for side in sides:
             side.until_said("waiting")
         plugged_ns = [host.plug() for host in pair.hosts.values()][-1]
-        assert max(side.until_said("paired") for side in sides) - plugged_ns < RECOVERY_S / NANO
+        assert max(side.until_said("paired") for side in sides) - plugged_ns < (RECOVERY_S + 1.0) / NANO
         pair.stop()

@@ -196,6 +196,7 @@ def test_each_direction_may_have_a_link_of_its_own(playing: Open) -> None:
     expect(page.get_by_role("slider")).to_have_count(3)
 
 
+@pytest.mark.slow
 def test_words_are_put_in_force_by_enter_and_bad_ones_are_told(playing: Open) -> None:
     controls = playing.controls
     words = playing.page.locator("form input").first
@@ -213,6 +214,7 @@ def test_words_are_put_in_force_by_enter_and_bad_ones_are_told(playing: Open) ->
     assert controls.named("link")[-1][1].startswith("delay 270ms")
 
 
+@pytest.mark.slow
 def test_buttons_and_switches_call_theirs(playing: Open) -> None:
     page, controls = playing.page, playing.controls
     state = page.locator(".hapnet-state")
