@@ -108,8 +108,9 @@ def summary_text(summary: Mapping[str, Any]) -> RenderableType:
     from rich.text import Text
 
     def drawn(table: Table) -> RichTable:
-        layout = {"title_justify": "left", "box": box.SIMPLE_HEAD, "pad_edge": False}
-        out = RichTable(title=table.title, show_header=any(table.columns), **layout)  # type: ignore[arg-type]
+        out = RichTable(
+            title=table.title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False, show_header=any(table.columns)
+        )
         out.add_column("")
         for column in table.columns:
             out.add_column(column, justify="right")
