@@ -29,6 +29,7 @@ from hapnet.commands.options import (
 from hapnet.errors import HapnetError, OutputError
 from hapnet.params import Params
 from netem.errors import NetemError
+from netem.version_flag import tell
 
 if TYPE_CHECKING:
     from hapnet.wire.messages import Role
@@ -44,19 +45,11 @@ app = typer.Typer(
 )
 
 
-def _print_versions(context: typer.Context, wanted: bool) -> None:
-    if wanted and not context.resilient_parsing:
-        from hapnet.versions import described
-
-        print(described("hapnet"))
-        raise typer.Exit
-
-
 @app.callback()
 def before_any_command(
     version: Annotated[
         bool,
-        typer.Option("--version", help="Versions for a bug report, and end.", callback=_print_versions, is_eager=True),
+        typer.Option("--version", help="Versions for a bug report, and end.", callback=tell("hapnet"), is_eager=True),
     ] = False,
 ) -> None:
     """What goes before a command's name."""

@@ -193,7 +193,7 @@ def save(recording: Recording, path: str | os.PathLike[str]) -> None:
     ------
     RecordingError : the file cannot be written.
     """
-    with _complete_or_absent(Path(path)) as part:
+    with complete_or_absent(Path(path)) as part:
         writer = RecordingWriter(part, recording.meta)
         for sample in recording.samples():
             writer.write(sample)
@@ -211,7 +211,7 @@ def repair(path: str | os.PathLike[str]) -> Path:
     target = source.with_name(source.name.removesuffix(".mcap") + ".repaired.mcap")
     known, channels = {0: 0}, dict[int, int]()
     records = _Records(source)
-    with _complete_or_absent(target) as part, part.open("wb") as file:
+    with complete_or_absent(target) as part, part.open("wb") as file:
         writer = _mcap_writer(file)
         writer.start()
         for r in records:
@@ -242,14 +242,19 @@ def _mcap_writer(file: IO[bytes]) -> Any:  # Any: some of the class's methods ha
 
 
 @contextmanager
-def _complete_or_absent(target: Path) -> Iterator[Path]:
-    """The path to write to; it becomes `target` if the body succeeds and is removed if not."""
+def complete_or_absent(target: Path, what: str = "recording") -> Iterator[Path]:
+    """The path to write to; it becomes `target` if the body succeeds and is removed if not.
+
+    Raises
+    ------
+    RecordingError : it cannot be written; the message calls it `what`.
+    """
     part = target.with_name(target.name + ".part")
     try:
         yield part
         part.replace(target)
     except OSError as error:
-        raise RecordingError(f"cannot write recording {target}: {error.strerror or error}") from error
+        raise RecordingError(f"cannot write {what} {target}: {error.strerror or error}") from error
     finally:
         with suppress(OSError):
             part.unlink(missing_ok=True)

@@ -5,9 +5,7 @@ from __future__ import annotations
 import platform
 from functools import cache
 
-from netem.versions import DISTRIBUTION, PACKAGES, described, installed
-
-__all__ = ["described", "versions"]
+from netem.versions import DISTRIBUTION, PACKAGES, installed
 
 
 @cache

@@ -18,6 +18,7 @@ from netem import units
 from netem.errors import NetemError
 from netem.profile import PRESETS, LinkProfile, compose
 from netem.progress import Progress
+from netem.version_flag import tell
 
 if TYPE_CHECKING:
     from netem.live import RelayFigures
@@ -84,19 +85,11 @@ class Benchmark(StrEnum):
     UDP = "udp"
 
 
-def _print_versions(context: typer.Context, wanted: bool) -> None:
-    if wanted and not context.resilient_parsing:
-        from netem.versions import described
-
-        print(described("netem"))
-        raise typer.Exit
-
-
 @app.callback()
 def before_any_command(
     version: Annotated[
         bool,
-        typer.Option("--version", help="Versions for a bug report, and end.", callback=_print_versions, is_eager=True),
+        typer.Option("--version", help="Versions for a bug report, and end.", callback=tell("netem"), is_eager=True),
     ] = False,
 ) -> None:
     """What goes before a command's name."""

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import io
 import os
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hapnet.errors import RecordingError
+from hapnet.mcap_file import complete_or_absent
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -23,16 +22,8 @@ def png(fig: Figure) -> bytes:
 
 def save(data: bytes, path: str | os.PathLike[str], what: str) -> None:
     """Write `data`. Raises `RecordingError`, which calls it `what`, if it cannot be written."""
-    target = Path(path)
-    part = target.with_name(target.name + ".part")
-    try:
+    with complete_or_absent(Path(path), what) as part:
         part.write_bytes(data)
-        part.replace(target)
-    except OSError as error:
-        raise RecordingError(f"cannot write {what} {target}: {error.strerror or error}") from error
-    finally:
-        with suppress(OSError):
-            part.unlink(missing_ok=True)
 
 
 def save_figure(fig: Figure, path: str | os.PathLike[str]) -> None:

@@ -51,10 +51,9 @@ class Egress:
         self._granted_ns: int | None = None
 
     def open(self, loop: asyncio.AbstractEventLoop, due: Callable[[], None]) -> None:
-        """From now on `due` is called on `loop` when it is time to `pump`."""
+        """From `arm` on `due` is called on `loop` when it is time to `pump`."""
         self._loop = loop
         self._timer = DeadlineTimer(loop, due)
-        self.arm()
 
     def close(self) -> None:
         """`due` is not called any more."""
