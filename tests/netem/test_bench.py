@@ -43,5 +43,7 @@ def test_the_relay_forwards_twenty_thousand_a_second_each_way() -> None:
 
 
 @pytest.mark.slow
-def test_the_core_handles_half_a_million_messages_a_second() -> None:
-    assert bench.core().link >= 500_000
+def test_a_link_with_every_effect_costs_a_few_times_the_heap_it_stands_on() -> None:
+    """A ratio: how many messages that is a second depends on the machine (650,000 on one, 500,000 on another)."""
+    found = bench.core()
+    assert found.link >= found.heap / 5
