@@ -1,0 +1,1 @@
+"""Studies: many runs in virtual time, measured alike: couplings against each other, parameters over ranges."""
