@@ -8,25 +8,29 @@ halves; in real time two threads do, or two processes.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
 from hapnet.checks import Vector
 from hapnet.control.coupling import Coupling
+from hapnet.control.law import Datum, LawCoupling, LawServo, Motion, Port, Wave, WorldLawCoupling
 from hapnet.control.pspm import Modulation
 from hapnet.control.servo_law import ContinuousServo, Extremes, SampledServo
-from hapnet.wire.events import EnergyCredited, Event, Paired, PositionReceived
+from hapnet.wire import messages
+from hapnet.wire.events import EnergyCredited, Event, Paired, PositionReceived, SampleReceived
 from hapnet.wire.handshake import EARLIER
-from hapnet.wire.session import Outgoing, Session
+from hapnet.wire.session import Outgoing, PositionStream, Session
 
 NANO = 1e-9
+BACKLOG = 1024
+"""How many waves may wait for the next tick."""
 
 
-class Positions(Protocol):
-    """Makes the position messages: a `Session`, or its `PositionStream` alone."""
-
-    def position(self, now_ns: int, position: Vector) -> bytes: ...
+def backlog(expects: type[messages.Stream]) -> int:
+    """How many messages of a peer's stream may wait for the next tick: of waves each counts, else only the newest."""
+    return BACKLOG if expects is messages.Wave else 1
 
 
 class Handover(Protocol):
@@ -38,8 +42,8 @@ class Handover(Protocol):
         `restarted`: the peer had another one in this side's place before.
         """
 
-    def arrive(self, y: Vector, sent_s: float) -> None:
-        """A set-position came [m], sent at the sender's time `sent_s` [s]; the newest counts."""
+    def arrive(self, datum: Datum, sent_s: float) -> None:
+        """A datum came, mostly a set-position [m], sent at the sender's time `sent_s` [s]; the newest counts."""
 
     def credit(self, credited_nJ: int) -> None:
         """Shuffled energy came [nJ]."""
@@ -57,9 +61,10 @@ class ControlHalf:
     Parameters
     ----------
     positions : makes the position messages.
+    backlog : how many of what the peer sends all the time may wait.
     """
 
-    def __init__(self, positions: Positions) -> None:
+    def __init__(self, positions: PositionStream, backlog: int = 1) -> None:
         self.paired = False
         """A peer was found: control may start."""
         self.restarted = False
@@ -67,13 +72,13 @@ class ControlHalf:
         start with a full one would be energy from nothing, and a crash loop a pump."""
         self._positions = positions
         self._another = False  # another peer, whose clock and place have nothing to do with those of the one before
-        self._coupling: Coupling | None = None
-        self._arrived: deque[tuple[Vector, float]] = deque(maxlen=1)
+        self._coupling: Coupling | LawCoupling | None = None
+        self._arrived: deque[tuple[Datum, float]] = deque(maxlen=backlog)
         self._credits: deque[int] = deque()
         self._surplus: deque[float] = deque()
 
     @property
-    def coupling(self) -> Coupling:
+    def coupling(self) -> Coupling | LawCoupling:
         """The coupling; it exists once control has started."""
         assert self._coupling is not None, "control has not started"
         return self._coupling
@@ -92,8 +97,8 @@ class ControlHalf:
             self.restarted = restarted
         self.paired = True
 
-    def arrive(self, y: Vector, sent_s: float) -> None:
-        self._arrived.append((y, sent_s))
+    def arrive(self, datum: Datum, sent_s: float) -> None:
+        self._arrived.append((datum, sent_s))
 
     def credit(self, credited_nJ: int) -> None:
         self._credits.append(credited_nJ)
@@ -108,30 +113,44 @@ class ControlHalf:
     # -- called by control ------------------------------------------------------------------------------------------
 
     @property
-    def arrived(self) -> Vector | None:
-        """The newest set-position that control has not taken yet [m]."""
+    def arrived(self) -> Datum | None:
+        """The newest datum that control has not taken yet."""
         return self._arrived[-1][0] if self._arrived else None
 
-    def _take(self) -> Coupling:
+    def _take(self) -> Coupling | LawCoupling:
         """Give the coupling what has arrived since the last tick, and another peer its share of the reservoir."""
         coupling = self._coupling
         assert coupling is not None, "control has not started"
         if self._another:
             self._another = False
-            coupling.stages.reset(coupling.target)
-            if (energy := coupling.share()) > 0.0:
+            if (energy := coupling.renew()) > 0.0:
                 self._surplus.append(energy)
-        if self._arrived:
-            coupling.receive(*self._arrived.popleft())
+        receive: Callable[..., None] = coupling.receive
+        while self._arrived:
+            receive(*self._arrived.popleft())
         while self._credits:
             coupling.credit(self._credits.popleft() * NANO)
         return coupling
 
-    def _send(self, now_ns: int, x: Vector, result: Modulation) -> bytes:
-        """After a PSPM instant: hand on the surplus; the position message (x(t_k)) to put on the link."""
-        if result.sent > 0.0:
-            self._surplus.append(result.sent)
-        return self._positions.position(now_ns, x)
+    def _send(self, now_ns: int, x: Vector, result: Modulation | Datum) -> bytes:
+        """After a PSPM instant: hand on the surplus; the position message (x(t_k)) to put on the link.
+
+        Under another law: the message of its datum.
+        """
+        positions = self._positions
+        if isinstance(result, Modulation):
+            if result.sent > 0.0:
+                self._surplus.append(result.sent)
+            return positions.position(now_ns, x)
+        match result:
+            case Motion(position, velocity):
+                return positions.motion(now_ns, position, velocity)
+            case Port(value, energy):
+                return positions.port(now_ns, value, math.floor(energy / NANO))  # rather too little
+            case Wave(value, span):
+                return positions.wave(now_ns, value, max(1, round(span / NANO)))
+            case _:
+                return positions.position(now_ns, result)
 
 
 class WireHalf:
@@ -182,6 +201,8 @@ class WireHalf:
         for event in events:
             if isinstance(event, PositionReceived):
                 self._control.arrive(event.position, event.sent_ns * NANO)
+            elif isinstance(event, SampleReceived):
+                self._control.arrive(_datum(event.message), event.message.sent_ns * NANO)
             elif isinstance(event, EnergyCredited):
                 self._control.credit(event.credited_nJ)
             elif isinstance(event, Paired):
@@ -191,9 +212,9 @@ class WireHalf:
 class DeviceControl(ControlHalf):
     """The device's servo."""
 
-    def start(self, servo: ContinuousServo | SampledServo) -> None:
+    def start(self, servo: ContinuousServo | SampledServo | LawServo) -> None:
         """Begin to render: `servo` is at rest at the device's position (ybar = x)."""
-        self._tick: Callable[..., Modulation | None] = servo.tick
+        self._tick: Callable[..., Modulation | Datum | None] = servo.tick
         self._coupling = servo.coupling
 
     def tick_sampled(self, now_ns: int, dt: float, x: Vector, v: Vector, *, release: bool = False) -> bytes | None:
@@ -235,9 +256,10 @@ class DeviceControl(ControlHalf):
 class WorldControl(ControlHalf):
     """The virtual world's loop: PSPM at the onset of every integration step."""
 
-    def start(self, coupling: Coupling) -> None:
+    def start(self, coupling: Coupling | WorldLawCoupling) -> None:
         """Begin to step: the coupling is at rest at the virtual mass's position."""
         self._coupling = coupling
+        self._update: Callable[[float, Vector, float], Modulation | Datum] = coupling.update
 
     def step(self, now_ns: int, dt: float, x: Vector, kinetic: float, work: float, dissipated: float) -> bytes:
         """The onset of step k: PSPM with the newest set-position; `coupling.set_position` is then ybar_k.
@@ -256,7 +278,7 @@ class WorldControl(ControlHalf):
         ledger = coupling.ledger
         ledger.put_in(work)
         ledger.observe(kinetic + coupling.potential(x), coupling.account)
-        result = coupling.update(dt, x, dissipated)
+        result = self._update(dt, x, dissipated)
         ledger.observe(kinetic + coupling.potential(x), coupling.account)
         return self._send(now_ns, x, result)
 
@@ -265,7 +287,7 @@ class DeviceEndpoint(WireHalf, DeviceControl):
     """The device's side: both halves in one process."""
 
     def __init__(self, session: Session) -> None:
-        DeviceControl.__init__(self, session)
+        DeviceControl.__init__(self, session.positions, backlog(session.settings.expects))
         WireHalf.__init__(self, session, self)
 
 
@@ -273,8 +295,19 @@ class WorldEndpoint(WireHalf, WorldControl):
     """The virtual world's side: both halves in one process."""
 
     def __init__(self, session: Session) -> None:
-        WorldControl.__init__(self, session)
+        WorldControl.__init__(self, session.positions, backlog(session.settings.expects))
         WireHalf.__init__(self, session, self)
+
+
+def _datum(message: messages.Motion | messages.Port | messages.Wave) -> Datum:
+    """What a message says, in SI units."""
+    match message:
+        case messages.Motion():
+            return Motion(message.position, message.velocity)
+        case messages.Port():
+            return Port(message.value, message.energy_nJ * NANO)
+        case messages.Wave():
+            return Wave(message.wave, message.span_ns * NANO)
 
 
 Endpoint = DeviceEndpoint | WorldEndpoint

@@ -17,6 +17,8 @@ from typing import Any
 
 from hapnet.errors import InvalidParameter
 
+COUPLINGS = ("pspm", "zoh", "popc", "tdpa", "eba", "wave", "digital-wave", "pd")
+
 Matrix = float | tuple[float, ...] | tuple[tuple[float, ...], ...]
 """A scalar, one number an axis, or rows of a matrix."""
 
@@ -135,6 +137,55 @@ class WorldParams:
     wall: WallParams = field(default_factory=WallParams)
 
 
+_BY_RULE = _Range(at_least=0.0)
+
+
+@dataclass(frozen=True)
+class PopcParams:
+    """Passivity observer and controller at the device's port (Hannaford, Ryu 2002)."""
+
+    velocity_floor: float = _p(0.002, "slower than this the controller cannot damp [m/s]", _POSITIVE)
+    damping_cap: float = _p(0.0, "most damping that it may inject [Ns/m]; 0: by rule", _BY_RULE)
+
+
+@dataclass(frozen=True)
+class TdpaParams:
+    """Two-port time-domain passivity (Ryu, Artigas, Preusche 2010)."""
+
+    stiffness: float = _p(0.0, "virtual coupling of the world's end [N/m]; 0: device.stiffness", _BY_RULE)
+    damping: float = _p(0.0, "its damping [Ns/m]; 0: by rule", _BY_RULE)
+    velocity_floor: float = _p(0.002, "slower than this the device's controller cannot damp [m/s]", _POSITIVE)
+    force_floor: float = _p(0.05, "with less force than this the world's controller cannot yield [N]", _POSITIVE)
+    damping_cap: float = _p(0.0, "most damping at the device [Ns/m]; 0: by rule", _BY_RULE)
+
+
+@dataclass(frozen=True)
+class EbaParams:
+    """Energy bounding (Kim, Ryu 2004)."""
+
+    damping: float = _p(0.0, "lower bound of the device's own damping [Ns/m]; 0: device.own_damping", _BY_RULE)
+
+
+@dataclass(frozen=True)
+class WaveParams:
+    """Wave variables (Niemeyer, Slotine 2004), and digital waves (Berestesky, Chopra, Spong 2004)."""
+
+    impedance: float = _p(0.0, "wave impedance b [Ns/m]; 0: by rule", _BY_RULE)
+    stiffness: float = _p(0.0, "virtual coupling of the world's end [N/m]; 0: device.stiffness", _BY_RULE)
+    damping: float = _p(0.0, "its damping [Ns/m]; 0: by rule", _BY_RULE)
+    missing: str = _p("zero", "what stands for a wave that has not come; hold, the last one, is not passive",
+                      ("zero", "hold"))  # fmt: skip
+
+
+@dataclass(frozen=True)
+class PdParams:
+    """PD over a constant delay (Lee, Spong 2006)."""
+
+    damping: float = _p(0.0, "K_d, which pays for the delay [Ns/m]; 0: by rule", _BY_RULE)
+    coordination: float = _p(0.0, "K_v, of the difference of velocities [Ns/m]", _NOT_NEGATIVE)
+    extra_damping: float = _p(0.0, "P_e [Ns/m]", _NOT_NEGATIVE)
+
+
 @dataclass(frozen=True)
 class LinkParams:
     """The emulated link, in tc-netem's words; each side shapes what it sends."""
@@ -171,7 +222,7 @@ class Params:
         "press", "rest, sine, press, a recording's path (.csv, .mcap), module:Class; mouse: led live by hapnet play"
     )
     hardware: str = _p("simulated", "the device: simulated, or module:Class of your own")
-    coupling: str = _p("pspm", "pspm; zoh: a plain virtual coupling, not passive", ("pspm", "zoh"))
+    coupling: str = _p("pspm", "pspm; others are there to compare with", COUPLINGS)
     dof: int = _p(0, "degrees of freedom; 0: the scene's own", _NOT_NEGATIVE)
     duration_s: float = _p(10.0, "from pairing [s]; 0: until stopped", _NOT_NEGATIVE)
     record_hz: float = _p(200.0, "recorded samples a second of the device [Hz]", _POSITIVE)
@@ -185,6 +236,11 @@ class Params:
     world: WorldParams = field(default_factory=WorldParams)
     link: LinkParams = field(default_factory=LinkParams)
     wire: WireParams = field(default_factory=WireParams)
+    popc: PopcParams = field(default_factory=PopcParams)
+    tdpa: TdpaParams = field(default_factory=TdpaParams)
+    eba: EbaParams = field(default_factory=EbaParams)
+    wave: WaveParams = field(default_factory=WaveParams)
+    pd: PdParams = field(default_factory=PdParams)
 
     def __post_init__(self) -> None:
         for name, value, spec in _leaves(self):

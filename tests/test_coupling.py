@@ -193,7 +193,7 @@ def test_what_is_shared_with_a_peer_that_begins_with_nothing_is_sent_and_leaves_
     c.ledger.observe(c.potential((0.0,)), c.account)
     slack = c.ledger.slack
     margin = c.ledger.margin
-    given = c.share()
+    given = c.renew()
     c.ledger.observe(c.potential((0.0,)), c.account)
     assert given == c.ledger.sent == before / 2.0 == c.modulator.energy == c.account
     assert given == pytest.approx(0.015)
@@ -204,4 +204,4 @@ def test_what_is_shared_with_a_peer_that_begins_with_nothing_is_sent_and_leaves_
 def test_without_pspm_nothing_is_shared() -> None:
     zoh = ZeroOrderHold(Spring(100.0, 1), (0.0,), 0.05)
     c = Coupling(zoh, stages=Pipeline([]), silence=Silence("hold", 0.1))
-    assert (c.share(), c.ledger.sent, c.account) == (0.0, 0.0, 0.05)
+    assert (c.renew(), c.ledger.sent, c.account) == (0.0, 0.0, 0.05)

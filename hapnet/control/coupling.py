@@ -81,6 +81,16 @@ class Coupling:
         """ybar [m]."""
         return self.modulator.set_position
 
+    @property
+    def reservoir(self) -> float:
+        """E [J]."""
+        return self.modulator.energy
+
+    @property
+    def deficit(self) -> float:
+        """What a measured, negative D left unpaid [J]."""
+        return self.modulator.deficit
+
     def receive(self, y: Vector, sent_s: float) -> None:
         """A set-position arrived [m]; `sent_s` is the sender's time [s]."""
         self._received = y
@@ -92,8 +102,12 @@ class Coupling:
         self._credit += energy
         self.has_datum = True
 
-    def share(self) -> float:
-        """Send half of the reservoir to a peer that begins with an empty one, and could not move else [J]."""
+    def renew(self) -> float:
+        """Another peer takes the first one's place: half of the reservoir is for it, which begins with none [J].
+
+        It could not move else. The stages begin anew: its clock and its place have nothing to do with the first one's.
+        """
+        self.stages.reset(self.target)
         energy = self.modulator.share()
         self.ledger.send(energy)
         self.account = self.modulator.account

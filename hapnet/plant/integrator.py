@@ -76,7 +76,7 @@ class PassiveIntegrator:
         # Lower triangle of A in powers of T: 2M, B', K'/2.
         self._terms = [[(2.0 * M[i][j], B[i][j], 0.5 * K[i][j]) for j in range(i + 1)] for i in range(n)]
         self._diagonal = all(_is_diagonal(matrix) for matrix in (M, B, K))
-        self._dt = 0.0
+        self._factored: tuple[float, float | None] = (0.0, None)
         self._contacts: Contacts | None = None
 
     @property
@@ -145,7 +145,7 @@ class PassiveIntegrator:
         ybar = self._input("set_position", set_position)
         if contacts is not self._contacts:
             self.adopt(contacts)
-        if dt != self._dt:
+        if self._factored != (dt, None):
             self._factor(dt)
         x, v, K = self._x, self._v, self._K
         error = tuple(map(sub, x, ybar))
@@ -176,6 +176,38 @@ class PassiveIntegrator:
             0.0 if contacts is None else contacts.penetration(x),
         )
 
+    def push(self, dt: float, drag: float, push: ArrayLike, contacts: Contacts | None = None) -> Step:
+        """Advance by `dt` on a coupling of another kind, ``tau = push - drag vhat``, solved together with the contacts.
+
+        ``(2M/T + drag) vhat = 2M/T v_k + push + f``; `dissipated_J` of the step is 0, as a coupling's own damping is
+        its own affair.
+
+        Parameters
+        ----------
+        dt : T_k [s], positive. drag : [Ns/m], 0 or above, for all axes. push : (n,) [N].
+        contacts : walls.
+
+        Raises InvalidParameter; the state is then as before.
+        """
+        p = self._input("push", push)
+        if not 0.0 <= drag < inf:
+            raise InvalidParameter("drag", drag, "0 Ns/m or above")
+        if contacts is not self._contacts:
+            self.adopt(contacts)
+        if self._factored != (dt, drag):
+            self._factor(dt, drag)
+        x, v = self._x, self._v
+        gain = 2.0 / dt
+        vhat = self._solve([gain * momentum + force for momentum, force in zip(self._M(v), p, strict=True)])
+        f: Sequence[float] = (0.0,) * self._n
+        if contacts is not None:
+            f, vhat = contacts.solve(dt, x, vhat, self._solve)
+        self._x = x = tuple([q + dt * u for q, u in zip(x, vhat, strict=True)])
+        self._v = tuple([2.0 * u - w for u, w in zip(vhat, v, strict=True)])
+        tau = tuple([force - drag * u for force, u in zip(p, vhat, strict=True)])
+        depth = 0.0 if contacts is None else contacts.penetration(x)
+        return Step(tuple(vhat), tuple(f), dt * sum(map(mul, f, vhat)), 0.0, tau, x, depth)
+
     def _input(self, name: str, value: ArrayLike) -> Vector:
         if isinstance(value, tuple) and len(value) == self._n:
             try:
@@ -185,19 +217,24 @@ class PassiveIntegrator:
                 raise InvalidParameter(name, value, f"{self._n} finite numbers ({error})") from None
         return checks.vector(name, value, self._n)
 
-    def _factor(self, dt: float) -> None:
-        """A = L D L' for this step size; keeps the strict lower rows of L and 1/D."""
+    def _factor(self, dt: float, drag: float | None = None) -> None:
+        """A = L D L' for this step size; keeps the strict lower rows of L and 1/D. `drag`: in place of B' + K' T/2."""
         if not 0.0 < dt < inf:
             raise InvalidParameter("dt", dt, "a positive, finite number of seconds")
+        all_terms = self._terms
+        if drag is not None:
+            all_terms = [
+                [(m, drag * (i == j), 0.0) for j, (m, *_) in enumerate(row)] for i, row in enumerate(all_terms)
+            ]
         if self._diagonal:
-            pivots = [m / dt + b + k * dt for *_, (m, b, k) in self._terms]
+            pivots = [m / dt + b + k * dt for *_, (m, b, k) in all_terms]
             if not 0.0 < min(pivots) <= max(pivots) < inf:
                 raise InvalidParameter("dt", dt, "a step that 2M/T + B' + K' T/2 can be computed for")
-            self._dt, self._inverse_pivots = dt, [1.0 / pivot for pivot in pivots]
+            self._factored, self._inverse_pivots = (dt, drag), [1.0 / pivot for pivot in pivots]
             return
         rows: list[list[float]] = []
         inverse_pivots: list[float] = []
-        for terms in self._terms:
+        for terms in all_terms:
             u = [m / dt + b + k * dt for m, b, k in terms]
             pivot = u.pop()
             row: list[float] = []
@@ -210,7 +247,7 @@ class PassiveIntegrator:
                 raise InvalidParameter("dt", dt, "a step that 2M/T + B' + K' T/2 can be computed for")
             rows.append(row)
             inverse_pivots.append(1.0 / pivot)
-        self._dt, self._L, self._inverse_pivots = dt, rows, inverse_pivots
+        self._factored, self._L, self._inverse_pivots = (dt, drag), rows, inverse_pivots
 
     def _solve(self, b: Sequence[float]) -> list[float]:
         """A^-1 b by substitution, so that the residual stays at rounding whatever A's condition."""

@@ -7,7 +7,6 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -16,6 +15,7 @@ from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.control.coupling import Coupling, Modulator
 from hapnet.control.harvest import damping_conditions
+from hapnet.control.law import LawServo, WorldLawCoupling
 from hapnet.control.limits import OnSilence, Silence
 from hapnet.control.pspm import SetPositionModulator, Shuffle
 from hapnet.control.servo_law import ContinuousServo, Harvest, SampledServo
@@ -28,21 +28,19 @@ from hapnet.params import DeviceParams, Params, WorldParams
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.live_hand import LiveHand
-from hapnet.plant.operator import Impedance, Operator, Press, Rest, Sine, read_motion
 from hapnet.plant.scene import SCENES, Scene, make_scene, scene_parameters
+from hapnet.runtime.couplings import KINDS, Kind, Tuning, delays
+from hapnet.runtime.hands import LIVE as LIVE
+from hapnet.runtime.hands import operator
 from hapnet.runtime.own_device import OwnDevice
-from hapnet.runtime.own_operator import OwnOperator
-from hapnet.runtime.recorded_hand import is_recording, recorded_hand
 from hapnet.runtime.sides import Clock, ContinuousDeviceSide, DeviceSide, Drive, SampledDeviceSide, Write
 from hapnet.runtime.world_side import WorldSide
-from hapnet.wire.handshake import RESERVOIR
+from hapnet.wire.handshake import RESERVOIR, SHARED
 from hapnet.wire.messages import Role
 from hapnet.wire.session import Session, SessionSettings
 from netem import LinkProfile, Timeline
 
 _DEFAULTS = Params()
-LIVE = "mouse"
-"""The operator that is led while it runs; in real time only."""
 
 _SCENE_PARAMETERS = {
     "stiffness": "world.wall.stiffness",
@@ -63,6 +61,10 @@ class Setup:
     scene: Scene
     servo: str
     harvest: Harvest
+    kind: Kind
+    """The coupling."""
+    tuning: Tuning
+    """What the coupling's own rule makes of the link."""
     up: LinkProfile
     down: LinkProfile
     up_timeline: Timeline | None = None
@@ -83,7 +85,12 @@ def prepare(params: Params, default_servo: str = "sampled") -> Setup:
     """
     scene, warnings = _scene(params)
     device = params.device
-    servo = default_servo if device.servo == "auto" else device.servo
+    kind = KINDS[params.coupling]
+    servo = device.servo
+    if servo == "auto":
+        servo = default_servo if kind.device is None else "sampled"
+    elif servo == "continuous" and kind.device is not None:
+        raise InvalidParameter("device.servo", servo, f"sampled with the coupling {params.coupling}")
     harvest = cast(
         Harvest, ("range" if servo == "continuous" else "measured") if device.harvest == "auto" else device.harvest
     )
@@ -106,8 +113,9 @@ def prepare(params: Params, default_servo: str = "sampled") -> Setup:
     if servo == "sampled" and harvest == "range" and params.coupling == "pspm":
         warnings.extend(_range_warning(device, scene.dof))
     up, down = link_profile("link.up", params.link.up), link_profile("link.down", params.link.down)
+    tuning = kind.tune(params, delays(up, down))
     timelines = (_timeline(params.link.up_timeline), _timeline(params.link.down_timeline))
-    return Setup(params, scene, servo, harvest, up, down, *timelines, tuple(warnings))
+    return Setup(params, scene, servo, harvest, kind, tuning, up, down, *timelines, tuple(warnings))
 
 
 def link_profile(name: str, words: str) -> LinkProfile:
@@ -145,7 +153,7 @@ def device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Writ
     params = setup.params
     device = params.device
     period = 1.0 / device.servo_hz
-    hand = _operator(setup)
+    hand = operator(params, setup.scene)
     simulated = SimulatedDevice(
         hand,
         mass=device.mass,
@@ -208,7 +216,10 @@ def world_side(setup: Setup, endpoint: WorldControl, rng: np.random.Generator, w
         mass = PassiveIntegrator(world.mass, world.damping, world.stiffness, setup.scene.start)
     mass.adopt(setup.scene.contacts)
 
-    def make_coupling(position: Vector, kinetic: float, empty: bool = False) -> Coupling:
+    def make_coupling(position: Vector, kinetic: float, empty: bool = False) -> Coupling | WorldLawCoupling:
+        if setup.kind.world is not None:
+            law = setup.kind.world(setup.params, setup.tuning, position)
+            return WorldLawCoupling(law, 0.0 if empty else world.ceiling_J)
         spring = shared_spring(world.stiffness, setup.dof)
         return Coupling(
             _modulator(setup, world, spring, position, None, empty),
@@ -230,7 +241,12 @@ def _session(setup: Setup, role: Role, name: str, incarnation: int) -> Session:
         dof=setup.dof,
         name=name,
         incarnation=incarnation,
-        about={"scene": setup.params.scene, "coupling": setup.params.coupling, RESERVOIR: side.ceiling_J},
+        about={
+            "scene": setup.params.scene,
+            "coupling": setup.params.coupling,
+            RESERVOIR: side.ceiling_J,
+            **{SHARED + name: setup.tuning[name] for name in setup.kind.shared},
+        },
         settings=SessionSettings(
             accept_stale=wire.accept_stale,
             admission_W=wire.admission_W,
@@ -238,6 +254,7 @@ def _session(setup: Setup, role: Role, name: str, incarnation: int) -> Session:
             hello_period_ns=round(wire.hello_period_s / NANO),
             spacing_ns=round(wire.energy_spacing_s / NANO),
             silence_ns=round(side.silence_after_s / NANO),
+            expects=setup.kind.world_sends if role == "device" else setup.kind.device_sends,
         ),
     )
 
@@ -254,11 +271,19 @@ def _continuous_servo(setup: Setup) -> Callable[[Vector, float, bool], Continuou
     return make
 
 
-def _sampled_servo(setup: Setup) -> Callable[[Vector, bool], SampledServo]:
+def _sampled_servo(setup: Setup) -> Callable[[Vector, bool], SampledServo | LawServo]:
     device = setup.params.device
     damping = checks.diagonal("device.damping", device.damping, setup.dof)
 
-    def make(position: Vector, empty: bool = False) -> SampledServo:
+    def make(position: Vector, empty: bool = False) -> SampledServo | LawServo:
+        if setup.kind.device is not None:
+            return LawServo(
+                setup.kind.device(setup.params, setup.tuning, position),
+                period=device.pspm_period_s,
+                position=position,
+                bound=0.0 if empty else device.ceiling_J,
+                force_limit=device.force_limit_N or math.inf,
+            )
         return SampledServo(
             _device_coupling(setup, position, 0.0, empty),
             damping=damping,
@@ -288,7 +313,7 @@ def _device_coupling(setup: Setup, position: Vector, kinetic: float, empty: bool
 
 def _longest_step(setup: Setup, side: DeviceParams | WorldParams, spring: Spring) -> float:
     """How far ybar may move in an update [m], so that the spring's force steps by no more than its limit."""
-    if setup.params.coupling == "zoh" or not side.step_limit_N:
+    if setup.params.coupling != "pspm" or not side.step_limit_N:
         return math.inf
     return side.step_limit_N / spring.ellipsoid.largest
 
@@ -302,7 +327,7 @@ def _modulator(
     empty: bool,
 ) -> Modulator:
     energy = 0.0 if empty else side.ceiling_J
-    if setup.params.coupling == "zoh":
+    if setup.params.coupling != "pspm":
         return ZeroOrderHold(spring, position, energy)
     return SetPositionModulator(
         stiffness=side.stiffness,
@@ -347,28 +372,6 @@ def _scene(params: Params) -> tuple[Scene, list[str]]:
             raise
         name = _SCENE_PARAMETERS[error.name]
         raise InvalidParameter(name, params.get(name), error.allowed) from error
-
-
-def _operator(setup: Setup) -> Operator:
-    name, hand, dof = setup.params.operator, setup.params.operator_hand, setup.dof
-    impedance = Impedance(hand.mass, hand.damping, hand.stiffness)
-    walls = setup.scene.walls
-    normal = walls[0].normal if walls else (1.0, *(0.0,) * (dof - 1))
-    start = tuple([hand.start_m * component for component in normal])
-    if name == LIVE:
-        return LiveHand(start, impedance)
-    if name == "rest":
-        return Rest(dof, impedance, start)
-    if name == "sine":
-        return Sine(dof, impedance, hand.amplitude_m, hand.frequency_hz)
-    if name == "press":
-        goal = tuple([hand.goal_m * component for component in normal])
-        return Press(start, goal, impedance, reach=hand.reach_s, hold=hand.hold_s, wait=hand.wait_s)
-    if is_recording(name):
-        return recorded_hand(name, dof, impedance)
-    if name.endswith(".csv") or Path(name).exists():
-        return read_motion(Path(name), dof, impedance, press_depth=hand.press_depth_m, hover=hand.hover_m)
-    return OwnOperator(name, dof, impedance)
 
 
 def _range_warning(device: DeviceParams, dof: int) -> list[str]:

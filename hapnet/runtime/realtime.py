@@ -42,7 +42,7 @@ from hapnet.runtime.tls_probe import UNANSWERED_NS, Inquiry
 from hapnet.runtime.zenoh_config import ZenohSettings
 from hapnet.runtime.zenoh_transport import TELEMETRY, ZenohTransport
 from hapnet.telemetry import Status
-from hapnet.wire.events import EnergyCredited, Event, Mismatch, PeerRefused, PositionReceived
+from hapnet.wire.events import EnergyCredited, Event, Mismatch, PeerRefused, PositionReceived, SampleReceived
 from hapnet.wire.messages import Role
 from netem import Link, LinkProfile
 
@@ -55,6 +55,8 @@ A world goes on waiting for a device that fits: else any stranger could end it.
 _HOUSEKEEPING_S = 0.05
 _MOST_NOTES = 1000
 _COLLECT_EVERY = 20  # housekeepings
+_UNTOLD = (PositionReceived, SampleReceived, EnergyCredited)
+"""Events that come with the traffic, and that nobody is told."""
 
 
 class RealtimeSide:
@@ -146,7 +148,7 @@ class RealtimeSide:
         self._report(self._egress.receive(data))
 
     def _report(self, events: tuple[Event, ...]) -> None:
-        told = [event for event in events if not isinstance(event, PositionReceived | EnergyCredited)]
+        told = [event for event in events if not isinstance(event, _UNTOLD)]
         if told:
             self._loop.call_soon_threadsafe(self._tell, told, self._clock())
 
@@ -359,8 +361,10 @@ class RealtimeSide:
             links[self._way] = self._link.stats.as_dict()
         origin_ns = self.control.origin_ns
         elapsed = None if origin_ns is None else (end_ns - origin_ns) * NANO
-        coupling = self.setup.params.coupling
-        summary = combine(own["device"], own["world"], links, seed=self.seed, duration_s=elapsed, coupling=coupling)
+        summary = combine(
+            own["device"], own["world"], links,
+            seed=self.seed, duration_s=elapsed, coupling=self.setup.params.coupling, tuning=self.setup.tuning,
+        )  # fmt: skip
         summary["wall_clock"] = {"elapsed_s": (self._clock() - self._started_ns) * NANO}
         return summary
 

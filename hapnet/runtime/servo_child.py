@@ -14,14 +14,14 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from hapnet.endpoint import DeviceControl
+from hapnet.endpoint import DeviceControl, backlog
 from hapnet.errors import HapnetError
 from hapnet.params import Params
 from hapnet.record import DeviceSample, Sample
 from hapnet.runtime.build import device_side, prepare
 from hapnet.runtime.control import servo_timing
 from hapnet.runtime.servo import Servo, tuned_interpreter
-from hapnet.runtime.servo_pipe import Pipe, PipeClosed
+from hapnet.runtime.servo_pipe import Pipe, PipeClosed, datum_of
 from hapnet.runtime.summary import device_summary
 from hapnet.wire.session import PositionStream
 
@@ -39,8 +39,10 @@ class ServoChild:
         params = Params().set(setup["params"])
         self._pipe = pipe
         self._coupling = params.coupling
-        self._control = DeviceControl(PositionStream(setup["incarnation"]))
-        self.side = device_side(prepare(params, "sampled"), self._control, time.monotonic_ns, self._write)
+        prepared = prepare(params, "sampled")
+        waiting = backlog(prepared.kind.world_sends)
+        self._control = DeviceControl(PositionStream(setup["incarnation"]), waiting)
+        self.side = device_side(prepared, self._control, time.monotonic_ns, self._write)
         self.servo = Servo(
             round(1e9 / params.device.servo_hz),
             self._tick,
@@ -90,8 +92,8 @@ class ServoChild:
         try:
             while (frame := self._pipe.look()) is not None:
                 match frame:
-                    case ("arrive", y, sent_s):
-                        control.arrive(y, sent_s)
+                    case ("arrive", kind, values, sent_s):
+                        control.arrive(datum_of(kind, values), sent_s)
                     case ("credit", credited_nJ):
                         control.credit(credited_nJ)
                     case ("pair", restarted):

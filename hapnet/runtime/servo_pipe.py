@@ -14,12 +14,28 @@ from typing import Any
 
 import msgpack
 
+from hapnet.control.law import Datum, Motion, Port, Wave
+
 LONGEST_FRAME = 1 << 17
 _TO_SERVO, _FROM_SERVO = 1 << 16, 1 << 20
 """Buffers asked for; a frame takes some 800 bytes. What waits for a servo is out of date; what it says is kept."""
 
+_KINDS: tuple[Any, ...] = (tuple, Motion, Port, Wave)
+
 _pack = msgpack.packb
 _unpack = msgpack.unpackb
+
+
+def kind_of(datum: Datum) -> int:
+    """msgpack does not tell a named tuple from another: what goes through a pipe beside the datum."""
+    kind: int = _KINDS.index(type(datum))
+    return kind
+
+
+def datum_of(kind: int, values: tuple[Any, ...]) -> Datum:
+    """A datum that came through a pipe."""
+    datum: Datum = _KINDS[kind](*values) if kind else values
+    return datum
 
 
 class PipeClosed(Exception):

@@ -16,12 +16,13 @@ from collections import deque
 from typing import Any
 
 from hapnet.checks import Vector
+from hapnet.control.law import Datum
 from hapnet.endpoint import WireHalf
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.record import DeviceSample, Event
 from hapnet.runtime.build import Setup
 from hapnet.runtime.control import Outlet
-from hapnet.runtime.servo_pipe import Pipe, PipeClosed, socket_pair
+from hapnet.runtime.servo_pipe import Pipe, PipeClosed, kind_of, socket_pair
 from hapnet.runtime.summary import Summary, unknown_device, with_wire
 from hapnet.wire.session import Session
 
@@ -65,9 +66,9 @@ class ServoProcess:
     def pair(self, restarted: bool) -> None:
         self._deliver("pair", restarted)
 
-    def arrive(self, y: Vector, sent_s: float) -> None:
+    def arrive(self, datum: Datum, sent_s: float) -> None:
         self._pay()
-        self._pipe.offer("arrive", y, sent_s)
+        self._pipe.offer("arrive", kind_of(datum), datum, sent_s)
 
     def credit(self, credited_nJ: int) -> None:
         self._deliver("credit", credited_nJ)

@@ -10,6 +10,7 @@ from operator import mul, sub
 from hapnet.checks import Vector
 from hapnet.control.coupling import Coupling
 from hapnet.control.harvest import MeasuredHarvest
+from hapnet.control.law import LawCoupling, LawServo
 from hapnet.control.ledger import Ledger
 from hapnet.control.servo_law import ContinuousServo, SampledServo
 from hapnet.endpoint import NANO, DeviceControl
@@ -73,7 +74,7 @@ class DeviceSide(ABC):
         self._expected_ns = 0  # the time up to which a simulated device has lived
 
     @property
-    def coupling(self) -> Coupling:
+    def coupling(self) -> Coupling | LawCoupling:
         return self.endpoint.coupling
 
     @property
@@ -157,9 +158,9 @@ class DeviceSide(ABC):
         self, now_ns: int, x: Vector, force: Vector, hand: Vector | None, target: Vector | None
     ) -> DeviceSample:
         coupling = self.endpoint.coupling
-        modulator, ledger = coupling.modulator, coupling.ledger
+        ledger = coupling.ledger
         return DeviceSample(
-            now_ns, x, modulator.set_position, coupling.target, force, hand, modulator.energy, modulator.deficit,
+            now_ns, x, coupling.set_position, coupling.target, force, hand, coupling.reservoir, coupling.deficit,
             coupling.potential(x), ledger.sent, ledger.credited, ledger.margin, ledger.slack, target,
         )  # fmt: skip
 
@@ -261,7 +262,7 @@ class SampledDeviceSide(DeviceSide):
         self,
         endpoint: DeviceControl,
         device: Device,
-        make_servo: Callable[[Vector, bool], SampledServo],
+        make_servo: Callable[[Vector, bool], SampledServo | LawServo],
         drive: Drive,
     ) -> None:
         super().__init__(endpoint, device, drive)

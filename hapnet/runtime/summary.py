@@ -84,8 +84,9 @@ def combine(
     duration_s: float | None,
     coupling: str,
     two_port_J: float | None = None,
+    tuning: Mapping[str, float] | None = None,
 ) -> Summary:
-    """One summary of both sides.
+    """One summary of both sides. `tuning`: what the coupling's own rule made of the link.
 
     `two_port_J` is the minimum over time of the energy put in at both ports, where one clock saw both. Else the
     theorem's margin is the sum of both sides' margins, a lower bound of the true one; None with one side only, and
@@ -111,6 +112,7 @@ def combine(
         "seed": seed,
         "duration_s": duration_s,
         "coupling": coupling,
+        "tuning": dict(tuning or {}),
         "versions": versions(),
         "wall_clock": {},
     }
@@ -142,6 +144,7 @@ def merge(device: Summary, world: Summary, *, seed: int | None = None) -> Summar
         seed=device["seed"] if seed is None else seed,
         duration_s=device["duration_s"],
         coupling=device["coupling"],
+        tuning=device.get("tuning"),
     )
     whole["wall_clock"] = {"device": device["wall_clock"], "world": world["wall_clock"]}
     return whole

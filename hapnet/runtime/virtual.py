@@ -183,6 +183,7 @@ class Simulation:
             duration_s=params.duration_s,
             coupling=params.coupling,
             two_port_J=self.two_port.lowest,
+            tuning=self.setup.tuning,
         )
 
     @property

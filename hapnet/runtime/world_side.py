@@ -8,6 +8,7 @@ import numpy as np
 
 from hapnet.checks import Vector
 from hapnet.control.coupling import Coupling
+from hapnet.control.law import LawCoupling, Motion, Port, Wave, WorldLawCoupling
 from hapnet.endpoint import NANO, WorldControl
 from hapnet.errors import HapnetError
 from hapnet.loading import cause
@@ -32,7 +33,7 @@ class WorldSide:
         endpoint: WorldControl,
         mass: PassiveIntegrator,
         scene: Scene,
-        make_coupling: Callable[[Vector, float, bool], Coupling],
+        make_coupling: Callable[[Vector, float, bool], Coupling | WorldLawCoupling],
         *,
         rng: np.random.Generator,
         write: Write,
@@ -54,7 +55,7 @@ class WorldSide:
         self._last_ns = 0
 
     @property
-    def coupling(self) -> Coupling:
+    def coupling(self) -> Coupling | LawCoupling:
         return self.endpoint.coupling
 
     def step(self, now_ns: int) -> bytes | None:
@@ -64,9 +65,11 @@ class WorldSide:
             if not endpoint.paired:
                 return None
             if endpoint.restarted:  # with no energy to go there, it begins where the device is, by its first position
-                if (position := endpoint.arrived) is None:
+                if (datum := endpoint.arrived) is None:
                     return None
-                mass.place(self.scene.towards(position))
+                if not isinstance(datum, Wave):  # which tells no position
+                    at = datum[0] if isinstance(datum, Motion | Port) else datum
+                    mass.place(self.scene.towards(at))
             endpoint.start(self._make_coupling(mass.position, mass.kinetic_J, endpoint.restarted))
             self.origin_ns = self._last_ns = now_ns
             return endpoint.step(now_ns, 0.0, mass.position, mass.kinetic_J, 0.0, 0.0)
@@ -75,16 +78,21 @@ class WorldSide:
         if self.paused:
             return endpoint.step(now_ns, dt, mass.position, mass.kinetic_J, 0.0, 0.0)
         coupling = endpoint.coupling
-        done = mass.step(dt, coupling.set_position, self.scene.contacts)
+        if isinstance(coupling, WorldLawCoupling):
+            drag, push = coupling.law.impedance(dt)
+            done = mass.push(dt, drag, push, self.scene.contacts)
+            coupling.law.moved(dt, done.velocity, done.position, mass.velocity)
+        else:
+            done = mass.step(dt, coupling.set_position, self.scene.contacts)
         message = endpoint.step(now_ns, dt, done.position, mass.kinetic_J, done.work_J, done.dissipated_J)
         self.steps += 1
         self.stepped_s += dt
         self.longest_step_s = max(self.longest_step_s, dt)
-        ledger, modulator = coupling.ledger, coupling.modulator
+        ledger = coupling.ledger
         self._write(
             WorldSample(
-                now_ns, dt, done.position, mass.velocity, modulator.set_position, coupling.target,
-                done.coupling_force, done.force, done.penetration_m, modulator.energy,
+                now_ns, dt, done.position, mass.velocity, coupling.set_position, coupling.target,
+                done.coupling_force, done.force, done.penetration_m, coupling.reservoir,
                 coupling.potential(done.position), ledger.sent, ledger.credited, ledger.margin, ledger.slack,
             )
         )  # fmt: skip

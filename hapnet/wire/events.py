@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from hapnet.wire.messages import Identity
+from hapnet.wire.messages import Identity, Motion, Port, Wave
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +22,12 @@ class PositionReceived(NamedTuple):
     sequence: int
     sent_ns: int
     position: tuple[float, ...]
+
+
+class SampleReceived(NamedTuple):
+    """What a coupling sends in place of set-positions."""
+
+    message: Motion | Port | Wave
 
 
 class EnergyCredited(NamedTuple):
@@ -71,4 +77,14 @@ class PeerHeard:
     missing: int
 
 
-Event = Paired | PositionReceived | EnergyCredited | PeerRefused | Mismatch | PeerLeft | PeerSilent | PeerHeard
+Event = (
+    Paired
+    | PositionReceived
+    | SampleReceived
+    | EnergyCredited
+    | PeerRefused
+    | Mismatch
+    | PeerLeft
+    | PeerSilent
+    | PeerHeard
+)

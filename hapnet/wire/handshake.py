@@ -39,6 +39,8 @@ BYE_SPACING_NS = 20_000_000
 
 COUPLING = "coupling"
 """Entry of `about`: the coupling that a side runs. Both must run the same."""
+SHARED = "shared."
+"""What begins so in `about` is a number of the coupling's that both sides must have the same."""
 
 RESERVOIR = "reservoir_J"
 """Entry of `about`: what the reservoir of a side holds when it starts, unless it takes another one's place [J]."""
@@ -224,6 +226,12 @@ class Handshake:
         mine, theirs = me.about.get(COUPLING), peer.about.get(COUPLING)
         if mine is not None and theirs is not None and mine != theirs:
             return f"{peer.name} runs the coupling {theirs}, {me.name} runs {mine}"
+        for key in me.about:
+            if key.startswith(SHARED) and key in peer.about and me.about[key] != peer.about[key]:
+                name = key.removeprefix(SHARED)
+                return (
+                    f"{peer.name} has {name} {peer.about[key]}, {me.name} has {me.about[key]}: both must have the same"
+                )
         return None
 
     def _call(self, now_ns: int) -> None:

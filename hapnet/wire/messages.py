@@ -24,6 +24,7 @@ MAX_TEXT = 256
 MAX_ABOUT = 32
 MAX_COORDINATE = 1e6  # m or rad; keeps every square and product of the control layer finite
 MAX_TOTAL_NJ = 2**63  # exclusive: totals fit a signed 64-bit integer
+MAX_SPAN_NS = 10**10  # of a wave: nobody sends so seldom
 MAX_ARRAY = MAX_DOF + 1  # msgpack allots what an array announces: 4 kB of nested headers took 20 ms and 30 MB
 
 _POSITION_KIND = 1
@@ -67,6 +68,61 @@ class Energy(_EnergyFields):
     __slots__ = ()
     KIND: ClassVar[int] = 2
     CHANNEL: ClassVar[Channel] = "energy"
+
+
+class _MotionFields(NamedTuple):
+    incarnation: int
+    sequence: int
+    sent_ns: int
+    position: tuple[float, ...]
+    velocity: tuple[float, ...]
+
+
+class Motion(_MotionFields):
+    """A position [m or rad] with its velocity [m/s or rad/s]; else as `Position`, in whose place it is sent."""
+
+    __slots__ = ()
+    KIND: ClassVar[int] = 7
+    CHANNEL: ClassVar[Channel] = "position"
+
+
+class _PortFields(NamedTuple):
+    incarnation: int
+    sequence: int
+    sent_ns: int
+    value: tuple[float, ...]
+    energy_nJ: int
+
+
+class Port(_PortFields):
+    """What one port shows the other, the device's position [m] or the world's force [N], and the energy that went in.
+
+    `energy_nJ` is all that ever went into the channel at the sender's port, for the peer to take out.
+    """
+
+    __slots__ = ()
+    KIND: ClassVar[int] = 8
+    CHANNEL: ClassVar[Channel] = "position"
+
+
+class _WaveFields(NamedTuple):
+    incarnation: int
+    sequence: int
+    sent_ns: int
+    wave: tuple[float, ...]
+    span_ns: int
+
+
+class Wave(_WaveFields):
+    """A wave variable [sqrt(W)], the mean over the `span_ns` of its sender's time that it stands for."""
+
+    __slots__ = ()
+    KIND: ClassVar[int] = 9
+    CHANNEL: ClassVar[Channel] = "position"
+
+
+Stream = Position | Motion | Port | Wave
+"""What a side sends all the time, one kind of these a coupling and role."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +188,7 @@ class Bye:
     reason: str
 
 
-Message = Position | Energy | Hello | Welcome | Refuse | Bye
+Message = Stream | Energy | Hello | Welcome | Refuse | Bye
 
 
 class OtherVersion(BadMessage):
@@ -214,6 +270,8 @@ def _examined(frame: Any) -> Message:
     for index, check in checks:
         check(frame[index])
     message: Message = cls(*frame[2:])
+    if type(message) is Motion and len(message.position) != len(message.velocity):
+        raise BadMessage("dimension", f"{len(message.position)} coordinates with {len(message.velocity)} velocities")
     return message
 
 
@@ -231,6 +289,11 @@ def _natural(value: object) -> int:
 def _total(value: object) -> None:
     if _natural(value) >= MAX_TOTAL_NJ:
         raise BadMessage("range", f"{value} nJ; allowed: below 2^63")
+
+
+def _span(value: object) -> None:
+    if not 1 <= _natural(value) <= MAX_SPAN_NS:
+        raise BadMessage("range", f"a span of {value} ns; allowed: 1 to {MAX_SPAN_NS}")
 
 
 def _coordinates(value: object) -> None:
@@ -285,12 +348,15 @@ _LAYOUTS: dict[int, tuple[Callable[..., Any], tuple[Callable[[object], object], 
     Welcome.KIND: (Welcome, (_natural, _natural, *_IDENTITY)),
     Refuse.KIND: (Refuse, (_natural, _text)),
     Bye.KIND: (Bye, (_natural, _total, _text)),
+    Motion.KIND: (Motion, (_natural, _natural, _coordinates, _coordinates)),
+    Port.KIND: (Port, (_natural, _natural, _coordinates, _total)),
+    Wave.KIND: (Wave, (_natural, _natural, _coordinates, _span)),
 }
 _INDEXED = {kind: (cls, tuple(enumerate(checks, 3))) for kind, (cls, checks) in _LAYOUTS.items()}
 """The same with each check's place in the frame."""
 _FIELDS: dict[type, Callable[[Any], tuple[Any, ...]]] = {
     cls: attrgetter(*(field.name for field in fields(cls))) for cls in (Hello, Welcome, Refuse, Bye)
 }
-_FIELDS |= dict.fromkeys((Position, Energy), tuple)
+_FIELDS |= dict.fromkeys((Position, Energy, Motion, Port, Wave), tuple)
 _pack: Callable[..., bytes] = msgpack.packb
 _unpack: Callable[..., Any] = msgpack.unpackb

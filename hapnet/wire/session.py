@@ -26,7 +26,7 @@ import msgpack
 from hapnet.errors import BadMessage, InvalidParameter
 from hapnet.wire.admission import DEFAULT_BURST_J, DEFAULT_POWER_W, Admission
 from hapnet.wire.energy_channel import ACK_DELAY_NS, SPACING_NS, EnergyChannel
-from hapnet.wire.events import EnergyCredited, Event, PositionReceived
+from hapnet.wire.events import EnergyCredited, Event, PositionReceived, SampleReceived
 from hapnet.wire.handshake import EARLIER, HELLO_PERIOD_NS, RESERVOIR, Handshake
 from hapnet.wire.liveness import Liveness, Outages
 from hapnet.wire.messages import (
@@ -37,16 +37,21 @@ from hapnet.wire.messages import (
     Hello,
     Identity,
     Message,
+    Motion,
     OtherVersion,
+    Port,
     Position,
     Refuse,
     Role,
     Scalar,
+    Stream,
+    Wave,
     Welcome,
     decode,
     encode,
     encode_position,
 )
+from hapnet.wire.seen import SeenOnce
 
 SILENCE_NS = 500_000_000
 
@@ -68,6 +73,8 @@ class SessionSettings:
     spacing_ns : least time between two messages with new energy.
     ack_delay_ns : how long an acknowledgement waits for a message to ride on.
     silence_ns : how long no new position may come before the peer counts as silent, and another may take its place.
+    expects : the kind of message that the peer's stream is made of. Waves are handed out late, but once; of the others
+        the newest wins.
     """
 
     accept_stale: bool = False
@@ -77,6 +84,7 @@ class SessionSettings:
     spacing_ns: int = SPACING_NS
     ack_delay_ns: int = ACK_DELAY_NS
     silence_ns: int = SILENCE_NS
+    expects: type[Stream] = Position
 
     def __post_init__(self) -> None:
         for name in ("hello_period_ns", "spacing_ns", "ack_delay_ns"):
@@ -104,7 +112,7 @@ class _Account:
 
 
 class PositionStream:
-    """Numbers and encodes the positions of one incarnation.
+    """Numbers and encodes the positions of one incarnation, or what its coupling sends in place of them.
 
     It shares nothing with the rest of a session, so that it may live in another thread or process.
     """
@@ -119,6 +127,22 @@ class PositionStream:
         sequence = self.next_sequence
         self.next_sequence = sequence + 1
         return encode_position(self._incarnation, sequence, now_ns, tuple(map(float, position)), self._pack)
+
+    def motion(self, now_ns: int, position: tuple[float, ...], velocity: tuple[float, ...]) -> bytes:
+        """The next frame: a position [m] with its velocity [m/s]."""
+        return encode(Motion(self._incarnation, self._next(), now_ns, position, velocity))
+
+    def port(self, now_ns: int, value: tuple[float, ...], energy_nJ: int) -> bytes:
+        """The next frame: a port's position [m] or force [N], and the energy that ever went in there."""
+        return encode(Port(self._incarnation, self._next(), now_ns, value, energy_nJ))
+
+    def wave(self, now_ns: int, wave: tuple[float, ...], span_ns: int) -> bytes:
+        """The next frame: a wave [sqrt(W)], the mean over `span_ns`."""
+        return encode(Wave(self._incarnation, self._next(), now_ns, wave, span_ns))
+
+    def _next(self) -> int:
+        self.next_sequence += 1
+        return self.next_sequence - 1
 
 
 class Session:
@@ -152,6 +176,8 @@ class Session:
         self.dropped_for: dict[str, str] = {}
         """What was wrong with the last dropped message of each kind."""
         self.closed = False
+        self._expects = self.settings.expects
+        self._seen = SeenOnce()
         self._liveness = Liveness(self.settings.silence_ns)
         self._handshake = Handshake(self.identity, self._liveness.living, self.settings.hello_period_ns)
         self._admission = Admission(self.settings.admission_W, self.settings.admission_burst_J)
@@ -187,8 +213,8 @@ class Session:
         before = self._handshake.peer
         try:
             message = decode(data)
-            if type(message) is Position:  # nearly all there is
-                return self._on_position(message, now_ns)
+            if type(message) is self._expects:  # nearly all there is
+                return self._on_stream(message, now_ns)
             events = self._dispatch(message, now_ns)
         except OtherVersion as error:
             self._drop(error)
@@ -290,8 +316,8 @@ class Session:
     def _dispatch(self, message: Message, now_ns: int) -> tuple[Event, ...]:
         self._liveness.word(now_ns)
         match message:
-            case Position():
-                return self._on_position(message, now_ns)
+            case Position() | Motion() | Port() | Wave():
+                return self._on_stream(message, now_ns)
             case Energy():
                 self._handshake.check_peer(message.incarnation, now_ns)
                 self._handshake.check_addressee(message.addressee)
@@ -305,20 +331,33 @@ class Session:
             case Bye():
                 return self._on_bye(message, now_ns)
 
-    def _on_position(self, message: Position, now_ns: int) -> tuple[Event, ...]:
+    def _on_stream(self, message: Stream, now_ns: int) -> tuple[Event, ...]:
         peer = self._handshake.peer
         if peer is None or peer.incarnation != message.incarnation:
             self._handshake.check_peer(message.incarnation, now_ns)
-        if len(message.position) != self.identity.dof:
-            raise BadMessage("dimension", f"{len(message.position)} coordinates; allowed: {self.identity.dof}")
+        if type(message) is not self._expects:
+            wanted = self._expects.__name__.lower()
+            raise BadMessage("stream", f"a {type(message).__name__.lower()}; the coupling here takes a {wanted}")
+        value = message[3]  # of every kind, the one whose dimension is to be that of the session
+        if len(value) != self.identity.dof:
+            raise BadMessage("dimension", f"{len(value)} coordinates; allowed: {self.identity.dof}")
         if self._liveness.leaps(now_ns, message.sequence):
             raise BadMessage("leap", f"position {message.sequence}; no sender can have made so many")
-        received = PositionReceived(message.sequence, message.sent_ns, message.position)
+        received = (
+            PositionReceived(message.sequence, message.sent_ns, message.position)
+            if isinstance(message, Position)
+            else SampleReceived(message)
+        )
         if self._liveness.is_new(message.sequence):
             heard = self._liveness.hear(now_ns, message.sequence)
+            if type(message) is Wave:
+                self._seen.first(message.sequence)
             return (received,) if heard is None else (received, heard)
         self._liveness.word(now_ns)
-        if not self.settings.accept_stale:
+        if type(message) is Wave:
+            if not self._seen.first(message.sequence):
+                raise BadMessage("stale", f"wave {message.sequence} again, or long after later ones")
+        elif not self.settings.accept_stale:
             raise BadMessage("stale", f"position {message.sequence} after a later one")
         return (received,)
 
@@ -335,6 +374,7 @@ class Session:
     def _change_pair(self, now_ns: int) -> None:
         if (peer := self.peer) is not None:
             self._liveness.begin(now_ns)
+            self._seen = SeenOnce()
             reservoir_J = peer.about.get(RESERVOIR)
             if self.incarnations == 1 and isinstance(reservoir_J, float) and reservoir_J > 0.0:
                 self.peers_J = reservoir_J  # those after it were told to start with none

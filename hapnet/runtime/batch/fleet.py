@@ -17,7 +17,7 @@ from hapnet.runtime.batch.couplings import Couplings, Index
 from hapnet.runtime.batch.devices import Devices
 from hapnet.runtime.batch.links import ENERGY, Links
 from hapnet.runtime.batch.masses import Masses
-from hapnet.runtime.batch.scenario import Scenario, hand_over, under_way
+from hapnet.runtime.batch.scenario import Scenario, hand_over, modulating, under_way
 from hapnet.runtime.batch.sizes import Sizes
 from hapnet.runtime.batch.wires import Wire
 from hapnet.runtime.parcel import Parcel
@@ -78,7 +78,7 @@ class Fleet:
             Channels([session._channel for session in self._devices], shift),
             Mailbox(count),
             self.device_positions,
-            Couplings([side.coupling for side in sides]),
+            Couplings([modulating(side) for side in sides]),
             self.up,
             Sizes(self._devices, dof, shift),
             np.array([session.positions.next_sequence for session in self._devices]),
@@ -87,7 +87,7 @@ class Fleet:
             Channels([session._channel for session in self._worlds], shift),
             Mailbox(count),
             Positions(count, dof, _newest(heard)),
-            Couplings([world.coupling for world in worlds]),
+            Couplings([modulating(world) for world in worlds]),
             self.down,
             Sizes(self._worlds, dof, shift),
             np.array([session.positions.next_sequence for session in self._worlds]),
@@ -120,9 +120,9 @@ class Fleet:
         side.ticks += tick
         side.longest_ns = max(side.longest_ns, self.period_ns)
         side._servo._elapsed = float(self.elapsed_s[i])
-        self.device_wire.couplings.land(i, side.coupling)
+        self.device_wire.couplings.land(i, modulating(side))
         self.devices.land(i, side._simulated, side.coupling.set_position)
-        self.world_wire.couplings.land(i, world.coupling)
+        self.world_wire.couplings.land(i, modulating(world))
         self.masses.land(i, world.mass)
         world._last_ns = int(self.last_step_ns[i] + self._shift_ns[i])
         world.steps, world.stepped_s = int(self.steps[i]), float(self.stepped_s[i])

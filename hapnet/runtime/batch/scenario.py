@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from hapnet.checks import Vector
+from hapnet.control.coupling import Coupling
 from hapnet.endpoint import NANO, Endpoint
 from hapnet.params import Params
 from hapnet.plant.operator import Press, Recorded, Rest, Sine
@@ -139,8 +140,13 @@ def under_way(link: Link[Parcel]) -> Iterator[UnderWay]:
 
 
 def _state(side: DeviceSide | WorldSide, x: Vector, v: Vector) -> SideState:
-    coupling = side.coupling
-    modulator, ledger = coupling.modulator, coupling.ledger
+    coupling, ledger = side.coupling, side.coupling.ledger
     return SideState(
-        x, v, modulator.set_position, modulator.energy, modulator.deficit, ledger.work, ledger.credited, ledger.sent
+        x, v, coupling.set_position, coupling.reservoir, coupling.deficit, ledger.work, ledger.credited, ledger.sent
     )
+
+
+def modulating(side: DeviceSide | WorldSide) -> Coupling:
+    """The coupling of a side whose coupling is vectorised."""
+    assert isinstance(side.coupling, Coupling)
+    return side.coupling
