@@ -80,7 +80,7 @@ class Tab:
         ("run --scene ", list(SCENES)),
         ("run --scene=w", ["wall"]),
         ("device --operator ", ["rest", "sine", "press"]),
-        ("simulate --coupling ", ["pspm", "zoh"]),
+        ("simulate --coupling ", ["pspm", "zoh", "popc", "tdpa", "eba", "wave", "digital-wave", "pd"]),
         ("run --servo ", ["auto", "continuous", "sampled"]),
         ("world --on-silence ", ["hold", "release"]),
         ("device --mode ", ["peer", "client", "router"]),

@@ -30,7 +30,8 @@ Hardware = Annotated[
 Coupling = Annotated[
     str | None,
     typer.Option(
-        help="pspm, or zoh: a plain virtual coupling, not passive.", autocompletion=complete.choices("coupling")
+        help="pspm; to compare with: zoh (a plain virtual coupling), popc, tdpa, eba, wave, digital-wave, pd.",
+        autocompletion=complete.choices("coupling"),
     ),
 ]
 ServoKind = Annotated[

@@ -75,8 +75,8 @@ def _positions(panel: Axes, recording: Recording, axis: int) -> None:
     if modulated is not None:
         name = "device's" if device is not None else "world's"
         y = modulated["set_position_m"][:, axis] * 1e3
-        how = "as received" if _coupling(recording) == "zoh" else "modulated"
-        _curve(panel, modulated, y, f"{name} set-position ({how})", drawstyle="steps-post", **_THIRD)
+        how = " (modulated)" if _coupling(recording) == "pspm" else " (as received)" if _received(recording) else ""
+        _curve(panel, modulated, y, f"{name} set-position{how}", drawstyle="steps-post", **_THIRD)
     panel.set_ylabel(f"position{_along(recording, axis)} [mm]")
 
 
@@ -226,6 +226,10 @@ def _written(recording: Recording) -> bool:
 
 def _coupling(recording: Recording) -> Any:
     return get(recording.summary, "coupling") or get(recording.meta, "coupling")
+
+
+def _received(recording: Recording) -> bool:
+    return _coupling(recording) in ("zoh", "popc", "eba")
 
 
 def _stride(columns: Columns) -> int:

@@ -15,7 +15,8 @@ from hapnet.report import tables
 from hapnet.report.html import Html, element, join, table
 from hapnet.report.pictures import Picture
 from hapnet.report.settings import Setting, commands, of_side, settings
-from hapnet.report.words import get, number, outcome, verdict
+from hapnet.report.words import get, number, outcome, tuning, verdict
+from hapnet.runtime.couplings import KINDS
 
 FOLDED = 12
 """A longer list of events is folded."""
@@ -35,10 +36,6 @@ _HALF = (
     "hapnet report with both sides' files tells the whole."
 )
 _NO_EVENTS = "A run in virtual time records no events; the summary counts its silences."
-_COUPLINGS = {
-    "pspm": "passive set-position modulation (pspm)",
-    "zoh": "plain virtual coupling (zoh), which nothing keeps passive",
-}
 
 
 @dataclass(frozen=True)
@@ -117,13 +114,14 @@ def _torn(source: Source) -> str:
 
 def _facts(recording: Recording, sources: Sequence[Source]) -> Html:
     summary, meta = recording.summary or {}, recording.meta
-    coupling = get(summary, "coupling")
+    coupling = str(get(summary, "coupling"))
     duration = get(summary, "duration_s")
     facts = {
         "scene": get(meta, "scene"),
         "hand": _of_device(recording, "operator"),
         "device": _of_device(recording, "hardware"),
-        "coupling": _COUPLINGS.get(str(coupling), coupling),
+        "coupling": f"{KINDS[coupling].title} ({coupling})" if coupling in KINDS else coupling,
+        "tuned to": tuning(summary),
         **{f"{way}link": _link(recording, way) for way in ("up", "down")},
         "duration": None if duration is None else f"{number(duration)} s",
         "seed": get(summary, "seed"),

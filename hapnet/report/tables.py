@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from hapnet.report.words import exact_joule, get, known, milli, millijoule, number, outcome, text, verdict
+from hapnet.report.words import exact_joule, get, known, milli, millijoule, number, outcome, text, tuning, verdict
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -147,6 +147,7 @@ def _about(summary: Mapping[str, Any]) -> str:
     duration = get(summary, "duration_s")
     values = {
         "coupling": get(summary, "coupling"),
+        "tuned to": tuning(summary),
         "seed": get(summary, "seed"),
         "duration": None if duration is None else f"{number(duration)} s",
     }

@@ -65,6 +65,13 @@ def legible(value: Any) -> Any:
     return [legible(item) for item in value] if isinstance(value, list) else value
 
 
+def tuning(summary: Any) -> str | None:
+    """What the coupling's own rule chose, if it had anything to choose."""
+    chosen = get(summary, "tuning")
+    chosen = chosen.items() if isinstance(chosen, Mapping) else ()
+    return ", ".join(f"{name} {number(value)}" for name, value in chosen) or None
+
+
 def text(value: Any) -> str:
     return "-" if value is None else str(value)
 
