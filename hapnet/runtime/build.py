@@ -13,15 +13,13 @@ import numpy as np
 
 from hapnet import checks
 from hapnet.checks import Vector
-from hapnet.control.coupling import Coupling, Modulator
+from hapnet.control.coupling import Coupling
 from hapnet.control.harvest import damping_conditions
 from hapnet.control.law import LawServo, WorldLawCoupling
 from hapnet.control.limits import OnSilence, Silence
-from hapnet.control.pspm import SetPositionModulator, Shuffle
 from hapnet.control.servo_law import ContinuousServo, Harvest, SampledServo
 from hapnet.control.smoothing import Pipeline, SmoothingFilter, Stage, VelocityPredictor
 from hapnet.control.spring import Spring, shared_spring
-from hapnet.control.zoh import ZeroOrderHold
 from hapnet.endpoint import NANO, DeviceControl, WorldControl
 from hapnet.errors import InvalidParameter
 from hapnet.params import DeviceParams, Params, WorldParams
@@ -222,7 +220,7 @@ def world_side(setup: Setup, endpoint: WorldControl, rng: np.random.Generator, w
             return WorldLawCoupling(law, 0.0 if empty else world.ceiling_J)
         spring = shared_spring(world.stiffness, setup.dof)
         return Coupling(
-            _modulator(setup, world, spring, position, None, empty),
+            setup.kind.modulator(world, spring, position, None, 0.0 if empty else world.ceiling_J),
             stages=_stages(world),
             silence=Silence(cast(OnSilence, world.on_silence), world.silence_after_s),
             longest_step=_longest_step(setup, world, spring),
@@ -303,7 +301,7 @@ def _device_coupling(setup: Setup, position: Vector, kinetic: float, empty: bool
     limit = device.force_limit_N * device.spring_share or None
     spring = shared_spring(device.stiffness, setup.dof, limit)
     return Coupling(
-        _modulator(setup, device, spring, position, limit, empty),
+        setup.kind.modulator(device, spring, position, limit, 0.0 if empty else device.ceiling_J),
         stages=_stages(device),
         silence=Silence(cast(OnSilence, device.on_silence), device.silence_after_s),
         longest_step=_longest_step(setup, device, spring),
@@ -313,30 +311,9 @@ def _device_coupling(setup: Setup, position: Vector, kinetic: float, empty: bool
 
 def _longest_step(setup: Setup, side: DeviceParams | WorldParams, spring: Spring) -> float:
     """How far ybar may move in an update [m], so that the spring's force steps by no more than its limit."""
-    if setup.params.coupling != "pspm" or not side.step_limit_N:
+    if not setup.kind.limited or not side.step_limit_N:
         return math.inf
     return side.step_limit_N / spring.ellipsoid.largest
-
-
-def _modulator(
-    setup: Setup,
-    side: DeviceParams | WorldParams,
-    spring: Spring,
-    position: Vector,
-    force_limit: float | None,
-    empty: bool,
-) -> Modulator:
-    energy = 0.0 if empty else side.ceiling_J
-    if setup.params.coupling != "pspm":
-        return ZeroOrderHold(spring, position, energy)
-    return SetPositionModulator(
-        stiffness=side.stiffness,
-        position=position,
-        ceiling=side.ceiling_J,
-        shuffle=cast(Shuffle, side.shuffle),
-        force_limit=force_limit,
-        energy=energy,
-    )
 
 
 def _stages(side: DeviceParams | WorldParams) -> Pipeline:

@@ -8,12 +8,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 from hapnet.checks import Vector
+from hapnet.control.coupling import Modulator
 from hapnet.control.law import DeviceLaw, WorldLaw
+from hapnet.control.pspm import SetPositionModulator, Shuffle
+from hapnet.control.spring import Spring
+from hapnet.control.zoh import ZeroOrderHold
 from hapnet.errors import InvalidParameter
-from hapnet.params import COUPLINGS, Params
+from hapnet.params import COUPLINGS, DeviceParams, Params, WorldParams
 from hapnet.wire.messages import Position, Stream
 from netem import LinkProfile
 
@@ -41,14 +45,34 @@ def _tail_s(profile: LinkProfile) -> float:
     return profile.jitter_ns * 1e-9 * (1.0 if profile.distribution == "uniform" else 3.0)
 
 
+def _modulated(
+    side: DeviceParams | WorldParams, spring: Spring, position: Vector, force_limit: float | None, energy: float
+) -> Modulator:
+    return SetPositionModulator(
+        stiffness=side.stiffness,
+        position=position,
+        ceiling=side.ceiling_J,
+        shuffle=cast(Shuffle, side.shuffle),
+        force_limit=force_limit,
+        energy=energy,
+    )
+
+
+def _held(
+    side: DeviceParams | WorldParams, spring: Spring, position: Vector, force_limit: float | None, energy: float
+) -> Modulator:
+    return ZeroOrderHold(spring, position, energy)
+
+
 @dataclass(frozen=True)
 class Kind:
     """One way to couple.
 
     title, source : what it is and who published it. claim : where its source says that it is passive.
     tune : the parameters and the link's delays, to what the law's own rule chooses.
-    device, world : make the law's two ends at rest at a position; None: the spring and damper of PSPM's ends, modulated
-        or not.
+    device, world : make the law's two ends at rest at a position; None: spring and damper (2) to a set-position.
+    modulator : makes what stands between a received set-position and that spring: (side's parameters, spring, position,
+        force limit, energy at the start). limited : does the set-position keep to a longest step?
     device_sends, world_sends : the message that carries the ends' data.
     shared : names in the tuning whose values both ends must have the same.
     scaled : is the felt force K/K' of the virtual one, as with PSPM?
@@ -62,6 +86,8 @@ class Kind:
     world: Callable[[Params, Tuning, Vector], WorldLaw] | None = None
     device_sends: type[Stream] = Position
     world_sends: type[Stream] = Position
+    modulator: Callable[[DeviceParams | WorldParams, Spring, Vector, float | None, float], Modulator] = _held
+    limited: bool = False
     shared: tuple[str, ...] = ()
     scaled: bool = False
 
@@ -72,6 +98,8 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
             "passive set-position modulation",
             "Lee, Huang 2009",
             "passive at both ports, whatever the link does",
+            modulator=_modulated,
+            limited=True,
             scaled=True,
         ),
         "zoh": Kind(

@@ -48,6 +48,9 @@ class Numbers:
             self._html.content = content
 
 
+_SWITCHED = {"pspm": "PSPM", "zoh": "PSPM off"}
+
+
 class ControlPanel:
     """Buttons, switches and links, in the container that is open when this is made.
 
@@ -195,7 +198,8 @@ def _table(snapshot: Snapshot, state: str) -> str:
     about = device.about if device is not None else world.about if world is not None else {}
     what = " · ".join(str(about[key]) for key in ("name", "scene") if about.get(key))
     if about:
-        what = " · ".join(filter(None, (what, {"pspm": "PSPM", "zoh": "PSPM off"}.get(str(about.get("coupling")), ""))))
+        coupling = str(about.get("coupling", ""))
+        what = " · ".join(filter(None, (what, _SWITCHED.get(coupling, coupling))))
     lines = "".join(
         f'<tr><td style="{_CELL};opacity:.65">{html.escape(name)}</td>'
         f'<td style="{_CELL};font-weight:600">{html.escape(value)}</td></tr>'
