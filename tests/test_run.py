@@ -80,7 +80,7 @@ def test_the_main_job(more: tuple[str, ...], tmp_path: Path) -> None:
     ("number", "code", "more"),
     [
         (signal.SIGINT, 130, ()),
-        (signal.SIGINT, 130, ("--realtime",)),
+        pytest.param(signal.SIGINT, 130, ("--realtime",), marks=pytest.mark.slow),
         pytest.param(signal.SIGTERM, 143, (), marks=pytest.mark.slow),
     ],
 )
@@ -263,6 +263,7 @@ def test_the_recorded_hand_writes_on_paper(handwriting: Path, tmp_path: Path) ->
     assert (path.max(axis=0) - path.min(axis=0)).min() > 0.005  # it wrote, in both directions of the surface
 
 
+@pytest.mark.slow
 def test_a_reader_that_leaves_early_does_not_end_the_run(tmp_path: Path) -> None:
     """`hapnet run | head -1`: no traceback, and everything is written."""
     command = [sys.executable, "-m", "hapnet", "run", "--duration", "1", "--out", str(tmp_path / "out")]

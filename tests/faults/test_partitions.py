@@ -157,7 +157,8 @@ def assert_outages(both: dict[Role, Side], role: Role, partitions: list[Partitio
     assert outages["recovery_max_s"] < RECOVERY_S
 
 
-@pytest.mark.parametrize("gone_s", [0.5, pytest.param(3.0, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("gone_s", [0.5, 3.0])
 def test_the_zenoh_session_lost_and_opened_again(gone_s: float, tmp_path: Path) -> None:
     """All of the way between the two is one relay, which is killed and started again."""
     between = free_address()
