@@ -15,6 +15,7 @@ from typing import Protocol
 
 from hapnet.checks import Vector
 from hapnet.control.coupling import Coupling
+from hapnet.control.deadband import Deadband
 from hapnet.control.law import Datum, LawCoupling, LawServo, Motion, Port, Wave, WorldLawCoupling
 from hapnet.control.pspm import Modulation
 from hapnet.control.servo_law import ContinuousServo, Extremes, SampledServo
@@ -70,10 +71,13 @@ class ControlHalf:
         self.restarted = False
         """The peer had another one in this side's place before: this side starts with an empty reservoir, since every
         start with a full one would be energy from nothing, and a crash loop a pump."""
+        self.deadband: Deadband | None = None
+        """What decides which data are worth sending; None: all are."""
         self._positions = positions
-        self._another = False  # another peer, whose clock and place have nothing to do with those of the one before
+        self._pairs = 0
+        self._pair = 1  # the one that control knows; the next peer's clock and place have nothing to do with its
         self._coupling: Coupling | LawCoupling | None = None
-        self._arrived: deque[tuple[Datum, float]] = deque(maxlen=backlog)
+        self._arrived: deque[tuple[Datum, float, int]] = deque(maxlen=backlog)  # datum, when sent, of which pair
         self._credits: deque[int] = deque()
         self._surplus: deque[float] = deque()
 
@@ -91,14 +95,13 @@ class ControlHalf:
     # -- called by the wire half: the methods of `Handover` ----------------------------------------------------------
 
     def pair(self, restarted: bool) -> None:
-        if self.paired:
-            self._another = True
-        else:
+        if not self.paired:
             self.restarted = restarted
+        self._pairs += 1
         self.paired = True
 
     def arrive(self, datum: Datum, sent_s: float) -> None:
-        self._arrived.append((datum, sent_s))
+        self._arrived.append((datum, sent_s, self._pairs))
 
     def credit(self, credited_nJ: int) -> None:
         self._credits.append(credited_nJ)
@@ -118,39 +121,58 @@ class ControlHalf:
         return self._arrived[-1][0] if self._arrived else None
 
     def _take(self) -> Coupling | LawCoupling:
-        """Give the coupling what has arrived since the last tick, and another peer its share of the reservoir."""
+        """Give the coupling what has arrived since the last tick, and another peer its share of the reservoir.
+
+        What an earlier peer said is not for it any more.
+        """
         coupling = self._coupling
         assert coupling is not None, "control has not started"
-        if self._another:
-            self._another = False
-            if (energy := coupling.renew()) > 0.0:
-                self._surplus.append(energy)
+        if self._pair < self._pairs:
+            self._renew(coupling, self._pairs)
         receive: Callable[..., None] = coupling.receive
         while self._arrived:
-            receive(*self._arrived.popleft())
+            datum, sent_s, pair = self._arrived.popleft()
+            if pair > self._pair:  # made since this began
+                self._renew(coupling, pair)
+            if pair == self._pair:
+                receive(datum, sent_s)
         while self._credits:
             coupling.credit(self._credits.popleft() * NANO)
         return coupling
 
-    def _send(self, now_ns: int, x: Vector, result: Modulation | Datum) -> bytes:
+    def _renew(self, coupling: Coupling | LawCoupling, pair: int) -> None:
+        self._pair = pair
+        if self.deadband is not None:
+            self.deadband.renew()
+        if (energy := coupling.renew()) > 0.0:
+            self._surplus.append(energy)
+
+    def _send(self, now_ns: int, x: Vector, result: Modulation | Datum) -> bytes | None:
         """After a PSPM instant: hand on the surplus; the position message (x(t_k)) to put on the link.
 
-        Under another law: the message of its datum.
+        Under another law: the message of its datum. None if the deadband holds it back; energy it never does.
         """
         positions = self._positions
-        if isinstance(result, Modulation):
+        datum: Datum | None
+        if not isinstance(result, Modulation):
+            datum = result
+        else:
             if result.sent > 0.0:
                 self._surplus.append(result.sent)
-            return positions.position(now_ns, x)
-        match result:
+            datum = x
+        if self.deadband is not None:
+            datum = self.deadband.offer(now_ns * NANO, datum, self.coupling.set_position)
+        match datum:
+            case None:
+                return None
             case Motion(position, velocity):
                 return positions.motion(now_ns, position, velocity)
             case Port(value, energy):
-                return positions.port(now_ns, value, math.floor(energy / NANO))  # rather too little
+                return positions.port(now_ns, value, max(0, math.floor(energy / NANO)))  # rather too little
             case Wave(value, span):
                 return positions.wave(now_ns, value, max(1, round(span / NANO)))
             case _:
-                return positions.position(now_ns, result)
+                return positions.position(now_ns, datum)
 
 
 class WireHalf:
@@ -220,7 +242,7 @@ class DeviceControl(ControlHalf):
     def tick_sampled(self, now_ns: int, dt: float, x: Vector, v: Vector, *, release: bool = False) -> bytes | None:
         """A tick of a servo that holds its torque: the servo's `force` is then the force to apply.
 
-        `release`: let the spring go, no force this tick. Returns the position message to send, if PSPM ran.
+        `release`: let the spring go, no force this tick. Returns the position message to send, if there is one.
         """
         if self._arrived or self._credits:
             self._take()
@@ -245,7 +267,7 @@ class DeviceControl(ControlHalf):
     ) -> bytes | None:
         """A tick of a device that renders the coupling itself: `coupling.set_position` is then where its spring goes.
 
-        The arguments are `ContinuousServo.tick`'s. Returns the position message to send, if PSPM ran.
+        The arguments are `ContinuousServo.tick`'s. Returns the position message to send, if there is one.
         """
         if self._arrived or self._credits:
             self._take()
@@ -261,7 +283,7 @@ class WorldControl(ControlHalf):
         self._coupling = coupling
         self._update: Callable[[float, Vector, float], Modulation | Datum] = coupling.update
 
-    def step(self, now_ns: int, dt: float, x: Vector, kinetic: float, work: float, dissipated: float) -> bytes:
+    def step(self, now_ns: int, dt: float, x: Vector, kinetic: float, work: float, dissipated: float) -> bytes | None:
         """The onset of step k: PSPM with the newest set-position; `coupling.set_position` is then ybar_k.
 
         Parameters
@@ -271,8 +293,8 @@ class WorldControl(ControlHalf):
         work : f_{k-1} . vhat_{k-1} T_{k-1} [J], put in by the environment in the step that has ended.
         dissipated : D_{k-1} = |vhat|_B'^2 T of the step that has ended [J].
 
-        Returns the position message to send. The ledger is checked before PSPM (steps to k-1 with ybar_{k-1}) and after
-        (with ybar_k): both pairings of Theorem 1.
+        Returns the position message to send, unless it is held back. The ledger is checked before PSPM (steps to k-1
+        with ybar_{k-1}) and after (with ybar_k): both pairings of Theorem 1.
         """
         coupling = self._take()
         ledger = coupling.ledger

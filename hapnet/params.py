@@ -211,6 +211,11 @@ class WireParams:
         0.5, "shuffled energy credited at once before that limit counts [J]", _Range(at_least=1e-9, at_most=1e9)
     )
     accept_stale: bool = _p(False, "let set-positions through that arrive after newer ones")
+    deadband: float = _p(
+        0.0,
+        "perceptual deadband: what changes the force by less than this fraction is not sent (Weber); 0: all is",
+        _Range(at_least=0.0, at_most=1.0),
+    )
 
 
 @dataclass(frozen=True)

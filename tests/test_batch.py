@@ -166,6 +166,7 @@ def test_several_axes_are_the_same_to_rounding(changes: dict[str, object]) -> No
         {"device.smoothing_s": 0.005},
         {"world.on_silence": "release"},
         {"wire.accept_stale": True},
+        {"wire.deadband": 0.1},
         {"link.down": "delay 20ms slot 5ms"},
         {"link.down": "delay 100ms limit 3"},
     ],

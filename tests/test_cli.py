@@ -379,6 +379,14 @@ def test_silence_and_timelines_reach_the_side_they_are_for(capsys: Capture, tmp_
     assert (only["link"]["up_timeline"], only["link"]["down_timeline"]) == ("at 2s: up", "at 1s: down")
 
 
+def test_a_deadband_is_a_flag_wherever_a_coupling_is_run(capsys: Capture) -> None:
+    for command in ("run", "simulate", "device", "world", "play"):
+        assert cli.main([command, "--deadband", "0.1", "--show-params"]) == 0
+        assert tomllib.loads(capsys.readouterr().out)["wire"]["deadband"] == 0.1
+    assert cli.main(["simulate", "--deadband", "2"]) == 2
+    assert "wire.deadband is 2" in capsys.readouterr().err
+
+
 def test_json_on_standard_output_is_alone(capsys: Capture, empty_directory: Path) -> None:
     assert cli.main([*QUICK, "--json", "-", "--seed", "3"]) == 0
     out, err = capsys.readouterr()

@@ -14,6 +14,7 @@ from hapnet.errors import BadMessage
 from hapnet.wire.energy_channel import EnergyChannel
 from hapnet.wire.handshake import Handshake
 from hapnet.wire.messages import decode
+from hapnet.wire.seen import SeenOnce
 from hapnet.wire.session import SessionSettings
 from tests.fuzzing import corpus, coverage_guided, lives, storm
 from tests.fuzzing.__main__ import main
@@ -21,7 +22,8 @@ from tests.fuzzing.invariants import Audited, allowed, decoded
 from tests.fuzzing.mutator import Mutator
 from tests.fuzzing.storm import TARGETS, run_many
 
-DEFAULT = {"decoder": 40_000, "device": 20_000, "continuous": 20_000, "world": 20_000}  # 100,000 in all
+DEFAULT = {"decoder": 30_000, "device": 20_000, "continuous": 20_000, "world": 20_000}
+DEFAULT |= {"motion": 3_000, "port": 3_000, "wave": 4_000}  # 100,000 in all
 SLOW = 1_000_000
 SLOW_STORM = 20_000
 
@@ -59,7 +61,7 @@ def test_a_storm_reaches_every_kind_of_message_and_of_refusal() -> None:
         except BadMessage as error:
             kinds.add(error.kind)
     assert kinds == {
-        "Position", "Energy", "Hello", "Welcome", "Refuse", "Bye",
+        "Position", "Energy", "Hello", "Welcome", "Refuse", "Bye", "Motion", "Port", "Wave",
         "size", "malformed", "version", "kind", "length", "type", "range", "dimension",
     }  # fmt: skip
 
@@ -168,6 +170,11 @@ def test_a_stale_position_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr("hapnet.runtime.build.SessionSettings", lenient)
     assert "dropped: False" in found("continuous")
+
+
+def test_a_wave_that_counts_twice_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(SeenOnce, "first", lambda self, number: True)
+    assert "dropped: False" in found("wave")
 
 
 def test_an_update_that_makes_energy_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -178,3 +178,118 @@ def test_walls_that_appear_around_the_mass_are_refused() -> None:
         integrator.step(0.03, (0.05,))
     with pytest.raises(InvalidParameter, match="outside"):
         integrator.step(0.03, (0.05,), contacts)
+
+
+# -- a push: a coupling of another kind -------------------------------------------------------------------------------
+
+
+def diagonal_or_full(rng: np.random.Generator, n: int, full: bool) -> Array:
+    return random_spd(rng, n, 1e-2, 1.0) if full else np.diag(np.exp(rng.uniform(-4.0, 0.0, n)))
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("full", [False, True])
+@pytest.mark.parametrize("K", [None, 300.0], ids=["K full", "K scalar"])
+def test_a_push_is_the_dense_solution_and_keeps_its_energy(n: int, full: bool, K: float | None) -> None:
+    """M (v1 - v)/T = p - g (v + v1)/2 solved for v1 as it stands, by numpy; the work of tau becomes kinetic energy.
+
+    The coupling's own B' and K' have no part in it.
+    """
+    rng = np.random.default_rng([n, full])
+    M = diagonal_or_full(rng, n, full)
+    stiffness = random_spd(rng, n, 10.0, 5e3) if K is None else K
+    integrator = PassiveIntegrator(M, 7.0, stiffness, rng.normal(size=n), rng.normal(size=n))
+    for _ in range(200):
+        dt, drag = float(np.exp(rng.uniform(np.log(1e-4), np.log(0.1)))), float(rng.choice([0.0, 0.3, 50.0]))
+        p = rng.normal(0.0, 5.0, n)
+        x, v, kinetic = np.array(integrator.position), np.array(integrator.velocity), integrator.kinetic_J
+        step = integrator.push(dt, drag, tuple(p.tolist()))
+        v1 = np.linalg.solve(M / dt + drag / 2 * np.eye(n), p + (M / dt - drag / 2 * np.eye(n)) @ v)
+        np.testing.assert_allclose(integrator.velocity, v1, rtol=1e-9, atol=1e-9 * np.abs(v).max())
+        np.testing.assert_allclose(step.velocity, (v + integrator.velocity) / 2, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(step.position, x + dt * np.array(step.velocity), rtol=1e-12, atol=1e-14)
+        np.testing.assert_allclose(step.coupling_force, p - drag * np.array(step.velocity), rtol=1e-12)
+        work = dt * float(np.dot(step.coupling_force, step.velocity))
+        assert integrator.kinetic_J - kinetic == pytest.approx(work, rel=1e-9, abs=1e-11 * (kinetic + abs(work)))
+        assert (step.force, step.work_J, step.dissipated_J, step.penetration_m) == ((0.0,) * n, 0.0, 0.0, 0.0)
+        assert step.position == integrator.position
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_a_push_into_a_wall_feels_the_walls_own_potential(n: int) -> None:
+    """Without damping it is the discrete gradient of the potential: its work is what leaves the wall."""
+    rng = np.random.default_rng(n)
+    M = diagonal_or_full(rng, n, True)
+    normal = rng.normal(size=n)
+    normal /= np.linalg.norm(normal)
+    contacts = Contacts([Wall(tuple(normal.tolist()), 0.01, 3000.0)])
+    integrator = PassiveIntegrator(M, 1.0, 1.0, np.zeros(n))
+    deepest, inside = 0.0, 0
+    for _ in range(400):
+        dt, drag = float(rng.uniform(1e-3, 0.02)), float(rng.choice([0.0, 10.0]))
+        x, v, kinetic = np.array(integrator.position), np.array(integrator.velocity), integrator.kinetic_J
+        p = 4.0 * normal - 50.0 * x - 2.0 * v + rng.normal(0.0, 0.3, n)
+        step = integrator.push(dt, drag, tuple(p.tolist()), contacts)
+        depths = [float(normal @ at) - 0.01 for at in (x, np.array(step.position))]
+        energies = [1500.0 * max(0.0, depth) ** 2 for depth in depths]
+        along = float(normal @ np.array(step.force))
+        np.testing.assert_allclose(np.array(step.force), along * normal, atol=1e-9)
+        assert along <= 0.0
+        if along < 0.0:
+            inside += 1
+            assert along * (depths[1] - depths[0]) == pytest.approx(energies[0] - energies[1], rel=1e-6, abs=1e-9)
+        scale = energies[0] + energies[1] + kinetic
+        assert step.work_J <= energies[0] - energies[1] + 1e-9 * scale
+        work = step.work_J + dt * float(np.dot(step.coupling_force, step.velocity))
+        assert integrator.kinetic_J - kinetic == pytest.approx(work, rel=1e-9, abs=1e-9 * scale)
+        momentum = M @ (np.array(integrator.velocity) - v) / dt
+        np.testing.assert_allclose(momentum, p - drag * np.array(step.velocity) + step.force, rtol=1e-6, atol=1e-7)
+        assert step.penetration_m == pytest.approx(max(0.0, depths[1]), abs=1e-15)
+        deepest = max(deepest, depths[1])
+    assert inside > 50
+    assert deepest > 1e-3
+
+
+def test_a_step_after_a_push_of_the_same_length_is_what_it_was() -> None:
+    for stiffness in (500.0, [[500.0, 100.0], [100.0, 400.0]]):
+        pushed, twin = (PassiveIntegrator(0.02, 14.0, stiffness, (0.0, 0.0)) for _ in range(2))
+        for dt in (0.02, 0.02, 0.05):
+            pushed.push(dt, 14.0, (0.3, -0.1))
+            twin.place(pushed.position)
+            pushed.place(pushed.position)
+            assert pushed.step(dt, (0.01, 0.0)) == twin.step(dt, (0.01, 0.0))
+            assert pushed.push(dt, 0.0, (1.0, 0.0)).velocity == twin.push(dt, 0.0, (1.0, 0.0)).velocity
+
+
+@pytest.mark.parametrize(
+    ("dt", "drag", "push", "named"),
+    [
+        (0.01, -1.0, (0.0, 0.0), "drag"),
+        (0.01, float("nan"), (0.0, 0.0), "drag"),
+        (0.01, float("inf"), (0.0, 0.0), "drag"),
+        (0.0, 1.0, (0.0, 0.0), "dt"),
+        (float("nan"), 1.0, (0.0, 0.0), "dt"),
+        (0.01, 1.0, (0.0,), "push"),
+        (0.01, 1.0, (0.0, float("nan")), "push"),
+        (0.01, 1.0, (0.0, "b"), "push"),
+        (0.01, 1.0, None, "push"),
+    ],
+)
+def test_a_bad_push_leaves_the_state_alone(dt: float, drag: float, push: object, named: str) -> None:
+    integrator, twin = (PassiveIntegrator(0.02, 14.0, 500.0, (0.0, 0.0), (0.1, 0.2)) for _ in range(2))
+    with pytest.raises(InvalidParameter) as caught:
+        integrator.push(dt, drag, push)  # type: ignore[arg-type]  # wrong types are among the cases
+    assert caught.value.name == named
+    assert integrator.push(0.01, 1.0, (1.0, 0.0)) == twin.push(0.01, 1.0, (1.0, 0.0))
+
+
+def test_walls_that_are_apart_in_a_step_and_not_in_a_push_are_refused() -> None:
+    """With B' and K' multiples of M walls are apart if n1' M^-1 n2 = 0; with a drag they must be apart in M + s too."""
+    M = np.array([[2.0, 1.0], [1.0, 2.0]])
+    contacts = Contacts([Wall((1.0, 0.0), 0.02, 3e3), Wall((5**-0.5, 2 * 5**-0.5), 0.02, 3e3)])
+    assert np.array([1.0, 0.0]) @ np.linalg.inv(M) @ np.array([1.0, 2.0]) == pytest.approx(0.0)
+    integrator = PassiveIntegrator(M, 10.0 * M, 100.0 * M, (0.0, 0.0))
+    integrator.step(0.01, (0.0, 0.0), contacts)
+    with pytest.raises(InvalidParameter):
+        integrator.push(0.01, 1.0, (0.0, 0.0), contacts)
+    integrator.step(0.01, (0.0, 0.0), contacts)

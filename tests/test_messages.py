@@ -18,9 +18,12 @@ from hapnet.wire.messages import (
     Energy,
     Hello,
     Message,
+    Motion,
     OtherVersion,
+    Port,
     Position,
     Refuse,
+    Wave,
     Welcome,
     decode,
     encode,
@@ -35,6 +38,9 @@ GOLDEN: dict[str, Message] = {
     "welcome": Welcome(B, A, 1, "world", 3, "wall", {}),
     "refuse": Refuse(B, A, "pen has 3 degrees of freedom, wall has 1"),
     "bye": Bye(A, B, 20_000, "duration is over"),
+    "motion": Motion(A, 7, 1_000_000_000, (0.01,), (-0.25,)),
+    "port": Port(B, 7, 1_000_000_000, (1.5,), 1_500_000),
+    "wave": Wave(A, 7, 1_000_000_000, (0.5,), 5_000_000),
 }
 FRAMES = dict(
     line.split()
@@ -60,6 +66,13 @@ def test_golden_frames_are_what_the_msgpack_specification_says() -> None:
     assert energy.hex() == FRAMES["energy"]
     bye = b"\x96\x01\x06\xcf" + struct.pack(">Q", A) + b"\xcf" + struct.pack(">Q", B)
     assert (bye + b"\xcd" + struct.pack(">H", 20_000) + b"\xb0duration is over").hex() == FRAMES["bye"]
+    numbered = b"\x07\xce" + struct.pack(">I", 10**9) + b"\x91\xcb"
+    motion = b"\x97\x01\x07\xcf" + struct.pack(">Q", A) + numbered + struct.pack(">d", 0.01)
+    assert (motion + b"\x91\xcb" + struct.pack(">d", -0.25)).hex() == FRAMES["motion"]
+    port = b"\x97\x01\x08\xcf" + struct.pack(">Q", B) + numbered + struct.pack(">d", 1.5)
+    assert (port + b"\xce" + struct.pack(">I", 1_500_000)).hex() == FRAMES["port"]
+    wave = b"\x97\x01\x09\xcf" + struct.pack(">Q", A) + numbered + struct.pack(">d", 0.5)
+    assert (wave + b"\xce" + struct.pack(">I", 5_000_000)).hex() == FRAMES["wave"]
 
 
 def test_the_protocol_page_shows_the_golden_frames() -> None:
@@ -83,7 +96,13 @@ identity = (
     st.dictionaries(texts, scalars | st.booleans(), max_size=8),
 )
 coordinates = st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=64).map(tuple)
+motions = coordinates.flatmap(
+    lambda x: st.builds(Motion, incarnations, naturals, naturals, st.just(x), st.permutations(x).map(tuple))
+)
 any_message = st.one_of(
+    motions,
+    st.builds(Port, incarnations, naturals, naturals, coordinates, totals),
+    st.builds(Wave, incarnations, naturals, naturals, coordinates, st.integers(1, 10**10)),
     st.builds(Position, incarnations, naturals, naturals, coordinates),
     st.builds(Energy, incarnations, naturals, totals, totals),
     st.builds(Hello, incarnations, naturals, *identity),
@@ -96,7 +115,9 @@ any_message = st.one_of(
 @settings(deadline=None)
 @given(any_message)
 def test_decode_inverts_encode(message: Message) -> None:
-    assert decode(encode(message)) == message
+    again = decode(encode(message))
+    assert again == message
+    assert type(again) is type(message)  # named tuples of one shape are equal
 
 
 def rejected(frame: object) -> BadMessage:
@@ -134,6 +155,29 @@ HELLO: list[Any] = [1, 3, A, 1, "device", 3, "pen", {}]
         ("version", [0, 99, A]),
         ("kind", [1, 10, A]),
         ("length", [1, 7, A]),
+        ("length", [1, 7, A, 0, 0, [0.0]]),
+        ("length", [1, 8, A, 0, 0, [0.0]]),
+        ("length", [1, 9, A, 0, 0, [0.0]]),
+        ("length", [1, 9, A, 0, 0, [0.0], 1, 1]),
+        ("dimension", [1, 7, A, 0, 0, [0.0, 0.0], [0.0]]),
+        ("dimension", [1, 7, A, 0, 0, [0.0], []]),
+        ("type", [1, 7, A, 0, 0, [0.0], [0]]),
+        ("type", [1, 7, A, 0, 0, [0.0], [True]]),
+        ("range", [1, 7, A, 0, 0, [0.0], [nan]]),
+        ("range", [1, 7, A, 0, 0, [0.0], [-1e7]]),
+        ("range", [1, 7, A, -1, 0, [0.0], [0.0]]),
+        ("type", [1, 8, A, 0, 0, [0.0], 1.0]),
+        ("type", [1, 8, A, 0, 0, [0.0], True]),
+        ("range", [1, 8, A, 0, 0, [0.0], -1]),
+        ("range", [1, 8, A, 0, 0, [0.0], 2**63]),
+        ("range", [1, 8, A, 0, 0, [inf], 0]),
+        ("type", [1, 8, A, 0, 0, [1], 0]),
+        ("range", [1, 9, A, 0, 0, [0.0], 0]),
+        ("range", [1, 9, A, 0, 0, [0.0], 10**10 + 1]),
+        ("type", [1, 9, A, 0, 0, [0.0], 5e6]),
+        ("type", [1, 9, A, 0, 0, 0.5, 1]),
+        ("dimension", [1, 9, A, 0, 0, [0.0] * 65, 1]),
+        ("range", [1, 9, 0, 0, 0, [0.0], 1]),
         ("kind", [1, -1, A]),
         ("length", [1, 1, A, 0, 0]),
         ("length", [1, 2, A, B, 0, 0, 0]),
@@ -229,7 +273,7 @@ trees = st.recursive(
 
 
 @settings(max_examples=300, deadline=None)
-@given(st.integers(0, 7), st.lists(trees, max_size=7))
+@given(st.integers(0, 10), st.lists(trees, max_size=7))
 def test_well_formed_nonsense_never_raises_anything_else(kind: int, fields: list[object]) -> None:
     survives(msgpack.packb([1, kind, A, *fields]))
 

@@ -76,6 +76,22 @@ def test_the_main_job(more: tuple[str, ...], tmp_path: Path) -> None:
         assert 25.0 < edges[0] < edges[-1] < 55.0
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("more", [(), ("--realtime",)], ids=["thread", "realtime"])
+def test_a_deadband_sends_less_and_shuffles_all_the_same(more: tuple[str, ...], tmp_path: Path) -> None:
+    with started(
+        "run", "--duration", 3, "--seed", 1, "--deadband", 0.2, "--json", "-", "--out", tmp_path / "run", *more
+    ) as program:
+        code, stdout, stderr = program.end()
+    assert code == 0, stderr
+    summary = json.loads(stdout)
+    assert_passive(summary)
+    assert_accounts_agree(summary)
+    assert summary["energy"]["up"]["credited_nJ"] > 0
+    assert 20 < summary["world"]["received"] < 200  # of 600 and more
+    assert summary["device"]["outages"]["count"] == summary["world"]["outages"]["count"] == 0
+
+
 @pytest.mark.parametrize(
     ("number", "code", "more"),
     [

@@ -73,7 +73,7 @@ class Running:
         self.messages: list[bytes] = []
         self.samples: list[Sample] = []
         self.errors: list[BaseException] = []
-        outlet = Outlet(self.messages.append, self.samples.append, self.errors.append)
+        outlet = Outlet(self.messages.append, self.samples.append, self.errors.append, lambda: None)
         self.servo = ServoProcess(setup, device_session(setup, 7), outlet)
 
     @property
@@ -383,7 +383,7 @@ threading.Event().wait(30.0)
 def test_a_class_of_the_script_itself_is_refused() -> None:
     setup = prepare(Params().set({"hardware": "__main__:Mine", "scene": "free"}), "sampled")
     with pytest.raises(InvalidParameter, match="in a module of its own"):
-        ServoProcess(setup, device_session(setup, 7), Outlet(print, print, print))
+        ServoProcess(setup, device_session(setup, 7), Outlet(print, print, print, print))
 
 
 def test_where_there_are_no_such_sockets_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -203,6 +203,12 @@ OnSilence = Annotated[
 SilenceAfter = Annotated[
     float | None, typer.Option("--silence-after", help="Seconds of silence that count; 0.5 by default.")
 ]
+Deadband = Annotated[
+    float | None,
+    typer.Option(
+        "--deadband", metavar="FRACTION", help="Send only what changes the force by more than this; 0.1: unnoticed."
+    ),
+]
 Figure = Annotated[
     str,
     typer.Argument(help="fig4, fig5 or fig6.", autocompletion=complete.words(*complete.FIGURES)),

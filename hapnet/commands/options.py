@@ -35,6 +35,7 @@ class ModelOptions:
     duration: flags.Duration = None
     on_silence: flags.OnSilence = None
     silence_after: flags.SilenceAfter = None
+    deadband: flags.Deadband = None
 
     def named(self, *sides: str) -> dict[str, object]:
         """The parameters that are given, by their dotted names; those of silence for each of these sides."""
@@ -47,6 +48,7 @@ class ModelOptions:
             "device.servo_hz": self.servo_hz,
             "dof": self.dof,
             "duration_s": self.duration,
+            "wire.deadband": self.deadband,
         }
         found |= {f"{side}.on_silence": self.on_silence for side in sides}
         found |= {f"{side}.silence_after_s": self.silence_after for side in sides}

@@ -47,7 +47,10 @@ class Law(Protocol):
 
     @property
     def set_position(self) -> Vector:
-        """Where its spring is tied [m]; where it has none, where the other side was last known to be."""
+        """Where its spring is tied [m]; where it has none, where the other side is taken to be.
+
+        Its distance is to the position what the force is to the coupling's stiffness: a deadband takes it for that.
+        """
 
     def receive(self, datum: Datum) -> None:
         """One datum came from the other side; it is never called twice for one, nor for those of an earlier peer."""

@@ -78,6 +78,7 @@ class PassiveIntegrator:
         self._diagonal = all(_is_diagonal(matrix) for matrix in (M, B, K))
         self._factored: tuple[float, float | None] = (0.0, None)
         self._contacts: Contacts | None = None
+        self._pushed_on: Contacts | None = None  # separate in a push too
 
     @property
     def position(self) -> Vector:
@@ -110,12 +111,15 @@ class PassiveIntegrator:
             if contacts.dof != self._n:
                 raise InvalidParameter("contacts.dof", contacts.dof, f"{self._n}, as the position has")
             contacts.require_outside(self._x)
-            # n_i' A^-1 n_j is, but for positive factors, a polynomial in T of degree 2 (n - 1): zero at 2n - 1 values
-            # of T, it is zero for every step.
-            for dt in np.geomspace(1e-4, 1.0, 2 * self._n - 1).tolist():
-                self._factor(dt)
-                contacts.require_separate(self._solve)
+            self._require_separate(contacts)
         self._contacts = contacts
+
+    def _require_separate(self, contacts: Contacts, drag: float | None = None) -> None:
+        # n_i' A^-1 n_j is, but for positive factors, a polynomial in T of degree 2 (n - 1): zero at 2n - 1 values of T,
+        # it is zero for every step; and with a drag, of which only its ratio to 2M/T counts, for every drag.
+        for dt in np.geomspace(1e-4, 1.0, 2 * self._n - 1).tolist():
+            self._factor(dt, drag)
+            contacts.require_separate(self._solve)
 
     def place(self, position: ArrayLike) -> None:
         """Begin anew, at rest, at `position` (n,) [m]; raises InvalidParameter if that is inside a wall."""
@@ -194,6 +198,9 @@ class PassiveIntegrator:
             raise InvalidParameter("drag", drag, "0 Ns/m or above")
         if contacts is not self._contacts:
             self.adopt(contacts)
+        if contacts is not None and contacts is not self._pushed_on:
+            self._require_separate(contacts, 1.0)
+            self._pushed_on = contacts
         if self._factored != (dt, drag):
             self._factor(dt, drag)
         x, v = self._x, self._v

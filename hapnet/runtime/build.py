@@ -28,6 +28,7 @@ from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.scene import SCENES, Scene, make_scene, scene_parameters
 from hapnet.runtime.couplings import KINDS, Kind, Tuning, delays
+from hapnet.runtime.deadband import deadband
 from hapnet.runtime.hands import LIVE as LIVE
 from hapnet.runtime.hands import operator
 from hapnet.runtime.own_device import OwnDevice
@@ -146,6 +147,7 @@ def world_session(setup: Setup, incarnation: int, name: str = "world") -> Sessio
 
 def device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write) -> DeviceSide:
     """The device (simulated in its hand, or the user's own) with its servo, for an endpoint or its control half."""
+    endpoint.deadband = deadband(setup.params, "device")
     if setup.params.hardware != "simulated":
         return _own_device_side(setup, endpoint, clock, write)
     params = setup.params
@@ -209,6 +211,7 @@ def _own_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write:
 
 def world_side(setup: Setup, endpoint: WorldControl, rng: np.random.Generator, write: Write) -> WorldSide:
     """The virtual mass in its scene, for an endpoint or its control half."""
+    endpoint.deadband = deadband(setup.params, "world")
     world = setup.params.world
     with _named("world"):
         mass = PassiveIntegrator(world.mass, world.damping, world.stiffness, setup.scene.start)

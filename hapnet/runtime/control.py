@@ -27,11 +27,13 @@ class Outlet:
     """Where control's values go; each is called on control's own thread and returns at once.
 
     send : a position message to put on the link. write : a sample to record. fail : what has ended control.
+    wake : there is surplus energy to collect, and no message to send.
     """
 
     send: Callable[[bytes], None]
     write: Callable[[Sample], None]
     fail: Callable[[BaseException], None]
+    wake: Callable[[], None]
 
 
 class Control(Protocol):
@@ -71,7 +73,7 @@ class ThreadedDevice:
         self.wire: WireHalf = endpoint
         self.side = device_side(setup, endpoint, clock, outlet.write)
         self._coupling = setup.params.coupling
-        self._send = outlet.send
+        self._send, self._wake = outlet.send, outlet.wake
         self._began = False
         self._servo = Servo(
             round(1e9 / setup.params.device.servo_hz),
@@ -107,6 +109,8 @@ class ThreadedDevice:
         message = self.side.tick(now_ns)
         if message is not None:
             self._send(message)
+        elif self.wire.uncollected:
+            self._wake()
         if not self._began and self.side.origin_ns is not None:
             self._began = True
             self._servo.count_anew()
@@ -124,7 +128,7 @@ class ThreadedWorld:
         self.wire: WireHalf = endpoint
         self.side = world_side(setup, endpoint, rng, outlet.write)
         self._coupling = setup.params.coupling
-        self._send = outlet.send
+        self._send, self._wake = outlet.send, outlet.wake
         self._stepper = Stepper(self._step, outlet.fail, clock)
 
     @property
@@ -149,9 +153,12 @@ class ThreadedWorld:
 
     def _step(self, now_ns: int) -> int:
         message = self.side.step(now_ns)
-        if message is None:
+        if self.side.origin_ns is None:
             return UNPAIRED_STEP_NS
-        self._send(message)
+        if message is not None:
+            self._send(message)
+        elif self.wire.uncollected:
+            self._wake()
         return self.side.next_step_ns()
 
 

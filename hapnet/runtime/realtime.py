@@ -108,7 +108,7 @@ class RealtimeSide:
         self._stopped_ns: int | None = None
         entropy = np.random.SeedSequence(self.seed).spawn(4)
         incarnation = secrets.randbits(63) + 1
-        outlet = Outlet(self._send, self._keep_sample, self._fail)
+        outlet = Outlet(self._send, self._keep_sample, self._fail, self._wake)
         self.control: Control
         if role == "world":
             steps = np.random.default_rng(entropy[2])
@@ -142,6 +142,10 @@ class RealtimeSide:
     def _send(self, data: bytes) -> None:
         """On control's thread."""
         self._egress.send(data)
+
+    def _wake(self) -> None:
+        """On control's thread."""
+        self._egress.arm()
 
     def _on_message(self, kind: str, data: bytes) -> None:
         """On Zenoh's thread."""

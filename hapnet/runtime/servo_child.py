@@ -71,13 +71,13 @@ class ServoChild:
         self._take()
         side = self.side
         message = side.tick(now_ns)
-        if message is not None:
+        if message is not None or self._control.has_surplus:
             surplus = self._surplus + self._control.surplus()
             if self._pipe.offer("position", surplus, message):
                 self._surplus = 0.0
             else:
                 self._surplus = surplus
-                self._unsent += 1
+                self._unsent += message is not None
         if not self._began and side.origin_ns is not None:
             self._began = self._pipe.offer("began", side.origin_ns)
             self.servo.count_anew()

@@ -68,7 +68,8 @@ class ServoProcess:
 
     def arrive(self, datum: Datum, sent_s: float) -> None:
         self._pay()
-        self._pipe.offer("arrive", kind_of(datum), datum, sent_s)
+        if not self._owed:  # another peer that is owed to the servo comes before its data
+            self._pipe.offer("arrive", kind_of(datum), datum, sent_s)
 
     def credit(self, credited_nJ: int) -> None:
         self._deliver("credit", credited_nJ)
@@ -199,7 +200,10 @@ class ServoProcess:
             case ("position", surplus, message):
                 if surplus > 0.0:
                     self._surplus.append(surplus)
-                outlet.send(message)
+                if message is None:
+                    outlet.wake()
+                else:
+                    outlet.send(message)
             case ("samples", samples):
                 for sample in samples:
                     outlet.write(DeviceSample(*sample))

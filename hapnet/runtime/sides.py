@@ -236,8 +236,7 @@ class ContinuousDeviceSide(DeviceSide):
         if dt < (lived := periods * device.period):
             dt = lived
         message = self.endpoint.tick_continuous(now_ns, dt, x, device.extremes, work, device.kinetic, release=release)
-        if message is not None:
-            device.move_set_position(self._servo.coupling.modulator.set_position)
+        device.move_set_position(self._servo.coupling.modulator.set_position)
         return message
 
     def _sample(self, now_ns: int) -> DeviceSample:

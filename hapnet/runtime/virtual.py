@@ -255,10 +255,11 @@ class Simulation:
     def _step(self) -> None:
         world = self.world
         message = world.step(self.now_ns)
-        if message is None:
+        if world.origin_ns is None:
             self._due[_STEP] = self.now_ns + self._period_ns  # not paired yet
             return
-        self._send(self.down, "position", message)
+        if message is not None:
+            self._send(self.down, "position", message)
         self.world_endpoint.collect()
         self._due[_STEP] = self.now_ns + world.next_step_ns()
         self._rest(self.now_ns)
@@ -273,9 +274,9 @@ class Simulation:
             up = self.up
             up.send(now, Parcel("position", message), len(message) + FRAME_OVERHEAD)
             due[_UP] = _or_never(up.next_due_ns)
-            if self.device_endpoint.has_surplus:
-                self.device_endpoint.collect()
-                due[_DEVICE_TIMER] = _or_never(self.device_endpoint.next_due_ns)
+        if self.device_endpoint.has_surplus:
+            self.device_endpoint.collect()
+            due[_DEVICE_TIMER] = _or_never(self.device_endpoint.next_due_ns)
         if device.ledger is not None:
             self.two_port.device(device.ledger.work)
         self._tick_ns = now + self._period_ns

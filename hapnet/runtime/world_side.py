@@ -59,7 +59,10 @@ class WorldSide:
         return self.endpoint.coupling
 
     def step(self, now_ns: int) -> bytes | None:
-        """End the running step, whatever it took, and begin the next; the position message to send."""
+        """End the running step, whatever it took, and begin the next; the position message to send, if there is one.
+
+        Before control starts, which `origin_ns` tells, there are neither steps nor messages.
+        """
         endpoint, mass = self.endpoint, self.mass
         if self.origin_ns is None:
             if not endpoint.paired:

@@ -67,14 +67,14 @@ class Outgoing(NamedTuple):
 class SessionSettings:
     """What a session may be told.
 
-    accept_stale : hand out positions older than one already received (the theory allows it); else the newest wins.
+    accept_stale : hand out positions older than one already received (the theory of set-positions allows it); else the
+        newest wins, as it does of motions and ports in any case.
     admission_W, admission_burst_J : what the peer may hand in at length [W] and at once [J].
     hello_period_ns : time between two hellos while unpaired.
     spacing_ns : least time between two messages with new energy.
     ack_delay_ns : how long an acknowledgement waits for a message to ride on.
     silence_ns : how long no new position may come before the peer counts as silent, and another may take its place.
-    expects : the kind of message that the peer's stream is made of. Waves are handed out late, but once; of the others
-        the newest wins.
+    expects : the kind of message that the peer's stream is made of. Waves are handed out late too, but once.
     """
 
     accept_stale: bool = False
@@ -126,19 +126,19 @@ class PositionStream:
         """The next frame for the position key: `position` [m or rad], `dof` finite coordinates (not checked here)."""
         sequence = self.next_sequence
         self.next_sequence = sequence + 1
-        return encode_position(self._incarnation, sequence, now_ns, tuple(map(float, position)), self._pack)
+        return encode_position(self._incarnation, sequence, now_ns, _floats(position), self._pack)
 
-    def motion(self, now_ns: int, position: tuple[float, ...], velocity: tuple[float, ...]) -> bytes:
+    def motion(self, now_ns: int, position: Sequence[float], velocity: Sequence[float]) -> bytes:
         """The next frame: a position [m] with its velocity [m/s]."""
-        return encode(Motion(self._incarnation, self._next(), now_ns, position, velocity))
+        return encode(Motion(self._incarnation, self._next(), now_ns, _floats(position), _floats(velocity)))
 
-    def port(self, now_ns: int, value: tuple[float, ...], energy_nJ: int) -> bytes:
+    def port(self, now_ns: int, value: Sequence[float], energy_nJ: int) -> bytes:
         """The next frame: a port's position [m] or force [N], and the energy that ever went in there."""
-        return encode(Port(self._incarnation, self._next(), now_ns, value, energy_nJ))
+        return encode(Port(self._incarnation, self._next(), now_ns, _floats(value), energy_nJ))
 
-    def wave(self, now_ns: int, wave: tuple[float, ...], span_ns: int) -> bytes:
+    def wave(self, now_ns: int, wave: Sequence[float], span_ns: int) -> bytes:
         """The next frame: a wave [sqrt(W)], the mean over `span_ns`."""
-        return encode(Wave(self._incarnation, self._next(), now_ns, wave, span_ns))
+        return encode(Wave(self._incarnation, self._next(), now_ns, _floats(wave), span_ns))
 
     def _next(self) -> int:
         self.next_sequence += 1
@@ -336,13 +336,12 @@ class Session:
         if peer is None or peer.incarnation != message.incarnation:
             self._handshake.check_peer(message.incarnation, now_ns)
         if type(message) is not self._expects:
-            wanted = self._expects.__name__.lower()
-            raise BadMessage("stream", f"a {type(message).__name__.lower()}; the coupling here takes a {wanted}")
+            raise BadMessage("stream", f"a {_word(message)}; allowed: a {_word(self._expects)}, by the coupling here")
         value = message[3]  # of every kind, the one whose dimension is to be that of the session
         if len(value) != self.identity.dof:
             raise BadMessage("dimension", f"{len(value)} coordinates; allowed: {self.identity.dof}")
         if self._liveness.leaps(now_ns, message.sequence):
-            raise BadMessage("leap", f"position {message.sequence}; no sender can have made so many")
+            raise BadMessage("leap", f"{_word(message)} {message.sequence}; no sender can have made so many")
         received = (
             PositionReceived(message.sequence, message.sent_ns, message.position)
             if isinstance(message, Position)
@@ -357,8 +356,8 @@ class Session:
         if type(message) is Wave:
             if not self._seen.first(message.sequence):
                 raise BadMessage("stale", f"wave {message.sequence} again, or long after later ones")
-        elif not self.settings.accept_stale:
-            raise BadMessage("stale", f"position {message.sequence} after a later one")
+        elif type(message) is not Position or not self.settings.accept_stale:
+            raise BadMessage("stale", f"{_word(message)} {message.sequence} after a later one")
         return (received,)
 
     def _on_bye(self, message: Bye, now_ns: int) -> tuple[Event, ...]:
@@ -385,6 +384,15 @@ class Session:
     def _open_channel(self, residue_J: float) -> EnergyChannel:
         spacing_ns, ack_delay_ns = self.settings.spacing_ns, self.settings.ack_delay_ns
         return EnergyChannel(self._admission, residue_J=residue_J, spacing_ns=spacing_ns, ack_delay_ns=ack_delay_ns)
+
+
+def _word(stream: Stream | type[Stream]) -> str:
+    return (stream if isinstance(stream, type) else type(stream)).__name__.lower()
+
+
+def _floats(vector: Sequence[float]) -> tuple[float, ...]:
+    """A peer takes no integers for coordinates."""
+    return tuple(map(float, vector))
 
 
 def _outgoing(message: Message) -> Outgoing:

@@ -14,12 +14,14 @@ from hapnet.control.coupling import Coupling, Modulator
 from hapnet.control.pspm import Modulation
 from hapnet.endpoint import ControlHalf, Endpoint
 from hapnet.errors import BadMessage
-from hapnet.wire.events import EnergyCredited, Event, Paired, PositionReceived
-from hapnet.wire.messages import Energy, Message, Position, Refuse, decode, encode
+from hapnet.wire.events import EnergyCredited, Event, Paired, PositionReceived, SampleReceived
+from hapnet.wire.messages import Energy, Message, Motion, Port, Position, Refuse, Wave, decode, encode
 from hapnet.wire.session import Outgoing
 
-POSITION, ENERGY, HELLO, WELCOME, REFUSE, BYE = range(1, 7)
-LENGTHS = {POSITION: 6, ENERGY: 6, HELLO: 8, WELCOME: 9, REFUSE: 5, BYE: 6}
+POSITION, ENERGY, HELLO, WELCOME, REFUSE, BYE, MOTION, PORT, WAVE = range(1, 10)
+LENGTHS = {POSITION: 6, ENERGY: 6, HELLO: 8, WELCOME: 9, REFUSE: 5, BYE: 6, MOTION: 7, PORT: 7, WAVE: 7}
+KEYS = dict.fromkeys((POSITION, MOTION, PORT, WAVE), "position") | {ENERGY: "energy"}
+"""The key of a kind; of any other: control."""
 
 BAD_FRAMES = {"size", "malformed", "version", "kind", "length", "type", "range", "dimension"}
 BAD_MOMENTS = {
@@ -28,6 +30,7 @@ BAD_MOMENTS = {
     "stranger",
     "rival",
     "unpaired",
+    "stream",
     "stale",
     "leap",
     "addressee",
@@ -67,7 +70,7 @@ def allowed(data: bytes) -> list[Any] | None:
     if not isinstance(frame, list) or len(frame) < 3:
         return None
     version, kind = frame[:2]
-    if not (_integer(version, -(2**63)) and _integer(kind, 1, 6) and _integer(frame[2], 1)):
+    if not (_integer(version, -(2**63)) and _integer(kind, 1, 9) and _integer(frame[2], 1)):
         return None
     if (version != 1 and kind != REFUSE) or len(frame) != LENGTHS[kind]:
         return None
@@ -76,9 +79,15 @@ def allowed(data: bytes) -> list[Any] | None:
 
 def _fields(kind: int, fields: list[Any]) -> bool:
     match kind, fields:
-        case 1, [sequence, sent_ns, list() as position]:
-            floats = all(isinstance(x, float) and math.isfinite(x) and abs(x) <= 1e6 for x in position)
-            return _integer(sequence) and _integer(sent_ns) and 1 <= len(position) <= 64 and floats
+        case 1, [sequence, sent_ns, position]:
+            return _integer(sequence) and _integer(sent_ns) and _floats(position)
+        case 7, [sequence, sent_ns, position, velocity]:
+            even = _floats(position) and _floats(velocity) and len(position) == len(velocity)
+            return _integer(sequence) and _integer(sent_ns) and even
+        case 8, [sequence, sent_ns, value, energy_nJ]:
+            return _integer(sequence) and _integer(sent_ns) and _floats(value) and _integer(energy_nJ, 0, 2**63 - 1)
+        case 9, [sequence, sent_ns, wave, span_ns]:
+            return _integer(sequence) and _integer(sent_ns) and _floats(wave) and _integer(span_ns, 1, 10**10)
         case 2, [addressee, total_nJ, acked_nJ]:
             return _integer(addressee) and _integer(total_nJ, 0, 2**63 - 1) and _integer(acked_nJ, 0, 2**63 - 1)
         case 3, [number, *identity]:
@@ -90,6 +99,12 @@ def _fields(kind: int, fields: list[Any]) -> bool:
         case 6, [addressee, acked_nJ, reason]:
             return _integer(addressee) and _integer(acked_nJ, 0, 2**63 - 1) and _text(reason)
     return False
+
+
+def _floats(value: object) -> bool:
+    if not (isinstance(value, list) and 1 <= len(value) <= 64):
+        return False
+    return all(isinstance(x, float) and math.isfinite(x) and abs(x) <= 1e6 for x in value)
 
 
 def _identity(role: object, dof: object, name: object, about: object) -> bool:
@@ -164,6 +179,9 @@ class Watch:
         self.newest = -1
         """Highest sequence of the present peer's positions."""
         self._newest_ns = 0
+        self._expects = session.settings.expects
+        self._waves: set[int] = set()
+        """The numbers of the present peer's waves that were taken."""
         self._rate_nW, self._burst_aJ = round(power_W * 1e9), round(burst_J * 1e9) * 10**9
         self._accept_stale = accept_stale
         self._claimed_before_nJ = 0  # by earlier peers
@@ -202,6 +220,7 @@ class Watch:
             self._claimed_before_nJ += self.claimed_nJ
             self.claimed_nJ = self._told_nJ = 0
             self.newest = -1
+            self._waves.clear()
         self._check(now_ns, events)
         return events
 
@@ -213,7 +232,7 @@ class Watch:
             frame = allowed(data)
             if frame is None:
                 raise Broken(f"this side sends a frame that is not allowed: {data.hex()}")
-            hold(kind == ("position", "energy", *["control"] * 4)[frame[1] - 1], frame, "on the key", kind)
+            hold(kind == KEYS.get(frame[1], "control"), frame, "on the key", kind)
             if frame[1] == ENERGY:
                 self._told_nJ = max(self._told_nJ, frame[4])
         due_ns = self.session.next_due_ns
@@ -224,16 +243,8 @@ class Watch:
     def _check_fate(self, now_ns: int, message: Message, peer: Any, dropped: bool, events: tuple[Event, ...]) -> None:
         """What the page says of this message in this state."""
         from_peer = peer is not None and message.incarnation == peer.incarnation
-        if isinstance(message, Position):
-            news = message.sequence > self.newest or self._accept_stale
-            waited_ns = now_ns - self._newest_ns  # no more than 20 kHz at length, and 2000 at once
-            leaps = self.newest >= 0 and message.sequence > self.newest + 2000 + waited_ns // 50_000
-            counts = from_peer and len(message.position) == self.session.identity.dof and news and not leaps
-            hold(dropped != counts, "position", message, "after", self.newest, "dropped:", dropped)
-            if counts:
-                if message.sequence > self.newest:
-                    self.newest, self._newest_ns = message.sequence, now_ns
-                hold(events[:1] == (PositionReceived(*message[1:]),), message, "gave", events)
+        if isinstance(message, Position | Motion | Port | Wave):
+            self._check_stream(now_ns, message, from_peer, dropped, events)
         elif isinstance(message, Energy):
             counts = from_peer and message.addressee == self.own and message.acked_nJ <= self._told_nJ
             hold(dropped != counts, "energy", message, "with", self._told_nJ, "nJ told; dropped:", dropped)
@@ -245,6 +256,28 @@ class Watch:
             hold(dropped, "it hears itself:", message)
         if any(isinstance(event, Paired) for event in events):
             hold(message.KIND == WELCOME, "paired by", message)
+
+    def _check_stream(
+        self, now_ns: int, message: Position | Motion | Port | Wave, from_peer: bool, dropped: bool, events: Any
+    ) -> None:
+        news = message.sequence > self.newest
+        if isinstance(message, Wave):
+            news = message.sequence not in self._waves and message.sequence > self.newest - 1024
+        elif isinstance(message, Position):
+            news = news or self._accept_stale
+        waited_ns = now_ns - self._newest_ns  # no more than 20 kHz at length, and 2000 at once
+        leaps = self.newest >= 0 and message.sequence > self.newest + 2000 + waited_ns // 50_000
+        fits = type(message) is self._expects and len(message[3]) == self.session.identity.dof
+        counts = from_peer and fits and news and not leaps
+        hold(dropped != counts, "position", message, "after", self.newest, "dropped:", dropped)
+        if not counts:
+            return
+        if message.sequence > self.newest:
+            self.newest, self._newest_ns = message.sequence, now_ns
+        if isinstance(message, Wave):
+            self._waves.add(message.sequence)
+        known = PositionReceived(*message[1:]) if isinstance(message, Position) else SampleReceived(message)
+        hold(events[:1] == (known,), message, "gave", events)
 
     def _check(self, now_ns: int, events: tuple[Event, ...]) -> None:
         for event in events:

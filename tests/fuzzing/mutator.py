@@ -14,7 +14,8 @@ from collections.abc import Callable, Iterable
 import msgpack
 
 INCARNATION, SEQUENCE = 2, 3
-POSITION, ENERGY, HELLO, WELCOME, REFUSE, BYE = range(1, 7)
+POSITION, ENERGY, HELLO, WELCOME, REFUSE, BYE, MOTION, PORT, WAVE = range(1, 10)
+STREAMS = (POSITION, MOTION, PORT, WAVE)
 MOST_RECORDED = 64
 
 NAN = float("nan")
@@ -52,13 +53,22 @@ class Mutator:
     own : incarnation of the side under attack.
     role, dof : of the attacker, that is of the peer it plays.
     outsider : it can repeat what it hears and shout in other names, but not speak in the peer's.
+    stream : the kind of what it says all the time; mostly, at least.
     """
 
     def __init__(
-        self, rng: random.Random, seeds: Iterable[bytes], *, own: int, role: str, dof: int, outsider: bool = False
+        self,
+        rng: random.Random,
+        seeds: Iterable[bytes],
+        *,
+        own: int,
+        role: str,
+        dof: int,
+        outsider: bool = False,
+        stream: int = POSITION,
     ) -> None:
         self.rng = rng
-        self.own, self.role, self.dof, self.outsider = own, role, dof, outsider
+        self.own, self.role, self.dof, self.outsider, self.stream = own, role, dof, outsider, stream
         self.peer = 0
         """Whom the side under attack takes for its peer; the rig keeps it up to date."""
         self.strangers = [rng.getrandbits(64) | 1 for _ in range(3)]
@@ -206,7 +216,13 @@ class Mutator:
             position = [sign * 1e6] * dof
         else:
             position = [self.rng.choice(ODD_FLOATS[:7] if r() < 0.8 else ODD_FLOATS) for _ in range(dof)]
-        return _packed([1, POSITION, self._who(), sequence, self._sent_ns, position])
+        kind = self.stream if r() < 0.97 else self.rng.choice(STREAMS)
+        more: dict[int, list[object]] = {
+            MOTION: [position[: dof if r() < 0.99 else 1]],
+            PORT: [self._count(self._total, 10**6, 2**63 - 1)],
+            WAVE: [self._count(5 * 10**6, 10**7, 10**10)],
+        }
+        return _packed([1, kind, self._who(), sequence, self._sent_ns, position, *more.get(kind, [])])
 
     def _energy(self) -> bytes:
         total = self._count(self._total, 10**6, 2**63 - 1)

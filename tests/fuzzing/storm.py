@@ -11,19 +11,20 @@ from functools import lru_cache
 import numpy as np
 
 from hapnet.control.coupling import Coupling
-from hapnet.endpoint import DeviceEndpoint, WorldEndpoint
+from hapnet.endpoint import DeviceEndpoint, WorldEndpoint, backlog
 from hapnet.params import Params
 from hapnet.runtime.build import Setup, device_session, device_side, prepare, world_session, world_side
 from hapnet.runtime.sides import DeviceSide, SampledDeviceSide
 from hapnet.runtime.world_side import WorldSide
 from hapnet.wire.events import PositionReceived
-from hapnet.wire.messages import Role
-from hapnet.wire.session import Session
+from hapnet.wire.messages import Motion, Port, Role, Wave
+from hapnet.wire.session import Session, SessionSettings
 from tests.fuzzing.corpus import stored
 from tests.fuzzing.invariants import Audited, Broken, Watch, check_control, check_coupling, decoded, hold
 from tests.fuzzing.mutator import HELLO, Mutator
 
-TARGETS = ("decoder", "device", "continuous", "world")
+STREAMS: dict[str, type[Motion | Port | Wave]] = {"motion": Motion, "port": Port, "wave": Wave}
+TARGETS = ("decoder", "device", "continuous", "world", *STREAMS)
 STORM = 5_000
 """Messages in a storm; a storm has one seed, and its side and peer begin with it."""
 
@@ -297,7 +298,7 @@ class Rig:
 
 def run(target: str, seed: int, count: int) -> None:
     """One storm of `count` messages. Raises AssertionError with all that is needed to see it again."""
-    storm = _decoder if target == "decoder" else _endpoint
+    storm = _decoder if target == "decoder" else _stream if target in STREAMS else _endpoint
     progress: list[bytes] = []
     try:
         storm(target, random.Random(seed), count, progress)
@@ -373,3 +374,54 @@ def _endpoint(target: str, rng: random.Random, count: int, progress: list[bytes]
     hold(not outsider or restarts == rig.restarts == 0, "the accounts of a pair were touched from outside")
     watch.check_memory()
     hold(rig.plant.updates > 0, "no update of the modulator was seen")
+
+
+def _stream(target: str, rng: random.Random, count: int, progress: list[bytes]) -> None:
+    """The wire half of a device whose coupling takes something else than positions; no servo takes what comes."""
+    kind, dof = STREAMS[target], rng.choice((1, 2, 3))
+    stale = rng.random() < 0.5
+    settings = SessionSettings(expects=kind, accept_stale=stale, admission_W=5.0, admission_burst_J=0.5)
+    endpoint = DeviceEndpoint(
+        Session(role="device", dof=dof, name="pen", incarnation=rng.getrandbits(64) | 1, settings=settings)
+    )
+    session = endpoint.session
+    watch = Watch(endpoint, power_W=5.0, burst_J=0.5, accept_stale=stale)
+    mutator = Mutator(rng, seeds(), own=session.identity.incarnation, role="world", dof=dof, stream=kind.KIND)
+    honest = Session(role="world", dof=dof, name="wall", incarnation=rng.getrandbits(64) | 1)
+    now_ns, unpaired, taken = 0, 0, 0
+    for index in range(count):
+        now_ns += rng.choices(_PAUSES_NS, cum_weights=_PAUSE_WEIGHTS)[0]
+        unpaired = 0 if session.peer is not None and session.peer == honest.identity else unpaired + 1
+        if unpaired > 3 * _RESTART_AFTER:
+            honest, unpaired = Session(role="world", dof=dof, name="wall", incarnation=rng.getrandbits(64) | 1), 0
+            now_ns += 1_000 * MS
+        for _, data in watch.poll(now_ns):
+            honest.receive(now_ns, data)
+        mutator.hellos = session._handshake._hellos
+        said = [data for _, data in honest.poll(now_ns)[0]]
+        if index % 10 == 0:
+            said.append(_sample(kind, honest, now_ns, tuple(rng.uniform(-1.0, 1.0) for _ in range(dof)), index))
+        for data in said:
+            mutator.overhear(data)
+            watch.receive(now_ns, data)
+        mutator.peer = session.peer.incarnation if session.peer else honest.identity.incarnation
+        mutator.told = watch._told_nJ
+        frame = mutator.next()
+        progress.append(frame)
+        taken += bool(watch.receive(now_ns, frame))
+        endpoint._credits.clear()
+        hold(len(endpoint._arrived) <= backlog(kind), len(endpoint._arrived), "wait")
+        if index % _CHECK_MEMORY == 0:
+            watch.check_memory()
+    hold(count < 1000 or taken > 0.02 * count, taken, "of", count, "messages were taken: a dull storm")
+
+
+def _sample(
+    kind: type[Motion | Port | Wave], honest: Session, now_ns: int, value: tuple[float, ...], index: int
+) -> bytes:
+    """The next message of the honest peer's stream."""
+    if kind is Motion:
+        return honest.positions.motion(now_ns, value, value)
+    if kind is Port:
+        return honest.positions.port(now_ns, value, index)
+    return honest.positions.wave(now_ns, value, 5 * MS)

@@ -83,6 +83,7 @@ class Scenario(Simulation):
             and not any(part.smoothing_s or part.predict_s for part in (params.device, params.world))
             and params.device.on_silence == params.world.on_silence == "hold"
             and not params.wire.accept_stale
+            and not params.wire.deadband
             and params.wire.admission_burst_J <= _BURST_MOST_J
             and vectorisable(params, setup.dof, setup.up, setup.down)
         )

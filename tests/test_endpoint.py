@@ -1,0 +1,167 @@
+"""The two halves of a side, without a plant: what goes between them, and what becomes of it on the wire."""
+
+from __future__ import annotations
+
+import pytest
+
+from hapnet.control.deadband import Deadband
+from hapnet.control.law import Datum, LawServo, Motion, Port, Wave
+from hapnet.endpoint import BACKLOG, DeviceEndpoint
+from hapnet.wire import messages
+from hapnet.wire.messages import Stream, decode
+from hapnet.wire.session import Session, SessionSettings
+
+MS = 1_000_000
+
+
+class Told:
+    """A law that says what it is told to say, and keeps what it hears."""
+
+    set_position = (0.0,)
+
+    def __init__(self) -> None:
+        self.say: Datum = (0.0,)
+        self.heard: list[Datum | str] = []
+
+    def receive(self, datum: Datum) -> None:
+        self.heard.append(datum)
+
+    def renew(self) -> None:
+        self.heard.append("another")
+
+    def force(self, dt: float, x: object, v: object, held: object) -> tuple[float, ...]:
+        return (0.0,)
+
+    def datum(self, x: object, v: object) -> Datum:
+        return self.say
+
+    def release(self, dt: float, x: object, held: object) -> None: ...
+
+
+class Side:
+    """A device's endpoint with such a law, and a peer to feed it."""
+
+    def __init__(self, expects: type[Stream] = messages.Position) -> None:
+        settings = SessionSettings(expects=expects)
+        self.endpoint = DeviceEndpoint(Session(role="device", dof=1, name="pen", incarnation=7, settings=settings))
+        self.law = Told()
+        self.now_ns = 0
+
+    def meet(self, incarnation: int) -> Session:
+        """Another peer, once the one before is silent."""
+        peer = Session(role="world", dof=1, name="wall", incarnation=incarnation)
+        self.now_ns += 2_000 * MS
+        for _ in range(100):
+            self.now_ns += 10 * MS
+            for _, data in peer.poll(self.now_ns)[0]:
+                self.endpoint.receive(self.now_ns, data)
+            for _, data in self.endpoint.poll(self.now_ns)[0]:
+                peer.receive(self.now_ns, data)
+        assert self.endpoint.session.peer == peer.identity
+        return peer
+
+    def start(self) -> None:
+        self.endpoint.start(LawServo(self.law, period=1e-3, position=(0.0,), bound=0.0, force_limit=1.0))
+
+    def tick(self) -> Stream | None:
+        self.now_ns += MS
+        data = self.endpoint.tick_sampled(self.now_ns, 1e-3, (0.0,), (0.0,))
+        if data is None:
+            return None
+        message = decode(data)
+        assert isinstance(message, messages.Position | messages.Motion | messages.Port | messages.Wave)
+        return message
+
+
+@pytest.mark.parametrize(
+    ("datum", "expected"),
+    [
+        ((0.5,), messages.Position(7, 0, MS, (0.5,))),
+        (Motion((0.5,), (-1.0,)), messages.Motion(7, 0, MS, (0.5,), (-1.0,))),
+        (Motion((1,), (0,)), messages.Motion(7, 0, MS, (1.0,), (0.0,))),  # a law may say 0 for 0.0
+        (Port((2.0,), 1.5e-3), messages.Port(7, 0, MS, (2.0,), 1_500_000)),
+        (Port((2.0,), 1.9999e-9), messages.Port(7, 0, MS, (2.0,), 1)),  # never more than went in
+        (Port((2.0,), -1e-18), messages.Port(7, 0, MS, (2.0,), 0)),  # rounding; a peer takes no negative total
+        (Wave((0.25,), 5e-3), messages.Wave(7, 0, MS, (0.25,), 5 * MS)),
+        (Wave((0.25,), 1e-12), messages.Wave(7, 0, MS, (0.25,), 1)),  # a span of nothing is none
+    ],
+)
+def test_a_datum_becomes_its_message(datum: Datum, expected: Stream) -> None:
+    side = Side()
+    side.start()
+    side.law.say = datum
+    message = side.tick()
+    assert message == expected
+    assert type(message) is type(expected)
+
+
+def test_a_message_becomes_its_datum() -> None:
+    for kind, expected in (
+        (messages.Motion, Motion((0.5,), (2.0,))),
+        (messages.Port, Port((0.5,), 3e-9)),
+        (messages.Wave, Wave((0.5,), 4e-9)),
+    ):
+        side = Side(kind)
+        peer = side.meet(3)
+        side.start()
+        frames = {
+            messages.Motion: peer.positions.motion(1, (0.5,), (2.0,)),
+            messages.Port: peer.positions.port(1, (0.5,), 3),
+            messages.Wave: peer.positions.wave(1, (0.5,), 4),
+        }
+        for data in frames.values():
+            side.endpoint.receive(side.now_ns, data)
+        side.tick()
+        (heard,) = side.law.heard
+        assert type(heard) is type(expected)
+        assert tuple(heard) == (pytest.approx(expected[0]), pytest.approx(expected[1]))
+        assert side.endpoint.session.dropped == {"stream": 2}
+
+
+def test_all_waves_wait_and_of_the_rest_the_newest() -> None:
+    for kind, left in ((messages.Wave, BACKLOG), (messages.Port, 1)):
+        side = Side(kind)
+        peer = side.meet(3)
+        side.start()
+        for number in range(BACKLOG + 100):
+            stream = peer.positions
+            data = stream.wave(1, (0.0,), 1 + number) if kind is messages.Wave else stream.port(1, (0.0,), 1 + number)
+            side.endpoint.receive(side.now_ns, data)
+        side.tick()
+        assert len(side.law.heard) == left
+        last = side.law.heard[-1]
+        assert isinstance(last, Wave | Port)
+        assert last[1] == pytest.approx((BACKLOG + 100) * 1e-9)
+
+
+def test_what_an_earlier_peer_said_is_not_for_a_law_that_has_begun_anew() -> None:
+    side = Side(messages.Wave)
+    first = side.meet(3)
+    side.start()
+    side.endpoint.receive(side.now_ns, first.positions.wave(1, (0.1,), 1))
+    side.tick()
+    side.endpoint.receive(side.now_ns, first.positions.wave(1, (0.2,), 1))  # which no tick takes in time
+    second = side.meet(5)
+    side.endpoint.receive(side.now_ns, second.positions.wave(1, (0.3,), 1))
+    side.tick()
+    assert side.law.heard == [Wave((0.1,), 1e-9), "another", Wave((0.3,), 1e-9)]
+
+
+def test_a_deadband_decides_what_is_sent_and_tells_another_peer_at_once() -> None:
+    side = Side()
+    side.endpoint.deadband = Deadband(0.1)
+    side.meet(3)
+    side.start()
+    side.law.say = (0.01,)  # the law's spring ends at 0
+    assert [side.tick() is None for _ in range(5)] == [False, True, True, True, True]
+    side.law.say = (0.0105,)
+    assert side.tick() is None
+    side.law.say = (0.0115,)
+    message = side.tick()
+    assert isinstance(message, messages.Position)
+    assert message.sequence == 1, "numbers count what is sent"
+    assert side.tick() is None
+    second = side.meet(5)
+    side.endpoint.receive(side.now_ns, second.position(1, (0.0,)))
+    side.now_ns -= 4_000 * MS  # so that it is not the longest time that sends it
+    assert side.tick() is not None

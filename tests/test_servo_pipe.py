@@ -1,0 +1,32 @@
+"""A datum's way through a pipe, which knows no named tuples."""
+
+from __future__ import annotations
+
+import pytest
+
+from hapnet.control.law import Datum, Motion, Port, Wave
+from hapnet.runtime.servo_pipe import Pipe, datum_of, kind_of, socket_pair
+
+
+@pytest.mark.parametrize(
+    "datum",
+    [
+        (0.1, -0.0, 5e-324),
+        (0.5, 1e-3),  # as long as a wave or a port, and none
+        Motion((0.1, 0.2), (-1.0, 0.0)),
+        Port((1.5,), 1e-9),
+        Wave((0.25, 0.0, 1.0), 5e-3),
+    ],
+)
+def test_a_datum_goes_through_a_pipe(datum: Datum) -> None:
+    ours, theirs = map(Pipe, socket_pair())
+    assert ours.offer("arrive", kind_of(datum), datum, 1.5)
+    frame = theirs.look()
+    assert frame is not None
+    word, kind, values, sent_s = frame
+    again = datum_of(kind, values)
+    assert (word, sent_s) == ("arrive", 1.5)
+    assert again == datum
+    assert type(again) is type(datum)
+    ours.close()
+    theirs.close()
