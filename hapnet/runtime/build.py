@@ -113,6 +113,7 @@ def prepare(params: Params, default_servo: str = "sampled") -> Setup:
         warnings.extend(_range_warning(device, scene.dof))
     up, down = link_profile("link.up", params.link.up), link_profile("link.down", params.link.down)
     tuning = kind.tune(params, delays(up, down))
+    warnings.extend(kind.warn(params, tuning))
     timelines = (_timeline(params.link.up_timeline), _timeline(params.link.down_timeline))
     return Setup(params, scene, servo, harvest, kind, tuning, up, down, *timelines, tuple(warnings))
 

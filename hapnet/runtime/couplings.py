@@ -10,15 +10,21 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import NamedTuple, cast
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hapnet import checks
 from hapnet.checks import Vector
+from hapnet.control import pd, popc
 from hapnet.control.coupling import Modulator
+from hapnet.control.eba import EnergyBounding
 from hapnet.control.law import DeviceLaw, WorldLaw
 from hapnet.control.pspm import SetPositionModulator, Shuffle
-from hapnet.control.spring import Spring
+from hapnet.control.spring import Spring, shared_spring
 from hapnet.control.zoh import ZeroOrderHold
 from hapnet.errors import InvalidParameter
 from hapnet.params import COUPLINGS, DeviceParams, Params, WorldParams
-from hapnet.wire.messages import Position, Stream
+from hapnet.wire.messages import Motion, Position, Stream
 from netem import LinkProfile
 
 Tuning = Mapping[str, float]
@@ -31,18 +37,56 @@ class Delays(NamedTuple):
     one_way_s: float
     """The mean of both ways."""
     round_trip_bound_s: float
-    """Hardly ever exceeded."""
+    """Hardly ever exceeded; of a recorded link, whose outages nobody tunes for, a tenth of the time each way."""
+
+
+RENDERED_DAMPING = 5.0
+"""Most damping that a desktop device renders stably [Ns/m]: a Phantom Omni's, in CHAI3D's device table."""
+
+_RECORDED = (0.5, 0.9)
+"""What of a recorded delay is typical, and what its bound: quantiles over time."""
 
 
 def delays(up: LinkProfile, down: LinkProfile) -> Delays:
     """What a designer would know of the link: its delays, and the jitter's tail."""
-    typical = [profile.delay_ns * 1e-9 for profile in (up, down)]
-    tail = [_tail_s(profile) for profile in (up, down)]
-    return Delays(sum(typical) / 2.0, sum(typical) + sum(tail))
+    typical, bound = np.sum([_one_way_s(profile) for profile in (up, down)], axis=0).tolist()
+    return Delays(typical / 2.0, bound)
 
 
-def _tail_s(profile: LinkProfile) -> float:
-    return profile.jitter_ns * 1e-9 * (1.0 if profile.distribution == "uniform" else 3.0)
+def _one_way_s(profile: LinkProfile) -> tuple[float, float]:
+    """Typical delay and its bound [s]."""
+    delay, jitter = profile.delay_ns * 1e-9, profile.jitter_ns * 1e-9
+    recorded = [0.0, 0.0]
+    if profile.trace is not None:
+        times = profile.trace.times_ns
+        recorded = [_wait_s(np.diff(times, prepend=0) * 1e-9, share) for share in _RECORDED]
+    if profile.csv is not None:
+        held = np.diff(profile.csv.times_ns, append=profile.csv.period_ns)
+        recorded = [
+            r + _quantile(profile.csv.delays_ns, held, share) * 1e-9
+            for r, share in zip(recorded, _RECORDED, strict=True)
+        ]
+    return delay + recorded[0], delay + recorded[1] + jitter * (1.0 if profile.distribution == "uniform" else 3.0)
+
+
+def _wait_s(gaps: ArrayLike, share: float) -> float:
+    """How long one waits at most, this share of the time, for the next of events that are `gaps` apart [s].
+
+    One waits longer than w for the fraction sum max(0, gap - w) / sum gap of all time.
+    """
+    longest = -np.sort(-np.asarray(gaps, dtype=float))
+    together = np.cumsum(longest)
+    beyond = (1.0 - share) * together[-1]
+    count = np.searchsorted(together - np.arange(1, len(longest) + 1) * longest, beyond, side="right")
+    return float((together[count - 1] - beyond) / count)
+
+
+def _quantile(values: ArrayLike, weights: ArrayLike, share: float) -> float:
+    """The least value that this share of the weight does not exceed."""
+    values, weights = np.asarray(values, dtype=float), np.asarray(weights, dtype=float)
+    order = np.argsort(values)
+    reached = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(reached, share * reached[-1])])
 
 
 def _modulated(
@@ -76,6 +120,7 @@ class Kind:
     device_sends, world_sends : the message that carries the ends' data.
     shared : names in the tuning whose values both ends must have the same.
     scaled : is the felt force K/K' of the virtual one, as with PSPM?
+    warn : the parameters and the tuning, to what the user should know before it runs.
     """
 
     title: str
@@ -90,6 +135,81 @@ class Kind:
     limited: bool = False
     shared: tuple[str, ...] = ()
     scaled: bool = False
+    warn: Callable[[Params, Tuning], tuple[str, ...]] = lambda params, tuning: ()
+
+
+def _spring(params: Params, position: Vector) -> tuple[Spring, Vector]:
+    """The device's spring and damper, as PSPM and the plain virtual coupling have them."""
+    device, dof = params.device, len(position)
+    limit = device.force_limit_N * device.spring_share or None
+    return shared_spring(device.stiffness, dof, limit), checks.diagonal("device.damping", device.damping, dof)
+
+
+def _tune_popc(params: Params, link: Delays) -> Tuning:
+    device = params.device
+    by_rule = popc.damping_cap(device.mass, 1.0 / device.servo_hz, RENDERED_DAMPING)
+    return {
+        "damping_cap_Ns_m": params.popc.damping_cap or by_rule,
+        "velocity_floor_m_s": params.popc.velocity_floor,
+    }
+
+
+def _popc(params: Params, tuning: Tuning, position: Vector) -> DeviceLaw:
+    return popc.PassivityController(
+        *_spring(params, position),
+        position,
+        velocity_floor=tuning["velocity_floor_m_s"],
+        damping_cap=tuning["damping_cap_Ns_m"],
+    )
+
+
+def _tune_eba(params: Params, link: Delays) -> Tuning:
+    damping = params.eba.damping or params.device.own_damping
+    if damping == 0.0:
+        allowed = "above 0 with the coupling eba (or eba.damping is), which may render no force without"
+        raise InvalidParameter("device.own_damping", 0.0, allowed)
+    return {"damping_Ns_m": damping}
+
+
+def _eba(params: Params, tuning: Tuning, position: Vector) -> DeviceLaw:
+    return EnergyBounding(
+        *_spring(params, position),
+        position,
+        own_damping=tuning["damping_Ns_m"],
+        period=1.0 / params.device.servo_hz,
+        resolution=params.device.resolution_m,
+    )
+
+
+def _tune_pd(params: Params, link: Delays) -> Tuning:
+    """K_p no larger than lets K_d, by its rule, be rendered; a K_d of the user's own leaves K_p alone."""
+    device, own = params.device, params.pd
+    K = scalar_stiffness(params)
+    trip = pd.round_trip(link.round_trip_bound_s, device.pspm_period_s, params.world.step_max_s, 1.0 / device.servo_hz)
+    K_p, K_d, *_ = pd.Gains(K, own.damping) if own.damping else pd.tuned(K, trip, RENDERED_DAMPING)
+    return {
+        "stiffness_N_m": K_p,
+        "damping_Ns_m": K_d,
+        "coordination_Ns_m": own.coordination,
+        "extra_damping_Ns_m": own.extra_damping,
+    }
+
+
+def _pd_gains(tuning: Tuning) -> pd.Gains:
+    return pd.Gains(
+        tuning["stiffness_N_m"], tuning["damping_Ns_m"], tuning["coordination_Ns_m"], tuning["extra_damping_Ns_m"]
+    )
+
+
+def _warn_pd(params: Params, tuning: Tuning) -> tuple[str, ...]:
+    gains, device = _pd_gains(tuning), params.device
+    need = gains.stiffness / device.servo_hz / 2.0 + gains.drag
+    if device.own_damping > need:
+        return ()
+    return (
+        f"the coupling pd holds its force: with the device's own damping of {device.own_damping:g} Ns/m it is not "
+        f"passive for motions as fast as a tick; above {need:.3g} Ns/m it would be",
+    )
 
 
 KINDS: Mapping[str, Kind] = MappingProxyType(
@@ -108,6 +228,34 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
             "passive without delay, if the device damps by more than K T/2 + B",
             scaled=True,
         ),
+        "popc": Kind(
+            "passivity observer and controller",
+            "Hannaford, Ryu 2002",
+            "passive at the hand's port, but for what the controller's limits leave",
+            tune=_tune_popc,
+            device=_popc,
+            scaled=True,
+        ),
+        "eba": Kind(
+            "energy bounding",
+            "Kim, Ryu 2004",
+            "passive at the hand's port, if the device damps as much as is trusted",
+            tune=_tune_eba,
+            device=_eba,
+            scaled=True,
+        ),
+        "pd": Kind(
+            "PD over a constant delay",
+            "Lee, Spong 2006",
+            "passive at both ports, if K_d is K_p times half the round trip or more and nothing is lost",
+            tune=_tune_pd,
+            device=lambda params, tuning, position: pd.DevicePD(_pd_gains(tuning), position),
+            world=lambda params, tuning, position: pd.WorldPD(_pd_gains(tuning), position),
+            device_sends=Motion,
+            world_sends=Motion,
+            shared=("stiffness_N_m", "damping_Ns_m", "coordination_Ns_m"),
+            warn=_warn_pd,
+        ),
     }
 )
 assert set(KINDS) <= set(COUPLINGS)
@@ -117,7 +265,8 @@ def ideal_stiffness(params: Params, wall: float) -> float:
     """What a hand at a wall of stiffness `wall` [N/m] would feel of the coupling's springs in series, at rest [N/m].
 
     With PSPM and all that has its two springs the device's spring K sees the proxy stay back by K'/(K' + K_w) of the
-    way into the wall. With one spring between the two sides it is that spring and the wall, in series.
+    way into the wall. With one spring between the two sides it is that spring and the wall, in series: the spring that
+    the user asked for, also where a law's rule makes it softer.
     """
     K = scalar_stiffness(params)
     K_world = params.world.stiffness

@@ -1,0 +1,85 @@
+"""Energy bounding: a held force is clipped to what the device's own damping can pay back (Kim, Ryu 2004).
+
+In the least conservative form. If the device damps by at least b, what the hand has put in by the end of a tick of
+length T is at least
+
+    E_n = E_{n-1} + b dx^2 / T - F_{n-1} dx        dx = x_n - x_{n-1},  F: the force on the device that was held
+
+since over any motion from 0 to dx in the time T a damper takes at least b dx^2 / T. Whatever dx the next tick brings,
+E_{n+1} >= E_n - F_n^2 T / 4b, the minimum of b dx^2 / T - F_n dx; so E stays at zero or above if
+
+    |F_n| <= sqrt(4 E_n b / T)
+
+and within the tick it does too, when T is less. Nothing is asked of the network or of the hand; but b must be there.
+E has no ceiling: what went in long ago may come out again.
+
+Ticks of unequal length (derived here): in E_n T is the time that has passed, or an upper bound of it. In the clip it is
+the time to come: the servo's period. A tick that comes later, after T', may leave E_n below zero, by at most
+F^2 (T' - T) / 4b; then the force is zero until the device's damping has paid, so that this never adds up.
+
+Encoders with resolution r (derived here): the true position lies within r/2 of the count x. So |dx| is at least
+max(0, |counted dx| - r), without which chatter of one count would be harvested without end; and summed by parts the
+work sum F dx is known from counts but for r/2 times (|F| now and all changes of F so far), which is taken off E_n.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+
+from hapnet.checks import Vector
+from hapnet.control.held_coupling import HeldCoupling
+from hapnet.control.spring import Spring
+
+
+class EnergyBounding(HeldCoupling):
+    """A held virtual coupling whose force is bounded, axis by axis.
+
+    Parameters
+    ----------
+    spring, damping, position : of the coupling.
+    own_damping : b [Ns/m], a lower bound of the device's own on every axis.
+    period : T [s], of the servo. resolution : r [m], of the encoders.
+    """
+
+    def __init__(
+        self,
+        spring: Spring,
+        damping: Vector,
+        position: Vector,
+        *,
+        own_damping: float,
+        period: float,
+        resolution: float = 0.0,
+    ) -> None:
+        super().__init__(spring, damping, position)
+        self.energy: Vector = (0.0,) * len(position)
+        """E, a lower bound of what the hand put in on each axis and has not got back [J]."""
+        self._held = self.energy
+        self._b = own_damping
+        self._gain = 4.0 * own_damping / period
+        self._resolution = resolution
+
+    def force(self, dt: float, x: Vector, v: Vector, held: Vector) -> Vector:
+        """The force to hold [N]; the arguments are those of `DeviceLaw.force`."""
+        self._account(dt, x, held)
+        return tuple([self._bounded(*axis) for axis in zip(self.coupled(x, v), self.energy, held, strict=True)])
+
+    def release(self, dt: float, x: Vector, held: Vector) -> None:
+        """What was held for so long counts; the spring is tied to x until something arrives."""
+        self._account(dt, x, held)
+        self.set_position = x
+
+    def _account(self, dt: float, x: Vector, held: Vector) -> None:
+        r, half, harvest = self._resolution, 0.5 * self._resolution, self._b / dt if dt > 0.0 else 0.0
+        energy = []
+        for E, dx, F, before in zip(self.energy, self.moved(x), held, self._held, strict=True):
+            way = max(0.0, abs(dx) - r)
+            energy.append(E + harvest * way * way - F * dx - half * abs(F - before))
+        self.energy, self._held = tuple(energy), held
+
+    def _bounded(self, force: float, E: float, held: float) -> float:
+        sure = E - 0.5 * self._resolution * abs(held)
+        if sure <= 0.0:
+            return 0.0
+        most = sqrt(self._gain * sure)
+        return max(-most, min(force, most))

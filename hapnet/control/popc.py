@@ -1,0 +1,77 @@
+"""Passivity observer and controller at one port, the device's (Hannaford, Ryu, IEEE T-RA 18(1), 2002).
+
+The observer sums the energy that went in at the actuator's port, axis by axis; where it has become negative the
+controller damps it away:
+
+    W_n = W_{n-1} - F_{n-1} (x_n - x_{n-1})        F: the force on the device, the controller's included
+    alpha_n = -W_n / (T v_n^2)   if W_n < 0,       F_n = f_n - alpha_n v_n
+
+The paper's observer takes f_n v_n T for the energy of a tick. A force that is held does the work F_{n-1} dx instead,
+known exactly one tick later: with what the hold leaks, and with what the controller really dissipated. So W is true,
+and what could not be dissipated is not forgotten: it stays in W until it is.
+
+A damper can only do that while the device moves, and a held one only up to a limit: alpha is at most `damping_cap`, and
+nothing below `velocity_floor`. With L_n >= 0 what these left of -W_n the next tick has, if it goes on at v_n,
+
+    W_{n+1} = -L_n - f_n v_n T                     (derived here; L_n = -W_n where alpha_n = 0 and W_n < 0)
+
+so that the port never gives out more than what the limits left, and one tick of the coupling's own. As in the paper a
+surplus is kept without limit: what went in long ago may come out again undamped.
+"""
+
+from __future__ import annotations
+
+from operator import mul, sub
+
+from hapnet.checks import Vector
+from hapnet.control.held_coupling import HeldCoupling
+from hapnet.control.spring import Spring
+
+
+def damping_cap(mass: float, period: float, rendered: float) -> float:
+    """The most damping that may be held for `period` [s] on a device of `mass` [kg], in Ns/m.
+
+    On a free mass the held force -alpha v dissipates alpha v^2 T (1 - alpha T / 2m): the most at alpha = m/T, where the
+    mass stands at the tick's end, and nothing from 2m/T on (derived here). Never more than `rendered`, what the device
+    is known to render stably.
+    """
+    return min(rendered, mass / period)
+
+
+class PassivityController(HeldCoupling):
+    """A held virtual coupling with the observer and the controller, one of each an axis.
+
+    Parameters
+    ----------
+    spring, damping, position : of the coupling.
+    velocity_floor : slower than this it does not damp [m/s]. damping_cap : the largest alpha [Ns/m].
+    """
+
+    def __init__(
+        self, spring: Spring, damping: Vector, position: Vector, *, velocity_floor: float, damping_cap: float
+    ) -> None:
+        super().__init__(spring, damping, position)
+        self.energy: Vector = (0.0,) * len(position)
+        """W, what went in at the port on each axis [J]."""
+        self._floor = velocity_floor
+        self._cap = damping_cap
+
+    def force(self, dt: float, x: Vector, v: Vector, held: Vector) -> Vector:
+        """The force to hold [N]; the arguments are those of `DeviceLaw.force`."""
+        self._observe(x, held)
+        damping = [self._alpha(W, speed, dt) for W, speed in zip(self.energy, v, strict=True)]
+        return tuple(map(sub, self.coupled(x, v), map(mul, damping, v)))
+
+    def release(self, dt: float, x: Vector, held: Vector) -> None:
+        """The observer goes on; the spring is tied to x until something arrives."""
+        self._observe(x, held)
+        self.set_position = x
+
+    def _observe(self, x: Vector, held: Vector) -> None:
+        self.energy = tuple(map(sub, self.energy, map(mul, held, self.moved(x))))
+
+    def _alpha(self, W: float, v: float, dt: float) -> float:
+        if W >= 0.0 or abs(v) < self._floor:
+            return 0.0
+        unit = v * v * dt  # what 1 Ns/m dissipates by the next tick [J]
+        return self._cap if self._cap * unit <= -W else -W / unit

@@ -1,0 +1,42 @@
+"""A run in virtual time in a hand that damps little, and the energy at its port."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from unittest.mock import patch
+
+from hapnet.params import Params
+from hapnet.plant.device import SimulatedDevice
+from hapnet.runtime.virtual import Simulation
+
+LIGHT_HAND: Mapping[str, object] = {
+    "operator": "sine",
+    "operator_hand.mass": 0.05,
+    "operator_hand.damping": 0.5,
+    "operator_hand.stiffness": 60.0,
+    "device.servo": "sampled",
+    "duration_s": 6.0,
+}
+"""A hand that does not damp what a coupling gives out; the defaults' does, and hides it."""
+
+
+def lowest_energies(params: Params, seed: int) -> tuple[float, float, float]:
+    """Least energy put in so far at the hand's port, at the actuator's, and at the actuator's and the world's [J]."""
+    simulation = Simulation(params, seed)
+    device = simulation.device.device
+    assert isinstance(device, SimulatedDevice)
+    energy = lowest = 0.0
+    advance = device.advance
+
+    def counted() -> float:
+        nonlocal energy, lowest
+        work = advance()
+        energy += work
+        lowest = min(lowest, energy)
+        return work
+
+    with patch.object(device, "advance", counted):
+        simulation.run()
+    ledger = simulation.device.ledger
+    assert ledger is not None
+    return lowest, ledger.margin_min - ledger.bound, simulation.two_port.lowest
