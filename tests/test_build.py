@@ -263,3 +263,12 @@ def test_sessions_tell_the_peer_what_this_side_runs() -> None:
 def test_a_corrupting_link_is_refused_since_checksums_make_it_loss() -> None:
     with pytest.raises(InvalidParameter, match=r"link\.down.*checksums"):
         prepare(Params().set({"link.down": "delay 1ms corrupt 1%"}), "continuous")
+
+
+@pytest.mark.parametrize("name", ["device.smoothing_s", "device.predict_s"])
+def test_a_filter_of_set_positions_is_refused_where_a_law_takes_something_else(name: str) -> None:
+    with pytest.raises(InvalidParameter, match=rf"{name} is 0\.01; allowed: 0\.0 with the coupling eba"):
+        prepare(Params().set({"coupling": "eba", name: 0.01}))
+    prepare(Params().set({"coupling": "eba", name.replace("device", "world"): 0.01}))  # its world takes set-positions
+    with pytest.raises(InvalidParameter, match=r"world\..*with the coupling pd"):
+        prepare(Params().set({"coupling": "pd", name.replace("device", "world"): 0.01}))

@@ -51,6 +51,9 @@ _SCENE_PARAMETERS = {
 }
 """A scene's keyword, and the parameter that it is given."""
 
+_SET_POSITIONS_ONLY = {"smoothing_s": 0.0, "predict_s": 0.0, "on_silence": "hold"}
+"""What works on received set-positions, and its value where a law takes something else."""
+
 
 @dataclass(frozen=True)
 class Setup:
@@ -102,7 +105,10 @@ def prepare(params: Params, default_servo: str = "sampled") -> Setup:
         raise InvalidParameter("device.watchdog_s", device.watchdog_s, "0 (off), or a period of the servo or more")
     if harvest == "range" and device.trusted_damping:
         raise InvalidParameter("device.trusted_damping", device.trusted_damping, "0 with the range harvest")
-    for name, side in (("device", device), ("world", params.world)):
+    for name, side, law in (("device", device, kind.device), ("world", params.world, kind.world)):
+        for field_name, plain in _SET_POSITIONS_ONLY.items() if law is not None else ():
+            if (value := getattr(side, field_name)) != plain:
+                raise InvalidParameter(f"{name}.{field_name}", value, f"{plain} with the coupling {params.coupling}")
         if side.on_silence == "release" and not side.step_limit_N:
             raise InvalidParameter(
                 f"{name}.on_silence", "release", f"hold, or release with {name}.step_limit_N above 0"
