@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from hapnet.commands import compare as compare_command
 from hapnet.commands import complete, flags, output
 from hapnet.commands.groups import Without, grouped
 from hapnet.commands.options import (
@@ -245,6 +246,32 @@ def report(
     from hapnet.commands import report as command
 
     return command.main(files, json_to, out)
+
+
+@app.command()
+@grouped
+def compare(
+    *,
+    options: compare_command.CompareOptions,
+    model: Annotated[
+        ModelOptions,
+        Without("operator", "hardware", "coupling", "servo", "servo_hz", "on_silence", "silence_after"),
+    ],
+    params: ParamsOptions,
+    json_to: flags.Json = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Directory for all that is written.", show_default="runs/<UTC time>-compare")
+    ] = None,
+) -> int:
+    """Every coupling over the same links, with the same hands and seeds, in virtual time: who is passive, who clear.
+
+    Prints a table a link; writes all cases as JSON, the traces of one and a figure of all.
+    """
+    chosen = params.over(compare_command.BASE, model.named())
+    if params.show_params:
+        return _show(chosen)
+    json_target(json_to)
+    return compare_command.main(chosen, options, json_to, out)
 
 
 @app.command()

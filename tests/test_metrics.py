@@ -3,9 +3,16 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
+from scipy import signal
 
-from hapnet.metrics import motion
+from hapnet.checks import Array
+from hapnet.metrics import METRICS, motion
+from hapnet.metrics.contact import first_felt_s, pressed_wall, rendered_stiffness
+from hapnet.metrics.drift import drift
+from hapnet.metrics.force import buzz, force_error
+from hapnet.plant.contact import Wall
 from hapnet.record import DeviceSample, MemoryRecorder, Recording, WorldSample
 
 SECOND = 1_000_000_000
@@ -93,3 +100,193 @@ def test_no_position_error_between_clocks_that_are_not_aligned() -> None:
     apart = motion(replace(run, meta={**run.meta, "aligned": False}))
     assert apart["free_rms_m"] is None
     assert apart["peak_force_N"] == 2.0
+
+
+# -- contact ---------------------------------------------------------------------------------------------------------
+
+WALL = Wall((1.0,), 0.02, 3000.0)
+RATE_HZ = 1000.0
+
+
+def sampled(
+    x: Array, force: Array, proxy: Array | None = None, inside: Array | None = None, origin_ns: int = 0
+) -> Recording:
+    """A run at 1 kHz; positions (N, n) [m], the force on the device (N, n) [N], a world step of 10 ms."""
+    recorder = MemoryRecorder({"origin_ns": origin_ns, "device_origin_ns": origin_ns})
+    for k in range(len(x)):
+        at_ns = origin_ns + k * 1_000_000
+        recorder.write(device(at_ns / SECOND, tuple(x[k]), tuple(force[k])))
+        if k % 10 == 0:
+            place = x[k] if proxy is None else proxy[k]
+            depth = -1.0 if inside is None else float(inside[k])
+            recorder.write(world(at_ns / SECOND, tuple(place), depth)._replace(step_s=0.01))
+    return recorder.recording()
+
+
+def presses(seconds: float = 8.0) -> tuple[Array, Array]:
+    """Times [s] and depths [m] of a hand that goes 10 mm into the wall and out again every 2 s."""
+    t = np.arange(0.0, seconds, 1.0 / RATE_HZ)
+    return t, -0.01 * np.cos(np.pi * t)
+
+
+def test_the_stiffness_that_is_rendered() -> None:
+    """Force 70 N/m times the depth once a visit is 115 ms old, drag before and outside, which must not count."""
+    t, depth = presses()
+    age = np.where(depth > 0.0, t % 2.0 - 0.5, 0.0)
+    force = np.where(age > 0.115, 70.0 * depth, 0.3 * np.sin(np.pi * t))
+    run = sampled(depth[:, None] + WALL.offset, -force[:, None])
+    assert rendered_stiffness(run, [WALL], 0.1) == pytest.approx(70.0, rel=1e-9)
+    assert rendered_stiffness(run, [WALL], 0.0) != pytest.approx(70.0, rel=1e-3)
+
+
+def test_the_stiffness_along_the_normal_of_the_wall_that_is_pressed() -> None:
+    t, depth = presses()
+    normal = np.array([0.6, 0.8])
+    along = np.array([-0.8, 0.6])
+    x = np.outer(depth + 0.02, normal) + np.outer(0.01 * np.sin(t), along)
+    force = np.outer(-70.0 * depth, normal) + np.outer(np.cos(t), along)
+    oblique = Wall((3.0, 4.0), 0.02, 3000.0)  # to be normalised
+    untouched = Wall((-3.0, -4.0), 0.5, 3000.0)
+    run = sampled(x, force)
+    assert rendered_stiffness(run, [untouched, oblique], 0.0) == pytest.approx(70.0, rel=1e-9)
+    assert pressed_wall(run.device, [untouched, oblique]) is oblique
+
+
+def test_no_stiffness_without_settled_contact() -> None:
+    _, depth = presses()
+    run = sampled(depth[:, None] + WALL.offset, -70.0 * depth[:, None])
+    assert rendered_stiffness(run, [], 0.0) is None
+    assert rendered_stiffness(run, [Wall((1.0,), 0.5, 3000.0)], 0.0) is None
+    assert rendered_stiffness(run, [WALL], 0.98) is None  # a visit lasts 1 s
+    assert rendered_stiffness(recording(device(0, (1.0,), (0.0,))), [WALL], 0.0) is None
+
+
+def test_when_a_contact_is_felt() -> None:
+    """Drag of 0.5 N until 80 ms after the crossing at 0.5 s, then 10 N/s more: it exceeds 0.6 N 10 ms later."""
+    t, depth = presses()
+    crossing = int(np.flatnonzero(depth > 0.0)[0]) / RATE_HZ
+    force = 0.5 + np.where(depth > 0.0, np.clip(10.0 * (t % 2.0 - crossing - 0.08), 0.0, None), 0.0)
+    run = sampled(depth[:, None] + WALL.offset, -force[:, None])
+    assert first_felt_s(run, [WALL], 0.08) == pytest.approx(0.0105, abs=0.001)
+    assert first_felt_s(run, [WALL], 0.05) == pytest.approx(0.0405, abs=0.001)
+    strong = run.device
+    assert strong is not None
+    strong["force_N"][100] = -9.0  # felt before, and stronger: 10 % more than that counts
+    assert first_felt_s(run, [WALL], 0.08) is None
+    strong["force_N"][100] = -2.0
+    assert first_felt_s(run, [WALL], 0.08) == pytest.approx(0.1705, abs=0.001)  # 2.2 N
+
+
+def test_drag_that_grows_is_no_contact() -> None:
+    """Nothing can be felt before word of the crossing is back, nor what comes long after the device has left."""
+    t, depth = presses()
+    force = np.where(t < 0.7, t, 0.6)
+    force[(t > 1.7) & (t < 1.8)] = 3.0
+    run = sampled(depth[:, None] + WALL.offset, -force[:, None])
+    assert first_felt_s(run, [WALL], 0.2) is None
+    assert first_felt_s(run, [], 0.2) is None
+    assert first_felt_s(run, [Wall((1.0,), 0.0, 3000.0)], 0.2) is None  # it began in there
+
+
+# -- force -----------------------------------------------------------------------------------------------------------
+
+
+def test_the_force_error_is_taken_at_the_same_time_of_the_hand() -> None:
+    """3 N against 0 along one axis and a sine of 4 N against none along the other: sqrt(9 + 8) N."""
+    t = np.arange(4000) / RATE_HZ
+    wave = 4.0 * np.sin(2.0 * np.pi * t)
+    x = np.zeros((4000, 2))
+    ours = sampled(x, np.column_stack([3.0 + t, wave]), origin_ns=7_000_000_000)
+    ideal = sampled(x[:3500], np.column_stack([t, 0.0 * t])[:3500])
+    found = force_error(ours, ideal)
+    assert found is not None
+    seconds = t[:3500]
+    expected = math.sqrt(9.0 + float(np.mean((4.0 * np.sin(2.0 * np.pi * seconds)) ** 2)))
+    assert found == pytest.approx((expected, 100.0 * expected / 3.499), rel=1e-9)
+    assert force_error(ideal, ideal) == (0.0, 0.0)
+    against_nothing = force_error(ours, sampled(x, 0.0 * x))
+    assert against_nothing is not None
+    assert against_nothing[1] is None
+    assert force_error(ours, recording(world(0, (0.0,), 0.0))) is None
+
+
+def test_the_buzz_of_sines() -> None:
+    t = np.arange(10_000) / RATE_HZ
+    still = np.zeros((len(t), 1))
+
+    def power(force: Array) -> float | None:
+        return buzz(sampled(np.zeros((len(t), 2)), force).device or {})
+
+    fast, slow = 0.3 * np.sin(2.0 * np.pi * 137.3 * t), 2.0 * np.sin(2.0 * np.pi * 3.7 * t)
+    assert power(np.column_stack([fast + slow + 5.0, 0.0 * t])) == pytest.approx(0.3**2 / 2.0, rel=1e-4)
+    assert power(np.column_stack([fast, 0.5 * fast])) == pytest.approx(1.25 * 0.3**2 / 2.0, rel=1e-4)
+    assert power(np.column_stack([slow + 5.0, slow])) == pytest.approx(0.0, abs=1e-7)
+    noise = np.random.default_rng(1).normal(size=(len(t), 1))
+    columns = sampled(still, noise).device
+    assert columns is not None
+    f, spectrum = signal.welch(noise[:, 0], RATE_HZ, "hann", nperseg=1000, noverlap=750)  # an independent one
+    assert buzz(columns) == pytest.approx(float(spectrum[f > 20.0].sum() * (f[1] - f[0])), rel=1e-12)
+
+
+def test_no_buzz_of_what_cannot_hold_it() -> None:
+    t = np.arange(3000)
+    columns = sampled(np.zeros((3000, 1)), np.ones((3000, 1))).device
+    assert columns is not None
+    assert buzz({name: values[::30] for name, values in columns.items()}) is None  # 33 Hz
+    assert buzz({name: values[:900] for name, values in columns.items()}) is None  # less than a second
+    assert buzz({name: values[(t < 1500) | (t > 1700)] for name, values in columns.items()}) is None  # a gap
+
+
+# -- drift -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("lag_s", [0.0, 0.05, 0.25])
+@pytest.mark.parametrize("mm_per_min", [0.0, 12.0, -60.0])
+def test_the_drift_beneath_a_lag(mm_per_min: float, lag_s: float) -> None:
+    """A proxy that lags by so much and slides away: only the sliding counts, over any part of a period."""
+    t = np.arange(0.0, 9.3, 1.0 / RATE_HZ)
+    slide = mm_per_min / 60e3 * t
+
+    def hand(t: Array) -> Array:
+        return 0.03 * np.sin(2.0 * np.pi * 0.47 * np.maximum(t, 0.0))
+
+    run = sampled(hand(t)[:, None], np.zeros((len(t), 1)), proxy=(hand(t - lag_s) - slide)[:, None])
+    found = drift(run, [])
+    assert found is not None
+    assert 60e3 * found == pytest.approx(mm_per_min, abs=0.5)
+
+
+def test_an_outage_is_no_drift_and_contact_does_not_count() -> None:
+    t = np.arange(0.0, 10.0, 1.0 / RATE_HZ)
+    x = 0.03 * np.sin(np.pi * t)
+    proxy = x - 0.006 / 60.0 * t  # 6 mm/min
+    out = (t > 8.0) & (t < 8.8)
+    proxy[out] = proxy[np.flatnonzero(out)[0]]
+    inside = x > 0.015
+    proxy[inside] = 0.015
+    run = sampled(x[:, None], np.zeros((len(t), 1)), proxy[:, None], np.where(inside, 1.0, -1.0))
+    found = drift(run, [Wall((1.0,), 0.015, 3000.0)])
+    assert found is not None
+    assert 60e3 * found == pytest.approx(6.0, abs=1.0)
+
+
+def test_no_drift_of_a_short_run() -> None:
+    short = sampled(np.ones((4000, 1)), np.ones((4000, 1)))
+    assert drift(short, []) is None
+    assert drift(recording(device(0, (1.0,), (0.0,))), []) is None
+    long = sampled(np.ones((9000, 1)), np.ones((9000, 1)))
+    assert drift(long, []) == pytest.approx(0.0, abs=1e-12)
+    assert drift(replace(long, meta={**long.meta, "aligned": False}), []) is None
+
+
+# -- the definitions -------------------------------------------------------------------------------------------------
+
+
+def test_a_metrics_name_ends_in_its_unit() -> None:
+    suffixes = {"J": "_J", "mm": "_mm", "%": "_percent", "N": "_N", "N²": "_N2", "ms": "_ms",
+                "mm/min": "_mm_per_min", "1/s": "_per_s"}  # fmt: skip
+    for name, metric in METRICS.items():
+        assert name == metric.name
+        assert name.endswith(suffixes[metric.unit])
+        assert metric.heading == f"{metric.label} [{metric.unit}]"
+        assert metric.meaning[0].islower()

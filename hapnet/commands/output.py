@@ -96,9 +96,9 @@ def complain(line: str) -> None:
         sys.stderr.write(f"hapnet: {line}\n")
 
 
-def run_directory(out: Path | None, seed: int | None) -> Path:
-    """The directory for everything a command writes, made if need be: `out`, or runs/<UTC time>-<seed>."""
-    name = f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{seed}"
+def run_directory(out: Path | None, which: int | str | None) -> Path:
+    """The directory for everything a command writes, made if need be: `out`, or runs/<UTC time>-<seed, or name>."""
+    name = f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{which}"
     path = out if out is not None else Path("runs") / name
     try:
         path.mkdir(parents=True, exist_ok=True)

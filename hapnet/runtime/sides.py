@@ -86,6 +86,11 @@ class DeviceSide(ABC):
         return None
 
     @property
+    def hand_work(self) -> float:
+        """Work done by the simulated hand on the device since the start [J]; 0 if a person holds it."""
+        return 0.0 if self.ledger is None else self.ledger.work
+
+    @property
     def quantisation(self) -> float | None:
         """How far encoders may make the slack look too good [J]."""
         return None
@@ -268,7 +273,11 @@ class SampledDeviceSide(DeviceSide):
         self._simulated = device if isinstance(device, SimulatedDevice) else None
         self._make_servo = make_servo
         self._true_ledger: Ledger | None = None
-        self._hand_work = 0.0
+        self._hand = Ledger(0.0, 0.0)
+
+    @property
+    def hand_work(self) -> float:
+        return self._hand.work
 
     @property
     def true_slack(self) -> float | None:
@@ -295,20 +304,22 @@ class SampledDeviceSide(DeviceSide):
     def _control(self, now_ns: int, *, release: bool) -> bytes | None:
         simulated, servo = self._simulated, self._servo
         before: Vector = ()
-        lived = 0.0
+        lived = hand_work = 0.0
         if simulated is not None:
             before = simulated.position
             periods = self._periods(now_ns)
             lived = periods * simulated.period
             for _ in range(periods):
-                self._hand_work += simulated.advance()
+                hand_work += simulated.advance()
+            self._hand.put_in(hand_work)
         self._x, v = self.device.read()
         dt = max((self._clock() - self._last_ns) * NANO, lived)
         held = servo.force
         message = self.endpoint.tick_sampled(now_ns, dt, self._x, v, release=release)
         self.device.apply(servo.force)
         if simulated is not None:
-            self._observe_truth(self._true_work.hold(held, before, simulated.position, dt), simulated.position)
+            actuator_work = self._true_work.hold(held, before, simulated.position, dt)
+            self._observe_truth(hand_work if servo.harvest == "range" else actuator_work, simulated.position)
         return message
 
     @property
@@ -316,12 +327,11 @@ class SampledDeviceSide(DeviceSide):
         """The device's kinetic energy [J], if it lies behind the port of the true account."""
         return self._simulated.kinetic if self._simulated is not None and self._servo.harvest == "range" else 0.0
 
-    def _observe_truth(self, actuator_work: float, x: Vector) -> None:
+    def _observe_truth(self, work: float, x: Vector) -> None:
         ledger = self._true_ledger
         assert ledger is not None
         own = self.coupling.ledger
-        ledger.put_in(self._hand_work if self._servo.harvest == "range" else actuator_work)
-        self._hand_work = 0.0
+        ledger.put_in(work)
         ledger.credited, ledger.sent = own.credited, own.sent
         ledger.observe(self.coupling.potential(x) + self._kinetic, self._servo.account)
 

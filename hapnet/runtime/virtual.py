@@ -45,6 +45,9 @@ class Result:
     device: DeviceSide
     world: WorldSide
     warnings: tuple[str, ...]
+    hand: TwoPort
+    """Over the hand's port and the world's, whatever the servo: what a coupling claims that counts on the device's own
+    damping, too. The summary's margin is over the actuator's port where the servo samples."""
 
 
 class TwoPort:
@@ -58,12 +61,18 @@ class TwoPort:
         self._lowest = 0.0
         self._device = 0.0
         self._device_low = 0.0
+        self._device_lowest = 0.0
         self._world = 0.0
 
     @property
     def lowest(self) -> float:
         """The minimum so far [J], the running step counted without its work, which is not known yet."""
         return min(self._lowest, self._device_low + self._world)
+
+    @property
+    def device_lowest(self) -> float:
+        """The minimum so far of the device's port alone [J]."""
+        return min(self._device_lowest, self._device_low)
 
     def device(self, work: float) -> None:
         """W of the device's port so far [J]."""
@@ -74,6 +83,7 @@ class TwoPort:
     def world(self, work: float) -> None:
         """W of the world's port so far, its last step included [J]."""
         self._lowest = min(self._lowest, self._device_low + self._world, self._device_low + work)
+        self._device_lowest = min(self._device_lowest, self._device_low)
         self._world = work
         self._device_low = self._device
 
@@ -100,6 +110,7 @@ class Simulation:
         self.setup = setup or prepare(params, "continuous")
         self.now_ns = 0
         self.two_port = TwoPort()
+        self.hand = self.two_port if self.setup.servo == "continuous" else TwoPort()
         up, down, steps, names = np.random.SeedSequence(seed).spawn(4)
         incarnations = np.random.default_rng(names).integers(1, 2**63, size=2).tolist()
         write = self._writer()
@@ -153,7 +164,7 @@ class Simulation:
         summary = self.close(end_ns)
         recording = self._recorder.recording(summary)
         summary["motion"] = motion(recording)
-        return Result(summary, recording, self.device, self.world, self.setup.warnings)
+        return Result(summary, recording, self.device, self.world, self.setup.warnings, self.hand)
 
     def pair(self) -> int:
         """Run until both sides have started; that time [ns]. Raises HapnetError as `run` does."""
@@ -263,7 +274,9 @@ class Simulation:
         self.world_endpoint.collect()
         self._due[_STEP] = self.now_ns + world.next_step_ns()
         self._rest(self.now_ns)
-        self.two_port.world(world.endpoint.coupling.ledger.work)
+        self.two_port.world(work := world.endpoint.coupling.ledger.work)
+        if self.hand is not self.two_port:
+            self.hand.world(work)
 
     def _tick(self) -> None:
         """A tick that may not wait, after those that could."""
@@ -279,6 +292,8 @@ class Simulation:
             due[_DEVICE_TIMER] = _or_never(self.device_endpoint.next_due_ns)
         if device.ledger is not None:
             self.two_port.device(device.ledger.work)
+            if self.hand is not self.two_port:
+                self.hand.device(device.hand_work)
         self._tick_ns = now + self._period_ns
         due[_TICK] = self._tick_ns + device.resting * self._period_ns
 

@@ -1,0 +1,263 @@
+"""`hapnet compare`: every coupling over the same links, with the same hands and seeds: tables, JSON and figures."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hapnet.commands import complete, output
+from hapnet.commands.batch import seed_range
+from hapnet.commands.progress import Progress
+from hapnet.errors import InvalidParameter, OutputError, RecordingError
+from hapnet.params import Params
+from netem.profile import PRESETS
+from netem.units import format_path
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from hapnet.study.compare import Case, Outcome, Plan
+
+LINKS = {"ideal": "ideal", "lan": "lan", "4g": "4g", "intercontinental": "wan-intercontinental"}
+"""The links by default, each with its profile; these names may be given for their profiles."""
+
+OPERATORS = ("press", "sine", "press@light", "sine@light")
+
+BASE = Params().set({"device.servo": "sampled"})
+"""All cases have the servo that hardware has, at 1 kHz."""
+
+_LINKS = "What is compared"
+
+
+@dataclass(frozen=True)
+class CompareOptions:
+    """What is compared, and what is shown of it."""
+
+    coupling: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Again for more; all by default.", rich_help_panel=_LINKS, autocompletion=complete.choices("coupling")
+        ),
+    ] = None
+    link: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME[=WORDS[|WORDS]]",
+            help="Again for more: a profile, or a name and tc-netem's words, up|down where they differ. "
+            f"By default {', '.join(LINKS)}.",
+            rich_help_panel=_LINKS,
+            autocompletion=complete.profiles,
+        ),
+    ] = None
+    trace: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="[NAME=]PATH",
+            help="One link more: the delivery opportunities (mahimahi's format) in PATH.up and PATH.down.",
+            rich_help_panel=_LINKS,
+        ),
+    ] = None
+    operator: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME[@light]",
+            help="Again for more: rest, sine, press or a recording's path; @light: with a light hand. "
+            f"By default {', '.join(OPERATORS)}.",
+            rich_help_panel=_LINKS,
+            autocompletion=complete.operators,
+        ),
+    ] = None
+    seeds: Annotated[str, typer.Option(metavar="A:B", help="From A to B - 1.", rich_help_panel=_LINKS)] = "0:3"
+    deadband: Annotated[
+        str,
+        typer.Option(
+            metavar="W[,W]",
+            help="Perceptual deadbands, as Weber fractions: each coupling with each. 0: none.",
+            rich_help_panel=_LINKS,
+        ),
+    ] = "0"
+    workers: Annotated[int, typer.Option(min=0, help="Processes; 0: one a core.")] = 0
+    case: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LINK[,OPERATOR[,SEED]]",
+            help="The case whose traces are drawn.",
+            show_default="the slowest link, the last operator, the first seed",
+        ),
+    ] = None
+    files: Annotated[bool, typer.Option("--files/--no-files", help="Write compare.json and figures.")] = True
+    metrics: Annotated[bool, typer.Option("--metrics", help="Print what each metric means and end.")] = False
+
+
+def main(params: Params, given: CompareOptions, json_to: str | None, out: Path | None) -> int:
+    """Compare, and show it; 0 even if cases failed, which the tables say, as long as one did not."""
+    from hapnet.runtime.batch.processes import usable_cores
+    from hapnet.study import compare, tables
+
+    words = output.console(json_to)
+    if given.metrics:
+        words.print(tables.definitions())
+        return 0
+    plan = plan_of(params, given)
+    drawn = drawn_case(plan, given.case)
+    cases = plan.cases()
+    directory = output.run_directory(out, "compare") if given.files else None
+    written = output.Written()
+    began = time.perf_counter()
+    with Progress(words, "comparing", len(cases), "cases") as bar:
+        outcomes = compare.run(cases, given.workers, lambda share: bar.update(share * len(cases)))
+        if all(one.error is not None for one in outcomes):
+            raise InvalidParameter("--coupling", list(plan.couplings), f"cases that run; none did: {outcomes[0].error}")
+        lasted_s = time.perf_counter() - began
+        found = compare.groups(plan, outcomes)
+        whole = tables.as_dict(plan, outcomes, found)
+        whole["wall_clock"] = {"cases": len(cases), "seconds": lasted_s, "workers": given.workers or usable_cores()}
+        there = []
+        if directory is not None:
+            bar.stage("drawing")
+            there = _write(directory, plan, drawn, outcomes, whole, written)
+    for table in tables.tables(plan, found, words.width):
+        words.print(table, soft_wrap=False)
+    words.print(tables.note(plan, words.width), markup=False, soft_wrap=False)
+    for line in tables.failures(outcomes):
+        words.print(line, style="red", markup=False)
+    words.print(f"{len(cases)} cases in {lasted_s:.0f} s")
+    if there:
+        words.print(f"{', '.join(there)} in {directory}", markup=False)
+    with written.part():
+        output.write_json(whole, json_to)
+    return written.code()
+
+
+def _write(
+    directory: Path,
+    plan: Plan,
+    drawn: Case,
+    outcomes: Sequence[Outcome],
+    whole: dict[str, Any],
+    written: output.Written,
+) -> list[str]:
+    """Write compare.json and the figures; what is there then, in words."""
+    from hapnet.study import figures
+
+    there = []
+    with written.part():
+        output.write_json(whole, str(directory / "compare.json"))
+        there.append("compare.json")
+    same = _same(drawn, outcomes)
+    if same:
+        with written.part():
+            _save(figures.traces(plan, same), directory / "traces.png")
+            there.append(f"traces.png ({drawn.operator} over {drawn.link}, seed {drawn.seed})")
+    with written.part():
+        _save(figures.tradeoff(plan, outcomes), directory / "tradeoff.png")
+        there.append("tradeoff.png")
+    return there
+
+
+def plan_of(params: Params, given: CompareOptions) -> Plan:
+    """The flags as a plan, each of its parts tried once.
+
+    Raises
+    ------
+    InvalidParameter, netem.NetemError : in one line, what is wrong and what is allowed.
+    """
+    from hapnet.runtime.virtual import Simulation
+    from hapnet.study.compare import Plan
+
+    if params.duration_s <= 0.0:
+        raise InvalidParameter("duration_s", params.duration_s, "above 0 in virtual time")
+    known = complete.choices("coupling")()
+    for name in given.coupling or ():
+        if name not in known:
+            raise InvalidParameter("--coupling", name, "one of " + ", ".join(known))
+    plan = Plan(
+        params,
+        tuple(dict.fromkeys(given.coupling or known)),
+        links_of(given.link, given.trace or ()),
+        tuple(dict.fromkeys(given.operator or OPERATORS)),
+        tuple(seed_range(given.seeds)),
+        tuple(dict.fromkeys(deadbands(given.deadband))),
+    )
+    first = plan.cases()[0]
+    for link in plan.links:
+        Simulation(plan.case(first.variant, link, first.operator, first.seed).params, first.seed)
+    for operator in plan.operators:
+        Simulation(plan.case(first.variant, first.link, operator, first.seed).params, first.seed)
+    return plan
+
+
+def links_of(given: Sequence[str] | None, traces: Iterable[str]) -> dict[str, tuple[str, str]]:
+    """Links by name, each with the words of the uplink and of the downlink."""
+    links: dict[str, tuple[str, str]] = {}
+
+    def add(flag: str, name: str, up: str, down: str) -> None:
+        if name in links:
+            raise InvalidParameter(flag, name, "a name for each link")
+        links[name] = up, down
+
+    for text in LINKS if given is None else given:
+        name, equals, words = (part.strip() for part in text.partition("="))
+        if equals and name:
+            up, bar, down = (part.strip() for part in words.partition("|"))
+            add("--link", name, up, down if bar else up)
+        elif (profile := LINKS.get(name, name)) in PRESETS and not equals:
+            add("--link", name, profile, profile)
+        else:
+            allowed = f"{', '.join(dict.fromkeys((*LINKS, *PRESETS)))}, or NAME=WORDS such as 'slow=delay 80ms loss 1%'"
+            raise InvalidParameter("--link", text, allowed)
+    for text in traces:
+        name, _, path = text.rpartition("=")
+        up, down = (f"trace {format_path(f'{path}.{way}')}" for way in ("up", "down"))
+        add("--trace", name or Path(path).name, up, down)
+    return links
+
+
+def deadbands(text: str) -> list[float]:
+    """The Weber fractions of ``0,0.1``."""
+    try:
+        found = [float(word) for word in text.split(",")]
+    except ValueError:
+        found = []
+    if not found or not all(0.0 <= fraction < 1.0 for fraction in found):
+        raise InvalidParameter("--deadband", text, "Weber fractions from 0 (none) to below 1, such as 0,0.1")
+    return found
+
+
+def drawn_case(plan: Plan, text: str | None) -> Case:
+    """The case of the first variant that ``LINK[,OPERATOR[,SEED]]`` names."""
+    from hapnet.runtime.build import link_profile
+
+    def delay_ns(link: str) -> int:
+        return sum(link_profile("--link", words).delay_ns for words in plan.links[link])
+
+    link, operator, seed = max(plan.links, key=delay_ns), plan.operators[-1], str(plan.seeds[0])
+    given = [word.strip() for word in (text or "").split(",")]
+    link, operator, seed = (word or default for word, default in zip([*given, "", ""], (link, operator, seed),
+                                                                     strict=False))  # fmt: skip
+    numbers = {str(number): number for number in plan.seeds}
+    if len(given) > 3 or link not in plan.links or operator not in plan.operators or seed not in numbers:
+        allowed = f"{'|'.join(plan.links)}[,{'|'.join(plan.operators)}[,{'|'.join(numbers)}]]"
+        raise InvalidParameter("--case", text, allowed)
+    return plan.case(plan.variants[0], link, operator, numbers[seed])
+
+
+def _same(case: Case, outcomes: Iterable[Outcome]) -> list[Case]:
+    """This case under every variant that did not fail in it."""
+    wanted = (case.link, case.operator, case.seed)
+    return [one.case for one in outcomes
+            if one.error is None and (one.case.link, one.case.operator, one.case.seed) == wanted]  # fmt: skip
+
+
+def _save(figure: Figure, path: Path) -> None:
+    from hapnet.report.files import save_figure
+
+    try:
+        save_figure(figure, path)
+    except RecordingError as error:
+        raise OutputError(str(error)) from None

@@ -1,0 +1,111 @@
+"""What is measured of a run, in one place: commands, JSON, figures and documentation take names and units from here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Literal
+
+Better = Literal["higher", "lower", "nearer 0", "nearer 100"]
+
+
+@dataclass(frozen=True)
+class Metric:
+    """One figure of merit.
+
+    Parameters
+    ----------
+    name : its key in dictionaries and files. label : its name for people, short enough for a column.
+    unit : of its values; "" for a bare number. better : which way. meaning : how it is defined, in a sentence or two.
+    """
+
+    name: str
+    label: str
+    unit: str
+    better: Better
+    meaning: str
+
+    @property
+    def heading(self) -> str:
+        """Label and unit, for an axis or a column."""
+        return f"{self.label} [{self.unit}]" if self.unit else self.label
+
+
+METRICS: Mapping[str, Metric] = MappingProxyType(
+    {
+        metric.name: metric
+        for metric in (
+            Metric(
+                "margin_J", "two-port margin", "J", "higher",
+                "least value over time of d² plus the energy that hand and virtual world have put in at their ports; "
+                "d² is what both sides start with, the same for every coupling. Below 0: not passive",
+            ),
+            Metric(
+                "hand_margin_J", "hand's margin", "J", "higher",
+                "least value over time of the hand's work plus what the device's side starts with. Below 0: the hand "
+                "was given more energy than that",
+            ),
+            Metric(
+                "actuator_margin_J", "two-port margin at the actuator", "J", "higher",
+                "as the two-port margin, the device's port being the actuator's: without the help of the device's own "
+                "damping. Sampled servos only",
+            ),
+            Metric(
+                "free_rms_mm", "position error, free", "mm", "lower",
+                "root mean square of the distance between device and proxy at the same time, the proxy in no wall",
+            ),
+            Metric(
+                "contact_rms_mm", "position error, contact", "mm", "lower",
+                "the same while the proxy is in a wall. A perfect coupling has one too, as its spring gives way",
+            ),
+            Metric(
+                "stiffness_percent", "rendered stiffness", "%", "nearer 100",
+                "least squares slope of the resisting force over the device's penetration, through the wall's surface, "
+                "once a visit has settled (a round trip and two of the world's longest steps after it began), in % of "
+                "the coupling's springs and the wall in series",
+            ),
+            Metric(
+                "force_error_N", "force error", "N", "lower",
+                "root mean square over time of the difference between the force on the device and that of the same run "
+                "over an ideal link, with nothing left unsent",
+            ),
+            Metric(
+                "force_error_percent", "force error", "%", "lower",
+                "the same in % of the ideal run's peak force",
+            ),
+            Metric(
+                "buzz_N2", "buzz", "N²", "lower",
+                "power of the force on the device above 20 Hz, all axes together: Welch's spectrum with Hann windows "
+                "of one second, three quarters overlapping, each less its mean",
+            ),
+            Metric(
+                "drift_mm_per_min", "position drift", "mm/min", "nearer 0",
+                "slope over time of device minus proxy along the motion while both are free: least absolute "
+                "deviations, besides a lag that depends on the device's last 0.4 s",
+            ),
+            Metric(
+                "first_contact_ms", "first felt contact", "ms", "lower",
+                "from the device crossing the wall's surface for the first time until the resisting force exceeds by "
+                "10 % and 0.1 N the strongest one before word of it could have come back; less the median delays of "
+                "both links. None: not felt above the drag",
+            ),
+            Metric(
+                "peak_force_N", "peak force", "N", "lower",
+                "largest force on the device",
+            ),
+            Metric(
+                "packets_per_s", "packets", "1/s", "lower",
+                "messages of all kinds offered to both links, a second",
+            ),
+            Metric("packets_up_per_s", "packets up", "1/s", "lower", "of these, from the device"),
+            Metric("packets_down_per_s", "packets down", "1/s", "lower", "of these, from the virtual world"),
+            Metric(
+                "slack_J", "slack", "J", "higher",
+                "least value over time of both sides' halves of the theorem, for a coupling with energy reservoirs. "
+                "Below 0 by more than rounding: the accounts are wrong",
+            ),
+        )
+    }
+)  # fmt: skip
+"""Every metric, by its name."""

@@ -1,0 +1,64 @@
+"""The force on the device: how far from that of another run, and how much it buzzes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hapnet.checks import Array
+from hapnet.record import Columns, Recording
+
+BUZZ_HZ = 20.0
+"""Faster than this no hand moves: what the force does above is the coupling's own."""
+
+_SEGMENT_S = 1.0
+_OVERLAPS = 4  # segments that cover an instant: with Hann windows each instant then counts alike
+
+
+def force_error(recording: Recording, ideal: Recording) -> tuple[float, float | None] | None:
+    """(root mean square of the difference between the forces on the device [N], the same in % of `ideal`'s peak force).
+
+    Both at the same time since control of the device began, which is when the simulated hand begins to move. The force
+    of `ideal` is interpolated where the two were not sampled together. The share is None if `ideal` felt nothing; all
+    is None without the device's samples.
+    """
+    ours, theirs = recording.device, ideal.device
+    if ours is None or theirs is None:
+        return None
+    times, reference = _hand_s(recording, ours), _hand_s(ideal, theirs)
+    both = (times >= reference[0]) & (times <= reference[-1])
+    if not both.any():
+        return None
+    wanted = np.column_stack([np.interp(times[both], reference, axis) for axis in theirs["force_N"].T])
+    rms = float(np.sqrt(np.mean(np.sum((ours["force_N"][both] - wanted) ** 2, axis=1))))
+    peak = float(np.linalg.norm(theirs["force_N"], axis=1).max())
+    return rms, 100.0 * rms / peak if peak > 0.0 else None
+
+
+def buzz(device: Columns) -> float | None:
+    """Power of the force above `BUZZ_HZ`, up to half of the sampling rate, summed over the axes [N^2].
+
+    A sine of amplitude a in there has a^2/2. Welch's spectrum (1967): Hann windows of one second that overlap by three
+    quarters, so that every instant counts alike but for the first and last second, each less its mean. None for a
+    recording that is shorter than a window, uneven, or too slow to hold what is asked for.
+    """
+    times, force = device["time_s"], device["force_N"]
+    steps = np.diff(times)
+    if not len(steps) or np.ptp(steps) > 0.5 * (period := float(np.median(steps))) or 1.0 / period <= 2.0 * BUZZ_HZ:
+        return None
+    length = round(_SEGMENT_S / period)
+    if len(force) < length:
+        return None
+    hop = max(1, length // _OVERLAPS)
+    segments = np.lib.stride_tricks.sliding_window_view(force, length, axis=0)[::hop]
+    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
+    spectrum = np.fft.rfft((segments - segments.mean(axis=-1, keepdims=True)) * window, axis=-1)
+    power = np.abs(spectrum) ** 2 / (length * np.sum(window**2))
+    power[..., 1 : (length + 1) // 2] *= 2.0  # the negative frequencies
+    fast = np.fft.rfftfreq(length, period) > BUZZ_HZ
+    return float(power[..., fast].sum(axis=-1).mean(axis=0).sum())
+
+
+def _hand_s(recording: Recording, device: Columns) -> Array:
+    """Times since control of the device began [s]."""
+    meta = recording.meta
+    return np.asarray((device["time_ns"] - int(meta.get("device_origin_ns", meta["origin_ns"]))) / 1e9)

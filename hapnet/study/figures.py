@@ -1,0 +1,216 @@
+"""The comparison as figures: the traces of one case over each other, and transparency against passivity for all."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import ceil
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from hapnet.checks import Array
+from hapnet.metrics import METRICS
+from hapnet.metrics.contact import pressed_wall
+from hapnet.plant.contact import Wall
+from hapnet.report.style import MM, STYLE
+from hapnet.study.case import Run, simulated
+from hapnet.study.compare import Case, Outcome, Plan, Variant
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Okabe and Ito's colours, which those tell apart too who see few, and a mark each
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D1F")
+_MARKS = ("o", "s", "^", "D", "v", "P", "X", "p")
+_OTHERS: dict[str, Any] = {"color": "0.8", "linewidth": 0.6, "zorder": 1}
+_MARGIN = "two-port passivity margin [J], shaded where not passive; mark: lowest margin and median, dots: cases"
+_DASHED = (0, (3, 1.2))
+_SHOWN_S = 5.0
+_COLUMNS = 2
+_WIDTH_MM, _TOP_MM, _CELL_MM, _BOTTOM_MM = 180.0, 6.0, 56.0, 14.0
+_SHADE: dict[str, Any] = {"facecolor": "#fcbba1", "edgecolor": "#cb181d", "hatch": "////", "alpha": 0.5, "lw": 0}
+
+
+def traces(plan: Plan, cases: Sequence[Case]) -> Figure:
+    """The same case under each variant: device and proxy, and the force felt, over those of all the others in grey.
+
+    Along the normal of the wall that the first variant's device was deepest in, or the first axis; the first 5 s.
+    """
+    runs = [simulated(case.params, case.seed) for case in cases]
+    direction, surface_mm = _along(runs[0])
+    curves = [_curves(run, direction) for run in runs]
+    about = cases[0]
+    rows = ceil(len(runs) / _COLUMNS)
+    with _style():
+        fig = _figure(_TOP_MM + _CELL_MM * rows + _BOTTOM_MM, layout=None)
+        title = f"{about.operator} over {about.link}, seed {about.seed}: each coupling in colour, the others in grey"
+        fig.suptitle(title, fontsize=9, y=1.0 - 2.0 / _height_mm(fig), va="top", parse_math=False)
+        fig.legend(handles=_legend(surface_mm), loc="lower center", ncols=3, fontsize=8)
+        panels: list[tuple[Axes, Axes]] = []
+        for k, (case, own) in enumerate(zip(cases, curves, strict=True)):
+            first = panels[0] if panels else (None, None)
+            top, bottom = panels_of_cell = _cell(fig, k, first)
+            panels.append(panels_of_cell)
+            for other in curves:
+                top.plot(*other["device"], **_OTHERS)
+                bottom.plot(*other["force"], **_OTHERS)
+            if surface_mm is not None:
+                top.axhline(surface_mm, color="0.4", linewidth=0.7, linestyle=":")
+            colour = _mark(plan, case.variant)["color"]
+            top.plot(*own["device"], color=colour, zorder=3)
+            top.plot(*own["proxy"], color=colour, linestyle=_DASHED, linewidth=0.9, zorder=3)
+            bottom.plot(*own["force"], color=colour, linewidth=0.8, zorder=3)
+            top.set_title(str(case.variant), loc="left", fontsize=9, color=colour, fontweight="bold", pad=3.0)
+            top.tick_params(labelbottom=False)
+            if k % _COLUMNS == 0:
+                top.set_ylabel("position [mm]")
+                bottom.set_ylabel("force [N]")
+            if k + _COLUMNS >= len(runs):
+                bottom.set_xlabel("time [s]")
+            else:
+                bottom.tick_params(labelbottom=False)
+        for panel in fig.axes:
+            panel.set_xlim(0.0, min(_SHOWN_S, about.params.duration_s))
+    return fig
+
+
+def _cell(fig: Figure, k: int, first: tuple[Axes | None, Axes | None]) -> tuple[Axes, Axes]:
+    """The panels of positions and of forces of number `k`, sharing their scales with the first ones."""
+    height = _height_mm(fig)
+    left = (16.0 + 83.0 * (k % _COLUMNS)) / _WIDTH_MM
+    width = 78.0 / _WIDTH_MM
+    top = height - _TOP_MM - _CELL_MM * (k // _COLUMNS)
+
+    def panel(above_mm: float, high_mm: float, share_y: Axes | None) -> Axes:
+        made = fig.add_axes((left, (top - above_mm - high_mm) / height, width, high_mm / height), sharey=share_y)
+        made.tick_params(labelleft=k % _COLUMNS == 0)
+        return made
+
+    return panel(5.0, 24.0, first[0]), panel(31.0, 20.0, first[1])
+
+
+def tradeoff(plan: Plan, outcomes: Sequence[Outcome]) -> Figure:
+    """Force error and rendered stiffness against the two-port margin.
+
+    A panel for each metric and link. A dot is a case; a mark stands at a variant's lowest margin over its cases, which
+    is what a claim of passivity must bear, and at its median of the metric. The axis of margins is linear about 0 and
+    logarithmic beyond, as what is not passive may be off by any amount; that side is shaded.
+    """
+    metrics = ("force_error_percent", "stiffness_percent")
+    links = list(plan.links)
+    fig = _figure(64.0 * len(metrics) + 24.0)
+    with _style():
+        panels = fig.subplots(len(metrics), len(links), sharex=True, sharey="row", squeeze=False)
+        for row, metric in zip(panels, metrics, strict=True):
+            for panel, link in zip(row, links, strict=True):
+                for variant in plan.variants:
+                    ours = [one for one in outcomes if (one.case.variant, one.case.link) == (variant, link)]
+                    _points(panel, _mark(plan, variant), ours, metric)
+            row[0].set_ylabel(METRICS[metric].heading)
+        _axes(panels, links, min(_margins(outcomes), default=0.0))
+        fig.supxlabel(_MARGIN, fontsize=8)
+        marks = [panels[0][0].plot([], [], label=str(one), **_mark(plan, one))[0] for one in plan.variants]
+        fig.legend(handles=marks, loc="outside upper center", ncols=min(4, len(marks)), fontsize=8)
+    return fig
+
+
+def _axes(panels: Any, links: Sequence[str], lowest: float) -> None:
+    """Scales, ticks and shades."""
+    for panel, link in zip(panels[0], links, strict=True):
+        panel.set_title(link, fontsize=9)
+        panel.set_xscale("symlog", linthresh=0.1, linscale=0.8)
+        left = min(2.0 * lowest, -0.15)
+        panel.set_xlim(left, 0.16)
+        ticks = [tick for tick in (-1000.0, -100.0, -10.0, -1.0, 0.0, 0.1) if tick >= left]
+        panel.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+        panel.set_xticks([], minor=True)
+    force, stiffness = (row[0] for row in panels)
+    force.set_yscale("symlog", linthresh=10.0)
+    top = max(force.get_ylim()[1], 20.0)
+    force.set_ylim(-1.0, top)
+    ticks = [tick for tick in (0.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0) if tick <= top]
+    force.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
+    force.set_yticks([], minor=True)
+    low, high = stiffness.get_ylim()
+    stiffness.set_ylim(min(low, 80.0), max(high, 120.0))
+    for panel in panels.flat:
+        panel.axvspan(panel.get_xlim()[0], 0.0, zorder=0, **_SHADE)
+        panel.axvline(0.0, color="#cb181d", linewidth=1.0)
+
+
+def _points(panel: Axes, mark: dict[str, Any], outcomes: Sequence[Outcome], metric: str) -> None:
+    """A variant over a link: its cases, and its mark."""
+    margins = _margins(outcomes)
+    pairs = [(m["margin_J"], m[metric]) for one in outcomes if (m := one.measures) and m[metric] is not None]
+    if pairs and margins:
+        x, y = np.array(pairs, dtype=float).T
+        panel.plot(x, y, ".", color=mark["color"], markersize=4.0, alpha=0.6, markeredgewidth=0.0, zorder=2)
+        panel.plot(min(margins), np.median(y), **mark, zorder=3)
+
+
+def _margins(outcomes: Sequence[Outcome]) -> list[float]:
+    return [margin for one in outcomes if one.measures and (margin := one.measures["margin_J"]) is not None]
+
+
+def _mark(plan: Plan, variant: Variant) -> dict[str, Any]:
+    """Colour and mark of a coupling: an outline, so that several show in the same place; filled with a deadband."""
+    k = plan.couplings.index(variant.coupling)
+    colour = _COLOURS[k % len(_COLOURS)]
+    return {
+        "color": colour,
+        "marker": _MARKS[k % len(_MARKS)],
+        "linestyle": "",
+        "markersize": 6.5,
+        "markeredgewidth": 1.2,
+        "markerfacecolor": colour if variant.deadband else "none",
+    }
+
+
+def _legend(surface_mm: float | None) -> list[Any]:
+    from matplotlib.lines import Line2D
+
+    solid = Line2D([], [], color="0.2", label="device; force on it")
+    dashed = Line2D([], [], color="0.2", linewidth=0.9, linestyle=_DASHED, label="proxy")
+    wall = Line2D([], [], color="0.4", linewidth=0.7, linestyle=":", label="the wall's surface")
+    return [solid, dashed, wall][: 2 if surface_mm is None else 3]
+
+
+def _along(run: Run) -> tuple[Array, float | None]:
+    """The direction to draw along (n,), and where the wall's surface is on it [mm]."""
+    wall: Wall | None = pressed_wall(run.recording.device, run.walls)
+    if wall is not None:
+        return np.array(wall.normal), 1e3 * wall.offset
+    assert run.recording.device is not None
+    return np.eye(run.recording.device["position_m"].shape[1])[0], None
+
+
+def _curves(run: Run, direction: Array) -> Mapping[str, tuple[Array, Array]]:
+    """Time [s] and value of what is drawn: positions [mm], and the force that resists [N]."""
+    device, world = run.recording.device, run.recording.world
+    assert device is not None
+    assert world is not None
+    return {
+        "device": (device["time_s"], 1e3 * (device["position_m"] @ direction)),
+        "proxy": (world["time_s"], 1e3 * (world["position_m"] @ direction)),
+        "force": (device["time_s"], -(device["force_N"] @ direction)),
+    }
+
+
+def _style() -> Any:
+    import matplotlib
+
+    return matplotlib.rc_context(STYLE)
+
+
+def _figure(height_mm: float, layout: Literal["constrained"] | None = "constrained") -> Figure:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    fig = Figure(figsize=(_WIDTH_MM * MM, height_mm * MM), dpi=150, layout=layout)
+    FigureCanvasAgg(fig)
+    return fig
+
+
+def _height_mm(fig: Figure) -> float:
+    return float(fig.get_figheight() / MM)

@@ -1,0 +1,190 @@
+"""The comparison as tables for a terminal, and as one object for machines."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any, NamedTuple
+
+from rich.markup import escape
+from rich.table import Table
+
+from hapnet.metrics import METRICS
+from hapnet.params import Params
+from hapnet.record import plain
+from hapnet.runtime.couplings import ideal_stiffness
+from hapnet.study.compare import Group, Outcome, Plan, Variant
+from hapnet.versions import versions
+from netem.profile import PRESETS
+
+WIDE = 140
+"""Columns of a terminal from which a table has room for every metric and its quartiles."""
+
+
+class _Column(NamedTuple):
+    """How a table shows a metric: its heading, what to multiply with, digits after the point, digits when small."""
+
+    metric: str
+    heading: str
+    factor: float
+    digits: int
+
+
+_BRIEF = (
+    _Column("stiffness_percent", "stiff\n[%]", 1.0, 0),
+    _Column("force_error_percent", "force\nerror\n[%]", 1.0, 1),
+    _Column("free_rms_mm", "free\nerror\n[mm]", 1.0, 1),
+    _Column("buzz_N2", "buzz\n[10⁻³\nN²]", 1e3, 1),
+    _Column("drift_mm_per_min", "drift\n[mm/\nmin]", 1.0, 1),
+    _Column("first_contact_ms", "felt\n[ms]", 1.0, 0),
+    _Column("packets_per_s", "pack.\n[1/s]", 1.0, 0),
+)
+_FULL = (
+    _Column("stiffness_percent", "rendered\nstiffness\n[%]", 1.0, 0),
+    _Column("force_error_percent", "force\nerror\n[%]", 1.0, 1),
+    _Column("free_rms_mm", "error,\nfree\n[mm]", 1.0, 1),
+    _Column("contact_rms_mm", "error,\ncontact\n[mm]", 1.0, 1),
+    _Column("buzz_N2", "buzz\n[10⁻³ N²]", 1e3, 2),
+    _Column("drift_mm_per_min", "drift\n[mm/min]", 1.0, 1),
+    _Column("first_contact_ms", "contact\nfelt after\n[ms]", 1.0, 0),
+    _Column("peak_force_N", "peak\nforce\n[N]", 1.0, 2),
+    _Column("packets_per_s", "packets\n[1/s]", 1.0, 0),
+)
+_NOTE = (
+    "Medians over {operators} and {seeds}. passive, hand: cases whose two-port margin, and whose hand's margin alone, "
+    "stayed above zero; worst: the lowest two-port margin. felt: of the cases in which the contact was felt above the "
+    "drag{counted}. hapnet compare --metrics defines all columns."
+)
+
+
+def tables(plan: Plan, found: Sequence[Group], width: int) -> list[Table]:
+    """A table a link, couplings as rows: medians, and the quartiles where there is room for them."""
+    wide = width >= WIDE
+    made = []
+    for link, (up, down) in plan.links.items():
+        up, down = PRESETS.get(up, up), PRESETS.get(down, down)
+        words = up if up == down else f"up {up}; down {down}"
+        title = f"{link}: {words or 'nothing in the way'}"
+        made.append(_table(escape(title), [g for g in found if g.link == link and g.operator is None], wide=wide))
+    return made
+
+
+def note(plan: Plan, width: int) -> str:
+    """What stands beneath the tables."""
+    counted = ", and how many these were" if width >= WIDE else ""
+    seeds = f"{len(plan.seeds)} seeds" if len(plan.seeds) > 1 else f"seed {plan.seeds[0]}"
+    return _NOTE.format(operators=", ".join(plan.operators), seeds=seeds, counted=counted)
+
+
+def failures(outcomes: Sequence[Outcome], most: int = 5) -> list[str]:
+    """A line for each case that failed, for the first of them."""
+    failed = [one for one in outcomes if one.error is not None]
+    lines = [f"failed: {one.case}: {one.error}" for one in failed[:most]]
+    return lines + ([f"and {len(failed) - most} more"] if len(failed) > most else [])
+
+
+def definitions() -> Table:
+    """What each metric means."""
+    table = Table("metric", "unit", "better", "meaning", show_lines=True)
+    for metric in METRICS.values():
+        table.add_row(
+            f"{escape(metric.label)}\n[dim]{metric.name}[/]", metric.unit, metric.better, escape(metric.meaning)
+        )
+    return table
+
+
+def as_dict(plan: Plan, outcomes: Sequence[Outcome], found: Sequence[Group]) -> dict[str, Any]:
+    """Everything that is the same whenever the same is compared: settings, units, tunings, groups and every case."""
+    whole = {
+        "settings": {
+            "couplings": plan.couplings,
+            "links": {name: {"up": up, "down": down} for name, (up, down) in plan.links.items()},
+            "operators": plan.operators,
+            "seeds": plan.seeds,
+            "deadbands": plan.deadbands,
+            "parameters": plan.params.as_dict(),
+        },
+        "metrics": {name: {k: v for k, v in asdict(metric).items() if k != "name"} for name, metric in METRICS.items()},
+        "tunings": {coupling: _tunings(plan, coupling) for coupling in plan.couplings},
+        "groups": [_group(group) for group in found],
+        "cases": [_case(outcome) for outcome in outcomes],
+        "versions": versions(),
+    }
+    return {str(key): value for key, value in plain(whole).items()}
+
+
+def _tunings(plan: Plan, coupling: str) -> dict[str, Any]:
+    """Of one coupling, over each link."""
+    operator, seed = plan.operators[0], plan.seeds[0]
+    return {link: tuning(plan.case(Variant(coupling), link, operator, seed).params) for link in plan.links}
+
+
+def tuning(params: Params) -> dict[str, Any]:
+    """What sets a coupling's feel: springs and dampers, and what of the scene's wall a hand could feel at best."""
+    names = ("device.stiffness", "device.damping", "world.stiffness", "world.damping", "world.mass")
+    springs = (params.device.stiffness, params.world.stiffness)
+    scalar = all(isinstance(stiffness, float) for stiffness in springs)
+    ideal = ideal_stiffness(params, params.world.wall.stiffness) if scalar else None
+    return {**{name: params.get(name) for name in names}, "ideal_stiffness_N_per_m": ideal}
+
+
+def _table(title: str, rows: Sequence[Group], *, wide: bool) -> Table:
+    columns = _FULL if wide else _BRIEF
+    table = Table(title=title, title_justify="left", title_style="bold", padding=(0, 1 if wide else 0))
+    table.add_column("coupling", min_width=max(len(group.variant.coupling) for group in rows))
+    for heading in ("passive", "hand", "worst\n[mJ]", *(column.heading for column in columns)):
+        table.add_column(heading.replace("[", r"\["), justify="right", overflow="fold")
+    for group in rows:
+        name = escape(str(group.variant)) + (f" [red]({group.failed} failed)[/]" if group.failed else "")
+        worst = group.spreads.get("margin_J")
+        table.add_row(
+            name,
+            _count(group.passive, group.measured),
+            _count(group.hand_passive, group.measured),
+            "–" if worst is None else _number(1e3 * worst.least, 1),
+            *(_cell(group, column, wide=wide) for column in columns),
+        )
+    return table
+
+
+def _cell(group: Group, column: _Column, *, wide: bool) -> str:
+    spread = group.spreads.get(column.metric)
+    if spread is None:
+        return "–"
+    median, q1, q3 = (_number(column.factor * v, column.digits) for v in (spread.median, spread.q1, spread.q3))
+    if column.metric == "first_contact_ms":  # how often is as telling as how late
+        return f"{median}\n{spread.count}/{group.measured}" if wide else median
+    return f"{median}\n[dim]{q1}..{q3}[/]" if wide else median
+
+
+def _number(value: float, digits: int) -> str:
+    """Fixed digits, fewer of a large number; no minus before a zero."""
+    size = abs(value)
+    shown = f"{value:.{0 if size >= 100.0 else min(digits, 1) if size >= 10.0 else digits}f}"
+    return shown.removeprefix("-") if float(shown) == 0.0 else shown
+
+
+def _count(part: int, whole: int) -> str:
+    words = f"{part}/{whole}"
+    return words if part == whole else f"[red]{words}[/]"
+
+
+def _group(group: Group) -> dict[str, Any]:
+    return {
+        **group.variant._asdict(),
+        "link": group.link,
+        "operator": group.operator,
+        "cases": group.cases,
+        "failed": group.failed,
+        "passive": group.passive,
+        "hand_passive": group.hand_passive,
+        "metrics": {name: asdict(spread) for name, spread in group.spreads.items()},
+    }
+
+
+def _case(outcome: Outcome) -> dict[str, Any]:
+    case = outcome.case
+    about: Mapping[str, Any] = {
+        **case.variant._asdict(), "link": case.link, "operator": case.operator, "seed": case.seed
+    }  # fmt: skip
+    return {**about, "measures": outcome.measures, "error": outcome.error}

@@ -1,0 +1,155 @@
+"""One case: what is measured against theory, the run's own accounts, and the reference over an ideal link."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from hapnet.errors import InvalidParameter
+from hapnet.metrics import METRICS
+from hapnet.params import Params
+from hapnet.runtime.virtual import Simulation, TwoPort
+from hapnet.study import case
+from hapnet.study.case import measure, simulated
+
+SAMPLED: dict[str, object] = {"device.servo": "sampled", "duration_s": 4.0}
+LIGHT: dict[str, object] = {
+    "operator": "sine", "operator_hand.mass": 0.1, "operator_hand.damping": 0.5, "operator_hand.stiffness": 20.0,
+}  # fmt: skip
+
+
+def params(link: str, **changes: object) -> Params:
+    dotted = {name.replace("__", "."): value for name, value in changes.items()}
+    return Params().set({**SAMPLED, "link.up": link, "link.down": link, **dotted})
+
+
+@pytest.mark.parametrize(("device", "world"), [(100.0, 500.0), (200.0, 300.0)])
+def test_a_press_over_an_ideal_link_feels_the_springs_in_series(device: float, world: float) -> None:
+    """At rest: K (x - y) felt, K' (x - y) and K_w y on the proxy, so K K_w / (K' + K_w) of the device's depth x."""
+    found = measure(params("", device__stiffness=device, world__stiffness=world, device__step_limit_N=0.0), 1)
+    assert found["stiffness_percent"] == pytest.approx(100.0, abs=1.5)
+    assert found["force_error_N"] == found["force_error_percent"] == 0.0
+    assert found["margin_J"] == pytest.approx(0.1)
+
+
+def test_every_metric_and_no_other() -> None:
+    found = measure(params("delay 20ms"), 3)
+    assert list(found) == list(METRICS)
+    assert all(value is None or math.isfinite(value) for value in found.values())
+    packets = [found[name] for name in ("packets_up_per_s", "packets_down_per_s", "packets_per_s")]
+    up, down, both = (value for value in packets if value is not None)
+    assert up > 200.0  # PSPM's period of 5 ms alone
+    assert both == pytest.approx(up + down)
+    slack = found["slack_J"]
+    assert slack is not None
+    assert slack >= -1e-9
+
+
+def test_free_space_has_no_contact() -> None:
+    found = measure(params("", scene="free", operator="sine"), 0)
+    unknown = {name for name, value in found.items() if value is None}
+    assert unknown == {"contact_rms_mm", "stiffness_percent", "first_contact_ms", "drift_mm_per_min"}  # 4 s only
+
+
+def test_what_is_not_passive_is_seen_and_what_is_passive_too() -> None:
+    """A light hand over 35 ms each way: held set-positions give it joules (Colgate and Schenkel), PSPM none."""
+    held, passive = (measure(params("4g", coupling=name, **LIGHT), 0) for name in ("zoh", "pspm"))
+    for name in ("margin_J", "hand_margin_J", "actuator_margin_J"):
+        below, above = held[name], passive[name]
+        assert below is not None
+        assert above is not None
+        assert below < -0.05
+        assert above > 0.0
+    assert held["slack_J"] is None
+
+
+@pytest.mark.parametrize("harvest", ["measured", "range"])
+def test_the_hands_work_is_the_actuators_and_the_devices_motion(harvest: str) -> None:
+    """Without damping of its own the device passes on what it does not keep: a balance of energy, to rounding."""
+    run = simulated(params("delay 10ms", device__own_damping=0.0, device__harvest=harvest), 2)
+    side, device = run.result.device, run.recording.device
+    assert device is not None
+    assert side.ledger is not None
+    x = device["position_m"][:, 0]
+    held = np.concatenate([[0.0], device["force_N"][:, 0]])
+    work = -float(held[:-1] @ np.diff(np.concatenate([[0.0], x])))  # the press begins at 0
+    _, (v,) = side.device.read()
+    assert side.hand_work == pytest.approx(work + 0.5 * 0.045 * v * v, abs=1e-12)
+    assert side.ledger.work == pytest.approx(work, abs=1e-12)
+
+
+def test_the_devices_own_damping_is_on_the_hands_side_of_the_actuator() -> None:
+    run = simulated(params("delay 10ms", device__own_damping=2.0), 2)
+    side, device = run.result.device, run.recording.device
+    assert side.ledger is not None
+    assert device is not None
+    steps = np.diff(device["position_m"][:, 0])
+    dissipated = 2.0 * float(steps @ steps) / 1e-3
+    _, (v,) = side.device.read()
+    assert side.hand_work == pytest.approx(side.ledger.work + 0.5 * 0.045 * v * v + dissipated, rel=1e-3)
+
+
+def test_the_continuous_servo_has_its_account_at_the_hand() -> None:
+    continuous = params("delay 30ms", device__servo="continuous", duration_s=1.0)
+    found = measure(continuous, 0)
+    assert found["actuator_margin_J"] is None
+    assert found["margin_J"] == simulated(continuous, 0).result.summary["theorem"]["margin_J"]
+
+
+def test_the_lowest_of_one_port_by_hand() -> None:
+    both = TwoPort()
+    both.device(-2.0)
+    both.world(5.0)
+    assert both.device_lowest == -2.0
+    both.device(1.0)
+    both.device(-3.0)
+    assert both.device_lowest == -3.0
+    both.world(6.0)
+    both.device(0.0)
+    both.world(7.0)
+    assert both.device_lowest == -3.0
+
+
+def test_runs_over_other_links_share_one_reference(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = []
+
+    class Counted(Simulation):
+        def __init__(self, params: Params, seed: int) -> None:
+            made.append((params.link.up, seed))
+            super().__init__(params, seed)
+
+    monkeypatch.setattr(case, "Simulation", Counted)
+    case._reference.cache_clear()
+    short = {"duration_s": 0.5}
+    first = measure(params("delay 5ms", **short), 0)
+    measure(params("delay 9ms", **short), 0)
+    measure(params("", **short), 0)
+    assert made == [("", 0), ("delay 5ms", 0), ("delay 9ms", 0)]
+    measure(params("delay 5ms", **short), 1)
+    assert made[3:] == [("", 1), ("delay 5ms", 1)]
+    case._reference.cache_clear()
+    assert measure(params("delay 5ms", **short), 0) == first
+    first["margin_J"] = 17.0  # a caller's own
+    assert measure(params("", **short), 0)["margin_J"] != 17.0
+
+
+def test_what_does_not_make_a_run_is_refused() -> None:
+    with pytest.raises(InvalidParameter, match="operator"):
+        measure(params("", operator="nobody"), 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("operator", ["press", "sine"])
+@pytest.mark.parametrize("link", ["lan", "4g", "wan-intercontinental"])
+@pytest.mark.parametrize("coupling", ["pspm", "zoh"])
+def test_position_couplings_render_the_series_stiffness_and_do_not_drift_over_any_link(
+    coupling: str, link: str, operator: str
+) -> None:
+    """By their law, at rest, whatever the delay: the bias of the estimators over 10 s is below these figures."""
+    for seed in range(2):
+        found = measure(params(link, duration_s=10.0, coupling=coupling, operator=operator), seed)
+        stiffness, drift = found["stiffness_percent"], found["drift_mm_per_min"]
+        assert stiffness is None or stiffness == pytest.approx(100.0, abs=2.5)
+        assert drift == pytest.approx(0.0, abs=2.5)

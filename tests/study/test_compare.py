@@ -1,0 +1,275 @@
+"""The comparison: its plan, its workers, its statistics, and what the command writes and refuses."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import signal
+import statistics
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from hapnet import cli
+from hapnet.commands import compare as command
+from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.metrics import METRICS
+from hapnet.params import Params
+from hapnet.study import compare, tables
+from hapnet.study.case import Measures
+from hapnet.study.compare import Case, Outcome, Plan, Variant
+from tests.conftest import DATA
+from tests.processes import started
+
+Capture = pytest.CaptureFixture[str]
+
+QUICK = command.BASE.set({"duration_s": 0.2})
+LINKS = {"near": ("delay 1ms", "delay 1ms"), "far": ("delay 20ms 5ms loss 5%", "delay 30ms")}
+QUICKLY = ("--duration", "0.2", "--seeds", "0:1", "--operator", "press", "--workers", "1")
+
+
+def plan(params: Params = QUICK, couplings: tuple[str, ...] = ("pspm", "zoh"), seeds: int = 2) -> Plan:
+    return Plan(params, couplings, LINKS, ("press", "sine@light"), tuple(range(seeds)))
+
+
+def known(**values: float | None) -> Measures:
+    return {**dict.fromkeys(METRICS, None), "margin_J": 0.1, "hand_margin_J": 0.05, **values}
+
+
+def outcomes(asked: Plan, measures: Callable[[Case], Measures | None]) -> list[Outcome]:
+    found = [(one, measures(one)) for one in asked.cases()]
+    return [Outcome(one, values, None if values else "it broke") for one, values in found]
+
+
+# -- the plan --------------------------------------------------------------------------------------------------------
+
+
+def test_every_case_once_each_with_its_own_parameters() -> None:
+    cases = plan().cases()
+    assert len({(one.variant, one.link, one.operator, one.seed) for one in cases}) == len(cases) == 16
+    for one in cases:
+        found = one.params
+        light = one.operator.endswith("@light")
+        assert (found.coupling, found.link.up, found.link.down) == (one.variant.coupling, *LINKS[one.link])
+        assert found.operator == one.operator.removesuffix("@light")
+        assert found.operator_hand.mass == (0.1 if light else 0.554)
+        assert found.device.servo == "sampled"
+
+
+def test_a_deadband_needs_its_parameter() -> None:
+    if "wire.deadband" in QUICK.flat():
+        both = Plan(QUICK, ("pspm",), LINKS, ("press",), (0,), (0.0, 0.1))
+        assert [str(variant) for variant in both.variants] == ["pspm", "pspm, deadband 10 %"]
+        assert {one.params.get("wire.deadband") for one in both.cases()} == {0.0, 0.1}
+    else:
+        with pytest.raises(InvalidParameter, match="deadband"):
+            Plan(QUICK, ("pspm",), LINKS, ("press",), (0,), (0.0, 0.1))
+
+
+# -- running ---------------------------------------------------------------------------------------------------------
+
+
+def test_the_same_from_any_number_of_workers() -> None:
+    cases = plan().cases()
+    told: list[float] = []
+    alone = compare.run(cases, 1, told.append)
+    assert told[-1] == 1.0
+    assert [one.case for one in alone] == cases
+    assert all(one.error is None for one in alone)
+    assert compare.run(cases, 2) == alone
+    assert compare.run(cases[3:4], 1) == alone[3:4]
+
+
+def test_a_case_that_fails_is_told_and_the_rest_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    def measure(params: Params, seed: int) -> Measures:
+        if params.coupling == "zoh" and seed == 1:
+            raise ZeroDivisionError("somebody's\n own scene")
+        if params.coupling == "zoh" and seed == 2:
+            raise HapnetError
+        return known()
+
+    monkeypatch.setattr(compare, "measure", measure)
+    asked = plan(seeds=3)
+    found = compare.run(asked.cases(), 1)
+    assert {one.error for one in found if one.measures is None} == {"somebody's own scene", "HapnetError"}
+    assert sum(one.measures is not None for one in found) == 16
+    groups = {(one.variant.coupling, one.link): one for one in compare.groups(asked, found) if one.operator is None}
+    assert (groups["zoh", "far"].cases, groups["zoh", "far"].failed, groups["zoh", "far"].passive) == (6, 4, 2)
+    assert groups["pspm", "far"].failed == 0
+    lines = tables.failures(found, most=3)
+    assert lines[0] == "failed: zoh over near, press, seed 1: somebody's own scene"
+    assert lines[-1] == "and 5 more"
+
+
+# -- statistics ------------------------------------------------------------------------------------------------------
+
+
+def test_medians_and_quartiles_of_what_is_known() -> None:
+    """Against the standard library's inclusive quantiles; what a case does not know does not count."""
+    asked = plan(seeds=5)
+    values = {(one.operator, one.seed): (3.0 * one.seed - 1.0) * (2.0 if one.operator == "press" else -1.0)
+              for one in asked.cases()}  # fmt: skip
+
+    def measured(one: Case) -> Measures:
+        felt = None if one.operator == "press" else 5.0
+        return known(buzz_N2=values[one.operator, one.seed], first_contact_ms=felt)
+
+    groups = compare.groups(asked, outcomes(asked, measured))
+    assert len(groups) == 2 * 2 * 3
+    for group in groups:
+        own = [value for (operator, _), value in values.items() if group.operator in (None, operator)]
+        q1, median, q3 = statistics.quantiles(own, n=4, method="inclusive")
+        spread = group.spreads["buzz_N2"]
+        assert (spread.count, spread.least, spread.most) == (len(own), min(own), max(own))
+        assert (spread.q1, spread.median, spread.q3) == pytest.approx((q1, median, q3))
+        assert "drift_mm_per_min" not in group.spreads
+        assert group.median("drift_mm_per_min") is None
+        felt = group.spreads.get("first_contact_ms")
+        assert (felt.count if felt else 0) == (0 if group.operator == "press" else 5)
+
+
+def test_passive_is_what_is_not_negative_but_for_rounding() -> None:
+    margins = [0.1, 0.0, -1e-12, -1e-6, -3.0]
+    asked = Plan(QUICK, ("pspm",), {"near": LINKS["near"]}, ("press",), tuple(range(5)))
+    found = outcomes(asked, lambda one: known(margin_J=margins[one.seed], hand_margin_J=0.05 - one.seed))
+    (group,) = compare.groups(asked, found)
+    assert (group.passive, group.hand_passive) == (3, 1)
+
+
+# -- what is shown ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("width", [80, 150])
+def test_a_table_a_link_fits_the_terminal(width: int) -> None:
+    asked = Plan(QUICK, ("pspm", "zoh"), LINKS, ("press",), tuple(range(12)))
+    worst = known(**dict.fromkeys(METRICS, -1234.5678))
+    found = outcomes(asked, lambda one: worst if one.variant.coupling == "zoh" else known(buzz_N2=0.002))
+    console = Console(width=width, record=True, file=io.StringIO())
+    shown = tables.tables(asked, compare.groups(asked, found), width)
+    for table in shown:
+        console.print(table)
+    text = console.export_text()
+    assert max(map(len, text.splitlines())) <= width
+    assert [table.title for table in shown] == [
+        "near: delay 1ms", "far: up delay 20ms 5ms loss 5%; down delay 30ms",
+    ]  # fmt: skip
+    pspm, zoh = (next(line for line in text.splitlines() if name in line) for name in ("pspm", "zoh"))
+    assert "12/12" in pspm
+    assert "–" in pspm
+    assert "0/12" in zoh
+    assert "…" not in text  # nothing is cut
+
+
+def test_every_metric_is_defined_on_demand(capsys: Capture) -> None:
+    assert cli.main(["compare", "--metrics"]) == 0
+    words = " ".join(capsys.readouterr().out.split())
+    assert all(metric.unit in words for metric in METRICS.values())
+
+
+def test_what_is_written(tmp_path: Path, capsys: Capture) -> None:
+    """One object, the same but for the wall clock on standard output and in its file, and two figures."""
+    out = tmp_path / "out"
+    asked = ("compare", "--link", "lan", "--link", "slow=delay 30ms|delay 5ms", *QUICKLY, "--out", str(out))
+    assert cli.main([*asked, "--json", "-"]) == 0
+    whole = json.loads(capsys.readouterr().out)
+    assert whole == json.loads((out / "compare.json").read_text("utf-8"))
+    assert {file.name for file in out.iterdir()} == {"compare.json", "traces.png", "tradeoff.png"}
+    assert all((out / name).read_bytes().startswith(b"\x89PNG") for name in ("traces.png", "tradeoff.png"))
+    couplings = whole["settings"]["couplings"]
+    assert {"pspm", "zoh"} <= set(couplings)
+    assert whole["settings"]["links"]["slow"] == {"up": "delay 30ms", "down": "delay 5ms"}
+    assert len(whole["cases"]) == 2 * len(couplings)
+    assert list(whole["cases"][0]["measures"]) == list(METRICS)
+    assert whole["metrics"]["margin_J"]["unit"] == "J"
+    assert whole["tunings"]["pspm"]["slow"]["device.stiffness"] == 100.0
+    assert whole["tunings"]["pspm"]["slow"]["ideal_stiffness_N_per_m"] == pytest.approx(100.0 * 3000.0 / 3500.0)
+    again: dict[str, Any] = {}
+    assert cli.main([*asked, "--no-files", "--json", str(tmp_path / "again.json")]) == 0
+    again |= json.loads((tmp_path / "again.json").read_text("utf-8"))
+    again["wall_clock"] = whole["wall_clock"]
+    assert again == whole
+
+
+def test_a_recorded_link_is_one_more() -> None:
+    trace = DATA / "links" / "ATT-LTE-driving-2016"
+    links = command.links_of(None, [f"lte={trace}", "other name/x y"])
+    assert list(links) == [*command.LINKS, "lte", "x y"]
+    assert links["lte"] == (f"trace {trace}.up", f"trace {trace}.down")
+    assert links["x y"] == ('trace "other name/x y.up"', 'trace "other name/x y.down"')
+    assert links["intercontinental"] == ("wan-intercontinental", "wan-intercontinental")
+
+
+@pytest.mark.parametrize(
+    ("flags", "said"),
+    [
+        (("--link", "nowhere"), "nowhere"),
+        (("--link", "x=dealy 3ms"), "dealy"),
+        (("--link", "x=delay 3ms|loss 200%"), "200%"),
+        (("--link", "lan", "--link", "lan"), "lan"),
+        (("--trace", "no/such"), "no/such.up"),
+        (("--operator", "nobody"), "nobody"),
+        (("--operator", "press@heavy"), "press@heavy"),
+        (("--coupling", "glue"), "glue"),
+        (("--seeds", "3"), "3"),
+        (("--deadband", "ten"), "ten"),
+        (("--deadband", "1.5"), "1.5"),
+        (("--case", "lan,press,9"), "lan,press,9"),
+        (("--duration", "0"), "duration_s"),
+        (("--set", "world.mass=heavy"), "world.mass"),
+    ],
+)
+def test_what_makes_no_comparison_is_one_line(flags: tuple[str, ...], said: str, capsys: Capture) -> None:
+    assert cli.main(["compare", *flags]) == 2
+    out, err = capsys.readouterr()
+    assert not out
+    assert len(err.splitlines()) == 1
+    assert said in err
+
+
+def test_nothing_but_failures_is_an_error(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+    def fails(params: Params, seed: int) -> Measures:
+        raise HapnetError("no way")
+
+    monkeypatch.setattr(compare, "measure", fails)
+    assert cli.main(["compare", *QUICKLY, "--no-files"]) == 2
+    assert "no way" in capsys.readouterr().err
+
+
+def test_the_case_that_is_drawn() -> None:
+    asked = plan()
+    default = command.drawn_case(asked, None)
+    assert (default.link, default.operator, default.seed) == ("far", "sine@light", 0)  # the slowest
+    chosen = command.drawn_case(asked, "near, press, 1")
+    assert (chosen.link, chosen.operator, chosen.seed) == ("near", "press", 1)
+    assert chosen.variant == Variant("pspm")
+
+
+# -- a process -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_it_and_its_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with started("compare", "--workers", "2", "--duration", "1000", "--seeds", "0:1") as program:
+        pid = program.process.pid
+        children = Path(f"/proc/{pid}/task/{pid}/children")
+        program.until("a tracker and two workers", lambda: len(children.read_text("ascii").split()) == 3)
+        program.until_line("comparing")
+        os.killpg(pid, signal.SIGINT)
+        code, _, err = program.end()
+        assert (code, err) == (130, "")
+        program.until_gone()
+
+
+@pytest.mark.slow
+def test_pspm_is_passive_in_the_whole_default_set() -> None:
+    asked = Plan(command.BASE, ("pspm",), command.links_of(None, ()), command.OPERATORS, (0, 1, 2))
+    for one in compare.run(asked.cases()):
+        assert one.error is None
+        assert one.measures is not None
+        margins = [one.measures[name] for name in ("margin_J", "hand_margin_J", "actuator_margin_J")]
+        assert all(margin is not None and margin > 0.0 for margin in margins), one.case
