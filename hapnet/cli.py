@@ -255,7 +255,7 @@ def compare(
     options: compare_command.CompareOptions,
     model: Annotated[
         ModelOptions,
-        Without("operator", "hardware", "coupling", "servo", "servo_hz", "on_silence", "silence_after"),
+        Without("operator", "hardware", "coupling", "deadband", "servo", "servo_hz", "on_silence", "silence_after"),
     ],
     params: ParamsOptions,
     json_to: flags.Json = None,

@@ -41,7 +41,9 @@ class CompareOptions:
     coupling: Annotated[
         list[str] | None,
         typer.Option(
-            help="Again for more; all by default.", rich_help_panel=_LINKS, autocompletion=complete.choices("coupling")
+            help="Again for more, or with commas; all by default.",
+            rich_help_panel=_LINKS,
+            autocompletion=complete.choices("coupling"),
         ),
     ] = None
     link: Annotated[
@@ -173,12 +175,13 @@ def plan_of(params: Params, given: CompareOptions) -> Plan:
     if params.duration_s <= 0.0:
         raise InvalidParameter("duration_s", params.duration_s, "above 0 in virtual time")
     known = complete.choices("coupling")()
-    for name in given.coupling or ():
+    chosen = [name.strip() for names in given.coupling or () for name in names.split(",")]
+    for name in chosen:
         if name not in known:
             raise InvalidParameter("--coupling", name, "one of " + ", ".join(known))
     plan = Plan(
         params,
-        tuple(dict.fromkeys(given.coupling or known)),
+        tuple(dict.fromkeys(chosen or known)),
         links_of(given.link, given.trace or ()),
         tuple(dict.fromkeys(given.operator or OPERATORS)),
         tuple(seed_range(given.seeds)),
