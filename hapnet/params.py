@@ -157,6 +157,11 @@ class TdpaParams:
     velocity_floor: float = _p(0.002, "slower than this the device's controller cannot damp [m/s]", _POSITIVE)
     force_floor: float = _p(0.05, "with less force than this the world's controller cannot yield [N]", _POSITIVE)
     damping_cap: float = _p(0.0, "most damping at the device [Ns/m]; 0: by rule", _BY_RULE)
+    speed_limit: float = _p(0.25, "of the world's set-position [m/s]", _POSITIVE)
+    debt_limit_J: float = _p(0.02, "a side that owes this much gives nothing more [J]", _POSITIVE)
+    recovery_s: float = _p(
+        0.3, "drift is made up for so fast, as far as the energy goes [s]; 0: never, as first published", _NOT_NEGATIVE
+    )
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hapnet.commands import complete, output
-from hapnet.commands.batch import seed_range
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter, OutputError, RecordingError
 from hapnet.params import Params
@@ -169,6 +168,7 @@ def plan_of(params: Params, given: CompareOptions) -> Plan:
     ------
     InvalidParameter, netem.NetemError : in one line, what is wrong and what is allowed.
     """
+    from hapnet.commands.batch import seed_range
     from hapnet.runtime.virtual import Simulation
     from hapnet.study.compare import Plan
 

@@ -5,6 +5,7 @@ A law's equations are in its own file of hapnet/control; here its published rule
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -21,10 +22,11 @@ from hapnet.control.eba import EnergyBounding
 from hapnet.control.law import DeviceLaw, WorldLaw
 from hapnet.control.pspm import SetPositionModulator, Shuffle
 from hapnet.control.spring import Spring, shared_spring
+from hapnet.control.tdpa import TdpaDevice, TdpaWorld
 from hapnet.control.zoh import ZeroOrderHold
 from hapnet.errors import InvalidParameter
 from hapnet.params import COUPLINGS, DeviceParams, Params, WorldParams
-from hapnet.wire.messages import Motion, Position, Stream
+from hapnet.wire.messages import Motion, Port, Position, Stream
 from netem import LinkProfile
 
 Tuning = Mapping[str, float]
@@ -212,6 +214,46 @@ def _warn_pd(params: Params, tuning: Tuning) -> tuple[str, ...]:
     )
 
 
+def _tune_tdpa(params: Params, link: Delays) -> Tuning:
+    """The coupling damps the virtual mass critically. alpha is at most what the device renders, and what stops it
+    within a tick, m/T: a held damper that is stronger drives it. The link's delays do not matter.
+    """
+    chosen, device = params.tdpa, params.device
+    K = chosen.stiffness or scalar_stiffness(params)
+    mass = np.linalg.norm(np.atleast_2d(params.world.mass), 2 if np.ndim(params.world.mass) == 2 else np.inf)
+    return {
+        "stiffness_N_m": K,
+        "damping_Ns_m": chosen.damping or min(2.0 * math.sqrt(K * float(mass)), RENDERED_DAMPING),
+        "velocity_floor_m_s": chosen.velocity_floor,
+        "force_floor_N": chosen.force_floor,
+        "damping_cap_Ns_m": chosen.damping_cap or min(RENDERED_DAMPING, device.mass * device.servo_hz),
+        "speed_limit_m_s": chosen.speed_limit,
+        "debt_limit_J": chosen.debt_limit_J,
+        "recovery_s": chosen.recovery_s,
+    }
+
+
+def _tdpa_device(params: Params, tuning: Tuning, position: Vector) -> TdpaDevice:
+    return TdpaDevice(
+        position=position,
+        velocity_floor=tuning["velocity_floor_m_s"],
+        damping_cap=tuning["damping_cap_Ns_m"],
+        debt_limit=tuning["debt_limit_J"],
+    )
+
+
+def _tdpa_world(params: Params, tuning: Tuning, position: Vector) -> TdpaWorld:
+    return TdpaWorld(
+        position=position,
+        stiffness=tuning["stiffness_N_m"],
+        damping=tuning["damping_Ns_m"],
+        force_floor=tuning["force_floor_N"],
+        speed_limit=tuning["speed_limit_m_s"],
+        debt_limit=tuning["debt_limit_J"],
+        recovery=tuning["recovery_s"],
+    )
+
+
 KINDS: Mapping[str, Kind] = MappingProxyType(
     {
         "pspm": Kind(
@@ -255,6 +297,16 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
             world_sends=Motion,
             shared=("stiffness_N_m", "damping_Ns_m", "coordination_Ns_m"),
             warn=_warn_pd,
+        ),
+        "tdpa": Kind(
+            "two-port time-domain passivity",
+            "Ryu, Artigas, Preusche 2010",
+            "passive at both ports, whatever the link does, but for a bounded debt; it drifts",
+            tune=_tune_tdpa,
+            device=_tdpa_device,
+            world=_tdpa_world,
+            device_sends=Port,
+            world_sends=Port,
         ),
     }
 )
