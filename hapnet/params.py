@@ -176,8 +176,10 @@ class WaveParams:
     """Wave variables (Niemeyer, Slotine 2004), and digital waves (Berestesky, Chopra, Spong 2004)."""
 
     impedance: float = _p(0.0, "wave impedance b [Ns/m]; 0: by rule", _BY_RULE)
-    stiffness: float = _p(0.0, "virtual coupling of the world's end [N/m]; 0: device.stiffness", _BY_RULE)
+    stiffness: float = _p(0.0, "virtual coupling of the world's end [N/m]; 0: by rule", _BY_RULE)
     damping: float = _p(0.0, "its damping [Ns/m]; 0: by rule", _BY_RULE)
+    smoothing_s: float = _p(0.005, "time constant of the filter of the device's incoming waves [s]; 0: none",
+                            _NOT_NEGATIVE)  # fmt: skip
     missing: str = _p("zero", "what stands for a wave that has not come; hold, the last one, is not passive",
                       ("zero", "hold"))  # fmt: skip
 
@@ -199,6 +201,9 @@ class LinkParams:
     down: str = _p("delay 40ms 10ms loss 2%", "from the world to the device")
     up_timeline: str = _p("", "changes of the uplink while it runs, from pairing: at 5s: down; at 9s: up")
     down_timeline: str = _p("", "changes of the downlink while it runs")
+    path_s: float = _p(
+        0.0, "round trip of the real network under it, for couplings that are tuned to a delay [s]", _NOT_NEGATIVE
+    )
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,8 @@ from hapnet.control.law import LawCoupling
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 from hapnet.runtime.build import prepare
-from hapnet.runtime.couplings import delays, ideal_stiffness
+from hapnet.runtime.couplings import ideal_stiffness
+from hapnet.runtime.delays import delays
 from hapnet.runtime.virtual import simulate
 from netem import LinkProfile
 from netem.trace import CapacityTrace, ConditionTrace
@@ -153,3 +154,10 @@ def test_two_processes_over_zenoh(coupling: str, more: tuple[str, ...], tmp_path
     assert summary["motion"]["free_rms_m"] < 0.01
     for way in ("up", "down"):
         assert summary["links"][way]["delivered"] >= 50
+
+
+def test_a_real_network_under_the_link_counts_in_what_a_law_is_tuned_for() -> None:
+    link = LinkProfile.parse("delay 10ms")
+    assert delays(link, link, 0.1) == pytest.approx((0.06, 0.12))
+    stiff, soft = (prepare(Params().set({"coupling": "pd", "link.path_s": path})).tuning for path in (0.0, 0.3))
+    assert soft["stiffness_N_m"] < 0.6 * stiff["stiffness_N_m"]

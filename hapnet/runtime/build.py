@@ -27,10 +27,12 @@ from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.scene import SCENES, Scene, make_scene, scene_parameters
-from hapnet.runtime.couplings import KINDS, Kind, Tuning, delays
+from hapnet.runtime.couplings import KINDS, Kind
 from hapnet.runtime.deadband import deadband
+from hapnet.runtime.delays import delays
 from hapnet.runtime.hands import LIVE as LIVE
 from hapnet.runtime.hands import operator
+from hapnet.runtime.laws import Tuning
 from hapnet.runtime.own_device import OwnDevice
 from hapnet.runtime.sides import Clock, ContinuousDeviceSide, DeviceSide, Drive, SampledDeviceSide, Write
 from hapnet.runtime.world_side import WorldSide
@@ -118,7 +120,7 @@ def prepare(params: Params, default_servo: str = "sampled") -> Setup:
     if servo == "sampled" and harvest == "range" and params.coupling == "pspm":
         warnings.extend(_range_warning(device, scene.dof))
     up, down = link_profile("link.up", params.link.up), link_profile("link.down", params.link.down)
-    tuning = kind.tune(params, delays(up, down))
+    tuning = kind.tune(params, delays(up, down, params.link.path_s))
     warnings.extend(kind.warn(params, tuning))
     timelines = (_timeline(params.link.up_timeline), _timeline(params.link.down_timeline))
     return Setup(params, scene, servo, harvest, kind, tuning, up, down, *timelines, tuple(warnings))
