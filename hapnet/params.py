@@ -13,6 +13,7 @@ import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from hapnet.errors import InvalidParameter
@@ -344,6 +345,12 @@ class Params:
                 section = prefix
             lines.append(f"{f'{last} = {value}':<32} # {meaning}")
         return "\n".join(lines) + "\n"
+
+
+RELAXED_HAND: Mapping[str, float] = MappingProxyType(
+    {"operator_hand.mass": 0.1, "operator_hand.damping": 0.5, "operator_hand.stiffness": 40.0}
+)
+"""A hand that holds the handle loosely [kg, Ns/m, N/m]: it is shaken by what a firm one would damp."""
 
 
 def _leaves(node: Any, prefix: str = "") -> Iterator[tuple[str, Any, dataclasses.Field[Any]]]:

@@ -17,7 +17,7 @@ from hapnet import cli
 from netem import cli as netem_cli
 from tests.conftest import ENVIRONMENT
 
-COMMANDS = ("run", "simulate", "device", "world", "reproduce", "replay", "report", "bench", "doctor")
+COMMANDS = ("run", "simulate", "device", "world", "compare", "reproduce", "replay", "report", "bench", "doctor")
 HEAVY = ("matplotlib", "zenoh", "mcap", "numpy", "msgpack", "asyncio")
 QUICK = ("simulate", "--duration", "0.2", "--no-files")
 NO_TIMELINES = {"up_timeline": "", "down_timeline": ""}

@@ -16,10 +16,10 @@ from rich.console import Console
 
 from hapnet.commands.options import PageOptions
 from hapnet.commands.pair import Pair
-from hapnet.commands.play import RELAXED_HAND, SESSION, Stage, led, main
+from hapnet.commands.play import SESSION, Stage, led, main
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.mcap_file import read_recording
-from hapnet.params import Params
+from hapnet.params import RELAXED_HAND, Params
 from hapnet.runtime.zenoh_config import ZenohSettings, free_address
 from hapnet.telemetry import Status
 from hapnet.view.history import History

@@ -18,7 +18,7 @@ from hapnet.commands.run import check_sides
 from hapnet.commands.side import catch, exit_code
 from hapnet.commands.view import show
 from hapnet.errors import InvalidParameter
-from hapnet.params import OperatorParams, Params
+from hapnet.params import RELAXED_HAND, OperatorParams, Params
 from hapnet.runtime.build import LIVE, link_profile, prepare
 from hapnet.runtime.zenoh_config import ZenohSettings, free_address
 from hapnet.view.controls import Way, require_no_file
@@ -28,13 +28,6 @@ from hapnet.view.watcher import Watcher
 
 if TYPE_CHECKING:
     from rich.console import Console
-
-RELAXED_HAND = {
-    "operator_hand.mass": 0.1,
-    "operator_hand.damping": 0.5,
-    "operator_hand.stiffness": 40.0,
-}
-"""A hand that holds the handle loosely: it is shaken by what a firm one would damp."""
 
 SESSION = "play"
 

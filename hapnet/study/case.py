@@ -20,9 +20,6 @@ from hapnet.runtime.virtual import Result, Simulation
 Measures = dict[str, float | None]
 """Values by the names of their metrics; None where a run cannot tell."""
 
-DEADBAND = "wire.deadband"
-"""The parameter that says what is not sent, where there is one."""
-
 _REFERENCES = 4
 """Runs over an ideal link that are kept, a few megabytes each: cases that differ in links only follow each other."""
 
@@ -100,10 +97,8 @@ def _reference(ideal: Params, seed: int) -> tuple[Measures, Recording]:
 
 def _ideal(params: Params) -> Params:
     """The same with a link that does nothing, over which everything is sent."""
-    changes: dict[str, object] = {"link.up": "", "link.down": "", "link.up_timeline": "", "link.down_timeline": ""}
-    if DEADBAND in params.flat():
-        changes[DEADBAND] = 0.0
-    return params.set(changes)
+    nothing = {"link.up": "", "link.down": "", "link.up_timeline": "", "link.down_timeline": ""}
+    return params.set({**nothing, "wire.deadband": 0.0})
 
 
 def _stiffness_percent(run: Run, round_trip_s: float) -> float | None:

@@ -9,18 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hapnet.errors import InvalidParameter
 from hapnet.metrics import METRICS
-from hapnet.params import Params
+from hapnet.params import RELAXED_HAND, Params
 from hapnet.report.words import ROUNDING_J
 from hapnet.runtime.batch.processes import Progress, in_processes, usable_cores
-from hapnet.study.case import DEADBAND, Measures, measure
+from hapnet.study.case import Measures, measure
 
 LIGHT = "@light"
-"""After an operator's name: with a light hand. A firm one damps what a bad coupling does."""
-
-LIGHT_HAND = {"operator_hand.mass": 0.1, "operator_hand.damping": 0.5, "operator_hand.stiffness": 40.0}
-"""Relaxed fingers: kg, Ns/m, N/m."""
+"""After an operator's name: with a relaxed hand. A firm one damps what a bad coupling does."""
 
 
 class Variant(NamedTuple):
@@ -64,11 +60,7 @@ class Plan:
     ----------
     params : of all cases, but for what follows.
     links : names, each with the words of the uplink and of the downlink.
-    operators : as `Params.operator`, followed by `LIGHT` for a light hand.
-
-    Raises
-    ------
-    InvalidParameter : there is no deadband in this version.
+    operators : as `Params.operator`, followed by `LIGHT` for a relaxed hand.
     """
 
     params: Params
@@ -77,10 +69,6 @@ class Plan:
     operators: tuple[str, ...]
     seeds: tuple[int, ...]
     deadbands: tuple[float, ...] = (0.0,)
-
-    def __post_init__(self) -> None:
-        if any(self.deadbands) and DEADBAND not in self.params.flat():
-            raise InvalidParameter("--deadband", list(self.deadbands), f"0: there is no parameter {DEADBAND}")
 
     @property
     def variants(self) -> list[Variant]:
@@ -95,10 +83,9 @@ class Plan:
         """One of them. Raises InvalidParameter if its parameters do not go together."""
         name = operator.removesuffix(LIGHT)
         up, down = self.links[link]
-        changes: dict[str, object] = {} if name == operator else dict(LIGHT_HAND)
+        changes: dict[str, object] = {} if name == operator else dict(RELAXED_HAND)
         changes |= {"coupling": variant.coupling, "operator": name, "link.up": up, "link.down": down}
-        if variant.deadband:
-            changes[DEADBAND] = variant.deadband
+        changes["wire.deadband"] = variant.deadband
         return Case(variant, link, operator, seed, self.params.set(changes))
 
 
