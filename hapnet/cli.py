@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hapnet.commands import compare as compare_command
-from hapnet.commands import complete, flags, output
+from hapnet.commands import complete, flags, output, sweep
 from hapnet.commands.groups import Without, grouped
 from hapnet.commands.options import (
     NO_LINK,
@@ -44,6 +44,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+
+app.add_typer(sweep.app, name="sweep")
 
 
 @app.callback()

@@ -17,10 +17,22 @@ from hapnet import cli
 from netem import cli as netem_cli
 from tests.conftest import ENVIRONMENT
 
-COMMANDS = ("run", "simulate", "device", "world", "compare", "reproduce", "replay", "report", "bench", "doctor")
+COMMANDS = (
+    "run",
+    "simulate",
+    "device",
+    "world",
+    "compare",
+    "sweep",
+    "reproduce",
+    "replay",
+    "report",
+    "bench",
+    "doctor",
+)
 HEAVY = ("matplotlib", "zenoh", "mcap", "numpy", "msgpack", "asyncio")
 QUICK = ("simulate", "--duration", "0.2", "--no-files")
-NO_TIMELINES = {"up_timeline": "", "down_timeline": ""}
+NO_MORE = {"up_timeline": "", "down_timeline": "", "path_s": 0.0}
 ADDRESS = "tcp/127.0.0.1:17447"
 
 Capture = pytest.CaptureFixture[str]
@@ -351,10 +363,10 @@ def test_defaults_of_run_and_of_one_side(capsys: Capture) -> None:
     assert cli.main(["run", "--show-params"]) == 0
     table = tomllib.loads(capsys.readouterr().out)
     assert (table["duration_s"], table["scene"], table["operator"]) == (10.0, "wall", "press")
-    assert table["link"] == dict.fromkeys(("up", "down"), "delay 40ms 10ms loss 2%") | NO_TIMELINES
+    assert table["link"] == dict.fromkeys(("up", "down"), "delay 40ms 10ms loss 2%") | NO_MORE
     assert cli.main(["device", "--show-params"]) == 0
     table = tomllib.loads(capsys.readouterr().out)
-    assert table["link"] == {"up": "", "down": ""} | NO_TIMELINES
+    assert table["link"] == {"up": "", "down": ""} | NO_MORE
     assert table["duration_s"] == 0.0
 
 

@@ -33,7 +33,7 @@ def in_processes(
     """
     context = multiprocessing.get_context("spawn")
     done = context.Array("d", len(shares))
-    with _for_children():
+    with for_children():
         processes = context.Pool(len(shares), _begin, (done,))
     with processes as pool:
         result = pool.starmap_async(_work, [(work, k, share) for k, share in enumerate(shares)], chunksize=1)
@@ -60,7 +60,7 @@ def _work(work: Callable[[Sequence[Case], Progress], list[Run]], k: int, share: 
 
 
 @contextmanager
-def _for_children() -> Iterator[None]:
+def for_children() -> Iterator[None]:
     """Processes started in here leave Ctrl-C to their parent, and use one thread each."""
     before = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, "1"))

@@ -1,0 +1,112 @@
+"""`hapnet sweep`: the flags of its two parts. What they do is in `hapnet.commands.sweeping`, imported when they run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from hapnet.commands import complete, flags
+from hapnet.commands.options import json_target
+
+RUN = "run"
+
+
+class RunByDefault(TyperGroup):
+    """`hapnet sweep SPEC.toml` is `hapnet sweep run SPEC.toml`."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        asked_for_words = ctx.resilient_parsing and not args  # TAB: the names of both parts
+        if not asked_for_words and (not args or args[0] not in self.commands):
+            args = [RUN, *args]
+        return super().parse_args(ctx, args)
+
+    def shell_complete(self, ctx: Any, incomplete: str) -> list[Any]:
+        """The names of both parts, and what may follow the one that need not be named."""
+        default = self.commands[RUN]
+        within = default.make_context(RUN, [], parent=ctx, resilient_parsing=True)
+        offered = [*super().shell_complete(ctx, incomplete), *default.shell_complete(within, incomplete)]
+        if not incomplete.startswith("-"):
+            offered += default.params[0].shell_complete(within, incomplete)
+        return offered
+
+
+app = typer.Typer(
+    cls=RunByDefault,
+    help="Thousands of cases over parameters, links and seeds, in virtual time; `hapnet sweep plot` draws them.",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _specs(incomplete: str) -> list[str]:
+    return complete.files(incomplete, (".toml",))
+
+
+@app.command(
+    RUN,
+    short_help="Run every case that a spec describes; `hapnet sweep SPEC.toml` is enough.",
+    epilog="`hapnet sweep SPEC.toml` does the same. `hapnet sweep plot DIRECTORY` draws the results.",
+)
+def run(
+    spec: Annotated[
+        Path, typer.Argument(metavar="SPEC.toml", help="What is fixed and what varies.", autocompletion=_specs)
+    ],
+    workers: Annotated[int, typer.Option(min=0, max=1024, help="Processes on this machine; 0: one a core.")] = 0,
+    dask: Annotated[
+        str | None, typer.Option(metavar="tcp://HOST:PORT", help="The workers of this Dask scheduler instead.")
+    ] = None,
+    assign: flags.Assign = None,
+    table: Annotated[
+        str, typer.Option("--format", help="Of the results: csv, parquet, both; auto: both where pyarrow is there.")
+    ] = "auto",
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Check the spec, say which cases it makes, and end.")
+    ] = False,
+    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Run cases again that failed before.")] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Throw away what is there of this sweep, and begin.")] = False,
+    json_to: flags.Json = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Directory for all that is written.", show_default="runs/sweep-<SPEC>")
+    ] = None,
+) -> int:
+    """Run every combination of parameters, links and seeds that SPEC.toml lists, in virtual time.
+
+    The same command goes on where the one before was stopped or killed: only cases without a result are run. A case
+    that fails is a row that says why.
+
+    Writes results.csv (and results.parquet), sorted by case, and journal.sqlite, from which it goes on.
+    """
+    json_target(json_to)
+    from hapnet.commands import sweeping
+
+    how = sweeping.Options(workers, dask, table, dry_run=dry_run, retry_failed=retry_failed, fresh=fresh)
+    return sweeping.run(spec, assign or [], how, json_to, out)
+
+
+@app.command(short_help="Draw the results of a sweep as a heat map.")
+def plot(
+    directory: Annotated[Path, typer.Argument(metavar="DIRECTORY", help="That the sweep has written.")],
+    x: Annotated[
+        str | None, typer.Option(metavar="NAME", help="What varies to the right; alone: a line with quartiles.")
+    ] = None,
+    y: Annotated[str | None, typer.Option(metavar="NAME", help="What varies upwards.")] = None,
+    value: Annotated[
+        str | None, typer.Option(metavar="METRIC", help="What is shown.", show_default="the first column")
+    ] = None,
+    where: Annotated[
+        list[str] | None, typer.Option(metavar="NAME=VALUE", help="Only these cases; may be repeated.")
+    ] = None,
+    stat: Annotated[str, typer.Option(help="Of a cell's cases: median, mean, min, max, p90, ...")] = "median",
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE.png", help="The figure.", show_default="DIRECTORY/METRIC-X-Y.png")
+    ] = None,
+) -> int:
+    """Draw one metric of a sweep along two of what varies, as a heat map; along one, as a line with its quartiles.
+
+    Without --x and --y: the two that have the most values. Works while the sweep runs.
+    """
+    from hapnet.commands import sweeping
+
+    return sweeping.plot(directory, x, y, value, where or [], stat, out)

@@ -1,0 +1,192 @@
+"""What `hapnet sweep` and `hapnet sweep plot` do."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hapnet.commands import output
+from hapnet.commands.progress import Progress
+from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.params import Params
+from hapnet.runtime.batch.processes import usable_cores
+from hapnet.runtime.virtual import Simulation
+from hapnet.study import export
+from hapnet.study.backend import Backend
+from hapnet.study.journal import NAME, Journal
+from hapnet.study.pool import LocalPool
+from hapnet.study.runner import Sweep
+from hapnet.study.spec import SEED, Case, Spec, Values, value_words
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+INTERRUPTED = 130
+_SHOWN = 3  # cases that --dry-run shows of each end
+_REASONS = 3
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to run a sweep: see `hapnet sweep --help`."""
+
+    workers: int = 0
+    dask: str | None = None
+    table: str = "auto"
+    dry_run: bool = False
+    retry_failed: bool = False
+    fresh: bool = False
+
+
+def run(file: Path, assignments: list[str], how: Options, json_to: str | None, out: Path | None) -> int:
+    """Run what is missing, write the results of all. 3 if cases failed: their rows lack what was to be measured."""
+    endings = export.formats(how.table)
+    if how.dask is not None and how.workers:
+        raise InvalidParameter("--workers", how.workers, "left out with --dask: the cluster has its own")
+    words = output.console(json_to)
+    spec = Spec.read(file, _assigned("--set", assignments))
+    directory = out or Path("runs") / f"sweep-{spec.name}"
+    cases = _cases(words, spec, checked=not how.dry_run and not how.fresh and (directory / NAME).exists())
+    if (twice := spec.count - len(cases)) > 0:
+        words.print(f"{twice} cases are there more than once in the spec, and are run once")
+    if how.dry_run:
+        _show(words, spec, cases, directory)
+        return 0
+    journal = Journal.create_or_resume(output.run_directory(directory, None), spec, cases, fresh=how.fresh)
+    try:
+        return _run(words, journal, directory, how, endings, json_to)
+    finally:
+        journal.close()
+
+
+def plot(
+    directory: Path, x: str | None, y: str | None, metric: str | None, where: list[str], stat: str, out: Path | None
+) -> int:
+    """Draw, and say where the figure is."""
+    from hapnet.report.files import save_figure
+    from hapnet.study.grid import grid
+    from hapnet.study.heatmap import draw
+
+    journal = Journal.look(directory)
+    try:
+        found = grid(journal, x, y, metric, _assigned("--where", where), _units())
+    finally:
+        journal.close()
+    figure = draw(found, stat, where, journal.name)
+    along = [axis.name for axis in (found.x, found.y) if axis is not None]
+    path = out or directory / f"{'-'.join([found.metric, *along])}.png"
+    save_figure(figure, path)
+    output.console(None).print(f"figure: {path}", markup=False)
+    return 0
+
+
+def _run(
+    words: Console, journal: Journal, directory: Path, how: Options, endings: tuple[str, ...], json_to: str | None
+) -> int:
+    if journal.other_version is not None:
+        text = f"hapnet {journal.other_version} began this sweep: its results are kept, and may differ from new ones"
+        output.show_warnings(words, (text,))
+    again = journal.forget_failed() if how.retry_failed else 0
+    total, before, _ = journal.count()
+    if before or again:
+        words.print(f"{before} of {total} cases are done{f', {again} failed and are run again' * bool(again)}")
+    began = time.monotonic()
+    stopped: KeyboardInterrupt | HapnetError | None = None
+    if before < total:
+        backend = _backend(words, how, total - before)
+        try:
+            with Progress(words, "sweeping", total, "cases") as progress:
+                Sweep(journal, backend, progress.update).run()
+        except (KeyboardInterrupt, HapnetError) as ended:
+            stopped = ended
+        finally:
+            backend.close()
+    lasted_s = time.monotonic() - began
+    written = output.Written()
+    columns = export.table(journal)
+    files: list[Path] = []
+    with written.part():
+        files = export.write(columns, directory, endings)
+    total, done, failed = journal.count()
+    if done > before:
+        words.print(f"{done - before} cases in {lasted_s:.1f} s: {(done - before) / lasted_s:.1f} a second")
+    reasons = Counter(error for error in columns["error"] if error is not None)
+    if failed:
+        words.print(f"{failed} of {total} cases failed:", style="yellow")
+        for reason, times in reasons.most_common(_REASONS):
+            words.print(f"  {times} x {reason}", markup=False)
+    if files:
+        words.print(f"results: {', '.join(map(str, files))}; a figure: hapnet sweep plot {directory}", markup=False)
+    with written.part():
+        about = {"cases": total, "done": done, "failed": failed, "run": done - before, "wall_s": lasted_s}
+        output.write_json({**about, "errors": dict(reasons), "files": [str(file) for file in files]}, json_to)
+    if stopped is not None:
+        line = f"{done} of {total} cases are done; the same command goes on"
+        if isinstance(stopped, HapnetError):
+            raise HapnetError(f"{stopped}: {line}") from stopped
+        output.complain(f"stopped: {line}")
+        return INTERRUPTED
+    return written.code(output.INCOMPLETE if failed else 0)
+
+
+def _cases(words: Console, spec: Spec, *, checked: bool) -> list[Case]:
+    """The cases of the spec; each set of parameters makes a run, unless that is known already."""
+    with Progress(words, "checking", unit="sets of parameters") as progress:
+        done, warnings = 0, Counter[str]()
+
+        def check(params: Params) -> None:
+            nonlocal done
+            if params.duration_s <= 0.0:
+                raise InvalidParameter("duration_s", params.duration_s, "above 0 in virtual time")
+            if not checked:
+                warnings.update(Simulation(params).setup.warnings)
+            done += 1
+            progress.update(done)
+
+        cases = spec.cases(check)
+    for warning, times in warnings.most_common(_REASONS):
+        output.show_warnings(words, (f"{warning} (in {times} of {done} sets of parameters)",))
+    return cases
+
+
+def _backend(words: Console, how: Options, cases: int) -> Backend:
+    if how.dask is None:
+        return LocalPool(min(how.workers or usable_cores(), cases))
+    from hapnet.study.cluster import DaskCluster
+
+    cluster = DaskCluster(how.dask)
+    if cluster.threaded:
+        output.show_warnings(
+            words, ("workers of the cluster have several threads; dask worker --nthreads 1 is faster",)
+        )
+    return cluster
+
+
+def _show(words: Console, spec: Spec, cases: list[Case], directory: Path) -> None:
+    seeds = len({case.seed for case in cases})
+    words.print(f"{len(cases)} cases, {seeds} seed{'s' * (seeds != 1)}, into {directory}", markup=False)
+    for case in [*cases[:_SHOWN], *cases[max(_SHOWN, len(cases) - _SHOWN) :]]:
+        if case.number == len(cases) - _SHOWN > _SHOWN:
+            words.print("  ...")
+        told = [f"{name} = {value_words(name, value)}" for name, value in case.values.items()]
+        words.print(f"  {case.number}: {', '.join([*told, f'{SEED} = {case.seed}'])}", markup=False)
+
+
+def _assigned(flag: str, given: list[str]) -> dict[str, str]:
+    """NAME=VALUE, several times."""
+    found: Values = {}
+    for word in given:
+        name, equals, value = word.partition("=")
+        if not equals:
+            raise InvalidParameter(flag, word, "NAME=VALUE")
+        found[name.strip()] = value.strip()
+    return found
+
+
+def _units() -> dict[str, str]:
+    """Of the parameters, where their meaning tells one."""
+    return {name: unit[1] for name, _, meaning in Params().described() if (unit := re.search(r"\[([^]]+)\]", meaning))}

@@ -1,0 +1,150 @@
+"""Workers of a Dask cluster that runs already, as a `Backend`."""
+
+from __future__ import annotations
+
+import logging
+import queue
+import re
+import time
+from contextlib import suppress
+from importlib import metadata
+from typing import Any
+
+from hapnet.errors import HapnetError, InvalidParameter, MissingLibrary
+from hapnet.loading import cause
+from hapnet.study.backend import Outcome
+from hapnet.study.task import Task, run
+from hapnet.versions import versions
+from netem.versions import DISTRIBUTION
+
+REACH_S = 5.0
+"""So long a scheduler may take to answer, and to have a worker."""
+_LOOK_S = 5.0
+_AHEAD = 2  # tasks a thread: one runs, one waits at the worker
+
+
+class DaskCluster:
+    """The workers of the scheduler at `address`, such as ``tcp://127.0.0.1:8786``.
+
+    Raises
+    ------
+    InvalidParameter : that is no address. MissingLibrary : dask.distributed is not installed.
+    HapnetError : nobody answers there, no worker is there, or one has another hapnet; from `wait` and `submit`, when
+        the scheduler is gone.
+    """
+
+    def __init__(self, address: str) -> None:
+        if re.fullmatch(r"(tcp|tls|ws|wss|ucx)://[^/\s]+:\d+", address) is None:
+            raise InvalidParameter("--dask", address, "a scheduler's address, such as tcp://127.0.0.1:8786")
+        try:
+            import distributed
+        except ImportError:
+            raise MissingLibrary("--dask", "distributed", "sweep") from None
+        for name in ("distributed", "distributed.client", "distributed.comm", "distributed.core"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)  # what is worth saying of it is said here
+        self._address = address
+        self._ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._tasks: dict[str, tuple[Any, Task]] = {}
+        self._threads: dict[str, int] = {}
+        try:
+            connect: Any = distributed.Client  # which has no types
+            self._client = connect(address, timeout=REACH_S, set_as_default=False)
+        except (OSError, TimeoutError, RuntimeError):
+            raise HapnetError(f"no Dask scheduler answers at {address} within {REACH_S:g} s") from None
+        try:
+            self._client.wait_for_workers(1, timeout=REACH_S)
+            self._check()
+        except TimeoutError:
+            self.close()
+            raise HapnetError(f"the Dask scheduler at {address} has no worker") from None
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def workers(self) -> int:
+        if time.monotonic() - self._looked_s > _LOOK_S:
+            self._check()
+        return sum(self._threads.values())
+
+    @property
+    def room(self) -> int:
+        return max(0, _AHEAD * self.workers - len(self._tasks))
+
+    @property
+    def threaded(self) -> bool:
+        """Does a worker have several threads? Of these Python runs one at a time."""
+        return any(threads > 1 for threads in self._threads.values())
+
+    def submit(self, task: Task) -> None:
+        self._alive()
+        future = self._ask(self._client.submit, run, task, pure=False, retries=0)
+        self._tasks[future.key] = future, task
+        future.add_done_callback(self._ended.put)
+
+    def wait(self, limit_s: float) -> list[Outcome]:
+        outcomes = []
+        try:
+            outcomes.append(self._outcome(self._ended.get(timeout=limit_s)))
+            while True:
+                outcomes.append(self._outcome(self._ended.get_nowait()))
+        except queue.Empty:
+            pass
+        self._alive()
+        return [outcome for outcome in outcomes if outcome is not None]
+
+    def close(self) -> None:
+        with suppress(Exception):  # whatever is wrong with the cluster, we are through with it
+            self._client.cancel([future for future, _ in self._tasks.values()], force=True)
+        with suppress(Exception):
+            self._client.close(timeout=REACH_S)
+
+    def _outcome(self, future: Any) -> Outcome | None:
+        """None where a worker died with a result that nobody had fetched: the scheduler has it computed again."""
+        task = self._tasks[future.key][1]
+        outcome = None
+        if future.status == "finished":
+            with suppress(Exception):  # it was there a moment ago
+                outcome = Outcome(task, future.result(timeout=REACH_S))
+        elif future.status == "error":
+            outcome = Outcome(task, None, _lost(future.exception(timeout=REACH_S)))
+        elif future.status == "cancelled":
+            outcome = Outcome(task, None, "its Dask task was cancelled")
+        self._alive()
+        if outcome is None:
+            future.add_done_callback(self._ended.put)
+        else:
+            del self._tasks[future.key]
+        return outcome
+
+    def _check(self) -> None:
+        """The workers of now, of which those that are new must have this hapnet."""
+        before, self._threads = set(self._threads), dict(self._ask(self._client.nthreads))
+        self._looked_s = time.monotonic()
+        if not (new := sorted(set(self._threads) - before)):
+            return
+        # a function of the library's, which workers without hapnet have too
+        found = self._ask(self._client.run, metadata.version, DISTRIBUTION, workers=new, on_error="return")
+        ours = versions()[DISTRIBUTION]
+        for worker, theirs in found.items():
+            if isinstance(theirs, metadata.PackageNotFoundError):
+                raise HapnetError(f"the Dask worker at {worker} has no hapnet: {DISTRIBUTION} {ours} runs here")
+            if isinstance(theirs, str) and theirs != ours:  # else it is gone again
+                raise HapnetError(f"the Dask worker at {worker} has hapnet {theirs}: {DISTRIBUTION} {ours} runs here")
+
+    def _alive(self) -> None:
+        if self._client.status != "running":
+            raise HapnetError(f"the Dask scheduler at {self._address} is gone")
+
+    def _ask(self, call: Any, *args: Any, **named: Any) -> Any:
+        try:
+            return call(*args, **named)
+        except (OSError, TimeoutError, RuntimeError) as error:
+            self._alive()
+            raise HapnetError(f"the Dask scheduler at {self._address} does not answer: {cause(error)}") from error
+
+
+def _lost(error: BaseException) -> str:
+    if type(error).__name__ == "KilledWorker":
+        return "its Dask worker died"
+    return f"its Dask worker could not run it: {cause(error)}"

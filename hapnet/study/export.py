@@ -1,0 +1,117 @@
+"""The results of a sweep as a table: a row a case, sorted by case, as CSV and Parquet."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterable
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from hapnet.errors import InvalidParameter, MissingLibrary
+from hapnet.mcap_file import complete_or_absent
+from hapnet.study.journal import Journal, Row
+from hapnet.study.spec import LINK, SEED, link_words, params_of, value_words
+
+NAME = "results"
+FORMATS = ("auto", "csv", "parquet", "both")
+TIMING = ("wall_s", "worker")
+"""The columns, the last ones, in which two runs of the same sweep differ."""
+_WORDS = (LINK, "error", "worker")
+
+Table = dict[str, list[Any]]
+"""Columns by name; None where there is no value."""
+
+
+def formats(word: str) -> tuple[str, ...]:
+    """The files' endings that ``auto``, ``csv``, ``parquet`` or ``both`` stands for.
+
+    Raises
+    ------
+    InvalidParameter : none of these. MissingLibrary : Parquet is asked for by name, and pyarrow is not there.
+    """
+    if word not in FORMATS:
+        raise InvalidParameter("--format", word, ", ".join(FORMATS))
+    there = find_spec("pyarrow") is not None
+    if word in ("parquet", "both") and not there:
+        raise MissingLibrary(f"--format {word}", "pyarrow", "sweep")
+    return {"csv": ("csv",), "parquet": ("parquet",)}.get(word, ("csv", "parquet") if there else ("csv",))
+
+
+def table(journal: Journal) -> Table:
+    """Case, what varies, seed, link, metrics, error, `TIMING`; of the cases that were run."""
+    rows = [row for row in journal.rows() if row.done]
+    metrics = dict.fromkeys(name for row in rows for name in row.measures)
+    varied = [name for name in journal.varied if name != LINK]
+    columns: Table = {"case": [row.case.number for row in rows]}
+    columns |= {name: [_plain(row.case.values[name]) for row in rows] for name in varied}
+    columns[SEED] = [row.case.seed for row in rows]
+    columns[LINK] = _links(journal, rows)
+    columns |= {name: [row.measures.get(name) for row in rows] for name in metrics}
+    columns["error"] = [row.error for row in rows]
+    return columns | {name: [getattr(row, name) for row in rows] for name in TIMING}
+
+
+def write(columns: Table, directory: Path, endings: Iterable[str]) -> list[Path]:
+    """Write the table as ``results.csv``, ``results.parquet``; each appears when it is complete.
+
+    Raises
+    ------
+    RecordingError : one cannot be written.
+    """
+    paths = []
+    for ending in endings:
+        path = directory / f"{NAME}.{ending}"
+        with complete_or_absent(path, "results") as part:
+            {"csv": _csv, "parquet": _parquet}[ending](columns, part)
+        paths.append(path)
+    return paths
+
+
+def _csv(columns: Table, path: Path) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        for row in zip(*columns.values(), strict=True):
+            writer.writerow([str(x).lower() if isinstance(x, bool) else x for x in row])
+
+
+def _parquet(columns: Table, path: Path) -> None:
+    import pyarrow
+    from pyarrow import parquet
+
+    arrays = {}
+    for name, values in columns.items():
+        kind = _type(name, values)
+        plain = [None if x is None else str(x) for x in values] if kind == "string" else values
+        arrays[name] = pyarrow.array(plain, kind)
+    parquet.write_table(pyarrow.table(arrays), path)
+
+
+def _type(name: str, values: list[Any]) -> str:
+    """Arrow's name of a column's type; a metric of which nothing is known is a number."""
+    kinds = {type(value) for value in values} - {type(None)}
+    if name in _WORDS or not kinds <= {bool, int, float}:
+        return "string"
+    return "bool" if kinds == {bool} else "int64" if kinds == {int} else "float64"
+
+
+def _plain(value: Any) -> Any:
+    """Matrices as JSON; a cell holds one value."""
+    return json.dumps(value) if isinstance(value, list) else value
+
+
+def _links(journal: Journal, rows: list[Row]) -> list[str]:
+    """Each case's link, in the words of the spec where the link varies."""
+    known: dict[str, str] = {}
+    found = []
+    for row in rows:
+        link = {name: value for name, value in row.case.values.items() if name.partition(".")[0] == LINK}
+        label = json.dumps(link)
+        if label not in known:
+            params = params_of(journal.fixed, link)
+            words = value_words(LINK, link[LINK]) if LINK in link else link_words(params.link.up, params.link.down)
+            known[label] = words
+        found.append(known[label])
+    return found

@@ -1,0 +1,201 @@
+"""Figures of a sweep: a heat map along two of what varies, a line with its quartiles along one."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapnet.report.style import MM, STYLE
+from hapnet.study.grid import Axis, Cell, Grid, metric_label, statistic
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.colors import Normalize
+    from matplotlib.figure import Figure
+
+_WRITTEN = 150  # cells that have room for a figure
+_TICKS = {"x": 10, "y": 16}
+_LABEL = 28  # letters of a tick's line
+_LINES = 3
+_FAILED: dict[str, Any] = {"color": "#cb181d", "fontweight": "bold"}
+_EMPTY: dict[str, Any] = {"facecolor": "0.93", "edgecolor": "0.55", "hatch": "////", "linewidth": 0.0}
+_LINE = "#08306b"
+
+
+def draw(grid: Grid, stat: str = "median", where: Sequence[str] = (), name: str = "") -> Figure:
+    """The figure, 180 mm wide. `stat`: of the runs in a cell; `where`, `name`: for the title.
+
+    Raises
+    ------
+    InvalidParameter : no such statistic.
+    """
+    import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    of = statistic(stat)
+    figures = {place: of(cell.values) for place, cell in grid.cells.items() if cell.values}
+    label, scale = metric_label(grid.metric, figures.values())
+    figures = {place: value * scale for place, value in figures.items()}
+    rows = 6 if grid.y is None else min(max(len(grid.y.values), 4), 14)
+    with matplotlib.rc_context(STYLE):
+        fig = Figure(figsize=(180 * MM, (45 + 9 * rows) * MM), dpi=150, layout="constrained")
+        FigureCanvasAgg(fig)
+        fig.suptitle(_title(grid, f"{stat} of {label.partition(' [')[0]}", where, name), fontsize=9, parse_math=False)
+        panel = fig.add_subplot()
+        if grid.y is None:
+            _draw_line(panel, grid, figures, stat, label, scale)
+        else:
+            _draw_map(fig, panel, grid, figures, f"{stat} of {label}")
+        marks = _legend(grid)
+        if marks:
+            fig.legend(handles=marks, loc="outside lower left", ncols=len(marks), fontsize=8, handlelength=1.6)
+    return fig
+
+
+def _draw_map(fig: Figure, panel: Axes, grid: Grid, figures: dict[tuple[int, int], float], label: str) -> None:
+    from matplotlib import colormaps
+    from matplotlib.patches import Rectangle
+
+    assert grid.y is not None
+    shape = len(grid.y.values), len(grid.x.values)
+    values = np.full(shape, np.nan)
+    for (i, j), figure in figures.items():
+        values[j, i] = figure
+    norm, colours = _colours(values)
+    mesh = panel.pcolormesh(
+        np.arange(shape[1] + 1) - 0.5, np.arange(shape[0] + 1) - 0.5, values, norm=norm, cmap=colours
+    )
+    fig.colorbar(mesh, ax=panel, label=label, pad=0.02, aspect=30, ticks=_scale_ticks(norm), format="%g")
+    panel.grid(visible=False)
+    written = values.size <= _WRITTEN
+    for i in range(shape[1]):
+        for j in range(shape[0]):
+            cell = grid.cells.get((i, j), Cell())
+            figure = values[j, i]
+            if np.isnan(figure):
+                panel.add_patch(Rectangle((i - 0.5, j - 0.5), 1.0, 1.0, **_EMPTY))
+            elif written:
+                dark = float(np.dot(colormaps[colours](norm(figure))[:3], (0.299, 0.587, 0.114))) < 0.5
+                panel.text(i, j, f"{figure:.3g}", ha="center", va="center", color="white" if dark else "black")
+            if cell.failed:
+                _mark_failed(panel, i, j, cell.failed, written, alone=not cell.values)
+    panel.set_xlim(-0.5, shape[1] - 0.5)
+    panel.set_ylim(-0.5, shape[0] - 0.5)
+    panel.tick_params(length=0)
+    _ticks(panel, grid.x, "x")
+    _ticks(panel, grid.y, "y")
+
+
+def _mark_failed(panel: Axes, i: int, j: int, failed: int, written: bool, *, alone: bool) -> None:
+    if not written:
+        for colour, width in (("white", 2.2), (_FAILED["color"], 1.0)):  # on whatever colour the cell has
+            panel.plot(i, j, marker="x", markersize=3.5, markeredgewidth=width, color=colour)
+    else:
+        box = {"facecolor": "white", "edgecolor": "none", "pad": 0.8}
+        at: dict[str, Any] = {"ha": "center", "va": "center"} if alone else {"ha": "right", "va": "top"}
+        x, y = (i, j) if alone else (i + 0.47, j + 0.45)
+        panel.text(x, y, f"×{failed}", fontsize=7, bbox=box, **at, **_FAILED)
+
+
+def _draw_line(
+    panel: Axes, grid: Grid, figures: dict[tuple[int, int], float], stat: str, label: str, scale: float
+) -> None:
+    x = np.array(grid.x.values, dtype=float) if grid.x.numeric else np.arange(len(grid.x.values), dtype=float)
+    cells = [grid.cells.get((i, 0), Cell()) for i in range(len(x))]
+    line = np.array([figures.get((i, 0), np.nan) for i in range(len(x))])
+    low, high = (
+        np.array([np.percentile(cell.values, q) * scale if cell.values else np.nan for cell in cells]) for q in (25, 75)
+    )
+    if grid.x.numeric:
+        panel.fill_between(x, low, high, color=_LINE, alpha=0.2, linewidth=0, label="quartiles")
+        panel.plot(x, line, color=_LINE, marker=".", label=stat)
+        if grid.x.log:
+            panel.set_xscale("log")
+        if len(x) <= _TICKS["x"]:
+            panel.set_xticks(x, grid.x.words)
+            panel.set_xticks([], minor=True)
+    else:
+        panel.vlines(x, low, high, color=_LINE, alpha=0.3, linewidth=6, label="quartiles")
+        panel.plot(x, line, color=_LINE, marker="o", linestyle="none", label=stat)
+        panel.set_xlim(-0.5, len(x) - 0.5)
+        _ticks(panel, grid.x, "x")
+    panel.set_xlabel(grid.x.label)
+    panel.set_ylabel(label)
+    for place, cell in zip(x, cells, strict=True):
+        if cell.failed:
+            over: dict[str, Any] = {
+                "transform": panel.get_xaxis_transform(),
+                "ha": "center",
+                "va": "bottom",
+                "fontsize": 7,
+            }
+            panel.text(place, 0.01, f"×{cell.failed}", **over, **_FAILED)
+    panel.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.1)
+
+
+def _colours(values: NDArray[np.float64]) -> tuple[Normalize, str]:
+    """Two colours that meet at zero where there are figures on both sides of it."""
+    from matplotlib.colors import Normalize, TwoSlopeNorm
+
+    known = values[np.isfinite(values)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+    if low < 0.0 < high:
+        return TwoSlopeNorm(0.0, low, high), "RdBu"
+    if low == high:
+        spread = abs(low) / 2 or 1.0
+        return Normalize(low - spread, high + spread), "viridis"
+    return Normalize(low, high), "viridis"
+
+
+def _scale_ticks(norm: Normalize) -> list[float] | None:
+    """Some on each side of zero, where the two sides have scales of their own."""
+    from matplotlib.colors import TwoSlopeNorm
+    from matplotlib.ticker import MaxNLocator
+
+    if not isinstance(norm, TwoSlopeNorm):
+        return None
+    low, high = float(norm.vmin or 0.0), float(norm.vmax or 0.0)
+    ticks = {*MaxNLocator(4).tick_values(low, 0.0), 0.0, *MaxNLocator(4).tick_values(0.0, high)}
+    return sorted(tick for tick in ticks if low <= tick <= high)
+
+
+def _ticks(panel: Axes, axis: Axis, which: str) -> None:
+    """A tick a cell; of many numbers every second, third, ..."""
+    every = max(1, -(-len(axis.values) // _TICKS[which])) if axis.numeric else 1
+    width = _LABEL if which == "y" else max(8, 84 // len(axis.values))
+    words = ["\n".join(textwrap.wrap(word, width, max_lines=_LINES, placeholder=" …")) for word in axis.words[::every]]
+    places = range(0, len(axis.values), every)
+    if which == "x":
+        panel.set_xticks(places, words)
+        panel.set_xlabel(axis.label)
+    else:
+        panel.set_yticks(places, words)
+        panel.set_ylabel(axis.label)
+
+
+def _legend(grid: Grid) -> list[Any]:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    counted = list(grid.cells.values())
+    wide = len(grid.x.values) * (1 if grid.y is None else len(grid.y.values))
+    marks: list[Any] = []
+    if grid.y is not None and (len(counted) < wide or not all(cell.values for cell in counted)):
+        marks.append(Patch(**_EMPTY, label="no value"))
+    if any(cell.failed for cell in counted):
+        style = {"marker": "x", "color": _FAILED["color"], "linestyle": "none", "markeredgewidth": 1.5}
+        marks.append(Line2D([], [], **style, label=f"cases that failed: {sum(cell.failed for cell in counted)}"))
+    if missing := sum(cell.missing for cell in counted):
+        marks.append(Patch(facecolor="none", edgecolor="none", label=f"not run yet: {missing} cases"))
+    return marks
+
+
+def _title(grid: Grid, what: str, where: Sequence[str], name: str) -> str:
+    over = f" over {', '.join(grid.over)}" if grid.over else ""
+    words = f"{name}: {what}{over}" if name else f"{what}{over}"
+    return "\n".join(textwrap.wrap(", ".join([words, f"where {', '.join(where)}"] if where else [words]), 105))

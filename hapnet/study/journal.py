@@ -1,0 +1,221 @@
+"""The journal of a sweep, one SQLite file: its cases, and what became of those that were run.
+
+Only the sweep's own process writes it, some results a transaction: whatever ends that process, the file holds every
+transaction that was committed and nothing of the one that was not, and the next process goes on from there.
+
+    about (name, value)                                               the spec, its digest, hapnet's versions
+    cases (number, key, seed, varied)                                 varied: JSON
+    results (number, measures, error, wall_s, worker)                 measures: JSON, by name
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+import sqlite3
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hapnet.errors import HapnetError
+from hapnet.study.case import Measures
+from hapnet.study.spec import Case, Spec, Values
+from hapnet.study.task import CaseResult
+from hapnet.versions import versions
+from netem.versions import DISTRIBUTION
+
+NAME = "journal.sqlite"
+FORMAT = 1
+_WAIT_S = 10.0  # for a figure that is being drawn from the same file
+_TABLES = """
+CREATE TABLE about (name TEXT PRIMARY KEY, value TEXT NOT NULL);
+CREATE TABLE cases (number INTEGER PRIMARY KEY, key TEXT UNIQUE NOT NULL, seed INTEGER NOT NULL, varied TEXT NOT NULL);
+CREATE TABLE results (number INTEGER PRIMARY KEY REFERENCES cases, measures TEXT NOT NULL, error TEXT, wall_s REAL,
+                      worker TEXT);
+"""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A case with what became of it; `done` is False where it was not run yet."""
+
+    case: Case
+    done: bool
+    measures: Measures
+    error: str | None
+    wall_s: float | None
+    worker: str | None
+
+
+class Journal:
+    """An open journal. Use `create_or_resume`, or `look` to read only.
+
+    Attributes
+    ----------
+    fixed, varied : of the spec. versions : of what ran the cases first.
+    """
+
+    def __init__(self, path: Path, connection: sqlite3.Connection, lock: int | None) -> None:
+        self.path, self._db, self._lock = path, connection, lock
+        about = {name: json.loads(value) for name, value in self._db.execute("SELECT name, value FROM about")}
+        if about.get("format") != FORMAT:
+            raise HapnetError(f"{path} is of another hapnet, format {about.get('format')}: this one reads {FORMAT}")
+        self.name: str = about["name"]
+        self.fixed: Values = about["fixed"]
+        self.varied: list[str] = about["varied"]
+        self.versions: dict[str, str] = about["versions"]
+        self.fingerprint: str = about["fingerprint"]
+
+    @classmethod
+    def create_or_resume(cls, directory: Path, spec: Spec, cases: Sequence[Case], *, fresh: bool = False) -> Journal:
+        """The journal of `spec` in `directory`, which exists; `fresh`: a new one, whatever there is.
+
+        Raises
+        ------
+        HapnetError : another process runs this sweep, the journal there is of another spec, or cannot be used.
+        """
+        path = directory / NAME
+        with ExitStack() as undo:
+            lock = _lock(directory)
+            undo.callback(os.close, lock)
+            with _readable(path):
+                if fresh:
+                    for leftover in (path, path.with_name(NAME + "-journal")):
+                        leftover.unlink(missing_ok=True)
+                connection = undo.enter_context(closing(_open(path, "rwc")))
+                if not connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
+                    _begin(connection, spec, cases)
+                journal = cls(path, connection, lock)
+                journal._same(cases)
+            undo.pop_all()
+        return journal
+
+    @classmethod
+    def look(cls, directory: Path) -> Journal:
+        """The journal in `directory`, of a sweep that may be under way; raises HapnetError if there is none."""
+        path = directory / NAME
+        if not path.is_file():
+            raise HapnetError(f"no sweep in {directory}: {NAME} is not there")
+        with ExitStack() as undo, _readable(path):
+            journal = cls(path, undo.enter_context(closing(_open(path, "rw"))), None)
+            undo.pop_all()
+        return journal
+
+    def count(self) -> tuple[int, int, int]:
+        """Cases in all, those that were run, and of these those that failed."""
+        (cases,) = self._db.execute("SELECT count(*) FROM cases").fetchone()
+        done, failed = self._db.execute("SELECT count(*), count(error) FROM results").fetchone()
+        return cases, done, failed
+
+    def pending(self) -> list[Case]:
+        """Cases that have no result, in their order."""
+        return [row.case for row in self.rows() if not row.done]
+
+    def rows(self) -> Iterator[Row]:
+        """All cases, in their order."""
+        query = (
+            "SELECT number, varied, seed, key, results.number IS NOT NULL, measures, error, wall_s, worker "
+            "FROM cases LEFT JOIN results USING (number) ORDER BY number"
+        )
+        with _readable(self.path):
+            for number, varied, seed, key, done, measures, *rest in self._db.execute(query):
+                case = Case(number, json.loads(varied), seed, key)
+                yield Row(case, bool(done), json.loads(measures) if done else {}, *rest)
+
+    def record(self, results: Sequence[CaseResult]) -> None:
+        """Add results: on the disk when this returns. Raises HapnetError if they cannot be written."""
+        rows = [(r.number, json.dumps(r.measures), r.error, r.wall_s, r.worker) for r in results]
+        with _readable(self.path), self._db:
+            self._db.executemany("INSERT OR REPLACE INTO results VALUES (?, ?, ?, ?, ?)", rows)
+
+    def forget_failed(self) -> int:
+        """Cases that failed are to be run again; how many."""
+        with _readable(self.path), self._db:
+            return self._db.execute("DELETE FROM results WHERE error IS NOT NULL").rowcount
+
+    def close(self) -> None:
+        self._db.close()
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+    @property
+    def other_version(self) -> str | None:
+        """hapnet's version that began this sweep, if it is not the one that runs now."""
+        before = self.versions.get(DISTRIBUTION)
+        return None if before == versions()[DISTRIBUTION] else str(before)
+
+    def _same(self, cases: Sequence[Case]) -> None:
+        if self.fingerprint == _fingerprint(cases):
+            return
+        before = {key for (key,) in self._db.execute("SELECT key FROM cases")}
+        now = {case.key for case in cases}
+        raise HapnetError(
+            f"{self.path} is of another spec: {len(now - before)} cases are new, {len(before - now)} are gone, "
+            f"{len(now & before)} are the same; --out for another directory, or --fresh to throw its results away"
+        )
+
+
+def _begin(connection: sqlite3.Connection, spec: Spec, cases: Sequence[Case]) -> None:
+    """Tables and cases, in one transaction: a journal is whole, or empty."""
+    about: dict[str, Any] = {
+        "format": FORMAT,
+        "name": spec.name,
+        "fixed": spec.fixed,
+        "varied": spec.varied,
+        "fingerprint": _fingerprint(cases),
+        "versions": versions(),
+    }
+    with connection:
+        connection.execute("BEGIN")
+        for statement in _TABLES.split(";")[:-1]:
+            connection.execute(statement)
+        connection.executemany("INSERT INTO about VALUES (?, ?)", [(k, json.dumps(v)) for k, v in about.items()])
+        rows = ((case.number, case.key, case.seed, json.dumps(case.values)) for case in cases)
+        connection.executemany("INSERT INTO cases VALUES (?, ?, ?, ?)", rows)
+
+
+def _fingerprint(cases: Sequence[Case]) -> str:
+    """Of the cases, in whatever order and words the spec gives them."""
+    return hashlib.sha256("\n".join(sorted(case.key for case in cases)).encode()).hexdigest()
+
+
+def _open(path: Path, mode: str) -> sqlite3.Connection:
+    """SQLite's rollback journal, synced in full: unlike its write-ahead log it does on network file systems too."""
+    return sqlite3.connect(f"{path.absolute().as_uri()}?mode={mode}", uri=True, timeout=_WAIT_S)
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except sqlite3.OperationalError as error:
+        raise HapnetError(f"cannot use the journal {path}: {error}") from error
+    except (sqlite3.DatabaseError, ValueError, KeyError) as error:
+        raise HapnetError(f"{path} is not the journal of a sweep ({error}); --fresh begins a new one") from error
+    except OSError as error:
+        raise HapnetError(f"cannot write to {path}: {error.strerror or error}") from error
+
+
+def _lock(directory: Path) -> int:
+    """Held by one process at a time, and let go by the system when that process ends."""
+    path = directory / "lock"
+    try:
+        lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BaseException:
+            holder = os.pread(lock, 32, 0).decode("ascii", "replace").strip()
+            os.close(lock)
+            raise
+        os.ftruncate(lock, 0)
+        os.pwrite(lock, f"process {os.getpid()}".encode(), 0)
+    except BlockingIOError:
+        raise HapnetError(f"another process runs the sweep in {directory}: {holder}") from None
+    except OSError as error:
+        raise HapnetError(f"cannot write to {path}: {error.strerror or error}") from None
+    return lock

@@ -1,0 +1,113 @@
+"""Running what a journal lacks: cases into tasks, tasks to workers, results into the journal."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from math import ceil
+
+from hapnet.study.backend import Backend, Outcome
+from hapnet.study.journal import Journal
+from hapnet.study.spec import Case
+from hapnet.study.task import CaseResult, Task
+
+TASK_S = 1.5
+"""How long a task should take: long beside what it costs to hand out, short beside what may be lost with a worker."""
+COMMIT_S = 0.5
+"""Results wait for the disk so long at most."""
+ATTEMPTS = 2
+"""A case whose worker dies is tried again, alone; then it is the one."""
+
+_WAIT_S = 0.2
+_WEIGHT = 0.3  # of the newest task in the mean time of a case
+
+
+class Sweep:
+    """Runs the cases of `journal` that have no result on the workers of `backend`.
+
+    Parameters
+    ----------
+    progress : told the number of cases that have a result, often. clock : seconds.
+    """
+
+    def __init__(
+        self,
+        journal: Journal,
+        backend: Backend,
+        progress: Callable[[int], None],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._journal, self._backend, self._progress, self._clock = journal, backend, progress, clock
+        self._pending = deque(journal.pending())
+        self._alone: deque[tuple[Case, int]] = deque()
+        self._running = self._suspects = 0
+        self._case_s: float | None = None
+        self._fresh: list[CaseResult] = []
+        self._committed_s = clock()
+        self.done = journal.count()[1]
+
+    def run(self) -> None:
+        """Run them all. Whatever ends this, what is known of finished cases is in the journal.
+
+        Raises
+        ------
+        HapnetError : the workers or the journal cannot be used any more.
+        """
+        self._progress(self.done)
+        try:
+            while self._pending or self._alone or self._running:
+                self._hand_out()
+                for outcome in self._backend.wait(_WAIT_S):
+                    self._running -= 1
+                    self._suspects -= outcome.task.attempt > 0
+                    self._take(outcome)
+                self._hand_out()  # before the disk is waited for
+                if self._clock() - self._committed_s >= COMMIT_S:
+                    self._commit()
+                self._progress(self.done)
+        finally:
+            self._commit()
+
+    def _hand_out(self) -> None:
+        room = self._backend.room
+        if self._alone or self._suspects:  # nothing waits at a worker that one of them may kill
+            room = min(room, self._backend.workers - self._running)
+        for _ in range(room):
+            if self._alone:
+                case, attempt = self._alone.popleft()
+                task = Task(self._journal.fixed, (case,), attempt)
+            elif self._pending:
+                cases = tuple(self._pending.popleft() for _ in range(self._size()))
+                task = Task(self._journal.fixed, cases)
+            else:
+                return
+            self._backend.submit(task)
+            self._running += 1
+            self._suspects += task.attempt > 0
+
+    def _size(self) -> int:
+        """Cases of the next task: for `TASK_S`, fewer near the end, so that all workers end together."""
+        if self._case_s is None:
+            return 1
+        share = ceil(len(self._pending) / (2 * max(1, self._backend.workers)))
+        return max(1, min(share, int(TASK_S / max(self._case_s, 1e-6))))
+
+    def _take(self, outcome: Outcome) -> None:
+        task, results = outcome.task, outcome.results
+        if results is None:
+            if task.attempt + 1 < ATTEMPTS:
+                self._alone.extend((case, task.attempt + 1) for case in task.cases)
+                return
+            results = [CaseResult(case.number, {}, f"{outcome.lost}, {ATTEMPTS} times") for case in task.cases]
+        else:
+            mean_s = sum(result.wall_s or 0.0 for result in results) / len(results)
+            self._case_s = mean_s if self._case_s is None else self._case_s + _WEIGHT * (mean_s - self._case_s)
+        self._fresh += results
+        self.done += len(results)
+
+    def _commit(self) -> None:
+        if self._fresh:
+            self._journal.record(self._fresh)
+            self._fresh = []
+        self._committed_s = self._clock()

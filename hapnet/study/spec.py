@@ -1,0 +1,304 @@
+"""What a sweep runs: a TOML file of parameters that are fixed and of some that vary, and the cases that they make.
+
+::
+
+    [fixed]                                  # as --params takes them, and link
+    duration_s = 10
+
+    [vary]                                   # every combination is a case
+    coupling = ["pspm", "zoh"]
+    link = ["lan", "4g", "delay 40ms 10ms loss 2%", { up = "dsl", down = "lan" }]
+    device.stiffness = { from = 50, to = 400, steps = 4, scale = "log" }
+    seed = "0:10"
+
+Several ``[[vary]]`` are several such products; a case that is in more than one of them is run once.
+"""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import json
+import math
+import re
+import tomllib
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from hapnet.errors import InvalidParameter
+from hapnet.params import Params, flatten
+from netem.errors import NetemError
+from netem.profile import PRESETS, LinkProfile
+
+Values = dict[str, Any]
+"""By name, as TOML has them: of parameters by their dotted names, of `LINK` and of `SEED`."""
+
+LINK, SEED = "link", "seed"
+"""What varies beside parameters: both directions of the link, a profile's name, tc's words or {up, down}; the seed."""
+
+MOST = 100_000
+"""Cases of a sweep, at most."""
+
+_DEFAULTS = Params().flat()
+_RANGE = ("from", "to", "steps", "scale")
+_ALLOWED = "a list, or a range such as {from = 50, to = 400, steps = 8, scale = 'log'}"
+_DIGITS = 12  # of a number within a range: 0.3, not 0.30000000000000004
+
+
+@dataclass(frozen=True)
+class Case:
+    """One run. `values`: of all that varies in the sweep, but the seed. `key`: a digest of all that the spec sets."""
+
+    number: int
+    values: Values
+    seed: int
+    key: str
+
+
+@dataclass(frozen=True)
+class Spec:
+    """What a sweep runs.
+
+    fixed : of parameters, `LINK` and `SEED`. products : what varies in each product, in the order of the file.
+    """
+
+    name: str
+    fixed: Values
+    products: tuple[dict[str, list[Any]], ...]
+
+    @classmethod
+    def read(cls, file: Path, assignments: Mapping[str, object] | None = None) -> Spec:
+        """The spec in `file`, `assignments` over what it fixes.
+
+        Raises
+        ------
+        InvalidParameter : it cannot be read, or says in some place what it may not; the message names the place.
+        """
+        try:
+            table = tomllib.loads(file.read_text(encoding="utf-8"))
+        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            why = error.strerror if isinstance(error, OSError) else error
+            raise InvalidParameter("SPEC", str(file), f"a TOML file ({why})") from None
+        for word in table:
+            _known("table", word, ("fixed", "vary"), "[fixed], or [vary]")
+        fixed, vary = table.get("fixed", {}), table.get("vary", [])
+        blocks = vary if isinstance(vary, list) else [vary]
+        if not isinstance(fixed, Mapping):
+            raise InvalidParameter("fixed", fixed, "a table, [fixed]")
+        if not blocks or not all(isinstance(block, Mapping) and block for block in blocks):
+            raise InvalidParameter("vary", vary, "a table [vary] of what varies, or several [[vary]]")
+        products = tuple(dict(_axes(block)) for block in blocks)
+        for name, value in (assignments or {}).items():
+            if any(name in axes for axes in products):
+                raise InvalidParameter("--set", f"{name}={value}", "what does not vary in the spec")
+        given = _fixed(fixed, assignments or {})
+        for name in given:
+            if all(name in axes for axes in products):
+                raise InvalidParameter(name, given[name], "either under [fixed] or under [vary]")
+        return cls(file.stem, given, products)
+
+    @property
+    def varied(self) -> list[str]:
+        """The names of all that varies but the seed, in the order of the file."""
+        return [name for name in dict.fromkeys(name for axes in self.products for name in axes) if name != SEED]
+
+    @property
+    def count(self) -> int:
+        """How many cases there are, those in more than one product counted in each."""
+        return sum(math.prod(len(values) for values in axes.values()) for axes in self.products)
+
+    def cases(self, check: Callable[[Params], object] | None = None) -> list[Case]:
+        """Every combination once; the last of what varies changes fastest. `check` is called for each but the seeds.
+
+        Raises
+        ------
+        InvalidParameter : a combination is not allowed, or there are more than `MOST`.
+        """
+        if self.count > MOST:
+            raise InvalidParameter("the number of cases", self.count, f"{MOST} at most")
+        found: dict[str, Case] = {}
+        for axes in self.products:
+            free = [name for name in axes if name != SEED]
+            digests: dict[str, tuple[Values, str]] = {}
+            for combination in product(*axes.values()):
+                chosen = dict(zip(axes, combination, strict=True))
+                seed = chosen.pop(SEED, self.fixed.get(SEED, 0))
+                label = json.dumps([chosen[name] for name in free])
+                if label not in digests:
+                    params = params_of(self.fixed, chosen)
+                    digests[label] = self._values(params), self._digest(params)
+                    if check is not None:
+                        check(params)
+                values, digest = digests[label]
+                key = f"{digest}-{seed}"
+                found.setdefault(key, Case(len(found), values, seed, key))
+        return list(found.values())
+
+    def _values(self, params: Params) -> Values:
+        """Of all that varies in any product, as parameters have them: 100 is 100.0 where that is a number."""
+        up, down = params.link.up, params.link.down
+        link = up if up == down else {"up": up, "down": down}
+        return {name: link if name == LINK else params.get(name) for name in self.varied}
+
+    def _digest(self, params: Params) -> str:
+        """Of all that the spec sets in a case: what it leaves at the defaults of this hapnet is not in it."""
+        names = {name for name in (*self.fixed, *self.varied) if name != SEED}
+        if LINK in names:
+            names = names - {LINK} | {"link.up", "link.down"}
+        told = {name: params.get(name) for name in names}
+        told |= {name: _profile(name, told[name]) for name in ("link.up", "link.down") if name in told}
+        return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def params_of(fixed: Values, values: Values) -> Params:
+    """The parameters of a case; raises InvalidParameter as `Params.set` does."""
+    return Params().set({**_spelled(fixed), **_spelled(values)})
+
+
+def link_words(up: str, down: str) -> str:
+    """Both directions of a link in words; one of them where they are the same."""
+    up, down = up or "ideal", down or "ideal"
+    return up if up == down else f"up {up}, down {down}"
+
+
+def value_words(name: str, value: Any) -> str:
+    """What varies in words, for tables and figures."""
+    if name == LINK:
+        return link_words(value["up"], value["down"]) if isinstance(value, Mapping) else link_words(value, value)
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def _spelled(values: Values) -> Values:
+    """Parameters by their dotted names; both directions for a link. No seed."""
+    plain = {name: value for name, value in values.items() if name not in (LINK, SEED)}
+    if LINK in values:
+        link = values[LINK]
+        ways = link if isinstance(link, Mapping) else {"up": link, "down": link}
+        plain = {f"link.{way}": words for way, words in ways.items()} | plain
+    return plain
+
+
+def _fixed(table: Mapping[str, Any], assignments: Mapping[str, object]) -> Values:
+    fixed = {**dict(flatten(table)), **assignments}
+    for name, value in fixed.items():
+        _parameter(name)
+        if name == SEED:
+            fixed[name] = value = int(value) if isinstance(value, str) and value.isdecimal() else value
+            _seed(value, "a whole number, 0 or above")
+        elif name == LINK:
+            _link(value)
+    return fixed
+
+
+def _axes(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, list[Any]]]:
+    """Names and their values, from tables within tables."""
+    for word, given in table.items():
+        name = prefix + word
+        if isinstance(given, Mapping) and given and not set(given) & set(_RANGE):
+            yield from _axes(given, f"{name}.")
+            continue
+        _parameter(name)
+        if name.startswith("link.") and LINK in table:
+            raise InvalidParameter(name, given, f"either {name} or link")
+        values = _values_of(name, given)
+        if not values:
+            raise InvalidParameter(name, given, f"at least one value: {_ALLOWED}")
+        yield name, values
+
+
+def _values_of(name: str, given: object) -> list[Any]:
+    if name == SEED and isinstance(given, str):
+        words = re.fullmatch(r"(\d+):(\d+)", given.strip())
+        if words is None or int(words[1]) >= int(words[2]):
+            raise InvalidParameter(SEED, given, "'A:B', the seeds from A to B - 1, such as '0:10'")
+        if int(words[2]) - int(words[1]) > MOST:
+            raise InvalidParameter(SEED, given, f"{MOST} cases at most")
+        return list(range(int(words[1]), int(words[2])))
+    if isinstance(given, Mapping):
+        return _range(name, given)
+    if not isinstance(given, list):
+        raise InvalidParameter(name, given, f"{_ALLOWED}; what does not vary belongs under [fixed]")
+    for value in given:
+        if name == SEED:
+            _seed(value, "whole numbers, 0 or above")
+        elif name == LINK:
+            _link(value)
+    return given
+
+
+def _range(name: str, given: Mapping[str, Any]) -> list[Any]:
+    """The numbers of a range, both ends included."""
+    for word in given:
+        _known(name, word, _RANGE, "from, to, steps and scale")
+    whole = name == SEED or isinstance(_DEFAULTS.get(name), int)
+    if name == LINK or isinstance(_DEFAULTS.get(name), bool | str):
+        raise InvalidParameter(name, dict(given), "a list: there is nothing between two of these")
+    ends: list[Any] = [given.get("from"), given.get("to")]
+    if not all(_number(end) for end in ends) or ends[0] == ends[1]:
+        raise InvalidParameter(name, dict(given), "a range {from = A, to = B} between two different numbers")
+    first, last = ends
+    if whole and not all(isinstance(end, int) for end in ends):
+        raise InvalidParameter(name, dict(given), "whole numbers")
+    if name == SEED and min(first, last) < 0:
+        raise InvalidParameter(name, dict(given), "whole numbers, 0 or above")
+    if "steps" not in given and not whole:
+        raise InvalidParameter(name, dict(given), "a range that says how many: steps = N")
+    steps = given.get("steps", abs(last - first) + 1 if whole else None)
+    if not isinstance(steps, int) or isinstance(steps, bool) or not 2 <= steps <= MOST:
+        raise InvalidParameter(f"steps of {name}", steps, f"a whole number, 2 to {MOST}")
+    scale = given.get("scale", "linear")
+    if scale not in ("linear", "log"):
+        raise InvalidParameter(f"scale of {name}", scale, "linear, or log")
+    if scale == "log":
+        if min(first, last) <= 0:
+            raise InvalidParameter(name, dict(given), "from and to above 0 on a log scale")
+        inner = [first * (last / first) ** (k / (steps - 1)) for k in range(1, steps - 1)]
+    else:
+        inner = [first + (last - first) * k / (steps - 1) for k in range(1, steps - 1)]
+    rounded = [round(x) if whole else float(f"{x:.{_DIGITS}g}") for x in inner]
+    values = [first, *rounded, last]
+    if len(set(values)) < steps:
+        raise InvalidParameter(
+            f"steps of {name}", steps, f"no more than there are whole numbers from {first} to {last}"
+        )
+    return values
+
+
+def _parameter(name: str) -> None:
+    _known("parameter", name, (*_DEFAULTS, LINK, SEED), "a parameter of --show-params, link or seed")
+
+
+def _known(what: str, word: str, known: Collection[str], allowed: str) -> None:
+    if word not in known:
+        near = difflib.get_close_matches(word, known, n=3, cutoff=0.5)
+        raise InvalidParameter(what, word, f"{allowed}{', such as ' + ', '.join(near) if near else ''}")
+
+
+def _number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _seed(value: object, allowed: str) -> None:
+    if not isinstance(value, int) or isinstance(value, bool) or value < 0:
+        raise InvalidParameter(SEED, value, allowed)
+
+
+def _link(value: object) -> None:
+    ways: Mapping[str, Any] = value if isinstance(value, Mapping) else {"up": value, "down": value}
+    if set(ways) != {"up", "down"} or not all(isinstance(words, str) for words in ways.values()):
+        raise InvalidParameter(LINK, value, "a profile's name, tc's words, or {up = ..., down = ...} of such")
+    for words in ways.values():
+        _profile(LINK, words)
+
+
+def _profile(name: str, words: str) -> str:
+    """A link in tc's words, the same for two ways of saying it."""
+    try:
+        return str(LinkProfile.named(words))
+    except NetemError as error:
+        near = difflib.get_close_matches(words, PRESETS, n=3, cutoff=0.5)
+        such = f", such as {', '.join(near)}" if near else ""
+        raise InvalidParameter(name, words, f"a profile of `netem profiles`{such}; or tc's words ({error})") from None

@@ -1,0 +1,62 @@
+"""What one worker is given at a time, wherever it runs: some cases, one after the other."""
+
+from __future__ import annotations
+
+import math
+import os
+import socket
+import time
+from dataclasses import dataclass
+
+from hapnet.errors import HapnetError
+from hapnet.loading import cause
+from hapnet.study.case import Measures, measure
+from hapnet.study.spec import Case, Values, params_of
+from netem.errors import NetemError
+
+
+@dataclass(frozen=True)
+class Task:
+    """Cases, and what is fixed in all of them. `attempt`: how often they were lost before."""
+
+    fixed: Values
+    cases: tuple[Case, ...]
+    attempt: int = 0
+
+
+@dataclass(frozen=True)
+class CaseResult:
+    """What became of a case: what was measured, or an error in one line. `worker` is host:process."""
+
+    number: int
+    measures: Measures
+    error: str | None = None
+    wall_s: float | None = None
+    worker: str | None = None
+
+
+def run(task: Task) -> list[CaseResult]:
+    """Run the cases of `task`. Whatever goes wrong in one is that one's result."""
+    worker = f"{socket.gethostname()}:{os.getpid()}"
+    return [_run(task.fixed, case, worker) for case in task.cases]
+
+
+def _run(fixed: Values, case: Case, worker: str) -> CaseResult:
+    began = time.perf_counter()
+    measures: Measures = {}
+    error = None
+    try:
+        measured = measure(params_of(fixed, case.values), case.seed)
+        measures = {name: _known(value) for name, value in measured.items()}
+    except (HapnetError, NetemError) as wrong:
+        error = " ".join(str(wrong).split())
+    except Exception as wrong:  # a scene of the user's own may raise anything
+        error = cause(wrong)
+    return CaseResult(case.number, measures, error, time.perf_counter() - began, worker)
+
+
+def _known(value: float | None) -> float | None:
+    """A plain number, whatever numpy calls it; None for what is none."""
+    if value is None or not math.isfinite(value):
+        return None
+    return value if type(value) is int else float(value)

@@ -1,0 +1,124 @@
+"""What a sweep's figures show."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import TwoSlopeNorm
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from hapnet.study.grid import grid
+from hapnet.study.heatmap import draw
+from hapnet.study.journal import Journal
+from hapnet.study.task import CaseResult
+from tests.study.sweeps import journal_of
+
+MAP = """
+[vary]
+link = ["4g", "lan", "dsl"]
+device.stiffness = { from = 50, to = 400, steps = 4, scale = "log" }
+seed = "0:3"
+"""
+
+
+def filled(tmp_path: Path, text: str = MAP) -> Journal:
+    """Stiffness less 150, in thousandths, plus the seed; lan's case of seed 0 failed, all of dsl's did."""
+    journal = journal_of(tmp_path, text)
+    results = []
+    for case in journal.pending():
+        link = case.values.get("link")
+        failed = link == "dsl" or (link == "lan" and case.seed == 0)
+        value = (case.values["device.stiffness"] - 150.0) / 1000.0 + case.seed
+        results.append(CaseResult(case.number, {} if failed else {"gap_m": value}, "broken" if failed else None))
+    journal.record(results)
+    return journal
+
+
+def texts(panel: Axes) -> list[str]:
+    return [text.get_text() for text in panel.texts]
+
+
+def legend(figure: Figure) -> list[str]:
+    return [text.get_text() for box in figure.legends for text in box.get_texts()]
+
+
+def test_a_map_shows_values_failures_and_what_is_not_there(tmp_path: Path) -> None:
+    journal = filled(tmp_path)
+    figure = draw(grid(journal, "device.stiffness", "link", None, {}, {"device.stiffness": "N/m"}), "max", name="mine")
+    journal.close()
+    panel, bar = figure.axes
+    (mesh,) = (drawn for drawn in panel.collections if isinstance(drawn, QuadMesh))
+    expected = np.array([[x / 1000.0 + 1.85 for x in (50, 100, 200, 400)]] * 2 + [[np.nan] * 4])
+    np.testing.assert_allclose(
+        np.ma.filled(np.ma.asarray(mesh.get_array()), np.nan).reshape(3, 4), expected, rtol=1e-12
+    )
+    assert [f"{x:.3g}" for x in expected[0] for _ in range(2)] == [word for word in texts(panel) if "×" not in word]
+    assert sorted(word for word in texts(panel) if "×" in word) == ["×1"] * 4 + ["×3"] * 4
+    hatched = [patch for patch in panel.patches if isinstance(patch, Rectangle) and patch.get_hatch()]
+    assert sorted(patch.get_xy() for patch in hatched) == [(i - 0.5, 1.5) for i in range(4)]
+    assert bar.get_ylabel() == "max of gap [m]"
+    assert panel.get_xlabel() == "device.stiffness [N/m], log scale"
+    assert panel.get_ylabel() == "link"
+    assert [tick.get_text() for tick in panel.get_xticklabels()] == ["50", "100", "200", "400"]
+    assert legend(figure) == ["no value", "cases that failed: 16"]
+    assert figure.get_suptitle() == "mine: max of gap over 3 seeds"
+
+
+def test_colours_meet_at_zero_where_values_have_both_signs(tmp_path: Path) -> None:
+    journal = filled(tmp_path)
+    (both, _), (above, _) = (
+        draw(grid(journal, "device.stiffness", "link", None, where, {})).axes
+        for where in ({"seed": "0"}, {"seed": "1"})
+    )
+    norm = both.collections[0].norm
+    assert isinstance(norm, TwoSlopeNorm)
+    assert (norm.vmin, norm.vcenter, norm.vmax) == pytest.approx((-0.1, 0.0, 0.25))
+    assert not isinstance(above.collections[0].norm, TwoSlopeNorm)
+    journal.close()
+
+
+def test_many_cells_are_not_written_on_and_ticks_are_thinned(tmp_path: Path) -> None:
+    text = """
+    [vary]
+    device.stiffness = { from = 1, to = 40, steps = 40 }
+    world.mass = { from = 0.1, to = 0.4, steps = 4 }
+    """
+    journal = filled(tmp_path, text)
+    panel, bar = draw(grid(journal, None, None, None, {}, {})).axes
+    journal.close()
+    assert not texts(panel)
+    assert [tick.get_text() for tick in panel.get_xticklabels()] == [str(n) for n in range(1, 41, 4)]
+    assert bar.get_ylabel() == "median of gap [m]"
+
+
+def test_one_that_varies_is_a_line_with_quartiles(tmp_path: Path) -> None:
+    journal = filled(tmp_path)
+    figure = draw(grid(journal, "device.stiffness", None, None, {"link": "4g"}, {}), where=["link=4g"])
+    (panel,) = figure.axes
+    (line,) = panel.lines
+    stiffnesses = [50.0, 100.0, 200.0, 400.0]
+    drawn = np.column_stack([np.asarray(line.get_xdata()), np.asarray(line.get_ydata())])
+    np.testing.assert_allclose(drawn, np.array([(x, (x - 150.0) / 1000.0 + 1.0) for x in stiffnesses]))
+    assert panel.get_xscale() == "log"
+    (band,) = panel.collections
+    edges = np.asarray(band.get_paths()[0].vertices)
+    assert {round(float(y), 9) for x, y in edges if x == 100.0} == {0.45, 1.45}  # of -0.05, 0.95 and 1.95
+    assert figure.get_suptitle() == "median of gap over 3 seeds, where link=4g"
+    names = draw(grid(journal, "link", None, None, {}, {}))
+    journal.close()
+    assert [tick.get_text() for tick in names.axes[0].get_xticklabels()] == ["4g", "lan", "dsl"]
+    assert texts(names.axes[0]) == ["×4", "×12"]
+
+
+def test_cases_still_to_be_run_are_told(tmp_path: Path) -> None:
+    journal = journal_of(tmp_path, MAP)
+    journal.record([CaseResult(0, {"gap_m": 0.0})])
+    figure = draw(grid(journal, None, None, None, {}, {}))
+    journal.close()
+    assert legend(figure) == ["no value", "not run yet: 35 cases"]
+    figure.draw_without_rendering()

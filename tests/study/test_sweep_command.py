@@ -1,0 +1,274 @@
+"""`hapnet sweep` and `hapnet sweep plot`, as a user types them."""
+
+from __future__ import annotations
+
+import ast
+import csv
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hapnet import cli
+from hapnet.errors import HapnetError
+from hapnet.study.backend import Backend, Outcome
+from hapnet.study.export import TIMING
+from hapnet.study.journal import NAME, Journal
+from hapnet.study.spec import Spec
+from hapnet.study.task import Task, run
+from tests.conftest import ENVIRONMENT, ROOT
+from tests.processes import Program, started
+from tests.study.sweeps import FATAL, SHORT, TOUCHY, done, spec_file
+
+Capture = pytest.CaptureFixture[str]
+
+LONGER = SHORT.replace("0.2", "2").replace("0:10", "0:20")  # some seconds of two workers
+
+
+@pytest.fixture(autouse=True)
+def directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    return tmp_path
+
+
+def rows(directory: Path) -> list[dict[str, str]]:
+    """The results, but for the timing."""
+    with (directory / "results.csv").open(newline="", encoding="utf-8") as file:
+        return [{name: word for name, word in row.items() if name not in TIMING} for row in csv.DictReader(file)]
+
+
+def summary(*argv: object, code: int = 0) -> dict[str, Any]:
+    assert cli.main(["sweep", *map(str, argv), "--json", "summary.json"]) == code
+    told: dict[str, Any] = json.loads(Path("summary.json").read_text("utf-8"))
+    return told
+
+
+def test_a_sweep_from_its_spec_to_its_figure(directory: Path, capsys: Capture) -> None:
+    spec_file(directory, f"{TOUCHY}[vary]\nworld.wall.stiffness = [1000, 13, 3000]\nseed = '0:3'")
+    told = summary("study.toml", "--workers", 1, code=3)
+    assert {name: told[name] for name in ("cases", "done", "failed", "run")} == {
+        "cases": 9,
+        "done": 9,
+        "failed": 3,
+        "run": 9,
+    }
+    out, err = capsys.readouterr()
+    assert "3 of 9 cases failed:" in out
+    assert "  3 x the scene tests.study.sweeps:touchy failed: " in out
+    assert not err
+    found = rows(Path("runs/sweep-study"))
+    assert [int(row["case"]) for row in found] == list(range(9))
+    assert [row["world.wall.stiffness"] for row in found] == ["1000.0"] * 3 + ["13.0"] * 3 + ["3000.0"] * 3
+    assert [bool(row["error"]) for row in found] == [False] * 3 + [True] * 3 + [False] * 3
+    assert told["files"] == ["runs/sweep-study/results.csv", "runs/sweep-study/results.parquet"]
+
+    again = summary("study.toml", "--format", "csv", code=3)  # nothing is left to run
+    assert (again["run"], again["done"], again["files"]) == (0, 9, ["runs/sweep-study/results.csv"])
+    assert rows(Path("runs/sweep-study")) == found
+    retried = summary("study.toml", "--retry-failed", "--workers", 1, code=3)
+    assert (retried["run"], retried["failed"]) == (3, 3)
+    capsys.readouterr()
+
+    assert cli.main(["sweep", "plot", "runs/sweep-study"]) == 0
+    assert capsys.readouterr().out == "figure: runs/sweep-study/margin_J-world.wall.stiffness.png\n"
+    flags = ("--x", "seed", "--y", "world.wall.stiffness", "--value", "peak_force_N", "--stat", "max", "--out", "a.png")
+    assert cli.main(["sweep", "plot", "runs/sweep-study", *flags]) == 0
+    assert Path("a.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_dry_run_says_what_would_run_and_writes_nothing(directory: Path, capsys: Capture) -> None:
+    spec_file(directory, SHORT)
+    assert cli.main(["sweep", "study.toml", "--dry-run"]) == 0
+    out = capsys.readouterr().out.splitlines()
+    assert out[0] == "40 cases, 10 seeds, into runs/sweep-study"
+    assert out[1] == "  0: coupling = pspm, link = lan, seed = 0"
+    assert out[-1] == "  39: coupling = zoh, link = 4g, seed = 9"
+    assert sorted(path.name for path in directory.iterdir()) == ["study.toml"]
+
+
+def test_parameters_that_a_scene_does_not_read_are_told(directory: Path, capsys: Capture) -> None:
+    spec_file(directory, f"{TOUCHY}[vary]\nworld.wall.damping = [1, 10, 100]")
+    assert cli.main(["sweep", "study.toml", "--dry-run"]) == 0
+    assert "world.wall.damping is 100, but the scene" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("argv", "said"),
+    [
+        (["none.toml"], "SPEC is 'none.toml'; allowed: a TOML file (No such file or directory)"),
+        (["bad.toml"], "scene is 'wal'; allowed: free, wall, box, paper"),
+        (["nothing.toml"], "duration_s is 0.0; allowed: above 0 in virtual time"),
+        (["study.toml", "--set", "duration_s"], "--set is 'duration_s'; allowed: NAME=VALUE"),
+        (["study.toml", "--set", "seed=3"], "--set is 'seed=3'; allowed: what does not vary"),
+        (["study.toml", "--format", "xls"], "--format is 'xls'"),
+        (["study.toml", "--workers", "-1"], "--workers"),
+        (["study.toml", "--dask", "here"], "--dask is 'here'; allowed: a scheduler's address"),
+        (["study.toml", "--dask", "tcp://127.0.0.1:9", "--workers", "2"], "the cluster has its own"),
+        (["study.toml", "--out", "study.toml"], "--out names a directory"),
+        ([], "Missing argument 'SPEC.toml'"),
+        (["plot"], "Missing argument 'DIRECTORY'"),
+        (["plot", "nowhere"], f"no sweep in nowhere: {NAME} is not there"),
+    ],
+)
+def test_what_is_wrong_is_one_line(directory: Path, capsys: Capture, argv: list[str], said: str) -> None:
+    spec_file(directory, SHORT)
+    spec_file(directory, "[vary]\nscene = ['wall', 'wal']", "bad")
+    spec_file(directory, "[fixed]\nduration_s = 0\n[vary]\nseed = [1]", "nothing")
+    assert cli.main(["sweep", *argv]) == 2
+    out, err = capsys.readouterr()
+    assert said in err
+    assert err.count("\n") == 1
+    assert not out
+    assert not list(directory.glob("runs/*/results.*"))
+
+
+@pytest.mark.parametrize("argv", [["sweep", "--help"], ["sweep", "run", "-h"], ["sweep", "plot", "--help"]])
+def test_help(argv: list[str], capsys: Capture) -> None:
+    assert cli.main(argv) == 0
+    out = capsys.readouterr().out
+    assert ("--where" if "plot" in argv else "--retry-failed") in out
+    assert "hapnet sweep" in out
+
+
+def test_help_loads_nothing_heavy() -> None:
+    code = "import sys; from hapnet.cli import main; main(sys.argv[1:]); print(sorted(sys.modules), file=sys.stderr)"
+    ended = subprocess.run(
+        [sys.executable, "-c", code, "sweep", "-h"], capture_output=True, text=True, timeout=30, env=ENVIRONMENT
+    )
+    assert ended.returncode == 0
+    assert not {"numpy", "matplotlib", "sqlite3", "multiprocessing", "distributed"} & set(
+        ast.literal_eval(ended.stderr)
+    )
+
+
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        (["sweep", ""], ["run", "plot", "plan.toml", "study.toml"]),
+        (["sweep", "pl"], ["plot", "plan.toml"]),
+        (["sweep", "st"], ["study.toml"]),
+        (["sweep", "--wo"], ["--workers"]),
+        (["sweep", "study.toml", "--re"], ["--retry-failed"]),
+        (["sweep", "run", "st"], ["study.toml"]),
+        (["sweep", "plot", "--wh"], ["--where"]),
+    ],
+)
+def test_tab(
+    directory: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch, words: list[str], offered: list[str]
+) -> None:
+    for name in ("study", "plan"):
+        spec_file(directory, SHORT, name)
+    monkeypatch.setenv("COMP_WORDS", "\n".join(("hapnet", *words)))
+    monkeypatch.setenv("COMP_CWORD", str(len(words)))
+    monkeypatch.setenv("_HAPNET_COMPLETE", "complete_bash")
+    assert cli.main() == 0
+    assert capsys.readouterr().out.split() == offered
+
+
+def test_the_spec_of_the_readme_is_one(directory: Path, capsys: Capture) -> None:
+    found = re.search(r"```toml\n(# study.toml.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL)
+    assert found is not None
+    spec_file(directory, found[1])
+    assert cli.main(["sweep", "study.toml", "--dry-run"]) == 0
+    assert capsys.readouterr().out.startswith("2000 cases, 50 seeds, into runs/sweep-study\n")
+
+
+def test_a_sweep_that_cannot_go_on_writes_what_it_has(
+    directory: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Gone(Backend):
+        """One task, then nobody is there."""
+
+        workers = room = 1
+
+        def submit(self, task: Task) -> None:
+            self.task: Task | None = task
+
+        def wait(self, limit_s: float) -> list[Outcome]:
+            if self.task is None or self.task.cases[0].number:
+                raise HapnetError("the scheduler is gone")
+            return [Outcome(self.task, run(self.task))]
+
+        def close(self) -> None: ...
+
+    monkeypatch.setattr("hapnet.commands.sweeping.LocalPool", lambda workers: Gone())
+    spec_file(directory, SHORT)
+    assert cli.main(["sweep", "study.toml", "--workers", "1"]) == 2
+    assert capsys.readouterr().err == (
+        "hapnet: the scheduler is gone: 1 of 40 cases are done; the same command goes on\n"
+    )
+    assert [row["case"] for row in rows(Path("runs/sweep-study"))] == ["0"]
+
+
+def test_another_version_warns(directory: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    spec_file(directory, "[fixed]\nduration_s = 0.05\n[vary]\nseed = [1]")
+    summary("study.toml")
+    capsys.readouterr()
+    monkeypatch.setattr("hapnet.study.journal.versions", lambda: {"hapnet-haptics": "99"})
+    summary("study.toml")
+    assert "warning: hapnet 0." in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_interrupted_it_keeps_and_writes_what_is_done(directory: Path) -> None:
+    spec_file(directory, LONGER)
+    results = directory / "runs" / "sweep-study"
+    with started("sweep", "study.toml", "--workers", "2") as program:
+        program.until("a result on the disk", lambda: done(results) > 0)
+        os.killpg(program.process.pid, signal.SIGINT)  # as a terminal does: to all of them
+        code, out, err = program.end()
+        program.until_gone()
+    assert code == 130, out + err
+    kept = len(rows(results))
+    assert 0 < kept < 80
+    assert err == f"hapnet: stopped: {kept} of 80 cases are done; the same command goes on\n"
+    assert done(results) == kept
+
+
+@pytest.mark.parametrize("whom", ["all", pytest.param("one", marks=pytest.mark.slow)])
+def test_killed_half_way_and_resumed_the_rows_are_the_same(directory: Path, whom: str) -> None:
+    """The whole group at once, or the program alone, whose workers then end by themselves."""
+    file = spec_file(directory, f"{TOUCHY}[vary]\nworld.wall.stiffness = [1000, {FATAL}, 3000]\nseed = '0:15'")
+    half = directory / "half"
+    program = Program("sweep", "study.toml", "--out", "half", "--workers", "2", env={"WHOM": whom})
+    try:
+        assert program.end()[0] == -signal.SIGKILL
+        program.until_gone()
+    finally:
+        program.kill()
+    before = done(half)
+    assert 0 < before < 45
+    resumed = summary("study.toml", "--out", "half", "--workers", 1)
+    assert (resumed["run"], resumed["done"], resumed["failed"]) == (45 - before, 45, 0)
+    spec = Spec.read(file)
+    whole = run(Task(spec.fixed, tuple(spec.cases())))  # here, and in one go
+    assert len({case.measures["free_rms_mm"] for case in whole}) == 15  # each seed has its own; no wall is reached
+    assert [float(row["free_rms_mm"]) for row in rows(half)] == [case.measures["free_rms_mm"] for case in whole]
+    journal = Journal.look(half)
+    assert [row.measures for row in journal.rows()] == [case.measures for case in whole]
+    journal.close()
+
+
+@pytest.mark.slow
+def test_a_second_one_beside_it_is_refused(directory: Path) -> None:
+    spec_file(directory, LONGER)
+    with started("sweep", "study.toml", "--workers", "1") as program:
+        program.until("a journal", lambda: done(directory / "runs" / "sweep-study") >= 0)
+        second = subprocess.run(
+            [sys.executable, "-m", "hapnet", "sweep", "study.toml"],
+            capture_output=True,
+            text=True,
+            timeout=30,
+            env=ENVIRONMENT,
+        )
+        assert second.returncode == 2
+        assert second.stderr == (
+            f"hapnet: another process runs the sweep in runs/sweep-study: process {program.process.pid}\n"
+        )
