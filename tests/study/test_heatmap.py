@@ -34,7 +34,7 @@ def filled(tmp_path: Path, text: str = MAP) -> Journal:
         link = case.values.get("link")
         failed = link == "dsl" or (link == "lan" and case.seed == 0)
         value = (case.values["device.stiffness"] - 150.0) / 1000.0 + case.seed
-        results.append(CaseResult(case.number, {} if failed else {"gap_m": value}, "broken" if failed else None))
+        results.append(CaseResult(case.number, {} if failed else {"peak_force_N": value}, "broken" if failed else None))
     journal.record(results)
     return journal
 
@@ -61,12 +61,12 @@ def test_a_map_shows_values_failures_and_what_is_not_there(tmp_path: Path) -> No
     assert sorted(word for word in texts(panel) if "×" in word) == ["×1"] * 4 + ["×3"] * 4
     hatched = [patch for patch in panel.patches if isinstance(patch, Rectangle) and patch.get_hatch()]
     assert sorted(patch.get_xy() for patch in hatched) == [(i - 0.5, 1.5) for i in range(4)]
-    assert bar.get_ylabel() == "max of gap [m]"
+    assert bar.get_ylabel() == "max of peak force [N]"
     assert panel.get_xlabel() == "device.stiffness [N/m], log scale"
     assert panel.get_ylabel() == "link"
     assert [tick.get_text() for tick in panel.get_xticklabels()] == ["50", "100", "200", "400"]
     assert legend(figure) == ["no value", "cases that failed: 16"]
-    assert figure.get_suptitle() == "mine: max of gap over 3 seeds"
+    assert figure.get_suptitle() == "mine: max of peak force over 3 seeds"
 
 
 def test_colours_meet_at_zero_where_values_have_both_signs(tmp_path: Path) -> None:
@@ -93,7 +93,7 @@ def test_many_cells_are_not_written_on_and_ticks_are_thinned(tmp_path: Path) -> 
     journal.close()
     assert not texts(panel)
     assert [tick.get_text() for tick in panel.get_xticklabels()] == [str(n) for n in range(1, 41, 4)]
-    assert bar.get_ylabel() == "median of gap [m]"
+    assert bar.get_ylabel() == "median of peak force [N]"
 
 
 def test_one_that_varies_is_a_line_with_quartiles(tmp_path: Path) -> None:
@@ -108,7 +108,7 @@ def test_one_that_varies_is_a_line_with_quartiles(tmp_path: Path) -> None:
     (band,) = panel.collections
     edges = np.asarray(band.get_paths()[0].vertices)
     assert {round(float(y), 9) for x, y in edges if x == 100.0} == {0.45, 1.45}  # of -0.05, 0.95 and 1.95
-    assert figure.get_suptitle() == "median of gap over 3 seeds, where link=4g"
+    assert figure.get_suptitle() == "median of peak force over 3 seeds, where link=4g"
     names = draw(grid(journal, "link", None, None, {}, {}))
     journal.close()
     assert [tick.get_text() for tick in names.axes[0].get_xticklabels()] == ["4g", "lan", "dsl"]
@@ -117,7 +117,7 @@ def test_one_that_varies_is_a_line_with_quartiles(tmp_path: Path) -> None:
 
 def test_cases_still_to_be_run_are_told(tmp_path: Path) -> None:
     journal = journal_of(tmp_path, MAP)
-    journal.record([CaseResult(0, {"gap_m": 0.0})])
+    journal.record([CaseResult(0, {"peak_force_N": 0.0})])
     figure = draw(grid(journal, None, None, None, {}, {}))
     journal.close()
     assert legend(figure) == ["no value", "not run yet: 35 cases"]
