@@ -98,7 +98,7 @@ class CompareOptions:
 def main(params: Params, given: CompareOptions, json_to: str | None, out: Path | None) -> int:
     """Compare, and show it; 0 even if cases failed, which the tables say, as long as one did not."""
     from hapnet.runtime.batch.processes import usable_cores
-    from hapnet.study import compare, tables
+    from hapnet.study import compare, tables, tunings
 
     words = output.console(json_to)
     if given.metrics:
@@ -125,6 +125,8 @@ def main(params: Params, given: CompareOptions, json_to: str | None, out: Path |
     for table in tables.tables(plan, found, words.width):
         words.print(table, soft_wrap=False)
     words.print(tables.note(plan, words.width), markup=False, soft_wrap=False)
+    if (chosen := tunings.table(plan)).row_count:
+        words.print(chosen, soft_wrap=False)
     for line in tables.failures(outcomes):
         words.print(line, style="red", markup=False)
     words.print(f"{len(cases)} cases in {lasted_s:.0f} s")

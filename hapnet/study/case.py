@@ -20,6 +20,9 @@ from hapnet.runtime.virtual import Result, Simulation
 Measures = dict[str, float | None]
 """Values by the names of their metrics; None where a run cannot tell."""
 
+DEADBAND = "wire.deadband"
+"""What the run over an ideal link, which a run is measured against, does without, as without the link."""
+
 _REFERENCES = 4
 """Runs over an ideal link that are kept, a few megabytes each: cases that differ in links only follow each other."""
 
@@ -98,7 +101,7 @@ def _reference(ideal: Params, seed: int) -> tuple[Measures, Recording]:
 def _ideal(params: Params) -> Params:
     """The same with a link that does nothing, over which everything is sent."""
     nothing = {"link.up": "", "link.down": "", "link.up_timeline": "", "link.down_timeline": ""}
-    return params.set({**nothing, "wire.deadband": 0.0})
+    return params.set({**nothing, DEADBAND: 0.0})
 
 
 def _stiffness_percent(run: Run, round_trip_s: float) -> float | None:

@@ -8,8 +8,9 @@ from collections.abc import Callable
 from math import ceil
 
 from hapnet.study.backend import Backend, Outcome
+from hapnet.study.case import DEADBAND
 from hapnet.study.journal import Journal
-from hapnet.study.spec import Case
+from hapnet.study.spec import LINK, Case
 from hapnet.study.task import CaseResult, Task
 
 TASK_S = 1.5
@@ -21,6 +22,15 @@ ATTEMPTS = 2
 
 _WAIT_S = 0.2
 _WEIGHT = 0.3  # of the newest task in the mean time of a case
+
+
+def _reference(case: Case) -> tuple[str, ...]:
+    """The same for cases that are measured against the same run over an ideal link: they are run one after the other.
+
+    So that run is made once for them all.
+    """
+    values = [repr(value) for name, value in case.values.items() if name.partition(".")[0] != LINK and name != DEADBAND]
+    return *values, str(case.seed)
 
 
 class Sweep:
@@ -39,7 +49,7 @@ class Sweep:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._journal, self._backend, self._progress, self._clock = journal, backend, progress, clock
-        self._pending = deque(journal.pending())
+        self._pending = deque(sorted(journal.pending(), key=_reference))
         self._alone: deque[tuple[Case, int]] = deque()
         self._running = self._suspects = 0
         self._case_s: float | None = None

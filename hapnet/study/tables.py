@@ -10,10 +10,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from hapnet.metrics import METRICS
-from hapnet.params import Params
 from hapnet.record import plain
-from hapnet.runtime.couplings import ideal_stiffness
-from hapnet.study.compare import Group, Outcome, Plan, Variant
+from hapnet.study.compare import Group, Outcome, Plan
+from hapnet.study.tunings import tunings
 from hapnet.versions import versions
 from netem.profile import PRESETS
 
@@ -105,27 +104,12 @@ def as_dict(plan: Plan, outcomes: Sequence[Outcome], found: Sequence[Group]) -> 
             "parameters": plan.params.as_dict(),
         },
         "metrics": {name: {k: v for k, v in asdict(metric).items() if k != "name"} for name, metric in METRICS.items()},
-        "tunings": {coupling: _tunings(plan, coupling) for coupling in plan.couplings},
+        "tunings": {coupling: tunings(plan, coupling) for coupling in plan.couplings},
         "groups": [_group(group) for group in found],
         "cases": [_case(outcome) for outcome in outcomes],
         "versions": versions(),
     }
     return {str(key): value for key, value in plain(whole).items()}
-
-
-def _tunings(plan: Plan, coupling: str) -> dict[str, Any]:
-    """Of one coupling, over each link."""
-    operator, seed = plan.operators[0], plan.seeds[0]
-    return {link: tuning(plan.case(Variant(coupling), link, operator, seed).params) for link in plan.links}
-
-
-def tuning(params: Params) -> dict[str, Any]:
-    """What sets a coupling's feel: springs and dampers, and what of the scene's wall a hand could feel at best."""
-    names = ("device.stiffness", "device.damping", "world.stiffness", "world.damping", "world.mass")
-    springs = (params.device.stiffness, params.world.stiffness)
-    scalar = all(isinstance(stiffness, float) for stiffness in springs)
-    ideal = ideal_stiffness(params, params.world.wall.stiffness) if scalar else None
-    return {**{name: params.get(name) for name in names}, "ideal_stiffness_N_per_m": ideal}
 
 
 def _table(title: str, rows: Sequence[Group], *, wide: bool) -> Table:

@@ -1,0 +1,47 @@
+"""What each coupling of a comparison was tuned to, by its own rule, over each link."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rich.table import Table
+
+from hapnet.params import Params
+from hapnet.report.words import number
+from hapnet.runtime.build import prepare
+from hapnet.runtime.couplings import ideal_stiffness
+from hapnet.study.compare import Plan, Variant
+
+_SPRINGS = ("device.stiffness", "device.damping", "world.stiffness", "world.damping", "world.mass")
+
+
+def tuning(params: Params) -> dict[str, Any]:
+    """What sets a coupling's feel: springs, dampers, what its rule chose, and what of a wall could be felt at best."""
+    scalar = all(isinstance(side.stiffness, float) for side in (params.device, params.world))
+    ideal = ideal_stiffness(params, params.world.wall.stiffness) if scalar else None
+    springs = {name: params.get(name) for name in _SPRINGS}
+    return {**springs, **prepare(params).tuning, "ideal_stiffness_N_per_m": ideal}
+
+
+def tunings(plan: Plan, coupling: str) -> dict[str, dict[str, Any]]:
+    """Of one coupling, over each link."""
+    operator, seed = plan.operators[0], plan.seeds[0]
+    return {link: tuning(plan.case(Variant(coupling), link, operator, seed).params) for link in plan.links}
+
+
+def table(plan: Plan) -> Table:
+    """What the rules chose: a row a number, a column a link; once where it is the same over all."""
+    made = Table(title="tuned by each law's own rule to", title_justify="left", title_style="bold", padding=(0, 0))
+    made.add_column("coupling")
+    made.add_column("", overflow="fold")
+    for link in plan.links:
+        made.add_column(link, justify="right", overflow="fold")
+    for coupling in plan.couplings:
+        over = tunings(plan, coupling)
+        names = [name for name in next(iter(over.values())) if name not in (*_SPRINGS, "ideal_stiffness_N_per_m")]
+        for first, name in enumerate(names):
+            values = [number(found[name]) for found in over.values()]
+            if len(set(values)) == 1:
+                values[1:] = [""] * (len(values) - 1)
+            made.add_row("" if first else coupling, name, *values)
+    return made
