@@ -25,7 +25,7 @@ from hapnet.wire.handshake import EARLIER
 from hapnet.wire.session import Outgoing, PositionStream, Session
 
 NANO = 1e-9
-BACKLOG = 1024
+BACKLOG = 128
 """How many waves may wait for the next tick."""
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from hapnet.control.held_coupling import HeldCoupling
@@ -37,3 +39,37 @@ def test_the_way_since_the_last_measurement() -> None:
 def test_it_takes_bare_positions_alone() -> None:
     with pytest.raises(AssertionError, match="bare position"):
         HeldCoupling(Spring(100.0, 1), (0.1,), (0.0,)).receive(Motion((0.0,), (0.0,)))
+
+
+PERIOD = 1e-3
+AMPLITUDE = 0.01
+
+
+def least_power(K: float, B: float, own: float) -> float:
+    """Least mean power [W] that a hand puts in which leads a device of this own damping to and fro, whatever its pace.
+
+    y rests, and is known at once. Paces from 1/40 of to Nyquist's frequency; what the device itself takes is exact.
+    """
+    found = []
+    for step in range(1, 41):
+        omega = math.pi * step / 40.0 / PERIOD
+        for phase in (0.3, 1.1, math.pi / 2.0):
+            coupling = HeldCoupling(Spring(K, 1), (B,), (0.0,))
+            work, held, before, ticks = 0.0, 0.0, AMPLITUDE * math.sin(phase), 800  # whole periods of each pace
+            for k in range(1, ticks + 1):
+                angle = omega * k * PERIOD + phase
+                x, v = AMPLITUDE * math.sin(angle), AMPLITUDE * omega * math.cos(angle)
+                work -= held * (x - before)
+                before, held = x, coupling.coupled((x,), (v,))[0]
+            found.append(work / (ticks * PERIOD) + own * (AMPLITUDE * omega) ** 2 / 2.0)
+    return min(found)
+
+
+@pytest.mark.parametrize(("K", "B"), [(500.0, 0.1), (500.0, 0.5), (2000.0, 0.5)])
+def test_held_it_is_passive_if_the_device_damps_by_more_than_half_a_periods_stiffness_and_its_damper(
+    K: float, B: float
+) -> None:
+    """b > K T/2 + B (Colgate, Schenkel 1997), with a wall that rests and positions that are fresh every tick."""
+    enough = K * PERIOD / 2.0 + B
+    assert least_power(K, B, enough) > 0.0
+    assert least_power(K, B, 0.6 * K * PERIOD / 2.0) < -0.1

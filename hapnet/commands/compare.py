@@ -30,6 +30,9 @@ OPERATORS = ("press", "sine", "press@light", "sine@light")
 BASE = Params().set({"device.servo": "sampled"})
 """All cases have the servo that hardware has, at 1 kHz."""
 
+NOTICED = 0.1
+"""The Weber fraction that the first coupling is tried with too: a tenth is about what people notice."""
+
 _LINKS = "What is compared"
 
 
@@ -75,13 +78,14 @@ class CompareOptions:
     ] = None
     seeds: Annotated[str, typer.Option(metavar="A:B", help="From A to B - 1.", rich_help_panel=_LINKS)] = "0:3"
     deadband: Annotated[
-        str,
+        str | None,
         typer.Option(
             metavar="W[,W]",
             help="Perceptual deadbands, as Weber fractions: each coupling with each. 0: none.",
             rich_help_panel=_LINKS,
+            show_default="0, and the first coupling with 0.1 too",
         ),
-    ] = "0"
+    ] = None
     workers: Annotated[int, typer.Option(min=0, help="Processes; 0: one a core.")] = 0
     case: Annotated[
         str | None,
@@ -124,7 +128,7 @@ def main(params: Params, given: CompareOptions, json_to: str | None, out: Path |
             there = _write(directory, plan, drawn, outcomes, whole, written)
     for table in tables.tables(plan, found, words.width):
         words.print(table, soft_wrap=False)
-    words.print(tables.note(plan, words.width), markup=False, soft_wrap=False)
+    words.print(tables.note(plan), markup=False, soft_wrap=False)
     if (chosen := tunings.table(plan)).row_count:
         words.print(chosen, soft_wrap=False)
     for line in tables.failures(outcomes):
@@ -172,7 +176,7 @@ def plan_of(params: Params, given: CompareOptions) -> Plan:
     """
     from hapnet.commands.batch import seed_range
     from hapnet.runtime.virtual import Simulation
-    from hapnet.study.compare import Plan
+    from hapnet.study.compare import Plan, Variant
 
     if params.duration_s <= 0.0:
         raise InvalidParameter("duration_s", params.duration_s, "above 0 in virtual time")
@@ -187,7 +191,8 @@ def plan_of(params: Params, given: CompareOptions) -> Plan:
         links_of(given.link, given.trace or ()),
         tuple(dict.fromkeys(given.operator or OPERATORS)),
         tuple(seed_range(given.seeds)),
-        tuple(dict.fromkeys(deadbands(given.deadband))),
+        (0.0,) if given.deadband is None else tuple(dict.fromkeys(deadbands(given.deadband))),
+        (Variant((chosen or known)[0], NOTICED),) if given.deadband is None and not params.wire.deadband else (),
     )
     first = plan.cases()[0]
     for link in plan.links:

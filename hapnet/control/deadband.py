@@ -33,6 +33,9 @@ LONGEST_S = 0.1
 """Longest time between two data [s], of what rests too; they are sent at the first instant after. So several find room
 in the 0.5 s of silence after which a peer counts as gone, and a last change that was lost stays unknown no longer."""
 
+LONGEST_WAVE_S = 0.02
+"""The same of waves: what is merged over a time is late by as much, and a delay is what waves pay for dearly."""
+
 LEAST_N = 0.005
 """A change of force that nobody feels [N]: of any force tens of millinewtons are the least that is felt."""
 LEAST_M = 6e-5
@@ -122,5 +125,7 @@ def _merged(waiting: Wave | None, wave: Wave) -> Wave:
     if waiting is None:
         return wave
     span = waiting.span + wave.span
+    if span == 0.0:  # of a world that stands still
+        return wave
     share = wave.span / span
     return Wave(tuple([u + share * (new - u) for u, new in zip(waiting.value, wave.value, strict=True)]), span)

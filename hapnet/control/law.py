@@ -159,7 +159,8 @@ class LawServo:
     """
 
     harvest = "measured"
-    quantisation = 0.0
+    quantisation: float | None = None
+    """Unknown: how far encoders blur a law's account."""
 
     def __init__(self, law: DeviceLaw, *, period: float, position: Vector, bound: float, force_limit: float) -> None:
         self.law = law
@@ -184,7 +185,7 @@ class LawServo:
         if release:
             self.law.release(dt, x, held)
             self.stop()
-        else:
+        elif dt > 0.0:  # a law may ask for power
             self.force = _limited(self.law.force(dt, x, v, held), self._force_limit)
         self._elapsed += dt
         if self._elapsed < self._due:

@@ -39,7 +39,13 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
             Metric(
                 "margin_J", "two-port margin", "J", "higher",
                 "least value over time of d² plus the energy that hand and virtual world have put in at their ports; "
-                "d² is what both sides start with, the same for every coupling. Below 0: not passive",
+                "d² is what both reservoirs start with under PSPM, the same for every coupling, though others start "
+                "with nothing. Below 0: not passive",
+            ),
+            Metric(
+                "energy_out_J", "energy out", "J", "lower",
+                "the most energy that had ever come out of the two ports together beyond what had gone in: d² less the "
+                "two-port margin. Of a coupling that starts with nothing, and is passive, none comes out",
             ),
             Metric(
                 "hand_margin_J", "hand's margin", "J", "higher",

@@ -86,7 +86,7 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
         "zoh": Kind(
             "virtual coupling, held",
             "Colgate, Stanley, Brown 1995",
-            "passive without delay, if the device damps by more than K T/2 + B",
+            "passive without delay, positions fresh every tick, if the device damps by more than K T/2 + B",
             scaled=True,
         ),
         "popc": Kind(

@@ -14,6 +14,7 @@ import numpy as np
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.control import pd, popc
+from hapnet.control.deadband import LONGEST_S
 from hapnet.control.digital_wave import Replay
 from hapnet.control.eba import EnergyBounding
 from hapnet.control.law import DeviceLaw, WorldLaw
@@ -83,7 +84,10 @@ def tune_pd(params: Params, link: Delays) -> Tuning:
     """K_p no larger than lets K_d, by its rule, be rendered; a K_d of the user's own leaves K_p alone."""
     device, own = params.device, params.pd
     K = scalar_stiffness(params)
-    trip = pd.round_trip(link.round_trip_bound_s, device.pspm_period_s, params.world.step_max_s, 1.0 / device.servo_hz)
+    held_back = 2.0 * LONGEST_S if params.wire.deadband else 0.0
+    trip = pd.round_trip(
+        link.round_trip_bound_s + held_back, device.pspm_period_s, params.world.step_max_s, 1.0 / device.servo_hz
+    )
     K_p, K_d, *_ = pd.Gains(K, own.damping) if own.damping else pd.tuned(K, trip, RENDERED_DAMPING)
     return {
         "stiffness_N_m": K_p,

@@ -72,6 +72,7 @@ def measures(run: Run, ideal: Recording) -> Measures:
     up, down = (links[way]["offered"] / summary["duration_s"] for way in ("up", "down"))
     found = {
         "margin_J": theorem["bound_J"] + result.hand.lowest,
+        "energy_out_J": max(0.0, -result.hand.lowest),
         "hand_margin_J": summary["device"]["ledger"]["bound_J"] + result.hand.device_lowest,
         "actuator_margin_J": theorem["margin_J"] if isinstance(result.device, SampledDeviceSide) else None,
         "free_rms_mm": _times(1e3, motion["free_rms_m"]),

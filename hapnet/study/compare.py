@@ -61,6 +61,7 @@ class Plan:
     params : of all cases, but for what follows.
     links : names, each with the words of the uplink and of the downlink.
     operators : as `Params.operator`, followed by `LIGHT` for a relaxed hand.
+    deadbands : each coupling is tried with each. extra : variants of these couplings beside those.
     """
 
     params: Params
@@ -69,15 +70,22 @@ class Plan:
     operators: tuple[str, ...]
     seeds: tuple[int, ...]
     deadbands: tuple[float, ...] = (0.0,)
+    extra: tuple[Variant, ...] = ()
 
     @property
     def variants(self) -> list[Variant]:
-        return [Variant(coupling, deadband) for coupling in self.couplings for deadband in self.deadbands]
+        """In the order of the couplings; what is extra beside its own."""
+        every = [Variant(coupling, deadband) for coupling in self.couplings for deadband in self.deadbands]
+        return sorted({*every, *self.extra}, key=lambda one: (self.couplings.index(one.coupling), one.deadband))
 
     def cases(self) -> list[Case]:
         """Every case; those that differ in their link only stand together, as they share a run over an ideal link."""
-        order = product(self.couplings, self.operators, self.seeds, self.deadbands, self.links)
-        return [self.case(Variant(c, deadband), link, o, seed) for c, o, seed, deadband, link in order]
+        alike = [[one for one in self.variants if one.coupling == coupling] for coupling in self.couplings]
+        return [
+            self.case(variant, link, operator, seed)
+            for variants, operator, seed in product(alike, self.operators, self.seeds)
+            for variant, link in product(variants, self.links)
+        ]
 
     def case(self, variant: Variant, link: str, operator: str, seed: int) -> Case:
         """One of them. Raises InvalidParameter if its parameters do not go together."""
@@ -85,7 +93,8 @@ class Plan:
         up, down = self.links[link]
         changes: dict[str, object] = {} if name == operator else dict(RELAXED_HAND)
         changes |= {"coupling": variant.coupling, "operator": name, "link.up": up, "link.down": down}
-        changes["wire.deadband"] = variant.deadband
+        if len(self.variants) > len(self.couplings):  # else what the parameters say holds
+            changes["wire.deadband"] = variant.deadband
         return Case(variant, link, operator, seed, self.params.set(changes))
 
 

@@ -51,8 +51,8 @@ _FULL = (
 )
 _NOTE = (
     "Medians over {operators} and {seeds}. passive, hand: cases whose two-port margin, and whose hand's margin alone, "
-    "stayed above zero; worst: the lowest two-port margin. felt: of the cases in which the contact was felt above the "
-    "drag{counted}. hapnet compare --metrics defines all columns."
+    "stayed above zero; out: the most energy that ever came out of both ports together. felt: of so many cases, those "
+    "in which the contact was felt above the drag. hapnet compare --metrics defines all columns."
 )
 
 
@@ -68,11 +68,10 @@ def tables(plan: Plan, found: Sequence[Group], width: int) -> list[Table]:
     return made
 
 
-def note(plan: Plan, width: int) -> str:
+def note(plan: Plan) -> str:
     """What stands beneath the tables."""
-    counted = ", and how many these were" if width >= WIDE else ""
     seeds = f"{len(plan.seeds)} seeds" if len(plan.seeds) > 1 else f"seed {plan.seeds[0]}"
-    return _NOTE.format(operators=", ".join(plan.operators), seeds=seeds, counted=counted)
+    return _NOTE.format(operators=", ".join(plan.operators), seeds=seeds)
 
 
 def failures(outcomes: Sequence[Outcome], most: int = 5) -> list[str]:
@@ -116,16 +115,16 @@ def _table(title: str, rows: Sequence[Group], *, wide: bool) -> Table:
     columns = _FULL if wide else _BRIEF
     table = Table(title=title, title_justify="left", title_style="bold", padding=(0, 1 if wide else 0))
     table.add_column("coupling", min_width=max(len(group.variant.coupling) for group in rows))
-    for heading in ("passive", "hand", "worst\n[mJ]", *(column.heading for column in columns)):
+    for heading in ("passive", "hand", "out\n[mJ]", *(column.heading for column in columns)):
         table.add_column(heading.replace("[", r"\["), justify="right", overflow="fold")
     for group in rows:
         name = escape(str(group.variant)) + (f" [red]({group.failed} failed)[/]" if group.failed else "")
-        worst = group.spreads.get("margin_J")
+        out = group.spreads.get("energy_out_J")
         table.add_row(
             name,
             _count(group.passive, group.measured),
             _count(group.hand_passive, group.measured),
-            "–" if worst is None else _number(1e3 * worst.least, 1),
+            "–" if out is None else _number(1e3 * out.most, 1),
             *(_cell(group, column, wide=wide) for column in columns),
         )
     return table
@@ -137,7 +136,7 @@ def _cell(group: Group, column: _Column, *, wide: bool) -> str:
         return "–"
     median, q1, q3 = (_number(column.factor * v, column.digits) for v in (spread.median, spread.q1, spread.q3))
     if column.metric == "first_contact_ms":  # how often is as telling as how late
-        return f"{median}\n{spread.count}/{group.measured}" if wide else median
+        return f"{median}\n{spread.count}/{group.measured}" if wide else f"{median} [dim]({spread.count})[/]"
     return f"{median}\n[dim]{q1}..{q3}[/]" if wide else median
 
 

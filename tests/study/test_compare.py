@@ -178,7 +178,7 @@ def test_what_is_written(tmp_path: Path, capsys: Capture) -> None:
     couplings = whole["settings"]["couplings"]
     assert {"pspm", "zoh"} <= set(couplings)
     assert whole["settings"]["links"]["slow"] == {"up": "delay 30ms", "down": "delay 5ms"}
-    assert len(whole["cases"]) == 2 * len(couplings)
+    assert len(whole["cases"]) == 2 * (len(couplings) + 1)  # the first one with a deadband too
     assert list(whole["cases"][0]["measures"]) == list(METRICS)
     assert whole["metrics"]["margin_J"]["unit"] == "J"
     assert whole["tunings"]["pspm"]["slow"]["device.stiffness"] == 100.0
