@@ -33,6 +33,15 @@ BASE = Params().set({"device.servo": "sampled"})
 NOTICED = 0.1
 """The Weber fraction that the first coupling is tried with too: a tenth is about what people notice."""
 
+_OWN = {
+    "coupling": "--coupling",
+    "operator": "--operator",
+    "link.up": "--link",
+    "link.down": "--link",
+    "wire.deadband": "--deadband",
+}
+"""What a comparison varies itself, by its own flags."""
+
 _LINKS = "What is compared"
 
 
@@ -180,6 +189,9 @@ def plan_of(params: Params, given: CompareOptions) -> Plan:
 
     if params.duration_s <= 0.0:
         raise InvalidParameter("duration_s", params.duration_s, "above 0 in virtual time")
+    for name, flag in _OWN.items():
+        if params.get(name) != BASE.get(name):
+            raise InvalidParameter(name, params.get(name), f"what {flag} says, in a comparison")
     known = complete.choices("coupling")()
     chosen = [name.strip() for names in given.coupling or () for name in names.split(",")]
     for name in chosen:
@@ -192,7 +204,7 @@ def plan_of(params: Params, given: CompareOptions) -> Plan:
         tuple(dict.fromkeys(given.operator or OPERATORS)),
         tuple(seed_range(given.seeds)),
         (0.0,) if given.deadband is None else tuple(dict.fromkeys(deadbands(given.deadband))),
-        (Variant((chosen or known)[0], NOTICED),) if given.deadband is None and not params.wire.deadband else (),
+        (Variant((chosen or known)[0], NOTICED),) if given.deadband is None else (),
     )
     first = plan.cases()[0]
     for link in plan.links:
@@ -234,8 +246,8 @@ def deadbands(text: str) -> list[float]:
         found = [float(word) for word in text.split(",")]
     except ValueError:
         found = []
-    if not found or not all(0.0 <= fraction < 1.0 for fraction in found):
-        raise InvalidParameter("--deadband", text, "Weber fractions from 0 (none) to below 1, such as 0,0.1")
+    if not found or not all(0.0 <= fraction <= 1.0 for fraction in found):
+        raise InvalidParameter("--deadband", text, "Weber fractions from 0 (none) to 1, such as 0,0.1")
     return found
 
 

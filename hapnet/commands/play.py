@@ -8,7 +8,7 @@ import signal
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from hapnet.checks import Vector
 from hapnet.commands import output
@@ -146,7 +146,7 @@ class Stage:
         require_no_file(words)
         self._call(self._link, way, str(link_profile(f"link.{way}", words)))
 
-    def coupling(self, name: Literal["pspm", "zoh"]) -> None:
+    def coupling(self, name: str) -> None:
         self._anew({"coupling": name})
 
     def smoothing(self, seconds: float) -> None:

@@ -69,7 +69,8 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "stiffness_percent", "rendered stiffness", "%", "nearer 100",
                 "least squares slope of the resisting force over the device's penetration, through the wall's surface, "
                 "once a visit has settled (a round trip and two of the world's longest steps after it began), in % of "
-                "the coupling's springs and the wall in series",
+                "the springs that were asked for and the wall in series: with PSPM's two springs, or with one "
+                "(device.stiffness) for couplings that have one. A law's rule may make its own softer, which shows",
             ),
             Metric(
                 "force_error_N", "force error", "N", "lower",

@@ -93,8 +93,7 @@ class Plan:
         up, down = self.links[link]
         changes: dict[str, object] = {} if name == operator else dict(RELAXED_HAND)
         changes |= {"coupling": variant.coupling, "operator": name, "link.up": up, "link.down": down}
-        if len(self.variants) > len(self.couplings):  # else what the parameters say holds
-            changes["wire.deadband"] = variant.deadband
+        changes["wire.deadband"] = variant.deadband
         return Case(variant, link, operator, seed, self.params.set(changes))
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D1F")
 _MARKS = ("o", "s", "^", "D", "v", "P", "X", "p")
 _OTHERS: dict[str, Any] = {"color": "0.8", "linewidth": 0.6, "zorder": 1}
-_MARGIN = "two-port passivity margin [J], shaded where not passive; mark: lowest margin and median, dots: cases"
+_MARGIN = "two-port passivity margin [J] (shaded: not passive). Marks: lowest margin across, median up; dots: cases"
 _DASHED = (0, (3, 1.2))
 _SHOWN_S = 5.0
 _COLUMNS = 2
@@ -44,7 +44,10 @@ def traces(plan: Plan, cases: Sequence[Case]) -> Figure:
     rows = ceil(len(runs) / _COLUMNS)
     with _style():
         fig = _figure(_TOP_MM + _CELL_MM * rows + _BOTTOM_MM, layout=None)
-        title = f"{about.operator} over {about.link}, seed {about.seed}: each coupling in colour, the others in grey"
+        shown = min(_SHOWN_S, about.params.duration_s)
+        title = (
+            f"{about.operator} over {about.link}, seed {about.seed}, first {shown:g} s: one in colour, others in grey"
+        )
         fig.suptitle(title, fontsize=9, y=1.0 - 2.0 / _height_mm(fig), va="top", parse_math=False)
         fig.legend(handles=_legend(surface_mm), loc="lower center", ncols=3, fontsize=8)
         panels: list[tuple[Axes, Axes]] = []

@@ -33,7 +33,6 @@ _BRIEF = (
     _Column("stiffness_percent", "stiff\n[%]", 1.0, 0),
     _Column("force_error_percent", "force\nerror\n[%]", 1.0, 1),
     _Column("free_rms_mm", "free\nerror\n[mm]", 1.0, 1),
-    _Column("buzz_N2", "buzz\n[10⁻³\nN²]", 1e3, 1),
     _Column("drift_mm_per_min", "drift\n[mm/\nmin]", 1.0, 1),
     _Column("first_contact_ms", "felt\n[ms]", 1.0, 0),
     _Column("packets_per_s", "pack.\n[1/s]", 1.0, 0),
@@ -50,9 +49,9 @@ _FULL = (
     _Column("packets_per_s", "packets\n[1/s]", 1.0, 0),
 )
 _NOTE = (
-    "Medians over {operators} and {seeds}. passive, hand: cases whose two-port margin, and whose hand's margin alone, "
-    "stayed above zero; out: the most energy that ever came out of both ports together. felt: of so many cases, those "
-    "in which the contact was felt above the drag. hapnet compare --metrics defines all columns."
+    "Medians over {operators} and {seeds}, or over so many (in brackets) of these cases as have a value. passive, "
+    "hand: cases whose two-port margin, and whose hand's margin alone, stayed above zero, at the hand's own port; out: the "
+    "most energy that ever came out of both ports together. hapnet compare --metrics defines all columns."
 )
 
 
@@ -135,8 +134,8 @@ def _cell(group: Group, column: _Column, *, wide: bool) -> str:
     if spread is None:
         return "–"
     median, q1, q3 = (_number(column.factor * v, column.digits) for v in (spread.median, spread.q1, spread.q3))
-    if column.metric == "first_contact_ms":  # how often is as telling as how late
-        return f"{median}\n{spread.count}/{group.measured}" if wide else f"{median} [dim]({spread.count})[/]"
+    if spread.count < group.measured:  # how often is as telling as how much
+        median += f" [dim]({spread.count})[/]"
     return f"{median}\n[dim]{q1}..{q3}[/]" if wide else median
 
 

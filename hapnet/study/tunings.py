@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
 from rich.table import Table
 
+from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 from hapnet.report.words import number
 from hapnet.runtime.build import prepare
@@ -24,23 +26,32 @@ def tuning(params: Params) -> dict[str, Any]:
 
 
 def tunings(plan: Plan, coupling: str) -> dict[str, dict[str, Any]]:
-    """Of one coupling, over each link."""
+    """Of one coupling, over each link over which it can be at all."""
     operator, seed = plan.operators[0], plan.seeds[0]
-    return {link: tuning(plan.case(Variant(coupling), link, operator, seed).params) for link in plan.links}
+    found = {}
+    for link in plan.links:
+        with suppress(InvalidParameter):  # the cases themselves say what is wrong
+            found[link] = tuning(plan.case(Variant(coupling), link, operator, seed).params)
+    return found
 
 
 def table(plan: Plan) -> Table:
     """What the rules chose: a row a number, a column a link; once where it is the same over all."""
-    made = Table(title="tuned by each law's own rule to", title_justify="left", title_style="bold", padding=(0, 0))
+    made = Table(
+        title="by each law's own rule (once where all links have the same)",
+        title_justify="left",
+        title_style="bold",
+        padding=(0, 0),
+    )
     made.add_column("coupling")
     made.add_column("", overflow="fold")
     for link in plan.links:
         made.add_column(link, justify="right", overflow="fold")
     for coupling in plan.couplings:
         over = tunings(plan, coupling)
-        names = [name for name in next(iter(over.values())) if name not in (*_SPRINGS, "ideal_stiffness_N_per_m")]
+        names = [name for name in next(iter(over.values()), {}) if name not in (*_SPRINGS, "ideal_stiffness_N_per_m")]
         for first, name in enumerate(names):
-            values = [number(found[name]) for found in over.values()]
+            values = [number(over[link][name]) if link in over else "–" for link in plan.links]
             if len(set(values)) == 1:
                 values[1:] = [""] * (len(values) - 1)
             made.add_row("" if first else coupling, name, *values)

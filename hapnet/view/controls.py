@@ -35,8 +35,8 @@ class Controls(Protocol):
     def link(self, way: Way, words: str) -> None:
         """Change the emulated link of a direction; `words` are tc-netem's, "" for the ideal link."""
 
-    def coupling(self, name: Literal["pspm", "zoh"]) -> None:
-        """Couple the sides with PSPM, or with a plain virtual coupling."""
+    def coupling(self, name: str) -> None:
+        """Couple the sides with PSPM, or with another coupling."""
 
     def smoothing(self, seconds: float) -> None:
         """Time constant of the device's smoothing filter [s]; 0: none."""

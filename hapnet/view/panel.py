@@ -6,7 +6,7 @@ import html
 import threading
 from collections.abc import Callable
 from pathlib import PurePath
-from typing import Any, Literal
+from typing import Any
 
 import viser
 
@@ -75,7 +75,10 @@ class ControlPanel:
         self._record = gui.add_button("record", icon=viser.Icon.PLAYER_RECORD, color="red")
         reset = gui.add_button("reset", icon=viser.Icon.RELOAD, color="gray")
         home = gui.add_button("hand home", icon=viser.Icon.HOME, color="gray", hint="lead the hand back to the middle")
-        self._pspm = gui.add_checkbox("PSPM", True, hint="off: a plain virtual coupling, not passive on a bad link")
+        self._other = "zoh"
+        self._pspm = gui.add_checkbox(
+            "PSPM", True, hint="off: the coupling it was started with, or a plain virtual one"
+        )
         self._smoothing = gui.add_checkbox("smoothing filter", False, hint=f"{1e3 * SMOOTHING_S:.0f} ms, before PSPM")
         self._alike = gui.add_checkbox("alike both ways", True)
         self._up = LinkForm(gui, "link, both ways", controls, self._ways_of_first)
@@ -111,6 +114,8 @@ class ControlPanel:
             coupling = device.about.get("coupling", "pspm")
             if self._is_new("coupling", (device.incarnation, coupling)):
                 put(self._pspm, coupling == "pspm")
+                if coupling != "pspm":
+                    self._other = str(coupling)
             smoothing = float(device.about.get("params", {}).get("device", {}).get("smoothing_s", 0.0))
             if self._is_new("smoothing", (device.incarnation, smoothing)):
                 put(self._smoothing, smoothing > 0.0)
@@ -143,8 +148,7 @@ class ControlPanel:
         self._recording = not self._recording
 
     def _couple(self, on: bool) -> None:
-        name: Literal["pspm", "zoh"] = "pspm" if on else "zoh"
-        self._controls.coupling(name)
+        self._controls.coupling("pspm" if on else self._other)
 
     def _on_click(self, button: viser.GuiButtonHandle, act: Callable[[], None], anew: bool = False) -> None:
         @button.on_click
