@@ -50,8 +50,8 @@ _FULL = (
 )
 _NOTE = (
     "Medians over {operators} and {seeds}, or over so many (in brackets) of these cases as have a value. passive, "
-    "hand: cases whose two-port margin, and whose hand's margin alone, stayed above zero, at the hand's own port; out: the "
-    "most energy that ever came out of both ports together. hapnet compare --metrics defines all columns."
+    "hand: cases whose two-port margin, and whose hand's margin alone, stayed above zero, at the hand's own port; "
+    "out: the most energy that ever came out of both ports together. hapnet compare --metrics defines all columns."
 )
 
 

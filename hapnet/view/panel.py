@@ -76,9 +76,7 @@ class ControlPanel:
         reset = gui.add_button("reset", icon=viser.Icon.RELOAD, color="gray")
         home = gui.add_button("hand home", icon=viser.Icon.HOME, color="gray", hint="lead the hand back to the middle")
         self._other = "zoh"
-        self._pspm = gui.add_checkbox(
-            "PSPM", True, hint="off: the coupling it was started with, or a plain virtual one"
-        )
+        self._pspm = gui.add_checkbox("PSPM", True, hint="off: the coupling of the start, or a plain virtual one")
         self._smoothing = gui.add_checkbox("smoothing filter", False, hint=f"{1e3 * SMOOTHING_S:.0f} ms, before PSPM")
         self._alike = gui.add_checkbox("alike both ways", True)
         self._up = LinkForm(gui, "link, both ways", controls, self._ways_of_first)
