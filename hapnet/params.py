@@ -151,7 +151,7 @@ class PopcParams:
 
 @dataclass(frozen=True)
 class TdpaParams:
-    """Two-port time-domain passivity (Ryu, Artigas, Preusche 2010)."""
+    """Two-port time-domain passivity (Ryu, Artigas, Preusche 2010), with drift compensation."""
 
     stiffness: float = _p(0.0, "virtual coupling of the world's end [N/m]; 0: device.stiffness", _BY_RULE)
     damping: float = _p(0.0, "its damping [Ns/m]; 0: by rule", _BY_RULE)
@@ -161,7 +161,7 @@ class TdpaParams:
     speed_limit: float = _p(0.25, "of the world's set-position [m/s]", _POSITIVE)
     debt_limit_J: float = _p(0.02, "a side that owes this much gives nothing more [J]", _POSITIVE)
     recovery_s: float = _p(
-        0.3, "drift is made up for so fast, as far as the energy goes [s]; 0: never, as first published", _NOT_NEGATIVE
+        0.02, "drift is made up for so fast, as far as the energy goes [s]; 0: never, as first published", _NOT_NEGATIVE
     )
 
 

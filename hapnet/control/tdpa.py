@@ -1,5 +1,8 @@
 """Two-port time-domain passivity (J.-H. Ryu, J. Artigas, C. Preusche, Mechatronics 20, 2010), with a slow world.
 
+By default with drift compensation, as later work on this law has (IROS 2010, from memory of the publication), since the law of the
+Mechatronics paper drifts with every contact; with a recovery of 0 there is none, as published.
+
 The device sends its position; the world sends the force of a spring and damper between the virtual mass and a
 set-position y that moves as the device does. With the reaction f to the device's velocity v, and f_c to the
 set-position's v_y, the power into what lies between is P = f.v at the device and P = -f_c.v_y at the world. An observer
@@ -36,39 +39,48 @@ from hapnet.control.law import Datum, Port
 
 _RATE_S = 0.03
 """Time constant of the world's estimate of the device's velocity [s]: a typical step of the world."""
+_LONGEST_S = 0.1
+"""No device is taken to go on as it did for longer than this after what it last told [s]."""
 
 
 class PassivityObserver:
-    """The account of one port: what went in, and what it owes, having given off more than went in at the other one."""
+    """The account of one port: what went in, and what it owes, having given off more than went in at the other one.
+
+    A total may be granted to several peers, one after the other, but no joule of it twice. So E_in never starts anew,
+    and the first total that comes from a peer grants nothing: those after it are counted from it. All that the old peer
+    was granted came before. (For less, the message would have to be older than the old peer's newest, and have been
+    under way while the new one started and shook hands.) It costs hardly anything: until a world has heard of its
+    device it commands no way and makes no force, so neither port has taken in anything yet; only the device that comes
+    to a world whose spring is tense may have. Debt and credit outlive the peer, as what they stand for really came out
+    or went in here. A side that ends leaves its debt unpaid, which is bounded like any.
+    """
 
     def __init__(self) -> None:
         self.debt = 0.0
-        """E_out, less what the controller dissipated, less the peer's E_in as far as it is known here [J]."""
-        self._put_in = self._before = self._newest = 0.0
-
-    @property
-    def put_in(self) -> float:
-        """E_in [J], since this peer began."""
-        return self._put_in - self._before
+        """E_out, less what the controller dissipated, less the peers' E_in as far as it was granted here [J]."""
+        self.put_in = 0.0
+        """E_in [J]."""
+        self._newest: float | None = None
 
     def observe(self, given: float, dissipated: float) -> None:
         """Over a tick or a step: what came out here [J], below 0 if it went in; what of it the controller took [J]."""
         if given > 0.0:
             self.debt += given
         else:
-            self._put_in -= given
+            self.put_in -= given
         self.debt -= dissipated
 
     def receive(self, energy: float) -> None:
         """The peer's E_in [J], in any order."""
-        if energy > self._newest:
+        if self._newest is None:
+            self._newest = energy
+        elif energy > self._newest:
             self.debt -= energy - self._newest
             self._newest = energy
 
     def renew(self) -> None:
-        """Another peer, which counts from 0 and has no claim on what went in for the one before."""
-        self._newest = 0.0
-        self._before = self._put_in
+        """Another peer, with a count of its own."""
+        self._newest = None
 
 
 class TdpaDevice:
@@ -78,12 +90,15 @@ class TdpaDevice:
     ----------
     position : (n,) where the device is [m].
     velocity_floor : slower than this it does not damp [m/s]. damping_cap : the most that alpha may be [Ns/m].
-    debt_limit : D [J].
+    debt_limit : D [J]. stiffness : K of the world's coupling [N/m].
     """
 
-    def __init__(self, *, position: Vector, velocity_floor: float, damping_cap: float, debt_limit: float) -> None:
+    def __init__(
+        self, *, position: Vector, velocity_floor: float, damping_cap: float, debt_limit: float, stiffness: float
+    ) -> None:
         self.observer = PassivityObserver()
         self._x = position
+        self._compliance = 1.0 / stiffness
         self._force = self._damper = self._none = (0.0,) * len(position)
         self._floor_square = velocity_floor * velocity_floor
         self._cap = damping_cap
@@ -91,8 +106,8 @@ class TdpaDevice:
 
     @property
     def set_position(self) -> Vector:
-        """Where the device is [m]: the world tells a force, and no position."""
-        return self._x
+        """Where a spring K to the device would make the world's reaction, x - f/K [m]: it tells no position itself."""
+        return tuple([x + self._compliance * f for x, f in zip(self._x, self._force, strict=True)])
 
     def receive(self, datum: Datum) -> None:
         assert isinstance(datum, Port)
@@ -137,9 +152,9 @@ class TdpaWorld:
     """The world's end: a set-position that moves as the device does, and yields to the force as the energy calls for.
 
     What a step commands is the way from where the step before should have brought y to where the device will be at
-    this one's end, by its newest position and its rate. So a lost message costs no way, and steps of 10 and 50 ms in
-    turn are no jerks. What y yields is lost for good, the known drift, unless `recovery` commands it again, as later
-    work on this law does; the law as first published has none.
+    this one's end, by its newest position, its age and its rate. So a lost message costs no way, steps of 10 and 50 ms
+    in turn are no jerks, and steps shorter than the device's period go on between two messages. What y yields is lost
+    for good, the known drift, unless `recovery` commands it again; the law as first published has none.
 
     Parameters
     ----------
@@ -170,7 +185,7 @@ class TdpaWorld:
         self._recovery = recovery
         self._x = self._y = position
         self._none = self._vhat = self._way = self._force = self._end_force = self._drift = (0.0,) * len(position)
-        self._dt = 0.0
+        self._dt = self._age = 0.0  # of the step; of the device's newest position, since a step began with it
         self._share = 1.0
         self._arrived: Vector | None = None
         self._following = False
@@ -198,18 +213,19 @@ class TdpaWorld:
         self._goal, self._rate = self._used, self._none
 
     def begin(self) -> None:
-        arrived = self._arrived
+        self._age += self._dt
+        arrived, self._arrived = self._arrived, None
         if arrived is None:
             return
         if self._following:
-            dt = self._dt
-            gain = 1.0 / (_RATE_S + dt)
+            age = self._age
+            gain = 1.0 / (_RATE_S + age)
             ways = zip(self._rate, arrived, self._used, strict=True)
-            self._rate = tuple([rate + gain * (now - before - rate * dt) for rate, now, before in ways])
+            self._rate = tuple([rate + gain * (now - before - rate * age) for rate, now, before in ways])
         else:
             self._following = True
             self._goal = arrived
-        self._used = arrived
+        self._used, self._age = arrived, 0.0
 
     def impedance(self, dt: float) -> tuple[float, Vector]:
         """See `WorldLaw.impedance`: g = s a, p = s (a v_y + K (y - x))."""
@@ -241,7 +257,8 @@ class TdpaWorld:
         """The way that y is to move: v_y T, within the limits of speed and debt."""
         goal, drift = self._goal, self._drift
         part = dt / (self._recovery + dt) if self._recovery else 0.0
-        ahead = [at + rate * dt - before for at, rate, before in zip(self._used, self._rate, goal, strict=True)]
+        age = min(self._age + dt, _LONGEST_S)
+        ahead = [at + rate * age - before for at, rate, before in zip(self._used, self._rate, goal, strict=True)]
         way = [w + part * lost for w, lost in zip(ahead, drift, strict=True)]
         far, longest = hypot(*way), self._speed_limit * dt
         cut = 1.0 if far <= longest else longest / far

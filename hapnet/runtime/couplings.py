@@ -119,8 +119,8 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
         ),
         "tdpa": Kind(
             "two-port time-domain passivity",
-            "Ryu, Artigas, Preusche 2010",
-            "passive at both ports, whatever the link does, but for a bounded debt; it drifts",
+            "Ryu, Artigas, Preusche 2010, with drift compensation",
+            "passive at both ports, whatever the link does, but for a bounded debt; without compensation it drifts",
             tune=laws.tune_tdpa,
             device=laws.tdpa_device,
             world=laws.tdpa_world,

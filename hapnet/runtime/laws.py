@@ -123,15 +123,16 @@ def warn_pd(params: Params, tuning: Tuning) -> tuple[str, ...]:
 
 
 def tune_tdpa(params: Params, link: Delays) -> Tuning:
-    """The coupling damps the virtual mass critically. alpha is at most what the device renders, and what stops it
-    within a tick, m/T: a held damper that is stronger drives it. The link's delays do not matter.
+    """The coupling damps the virtual mass critically, its heaviest axis. alpha is at most what the device renders, and
+    what stops it within a tick, m/T: a held damper that is stronger drives it. The link's delays do not matter.
     """
     chosen, device = params.tdpa, params.device
     K = chosen.stiffness or scalar_stiffness(params)
-    mass = np.linalg.norm(np.atleast_2d(params.world.mass), 2 if np.ndim(params.world.mass) == 2 else np.inf)
+    mass = np.asarray(params.world.mass)
+    heaviest = float(np.linalg.norm(mass, 2) if mass.ndim == 2 else mass.max())
     return {
         "stiffness_N_m": K,
-        "damping_Ns_m": chosen.damping or min(2.0 * math.sqrt(K * float(mass)), RENDERED_DAMPING),
+        "damping_Ns_m": chosen.damping or min(2.0 * math.sqrt(K * heaviest), RENDERED_DAMPING),
         "velocity_floor_m_s": chosen.velocity_floor,
         "force_floor_N": chosen.force_floor,
         "damping_cap_Ns_m": chosen.damping_cap or min(RENDERED_DAMPING, device.mass * device.servo_hz),
@@ -147,6 +148,7 @@ def tdpa_device(params: Params, tuning: Tuning, position: Vector) -> TdpaDevice:
         velocity_floor=tuning["velocity_floor_m_s"],
         damping_cap=tuning["damping_cap_Ns_m"],
         debt_limit=tuning["debt_limit_J"],
+        stiffness=tuning["stiffness_N_m"],
     )
 
 
