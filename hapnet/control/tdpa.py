@@ -1,7 +1,7 @@
 """Two-port time-domain passivity (J.-H. Ryu, J. Artigas, C. Preusche, Mechatronics 20, 2010), with a slow world.
 
-By default with drift compensation, as later work on this law has (IROS 2010, from memory of the publication), since the law of the
-Mechatronics paper drifts with every contact; with a recovery of 0 there is none, as published.
+By default with drift compensation, as later work on this law has, since the law of that paper drifts with every
+contact; with a recovery of 0 there is none, as published.
 
 The device sends its position; the world sends the force of a spring and damper between the virtual mass and a
 set-position y that moves as the device does. With the reaction f to the device's velocity v, and f_c to the
