@@ -18,6 +18,8 @@ from hapnet.errors import RecordingError
 from hapnet.record import DeviceSample, Event, MemoryRecorder, Recording, WorldSample
 from hapnet.report import figure, save_figure, summary_text, verdict
 
+ALONE = "passivity unknown: of both ports together only; hapnet report DEVICE WORLD tells"
+APART = "passivity unknown: of both ports together only, and both were not seen at the same time"
 LINK = "delay 40ms 10ms distribution normal loss 2%"
 
 
@@ -169,13 +171,37 @@ def test_the_title_tells_the_link_the_coupling_the_seed_and_the_verdict() -> Non
     recording = run()
     told = Recording(recording.meta, recording.device, recording.world, [], summary)
     assert title(figure(told)) == "link: lan, coupling zoh, seed 8\nNOT passive: margin -12.5 mJ of d² = 100 mJ"
-    assert "sum (≥ -12.5 mJ)" in lines(figure(told).axes[3])
+    assert "sum (≥ -12.5 mJ)" in lines(figure(told).axes[-1])
 
 
 def test_a_set_position_is_called_modulated_only_where_it_is() -> None:
     plain = run()
     plain.meta["coupling"] = "zoh"
     assert set(lines(figure(plain).axes[0])) == {"device", "proxy", "device's set-position (as received)"}
+
+
+def of(coupling: str, sides: str = "device world") -> Recording:
+    recording = run(sides=sides)
+    recording.meta["coupling"] = coupling
+    return recording
+
+
+@pytest.mark.parametrize("coupling", ["zoh", "pd", "wave"])
+def test_only_what_has_reservoirs_shows_them(coupling: str) -> None:
+    assert [panel.get_ylabel() for panel in figure(of(coupling)).axes] == [
+        "position [mm]", "force [N]", "passivity margin [mJ]",
+    ]  # fmt: skip
+    assert len(figure(of("one that is unknown")).axes) == 4
+
+
+def test_of_ports_that_are_passive_together_only_their_sum_is_drawn() -> None:
+    """One alone may go below 0, which is no fault: no red there, and no verdict."""
+    assert set(lines(figure(of("wave")).axes[-1])) == {"sum"}
+    alone = figure(of("wave", "device"))
+    assert set(lines(alone.axes[-1])) == {"device's port"}
+    assert alone.axes[-1].get_ylabel() == "energy put in + d² [mJ]"
+    assert not alone.axes[-1].patches
+    assert title(alone).splitlines()[-1] == ALONE
 
 
 def test_a_long_title_is_not_broken_inside_a_setting() -> None:
@@ -199,6 +225,18 @@ def test_a_long_title_is_not_broken_inside_a_setting() -> None:
             {"device": {"ledger": {"margin_J": 0.5}}, "world": {"ledger": {"margin_J": 0.25}}},
             "both halves passive: margin ≥ 750 mJ",
         ),
+        ({"coupling": "pd", "device": {"ledger": {"margin_J": -0.5}}}, ALONE),
+        ({"coupling": "popc", "world": {"ledger": {"margin_J": 0.5}}}, ALONE),
+        (
+            {
+                "coupling": "wave",
+                "device": {"ledger": {"margin_J": -0.5}},
+                "world": {"ledger": {"margin_J": 0.25}},
+            },
+            APART,
+        ),
+        ({"coupling": "zoh", "device": {"ledger": {"margin_J": -0.5}}}, "device's half NOT passive: margin -500 mJ"),
+        ({"coupling": "tdpa", "theorem": {"margin_J": -0.5}}, "NOT passive: margin -500 mJ"),
         ({}, "passivity unknown: no ledger"),
         (None, "passivity unknown: no ledger"),
     ],
@@ -262,6 +300,18 @@ def test_the_summary_as_a_table() -> None:
     assert rows["position error, free (rms) [mm]"] == ["1.23"]
     assert "position error, in contact (rms) [mm]" not in rows
     assert rows["force, largest [N]"] == ["3.2"]
+
+
+@pytest.mark.parametrize("coupling", ["pspm", "zoh", "wave"])
+def test_no_rows_of_what_a_coupling_does_not_have(coupling: str) -> None:
+    side = {"ledger": {"margin_J": -0.02, "slack_J": None}, "sent_nJ": 0, "credited_nJ": 0, "discarded_nJ": 0}
+    summary = {"coupling": coupling, "device": {**side, "abandoned_nJ": 0, "incarnations": 1}, "world": side}
+    summary["energy"] = {"up": {"sent_nJ": 0, "abandoned_nJ": 0}, "down": None}
+    rows = cells(printed(summary))
+    shuffled = {"sent [J]", "credited [J]", "discarded [J]", "abandoned [J]", "energy sent [J]", "energy abandoned [J]"}
+    assert shuffled & set(rows) == (shuffled if coupling == "pspm" else set())
+    assert ("margin, least [mJ]" in rows) == (coupling != "wave")
+    assert rows["pairs"] == ["1", "-"]
 
 
 def test_a_summary_that_knows_nothing_is_its_verdict_alone() -> None:

@@ -113,6 +113,21 @@ def test_what_a_reader_wants_to_know_comes_in_that_order(simulated: Recording) -
     assert len(found.attributes("img")) == 2
 
 
+def test_of_another_coupling_its_own_claim_is_told_and_nothing_of_reservoirs() -> None:
+    result = simulate(Params().set({"duration_s": 1.0, "coupling": "wave"}), seed=7)
+    recording = replace(result.recording, summary=result.summary)
+    found = stands_alone(page(recording, pictures(recording), []))
+    assert "Energy account" not in found.sections
+    assert "passive at both ports for any constant delay" in found.sections[""]
+    assert "wave variables; Niemeyer, Slotine 2004" in found.sections[""]
+    told = found.sections[""] + found.sections["What happened"] + found.sections["Summary"]
+    assert "Theorem" not in told
+    assert "eservoir" not in told + found.attributes("img")[0]["alt"]
+    assert "slack" not in told
+    alone = page_of(replace(recording, world=None, summary={**result.summary, "world": None, "theorem": {}}))
+    assert "Passivity unknown: of both ports together only" in alone.sections[""]
+
+
 def test_the_tables_are_those_of_the_terminal(simulated: Recording) -> None:
     found = page_of(simulated)
     assert simulated.summary is not None

@@ -77,6 +77,31 @@ def test_the_main_job(more: tuple[str, ...], tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_energy_that_passes_through_the_link_is_judged_at_both_ports_at_once(tmp_path: Path) -> None:
+    """A soft wall takes far more than d^2 out at the world's port, while far more comes in at the hand's."""
+    out = tmp_path / "run"
+    soft = {"world.wall.stiffness": 100, "world.wall.damping": 0, "operator_hand.goal_m": 0.2}
+    words = [word for name, value in soft.items() for word in ("--set", f"{name}={value}")]
+    with started("run", "--coupling", "pd", *words, "--duration", 4, "--json", "-", "--out", out) as program:
+        code, stdout, stderr = program.end()
+    assert code == 0, stderr
+    summary = json.loads(stdout)
+    margins = [summary[side]["ledger"]["margin_J"] for side in ("device", "world")]
+    assert sum(margins) < -0.02
+    assert 0.0 <= summary["theorem"]["margin_J"] <= summary["theorem"]["bound_J"] == pytest.approx(0.1)
+    files = [out / f"{side}.mcap" for side in ("device", "world")]
+    for file in files:
+        assert read_recording(file).meta["tuning"] == summary["tuning"] != {}
+    for asked, line in ((files, "passive: margin"), (files[:1], "passivity unknown: of both ports together only")):
+        with started("report", *asked, "--json", tmp_path / "r.json") as program:
+            code, stdout, stderr = program.end()
+        assert (code, stderr) == (0, "")
+        assert stdout.startswith(line)
+        told = read_json(tmp_path / "r.json")["theorem"]["margin_J"]
+        assert told == (summary["theorem"]["margin_J"] if len(asked) == 2 else None)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("more", [(), ("--realtime",)], ids=["thread", "realtime"])
 def test_a_deadband_sends_less_and_shuffles_all_the_same(more: tuple[str, ...], tmp_path: Path) -> None:
     with started(

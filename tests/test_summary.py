@@ -1,13 +1,24 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from hapnet.params import Params
 from hapnet.record import Recording
-from hapnet.runtime.summary import Summary, combine, device_summary, from_recording, merge, versions
+from hapnet.runtime.couplings import KINDS
+from hapnet.runtime.summary import (
+    Summary,
+    combine,
+    device_summary,
+    from_recording,
+    merge,
+    of_recordings,
+    versions,
+)
 from hapnet.runtime.virtual import Simulation, simulate
 
 SIDE_KEYS = {"ledger", "reservoir_min_J", "sent_nJ", "credited_nJ", "discarded_nJ", "abandoned_nJ", "incarnations"}
@@ -24,9 +35,9 @@ def side(margin: float | None, bound: float | None, sent: int, credited: int, ab
     }
 
 
-def both(device: Summary | None, world: Summary | None, two_port_J: float | None = None) -> Summary:
+def both(device: Summary | None, world: Summary | None, coupling: str = "pspm", **known: Any) -> Summary:
     links = {"up": None, "down": None}
-    return combine(device, world, links, seed=1, duration_s=2.0, coupling="pspm", two_port_J=two_port_J)
+    return combine(device, world, links, seed=1, duration_s=2.0, coupling=coupling, **known)
 
 
 @pytest.fixture(scope="module", params=["pspm", "zoh"])
@@ -75,6 +86,66 @@ def test_margin_of_two_processes_is_the_sum_of_their_own() -> None:
 def test_margin_on_one_clock_is_bound_plus_least_two_port_energy() -> None:
     theorem = both(side(0.02, 0.05, 0, 0), side(0.03, 0.06, 0, 0), two_port_J=-0.01)["theorem"]
     assert theorem["margin_J"] == pytest.approx(0.10)
+
+
+def test_least_margins_of_different_times_bound_nothing_where_energy_passes_through_the_link() -> None:
+    sides = side(-0.5, 0.05, 0, 0), side(0.03, 0.06, 0, 0)
+    for coupling in sorted(set(KINDS) - {"pspm", "zoh"}):
+        assert both(*sides, coupling)["theorem"] == {"margin_J": None, "bound_J": pytest.approx(0.11)}
+        assert both(*sides, coupling, total_margin_J=0.04)["theorem"]["margin_J"] == 0.04
+        assert both(*sides, coupling, two_port_J=-0.01)["theorem"]["margin_J"] == pytest.approx(0.10)
+    assert both(*sides, "zoh", total_margin_J=0.04)["theorem"]["margin_J"] == pytest.approx(-0.47)
+
+
+def test_at_the_start_the_margin_is_the_bound_recorded_or_not() -> None:
+    sides = side(-0.5, 0.05, 0, 0), side(0.03, 0.06, 0, 0)
+    assert both(*sides, "pd", total_margin_J=0.2)["theorem"]["margin_J"] == pytest.approx(0.11)
+
+
+def test_after_a_restart_what_was_recorded_is_not_all() -> None:
+    sides = side(-0.5, 0.05, 0, 0) | {"incarnations": 2}, side(0.03, 0.06, 0, 0)
+    assert both(*sides, "pd", total_margin_J=0.04)["theorem"]["margin_J"] is None
+
+
+@pytest.fixture(scope="module")
+def soft() -> Any:
+    """PD into a soft wall: far more goes in at the hand, and out at the world, than d^2."""
+    wall = {"world.wall.stiffness": 100.0, "world.wall.damping": 0.0, "operator_hand.goal_m": 0.2}
+    return simulate(Params().set({**wall, "coupling": "pd", "duration_s": 4.0, "device.servo": "sampled"}), 0)
+
+
+def parts_of(whole: Recording, summary: Summary | None) -> list[Recording]:
+    """What the two processes would have recorded."""
+    device = {**summary, "world": None} if summary else None
+    world = {**summary, "device": None} if summary else None
+    return [replace(whole, world=None, summary=device), replace(whole, device=None, summary=world)]
+
+
+@pytest.mark.parametrize("torn", [False, True])
+def test_two_recordings_tell_of_both_ports_what_one_clock_saw(soft: Any, torn: bool) -> None:
+    """The simulation's margin, at every tick, is the reference: never above, and within 1 mJ."""
+    exact, least = soft.summary["theorem"]["margin_J"], soft.summary["world"]["ledger"]["margin_J"]
+    assert exact >= 0.0
+    assert soft.summary["device"]["ledger"]["margin_J"] + least < -0.02  # what their sum would say
+    parts = parts_of(soft.recording, None if torn else soft.summary)
+    told = of_recordings([Path("device.mcap"), Path("world.mcap")], parts)
+    assert exact - 1e-12 <= told["theorem"]["margin_J"] <= exact + 1e-3
+    assert told["tuning"] == soft.summary["tuning"] != {}
+    apart = [replace(part, meta={**part.meta, "clock": name}) for part, name in zip(parts, "ab", strict=True)]
+    assert of_recordings([Path("device.mcap"), Path("world.mcap")], apart)["theorem"]["margin_J"] is None
+
+
+def test_one_torn_recording_of_both_sides_tells_of_both_ports(soft: Any) -> None:
+    told = from_recording(soft.recording)
+    assert told["theorem"]["margin_J"] == pytest.approx(soft.summary["theorem"]["margin_J"], abs=1e-3)
+    assert told["tuning"] == soft.summary["tuning"]
+    assert from_recording(parts_of(soft.recording, None)[0])["theorem"]["margin_J"] is None
+
+
+def test_the_half_theorem_claims_nothing_of_a_law(soft: Any) -> None:
+    for summary in (soft.summary, from_recording(soft.recording)):
+        assert summary["device"]["ledger"]["slack_J"] is summary["world"]["ledger"]["slack_J"] is None
+        assert summary["device"]["true_slack_J"] is None
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,7 @@ from hapnet.endpoint import DeviceEndpoint, WorldEndpoint
 from hapnet.errors import HapnetError, RecordingError
 from hapnet.mcap_file import read_recording
 from hapnet.metrics import motion
+from hapnet.metrics.passivity import least_total_margin
 from hapnet.params import Params
 from hapnet.record import Recording, join
 from hapnet.runtime.build import Setup, device_session, device_side, prepare, world_session, world_side
@@ -95,13 +96,14 @@ def _result(
     pair: Pair, setup: Setup, seed: int, written: output.Written
 ) -> tuple[dict[str, Any], Recording | None, list[Source]]:
     """The summary of both sides, and what they recorded."""
-    summary = merge(pair.parts["device"], pair.parts["world"], seed=seed)
+    sides = pair.parts["device"], pair.parts["world"]
     try:
         parts = {(file := pair.recording(role)): read_recording(file) for role in ("device", "world")}
         recording = join(*parts.values())
     except RecordingError as error:
         written.missing.append(f"no report: {error}")
-        return summary, None, []
+        return merge(*sides, seed=seed), None, []
+    summary = merge(*sides, seed=seed, total_margin_J=least_total_margin(recording))
     summary["motion"] = motion(recording)
     recording.meta["seed"] = seed
     recording.meta["links"] = {"up": str(setup.up), "down": str(setup.down)}

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hapnet.metrics.passivity import least_total_margin, total_margin
 from hapnet.record import Columns, Recording
 from hapnet.report.style import MM, STYLE
-from hapnet.report.words import get, known, millijoule, verdict
+from hapnet.report.words import get, has_reservoirs, known, millijoule, verdict
+from hapnet.runtime.couplings import jointly_passive
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,7 +28,7 @@ _THIRD: dict[str, Any] = {"color": "0.35", "linestyle": (0, (1, 1.2)), "linewidt
 
 
 def figure(recording: Recording) -> Figure:
-    """Positions, forces, reservoirs and passivity margin against time, 180 mm wide.
+    """Positions, forces, reservoirs (of couplings that have them) and passivity margin against time, 180 mm wide.
 
     With several axes, positions and forces are drawn along one: the axis along which the contact force is largest on
     average or, if there was no contact, along which the device moved most. It is named in the panels' labels. The path
@@ -39,26 +41,30 @@ def figure(recording: Recording) -> Figure:
     axis = _main_axis(recording)
     plane = _plane(recording, axis)
     with matplotlib.rc_context(STYLE):
-        fig = Figure(figsize=(180 * MM, (200 if plane is None else 280) * MM), dpi=150, layout="constrained")
+        ratios = [1.25, 1.0, 0.9, 0.9] if (full := has_reservoirs(_coupling(recording))) else [1.25, 1.0, 0.9]
+        height = (200 if full else 160) + (0 if plane is None else 80)
+        fig = Figure(figsize=(180 * MM, height * MM), dpi=150, layout="constrained")
         FigureCanvasAgg(fig)
         fig.suptitle(_title(recording), fontsize=9, parse_math=False)
-        ratios = [1.25, 1.0, 0.9, 0.9] + ([] if plane is None else [1.7])
+        rows = len(ratios)
+        ratios += [] if plane is None else [1.7]
         grid = fig.add_gridspec(len(ratios), 1, height_ratios=ratios)
         panels = [fig.add_subplot(grid[0])]
-        panels += [fig.add_subplot(grid[row], sharex=panels[0]) for row in (1, 2, 3)]
+        panels += [fig.add_subplot(grid[row], sharex=panels[0]) for row in range(1, rows)]
         _positions(panels[0], recording, axis)
         _forces(panels[1], recording, axis)
-        _reservoirs(panels[2], recording)
-        _margins(panels[3], recording)
+        if full:
+            _reservoirs(panels[2], recording)
+        _margins(panels[-1], recording)
         silences = _silences(recording)
         for panel in panels:
             _shade_silences(panel, silences, named=panel is panels[0])
-        for panel in panels[:3]:
+        for panel in panels[:-1]:
             panel.tick_params(labelbottom=False)
-        panels[3].set_xlabel("time [s]")
+        panels[-1].set_xlabel("time [s]")
         panels[0].margins(x=0.01)
         if plane is not None:
-            _path(fig.add_subplot(grid[4]), recording, plane)
+            _path(fig.add_subplot(grid[rows]), recording, plane)
         for panel in fig.axes:
             _legend(panel)
     return fig
@@ -100,22 +106,26 @@ def _reservoirs(panel: Axes, recording: Recording) -> None:
 
 
 def _margins(panel: Axes, recording: Recording) -> None:
-    device, world = recording.device, recording.world
-    low = 0.0
-    for columns, label, style in ((device, "device's half", _DEVICE), (world, "world's half", _WORLD)):
-        if columns is not None:
+    device, world, total = recording.device, recording.world, total_margin(recording)
+    joint = jointly_passive(_coupling(recording))
+    low, part = 0.0, "port" if joint else "half"
+    for columns, label, style in ((device, f"device's {part}", _DEVICE), (world, f"world's {part}", _WORLD)):
+        if columns is not None and not (joint and total is not None):
             low = min(low, _least(columns["margin_J"]) * 1e3)
             _curve(panel, columns, columns["margin_J"] * 1e3, label, drawstyle="steps-post", **style)
-    if (total := _total_margin(recording)) is not None:
+    if joint and total is None:  # one port alone may go below 0
+        panel.set_ylabel("energy put in + d² [mJ]")
+        return
+    if total is not None:
         low = min(low, _least(total["margin_J"]) * 1e3)
         told = known(get(recording.summary, "theorem", "margin_J"))
         label = "sum" if told is None else f"sum (≥ {millijoule(told)} mJ)"
         _curve(panel, total, total["margin_J"] * 1e3, label, color="black", linestyle="-.", linewidth=0.9)
+    panel.axhline(0.0, color="#cb181d", linewidth=1.0)
     top = panel.get_ylim()[1]
     bottom = low * 1.1 - 0.08 * (top - low)
     panel.set_ylim(bottom, top)
     panel.axhspan(bottom, 0.0, facecolor="#fcbba1", edgecolor="#cb181d", hatch="////", alpha=0.6, lw=0, zorder=0)
-    panel.axhline(0.0, color="#cb181d", linewidth=1.0)
     panel.set_ylabel("passivity margin [mJ]")
 
 
@@ -133,17 +143,6 @@ def _path(panel: Axes, recording: Recording, plane: tuple[int, int]) -> None:
     panel.set_aspect("equal", adjustable="datalim")
     panel.set_xlabel(f"{'xyz'[first]} [mm]")
     panel.set_ylabel(f"{'xyz'[second]} [mm]")
-
-
-def _total_margin(recording: Recording) -> Columns | None:
-    """Margin of both ports together at the device's times, the world's held between its steps; needs one clock."""
-    device, world = recording.device, recording.world
-    if device is None or world is None or not recording.meta.get("aligned", True):
-        return None
-    latest = np.searchsorted(world["time_s"], device["time_s"], side="right") - 1
-    both = latest >= 0
-    total = device["margin_J"][both] + world["margin_J"][latest[both]]
-    return {"time_s": device["time_s"][both], "margin_J": total}
 
 
 def _curve(panel: Axes, columns: Columns, values: NDArray[np.float64], label: str, **style: Any) -> None:
@@ -258,10 +257,11 @@ def _told(recording: Recording) -> Mapping[str, Any]:
     """The summary or, where there is none (a torn file), what the samples tell."""
     if recording.summary is not None:
         return recording.summary
-    if (total := _total_margin(recording)) is not None and len(total["margin_J"]):
-        return {"theorem": {"margin_J": _least(total["margin_J"])}}
+    if (least := least_total_margin(recording)) is not None:
+        return {"theorem": {"margin_J": least}}
     sides = {"device": recording.device, "world": recording.world}
-    return {s: {"ledger": {"margin_J": _least(c["margin_J"])}} for s, c in sides.items() if c is not None}
+    told = {s: {"ledger": {"margin_J": _least(c["margin_J"])}} for s, c in sides.items() if c is not None}
+    return {**told, "coupling": _coupling(recording)}
 
 
 def _least(values: NDArray[np.float64]) -> float:

@@ -15,7 +15,7 @@ from hapnet.report import tables
 from hapnet.report.html import Html, element, join, table
 from hapnet.report.pictures import Picture
 from hapnet.report.settings import Setting, commands, of_side, settings
-from hapnet.report.words import get, number, outcome, tuning, verdict
+from hapnet.report.words import get, has_reservoirs, number, outcome, tuning, verdict
 from hapnet.runtime.couplings import KINDS
 
 FOLDED = 12
@@ -35,6 +35,13 @@ _HALF = (
     "One side's recording knows what went in and out at its own port only, which is its half of Theorem 1; "
     "hapnet report with both sides' files tells the whole."
 )
+_MEASURED = {
+    "good": "At no time that was seen had the hand and the world together taken out more energy than the bound d² "
+    "allows.",
+    "bad": "More energy came out of the two ports than was ever put in.",
+    "unknown": "It cannot be judged by what is known here.",
+}
+"""Of couplings that Theorem 1 is not about."""
 _NO_EVENTS = "A run in virtual time records no events; the summary counts its silences."
 
 
@@ -95,8 +102,13 @@ _ENERGY = (
 
 
 def _head(summary: Mapping[str, Any], title: str, sources: Sequence[Source]) -> Html:
-    line = verdict(summary)
-    meaning = _HALF if "'s half" in line else _WHAT_IT_MEANS[outcome(line)]
+    line, coupling = verdict(summary), str(get(summary, "coupling"))
+    if has_reservoirs(coupling):
+        meaning = _HALF if "'s half" in line else _WHAT_IT_MEANS[outcome(line)]
+    else:
+        kind = KINDS[coupling]
+        judged = "" if "'s half" in line else f"{_MEASURED[outcome(line)]} "
+        meaning = f"{judged}What is claimed of this coupling ({kind.title}; {kind.source}): {kind.claim}."
     return element(
         "header",
         element("p", "hapnet report", class_="kicker"),

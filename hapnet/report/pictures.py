@@ -8,7 +8,7 @@ from hapnet.record import Recording
 from hapnet.report.figures import figure
 from hapnet.report.files import png
 from hapnet.report.histograms import lateness_histogram, link_histogram
-from hapnet.report.words import get, number, verdict
+from hapnet.report.words import get, has_reservoirs, number, verdict
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,10 @@ class Picture:
 def pictures(recording: Recording) -> dict[str, Picture]:
     """By name: ``run``, and where they were counted ``link`` and ``servo``."""
     summary = recording.summary or {}
-    found = [Picture("run", png(figure(recording)), _RUN, f"Against time: {_PANELS}. {verdict(summary)}.")]
+    full = has_reservoirs(get(summary, "coupling"))
+    panels = f"positions of device and proxy, forces, {'energy reservoirs, ' if full else ''}passivity margin"
+    caption = _RUN.format(reservoirs=_RESERVOIRS if full else "")
+    found = [Picture("run", png(figure(recording)), caption, f"Against time: {panels}. {verdict(summary)}.")]
     if (links := link_histogram(summary)) is not None:
         ways = [
             f"{way}link p50 {number(get(link, 'delay_p50_ms'))} ms, p99 {number(get(link, 'delay_p99_ms'))} ms"
@@ -39,13 +42,14 @@ def pictures(recording: Recording) -> dict[str, Picture]:
     return {picture.name: picture for picture in found}
 
 
-_PANELS = "positions of device and proxy, forces, energy reservoirs, passivity margin"
 _RUN = (
     "Positions: in contact, which is grey, the surface stops the proxy while the hand goes on. Forces: what the "
-    "coupling makes the hand feel, and what the surface does to the proxy. Reservoirs: the energy that each side may "
-    "spend on moving its spring; an empty one holds the set-position back. Margin: what is left of the bound d²; in "
-    "the red, energy came from nowhere. A silence is shaded from when it was noticed until the other side was heard "
-    "again."
+    "coupling makes the hand feel, and what the surface does to the proxy. {reservoirs}Margin: what is left of the "
+    "bound d²; in the red, energy came from nowhere. A silence is shaded from when it was noticed until the other "
+    "side was heard again."
+)
+_RESERVOIRS = (
+    "Reservoirs: the energy that each side may spend on moving its spring; an empty one holds the set-position back. "
 )
 _LINK = (
     "How long packets stayed in each emulated link, from being offered to the release that the profile gave, as the "

@@ -6,7 +6,20 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from hapnet.report.words import exact_joule, get, known, milli, millijoule, number, outcome, text, tuning, verdict
+from hapnet.report.words import (
+    exact_joule,
+    get,
+    has_reservoirs,
+    known,
+    milli,
+    millijoule,
+    number,
+    outcome,
+    text,
+    tuning,
+    verdict,
+)
+from hapnet.runtime.couplings import jointly_passive
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -39,6 +52,7 @@ _SIDES: tuple[_Row, ...] = (
     ("step mean", "ms", ("step", "mean_s"), milli),
     ("step longest", "ms", ("step", "max_s"), milli),
 )
+_OF_RESERVOIRS = {"sent", "credited", "discarded", "abandoned"}
 _ENERGY: tuple[_Row, ...] = (
     ("energy sent", "J", ("sent_nJ",), exact_joule),
     ("energy credited", "J", ("credited_nJ",), exact_joule),
@@ -76,13 +90,18 @@ class Table:
 
 def sides(summary: Mapping[str, Any]) -> Table:
     """What each side knows of itself."""
-    columns = ("device", "world")
-    return Table("sides", columns, [*_rows(_SIDES, [get(summary, side) for side in columns])])
+    columns, coupling = ("device", "world"), get(summary, "coupling")
+    untold = set() if has_reservoirs(coupling) else set(_OF_RESERVOIRS)
+    if jointly_passive(coupling):
+        untold.add("margin, least")  # of one port alone: it says nothing
+    rows = tuple(row for row in _SIDES if row[0] not in untold)
+    return Table("sides", columns, [*_rows(rows, [get(summary, side) for side in columns])])
 
 
 def energy(summary: Mapping[str, Any]) -> Table:
-    """The account of the shuffled energy."""
-    return Table("shuffled energy (up: from the device)", _WAYS, [*_rows(_ENERGY, _ways(summary, "energy"))])
+    """The account of the shuffled energy; no rows if the coupling shuffles none."""
+    rows = [*_rows(_ENERGY, _ways(summary, "energy"))] if has_reservoirs(get(summary, "coupling")) else []
+    return Table("shuffled energy (up: from the device)", _WAYS, rows)
 
 
 def links(summary: Mapping[str, Any]) -> Table:

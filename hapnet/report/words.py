@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from hapnet.runtime.couplings import KINDS, jointly_passive
+
 ROUNDING_J = 1e-9
 """A margin is called negative below minus this [J]: what minutes of double precision may add up to."""
 
@@ -23,6 +25,10 @@ def verdict(summary: Mapping[str, Any] | None) -> str:
         halves = {side: value for side, value in told.items() if value is not None}
         if not halves:
             return "passivity unknown: no ledger"
+        if jointly_passive(get(summary, "coupling")):
+            if len(halves) == 2:
+                return "passivity unknown: of both ports together only, and both were not seen at the same time"
+            return "passivity unknown: of both ports together only; hapnet report DEVICE WORLD tells"
         who = "both halves " if len(halves) == 2 else f"{next(iter(halves))}'s half "
         margin = sum(halves.values())
         bounds = [known(get(summary, side, "ledger", "bound_J")) for side in halves]
@@ -36,6 +42,11 @@ def verdict(summary: Mapping[str, Any] | None) -> str:
 def outcome(line: str) -> str:
     """Of a verdict: good, bad or unknown."""
     return "bad" if "NOT" in line else "unknown" if "unknown" in line else "good"
+
+
+def has_reservoirs(coupling: Any) -> bool:
+    """Does it keep energy in reservoirs and shuffle it? Not those that are known to do without."""
+    return str(coupling) == "pspm" or str(coupling) not in KINDS
 
 
 def get(tree: Any, *keys: str) -> Any:

@@ -154,6 +154,15 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
 assert set(KINDS) == set(COUPLINGS)
 
 
+def jointly_passive(coupling: object) -> bool:
+    """Does the coupling of this name pass energy on through the link itself, so that neither side has a half to keep?
+
+    Then the energy put in at one port alone may be anything: only the sum of both at the same time says something.
+    """
+    kind = KINDS.get(str(coupling))
+    return kind is not None and kind.device is not None
+
+
 def ideal_stiffness(params: Params, wall: float) -> float:
     """What a hand at a wall of stiffness `wall` [N/m] would feel of the coupling's springs in series, at rest [N/m].
 

@@ -16,6 +16,7 @@ from hapnet.mcap_file import read_recording
 from hapnet.metrics import motion
 from hapnet.params import Params, flatten
 from hapnet.record import Columns, Recording, join
+from hapnet.runtime.couplings import jointly_passive
 from hapnet.runtime.own_operator import ALLOWED
 from hapnet.runtime.recorded_hand import begins_late, fingerprint, hand_times, knows_hand, left_out, replay_ns
 from hapnet.runtime.recorded_link import KIND, played
@@ -124,7 +125,10 @@ def key_figures(summary: Summary) -> dict[str, float | int | None]:
     }
     known = [margin for margin in sides.values() if margin is not None]
     # of two processes no more is known than the sum of what each had least, so that is taken of both runs
-    return {"margin_J": sum(known) if len(known) == 2 else None, **sides, **summary["motion"]}
+    margin = sum(known) if len(known) == 2 else None
+    if jointly_passive(summary["coupling"]):
+        margin = summary["theorem"]["margin_J"]
+    return {"margin_J": margin, **sides, **summary["motion"]}
 
 
 def _parameters(recording: Recording) -> dict[str, Any]:

@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 
 from hapnet.endpoint import NANO, ControlHalf
 from hapnet.errors import RecordingError
-from hapnet.record import Columns, Recording
+from hapnet.metrics.passivity import least_total_margin
+from hapnet.record import Columns, Recording, join
+from hapnet.runtime.couplings import jointly_passive
 from hapnet.runtime.sides import DeviceSide
 from hapnet.runtime.world_side import WorldSide
 from hapnet.versions import versions as versions
@@ -33,7 +35,8 @@ def device_summary(side: DeviceSide, coupling_name: str, servo: Mapping[str, Any
     result = _control_summary(side.endpoint, coupling_name)
     result["servo"] = {**_UNKNOWN_SERVO, "ticks": side.ticks, **(servo or {})}
     result["quantisation_J"] = side.quantisation
-    result["true_slack_J"] = None if side.true_slack is None else _known(side.true_slack)
+    slack = None if jointly_passive(coupling_name) else side.true_slack
+    result["true_slack_J"] = None if slack is None else _known(slack)
     return result
 
 
@@ -84,6 +87,7 @@ def combine(
     duration_s: float | None,
     coupling: str,
     two_port_J: float | None = None,
+    total_margin_J: float | None = None,
     tuning: Mapping[str, float] | None = None,
 ) -> Summary:
     """One summary of both sides. `tuning`: what the coupling's own rule made of the link.
@@ -91,6 +95,10 @@ def combine(
     `two_port_J` is the minimum over time of the energy put in at both ports, where one clock saw both. Else the
     theorem's margin is the sum of both sides' margins, a lower bound of the true one; None with one side only, and
     after a restart, as what the process put in that ended is not known here.
+
+    Of a coupling that is passive jointly only, both sides' least margins are of different times, and their sum bounds
+    nothing. There `total_margin_J` counts, the least of both margins' sum as far as both were recorded on one clock, at
+    the samples' rate; the start, where it is d^2, with it. Without it the margin is None.
 
     The bound d^2 sums the initial energies of all processes that took part, by their own word those that ended.
     """
@@ -102,6 +110,9 @@ def combine(
         margin = bound + two_port_J
     elif len(sides) == 2 and None not in margins and not _restarted(sides):
         margin = sum(margins)
+        if jointly_passive(coupling):
+            told = [value for value in (total_margin_J, bound) if value is not None]
+            margin = None if total_margin_J is None else min(told)
     return {
         "theorem": {"margin_J": margin, "bound_J": bound},
         "device": device,
@@ -135,8 +146,8 @@ def _restarted(sides: list[Summary]) -> bool:
     return any((side.get("incarnations") or 0) > 1 for side in sides)
 
 
-def merge(device: Summary, world: Summary, *, seed: int | None = None) -> Summary:
-    """One summary out of the device's and the world's own."""
+def merge(device: Summary, world: Summary, *, seed: int | None = None, total_margin_J: float | None = None) -> Summary:
+    """One summary out of the device's and the world's own; `total_margin_J` as in `combine`."""
     whole = combine(
         device["device"],
         world["world"],
@@ -144,6 +155,7 @@ def merge(device: Summary, world: Summary, *, seed: int | None = None) -> Summar
         seed=device["seed"] if seed is None else seed,
         duration_s=device["duration_s"],
         coupling=device["coupling"],
+        total_margin_J=total_margin_J,
         tuning=device.get("tuning"),
     )
     whole["wall_clock"] = {"device": device["wall_clock"], "world": world["wall_clock"]}
@@ -157,7 +169,8 @@ def _control_summary(control: ControlHalf, coupling_name: str) -> Summary:
     if control.started:
         coupling = control.coupling
         account = coupling.ledger
-        ledger = {"margin_J": account.margin_min, "slack_J": _known(account.slack_min), "bound_J": account.bound}
+        slack = None if jointly_passive(coupling_name) else _known(account.slack_min)
+        ledger = {"margin_J": account.margin_min, "slack_J": slack, "bound_J": account.bound}
         discarded = coupling.discarded
         if coupling_name == "pspm":
             minimum, deficit = coupling.energy_min, coupling.deficit_max
@@ -195,6 +208,7 @@ def from_recording(recording: Recording) -> Summary:
     ends = [columns["time_s"][-1] for columns in (recording.device, recording.world) if columns is not None]
     asked = meta.get("links")
     asked = asked if isinstance(asked, Mapping) else {}
+    tuning = meta.get("tuning")
     unknown = dict.fromkeys(field.name for field in fields(LinkStats))
     links = {way: {**unknown, "profile": asked[way]} if way in asked else None for way in ("up", "down")}
     return combine(
@@ -204,6 +218,8 @@ def from_recording(recording: Recording) -> Summary:
         seed=meta.get("seed"),
         duration_s=float(max(ends)) if ends else None,
         coupling=coupling,
+        total_margin_J=least_total_margin(recording),
+        tuning=tuning if isinstance(tuning, Mapping) else None,
     )
 
 
@@ -222,8 +238,9 @@ def _world_columns(columns: Columns, coupling_name: str) -> Summary:
 
 def _side_columns(columns: Columns, coupling_name: str) -> Summary:
     """The keys that both sides have."""
+    slack = None if jointly_passive(coupling_name) else _extreme(columns["slack_J"], np.min)
     return {
-        "ledger": {name: _extreme(columns[name], np.min) for name in ("margin_J", "slack_J")} | {"bound_J": None},
+        "ledger": {"margin_J": _extreme(columns["margin_J"], np.min), "slack_J": slack, "bound_J": None},
         "reservoir_min_J": _extreme(columns["reservoir_J"], np.min) if coupling_name == "pspm" else None,
         "deficit_max_J": None,
         "sent_nJ": _nanojoules(columns["sent_J"][-1]),
@@ -263,6 +280,6 @@ def of_recordings(files: Sequence[Path], recordings: Sequence[Recording]) -> Sum
         return parts[0]
     try:
         device, world = sorted(parts, key=lambda part: part["device"] is None)
-        return merge(device, world)
+        return merge(device, world, total_margin_J=least_total_margin(join(*recordings)))
     except (KeyError, TypeError) as error:
         raise RecordingError(f"these are not recordings that fit each other: their summaries lack {error}") from None

@@ -138,6 +138,7 @@ class Simulation:
             "surfaces": [surface._asdict() for surface in setup.scene.surfaces],
             "scene": setup.scene.name,
             "coupling": setup.params.coupling,
+            "tuning": dict(setup.tuning),
             "links": {"up": str(setup.up), "down": str(setup.down)},
             "versions": versions(),
         }

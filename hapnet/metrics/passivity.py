@@ -1,0 +1,33 @@
+"""The margin of both ports together, from what both sides recorded."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hapnet.record import Columns, Recording
+
+
+def total_margin(recording: Recording) -> Columns | None:
+    """Both sides' margins at the same time, summed: ``time_s`` and ``margin_J`` at every sample of either side.
+
+    Of the other side the last sample until then counts, so the sum is as fine as the recording: what went in and out
+    again between two samples does not show. It goes as far as both sides are recorded. None without one clock for both.
+    """
+    device, world = recording.device, recording.world
+    if device is None or world is None or not recording.meta.get("aligned", True):
+        return None
+    of_device, of_world = device["time_s"], world["time_s"]
+    times = np.union1d(of_device, of_world)
+    times = times[(times >= max(of_device[0], of_world[0])) & (times <= min(of_device[-1], of_world[-1]))]
+    if not len(times):
+        return None
+    halves = [side["margin_J"][np.searchsorted(side["time_s"], times, side="right") - 1] for side in (device, world)]
+    return {"time_s": times, "margin_J": halves[0] + halves[1]}
+
+
+def least_total_margin(recording: Recording) -> float | None:
+    """The least of `total_margin` [J]; None if it is not known."""
+    total = total_margin(recording)
+    margin = np.array([]) if total is None else total["margin_J"]
+    known = margin[np.isfinite(margin)]
+    return float(known.min()) if len(known) else None
