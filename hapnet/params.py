@@ -56,7 +56,7 @@ def _p(default: object, doc: str, allowed: tuple[str, ...] | _Range = _ANY) -> A
 class DeviceParams:
     """The haptic device and its side of the coupling."""
 
-    servo: str = _p("auto", "auto: continuous in simulate and reproduce, sampled in run and device",
+    servo: str = _p("auto", "auto: continuous in simulate and reproduce, else sampled",
                     ("auto", "continuous", "sampled"))  # fmt: skip
     servo_hz: float = _p(1000.0, "servo rate [Hz]", _Range(at_least=10.0, at_most=20_000.0))
     watchdog_s: float = _p(
@@ -138,26 +138,23 @@ class WorldParams:
     wall: WallParams = field(default_factory=WallParams)
 
 
-_BY_RULE = _Range(at_least=0.0)
-
-
 @dataclass(frozen=True)
 class PopcParams:
     """Passivity observer and controller at the device's port (Hannaford, Ryu 2002)."""
 
     velocity_floor: float = _p(0.002, "slower than this the controller cannot damp [m/s]", _POSITIVE)
-    damping_cap: float = _p(0.0, "most damping that it may inject [Ns/m]; 0: by rule", _BY_RULE)
+    damping_cap: float = _p(0.0, "most damping that it may inject [Ns/m]; 0: by rule", _NOT_NEGATIVE)
 
 
 @dataclass(frozen=True)
 class TdpaParams:
     """Two-port time-domain passivity (Ryu, Artigas, Preusche 2010), with drift compensation."""
 
-    stiffness: float = _p(0.0, "virtual coupling of the world's end [N/m]; 0: device.stiffness", _BY_RULE)
-    damping: float = _p(0.0, "its damping [Ns/m]; 0: by rule", _BY_RULE)
+    stiffness: float = _p(0.0, "virtual coupling of the world's end [N/m]; 0: device.stiffness", _NOT_NEGATIVE)
+    damping: float = _p(0.0, "its damping [Ns/m]; 0: by rule", _NOT_NEGATIVE)
     velocity_floor: float = _p(0.002, "slower than this the device's controller cannot damp [m/s]", _POSITIVE)
     force_floor: float = _p(0.05, "with less force than this the world's controller cannot yield [N]", _POSITIVE)
-    damping_cap: float = _p(0.0, "most damping at the device [Ns/m]; 0: by rule", _BY_RULE)
+    damping_cap: float = _p(0.0, "most damping at the device [Ns/m]; 0: by rule", _NOT_NEGATIVE)
     speed_limit: float = _p(0.25, "of the world's set-position [m/s]", _POSITIVE)
     debt_limit_J: float = _p(0.02, "a side that owes this much gives nothing more [J]", _POSITIVE)
     recovery_s: float = _p(
@@ -169,16 +166,16 @@ class TdpaParams:
 class EbaParams:
     """Energy bounding (Kim, Ryu 2004)."""
 
-    damping: float = _p(0.0, "lower bound of the device's own damping [Ns/m]; 0: device.own_damping", _BY_RULE)
+    damping: float = _p(0.0, "lower bound of the device's own damping [Ns/m]; 0: device.own_damping", _NOT_NEGATIVE)
 
 
 @dataclass(frozen=True)
 class WaveParams:
     """Wave variables (Niemeyer, Slotine 2004), and digital waves (Berestesky, Chopra, Spong 2004)."""
 
-    impedance: float = _p(0.0, "wave impedance b [Ns/m]; 0: by rule", _BY_RULE)
-    stiffness: float = _p(0.0, "virtual coupling of the world's end [N/m]; 0: by rule", _BY_RULE)
-    damping: float = _p(0.0, "its damping [Ns/m]; 0: by rule", _BY_RULE)
+    impedance: float = _p(0.0, "wave impedance b [Ns/m]; 0: by rule", _NOT_NEGATIVE)
+    stiffness: float = _p(0.0, "virtual coupling of the world's end [N/m]; 0: by rule", _NOT_NEGATIVE)
+    damping: float = _p(0.0, "its damping [Ns/m]; 0: by rule", _NOT_NEGATIVE)
     smoothing_s: float = _p(0.005, "time constant of the filter of the device's incoming waves [s]; 0: none",
                             _NOT_NEGATIVE)  # fmt: skip
     missing: str = _p("zero", "what stands for a wave that has not come; hold, the last one, is not passive",
@@ -189,7 +186,7 @@ class WaveParams:
 class PdParams:
     """PD over a constant delay (Lee, Spong 2006)."""
 
-    damping: float = _p(0.0, "K_d, which pays for the delay [Ns/m]; 0: by rule", _BY_RULE)
+    damping: float = _p(0.0, "K_d, which pays for the delay [Ns/m]; 0: by rule", _NOT_NEGATIVE)
     coordination: float = _p(0.0, "K_v, of the difference of velocities [Ns/m]", _NOT_NEGATIVE)
     extra_damping: float = _p(0.0, "P_e [Ns/m]", _NOT_NEGATIVE)
 
@@ -284,22 +281,34 @@ class Params:
 
         Raises
         ------
+        InvalidParameter : there is no such parameter, or the value is not of its type, or is not allowed.
+        """
+        tree: dict[str, Any] = {}
+        for name, value in self.typed(changes).items():
+            *path, last = name.split(".")
+            branch = tree
+            for part in path:
+                branch = branch.setdefault(part, {})
+            branch[last] = value
+        changed: Params = _replace(self, tree)
+        return changed
+
+    def typed(self, changes: Mapping[str, object]) -> dict[str, Any]:
+        """The values that `set` would give, each of its parameter's type, but perhaps not allowed.
+
+        Raises
+        ------
         InvalidParameter : there is no such parameter, or the value is not of its type.
         """
         known = {name: spec for name, _, spec in _leaves(self)}
-        tree: dict[str, Any] = {}
+        values = {}
         for name, value in changes.items():
             if name not in known:
                 near = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
                 hint = f"a parameter of --show-params{', such as ' + ', '.join(near) if near else ''}"
                 raise InvalidParameter("parameter", name, hint)
-            *path, last = name.split(".")
-            branch = tree
-            for part in path:
-                branch = branch.setdefault(part, {})
-            branch[last] = _convert(name, value, self.get(name), known[name])
-        changed: Params = _replace(self, tree)
-        return changed
+            values[name] = _convert(name, value, self.get(name), known[name])
+        return values
 
     def set_words(self, assignments: Iterable[str]) -> Params:
         """`set` from words such as ``world.wall.stiffness=30000``."""
@@ -401,7 +410,10 @@ def _convert(name: str, value: object, default: Any, spec: dataclasses.Field[Any
         return tuple(tuple(row) if isinstance(row, list | tuple) else row for row in value)
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if (matrix or isinstance(default, float)) and number:
-        return float(str(value))
+        converted = float(str(value))
+        if not math.isfinite(converted):
+            raise InvalidParameter(name, converted, "a finite number")
+        return converted
     if type(value) is type(default) and not matrix:
         return value
     raise InvalidParameter(name, value, words)

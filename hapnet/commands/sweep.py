@@ -98,7 +98,12 @@ def plot(
     where: Annotated[
         list[str] | None, typer.Option(metavar="NAME=VALUE", help="Only these cases; may be repeated.")
     ] = None,
-    stat: Annotated[str, typer.Option(help="Of a cell's cases: median, mean, min, max, p90, ...")] = "median",
+    stat: Annotated[
+        str | None,
+        typer.Option(
+            help="Of a cell's cases: median, mean, min, max, p90, ...", show_default="min of a margin, else median"
+        ),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="FILE.png", help="The figure.", show_default="DIRECTORY/METRIC-X-Y.png")
     ] = None,

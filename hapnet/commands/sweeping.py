@@ -14,13 +14,14 @@ from hapnet.commands.progress import Progress
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
 from hapnet.runtime.batch.processes import usable_cores
-from hapnet.runtime.virtual import Simulation
 from hapnet.study import export
 from hapnet.study.backend import Backend
+from hapnet.study.case import check
 from hapnet.study.journal import NAME, Journal
 from hapnet.study.pool import LocalPool
 from hapnet.study.runner import Sweep
-from hapnet.study.spec import SEED, Case, Spec, Values, value_words
+from hapnet.study.spec import SEED, Case, Spec, Values, params_of, value_words
+from hapnet.study.task import reason
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -50,9 +51,11 @@ def run(file: Path, assignments: list[str], how: Options, json_to: str | None, o
     words = output.console(json_to)
     spec = Spec.read(file, _assigned("--set", assignments))
     directory = out or Path("runs") / f"sweep-{spec.name}"
-    cases = _cases(words, spec, checked=not how.dry_run and not how.fresh and (directory / NAME).exists())
+    cases = spec.cases()
     if (twice := spec.count - len(cases)) > 0:
         words.print(f"{twice} cases are there more than once in the spec, and are run once")
+    if how.dry_run or how.fresh or not (directory / NAME).exists():
+        _check(words, spec, cases)
     if how.dry_run:
         _show(words, spec, cases, directory)
         return 0
@@ -64,7 +67,13 @@ def run(file: Path, assignments: list[str], how: Options, json_to: str | None, o
 
 
 def plot(
-    directory: Path, x: str | None, y: str | None, metric: str | None, where: list[str], stat: str, out: Path | None
+    directory: Path,
+    x: str | None,
+    y: str | None,
+    metric: str | None,
+    where: list[str],
+    stat: str | None,
+    out: Path | None,
 ) -> int:
     """Draw, and say where the figure is."""
     from hapnet.report.files import save_figure
@@ -97,14 +106,18 @@ def _run(
     began = time.monotonic()
     stopped: KeyboardInterrupt | HapnetError | None = None
     if before < total:
-        backend = _backend(words, how, total - before)
+        backend: Backend | None = None
         try:
+            backend = _backend(words, how, total - before)
             with Progress(words, "sweeping", total, "cases") as progress:
                 Sweep(journal, backend, progress.update).run()
         except (KeyboardInterrupt, HapnetError) as ended:
+            if backend is None and isinstance(ended, HapnetError):
+                raise  # nothing has begun
             stopped = ended
         finally:
-            backend.close()
+            if backend is not None:
+                backend.close()
     lasted_s = time.monotonic() - began
     written = output.Written()
     columns = export.table(journal)
@@ -117,10 +130,11 @@ def _run(
     reasons = Counter(error for error in columns["error"] if error is not None)
     if failed:
         words.print(f"{failed} of {total} cases failed:", style="yellow")
-        for reason, times in reasons.most_common(_REASONS):
-            words.print(f"  {times} x {reason}", markup=False)
+        for why, times in reasons.most_common(_REASONS):
+            words.print(f"  {times} x {why}", markup=False)
     if files:
-        words.print(f"results: {', '.join(map(str, files))}; a figure: hapnet sweep plot {directory}", markup=False)
+        figure = f"; a figure: hapnet sweep plot {directory}" * (done > failed)
+        words.print(f"results: {', '.join(map(str, files))}{figure}", markup=False)
     with written.part():
         about = {"cases": total, "done": done, "failed": failed, "run": done - before, "wall_s": lasted_s}
         output.write_json({**about, "errors": dict(reasons), "files": [str(file) for file in files]}, json_to)
@@ -133,24 +147,26 @@ def _run(
     return written.code(output.INCOMPLETE if failed else 0)
 
 
-def _cases(words: Console, spec: Spec, *, checked: bool) -> list[Case]:
-    """The cases of the spec; each set of parameters makes a run, unless that is known already."""
-    with Progress(words, "checking", unit="sets of parameters") as progress:
-        done, warnings = 0, Counter[str]()
-
-        def check(params: Params) -> None:
-            nonlocal done
-            if params.duration_s <= 0.0:
-                raise InvalidParameter("duration_s", params.duration_s, "above 0 in virtual time")
-            if not checked:
-                warnings.update(Simulation(params).setup.warnings)
-            done += 1
+def _check(words: Console, spec: Spec, cases: list[Case]) -> None:
+    """Say what is wrong with cases before any is run; raises HapnetError if none can run."""
+    sets: dict[str, list[Case]] = {}
+    for case in cases:
+        sets.setdefault(case.parameters, []).append(case)
+    warnings = Counter[str]()
+    wrong: list[str] = []
+    with Progress(words, "checking", len(sets), "sets of parameters") as progress:
+        for done, alike in enumerate(sets.values(), 1):
+            try:
+                warnings.update(check(params_of(spec.fixed, alike[0].values)))
+            except Exception as error:  # a scene of the user's own may raise anything
+                wrong += [reason(error)] * len(alike)
             progress.update(done)
-
-        cases = spec.cases(check)
+    if len(wrong) == len(cases):
+        raise HapnetError(f"no case can run: first: {wrong[0]}")
+    if wrong:
+        words.print(f"{len(wrong)} of {len(cases)} cases cannot run: first: {wrong[0]}", style="yellow", markup=False)
     for warning, times in warnings.most_common(_REASONS):
-        output.show_warnings(words, (f"{warning} (in {times} of {done} sets of parameters)",))
-    return cases
+        output.show_warnings(words, (f"{warning} (in {times} of {len(sets)} sets of parameters)",))
 
 
 def _backend(words: Console, how: Options, cases: int) -> Backend:

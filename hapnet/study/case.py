@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 
+from hapnet.errors import InvalidParameter
 from hapnet.metrics.contact import first_felt_s, pressed_wall, rendered_stiffness
 from hapnet.metrics.definitions import METRICS
 from hapnet.metrics.drift import drift
@@ -43,13 +44,21 @@ class Run:
 def measure(params: Params, seed: int) -> Measures:
     """Simulate, and measure every metric. Each tick is recorded, whatever `params.record_hz` says.
 
+    The servo that is left open ("auto") is the sampled one, as of hardware: couplings side by side have the same.
+
     Raises
     ------
     HapnetError, netem.NetemError : the parameters do not make a run, or the sides did not find each other.
     """
+    params = _studied(params)
     ideal = _ideal(params)
     measured, reference = _reference(ideal, seed)
     return dict(measured) if params == ideal else measures(simulated(params, seed), reference)
+
+
+def check(params: Params) -> tuple[str, ...]:
+    """The warnings of a run, which is not made; raises what `measure` does for parameters that do not make one."""
+    return Simulation(_studied(params)).setup.warnings
 
 
 def simulated(params: Params, seed: int) -> Run:
@@ -90,6 +99,12 @@ def measures(run: Run, ideal: Recording) -> Measures:
         "slack_J": _slack(summary),
     }
     return {name: found[name] for name in METRICS}
+
+
+def _studied(params: Params) -> Params:
+    if params.duration_s <= 0.0:
+        raise InvalidParameter("duration_s", params.duration_s, "above 0 in virtual time")
+    return params.set({"device.servo": "sampled"}) if params.device.servo == "auto" else params
 
 
 @lru_cache(maxsize=_REFERENCES)

@@ -12,7 +12,7 @@ from typing import Any
 from hapnet.errors import InvalidParameter, MissingLibrary
 from hapnet.mcap_file import complete_or_absent
 from hapnet.study.journal import Journal, Row
-from hapnet.study.spec import LINK, SEED, link_words, params_of, value_words
+from hapnet.study.spec import LINK, SEED, flat_of, link_words, value_words
 
 NAME = "results"
 FORMATS = ("auto", "csv", "parquet", "both")
@@ -110,8 +110,8 @@ def _links(journal: Journal, rows: list[Row]) -> list[str]:
         link = {name: value for name, value in row.case.values.items() if name.partition(".")[0] == LINK}
         label = json.dumps(link)
         if label not in known:
-            params = params_of(journal.fixed, link)
-            words = value_words(LINK, link[LINK]) if LINK in link else link_words(params.link.up, params.link.down)
+            every = flat_of(journal.fixed, link)
+            words = value_words(LINK, link[LINK]) if LINK in link else link_words(every["link.up"], every["link.down"])
             known[label] = words
         found.append(known[label])
     return found

@@ -143,6 +143,11 @@ def statistic(name: str) -> Callable[[Any], float]:
     return lambda values: float(STATS[name](values))
 
 
+def usual_statistic(metric: str) -> str:
+    """Of a margin the least counts, most runs having the same; else the median."""
+    return "min" if metric.endswith("margin_J") else "median"
+
+
 def metric_label(metric: str, figures: Collection[float]) -> tuple[str, float]:
     """A metric's label with its unit, and by what to multiply figures of this size: thousandths for small ones.
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapnet.report.style import MM, STYLE
-from hapnet.study.grid import Axis, Cell, Grid, metric_label, statistic
+from hapnet.study.grid import Axis, Cell, Grid, metric_label, statistic, usual_statistic
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,8 +26,8 @@ _EMPTY: dict[str, Any] = {"facecolor": "0.93", "edgecolor": "0.55", "hatch": "//
 _LINE = "#08306b"
 
 
-def draw(grid: Grid, stat: str = "median", where: Sequence[str] = (), name: str = "") -> Figure:
-    """The figure, 180 mm wide. `stat`: of the runs in a cell; `where`, `name`: for the title.
+def draw(grid: Grid, stat: str | None = None, where: Sequence[str] = (), name: str = "") -> Figure:
+    """The figure, 180 mm wide. `stat`: of the runs in a cell, None: the usual one; `where`, `name`: for the title.
 
     Raises
     ------
@@ -37,6 +37,7 @@ def draw(grid: Grid, stat: str = "median", where: Sequence[str] = (), name: str 
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
+    stat = stat or usual_statistic(grid.metric)
     of = statistic(stat)
     figures = {place: of(cell.values) for place, cell in grid.cells.items() if cell.values}
     label, scale = metric_label(grid.metric, figures.values())

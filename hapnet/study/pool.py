@@ -43,8 +43,12 @@ class LocalPool:
         self._context = multiprocessing.get_context("spawn")
         self._stillborn = 0
         self._workers: list[_Worker] = []
-        for _ in range(workers):
-            self._start()
+        try:
+            for _ in range(workers):
+                self._start()
+        except BaseException:
+            self.close()
+            raise
 
     @property
     def workers(self) -> int:
@@ -103,12 +107,13 @@ class LocalPool:
         process = self._context.Process(target=_serve, args=(theirs,), daemon=True, name="hapnet-sweep")
         with for_children():
             process.start()
-        theirs.close()  # the child holds the only one: when it dies, ours is at its end
-        self._workers.append(_Worker(process, ours))
+            theirs.close()  # the child holds the only one: when it dies, ours is at its end
+            self._workers.append(_Worker(process, ours))  # before Ctrl-C may come again: it is one to be closed
 
 
 def _serve(pipe: Connection) -> None:
-    """A worker's life; it ends when nobody is left to hear of results."""
+    """A worker's life; it ends when nobody is left to hear of results. Ctrl-C, held back so far, is for who waits."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     with suppress(EOFError, OSError):
         pipe.send(None)
         while True:

@@ -22,7 +22,7 @@ import json
 import math
 import re
 import tomllib
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -42,7 +42,8 @@ LINK, SEED = "link", "seed"
 MOST = 100_000
 """Cases of a sweep, at most."""
 
-_DEFAULTS = Params().flat()
+_PLAIN = Params()
+_DEFAULTS = _PLAIN.flat()
 _RANGE = ("from", "to", "steps", "scale")
 _ALLOWED = "a list, or a range such as {from = 50, to = 400, steps = 8, scale = 'log'}"
 _DIGITS = 12  # of a number within a range: 0.3, not 0.30000000000000004
@@ -56,6 +57,11 @@ class Case:
     values: Values
     seed: int
     key: str
+
+    @property
+    def parameters(self) -> str:
+        """The same for cases that differ in their seeds only."""
+        return self.key.rpartition("-")[0]
 
 
 @dataclass(frozen=True)
@@ -110,12 +116,12 @@ class Spec:
         """How many cases there are, those in more than one product counted in each."""
         return sum(math.prod(len(values) for values in axes.values()) for axes in self.products)
 
-    def cases(self, check: Callable[[Params], object] | None = None) -> list[Case]:
-        """Every combination once; the last of what varies changes fastest. `check` is called for each but the seeds.
+    def cases(self) -> list[Case]:
+        """Every combination once; the last of what varies changes fastest. Not each of them need make a run.
 
         Raises
         ------
-        InvalidParameter : a combination is not allowed, or there are more than `MOST`.
+        InvalidParameter : a value is not of its parameter's type, or there are more cases than `MOST`.
         """
         if self.count > MOST:
             raise InvalidParameter("the number of cases", self.count, f"{MOST} at most")
@@ -128,34 +134,37 @@ class Spec:
                 seed = chosen.pop(SEED, self.fixed.get(SEED, 0))
                 label = json.dumps([chosen[name] for name in free])
                 if label not in digests:
-                    params = params_of(self.fixed, chosen)
-                    digests[label] = self._values(params), self._digest(params)
-                    if check is not None:
-                        check(params)
+                    every = flat_of(self.fixed, chosen)
+                    digests[label] = self._values(every), self._digest(every)
                 values, digest = digests[label]
                 key = f"{digest}-{seed}"
                 found.setdefault(key, Case(len(found), values, seed, key))
         return list(found.values())
 
-    def _values(self, params: Params) -> Values:
+    def _values(self, every: Values) -> Values:
         """Of all that varies in any product, as parameters have them: 100 is 100.0 where that is a number."""
-        up, down = params.link.up, params.link.down
+        up, down = every["link.up"], every["link.down"]
         link = up if up == down else {"up": up, "down": down}
-        return {name: link if name == LINK else params.get(name) for name in self.varied}
+        return {name: link if name == LINK else every[name] for name in self.varied}
 
-    def _digest(self, params: Params) -> str:
+    def _digest(self, every: Values) -> str:
         """Of all that the spec sets in a case: what it leaves at the defaults of this hapnet is not in it."""
         names = {name for name in (*self.fixed, *self.varied) if name != SEED}
         if LINK in names:
             names = names - {LINK} | {"link.up", "link.down"}
-        told = {name: params.get(name) for name in names}
+        told = {name: every[name] for name in names}
         told |= {name: _profile(name, told[name]) for name in ("link.up", "link.down") if name in told}
         return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def params_of(fixed: Values, values: Values) -> Params:
     """The parameters of a case; raises InvalidParameter as `Params.set` does."""
-    return Params().set({**_spelled(fixed), **_spelled(values)})
+    return _PLAIN.set({**_spelled(fixed), **_spelled(values)})
+
+
+def flat_of(fixed: Values, values: Values) -> Values:
+    """The same by dotted names, also of a case that they do not make a run of; raises as `Params.typed` does."""
+    return {**_DEFAULTS, **_PLAIN.typed({**_spelled(fixed), **_spelled(values)})}
 
 
 def link_words(up: str, down: str) -> str:

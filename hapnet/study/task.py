@@ -48,11 +48,14 @@ def _run(fixed: Values, case: Case, worker: str) -> CaseResult:
     try:
         measured = measure(params_of(fixed, case.values), case.seed)
         measures = {name: _known(value) for name, value in measured.items()}
-    except (HapnetError, NetemError) as wrong:
-        error = " ".join(str(wrong).split())
     except Exception as wrong:  # a scene of the user's own may raise anything
-        error = cause(wrong)
+        error = reason(wrong)
     return CaseResult(case.number, measures, error, time.perf_counter() - began, worker)
+
+
+def reason(wrong: Exception) -> str:
+    """What went wrong in a case, in one line."""
+    return " ".join(str(wrong).split()) if isinstance(wrong, HapnetError | NetemError) else cause(wrong)
 
 
 def _known(value: float | None) -> float | None:

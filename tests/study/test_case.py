@@ -12,7 +12,7 @@ from hapnet.metrics import METRICS
 from hapnet.params import Params
 from hapnet.runtime.virtual import Simulation, TwoPort
 from hapnet.study import case
-from hapnet.study.case import measure, simulated
+from hapnet.study.case import check, measure, simulated
 
 SAMPLED: dict[str, object] = {"device.servo": "sampled", "duration_s": 4.0}
 LIGHT: dict[str, object] = {
@@ -98,6 +98,14 @@ def test_the_continuous_servo_has_its_account_at_the_hand() -> None:
     assert found["margin_J"] == simulated(continuous, 0).result.summary["theorem"]["margin_J"]
 
 
+@pytest.mark.parametrize("coupling", ["pspm", "zoh", "wave"])
+def test_a_servo_that_is_left_open_is_the_sampled_one_whatever_the_coupling(coupling: str) -> None:
+    changes = {"duration_s": 0.5, "coupling": coupling}
+    found = measure(params("delay 9ms", device__servo="auto", **changes), 0)
+    assert found == measure(params("delay 9ms", device__servo="sampled", **changes), 0)
+    assert found["actuator_margin_J"] is not None
+
+
 def test_the_lowest_of_one_port_by_hand() -> None:
     both = TwoPort()
     both.device(-2.0)
@@ -136,8 +144,11 @@ def test_runs_over_other_links_share_one_reference(monkeypatch: pytest.MonkeyPat
 
 
 def test_what_does_not_make_a_run_is_refused() -> None:
-    with pytest.raises(InvalidParameter, match="operator"):
-        measure(params("", operator="nobody"), 0)
+    for asked in (check, lambda wrong: measure(wrong, 0)):
+        with pytest.raises(InvalidParameter, match="operator"):
+            asked(params("", operator="nobody"))
+        with pytest.raises(InvalidParameter, match=r"duration_s is 0\.0; allowed: above 0"):
+            asked(params("", duration_s=0.0))
 
 
 @pytest.mark.slow

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.study.grid import Axis, grid, metric_label, statistic
+from hapnet.metrics import METRICS
+from hapnet.study.grid import Axis, grid, metric_label, statistic, usual_statistic
 from hapnet.study.journal import Journal
 from hapnet.study.task import CaseResult
 from tests.study.sweeps import journal_of
@@ -109,6 +110,13 @@ def test_statistics_are_those_of_the_library() -> None:
     for wrong in ("p101", "medain", ""):
         with pytest.raises(InvalidParameter, match="median, mean, min, max, or a percentile"):
             statistic(wrong)
+
+
+def test_of_a_margin_the_least_is_shown() -> None:
+    usual = {name: usual_statistic(name) for name in METRICS}
+    least = {name for name, word in usual.items() if word == "min"}
+    assert least == {"margin_J", "hand_margin_J", "actuator_margin_J"}
+    assert {word for name, word in usual.items() if name not in least} == {"median"}
 
 
 def test_scales_are_seen_in_the_values() -> None:

@@ -122,3 +122,17 @@ def test_cases_still_to_be_run_are_told(tmp_path: Path) -> None:
     journal.close()
     assert legend(figure) == ["no value", "not run yet: 35 cases"]
     figure.draw_without_rendering()
+
+
+def test_of_a_margin_the_least_is_drawn_unless_another_is_asked_for(tmp_path: Path) -> None:
+    journal = journal_of(tmp_path, "[vary]\ndevice.stiffness = [50, 100]\nseed = '0:3'")
+    values = [0.5, -0.25, 0.5, 1.0, 1.0, 0.75]
+    journal.record([CaseResult(k, {"margin_J": value, "peak_force_N": value}) for k, value in enumerate(values)])
+    for metric, stat, line in (
+        ("margin_J", None, [-0.25, 0.75]),
+        ("margin_J", "median", [0.5, 1.0]),
+        ("peak_force_N", None, [0.5, 1.0]),
+    ):
+        (panel,) = draw(grid(journal, "device.stiffness", None, metric, {}, {}), stat).axes
+        assert list(np.asarray(panel.lines[0].get_ydata())) == line
+    journal.close()

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -13,6 +16,7 @@ from hapnet.study import export, pool
 from hapnet.study.pool import LocalPool
 from hapnet.study.runner import Sweep
 from hapnet.study.task import Task, run
+from tests.conftest import ENVIRONMENT
 from tests.processes import until
 from tests.study.sweeps import TOUCHY, journal_of, known
 
@@ -61,6 +65,25 @@ def test_a_worker_killed_from_outside_costs_no_case(tmp_path: Path) -> None:
     assert killed
     assert journal.count() == (40, 40, 0)
     journal.close()
+
+
+def test_workers_never_hear_ctrl_c() -> None:
+    """Held back from the first instruction on, in a process that has started no other before; then ignored."""
+    code = (
+        "from pathlib import Path; from hapnet.study.pool import LocalPool; pool = LocalPool(2)\n"
+        "def show(): [print(Path(f'/proc/{w.process.pid}/status').read_text()) for w in pool._workers]\n"
+        "show()\n"
+        "while not all(worker.ready for worker in pool._workers): pool.wait(0.1)\n"
+        "show(); pool.close()"
+    )
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30, env=ENVIRONMENT)
+    assert (told.returncode, told.stderr) == (0, "")
+    blocked, ignored = (
+        [int(word, 16) >> (signal.SIGINT - 1) & 1 for word in re.findall(rf"{name}:\s*(\w+)", told.stdout)]
+        for name in ("SigBlk", "SigIgn")
+    )
+    assert blocked == [1, 1, 1, 1]
+    assert ignored[2:] == [1, 1]
 
 
 def test_processes_that_do_not_start_are_an_error_not_a_loop(monkeypatch: pytest.MonkeyPatch) -> None:

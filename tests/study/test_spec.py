@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
-from hapnet.study.spec import MOST, Case, Spec, link_words, params_of, value_words
+from hapnet.study.spec import MOST, Case, Spec, flat_of, link_words, params_of, value_words
 
 PIECES: dict[str, list[Any]] = {
     "coupling": ["pspm", "zoh"],
@@ -180,10 +180,42 @@ def test_the_command_line_overrides_what_is_fixed(tmp_path: Path) -> None:
         spec(tmp_path, "[vary]\ndof = [1]", dof="2")
 
 
-def test_each_set_of_parameters_is_checked_once_whatever_the_seeds(tmp_path: Path) -> None:
-    checked: list[Params] = []
-    spec(tmp_path, "[vary]\nseed = '0:50'\ncoupling = ['pspm', 'zoh']").cases(checked.append)
-    assert [params.coupling for params in checked] == ["pspm", "zoh"]
+def test_cases_that_differ_in_their_seeds_only_have_the_same_parameters(tmp_path: Path) -> None:
+    cases = spec(tmp_path, "[vary]\nseed = '0:50'\ncoupling = ['pspm', 'zoh']").cases()
+    assert {(case.parameters, case.values["coupling"]) for case in cases} == {
+        (cases[0].parameters, "pspm"),
+        (cases[1].parameters, "zoh"),
+    }
+    assert cases[0].parameters != cases[1].parameters
+
+
+@pytest.mark.parametrize(
+    ("text", "wrong", "said"),
+    [
+        ("[vary]\ndevice.stiffness = [1, -2]", [1], "-2.0; allowed: a number above 0"),
+        ("[vary]\ncoupling = ['psmp', 'pspm']", [0], "one of pspm"),
+        (
+            "[vary]\nworld.step_min_s = [0.01, 0.1]\nworld.step_max_s = [0.2, 0.05]\nlink = ['lan', '4g']",
+            [6, 7],
+            "world.step_min_s is 0.1",
+        ),
+        ("[fixed]\nworld.step_min_s = 0.1\n[vary]\nworld.step_max_s = [0.2, 0.05]", [1], "world.step_min_s is 0.1"),
+    ],
+)
+def test_combinations_that_make_no_run_are_cases_all_the_same(
+    tmp_path: Path, text: str, wrong: list[int], said: str
+) -> None:
+    found = spec(tmp_path, text)
+    cases = found.cases()
+    assert len(cases) == found.count
+    for case in cases:
+        every = flat_of(found.fixed, case.values)
+        if case.number in wrong:
+            with pytest.raises(InvalidParameter, match=said):
+                params_of(found.fixed, case.values)
+        else:
+            assert params_of(found.fixed, case.values).flat() == every
+        assert all(every[name] == value for name, value in case.values.items() if name != "link")
 
 
 @pytest.mark.parametrize(
@@ -192,8 +224,7 @@ def test_each_set_of_parameters_is_checked_once_whatever_the_seeds(tmp_path: Pat
         ("[vary]\ndevice.stifness = [1]", "'device.stifness'.* device.stiffness"),
         ("[vary]\ndevice.stiffness = []", "at least one value"),
         ("[vary]\ndevice.stiffness = 5", r"belongs under \[fixed\]"),
-        ("[vary]\ndevice.stiffness = [1, -2]", "-2.0; allowed: a number above 0"),
-        ("[vary]\ndevice.stiffness = ['soft']", "allowed: a number"),
+        ("[vary]\ndevice.stiffness = [1, 'soft']", "allowed: a number"),
         ("[vary]\ndevice.stiffness = {from = 0, to = 9, steps = 3, scale = 'log'}", "above 0 on a log scale"),
         ("[vary]\ndevice.stiffness = {from = -1, to = 9, steps = 3, scale = 'log'}", "above 0 on a log scale"),
         ("[vary]\ndevice.stiffness = {from = 1, to = 9, step = 3}", "'step'; allowed: .*steps"),
@@ -204,7 +235,9 @@ def test_each_set_of_parameters_is_checked_once_whatever_the_seeds(tmp_path: Pat
         ("[vary]\ndevice.stiffness = {from = 1, steps = 3}", "two different numbers"),
         ("[vary]\ndevice.stiffness = {from = 1, to = inf, steps = 3}", "two different numbers"),
         ("[vary]\ncoupling = {from = 1, to = 3}", "nothing between"),
-        ("[vary]\ncoupling = ['psmp']", "one of pspm"),
+        ("[vary]\ncoupling = ['pspm', 1]", "text"),
+        ("[vary]\ndevice.stiffness = [1, inf]", "inf; allowed: a finite number"),
+        ("[vary]\ndevice.mass = [1, 'NaN']", "nan; allowed: a finite number"),
         ("[vary]\ndof = [1, 2.5]", "a whole number"),
         ("[vary]\ndof = {from = 1, to = 2.5}", "whole numbers"),
         ("[vary]\ndof = {from = 1, to = 3, steps = 5}", "no more than there are whole numbers from 1 to 3"),
@@ -219,7 +252,6 @@ def test_each_set_of_parameters_is_checked_once_whatever_the_seeds(tmp_path: Pat
         ("[vary]\nlink = [{up = 'lan'}]", "up = ..., down = ..."),
         ("[vary]\nlink = ['lan']\n'link.up' = ['lan']", "either link.up or link"),
         ("[vary]\nlink.up = ['lann']", "link.up is 'lann'"),
-        ("[vary]\nworld.step_min_s = [0.01, 0.1]\nworld.step_max_s = [0.2, 0.05]", "world.step_min_s is 0.1"),
         ("[fixd]\na = 1\n[vary]\nseed = [1]", "'fixd'.*fixed"),
         ("[fixed]\ndof = 1\n[vary]\ndof = [1]", "either under"),
         ("[fixed]\ndvice.mass = 1\n[vary]\ndof = [1]", "'dvice.mass'.*device.mass"),

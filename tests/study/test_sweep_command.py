@@ -10,6 +10,7 @@ import re
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -93,6 +94,48 @@ def test_a_dry_run_says_what_would_run_and_writes_nothing(directory: Path, capsy
     assert sorted(path.name for path in directory.iterdir()) == ["study.toml"]
 
 
+MIXED = """
+[fixed]
+duration_s = 0.2
+[vary]
+coupling = ["wave", "zoh"]
+device.servo = ["sampled", "continuous"]
+link = ["lan", "4g"]
+seed = "0:3"
+"""
+NOT_WAVE = "device.servo is 'continuous'; allowed: sampled with the coupling wave"
+
+
+def test_combinations_that_cannot_run_are_rows_that_say_why(directory: Path, capsys: Capture) -> None:
+    spec_file(directory, MIXED)
+    assert cli.main(["sweep", "study.toml", "--dry-run"]) == 0
+    line = f"6 of 24 cases cannot run: first: {NOT_WAVE}"
+    assert capsys.readouterr().out.splitlines()[0] == line
+    told = summary("study.toml", "--workers", 1, code=3)
+    out = capsys.readouterr().out.splitlines()
+    assert out[0] == line
+    assert f"  6 x {NOT_WAVE}" in out
+    assert (told["done"], told["failed"], told["errors"]) == (24, 6, {NOT_WAVE: 6})
+    found = rows(Path("runs/sweep-study"))
+    assert [row["error"] for row in found] == [""] * 6 + [NOT_WAVE] * 6 + [""] * 12
+    assert all(bool(row["margin_J"]) != bool(row["error"]) for row in found)
+    assert [row["link"] for row in found] == (["lan"] * 3 + ["4g"] * 3) * 4
+
+
+def test_where_no_case_can_run_the_spec_is_refused(directory: Path, capsys: Capture) -> None:
+    spec_file(directory, MIXED.replace('"sampled", ', "").replace(', "zoh"', ""))
+    for flags in ([], ["--dry-run"]):
+        assert cli.main(["sweep", "study.toml", *flags]) == 2
+        assert capsys.readouterr() == ("", f"hapnet: no case can run: first: {NOT_WAVE}\n")
+    assert not (directory / "runs").exists()
+
+
+def test_what_is_wrong_with_fixed_parameters_alone_does_not_hide_results(directory: Path) -> None:
+    spec_file(directory, "[fixed]\nduration_s = 0.2\nworld.step_min_s = 0.1\n[vary]\nworld.step_max_s = [0.2, 0.05]")
+    summary("study.toml", "--workers", 1, code=3)
+    assert [bool(row["error"]) for row in rows(Path("runs/sweep-study"))] == [False, True]
+
+
 def test_parameters_that_a_scene_does_not_read_are_told(directory: Path, capsys: Capture) -> None:
     spec_file(directory, f"{TOUCHY}[vary]\nworld.wall.damping = [1, 10, 100]")
     assert cli.main(["sweep", "study.toml", "--dry-run"]) == 0
@@ -103,7 +146,7 @@ def test_parameters_that_a_scene_does_not_read_are_told(directory: Path, capsys:
     ("argv", "said"),
     [
         (["none.toml"], "SPEC is 'none.toml'; allowed: a TOML file (No such file or directory)"),
-        (["bad.toml"], "scene is 'wal'; allowed: free, wall, box, paper"),
+        (["bad.toml"], "no case can run: first: scene is 'wal'; allowed: free, wall, box, paper"),
         (["nothing.toml"], "duration_s is 0.0; allowed: above 0 in virtual time"),
         (["study.toml", "--set", "duration_s"], "--set is 'duration_s'; allowed: NAME=VALUE"),
         (["study.toml", "--set", "seed=3"], "--set is 'seed=3'; allowed: what does not vary"),
@@ -119,7 +162,7 @@ def test_parameters_that_a_scene_does_not_read_are_told(directory: Path, capsys:
 )
 def test_what_is_wrong_is_one_line(directory: Path, capsys: Capture, argv: list[str], said: str) -> None:
     spec_file(directory, SHORT)
-    spec_file(directory, "[vary]\nscene = ['wall', 'wal']", "bad")
+    spec_file(directory, "[vary]\nscene = ['wal', 'bocks']", "bad")
     spec_file(directory, "[fixed]\nduration_s = 0\n[vary]\nseed = [1]", "nothing")
     assert cli.main(["sweep", *argv]) == 2
     out, err = capsys.readouterr()
@@ -214,6 +257,30 @@ def test_another_version_warns(directory: Path, capsys: Capture, monkeypatch: py
     monkeypatch.setattr("hapnet.study.journal.versions", lambda: {"hapnet-haptics": "99"})
     summary("study.toml")
     assert "warning: hapnet 0." in capsys.readouterr().out
+
+
+def test_interrupted_before_a_result_it_says_one_line_and_offers_no_figure(directory: Path) -> None:
+    """Its workers are starting: the moment at which they are easiest to hit."""
+    spec_file(directory, LONGER.replace("duration_s = 2", "duration_s = 30"))
+    results = directory / "runs" / "sweep-study"
+    with started("sweep", "study.toml", "--workers", "2") as program:
+        program.until("workers", lambda: len(workers_of(program)) == 2)
+        os.killpg(program.process.pid, signal.SIGINT)
+        code, out, err = program.end()
+        program.until_gone()
+    assert (code, err) == (130, "hapnet: stopped: 0 of 80 cases are done; the same command goes on\n")
+    assert "sweep plot" not in out
+    assert not rows(results)
+
+
+def workers_of(program: Program) -> list[str]:
+    """The command lines of the workers that it has started."""
+    pid = program.process.pid
+    found = []
+    for child in Path(f"/proc/{pid}/task/{pid}/children").read_text("ascii").split():
+        with suppress(OSError):
+            found.append(Path(f"/proc/{child}/cmdline").read_text("utf-8"))
+    return [line for line in found if "spawn_main" in line]
 
 
 @pytest.mark.slow
