@@ -16,7 +16,9 @@ from hapnet.runtime.zenoh_config import free_address
 from tests.processes import assert_accounts_agree, assert_passive, child_of, read_json, size, started
 
 
-@pytest.mark.parametrize("more", [(), ("--realtime",)], ids=["thread", "realtime"])
+@pytest.mark.parametrize(
+    "more", [(), pytest.param(("--realtime",), marks=pytest.mark.slow)], ids=["thread", "realtime"]
+)
 def test_the_main_job(more: tuple[str, ...], tmp_path: Path) -> None:
     """Both processes, the default link both ways: passive, accounts agree, everything written reads back."""
     out = tmp_path / "run"
@@ -199,6 +201,7 @@ class Arm:
 FAILED = "hapnet: the device driver:Arm failed: read() raised OSError: unplugged\n"
 
 
+@pytest.mark.slow
 def test_a_device_of_ones_own_is_made_once_and_named_when_it_fails(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -226,7 +229,7 @@ def test_a_device_that_fails_ends_its_side_in_one_line(tmp_path: Path, monkeypat
     assert (code, stderr) == (2, FAILED)
 
 
-@pytest.mark.parametrize("first", ["device", "world"])
+@pytest.mark.parametrize("first", [pytest.param("device", marks=pytest.mark.slow), "world"])
 def test_sides_start_in_either_order(first: str, tmp_path: Path) -> None:
     address = free_address()
     argv: dict[str, list[object]] = {"device": ["-e", address, "--operator", "sine"], "world": ["-l", address]}

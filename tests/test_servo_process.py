@@ -183,8 +183,9 @@ def test_what_is_credited_arrives_once_though_the_pipe_was_full(running: Running
     running.paired()
     servo = running.servo
     os.kill(running.pid, signal.SIGSTOP)
+    until(lambda: Path(f"/proc/{running.pid}/stat").read_text().rpartition(")")[2].split()[0] == "T")
     stopped = time.monotonic()
-    while servo._pipe.offer("arrive", (0.001, 0.0), 0.0):
+    while servo._pipe.offer("arrive", 0, (0.001, 0.0), 0.0):
         pass
     for _ in range(200):
         servo.credit(1_000)

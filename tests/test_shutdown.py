@@ -291,7 +291,9 @@ def test_a_recording_that_cannot_be_written_is_refused_at_the_start(file: str) -
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("more", [(), ("--realtime",)], ids=["thread", "realtime"])
+@pytest.mark.parametrize(
+    "more", [pytest.param((), marks=pytest.mark.slow), ("--realtime",)], ids=["thread", "realtime"]
+)
 def test_a_full_disk_ends_recording_and_log_and_not_the_run(more: tuple[str, ...]) -> None:
     words = ("--record", "device.mcap", "--log", "device.jsonl", "--duration", 2, "--json", "-", *more)
     with pushing(*words, before=limited(10_000)) as (device, world):
@@ -336,6 +338,7 @@ def test_a_log_that_ends_early_is_exit_code_3() -> None:
     assert_no_force_last()
 
 
+@pytest.mark.slow
 def test_a_run_without_room_for_its_files_says_so_in_one_line() -> None:
     """The limit holds for the children too; the summary, which needs no room, is whole."""
     with started(

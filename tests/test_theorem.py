@@ -70,8 +70,8 @@ def survey(cases: range, compared: range) -> tuple[int, int]:
     return halves, whole
 
 
-def test_both_ports_are_passive_in_50_random_cases() -> None:
-    halves, whole = survey(range(50), range(10))
+def test_both_ports_are_passive_in_25_random_cases() -> None:
+    halves, whole = survey(range(25), range(10))
     assert halves >= 9
     assert whole >= 5
 

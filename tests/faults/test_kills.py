@@ -35,7 +35,7 @@ LONGEST_PAUSE_S = 1.0
     ("role", "on_silence", "kills"),
     [
         ("device", "release", 2),
-        ("world", "hold", 2),
+        pytest.param("world", "hold", 2, marks=pytest.mark.slow),
         pytest.param("device", "hold", 20, marks=pytest.mark.slow),
         pytest.param("device", "release", 20, marks=pytest.mark.slow),
         pytest.param("world", "hold", 20, marks=pytest.mark.slow),

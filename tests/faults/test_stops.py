@@ -23,7 +23,8 @@ BLOCKED_NS = 1_000_000_000
 """A control that pauses for longer was stopped, or waited for something that it must not wait for."""
 
 
-@pytest.mark.parametrize("asleep_s", [1.5, pytest.param(5.0, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("asleep_s", [1.5, 5.0])
 def test_each_host_asleep(asleep_s: float, tmp_path: Path) -> None:
     """The device's, then the world's."""
     with pair(tmp_path, *LINK, *SILENCE, device=("--set", "record_hz=1000")) as sides:

@@ -169,6 +169,7 @@ def test_a_drag_leads_the_hand_where_the_mouse_is(playing: Open) -> None:
     assert len(controls.named("lead")) == before + 1  # a mouse that let go leads nobody
 
 
+@pytest.mark.slow
 def test_a_slider_changes_both_links(playing: Open) -> None:
     page, controls = playing.page, playing.controls
     before = len(controls.named("link"))
