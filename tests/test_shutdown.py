@@ -291,9 +291,7 @@ def test_a_recording_that_cannot_be_written_is_refused_at_the_start(file: str) -
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "more", [pytest.param((), marks=pytest.mark.slow), ("--realtime",)], ids=["thread", "realtime"]
-)
+@pytest.mark.parametrize("more", [(), ("--realtime",)], ids=["thread", "realtime"])
 def test_a_full_disk_ends_recording_and_log_and_not_the_run(more: tuple[str, ...]) -> None:
     words = ("--record", "device.mcap", "--log", "device.jsonl", "--duration", 2, "--json", "-", *more)
     with pushing(*words, before=limited(10_000)) as (device, world):

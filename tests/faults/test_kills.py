@@ -34,7 +34,7 @@ LONGEST_PAUSE_S = 1.0
 @pytest.mark.parametrize(
     ("role", "on_silence", "kills"),
     [
-        ("device", "release", 2),
+        pytest.param("device", "release", 2, marks=pytest.mark.slow),
         pytest.param("world", "hold", 2, marks=pytest.mark.slow),
         pytest.param("device", "hold", 20, marks=pytest.mark.slow),
         pytest.param("device", "release", 20, marks=pytest.mark.slow),

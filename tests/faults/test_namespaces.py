@@ -146,9 +146,8 @@ def test_the_hosts_have_nothing_in_common_but_the_cable(tmp_path: Path) -> None:
 
 
 def _cable(protocol: str, where: Role, on_silence: str, *down_s: float) -> Any:
-    marks = [] if down_s == (3.0,) else [pytest.mark.slow]
     times = "-".join(f"{each:g}s" for each in down_s)
-    return pytest.param(protocol, down_s, where, on_silence, marks=marks, id=f"{protocol}-{where}-{times}")
+    return pytest.param(protocol, down_s, where, on_silence, marks=pytest.mark.slow, id=f"{protocol}-{where}-{times}")
 
 
 @pytest.mark.parametrize(
