@@ -12,14 +12,12 @@ import typer
 
 from hapnet.commands import complete, output
 from hapnet.commands.progress import Progress
-from hapnet.errors import InvalidParameter, OutputError, RecordingError
+from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 from netem.profile import PRESETS
 from netem.units import format_path
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from hapnet.study.compare import Case, Outcome, Plan
 
 LINKS = {"ideal": "ideal", "lan": "lan", "4g": "4g", "intercontinental": "wan-intercontinental"}
@@ -159,6 +157,7 @@ def _write(
     written: output.Written,
 ) -> list[str]:
     """Write compare.json and the figures; what is there then, in words."""
+    from hapnet.report.files import save_figure
     from hapnet.study import figures
 
     there = []
@@ -168,10 +167,10 @@ def _write(
     same = _same(drawn, outcomes)
     if same:
         with written.part():
-            _save(figures.traces(plan, same), directory / "traces.png")
+            save_figure(figures.traces(plan, same), directory / "traces.png")
             there.append(f"traces.png ({drawn.operator} over {drawn.link}, seed {drawn.seed})")
     with written.part():
-        _save(figures.tradeoff(plan, outcomes), directory / "tradeoff.png")
+        save_figure(figures.tradeoff(plan, outcomes), directory / "tradeoff.png")
         there.append("tradeoff.png")
     return there
 
@@ -274,12 +273,3 @@ def _same(case: Case, outcomes: Iterable[Outcome]) -> list[Case]:
     wanted = (case.link, case.operator, case.seed)
     return [one.case for one in outcomes
             if one.error is None and (one.case.link, one.case.operator, one.case.seed) == wanted]  # fmt: skip
-
-
-def _save(figure: Figure, path: Path) -> None:
-    from hapnet.report.files import save_figure
-
-    try:
-        save_figure(figure, path)
-    except RecordingError as error:
-        raise OutputError(str(error)) from None

@@ -27,6 +27,7 @@ from typing import Literal
 
 from hapnet.checks import Vector
 from hapnet.control.law import Datum, Motion, Port, Wave
+from hapnet.control.servo_law import TICK_SLACK_S
 from hapnet.errors import InvalidParameter
 
 LONGEST_S = 0.1
@@ -71,7 +72,7 @@ class Deadband:
         self.held_back = 0
         """How many data were not sent; of waves, not sent by themselves."""
         self._fraction = fraction
-        self._longest_s = longest_s - 1e-9  # a clock of whole nanoseconds may call a period a nanosecond short
+        self._longest_s = longest_s - TICK_SLACK_S
         self._port = port
         self.renew()
 

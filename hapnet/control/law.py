@@ -15,6 +15,7 @@ from typing import NamedTuple, Protocol
 
 from hapnet.checks import Vector
 from hapnet.control.ledger import Ledger
+from hapnet.control.servo_law import TICK_SLACK_S
 
 
 class Motion(NamedTuple):
@@ -166,7 +167,7 @@ class LawServo:
         self.law = law
         self.coupling = LawCoupling(law, bound)
         self.trusted_damping = self.force = (0.0,) * len(position)
-        self._due = period - 1e-9  # a clock of whole nanoseconds may call a period a nanosecond short
+        self._due = period - TICK_SLACK_S
         self._elapsed = 0.0
         self._position = position
         self._force_limit = force_limit

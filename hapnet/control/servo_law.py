@@ -22,7 +22,7 @@ HARVESTS: tuple[Harvest, ...] = ("range", "measured")
 
 Extremes = Callable[[], tuple[Vector, Vector]]
 
-_TICK_SLACK = 1e-9  # s: a clock of whole nanoseconds may call a period a nanosecond short
+TICK_SLACK_S = 1e-9  # s: a clock of whole nanoseconds may call a period a nanosecond short
 
 
 class ContinuousServo:
@@ -38,7 +38,7 @@ class ContinuousServo:
     def __init__(self, coupling: Coupling, *, damping: Vector, period: float) -> None:
         self.coupling = coupling
         self.damping = damping
-        self._due = period - _TICK_SLACK
+        self._due = period - TICK_SLACK_S
         self._elapsed = 0.0
 
     def tick(
@@ -107,7 +107,7 @@ class SampledServo:
     ) -> None:
         self.coupling = coupling
         self.damping = damping
-        self._due = period - _TICK_SLACK
+        self._due = period - TICK_SLACK_S
         self.harvest = harvest
         self.force_limit = math.inf if force_limit is None else force_limit
         self.resolution = resolution

@@ -13,7 +13,7 @@ from hapnet.metrics.passivity import least_total_margin, total_margin
 from hapnet.record import Columns, Recording
 from hapnet.report.style import MM, STYLE
 from hapnet.report.words import get, has_reservoirs, known, millijoule, verdict
-from hapnet.runtime.couplings import jointly_passive
+from hapnet.runtime.couplings import KINDS, jointly_passive
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -228,7 +228,9 @@ def _coupling(recording: Recording) -> Any:
 
 
 def _received(recording: Recording) -> bool:
-    return _coupling(recording) in ("zoh", "popc", "eba")
+    """Is a received position, as it came, what the spring is tied to? It is where the world has no law of its own."""
+    kind = KINDS.get(str(_coupling(recording)))
+    return kind is not None and kind.world is None
 
 
 def _stride(columns: Columns) -> int:
