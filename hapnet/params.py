@@ -70,16 +70,16 @@ class DeviceParams:
     harvest: str = _p("auto", "auto: range with the continuous servo, measured with the sampled one",
                       ("auto", "range", "measured"))  # fmt: skip
     force_limit_N: float = _p(3.3, "longest force of the actuators [N]; 0: no limit", _NOT_NEGATIVE)
-    spring_share: float = _p(
-        0.9,
-        "share of the force limit at which the spring saturates, the rest is the damper's",
-        _Range(above=0.0, at_most=1.0),
+    spring_share: float = _p(0.9, "share of the force limit at which the spring saturates, the rest is the damper's",
+                             _Range(above=0.0, at_most=1.0))  # fmt: skip
+    step_limit_N: float = _p(
+        0.5, "largest step of the force [N]: a tick if held, else an update; 0: none", _NOT_NEGATIVE
     )
-    step_limit_N: float = _p(0.5, "largest step of the spring's force an update [N]; 0: no limit", _NOT_NEGATIVE)
     smoothing_s: float = _p(0.0, "time constant of the smoothing filter before PSPM [s]; 0: none", _NOT_NEGATIVE)
     predict_s: float = _p(0.0, "horizon of the velocity predictor before PSPM [s]; 0: none", _NOT_NEGATIVE)
     on_silence: str = _p("hold", "what y does when nothing arrives", ("hold", "release"))
     silence_after_s: float = _p(0.5, "the silence that counts [s]", _POSITIVE)
+    greatest_speed: float = _p(1.0, "of the handle [m/s]: it decides what a held torque can give out", _POSITIVE)
     mass: float = _p(0.045, "apparent mass of the simulated device [kg]", _POSITIVE)
     own_damping: float = _p(0.3, "own damping of the simulated device [Ns/m]", _NOT_NEGATIVE)
     trusted_damping: float = _p(

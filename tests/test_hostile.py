@@ -26,9 +26,9 @@ LEVEL_NJ = 2**63 - 1
 
 STRONG: dict[str, object] = {
     "operator": "rest", "device.force_limit_N": 40.0, "device.step_limit_N": 20.0,
-    "world.step_min_s": 0.002, "world.step_max_s": 0.004,
+    "device.greatest_speed": 5.0, "device.watchdog_s": 0.0, "world.step_min_s": 0.002, "world.step_max_s": 0.004,
 }  # fmt: skip
-"""A device that could give its hand more than admission lets in, and a world that is quick."""
+"""A device that could give its hand more than admission lets in, fast enough for it, and a world that is quick."""
 
 OPEN: dict[str, object] = {"wire.admission_W": 1e6, "wire.admission_burst_J": 1e6}
 

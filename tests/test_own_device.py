@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,9 @@ from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Impedance, Rest
 from hapnet.runtime.build import device_session, device_side, prepare
 from hapnet.runtime.own_device import OwnDevice, load_class
+from hapnet.runtime.sides import SampledDeviceSide
+from hapnet.runtime.summary import device_summary
+from hapnet.runtime.virtual import simulate
 
 
 class Still:
@@ -160,6 +164,101 @@ def test_a_side_is_made_around_it(name: str) -> None:
 
 def test_its_coupling_is_checked_before_pairing() -> None:
     params = Params().set({"scene": "free", "dof": 2, "hardware": "tests.test_own_device:Still"})
-    setup = prepare(params.set({"device.stiffness": ((1, 2), (2, 1))}), "sampled")
     with pytest.raises(InvalidParameter, match=r"^device\.stiffness is"):
-        device_side(setup, DeviceEndpoint(device_session(setup, 1)), lambda: 0, lambda sample: None)
+        prepare(params.set({"device.stiffness": ((1, 2), (2, 1))}), "sampled")
+
+
+class Telling:
+    """Tells what it applies: half of what it is asked for; its handle is heavy and slow."""
+
+    dof, force_limit, resolution, greatest_speed, smallest_mass = 1, 2.0, 0.0, 0.3, 0.2
+
+    def __init__(self, dof: int) -> None:
+        self.x = 0.0
+
+    def read(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        return (self.x,), (0.0,)
+
+    def apply(self, force: Vector) -> object:
+        return [0.5 * component for component in force]
+
+
+class TellingNonsense(Telling):
+    def apply(self, force: Vector) -> object:
+        return (math.nan,)
+
+
+class Silent(Telling):
+    def apply(self, force: Vector) -> object:
+        return None
+
+
+def driven(name: str) -> SampledDeviceSide:
+    """A side around the device, paired, with a set-position 10 mm off; 10 ticks, the handle going 0.1 mm in each."""
+    words = {"device.damping": 1e-9, "device.step_limit_N": 0.0}
+    params = Params().set({"scene": "free", "hardware": f"tests.test_own_device:{name}", **words})
+    setup = prepare(params, "sampled")
+    now_ns = 0
+    side = device_side(setup, DeviceEndpoint(device_session(setup, 1)), lambda: now_ns, lambda sample: None)
+    assert isinstance(side, SampledDeviceSide)
+    device = side.device.device  # type: ignore[attr-defined]  # the user's, inside
+    side.endpoint.paired = True
+    side.tick(0)
+    side.coupling.receive((0.01,), 0.0)
+    for _ in range(10):
+        device.x += 1e-4
+        now_ns += 1_000_000
+        side.tick(now_ns)
+    return side
+
+
+def test_what_the_device_applied_is_what_the_account_counts() -> None:
+    """Asked for 100 N/m (10 mm - k 0.1 mm), of which half is applied: W is minus their sum times 0.1 mm."""
+    side = driven("Telling")
+    asked = [100.0 * (0.01 - 1e-4 * k) for k in range(1, 10)]
+    assert side.coupling.ledger.work == pytest.approx(-sum(0.5 * force * 1e-4 for force in asked), rel=1e-6)
+    assert side.coupling.ledger.slack == pytest.approx(0.0, abs=1e-15)
+    part = device_summary(side, "pspm")
+    assert part["force"] == "applied"
+    assert part["speed_limit_mps"] == 0.3
+    assert part["speed_max_mps"] == pytest.approx(0.1)
+
+
+def test_a_device_that_does_not_tell_is_counted_as_commanded() -> None:
+    side = driven("Silent")
+    asked = [100.0 * (0.01 - 1e-4 * k) for k in range(1, 10)]
+    assert side.coupling.ledger.work == pytest.approx(-sum(force * 1e-4 for force in asked), rel=1e-6)
+    assert device_summary(side, "pspm")["force"] == "commanded"
+
+
+def test_a_device_that_applies_nonsense_is_named() -> None:
+    with pytest.raises(HapnetError, match=r"^the device tests\.test_own_device:TellingNonsense failed: apply\(\) gave"):
+        driven("TellingNonsense")
+
+
+def test_a_motor_connected_the_wrong_way_round_is_seen_and_rationed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A torque against the spring is energy for the hand, and nothing that is counted as commanded shows it.
+
+    W of the forces that were really held, over the true positions, is what the summary says; and it stays within d^2.
+    """
+    applied: list[tuple[Vector, Vector]] = []
+    apply = SimulatedDevice.apply
+
+    def reversed_(device: SimulatedDevice, force: Vector) -> Vector:
+        applied.append((device.position, tuple(-component for component in force)))
+        return apply(device, applied[-1][1])
+
+    monkeypatch.setattr(SimulatedDevice, "apply", reversed_)
+    result = simulate(
+        Params().set({"device.servo": "sampled", "operator": "sine", "scene": "free", "duration_s": 3.0}), seed=2
+    )
+    work = -sum(
+        sum(f * (b - a) for f, a, b in zip(force, before, after, strict=True))
+        for (before, force), (after, _) in pairwise(applied)
+    )
+    ledger = result.summary["device"]["ledger"]
+    assert ledger["work_J"] == pytest.approx(work, abs=1e-9)
+    assert work < -0.01  # the hand was given energy
+    assert ledger["margin_J"] >= 0.0
+    assert result.summary["hand"]["margin_J"] >= 0.0
+    assert abs(ledger["slack_J"]) <= 1e-9

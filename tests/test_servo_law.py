@@ -11,6 +11,7 @@ from hapnet.checks import Vector
 from hapnet.control.coupling import Coupling
 from hapnet.control.limits import Silence
 from hapnet.control.pspm import SetPositionModulator
+from hapnet.control.reserve import ForceGuard
 from hapnet.control.servo_law import ContinuousServo, Harvest, SampledServo
 from hapnet.control.smoothing import Pipeline
 from tests.conftest import random_spd
@@ -38,8 +39,8 @@ def sampled(
     position: Vector | None = None,
 ) -> SampledServo:
     return SampledServo(
-        c, damping=(damping,) * n, period=5 * T, position=position or (0.0,) * n, harvest=harvest, force_limit=limit,
-        resolution=resolution, trusted_damping=(trusted,) * n,
+        c, damping=(damping,) * n, period=5 * T, position=position or (0.0,) * n, harvest=harvest,
+        guard=ForceGuard(limit=limit or math.inf), resolution=resolution, trusted_damping=(trusted,) * n,
     )  # fmt: skip
 
 

@@ -14,6 +14,7 @@ from hapnet.checks import Array, Vector
 from hapnet.control.coupling import Coupling
 from hapnet.control.limits import Silence
 from hapnet.control.pspm import SetPositionModulator
+from hapnet.control.reserve import ForceGuard
 from hapnet.control.servo_law import SampledServo
 from hapnet.control.smoothing import Pipeline
 from hapnet.endpoint import DeviceEndpoint
@@ -28,7 +29,7 @@ def device_tick(options: Options) -> Row:
     origin = (0.0, 0.0, 0.0)
     modulator = SetPositionModulator(stiffness=_K, position=origin, force_limit=3.0)
     coupling = Coupling(modulator, stages=Pipeline([]), silence=Silence("hold", _NEVER_S))
-    servo = SampledServo(coupling, damping=(_B,) * 3, period=_NEVER_S, position=origin, force_limit=3.3)
+    servo = SampledServo(coupling, damping=(_B,) * 3, period=_NEVER_S, position=origin, guard=ForceGuard(limit=3.3))
     endpoint = DeviceEndpoint(Session(role="device", dof=3, name="bench", incarnation=1))
     endpoint.start(servo)
     plain = PlainPD(_K, _B)

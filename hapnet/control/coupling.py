@@ -7,6 +7,7 @@ harvest differs.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Protocol
 
 from hapnet.checks import Vector
@@ -31,8 +32,8 @@ class Modulator(Protocol):
     @property
     def account(self) -> float: ...
 
-    def modulate(self, y: Vector, x: Vector, dissipated: float, received: float) -> Modulation: ...
-    def share(self) -> float: ...
+    def modulate(self, y: Vector, x: Vector, dissipated: float, received: float, keep: float = 0.0) -> Modulation: ...
+    def share(self, most: float = ...) -> float: ...
 
 
 class Coupling:
@@ -71,6 +72,8 @@ class Coupling:
         self.energy_min = modulator.energy
         self.deficit_max = 0.0
         self.discarded = 0.0
+        self.spare: Callable[[], float] = lambda: math.inf
+        """What the reservoir can do without now [J]; a servo that holds a torque says how much."""
         self._received: Vector = modulator.set_position
         self._sent_s: float | None = None
         self._credit = 0.0
@@ -108,7 +111,7 @@ class Coupling:
         It could not move else. The stages begin anew: its clock and its place have nothing to do with the first one's.
         """
         self.stages.reset(self.target)
-        energy = self.modulator.share()
+        energy = self.modulator.share(self.spare())
         self.ledger.send(energy)
         self.account = self.modulator.account
         return energy
@@ -117,10 +120,11 @@ class Coupling:
         """phi [J] with the present ybar."""
         return self.spring.between(self.modulator.set_position, x)
 
-    def update(self, dt: float, x: Vector, dissipated: float) -> Modulation:
+    def update(self, dt: float, x: Vector, dissipated: float, keep: float = 0.0) -> Modulation:
         """One PSPM instant, `dt` seconds after the last, at position x [m] with D = `dissipated` [J].
 
-        The energy to send is in the result; the ledger already counts it as sent.
+        `keep` is what spring and reservoir must hold afterwards, as far as they can [J]. The energy to send is in the
+        result; the ledger already counts it as sent.
         """
         sent_s = self._sent_s
         self._sent_s = None
@@ -130,7 +134,7 @@ class Coupling:
         self.target = y
         if self.longest_step != math.inf:
             y = step_towards(self.modulator.set_position, y, self.longest_step)
-        return self._modulate(y, x, dissipated)
+        return self._modulate(y, x, dissipated, keep)
 
     def release(self, x: Vector, dissipated: float) -> Modulation:
         """One PSPM instant that lets the spring go at once: ybar = x, and y stays there until something arrives.
@@ -142,12 +146,12 @@ class Coupling:
         self.stages.reset(x)
         return self._modulate(x, x, dissipated)
 
-    def _modulate(self, y: Vector, x: Vector, dissipated: float) -> Modulation:
+    def _modulate(self, y: Vector, x: Vector, dissipated: float, keep: float = 0.0) -> Modulation:
         credit = self._credit
         self._credit = 0.0
         self.has_datum = False
         modulator = self.modulator
-        result = modulator.modulate(y, x, dissipated, credit)
+        result = modulator.modulate(y, x, dissipated, credit, keep)
         self.ledger.credit(credit)
         if result.sent:
             self.ledger.send(result.sent)

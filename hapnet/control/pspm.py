@@ -10,10 +10,14 @@ hand allows, and what the reservoir holds above its ceiling is handed on:
 
 D is what was dissipated since the last instant: (10) from the positions' extremes, or measured (see harvest.py), or
 exact (the virtual world). A measured D may be negative.
+
+A servo that holds its torque gives out energy between two instants. What that may come to is kept in reserve: the
+spring's jumps are paid for with what E(k) holds above it (see reserve.py).
 """
 
 from __future__ import annotations
 
+import math
 from operator import sub
 from typing import Literal, NamedTuple
 
@@ -25,6 +29,9 @@ from hapnet.checks import Array, Vector
 from hapnet.control.harvest import dissipated_by_range
 from hapnet.control.spring import shared_spring
 from hapnet.errors import InvalidParameter
+
+_ROUNDING = 2.0**-50
+"""Of the terms that D and phi are differences of: less than that is no deficit."""
 
 Shuffle = Literal["harvested", "all"]
 SHUFFLES: tuple[Shuffle, ...] = ("harvested", "all")
@@ -71,13 +78,16 @@ class SetPositionModulator:
         energy does not orbit between two full reservoirs. ``"all"``: Algorithm 1 as printed.
     force_limit : saturates the spring [N], see `Spring`.
     energy : E(0) [J]; None: the ceiling, as the paper starts. A restarted side starts with 0.
+    reserve : what the spring's jumps leave in the reservoir [J]; at most the ceiling.
 
     Raises
     ------
     InvalidParameter : a value is not allowed, or the dimensions do not agree.
     """
 
-    __slots__ = ("_harvested_only", "ceiling", "damping", "deficit", "dof", "energy", "set_position", "spring")
+    __slots__ = (
+        "_harvested_only", "ceiling", "damping", "deficit", "dof", "energy", "reserve", "set_position", "spring",
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -89,6 +99,7 @@ class SetPositionModulator:
         shuffle: Shuffle = "harvested",
         force_limit: float | None = None,
         energy: float | None = None,
+        reserve: float = 0.0,
     ) -> None:
         self.set_position: Vector = checks.vector("position", position)
         self.dof = len(self.set_position)
@@ -99,6 +110,9 @@ class SetPositionModulator:
         self.energy = self.ceiling if energy is None else checks.non_negative("energy", energy)
         if self.energy > self.ceiling:
             raise InvalidParameter("energy", energy, f"at most the ceiling, {self.ceiling} J")
+        self.reserve = checks.non_negative("reserve", reserve)
+        if self.reserve > self.ceiling:
+            raise InvalidParameter("reserve", reserve, f"at most the ceiling, {self.ceiling} J")
         self.deficit = 0.0
 
     @property
@@ -106,11 +120,11 @@ class SetPositionModulator:
         """What the ledger counts as this reservoir's content [J]: energy less deficit."""
         return self.energy - self.deficit
 
-    def share(self) -> float:
-        """Give away half of the reservoir; what was taken out of it [J]."""
-        half = self.energy / 2.0
-        self.energy -= half
-        return half
+    def share(self, most: float = math.inf) -> float:
+        """Give away half of the reservoir, but no more than `most` [J]; what was taken out of it [J]."""
+        given = max(0.0, min(self.energy / 2.0, most))
+        self.energy -= given
+        return given
 
     def update(
         self,
@@ -154,33 +168,40 @@ class SetPositionModulator:
         r = self.modulate(y, x, dissipated, received)
         return Update(np.array(r.set_position), *r[1:])
 
-    def modulate(self, y: Vector, x: Vector, dissipated: float, received: float) -> Modulation:
-        """`update` for a servo: the arguments are trusted to be finite and of the right dimension."""
+    def modulate(self, y: Vector, x: Vector, dissipated: float, received: float, keep: float = 0.0) -> Modulation:
+        """`update` for a servo: the arguments are trusted to be finite and of the right dimension.
+
+        keep : what spring and reservoir together must hold afterwards, as far as they can [J]: it is no surplus.
+        """
         spring = self.spring
         before = spring.between(self.set_position, x)
         at_hand = self.energy - self.deficit + received + dissipated + before  # R of the ellipsoid (9)
+        spendable = at_hand - self.reserve
         after = spring.between(y, x)
-        if after <= at_hand:
+        if after <= spendable:
             self.set_position = y
         else:
-            offset = spring.nearest(tuple(map(sub, x, y)), at_hand)
+            offset = spring.nearest(tuple(map(sub, x, y)), spendable)
             self.set_position = tuple(map(sub, x, offset))
             # phi as everyone else will compute it, from ybar: subtracting may have moved it by an ulp
             after = spring.between(self.set_position, x)
             excess: float = 2.0**-50
-            while after > at_hand >= 0.0:
+            while after > spendable >= 0.0:
                 offset = tuple([(1.0 - excess) * component for component in offset])
                 self.set_position = tuple(map(sub, x, offset))
                 after = spring.between(self.set_position, x)
                 excess *= 2.0  # reaches 1, where ybar = x, in 50 rounds at the most
         left = at_hand - after
+        if 0.0 > left >= -_ROUNDING * (abs(dissipated) + before):
+            left = 0.0
         energy = left if left > 0.0 else 0.0
         self.deficit = -left if left < 0.0 else 0.0
         sent = discarded = 0.0
-        if energy > self.ceiling:
-            surplus = energy - self.ceiling
+        ceiling = self.ceiling if keep - after <= self.ceiling else keep - after
+        if energy > ceiling:
+            surplus = energy - ceiling
             sent = max(0.0, surplus - received) if self._harvested_only else surplus
             discarded = surplus - sent
-            energy = self.ceiling
+            energy = ceiling
         self.energy = energy
         return Modulation(self.set_position, energy, self.deficit, sent, discarded, after - before)

@@ -16,6 +16,7 @@ from hapnet.checks import Vector
 from hapnet.control.coupling import Coupling
 from hapnet.control.harvest import MeasuredHarvest, dissipated_by_range
 from hapnet.control.pspm import Modulation
+from hapnet.control.reserve import ForceGuard, Holding
 
 Harvest = Literal["range", "measured"]
 HARVESTS: tuple[Harvest, ...] = ("range", "measured")
@@ -88,7 +89,9 @@ class SampledServo:
     coupling, damping, period : as in `ContinuousServo`.
     harvest : "measured" (default) or "range".
     trusted_damping : lower bound of the device's own damping to harvest too [Ns/m] an axis, with "measured".
-    force_limit : longest force the actuator may be asked for [N]; the spring should saturate a little below.
+    guard : keeps the force to its limits, and with "measured" to what the account can pay for; the spring should
+        saturate a little below its limit.
+    holding : what the guard was reckoned with; None: it is not known.
     resolution : of the encoders [m].
     position : the first measured position [m].
     """
@@ -102,26 +105,38 @@ class SampledServo:
         position: Vector,
         harvest: Harvest = "measured",
         trusted_damping: Vector | None = None,
-        force_limit: float | None = None,
+        guard: ForceGuard | None = None,
+        holding: Holding | None = None,
         resolution: float = 0.0,
     ) -> None:
         self.coupling = coupling
         self.damping = damping
         self._due = period - TICK_SLACK_S
         self.harvest = harvest
-        self.force_limit = math.inf if force_limit is None else force_limit
         self.resolution = resolution
         self.force: Vector = (0.0,) * len(position)
-        """The force held now [N]."""
+        """The force held now [N]. Whoever knows better what the actuators really give sets it, before the next tick."""
         self.trusted_damping = trusted_damping or self.force
+        self.holding = holding
+        self.speed_max = 0.0
+        """Greatest measured speed, over a tick [m/s]; of what encoders say less a count."""
+        self.overrun_leak = 0.0
+        """What held torques gave out while the servo was away for too long, beyond what is reserved for that [J]."""
+        self.guarded = 0
+        """Ticks whose force the guard changed."""
+        self._guard = guard or ForceGuard()
+        self._longest_hold = math.inf if holding is None else holding.time * (1.0 + 1e-9)
         self._measured = MeasuredHarvest(self.trusted_damping, resolution)
         self._position = position
         self._low = self._high = position
         self._elapsed = 0.0
         self._clipped = False
+        self._commanded = self._before = self.force
         self._potential = coupling.potential(position)
         self._torque_path = 0.0
         self._boundary = 0.0
+        if self._guard.has_account:
+            coupling.spare = self._spare
 
     @property
     def quantisation(self) -> float:
@@ -133,7 +148,10 @@ class SampledServo:
         r = self.resolution
         if r == 0.0:
             return 0.0
-        return r / 2.0 * (self._torque_path + self._boundary) + r * r / 8.0 * self.coupling.spring.curvature_bound()
+        path = self._torque_path + sum(map(abs, map(sub, self.force, self._before)))
+        boundary = max(self._boundary, self._unsprung())
+        blur: float = r / 2.0 * (path + boundary) + r * r / 8.0 * self.coupling.spring.curvature_bound()
+        return blur
 
     @property
     def account(self) -> float:
@@ -145,7 +163,18 @@ class SampledServo:
         """Harvest of the running interval, not yet in the reservoir [J]."""
         if self.harvest == "range":
             return 0.0
-        return self._measured.work - (self.coupling.potential(self._position) - self._potential)
+        pending: float = self._measured.work - (self.coupling.potential(self._position) - self._potential)
+        return pending
+
+    @property
+    def _stored(self) -> float:
+        """P: what spring and reservoir hold now, the running interval's harvest counted [J]."""
+        stored: float = self.coupling.account + self._measured.work + self._potential
+        return stored
+
+    def _spare(self) -> float:
+        """What the reservoir can do without, the force held on [J]."""
+        return self._stored - self._guard.needed(self._commanded)
 
     def tick(self, dt: float, x: Vector, v: Vector, *, release: bool = False) -> Modulation | None:
         """A tick `dt` seconds after the last at measured position x [m] and velocity v [m/s].
@@ -155,6 +184,9 @@ class SampledServo:
         """
         coupling = self.coupling
         ledger = coupling.ledger
+        self._watch(dt, x)
+        if self.resolution:
+            self._blur()
         ledger.put_in(self._measured.hold(self.force, self._position, x, dt))
         self._position = x
         ledger.observe(coupling.potential(x), self.account)
@@ -163,8 +195,11 @@ class SampledServo:
         self._high = tuple(map(max, self._high, x))
         result = None
         if coupling.has_datum or self._elapsed >= self._due or release:
-            dissipated = self._measured_now(x) if release else self._dissipated(x)
-            result = coupling.release(x, dissipated) if release else coupling.update(self._elapsed, x, dissipated)
+            if release:
+                result = coupling.release(x, self._measured_now(x))
+            else:
+                keep = self._guard.needed_after(self._commanded)
+                result = coupling.update(self._elapsed, x, self._dissipated(x), keep)
             self._potential = coupling.potential(x)
             self._elapsed = 0.0
             self._low = self._high = x
@@ -174,6 +209,15 @@ class SampledServo:
         else:
             self._render(x, v)
         return result
+
+    def _watch(self, dt: float, x: Vector) -> None:
+        """How fast it went, and what a torque that was held for too long gave out."""
+        way = math.dist(x, self._position) - self.resolution
+        if way > self.speed_max * dt and dt > 0.0:
+            self.speed_max = way / dt
+        if dt > self._longest_hold and self.holding is not None:
+            leak = sum(map(mul, self.force, map(sub, x, self._position)))
+            self.overrun_leak += max(0.0, leak - math.hypot(*self.force) * self.holding.reach)
 
     def _measured_now(self, x: Vector) -> float:
         return self._measured.take(self.coupling.potential(x) - self._potential)
@@ -189,21 +233,29 @@ class SampledServo:
 
     def _render(self, x: Vector, v: Vector) -> None:
         spring = self.coupling.spring.force(tuple(map(sub, x, self.coupling.set_position)))
-        force = tuple(map(sub, spring, map(mul, self.damping, v)))
-        length = math.hypot(*force)
-        if length > self.force_limit:
-            share = self.force_limit / length
-            force = tuple([share * component for component in force])
+        wanted = tuple(map(sub, spring, map(mul, self.damping, v)))
+        guard = self._guard
+        energy = self._stored if guard.has_account else math.inf
+        force = guard.admit(wanted, self._commanded, v, energy)
+        if force is not wanted:
             self._clipped = True
-        if self.resolution:
-            self._torque_path += sum(map(abs, map(sub, force, self.force)))
-            self._boundary = max(self._boundary, sum(map(abs, map(sub, force, spring))))
-        self.force = force
+            self.guarded += 1
+        self.force = self._commanded = force
+
+    def _blur(self) -> None:
+        """Encoders blur the work of the force that was held by as much as it changed, see `quantisation`."""
+        self._torque_path += sum(map(abs, map(sub, self.force, self._before)))
+        self._boundary = max(self._boundary, self._unsprung())
+        self._before = self.force
+
+    def _unsprung(self) -> float:
+        """How far the force is from the spring's, summed over the axes [N]."""
+        spring = self.coupling.spring.force(tuple(map(sub, self._position, self.coupling.set_position)))
+        distance: float = sum(map(abs, map(sub, self.force, spring)))
+        return distance
 
     def stop(self) -> None:
         """No force from now until the next tick, the energy account still right."""
         if self.resolution:
-            spring = self.coupling.spring.force(tuple(map(sub, self._position, self.coupling.set_position)))
-            self._torque_path += sum(map(abs, self.force))
-            self._boundary = max(self._boundary, sum(map(abs, spring)))
-        self.force = (0.0,) * len(self.force)
+            self._blur()
+        self.force = self._commanded = (0.0,) * len(self.force)

@@ -33,13 +33,13 @@ class ZeroOrderHold:
     def account(self) -> float:
         return self.energy
 
-    def modulate(self, y: Vector, x: Vector, dissipated: float, received: float) -> Modulation:
+    def modulate(self, y: Vector, x: Vector, dissipated: float, received: float, keep: float = 0.0) -> Modulation:
         """ybar = y; the energies are left alone."""
         before = self.spring.between(self.set_position, x)
         self.set_position = y
         jump = self.spring.between(y, x) - before
         return Modulation(y, self.energy, 0.0, 0.0, 0.0, jump)
 
-    def share(self) -> float:
+    def share(self, most: float = 0.0) -> float:
         """Nothing: there is no reservoir [J]."""
         return 0.0

@@ -46,8 +46,12 @@ class Device(Protocol):
     def read(self) -> tuple[Vector, Vector]:
         """Position [m] and velocity [m/s] now, shape (n,) each."""
 
-    def apply(self, force: Vector) -> None:
-        """Hold this force [N] until the next call."""
+    def apply(self, force: Vector) -> Vector | None:
+        """Hold this force [N] until the next call; the force that is really applied, None where that is not known.
+
+        What is returned is what the energy account counts: the actuators' own limits, a reversed motor, a measured
+        current. A driver that can tell should.
+        """
 
 
 class SimulatedDevice:
@@ -137,12 +141,13 @@ class SimulatedDevice:
             return self._read, (0.0,) * self.dof
         return self._read, tuple([(b - a) / span for a, b in zip(before, self._read, strict=True)])
 
-    def apply(self, force: Vector) -> None:
-        """Hold a force [N], cut to the actuators' limit."""
+    def apply(self, force: Vector) -> Vector:
+        """Hold a force [N], cut to the actuators' limit; that one."""
         length = math.hypot(*force)
         if self.force_limit is not None and length > self.force_limit:
             force = tuple([component * self.force_limit / length for component in force])
         self._torque = force
+        return force
 
     def couple(
         self, stiffness: ArrayLike, damping: ArrayLike, set_position: Vector, force_limit: float | None = None

@@ -14,9 +14,9 @@ import numpy as np
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.control.coupling import Coupling
-from hapnet.control.harvest import damping_conditions
 from hapnet.control.law import LawServo, WorldLawCoupling
 from hapnet.control.limits import OnSilence, Silence
+from hapnet.control.reserve import ForceGuard, Holding
 from hapnet.control.servo_law import ContinuousServo, Harvest, SampledServo
 from hapnet.control.smoothing import Pipeline, SmoothingFilter, Stage, VelocityPredictor
 from hapnet.control.spring import Spring, shared_spring
@@ -27,6 +27,7 @@ from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.scene import SCENES, Scene, make_scene, scene_parameters
+from hapnet.runtime import held_torque
 from hapnet.runtime.couplings import KINDS, Kind
 from hapnet.runtime.deadband import deadband
 from hapnet.runtime.delays import delays
@@ -117,8 +118,9 @@ def prepare(params: Params, default_servo: str = "sampled") -> Setup:
             )
     if params.hardware != "simulated" and servo != "sampled":
         raise InvalidParameter("device.servo", servo, "sampled with a device of your own")
-    if servo == "sampled" and harvest == "range" and params.coupling == "pspm":
-        warnings.extend(_range_warning(device, scene.dof))
+    if servo == "sampled" and kind.limited:
+        known = device if params.hardware == "simulated" else dataclasses.replace(device, mass=held_torque.UNKNOWN_MASS)
+        warnings.extend(held_torque.check(known, harvest, scene.dof))
     up, down = link_profile("link.up", params.link.up), link_profile("link.down", params.link.down)
     tuning = kind.tune(params, delays(up, down, params.link.path_s))
     warnings.extend(kind.warn(params, tuning))
@@ -206,7 +208,13 @@ def _own_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write:
     params = setup.params
     device = OwnDevice(params.hardware, setup.dof)
     limits = [limit for limit in (params.device.force_limit_N, device.force_limit) if limit]
-    own = dataclasses.replace(params.device, force_limit_N=min(limits, default=0.0), resolution_m=device.resolution)
+    own = dataclasses.replace(
+        params.device,
+        force_limit_N=min(limits, default=0.0),
+        resolution_m=device.resolution,
+        greatest_speed=device.greatest_speed or params.device.greatest_speed,
+        mass=device.smallest_mass or held_torque.UNKNOWN_MASS,
+    )
     hold = _sampled_servo(dataclasses.replace(setup, params=dataclasses.replace(params, device=own)))
     with _named("device"):
         hold((0.0,) * setup.dof, False)
@@ -232,7 +240,7 @@ def world_side(setup: Setup, endpoint: WorldControl, rng: np.random.Generator, w
             return WorldLawCoupling(law, 0.0 if empty else world.ceiling_J)
         spring = shared_spring(world.stiffness, setup.dof)
         return Coupling(
-            setup.kind.modulator(world, spring, position, None, 0.0 if empty else world.ceiling_J),
+            setup.kind.modulator(world, spring, position, None, 0.0 if empty else world.ceiling_J, 0.0),
             stages=_stages(world),
             silence=Silence(cast(OnSilence, world.on_silence), world.silence_after_s),
             longest_step=_longest_step(setup, world, spring),
@@ -285,6 +293,8 @@ def _sampled_servo(setup: Setup) -> Callable[[Vector, bool], SampledServo | LawS
     device = setup.params.device
     damping = checks.diagonal("device.damping", device.damping, setup.dof)
 
+    held = _held(setup)
+
     def make(position: Vector, empty: bool = False) -> SampledServo | LawServo:
         if setup.kind.device is not None:
             return LawServo(
@@ -294,26 +304,35 @@ def _sampled_servo(setup: Setup) -> Callable[[Vector, bool], SampledServo | LawS
                 bound=0.0 if empty else device.ceiling_J,
                 force_limit=device.force_limit_N or math.inf,
             )
+        guard, holding = held or (ForceGuard(limit=device.force_limit_N or math.inf), None)
         return SampledServo(
-            _device_coupling(setup, position, 0.0, empty),
+            _device_coupling(setup, position, 0.0, empty, 0.0 if holding is None else holding.reserve),
             damping=damping,
             period=device.pspm_period_s,
             position=position,
             harvest=setup.harvest,
             trusted_damping=(device.trusted_damping,) * setup.dof,
-            force_limit=device.force_limit_N or None,
+            guard=guard,
+            holding=holding,
             resolution=device.resolution_m,
         )
 
     return make
 
 
-def _device_coupling(setup: Setup, position: Vector, kinetic: float, empty: bool) -> Coupling:
+def _held(setup: Setup) -> tuple[ForceGuard, Holding] | None:
+    """What keeps a held torque to its limits and to its account; None: nothing keeps this coupling to them."""
+    if not setup.kind.limited:
+        return None
+    return held_torque.guard(setup.params.device, setup.harvest, setup.dof)
+
+
+def _device_coupling(setup: Setup, position: Vector, kinetic: float, empty: bool, reserve: float = 0.0) -> Coupling:
     device = setup.params.device
     limit = device.force_limit_N * device.spring_share or None
     spring = shared_spring(device.stiffness, setup.dof, limit)
     return Coupling(
-        setup.kind.modulator(device, spring, position, limit, 0.0 if empty else device.ceiling_J),
+        setup.kind.modulator(device, spring, position, limit, 0.0 if empty else device.ceiling_J, reserve),
         stages=_stages(device),
         silence=Silence(cast(OnSilence, device.on_silence), device.silence_after_s),
         longest_step=_longest_step(setup, device, spring),
@@ -361,23 +380,6 @@ def _scene(params: Params) -> tuple[Scene, list[str]]:
             raise
         name = _SCENE_PARAMETERS[error.name]
         raise InvalidParameter(name, params.get(name), error.allowed) from error
-
-
-def _range_warning(device: DeviceParams, dof: int) -> list[str]:
-    K = checks.spd("device.stiffness", device.stiffness, dof)
-    B = checks.diagonal("device.damping", device.damping, dof)
-    own = (device.own_damping,) * dof
-    period = 1.0 / device.servo_hz
-    necessary, _ = damping_conditions(own, tuple(np.diagonal(K).tolist()), B, period)
-    rows = tuple(np.abs(K).sum(axis=1).tolist())  # bound a K that couples the axes (Gershgorin)
-    if damping_conditions(own, rows, B, period)[1]:
-        return []
-    need = max(k * period / 2.0 + 2.0 * b for k, b in zip(rows, B, strict=True))
-    word = "can be" if necessary else "is"
-    return [
-        f"the range harvest {word} not passive with a sampled servo: own damping {device.own_damping} Ns/m, "
-        f"passive for any motion above {need:.3g} Ns/m; use device.harvest=measured"
-    ]
 
 
 @contextmanager

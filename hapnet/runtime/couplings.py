@@ -20,12 +20,18 @@ from hapnet.errors import InvalidParameter
 from hapnet.params import COUPLINGS, DeviceParams, Params, WorldParams
 from hapnet.runtime import laws
 from hapnet.runtime.delays import Delays
+from hapnet.runtime.held_torque import RESERVED_SHARE
 from hapnet.runtime.laws import Tuning, scalar_stiffness
 from hapnet.wire.messages import Motion, Port, Position, Stream, Wave
 
 
 def _modulated(
-    side: DeviceParams | WorldParams, spring: Spring, position: Vector, force_limit: float | None, energy: float
+    side: DeviceParams | WorldParams,
+    spring: Spring,
+    position: Vector,
+    force_limit: float | None,
+    energy: float,
+    reserve: float,
 ) -> Modulator:
     return SetPositionModulator(
         stiffness=side.stiffness,
@@ -34,11 +40,17 @@ def _modulated(
         shuffle=cast(Shuffle, side.shuffle),
         force_limit=force_limit,
         energy=energy,
+        reserve=min(reserve, side.ceiling_J * RESERVED_SHARE),
     )
 
 
 def _held(
-    side: DeviceParams | WorldParams, spring: Spring, position: Vector, force_limit: float | None, energy: float
+    side: DeviceParams | WorldParams,
+    spring: Spring,
+    position: Vector,
+    force_limit: float | None,
+    energy: float,
+    reserve: float,
 ) -> Modulator:
     return ZeroOrderHold(spring, position, energy)
 
@@ -51,7 +63,8 @@ class Kind:
     tune : the parameters and the link's delays, to what the law's own rule chooses.
     device, world : make the law's two ends at rest at a position; None: spring and damper (2) to a set-position.
     modulator : makes what stands between a received set-position and that spring: (side's parameters, spring, position,
-        force limit, energy at the start). limited : does the set-position keep to a longest step?
+        force limit, energy at the start, reserve). limited : does it keep to a longest step, and a held torque to what
+        its account can pay for?
     device_sends, world_sends : the message that carries the ends' data.
     shared : names in the tuning whose values both ends must have the same.
     scaled : is the felt force K/K' of the virtual one, as with PSPM?
@@ -66,7 +79,7 @@ class Kind:
     world: Callable[[Params, Tuning, Vector], WorldLaw] | None = None
     device_sends: type[Stream] = Position
     world_sends: type[Stream] = Position
-    modulator: Callable[[DeviceParams | WorldParams, Spring, Vector, float | None, float], Modulator] = _held
+    modulator: Callable[[DeviceParams | WorldParams, Spring, Vector, float | None, float, float], Modulator] = _held
     limited: bool = False
     shared: tuple[str, ...] = ()
     scaled: bool = False

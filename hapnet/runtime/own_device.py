@@ -55,9 +55,12 @@ class OwnDevice:
         if self.device.dof != dof:
             raise InvalidParameter("hardware", name, f"a device with {dof} degrees of freedom, as the scene has")
         limit = self.device.force_limit
+        speed, mass = (getattr(self.device, part, None) for part in ("greatest_speed", "smallest_mass"))
         try:
             self.force_limit = None if limit is None else checks.positive("force_limit", limit)
             self.resolution = checks.non_negative("resolution", self.device.resolution)
+            self.greatest_speed = None if speed is None else checks.positive("greatest_speed", speed)
+            self.smallest_mass = None if mass is None else checks.positive("smallest_mass", mass)
         except InvalidParameter as error:
             raise InvalidParameter("hardware", name, f"a device whose limits are numbers ({error})") from error
         try:
@@ -77,9 +80,14 @@ class OwnDevice:
             raise HapnetError(f"the device {self.name} failed: read() gave {x}, {v} instead of {wanted}")
         return x, v
 
-    def apply(self, force: Vector) -> None:
-        """Hold a force [N]; HapnetError if the device fails."""
+    def apply(self, force: Vector) -> Vector | None:
+        """Hold a force [N]; the one really applied, if the device tells. HapnetError if it fails."""
         try:
-            self.device.apply(force)
+            told = self.device.apply(force)
+            applied = None if told is None else tuple(map(float, told))
         except Exception as error:
             raise HapnetError(f"the device {self.name} failed: apply() raised {cause(error)}") from error
+        if applied is not None and (len(applied) != self.dof or not isfinite(sum(applied))):
+            wanted = f"the applied force, {self.dof} finite numbers, or None"
+            raise HapnetError(f"the device {self.name} failed: apply() gave {applied} instead of {wanted}")
+        return applied

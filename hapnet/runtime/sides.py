@@ -62,6 +62,8 @@ class DeviceSide(ABC):
         """The longest time between two ticks [ns]."""
         self.paused = False
         """A simulated device stands still, with the hand on it; all else goes on. Not recorded meanwhile."""
+        self.applied = True
+        """Has the device always told which force it really applied?"""
         self.live_hand: LiveHand | None = None
         """The simulated hand, if it is led while it runs."""
         self._period_ns = drive.period_ns
@@ -93,6 +95,16 @@ class DeviceSide(ABC):
     @property
     def quantisation(self) -> float | None:
         """How far encoders may make the slack look too good [J]."""
+        return None
+
+    @property
+    def simulated(self) -> bool:
+        """Is the device simulated, with the hand that holds it?"""
+        return isinstance(self.device, SimulatedDevice)
+
+    @property
+    def sampled_servo(self) -> SampledServo | None:
+        """The servo that holds its torque from tick to tick, if this is one and has started."""
         return None
 
     def tick(self, now_ns: int) -> bytes | None:
@@ -287,6 +299,11 @@ class SampledDeviceSide(DeviceSide):
     def quantisation(self) -> float | None:
         return self._servo.quantisation if self.origin_ns is not None else None
 
+    @property
+    def sampled_servo(self) -> SampledServo | None:
+        servo = None if self.origin_ns is None else self._servo
+        return servo if isinstance(servo, SampledServo) else None
+
     def stop(self) -> None:
         super().stop()
         if self.origin_ns is not None:
@@ -314,9 +331,13 @@ class SampledDeviceSide(DeviceSide):
             self._hand.put_in(hand_work)
         self._x, v = self.device.read()
         dt = max((self._clock() - self._last_ns) * NANO, lived)
-        held = servo.force
+        held = servo.force  # as the device said that it applied it, where it does
         message = self.endpoint.tick_sampled(now_ns, dt, self._x, v, release=release)
-        self.device.apply(servo.force)
+        applied = self.device.apply(servo.force)
+        if applied is None:
+            self.applied = False
+        else:
+            servo.force = applied
         if simulated is not None:
             actuator_work = self._true_work.hold(held, before, simulated.position, dt)
             self._observe_truth(hand_work if servo.harvest == "range" else actuator_work, simulated.position)

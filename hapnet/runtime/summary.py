@@ -30,6 +30,10 @@ _UNKNOWN_SERVO = dict.fromkeys((
 ))  # fmt: skip
 
 
+_HELD = ("reserve_J", "overrun_leak_J", "speed_max_mps", "speed_limit_mps", "guarded_ticks", "force", "hand_work_J")
+"""What is known of a held torque, and of the hand where it is simulated."""
+
+
 def device_summary(side: DeviceSide, coupling_name: str, servo: Mapping[str, Any] | None = None) -> Summary:
     """The device's part, as its control half knows it. `servo`: timing of the servo, in real time."""
     result = _control_summary(side.endpoint, coupling_name)
@@ -37,14 +41,34 @@ def device_summary(side: DeviceSide, coupling_name: str, servo: Mapping[str, Any
     result["quantisation_J"] = side.quantisation
     slack = None if jointly_passive(coupling_name) else side.true_slack
     result["true_slack_J"] = None if slack is None else _known(slack)
+    result.update(_held(side))
     return result
+
+
+def _held(side: DeviceSide) -> Summary:
+    result: Summary = dict.fromkeys(_HELD)
+    result["hand_work_J"] = side.hand_work if side.simulated else None
+    if side.origin_ns is not None:
+        result["force"] = "applied" if side.applied else "commanded"
+    servo = side.sampled_servo
+    if servo is None or servo.holding is None:
+        return result
+    holding = servo.holding
+    return {
+        **result,
+        "reserve_J": _known(holding.reserve),
+        "overrun_leak_J": servo.overrun_leak,
+        "speed_max_mps": servo.speed_max,
+        "speed_limit_mps": holding.speed,
+        "guarded_ticks": servo.guarded,
+    }
 
 
 def unknown_device() -> Summary:
     """The device's part where its servo left no word: the same keys, None."""
-    ledger = dict.fromkeys(("margin_J", "slack_J", "bound_J"))
+    ledger = dict.fromkeys(("margin_J", "slack_J", "bound_J", "work_J"))
     rest = dict.fromkeys(("reservoir_min_J", "deficit_max_J", "discarded_nJ", "quantisation_J", "true_slack_J"))
-    return {"ledger": ledger, **rest, "servo": dict(_UNKNOWN_SERVO)}
+    return {"ledger": ledger, **rest, **dict.fromkeys(_HELD), "servo": dict(_UNKNOWN_SERVO)}
 
 
 def world_summary(side: WorldSide, coupling_name: str) -> Summary:
@@ -87,12 +111,14 @@ def combine(
     duration_s: float | None,
     coupling: str,
     two_port_J: float | None = None,
+    hand_two_port_J: float | None = None,
     total_margin_J: float | None = None,
     tuning: Mapping[str, float] | None = None,
 ) -> Summary:
     """One summary of both sides. `tuning`: what the coupling's own rule made of the link.
 
-    `two_port_J` is the minimum over time of the energy put in at both ports, where one clock saw both. Else the
+    `two_port_J` is the minimum over time of the energy put in at both ports, where one clock saw both;
+    `hand_two_port_J` the same with the simulated hand's port in place of the actuator's. Else the
     theorem's margin is the sum of both sides' margins, a lower bound of the true one; None with one side only, and
     after a restart, as what the process put in that ended is not known here.
 
@@ -113,8 +139,11 @@ def combine(
         if jointly_passive(coupling):
             told = [value for value in (total_margin_J, bound) if value is not None]
             margin = None if total_margin_J is None else min(told)
+    hand_margin = None if bound is None or hand_two_port_J is None else bound + hand_two_port_J
     return {
         "theorem": {"margin_J": margin, "bound_J": bound},
+        "hand": {"work_J": None if device is None else device.get("hand_work_J"), "margin_J": hand_margin},
+        "environment": _environment(world),
         "device": device,
         "world": world,
         "energy": {"up": _flow(device, world), "down": _flow(world, device)},
@@ -127,6 +156,12 @@ def combine(
         "versions": versions(),
         "wall_clock": {},
     }
+
+
+def _environment(world: Summary | None) -> dict[str, float | None]:
+    """The environment's port: what it put in, and the least slack of that half of the theorem [J]."""
+    ledger = {} if world is None else world["ledger"]
+    return {name: ledger.get(name) for name in ("work_J", "slack_J")}
 
 
 def _bound(device: Summary | None, world: Summary | None) -> float | None:
@@ -163,14 +198,14 @@ def merge(device: Summary, world: Summary, *, seed: int | None = None, total_mar
 
 
 def _control_summary(control: ControlHalf, coupling_name: str) -> Summary:
-    ledger: dict[str, float | None] = {"margin_J": None, "slack_J": None, "bound_J": None}
+    ledger: dict[str, float | None] = dict.fromkeys(("margin_J", "slack_J", "bound_J", "work_J"))
     minimum = deficit = None
     discarded = 0.0
     if control.started:
         coupling = control.coupling
         account = coupling.ledger
         slack = None if jointly_passive(coupling_name) else _known(account.slack_min)
-        ledger = {"margin_J": account.margin_min, "slack_J": slack, "bound_J": account.bound}
+        ledger = {"margin_J": account.margin_min, "slack_J": slack, "bound_J": account.bound, "work_J": account.work}
         discarded = coupling.discarded
         if coupling_name == "pspm":
             minimum, deficit = coupling.energy_min, coupling.deficit_max
@@ -240,7 +275,12 @@ def _side_columns(columns: Columns, coupling_name: str) -> Summary:
     """The keys that both sides have."""
     slack = None if jointly_passive(coupling_name) else _extreme(columns["slack_J"], np.min)
     return {
-        "ledger": {"margin_J": _extreme(columns["margin_J"], np.min), "slack_J": slack, "bound_J": None},
+        "ledger": {
+            "margin_J": _extreme(columns["margin_J"], np.min),
+            "slack_J": slack,
+            "bound_J": None,
+            "work_J": None,
+        },
         "reservoir_min_J": _extreme(columns["reservoir_J"], np.min) if coupling_name == "pspm" else None,
         "deficit_max_J": None,
         "sent_nJ": _nanojoules(columns["sent_J"][-1]),

@@ -195,6 +195,7 @@ class Simulation:
             duration_s=params.duration_s,
             coupling=params.coupling,
             two_port_J=self.two_port.lowest,
+            hand_two_port_J=self.hand.lowest,
             tuning=self.setup.tuning,
         )
 

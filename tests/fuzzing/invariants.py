@@ -356,29 +356,31 @@ class Audited:
     def account(self) -> float:
         return self.inner.account
 
-    def modulate(self, y: Vector, x: Vector, dissipated: float, received: float) -> Modulation:
+    def modulate(self, y: Vector, x: Vector, dissipated: float, received: float, keep: float = 0.0) -> Modulation:
         start, account = self.inner.set_position, self.inner.account
         before = self._potential(x, start)
-        result = self.inner.modulate(y, x, dissipated, received)
+        result = self.inner.modulate(y, x, dissipated, received, keep)
         ybar = result.set_position
         after = self._potential(x, ybar)
         numbers = (*ybar, *y, *x, *result[1:], dissipated, received, after)
         hold(all(map(math.isfinite, numbers)), "not finite:", result, "from", y, x, dissipated, received)
         hold(result.energy >= 0.0 and result.deficit >= 0.0, "energy", result.energy, "deficit", result.deficit)
-        hold(result.energy <= self.ceiling and result.sent >= 0.0 and result.discarded >= 0.0, result)
+        ceiling = max(self.ceiling, (keep - after) * (1.0 + ROUNDING))
+        hold(result.energy <= ceiling and result.sent >= 0.0 and result.discarded >= 0.0, result)
         hold(result.energy == 0.0 or result.deficit == 0.0, "energy and a deficit:", result)
         left = account + received + dissipated + before - after
         kept = result.energy - result.deficit + result.sent + result.discarded
         scale = abs(account) + received + abs(dissipated) + before + after
         hold(abs(left - kept) <= ROUNDING * scale, "energy from nothing:", left, "became", kept, result)
         if y is not x:  # letting the spring go knows no limit
-            self._check_step(start, ybar, x, before, account + received + dissipated + before)
+            reserve: float = getattr(self.inner, "reserve", 0.0)
+            self._check_step(start, ybar, x, before, account + received + dissipated + before - reserve)
         self.updates += 1
         return result
 
-    def share(self) -> float:
+    def share(self, most: float = math.inf) -> float:
         before = self.inner.energy
-        given = self.inner.share()
+        given = self.inner.share(most)
         hold(0.0 <= given <= before and self.inner.energy + given == before, "shared", given, "of", before)
         return given
 

@@ -1,0 +1,175 @@
+"""A held torque against a device that does its worst: the account, the step, the limit and the greatest speed hold."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hapnet.checks import Vector
+from hapnet.control.coupling import Coupling
+from hapnet.control.limits import Silence
+from hapnet.control.pspm import SetPositionModulator
+from hapnet.control.reserve import ForceGuard, Holding, longest, ramp, reserve
+from hapnet.control.servo_law import SampledServo
+from hapnet.control.smoothing import Pipeline
+from tests.conftest import random_spd
+
+forces = st.floats(1e-3, 1e3)
+steps = st.one_of(st.just(math.inf), st.floats(1e-2, 1e2))
+
+
+@given(forces, st.floats(1e-2, 1e2))
+def test_the_ramp_is_the_sum_of_all_the_forces_on_the_way_down(force: float, step: float) -> None:
+    lengths = force - step * np.arange(math.ceil(force / step) + 1)
+    assert ramp(force, step) == pytest.approx(lengths[lengths > 0.0].sum(), rel=1e-9)
+
+
+@given(forces, steps)
+def test_the_longest_force_is_the_one_whose_ramp_costs_as_much(force: float, step: float) -> None:
+    assert longest(ramp(force, step), step) == pytest.approx(force, rel=1e-9)
+    assert ramp(longest(force, step), step) == pytest.approx(force, rel=1e-9)
+
+
+def unit(rng: np.random.Generator, n: int) -> np.ndarray:
+    way = rng.normal(size=n)
+    return np.asarray(way / np.linalg.norm(way))
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_the_account_pays_for_every_way_that_the_device_can_go(seed: int) -> None:
+    """The device always goes with the force, as far as it can: the most that can be given out. Energy comes and goes
+    as it likes otherwise, but never less than what the guard says that it needs."""
+    rng = np.random.default_rng(seed)
+    n = 1 + seed % 3
+    limit = float(rng.choice([math.inf, 3.0]))
+    step = float(rng.choice([math.inf, 10.0 ** rng.uniform(-2.0, 1.0)]))
+    reach = float(10.0 ** rng.uniform(-4.0, -1.0))
+    guard = ForceGuard(limit=limit, step=step, reach=reach)
+    energy, held = 0.0, np.zeros(n)
+    limited = 0
+    for _ in range(2000):
+        wanted = unit(rng, n) * 10.0 ** rng.uniform(-3.0, 2.0)
+        force = np.array(guard.admit(tuple(wanted.tolist()), tuple(held.tolist()), (0.0,) * n, energy))
+        limited += not np.array_equal(force, wanted)
+        assert np.linalg.norm(force - held) <= step * (1.0 + 1e-12)
+        assert np.linalg.norm(force) <= limit * (1.0 + 1e-12)
+        length = float(np.linalg.norm(force))
+        energy -= length * reach
+        assert energy >= 0.0
+        held = force
+        if rng.random() < 0.3:
+            energy += float(10.0 ** rng.uniform(-4.0, 0.0))
+        elif rng.random() < 0.3:  # what is not needed is handed on
+            energy = max(0.0, min(energy, guard.needed_after(tuple(held.tolist()))))
+    assert 20 < limited < 2000
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_the_torque_alone_never_exceeds_the_greatest_speed(seed: int) -> None:
+    """A free mass, pushed as hard as it may be, any way, from any velocity up to the greatest."""
+    rng = np.random.default_rng(seed)
+    n, period, speed = 1 + seed % 3, 1e-3, 1.0
+    mass = float(10.0 ** rng.uniform(-3.0, 0.0))
+    step = float(rng.choice([math.inf, 10.0 ** rng.uniform(-1.0, 1.0)]))
+    guard = ForceGuard(step=step, reach=1e-3, speed=speed, inertia=mass / period)
+    v = unit(rng, n) * rng.uniform(0.0, speed)
+    force: Vector = (0.0,) * n
+    wanted = tuple((unit(rng, n) * 100.0).tolist())
+    fastest = 0.0
+    for _ in range(3000):
+        force = guard.admit(wanted, force, tuple(v.tolist()), 1e9)
+        v = v + np.array(force) * period / mass
+        fastest = max(fastest, float(np.linalg.norm(v)))
+    assert fastest <= speed * (1.0 + 1e-9)
+    assert fastest > 0.9 * speed  # or nothing would have been tried
+
+
+def test_the_reserve_by_hand() -> None:
+    """100 N/m, no damper, 1 m/s, held for 21 ms: the dearest stretch is the way itself, K (v h)^2 / 2 = 22.05 mJ.
+
+    A limit of 1 N is reached before, at 10 mm: 1 N 21 mm - 5 mJ = 16 mJ.
+    """
+    asked = {"damping": 1e-12, "speed": 1.0, "period": 1e-3, "hold": 0.021}
+    assert reserve(stiffness=100.0, **asked) == pytest.approx(0.02205)
+    assert reserve(stiffness=100.0, limit=1.0, **asked) == pytest.approx(0.016)
+    assert reserve(stiffness=3000.0, step=0.1, **asked) == math.inf  # a millimetre: 3 N, and 0.1 N are allowed
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_no_stretch_needs_more_than_the_reserve(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    K, B, v = (float(10.0 ** rng.uniform(low, high)) for low, high in ((0.0, 5.0), (-2.0, 2.0), (-1.0, 1.0)))
+    period = float(10.0 ** rng.uniform(-3.7, -2.0))
+    hold = period + float(rng.choice([0.0, 0.02]))
+    limit = float(rng.choice([math.inf, 10.0 ** rng.uniform(-1.0, 2.0)]))
+    step = float(rng.choice([math.inf, 10.0 ** rng.uniform(-2.0, 1.0)]))
+    found = reserve(stiffness=K, damping=B, speed=v, period=period, hold=hold, limit=limit, step=step)
+    most = 0.0
+    for spring in np.linspace(0.0, min(1e4, limit), 3000).tolist():
+        total = min(spring + B * v, limit)
+        paid = spring * spring / (2.0 * K)
+        most = max(most, v * period * ramp(total, step) - paid, v * hold * total - paid)
+    assert most <= found * (1.0 + 1e-12)
+    if found < math.inf and min(1e4, limit) == limit:
+        assert found <= 2.0 * most + v * period * step if step < math.inf else found == pytest.approx(most, rel=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_a_sampled_servo_never_overdraws_its_account_nor_steps_too_far(seed: int) -> None:
+    """Any motion within the declared speed, half of the time the worst; set-positions, energy and peers at random.
+
+    Judged by forces and positions alone: W + d^2 + credited - sent stays above zero, with any ceiling, at any rate.
+    """
+    rng = np.random.default_rng([seed, 13])
+    n, period = 1 + seed % 3, float(10.0 ** rng.uniform(-3.7, -2.0))
+    speed = float(10.0 ** rng.uniform(-1.0, 1.0))
+    K, B = random_spd(rng, n, 1.0, 1e4), float(10.0 ** rng.uniform(-2.0, 2.0))
+    limit = float(rng.choice([math.inf, 10.0 ** rng.uniform(-1.0, 1.0)]))
+    step = float(rng.choice([math.inf, 10.0 ** rng.uniform(-2.0, 1.0)]))
+    ceiling = float(rng.choice([0.0, 10.0 ** rng.uniform(-5.0, 0.0)]))
+    needed = reserve(
+        stiffness=float(np.linalg.eigvalsh(K)[-1]), damping=B, speed=speed, period=period, hold=period,
+        limit=limit, step=step,
+    )  # fmt: skip
+    coupling = Coupling(
+        SetPositionModulator(
+            stiffness=K, position=np.zeros(n), ceiling=ceiling, shuffle="all" if seed % 2 else "harvested",
+            force_limit=None if limit == math.inf else 0.9 * limit, reserve=min(needed, ceiling / 2.0),
+        ),
+        stages=Pipeline(), silence=Silence("hold", 1.0),
+    )  # fmt: skip
+    servo = SampledServo(
+        coupling, damping=(B,) * n, period=5 * period, position=(0.0,) * n,
+        guard=ForceGuard(limit=limit, step=step, reach=speed * period),
+        holding=Holding(speed, period, 0.0, needed),
+    )  # fmt: skip
+    x, force = np.zeros(n), np.zeros(n)
+    work = 0.0
+    for k in range(1500):
+        way = unit(rng, n) * rng.uniform(0.0, 1.0)
+        if rng.random() < 0.5 and force.any():
+            way = force / np.linalg.norm(force)
+        way = way * speed * period
+        x = x + way
+        work -= float(force @ way)
+        if rng.random() < 0.1:
+            coupling.receive(tuple((x + unit(rng, n) * 10.0 ** rng.uniform(-4.0, 0.0)).tolist()), 0.0)
+        if rng.random() < 0.05:
+            coupling.credit(float(10.0 ** rng.uniform(-6.0, -1.0)))
+        if rng.random() < 0.01:
+            coupling.renew()
+        servo.tick(period, tuple(x.tolist()), tuple((way / period).tolist()))
+        new = np.array(servo.force)
+        assert np.linalg.norm(new - force) <= step * (1.0 + 1e-12), k
+        assert np.linalg.norm(new) <= limit * (1.0 + 1e-12), k
+        force = new
+        ledger = coupling.ledger
+        assert work + ceiling + ledger.credited - ledger.sent >= -1e-12, k
+        assert coupling.deficit == 0.0, k
+        assert abs(ledger.slack) <= 1e-12 * max(1.0, abs(ledger.work)) or coupling.discarded, k
+    assert servo.overrun_leak == 0.0
+    assert servo.speed_max <= speed * (1.0 + 1e-9)
