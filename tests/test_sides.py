@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import itertools
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 
 from hapnet.endpoint import DeviceEndpoint, WorldEndpoint
 from hapnet.errors import HapnetError
-from hapnet.params import Params
+from hapnet.params import RELAXED_HAND, Params
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.scene import Scene
 from hapnet.record import Event
 from hapnet.runtime.build import device_session, device_side, prepare, world_session, world_side
 from hapnet.runtime.sides import DeviceSide
+from hapnet.runtime.summary import device_summary
 
 MS = 1_000_000
 
@@ -76,6 +78,55 @@ def test_trusted_damping_gives_nothing_for_being_late() -> None:
     stored = device.kinetic - kinetic + coupling.potential(device.position)
     slack = work - stored - (coupling.account - 0.05) - coupling.ledger.sent
     assert slack >= -1e-9
+
+
+def stopped(stop_ms: int, words: dict[str, object]) -> tuple[dict[str, Any], float]:
+    """The device's part of the summary after 22 stops under force, and what the hand was given less what it put in.
+
+    Between two stops the servo runs for 100 ms, pulled 20 mm away from where the hand wants to be.
+    """
+    setup = prepare(Params().set({"operator": "sine", "device.servo": "sampled", **RELAXED_HAND, **words}), "sampled")
+    clock = LateClock()
+    endpoint = DeviceEndpoint(device_session(setup, 7))
+    side = device_side(setup, endpoint, clock, lambda sample: None)
+    device = side.device
+    assert isinstance(device, SimulatedDevice)
+    given = 0.0
+
+    def tick(after_ms: int) -> None:
+        nonlocal given
+        clock.now_ns += after_ms * MS
+        before, torque = device.position, device._torque
+        side.tick(clock.now_ns)
+        given += sum(t * (b - a) for t, a, b in zip(torque, before, device.position, strict=True))
+
+    side.endpoint.paired = True
+    side.tick(0)
+    for k in range(22):
+        for _ in range(100):
+            side.coupling.receive((0.02 * (-1) ** k,), 0.0)
+            tick(1)
+        tick(stop_ms)
+    return device_summary(side, "pspm"), given - side.coupling.ledger.credited + side.coupling.ledger.sent
+
+
+def test_what_a_stopped_servo_gave_out_beyond_its_reserve_is_counted() -> None:
+    """300 ms under force, 22 times, with a ceiling of 1 mJ: no software can stop that, but it can say so."""
+    part, given = stopped(300, {"device.ceiling_J": 1e-3})
+    assert part["servo"]["ticks"] == 22 * 101
+    assert given > 1e-3  # the bound was broken
+    assert part["ledger"]["margin_J"] < 0.0
+    assert part["deficit_max_J"] > 0.0
+    assert part["overrun_leak_J"] >= -part["ledger"]["margin_J"] - 1e-12
+    assert part["overrun_risk_J"] > part["overrun_leak_J"] / 22  # what may have happened in one, unseen
+
+
+def test_a_servo_that_is_away_for_as_long_as_its_watchdog_allows_stays_within_its_bound() -> None:
+    part, given = stopped(20, {})
+    assert given <= 0.05
+    assert part["ledger"]["margin_J"] >= 0.0
+    assert (part["deficit_max_J"], part["overrun_leak_J"]) == (0.0, 0.0)
+    assert part["reserve_J"] == pytest.approx(0.02415)  # by hand: F = 2.1 N: 2.2 N 21 mm - 2.1^2/200 J
 
 
 @pytest.mark.parametrize("servo", ["sampled", "continuous"])

@@ -149,11 +149,6 @@ class Holding(NamedTuple):
     reserve: float
     """What the account must hold for it [J]; infinite where no account is enough."""
 
-    @property
-    def reach(self) -> float:
-        """The longest way meanwhile [m]."""
-        return self.speed * self.time + self.resolution
-
 
 def ramp(force: float, step: float) -> float:
     """S(F) [N]: the sum of a force's lengths, tick by tick, on its way down by `step` a tick [N]."""

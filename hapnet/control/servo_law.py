@@ -121,7 +121,9 @@ class SampledServo:
         self.speed_max = 0.0
         """Greatest measured speed, over a tick [m/s]; of what encoders say less a count."""
         self.overrun_leak = 0.0
-        """What held torques gave out while the servo was away for too long, beyond what is reserved for that [J]."""
+        """What held torques gave out while the servo was away for too long, beyond what the account held [J]."""
+        self.overrun_risk = 0.0
+        """The most that may have been given out beyond it meanwhile, and been taken back unseen [J]."""
         self.guarded = 0
         """Ticks whose force the guard changed."""
         self._guard = guard or ForceGuard()
@@ -216,8 +218,11 @@ class SampledServo:
         if way > self.speed_max * dt and dt > 0.0:
             self.speed_max = way / dt
         if dt > self._longest_hold and self.holding is not None:
+            held = max(0.0, self._stored)
             leak = sum(map(mul, self.force, map(sub, x, self._position)))
-            self.overrun_leak += max(0.0, leak - math.hypot(*self.force) * self.holding.reach)
+            far = self.holding.speed * dt + self.resolution
+            self.overrun_leak += max(0.0, leak - held)
+            self.overrun_risk = max(self.overrun_risk, math.hypot(*self.force) * far - held)
 
     def _measured_now(self, x: Vector) -> float:
         return self._measured.take(self.coupling.potential(x) - self._potential)

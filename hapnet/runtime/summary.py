@@ -30,7 +30,16 @@ _UNKNOWN_SERVO = dict.fromkeys((
 ))  # fmt: skip
 
 
-_HELD = ("reserve_J", "overrun_leak_J", "speed_max_mps", "speed_limit_mps", "guarded_ticks", "force", "hand_work_J")
+_HELD = (
+    "reserve_J",
+    "overrun_leak_J",
+    "overrun_risk_J",
+    "speed_max_mps",
+    "speed_limit_mps",
+    "guarded_ticks",
+    "force",
+    "hand_work_J",
+)
 """What is known of a held torque, and of the hand where it is simulated."""
 
 
@@ -58,6 +67,7 @@ def _held(side: DeviceSide) -> Summary:
         **result,
         "reserve_J": _known(holding.reserve),
         "overrun_leak_J": servo.overrun_leak,
+        "overrun_risk_J": servo.overrun_risk,
         "speed_max_mps": servo.speed_max,
         "speed_limit_mps": holding.speed,
         "guarded_ticks": servo.guarded,
