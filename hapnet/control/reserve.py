@@ -50,7 +50,7 @@ class ForceGuard:
     speed : greatest speed, v [m/s]. inertia : m/T [Ns/m] of the smallest mass; infinite: not known.
     """
 
-    __slots__ = ("_inertia", "_limit", "_reach", "_speed", "_step")
+    __slots__ = ("_constant", "_inertia", "_limit", "_linear", "_reach", "_speed", "_square", "_step", "has_account")
 
     def __init__(
         self,
@@ -66,11 +66,11 @@ class ForceGuard:
         self._reach = reach
         self._speed = speed
         self._inertia = inertia if speed < math.inf else math.inf
-
-    @property
-    def has_account(self) -> bool:
+        self.has_account = reach > 0.0
         """Does the account limit the force?"""
-        return self._reach > 0.0
+        # S(F) <= square F^2 + linear F + constant, with equality where F is an odd number of half steps
+        finite = step != math.inf
+        self._square, self._linear, self._constant = (0.5 / step, 0.5, step / 8.0) if finite else (0.0, 1.0, 0.0)
 
     def cost(self, force: float) -> float:
         """L(F) [J]: the most that a force of this length [N] gives out until it has been brought down."""
@@ -94,12 +94,23 @@ class ForceGuard:
         wanted : what spring and damper ask for [N]. held : the last force that was admitted [N].
         v : velocity [m/s]. energy : P, what spring and reservoir hold [J].
         """
+        length = math.hypot(*wanted)
+        ramped = length * (length * self._square + self._linear) + self._constant
+        if (
+            length <= self._limit
+            and ramped * self._reach + _ROUNDING_J <= energy * _SHARE
+            and math.dist(wanted, held) <= self._step
+            and ramped <= self._inertia * (self._speed - math.hypot(*v))
+        ):
+            return wanted  # as nearly always; what follows is exact
+        return self._limited(wanted, length, held, v, energy)
+
+    def _limited(self, wanted: Vector, length: float, held: Vector, v: Vector, energy: float) -> Vector:
         step = self._step
         most = self._limit
         if self._reach > 0.0:
             spendable = energy * _SHARE - _ROUNDING_J
             most = min(most, longest(spendable / self._reach, step)) if spendable > 0.0 else 0.0
-        length = math.hypot(*wanted)
         if self._inertia < math.inf and length > 0.0:
             along = sum(map(mul, wanted, v)) / length
             room = math.sqrt(along * along + max(0.0, self._speed * self._speed - sum(map(mul, v, v)))) - along

@@ -184,17 +184,23 @@ class SampledServo:
         Sets `force`, to zero if told to `release` (ybar = x); returns what PSPM did, if it ran. What was harvested up
         to a release is measured in any case: (10) knows nothing of a torque held for so long.
         """
-        coupling = self.coupling
+        coupling, measured = self.coupling, self._measured
         ledger = coupling.ledger
-        self._watch(dt, x)
+        way = math.dist(x, self._position)
+        if way > self.speed_max * dt or dt > self._longest_hold:
+            self._watch(dt, x, way)
         if self.resolution:
             self._blur()
-        ledger.put_in(self._measured.hold(self.force, self._position, x, dt))
+        ledger.put_in(measured.hold(self.force, self._position, x, dt))
         self._position = x
-        ledger.observe(coupling.potential(x), self.account)
+        potential, account = coupling.potential(x), coupling.account
+        if self.harvest == "measured":
+            account += measured.work - (potential - self._potential)
+        else:
+            self._low = tuple(map(min, self._low, x))
+            self._high = tuple(map(max, self._high, x))
+        ledger.observe(potential, account)
         self._elapsed += dt
-        self._low = tuple(map(min, self._low, x))
-        self._high = tuple(map(max, self._high, x))
         result = None
         if coupling.has_datum or self._elapsed >= self._due or release:
             if release:
@@ -212,11 +218,10 @@ class SampledServo:
             self._render(x, v)
         return result
 
-    def _watch(self, dt: float, x: Vector) -> None:
+    def _watch(self, dt: float, x: Vector, way: float) -> None:
         """How fast it went, and what a torque that was held for too long gave out."""
-        way = math.dist(x, self._position) - self.resolution
-        if way > self.speed_max * dt and dt > 0.0:
-            self.speed_max = way / dt
+        if dt > 0.0:
+            self.speed_max = max(self.speed_max, (way - self.resolution) / dt)
         if dt > self._longest_hold and self.holding is not None:
             held = max(0.0, self._stored)
             leak = sum(map(mul, self.force, map(sub, x, self._position)))
@@ -239,9 +244,10 @@ class SampledServo:
     def _render(self, x: Vector, v: Vector) -> None:
         spring = self.coupling.spring.force(tuple(map(sub, x, self.coupling.set_position)))
         wanted = tuple(map(sub, spring, map(mul, self.damping, v)))
-        guard = self._guard
-        energy = self._stored if guard.has_account else math.inf
-        force = guard.admit(wanted, self._commanded, v, energy)
+        energy = math.inf
+        if self._guard.has_account:
+            energy = self.coupling.account + self._measured.work + self._potential
+        force = self._guard.admit(wanted, self._commanded, v, energy)
         if force is not wanted:
             self._clipped = True
             self.guarded += 1
