@@ -291,3 +291,52 @@ def test_a_continuous_servo_releases_too() -> None:
     assert c.set_position == (0.02,)
     assert servo.tick(T, (0.001,), lambda: ((0.0,), (0.001,)), 0.0, 0.0, release=True) is not None
     assert c.set_position == (0.001,)
+
+
+# -- boundaries that mutants crossed -----------------------------------------------------------------------------------
+
+
+def test_a_release_under_the_range_harvest_counts_its_own_interval_only() -> None:
+    """Three updates of (10) from an empty reservoir, the handle out by 2 mm and back in each; then 1 mm, and a release.
+
+    K = 100, B = 0.1: each harvests 0.1 (2 mm)^2 / 5 ms = 0.08 mJ, whatever the held torque's work was. The last
+    interval is measured: -0.1 N, held at 1 mm, over no way, and the spring gives back what the way out put in.
+    """
+    c = coupling(ceiling=0.01)
+    c.receive((math.sqrt(2e-4),), 0.0)  # takes all 10 mJ
+    servo = sampled(c, harvest="range")
+    servo.tick(T, (0.0,), (0.0,))
+    account = c.account
+    for _ in range(3):
+        for x in (0.001, 0.002, 0.001, 0.0, 0.0):
+            result = servo.tick(T, (x,), (0.0,))
+        assert result is not None
+        account += 0.1 * 0.002**2 / 0.005
+        assert c.account == pytest.approx(account, abs=1e-12)
+    ybar = c.set_position[0]
+    before = c.potential((0.0,))
+    servo.tick(T, (0.001,), (0.0,))  # the force held over this way is the one at 0: 100 N/m ybar
+    result = servo.tick(T, (0.001,), (0.0,), release=True)
+    assert result is not None
+    measured = -100.0 * ybar * 0.001 - (0.5 * 100.0 * (ybar - 0.001) ** 2 - before)
+    left = account + measured + 0.5 * 100.0 * (ybar - 0.001) ** 2
+    assert c.account + result.sent + result.discarded == pytest.approx(left, abs=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["sampled", "continuous"])
+def test_a_period_that_a_clock_calls_a_nanosecond_short_is_one(kind: str) -> None:
+    """Five ticks of 1 ms, one of them 999,999 ns: PSPM runs on the fifth."""
+    for short in range(5):
+        c = coupling()
+        ran = []
+        if kind == "sampled":
+            servo = sampled(c)
+        else:
+            continuous = ContinuousServo(c, damping=(0.1,), period=5 * T)
+        for k in range(5):
+            dt = 999_999e-9 if k == short else T
+            if kind == "sampled":
+                ran.append(servo.tick(dt, (0.0,), (0.0,)) is not None)
+            else:
+                ran.append(continuous.tick(dt, (0.0,), lambda: ((0.0,), (0.0,)), 0.0, 0.0) is not None)
+        assert ran == [False] * 4 + [True]
