@@ -332,6 +332,7 @@ class RealtimeSide:
             events, counts, why = session.watch(now_ns), self._dropped(), session.dropped_for.copy()
         self._tell(events, now_ns)
         self._teller.dropped(now_ns, counts, why)
+        self._teller.keys(now_ns, self._transport.silent if session.peer is not None else [])
 
     def _is_final(self, event: Event) -> bool:
         """Does this end a device: a world that does not fit, or that has another one and will never take this again?"""
@@ -361,7 +362,9 @@ class RealtimeSide:
         links: dict[str, Any] = {"up": None, "down": None}
         end_ns = self._stopped_ns or self._clock()
         with self._egress.lock:
-            own[self.role] = self.control.summary(end_ns) | {"dropped": self._dropped()}
+            own[self.role] = self.control.summary(end_ns) | {
+                "dropped": self._dropped(), "declared_again": self._transport.declared_again,
+            }  # fmt: skip
             links[self._way] = self._link.stats.as_dict()
         origin_ns = self.control.origin_ns
         elapsed = None if origin_ns is None else (end_ns - origin_ns) * NANO

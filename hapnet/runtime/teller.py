@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from hapnet.endpoint import NANO
@@ -39,6 +39,7 @@ class Teller:
         self._met_ns: int | None = None
         self._refused_ns: int | None = None
         self._link_lost_ns: int | None = None
+        self._silent: dict[str, int] = {}
 
     def tell(self, kind: str, text: str, now_ns: int) -> None:
         """A warning in plain words."""
@@ -96,6 +97,14 @@ class Teller:
             self._notify(
                 Notice("link", f"the connection is back after {gone_s:.2f} s", now_ns, values={"gone_s": gone_s})
             )
+
+    def keys(self, now_ns: int, silent: Sequence[str]) -> None:
+        """Which kinds of message do not arrive, though the link is up and others do: told at a bounded rate."""
+        for kind in silent:
+            if now_ns - self._silent.get(kind, -TOLD_EVERY_NS) >= TOLD_EVERY_NS:
+                self._silent[kind] = now_ns
+                text = f"no {kind} messages of the {self._other} arrive, though others do; subscribing again"
+                self._notify(Notice("link", text, now_ns, "warning"))
 
 
 class Drops:

@@ -34,7 +34,10 @@ _DEFAULTS: dict[str, object] = {
     "transport/unicast/open_timeout": 1000,
     "transport/unicast/accept_timeout": 1000,
     "transport/link/tx/lease": 2000,
-    "transport/link/tx/queue/size/real_time": 16,  # with 2, express messages are lost when the processor is busy
+    # with 2, express messages are lost when the processor is busy
+    "transport/link/tx/queue/size/real_time": 16,
+    "transport/link/tx/queue/size/interactive_high": 16,
+    "transport/link/tx/queue/size/interactive_low": 16,
     "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 0,
     # what is sixteen times the longest frame never comes near Python; what is just too long is counted there
     "low_pass_filter": [
@@ -117,6 +120,8 @@ def zenoh_config(settings: ZenohSettings) -> zenoh.Config:
             config.insert_json5(key, text)
         except zenoh.ZError as error:
             raise InvalidParameter("cfg", item, f"KEY:JSON5 that Zenoh accepts ({reason(error)})") from None
+    if config.get_json("transport/unicast/lowlatency") == "true" and untouched("transport/unicast/qos/enabled"):
+        insert("transport/unicast/qos/enabled", False)  # Zenoh refuses to open with both
     nowhere = all(_endpoints(config, side) == [] for side in ("connect", "listen"))
     if nowhere and not _scouts(config):
         raise InvalidParameter(
@@ -147,6 +152,12 @@ def zenoh_warnings(settings: ZenohSettings) -> tuple[str, ...]:
 def endpoints_of(config: zenoh.Config, side: Literal["connect", "listen"]) -> list[str]:
     """The endpoints that a configuration dials or listens on, in whatever way it gives them."""
     return list(_flat(_endpoints(config, side), json.loads(config.get_json("mode"))))
+
+
+def may_lose(config: zenoh.Config) -> bool:
+    """Is there an endpoint whose link repeats nothing, so that what is said once may never arrive?"""
+    endpoints = endpoints_of(config, "listen") + endpoints_of(config, "connect")
+    return any(endpoint.startswith("udp/") or "rel=0" in endpoint for endpoint in endpoints)
 
 
 def _flat(value: object, mode: str) -> Iterator[str]:

@@ -1,8 +1,13 @@
 """Zenoh between the two sides: bytes out on three keys, bytes in on three, and nothing that blocks a servo.
 
 Keys are ``hapnet/<session>/<device>/{up,down}/{position,energy,control}``; up is from the device. All are best effort,
-express, of the highest priority, and dropped on congestion: what must not be lost, the energy channel repeats itself.
-Beside them each side publishes ``.../telemetry`` for who watches it, of the lowest priority.
+express, and dropped on congestion: what must not be lost, the energy channel repeats itself. Each kind has a priority
+of its own: Zenoh numbers the messages of each priority and drops one that comes after a later one, so over udp with
+jitter most energy messages would be lost among the positions. Beside them each side publishes ``.../telemetry`` for who
+watches it, of the lowest priority.
+
+A key that carries nothing else carries a message without payload, at least every 0.2 s. A side that hears nothing on
+one of the three, though it is connected over a link that repeats nothing, declares its subscription again (keys.py).
 
 Threads: `ZenohTransport.put` may be called from any. What arrives is handed over on Zenoh's own receiving threads,
 where nothing may block.
@@ -23,7 +28,8 @@ import zenoh
 
 from hapnet.errors import InvalidParameter, TransportError
 from hapnet.runtime.gate import Gate
-from hapnet.runtime.zenoh_config import ZenohSettings, reason, where, zenoh_config
+from hapnet.runtime.keys import WATCH_NS, KeyWatch, key_expressions
+from hapnet.runtime.zenoh_config import ZenohSettings, may_lose, reason, where, zenoh_config
 from hapnet.wire.messages import Role
 
 _log = logging.getLogger(__name__)
@@ -34,13 +40,23 @@ KINDS = ("position", "energy", "control")
 TELEMETRY = "telemetry"
 """What a side publishes on a key of its own for others, not for its peer."""
 
+_PRIORITY = {
+    "position": zenoh.Priority.REAL_TIME,
+    "energy": zenoh.Priority.INTERACTIVE_HIGH,
+    "control": zenoh.Priority.INTERACTIVE_LOW,
+    TELEMETRY: zenoh.Priority.BACKGROUND,
+}
+
 _T = TypeVar("_T")
 
 EXIT_TIMEOUT_S = 2.0
 """How long an interpreter that exits without `close` waits for Zenoh to close [s]."""
 
-WATCH_S = 0.1
-"""How often the session is looked at, whether it is still open [s]."""
+KEEP_ALIVE = b""
+"""What a key carries that has nothing else to carry."""
+
+TOLD_NS = 1_000_000_000
+"""A key that is silent for longer is told of: others take no longer to be mended."""
 
 REOPEN_EVERY_S = 0.5
 """How often it is tried to open a session anew that was lost [s]."""
@@ -72,6 +88,7 @@ class ZenohTransport:
     callback_errors : exceptions out of `on_message`.
     gate : what keeps a flood of messages out.
     reopened : how many times Zenoh's session was lost as a whole and opened anew.
+    declared_again : how many times a subscription was declared again, since a key was silent.
 
     Raises
     ------
@@ -95,6 +112,9 @@ class ZenohTransport:
         self._mine = f"{prefix}/{_DIRECTION[role]}"
         self._theirs = f"{prefix}/{_DIRECTION[_OTHER[role]]}"
         self._config = zenoh_config(settings)
+        self._lossy = may_lose(self._config)
+        self._watch = KeyWatch(KINDS)
+        self._spares: list[zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]] = []
         self._on_message, self._on_change = on_message, on_change
         self._lock = threading.Lock()
         self._closing = threading.Event()
@@ -102,12 +122,14 @@ class ZenohTransport:
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._token: zenoh.LivelinessToken | None = None
         self._partners: set[str] = set()
+        self._clients: set[str] = set()
         self._changed, self._closed = asyncio.Event(), asyncio.Event()
         self._keeper: threading.Thread | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self.failed_puts = 0
         self.callback_errors = 0
         self.reopened = 0
+        self.declared_again = 0
         self.gate = Gate(MOST_HZ, MOST_AT_ONCE)
 
     async def open(self) -> None:
@@ -144,6 +166,8 @@ class ZenohTransport:
         if publisher is not None:
             try:
                 publisher.put(data)
+                if kind != TELEMETRY:
+                    self._watch.sent(kind, time.monotonic_ns())
                 return True
             except zenoh.ZError:
                 pass
@@ -157,7 +181,16 @@ class ZenohTransport:
     def peers(self) -> int:
         """How many Zenoh nodes this one is connected to now: the other side, or a router, or strangers too."""
         session = self._session
-        return 0 if session is None else len(session.info.transports())
+        if session is None or session.is_closed():
+            return 0
+        # not info.transports(), which panics with transport/unicast/lowlatency
+        return len(session.info.peers_zid()) + len(session.info.routers_zid()) + len(self._clients)
+
+    @property
+    def silent(self) -> list[str]:
+        """The kinds of which nothing comes, though somebody is connected and others are heard."""
+        silent = self._watch.silent(time.monotonic_ns(), TOLD_NS)
+        return [] if len(silent) == len(KINDS) else silent
 
     @property
     def partners(self) -> int:
@@ -193,15 +226,47 @@ class ZenohTransport:
             self._post(_settle, opened, error)
         else:
             self._post(_settle, opened, None)
-            while not self._closing.wait(WATCH_S):
-                if self._session is not None and self._session.is_closed():
+            while not self._closing.wait(WATCH_NS * 1e-9):
+                if self._session is not None and (self._session.is_closed() or not self._keep_keys(self._session)):
                     self._reopen()
             self._disconnect()
         atexit.unregister(self._at_exit)
         self._post(self._closed.set)
 
+    def _keep_keys(self, session: zenoh.Session) -> bool:
+        """Let each key carry something, and hear something on each; False if that needs another session."""
+        now_ns = time.monotonic_ns()
+        for kind in self._watch.quiet(now_ns):
+            with contextlib.suppress(zenoh.ZError):
+                self._publishers[kind].put(KEEP_ALIVE)
+            self._watch.sent(kind, now_ns)
+        if not self._lossy:
+            return True
+        self._watch.connected(now_ns, is_connected=self.peers > 0)
+        if self._watch.dead(now_ns):
+            return False
+        if self._watch.declare_now(now_ns):
+            with contextlib.suppress(zenoh.ZError):
+                self._declare_again(session)
+        return True
+
+    def _declare_again(self, session: zenoh.Session) -> None:
+        """One more subscription to the same keys: what comes is taken by the first, this one only calls for it.
+
+        Those before stay, as a farewell to one would overtake or be overtaken; at the end of the list all go.
+        """
+        expressions = key_expressions(self._theirs)
+        if len(self._spares) == len(expressions):
+            for spare in self._spares:
+                _call(spare.undeclare)
+            self._spares.clear()
+            return
+        spare = session.declare_subscriber(expressions[len(self._spares)], zenoh.handlers.RingChannel(1))
+        self._spares.append(spare)
+        self.declared_again += 1
+
     def _reopen(self) -> None:
-        """Zenoh has closed the session by itself: open another one, as soon as that can be."""
+        """Zenoh has closed the session by itself, or it is no good: open another one, as soon as that can be."""
         self._disconnect()
         self._partners.clear()
         self.reopened += 1
@@ -223,8 +288,9 @@ class ZenohTransport:
     def _connect(self) -> None:
         session = self._open_session()
         try:
-            publishers = {kind: _publisher(session, f"{self._mine}/{kind}") for kind in KINDS}
-            publishers[TELEMETRY] = _publisher(session, f"{self._mine}/{TELEMETRY}", urgent=False)
+            # no history: it would panic with transport/unicast/lowlatency
+            session.info.declare_transport_events_listener(_direct(self._on_link), history=False)
+            publishers = {kind: _publisher(session, f"{self._mine}/{kind}", kind) for kind in (*KINDS, TELEMETRY)}
             for kind in KINDS:
                 session.declare_subscriber(f"{self._theirs}/{kind}", _direct(self._receiver(kind)))
             with self._lock:
@@ -232,11 +298,11 @@ class ZenohTransport:
             # the token comes after the subscribers: who sees it knows them
             session.liveliness().declare_subscriber(f"{self._theirs}/*", _direct(self._on_token), history=True)
             self._token = session.liveliness().declare_token(f"{self._mine}/{session.zid()}")
-            session.info.declare_transport_events_listener(_direct(self._on_link), history=True)
+            self._notify()
         except zenoh.ZError as error:
             self._disconnect()
             if not session.is_closed():
-                _close(session)
+                _call(session.close)
             raise TransportError(f"cannot use Zenoh ({where(self._config)}): {reason(error)}") from None
 
     def _open_session(self) -> zenoh.Session:
@@ -251,19 +317,27 @@ class ZenohTransport:
     def _disconnect(self) -> None:
         with self._lock:
             session, self._session, self._publishers = self._session, None, {}
+        self._spares.clear()
+        self._clients.clear()
+        self._watch.connected(0, is_connected=False)
         if session is not None and not session.is_closed():
-            _close(session)
+            _call(session.close)
 
     # On Zenoh's threads
 
     def _receiver(self, kind: str) -> Callable[[zenoh.Sample], None]:
-        on_message, clock, admit = self._on_message, time.monotonic_ns, self.gate.admit
+        on_message, clock, admit, heard = self._on_message, time.monotonic_ns, self.gate.admit, self._watch.heard
 
         def receive(sample: zenoh.Sample) -> None:
-            if not admit(clock()):
+            now_ns = clock()
+            if not admit(now_ns):
+                return
+            heard(kind, now_ns)
+            data = sample.payload.to_bytes()
+            if data == KEEP_ALIVE:
                 return
             try:
-                on_message(kind, sample.payload.to_bytes())
+                on_message(kind, data)
             except Exception:
                 with self._lock:
                     self.callback_errors += 1
@@ -274,6 +348,9 @@ class ZenohTransport:
         return receive
 
     def _on_link(self, event: zenoh.TransportEvent) -> None:
+        if event.transport.whatami == zenoh.WhatAmI.CLIENT:  # peers and routers are counted by Zenoh
+            change = self._clients.add if event.kind == zenoh.SampleKind.PUT else self._clients.discard
+            change(str(event.transport.zid))
         self._notify()
 
     def _on_token(self, sample: zenoh.Sample) -> None:
@@ -307,17 +384,17 @@ def _settle(future: asyncio.Future[None], error: BaseException | None) -> None:
         future.set_exception(error)
 
 
-def _close(session: zenoh.Session) -> None:
-    close: Callable[[], None] = session.close  # zenoh's stub leaves its type out
-    close()
+def _call(method: Callable[[], None]) -> None:
+    """Call one of the methods whose type zenoh's stubs leave out."""
+    method()
 
 
-def _publisher(session: zenoh.Session, key: str, *, urgent: bool = True) -> zenoh.Publisher:
+def _publisher(session: zenoh.Session, key: str, kind: str) -> zenoh.Publisher:
     return session.declare_publisher(
         key,
         congestion_control=zenoh.CongestionControl.DROP,
-        priority=zenoh.Priority.REAL_TIME if urgent else zenoh.Priority.BACKGROUND,
-        express=urgent,
+        priority=_PRIORITY[kind],
+        express=kind != TELEMETRY,
         reliability=zenoh.Reliability.BEST_EFFORT,
     )
 

@@ -1,0 +1,118 @@
+"""A lossy network below Zenoh: no key is dead, and all energy arrives. ``pytest -s -m soak`` counts 100 sessions each."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from pathlib import Path
+
+import pytest
+
+from hapnet.runtime.security import ANYBODY
+from netem import LinkProfile
+from netem.relay import UdpRelay, _Datagram
+from tests.lossy import LOSSY, lossy_relay, talking
+from tests.transports import own
+
+HEARD_S = 2.0
+"""Within that of pairing every key is heard."""
+
+MENDED_S = 1.2
+"""No key is without anything for longer: it carries something every 0.2 s, and is mended within a second."""
+
+DEAF_NS = 800_000_000
+"""Whoever dials declares half a second after its link is there, if what the other declared was lost."""
+
+SHUFFLING_S, SETTLED_S = 4.0, 5.0
+AT_ONCE = 5
+
+
+class DeafForAWhile(UdpRelay):
+    """A relay that loses all that names a key, both ways, for a while from the first such datagram on.
+
+    That is the time in which both sides declare what they subscribe to. Greetings and keep-alives of the link pass.
+    """
+
+    def __init__(self, listen: str, to: str) -> None:
+        super().__init__(listen, to, LinkProfile(), LinkProfile())
+        self._until_ns: int | None = None
+        self.lost = 0
+
+    def _loses(self, data: bytes) -> bool:
+        if b"hapnet/" not in data:
+            return False
+        if self._until_ns is None:
+            self._until_ns = time.monotonic_ns() + DEAF_NS
+        loses = time.monotonic_ns() < self._until_ns
+        self.lost += loses
+        return loses
+
+    def _to_target(self, datagram: _Datagram) -> None:
+        if not self._loses(datagram[0]):
+            super()._to_target(datagram)
+
+    def _to_client(self, datagram: _Datagram) -> None:
+        if not self._loses(datagram[0]):
+            super()._to_client(datagram)
+
+
+async def test_keys_whose_declarations_were_lost_are_heard_and_energy_arrives() -> None:
+    async with talking("udp", DeafForAWhile) as two:
+        await two.until_all_heard()
+        assert isinstance(two.relay, DeafForAWhile)
+        assert two.relay.lost >= 2
+        assert all(side.transport.declared_again for side in two.sides)
+        for side in two.sides:
+            side.shuffles = False
+        await two.until(lambda: not two.unsettled)
+        for side in two.sides:
+            assert side.session.sent_nJ == side.session.acked_nJ > 0
+
+
+@pytest.mark.parametrize(
+    ("protocol", "count"),
+    [
+        ("udp", 3),
+        pytest.param("udp", 15, marks=pytest.mark.slow),
+        pytest.param("quic", 5, marks=pytest.mark.slow),
+        pytest.param("udp", 100, marks=pytest.mark.soak),
+        pytest.param("quic", 100, marks=pytest.mark.soak),
+    ],
+)
+async def test_no_key_is_dead(protocol: str, count: int, certificates: Path) -> None:
+    """Only the udp/ or quic/ endpoint is given, and 5 % of all datagrams are lost below it."""
+    world, device = (
+        (ANYBODY, ANYBODY)
+        if protocol == "udp"
+        else (own(certificates, "world", mutual=True), own(certificates, "alice"))
+    )
+    wrong: list[str] = []
+    told: list[str] = []
+
+    async def one(seed: int) -> None:
+        began = time.monotonic()
+        async with talking(protocol, lossy_relay(LOSSY, seed), world, device) as two:
+            await two.until_paired()
+            opened_s = time.monotonic() - began
+            await asyncio.sleep(SHUFFLING_S)
+            for side in two.sides:
+                side.shuffles = False
+            await asyncio.sleep(SETTLED_S)
+            heard_s, gap_s = 0.0, 0.0
+            for side in two.sides:
+                assert side.paired_ns is not None
+                assert side.session.sent_nJ > 0
+                for kind, times in side.arrivals.times_ns.items():
+                    first = next((t for t in times if t > side.paired_ns), None)
+                    heard_s = max(heard_s, float("inf") if first is None else (first - side.paired_ns) * 1e-9)
+                    gap_s = max(gap_s, side.longest_gap_s(kind))
+            again = [side.transport.declared_again for side in two.sides]
+            line = f"seed {seed}: paired after {opened_s:.1f} s, all heard {heard_s:.2f} s, gap {gap_s:.2f} s, {again}"
+            told.append(line)
+            if heard_s > HEARD_S or gap_s > MENDED_S or two.unsettled:
+                wrong.append(f"{line}, sent and credited differ: {two.unsettled}")
+
+    for first in range(0, count, AT_ONCE):
+        await asyncio.gather(*map(one, range(first, min(first + AT_ONCE, count))))
+    print("", *told, sep="\n")
+    assert not wrong, "\n".join(wrong)
