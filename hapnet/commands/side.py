@@ -22,6 +22,7 @@ from hapnet.runtime.build import LIVE, prepare
 from hapnet.runtime.notices import Notice
 from hapnet.runtime.realtime import RealtimeSide
 from hapnet.runtime.zenoh_config import Mode, ZenohSettings, zenoh_warnings
+from hapnet.runtime.zenoh_log import Refusals, heeded
 from hapnet.wire.messages import Role
 
 PARENT = "HAPNET_PARENT"
@@ -69,6 +70,11 @@ def zenoh_settings(options: ZenohOptions) -> ZenohSettings:
 
 def main(params: Params, options: SideOptions) -> int:
     """Run one side until its duration is over or it is told to stop."""
+    with heeded(options.zenoh) as refusals:
+        return _main(params, options, refusals)
+
+
+def _main(params: Params, options: SideOptions, refusals: Refusals) -> int:
     setup = prepare(params, "sampled")
     if params.operator == LIVE and CONSOLE not in os.environ:
         raise InvalidParameter("operator", LIVE, f"another one: {LIVE} is led by the page of hapnet play")
@@ -92,6 +98,7 @@ def main(params: Params, options: SideOptions) -> int:
             record=options.record,
             realtime=options.realtime,
             notify=log.tell,
+            refused=refusals.take,
         )
         summary, code = asyncio.run(_run(side, params.duration_s, log))
     finally:

@@ -70,6 +70,7 @@ class RealtimeSide:
     record : path of the recording; None: none.
     realtime : the device's servo in a process of its own, under SCHED_FIFO and with locked memory if that is allowed.
     notify : told what happens; called on the event loop.
+    refused : asked, at a time [ns], who was refused since the last time, in words.
     """
 
     def __init__(
@@ -84,6 +85,7 @@ class RealtimeSide:
         record: Path | None = None,
         realtime: bool = False,
         notify: Callable[[Notice], None] = lambda notice: None,
+        refused: Callable[[int], list[str]] = lambda now_ns: [],
     ) -> None:
         self.setup, self.role = setup, role
         self.seed = secrets.randbits(32) if seed is None else seed
@@ -92,7 +94,7 @@ class RealtimeSide:
         self._playing = self._down = self._paused = self._hurried = False
         self._way = "up" if role == "device" else "down"
         self._clock = time.monotonic_ns
-        self._told = notify
+        self._told, self._refused = notify, refused
         self._names = (session, name)
         self._versions = versions()  # a hundred files are read for it: not once the servo runs
         self._about = described(setup, role, self.seed, self.profile)
@@ -332,6 +334,8 @@ class RealtimeSide:
             events, counts, why = session.watch(now_ns), self._dropped(), session.dropped_for.copy()
         self._tell(events, now_ns)
         self._teller.dropped(now_ns, counts, why)
+        for text in self._refused(now_ns):
+            self._teller.tell("access", text, now_ns)
         self._teller.keys(now_ns, self._transport.silent if session.peer is not None else [])
 
     def _is_final(self, event: Event) -> bool:

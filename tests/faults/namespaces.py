@@ -8,14 +8,16 @@ the pipe that it reads from, so that nothing stays behind even if the tests are 
 from __future__ import annotations
 
 import contextlib
+import os
 import shutil
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
-CABLE = "cable"
-"""The name of either end, in its own namespace."""
+from tests.conftest import ENVIRONMENT
+from tests.faults.tun import CABLE
 
 LIMIT_S = 60.0
 """How long anything may take before a test gives up on it."""
@@ -64,8 +66,10 @@ class Host:
 
 
 @contextlib.contextmanager
-def two_hosts() -> Iterator[tuple[Host, Host]]:
+def two_hosts(words: str | None = None, seed: int = 0) -> Iterator[tuple[Host, Host]]:
     """Two hosts and the cable between them; gone at the end, whatever happens.
+
+    words : the cable is a link of the emulator's, with that profile, packet by packet; None: a perfect one.
 
     Raises
     ------
@@ -80,7 +84,10 @@ def two_hosts() -> Iterator[tuple[Host, Host]]:
             a = Host(first, 1)
             second = stack.enter_context(_held([*a.enter, "unshare", "--net"]))
             b = Host(second, 2)
-            a.ip(f"link add {CABLE} type veth peer name {CABLE} netns {second}")
+            if words is None:
+                a.ip(f"link add {CABLE} type veth peer name {CABLE} netns {second}")
+            else:
+                stack.enter_context(_emulated(first, second, words, seed))
             a.configure()
             b.configure()
         except subprocess.CalledProcessError as error:
@@ -110,6 +117,30 @@ def _held(command: list[str]) -> Iterator[int]:
         holder.stderr.close()
         holder.kill()
         holder.wait(LIMIT_S)
+
+
+@contextlib.contextmanager
+def _emulated(first: int, second: int, words: str, seed: int) -> Iterator[None]:
+    """The emulator between the namespaces of two processes."""
+    if os.geteuid() != 0:
+        raise Unavailable("TUN devices in other namespaces: only for root")
+    command = [sys.executable, "-m", "tests.faults.tun", str(first), str(second), words, str(seed)]
+    joint = subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT
+    )
+    assert joint.stdin is not None
+    assert joint.stdout is not None
+    assert joint.stderr is not None
+    try:
+        if joint.stdout.readline() != "ready\n":
+            said = joint.stderr.read().strip().splitlines()
+            raise Unavailable(f"TUN devices: {said[-1] if said else 'no reason was given'}")
+        yield
+    finally:
+        joint.stdin.close()
+        joint.wait(LIMIT_S)
+        joint.stdout.close()
+        joint.stderr.close()
 
 
 def _name(pid: int) -> str:

@@ -24,8 +24,9 @@ from hapnet.mcap_file import read_recording
 from hapnet.record import Columns
 from hapnet.wire.messages import Role
 from tests.faults.invariants import NANO, columns_of
-from tests.faults.namespaces import CABLE, LIMIT_S, Host, Unavailable, two_hosts
+from tests.faults.namespaces import LIMIT_S, Host, Unavailable, two_hosts
 from tests.faults.support import OTHER, RECOVERY_S, Side
+from tests.faults.tun import CABLE
 from tests.processes import HAPNET, assert_side_passive
 
 PORT = 17447
@@ -79,11 +80,14 @@ class Pair:
 
 
 @contextlib.contextmanager
-def joined(directory: Path, dial: str, listen: str | None = None) -> Iterator[Pair]:
-    """Two hosts, the first for the world. `dial`, `listen` : endpoints; a protocol stands for the world's address."""
+def joined(directory: Path, dial: str, listen: str | None = None, cable: str | None = None) -> Iterator[Pair]:
+    """Two hosts, the first for the world.
+
+    dial, listen : endpoints; a protocol stands for the world's address. cable : in the emulator's words; None: perfect.
+    """
     with contextlib.ExitStack() as stack:
         try:
-            world, device = stack.enter_context(two_hosts())
+            world, device = stack.enter_context(two_hosts(cable))
         except Unavailable as reason:
             pytest.skip(str(reason))
         pair = Pair(world, device, directory, dial if "/" in dial else f"{dial}/{world.address}:{PORT}", listen)
