@@ -11,6 +11,7 @@ import secrets
 import socket
 import threading
 import time
+from collections import Counter
 from collections.abc import AsyncIterator, Callable
 from itertools import pairwise
 
@@ -53,6 +54,7 @@ class Talker:
         self.arrivals = self.transport._watch = Arrivals()
         self.shuffles = True
         self.paired_ns: int | None = None
+        self.unreadable: Counter[str] = Counter()
         self._lock = threading.Lock()
 
     async def run(self) -> None:
@@ -82,6 +84,7 @@ class Talker:
     def _on_message(self, kind: str, data: bytes) -> None:
         with self._lock:
             self.session.receive(time.monotonic_ns(), data)
+            self.unreadable[kind] += len(data) == 1
 
 
 class Two:

@@ -36,9 +36,16 @@ class DeafForAWhile(UdpRelay):
     def __init__(self, listen: str, to: str) -> None:
         super().__init__(listen, to, LinkProfile(), LinkProfile())
         self._until_ns: int | None = None
+        self._cut_ns = 0
         self.lost = 0
 
+    def cut(self, for_ns: int) -> None:
+        """Lose everything for so long, and then the next declarations too."""
+        self._cut_ns, self._until_ns = time.monotonic_ns() + for_ns, None
+
     def _loses(self, data: bytes) -> bool:
+        if time.monotonic_ns() < self._cut_ns:
+            return True
         if b"hapnet/" not in data:
             return False
         if self._until_ns is None:
@@ -67,6 +74,22 @@ async def test_keys_whose_declarations_were_lost_are_heard_and_energy_arrives() 
         await two.until(lambda: all(side.session.settled for side in two.sides))
         assert not two.unsettled
         assert all(side.session.sent_nJ > 0 for side in two.sides)
+
+
+@pytest.mark.slow
+async def test_keys_that_fall_silent_in_the_middle_are_mended() -> None:
+    """The link is out for so long that Zenoh gives it up; and of the new one, too, all declarations are lost."""
+    async with talking("udp", DeafForAWhile) as two:
+        await two.until_all_heard()
+        relay = two.relay
+        assert isinstance(relay, DeafForAWhile)
+        relay.cut(4_000_000_000)
+        await two.until(lambda: not any(side.transport.peers for side in two.sides))
+        lost = relay.lost
+        await two.until(lambda: relay.lost > lost)
+        for side in two.sides:
+            side.paired_ns = time.monotonic_ns()
+        await two.until_all_heard()
 
 
 @pytest.mark.parametrize(

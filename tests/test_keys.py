@@ -1,0 +1,146 @@
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+import zenoh
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hapnet.runtime.keys import (
+    AGAIN_NS,
+    DEAD_NS,
+    KEEP_ALIVE_NS,
+    SILENT_NS,
+    WATCH_NS,
+    KeyWatch,
+    key_expressions,
+)  # fmt: skip
+from hapnet.runtime.zenoh_config import ZenohSettings, free_address, may_lose, zenoh_config
+from hapnet.runtime.zenoh_transport import KINDS
+from netem import LinkProfile
+from netem.relay import UdpRelay
+from tests.lossy import Arrivals, talking
+from tests.transports import Side, opened, paired
+
+MS = 1_000_000
+
+
+@given(st.lists(st.tuples(st.sampled_from(KINDS), st.integers(0, 400 * MS)), max_size=40))
+def test_no_key_is_quiet_for_longer_than_it_may(puts: list[tuple[str, int]]) -> None:
+    """Looked at every `WATCH_NS`, whatever else is put in between; and nothing is added to a key that is busy."""
+    watch, now_ns, begin_ns = KeyWatch(KINDS), 10**12, 10**12
+    sent: dict[str, list[int]] = {kind: [begin_ns] for kind in KINDS}
+    for kind in KINDS:
+        watch.sent(kind, begin_ns)
+    own: list[tuple[int, str]] = []
+    for kind, wait_ns in puts:
+        own.append((own[-1][0] + wait_ns if own else begin_ns + wait_ns, kind))
+    end_ns = own[-1][0] if own else begin_ns + 1000 * MS
+    while now_ns < end_ns:
+        now_ns += WATCH_NS
+        for at_ns, kind in own:
+            if now_ns - WATCH_NS < at_ns <= now_ns:
+                watch.sent(kind, at_ns)
+                sent[kind].append(at_ns)
+        for kind in watch.quiet(now_ns):
+            assert now_ns - sent[kind][-1] >= KEEP_ALIVE_NS - WATCH_NS
+            watch.sent(kind, now_ns)
+            sent[kind].append(now_ns)
+    for times in sent.values():
+        assert all(b - a <= KEEP_ALIVE_NS for a, b in zip([*times], [*times[1:], now_ns], strict=True))
+
+
+def test_a_silent_key_is_declared_again_and_again_until_it_is_heard() -> None:
+    watch, now = KeyWatch(KINDS), 10**12
+    watch.connected(now, is_connected=False)
+    assert not watch.silent(now)  # nobody is there
+    watch.connected(now, is_connected=True)
+    assert not watch.declare_now(now + SILENT_NS)
+    assert watch.declare_now(now + SILENT_NS + 1)
+    assert not watch.declare_now(now + SILENT_NS + AGAIN_NS)
+    now += SILENT_NS + AGAIN_NS + 1
+    watch.heard("position", now)
+    watch.heard("energy", now)
+    assert watch.silent(now) == ["control"]
+    assert watch.declare_now(now)
+    watch.heard("control", now)
+    assert not watch.declare_now(now + AGAIN_NS)
+    assert watch.silent(now + SILENT_NS + 1) == list(KINDS)
+    watch.connected(now, is_connected=False)  # the next one is given time
+    watch.connected(now + SILENT_NS, is_connected=True)
+    assert not watch.silent(now + 2 * SILENT_NS)
+
+
+def test_a_key_is_dead_only_while_others_live() -> None:
+    watch, now = KeyWatch(KINDS), 10**12
+    watch.connected(now, is_connected=True)
+    now += DEAD_NS + 1
+    assert watch.dead(now) == []  # nobody speaks: the other side may be stopped
+    watch.heard("position", now)
+    assert watch.dead(now) == ["energy", "control"]
+
+
+def test_the_expressions_hold_the_three_keys_and_nothing_else() -> None:
+    expressions = [zenoh.KeyExpr(text) for text in key_expressions("hapnet/s/d/up")]
+    assert len({str(each) for each in expressions}) == len(expressions) > 3
+    for each in expressions:
+        assert all(each.includes(zenoh.KeyExpr(f"hapnet/s/d/up/{kind}")) for kind in KINDS)
+        others = ("up/telemetry", "up/2423a0fdad58225298c60e87ec2e410c", "down/position")
+        assert not any(each.intersects(zenoh.KeyExpr(f"hapnet/s/d/{other}")) for other in others)
+    assert zenoh.KeyExpr("hapnet/*/d/up/*").includes(expressions[1])  # what access control asks for
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "loses"),
+    [("udp/127.0.0.1:1", True), ("tcp/127.0.0.1:1", False), ("tcp/127.0.0.1:1?rel=0", True)],
+)
+def test_which_links_may_lose_a_declaration(endpoint: str, loses: bool) -> None:
+    for settings in (ZenohSettings(listen=(endpoint,)), ZenohSettings(connect=(endpoint,))):
+        assert may_lose(zenoh_config(settings)) is loses
+
+
+async def test_keys_with_nothing_to_carry_carry_keep_alives_that_nobody_else_sees() -> None:
+    endpoint = free_address()
+    world, device = Side("world", ZenohSettings(listen=(endpoint,))), Side("device", ZenohSettings(connect=(endpoint,)))
+    watches = [Arrivals(), Arrivals()]
+    world.transport._watch, device.transport._watch = watches
+    async with opened(world, device), asyncio.timeout(10.0):
+        while any(len(times) < 3 for watch in watches for times in watch.times_ns.values()):
+            await asyncio.sleep(0.01)
+        assert world.received.empty()
+        assert device.received.empty()
+        assert not world.transport.declared_again
+
+
+async def test_energy_is_not_lost_among_the_positions_that_overtake_it() -> None:
+    """No datagram is lost here; but Zenoh drops one that comes after later ones of the same priority."""
+
+    def jittery(listen: str, to: str) -> UdpRelay:
+        profile = LinkProfile.parse("delay 20ms 10ms")
+        return UdpRelay(listen, to, profile, profile)
+
+    async with talking("udp", jittery) as two:
+        await two.until_paired()
+        for side in two.sides:
+            side.shuffles = False
+        device, came = two.device.transport, two.world.unreadable
+        for tick in range(400):
+            device.put("position", b"-")
+            if tick % 20 == 0:  # further apart than the jitter
+                device.put("energy", b"-")
+            await asyncio.sleep(0.002)
+        await two.until(lambda: came["energy"] == 20, 10.0)
+
+
+async def test_a_transport_of_low_latency_works() -> None:
+    """Zenoh's `info.transports()` and its events with history panic there."""
+    endpoint, cfg = free_address(), ("transport/unicast/lowlatency:true",)
+    world = Side("world", ZenohSettings(listen=(endpoint,), cfg=cfg))
+    device = Side("device", ZenohSettings(connect=(endpoint,), cfg=cfg))
+    async with opened(world, device):
+        await paired(world, device)
+        assert (world.transport.peers, device.transport.peers) == (1, 1)
+        device.transport.put("energy", b"x")
+        assert await asyncio.wait_for(world.received.get(), 10.0) == ("energy", b"x")
+    assert world.transport.peers == 0
