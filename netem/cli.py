@@ -54,6 +54,10 @@ Jitter = Annotated[str | None, typer.Option(help="Jitter [correlation], such as 
 LossOption = Annotated[str | None, typer.Option("--loss", help="Loss, such as 2% or 'gemodel 1% 20%'.")]
 Reorder = Annotated[str | None, typer.Option(help="Reordering, such as 5% or '25% 50% gap 5'.")]
 Rate = Annotated[str | None, typer.Option(help="Rate, such as 1mbit.")]
+Resend = Annotated[
+    str | None,
+    typer.Option(metavar="N TIME", help="What is lost is sent again: '3 8ms', '3 8ms unordered'; 0: never."),
+]
 JsonTo = Annotated[str | None, typer.Option("--json", metavar="FILE|-", help="Write the result as JSON; - is stdout.")]
 
 # of the relays
@@ -116,6 +120,7 @@ def show(
     loss: LossOption = None,
     reorder: Reorder = None,
     rate: Rate = None,
+    resend: Resend = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the link's draws.")] = 0,
     count: Annotated[int, typer.Option(min=1, max=10_000_000, help="Messages to send through it.")] = 20_000,
     interval: Annotated[str, typer.Option(help="Time between two messages.")] = "1ms",
@@ -126,7 +131,7 @@ def show(
     json_to: JsonTo = None,
 ) -> None:
     """Print a profile as understood, and what it does to a stream of messages: statistics and a histogram of delays."""
-    link_profile = _compose(words, profile, delay, jitter, loss, reorder, rate)
+    link_profile = _compose(words, profile, delay, jitter, loss, reorder, rate, resend)
     interval_ns = units.parse_time("interval", interval)
     _check_writable("--png", png)
     _check_writable("--json", json_to)
@@ -155,6 +160,7 @@ def udp(
     loss: LossOption = None,
     reorder: Reorder = None,
     rate: Rate = None,
+    resend: Resend = None,
     up: Up = None,
     down: Down = None,
     timeline: TimelineOption = None,
@@ -169,7 +175,7 @@ def udp(
     The words hold for both directions, unless --up or --down has others. All clients share the link. The size that
     counts for a rate is the payload's: 'rate 1mbit 28' adds the headers of IPv4 and UDP.
     """
-    both = _compose(words, profile, delay, jitter, loss, reorder, rate)
+    both = _compose(words, profile, delay, jitter, loss, reorder, rate, resend)
     ways = (_way("up", up, both), _way("down", down, both))
 
     async def run(session: _Session) -> RelayFigures:
@@ -197,6 +203,7 @@ def zenoh(
     loss: LossOption = None,
     reorder: Reorder = None,
     rate: Rate = None,
+    resend: Resend = None,
     up: Up = None,
     down: Down = None,
     timeline: TimelineOption = None,
@@ -211,7 +218,7 @@ def zenoh(
     Relayed are puts and deletes with all they carry, and liveliness tokens (these at once, without loss); not relayed
     are queries. The words hold for both directions, unless --up or --down has others.
     """
-    both = _compose(words, profile, delay, jitter, loss, reorder, rate)
+    both = _compose(words, profile, delay, jitter, loss, reorder, rate, resend)
     ways = (_way("up", up, both), _way("down", down, both))
 
     async def run(session: _Session) -> RelayFigures:
@@ -353,11 +360,12 @@ def _compose(
     loss: str | None,
     reorder: str | None,
     rate: str | None,
+    resend: str | None,
 ) -> LinkProfile:
     text = " ".join(words) if words else None
     if text in PRESETS and profile is None:
         text, profile = None, text
-    return compose(text, profile, delay, jitter, loss, reorder, rate)
+    return compose(text, profile, delay, jitter, loss, reorder, rate, resend)
 
 
 def _way(name: str, words: str | None, both: LinkProfile) -> LinkProfile:

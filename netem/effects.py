@@ -1,4 +1,5 @@
-"""The parts of a profile that have several values of their own: loss models and slots, as tc-netem words them."""
+"""The parts of a profile that have several values of their own: loss models and slots, as tc-netem words them, and
+resends."""
 
 from __future__ import annotations
 
@@ -9,6 +10,7 @@ from netem import units
 from netem.errors import ProfileError
 
 DISTRIBUTIONS = ("uniform", "normal", "pareto", "paretonormal")
+MOST_RESENDS = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +73,26 @@ class GilbertElliottLoss:
 
 
 Loss = RandomLoss | FourStateLoss | GilbertElliottLoss
+
+
+@dataclass(frozen=True, slots=True)
+class Resend:
+    """``resend N TIME [unordered]``: what was lost is offered again after `after_ns`, up to `times` times.
+
+    In order, as link layers deliver: what is offered after a message waits until that one has come through or was given
+    up, which is `times` resends after it was lost. Unordered, nothing waits.
+    """
+
+    times: int
+    after_ns: int
+    ordered: bool = True
+
+    def __post_init__(self) -> None:
+        check_int("resend", self.times, 1, MOST_RESENDS)
+        check_int("resend after", self.after_ns, 0, units.MAX_TIME_NS // MOST_RESENDS)
+
+    def __str__(self) -> str:
+        return f"resend {self.times} {units.format_time(self.after_ns)}" + ("" if self.ordered else " unordered")
 
 
 @dataclass(frozen=True, slots=True)

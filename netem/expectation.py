@@ -10,25 +10,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from netem import models
-from netem.effects import FourStateLoss, GilbertElliottLoss, RandomLoss
+from netem.loss_chain import lost_again, share_and_run
 from netem.profile import LinkProfile
-
-_Matrix = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
     """Long-run figures with the names that `LinkStats` gives to those achieved.
 
-    `loss` and `sent_ahead` are shares of what is offered; `mean_loss_burst` is None without loss, or where it depends
-    on the traffic's pace (``csv``). `sent_ahead` neglects that losses weaken a correlation beyond a gap. The delays are
-    those that the words `delay`, `csv` and `reorder` make, cuts at 0 included: what a rate, a trace or a slot adds to
-    them depends on the traffic. `delay_correlation` is that of successive messages, None where the delay is constant or
-    the pace and `reorder` have a part in it.
+    `loss`, `recovered` and `sent_ahead` are shares of what is offered, `resent` is resends a message offered;
+    `mean_loss_burst` is None without loss, or where it depends on the traffic's pace (``csv``). `sent_ahead` neglects
+    that losses weaken a correlation beyond a gap. The delays are those that the words `delay`, `csv`, `resend` and
+    `reorder` make, cuts at 0 included: what a rate, a trace, a slot or waiting for a resend adds to them depends on the
+    traffic. With `csv`, a message and its resends meet the same line of it. `delay_correlation` is that of successive
+    messages, None where the delay is constant or the pace, `reorder` and `resend` have a part in it.
     """
 
     loss: float
     mean_loss_burst: float | None
+    resent: float
+    recovered: float
     sent_ahead: float
     delay_mean_ms: float
     delay_std_ms: float
@@ -41,25 +42,32 @@ class Expectation:
 
 def expect(profile: LinkProfile) -> Expectation:
     """The figures that a long run through a link of this profile comes to."""
-    loss, burst = _loss(profile)
+    resend, csv = profile.resend, profile.csv
+    shares, lost = _fates(profile)
+    arrived = float(shares.sum())
     ahead = _ahead(profile)
     delays = models.delay_quantiles(profile) * 1e-6
     mean, variance = float(delays.mean()), float(delays.var())
-    if profile.csv is not None:
-        more_ns, more_loss = profile.csv.mean()
-        mean += more_ns * 1e-6
-        variance += profile.csv.delay_variance() * 1e-12
-        if more_loss:
-            loss, burst = 1.0 - (1.0 - loss) * (1.0 - more_loss), None
-    # a share of the messages has no delay at all
-    variance = (1.0 - ahead) * (variance + ahead * mean**2)
-    steady = profile.csv is None and not ahead and profile.jitter_ns > 0
+    if csv is not None:
+        mean += csv.mean()[0] * 1e-6
+        variance += csv.delay_variance() * 1e-12
+    # what arrives has its delay after so many resends, but for a share of the first, which has none
+    of_them = shares / arrived if arrived else np.eye(1, len(shares))[0]
+    number = np.arange(len(shares))
+    later = mean + number * (0.0 if resend is None else resend.after_ns * 1e-6)
+    at_once = ahead * float(of_them[0])
+    of_them[0] -= at_once
+    total = float(of_them @ later)
+    spread = float(of_them @ (variance + (later - total) ** 2)) + at_once * total**2
+    steady = csv is None and not ahead and resend is None and profile.jitter_ns > 0
     return Expectation(
-        loss=loss,
-        mean_loss_burst=burst,
-        sent_ahead=(1.0 - loss) * ahead,
-        delay_mean_ms=(1.0 - ahead) * mean,
-        delay_std_ms=math.sqrt(variance),
+        loss=lost,
+        mean_loss_burst=_burst(profile),
+        resent=float(shares @ number) + lost * (len(shares) - 1),
+        recovered=float(shares[1:].sum()),
+        sent_ahead=float(shares[0]) * ahead,
+        delay_mean_ms=total,
+        delay_std_ms=math.sqrt(spread),
         delay_correlation=profile.delay_correlation if steady else None,
     )
 
@@ -75,45 +83,33 @@ def _ahead(profile: LinkProfile) -> float:
     return 1.0 / (profile.gap + (1.0 - first) / later)
 
 
-def _loss(profile: LinkProfile) -> tuple[float, float | None]:
-    """The share lost, and the mean run of losses: the share lost over that of losses which follow no loss."""
-    if profile.loss is None:
-        return 0.0, None
-    moves, loses = _chain(profile.loss)
-    stay = _long_run(moves)
-    lost = float(stay @ loses)
-    begins = float((stay * (1.0 - loses)) @ moves @ loses)
-    return lost, lost / begins if begins else None
-
-
-def _chain(loss: RandomLoss | FourStateLoss | GilbertElliottLoss) -> tuple[_Matrix, _Matrix]:
-    """A loss model as a Markov chain that starts in state 0: its transitions, and each state's chance to lose."""
-    if isinstance(loss, RandomLoss):
-        after_loss = loss.probability + loss.correlation * (1.0 - loss.probability)
-        after_none = loss.probability * (1.0 - loss.correlation)
-        if loss.correlation == 1.0:  # the first decision is repeated for ever, so the long run is that of many links
-            after_loss = after_none = loss.probability
-        return np.array([[1.0 - after_none, after_none], [1.0 - after_loss, after_loss]]), np.array([0.0, 1.0])
-    if isinstance(loss, GilbertElliottLoss):
-        moves = np.array([[1.0 - loss.p, loss.p], [loss.r, 1.0 - loss.r]])
-        return moves, np.array([loss.good_loss, loss.bad_loss])
-    moves = np.array(
-        [
-            [max(0.0, 1.0 - loss.p13 - loss.p14), 0.0, loss.p13, loss.p14],
-            [0.0, 1.0 - loss.p23, loss.p23, 0.0],
-            [loss.p31, loss.p32, max(0.0, 1.0 - loss.p31 - loss.p32), 0.0],
-            [1.0, 0.0, 0.0, 0.0],
-        ]
+def _fates(profile: LinkProfile) -> tuple[NDArray[np.float64], float]:
+    """The shares that arrive after 0, 1, 2, ... resends, and the share lost."""
+    if profile.csv is None:
+        shares, lost = _fates_at(profile, 0.0)
+        return np.array(shares), lost
+    lines = [_fates_at(profile, chance) for chance in profile.csv.losses]
+    mean = profile.csv.mean_of
+    return np.array([mean(column) for column in zip(*(shares for shares, _ in lines), strict=True)]), mean(
+        [lost for _, lost in lines]
     )
-    return moves, np.array([0.0, 0.0, 1.0, 1.0])
 
 
-def _long_run(moves: _Matrix) -> _Matrix:
-    """The share of time in each state of a chain that starts in state 0."""
-    # half of the time nothing moves: the same shares, without a period
-    power = 0.5 * (moves + np.eye(len(moves)))
-    for _ in range(100):
-        power = power @ power
-        power /= power.sum(axis=1, keepdims=True)
-    shares: _Matrix = power[0]
-    return shares
+def _fates_at(profile: LinkProfile, chance: float) -> tuple[list[float], float]:
+    """The same where a trace loses a message with this chance."""
+    loss = 0.0 if profile.loss is None else share_and_run(profile.loss)[0]
+    lost = loss + chance - loss * chance
+    shares, before = [1.0 - lost], 1.0
+    for again in lost_again(profile.loss, 0 if profile.resend is None else profile.resend.times):
+        model = again / before if before else 0.0
+        still = lost * (model + chance - model * chance)
+        shares.append(lost - still)
+        lost, before = still, again
+    return shares, lost
+
+
+def _burst(profile: LinkProfile) -> float | None:
+    if profile.loss is None or (profile.csv is not None and any(profile.csv.losses)):
+        return None
+    kept = 1.0 if profile.resend is None else lost_again(profile.loss, profile.resend.times)[-1]
+    return share_and_run(profile.loss, kept)[1]

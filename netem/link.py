@@ -2,6 +2,9 @@
 
 The order of effects is tc-netem's: loss, corruption, limit, reordering, delay, rate, slot.
 
+* What is resent (`netem.resend`) is delayed from when it is offered for the last time, and so is what waits for it
+  (`netem.effects.Resend`); neither is sent ahead. Unordered resends come to a line (a rate or a trace) at that time, so
+  others cross before them; jitter may reorder after the resends, as ever.
 * A reordered message goes at once, ahead of what is still in flight, untouched by rate and slot; the gap counts the
   messages between two that may be. (The kernel also puts it ahead of what is due at the very same instant; here that
   has left already, so that the order does not depend on when somebody polls.)
@@ -16,54 +19,26 @@ The order of effects is tc-netem's: loss, corruption, limit, reordering, delay, 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sized
+from collections.abc import Callable, Sized
 from heapq import heapify, heappop, heappush
-from itertools import chain, islice
-from typing import Any, Generic, NamedTuple, TypeVar, cast
+from itertools import repeat
+from typing import Generic, TypeVar, cast
 
 import numpy as np
-from numpy.random import PCG64, Generator, SeedSequence
-from numpy.typing import NDArray
+from numpy.random import Generator, SeedSequence
 
 from netem import models
+from netem.draws import Draws, Fates, changed, generators
 from netem.effects import Slot
 from netem.errors import NetemError
 from netem.profile import LinkProfile
+from netem.resend import Resends
 from netem.stats import DelayHistogram, LinkStats
 from netem.trace import ConditionTrace, TraceLine
 
 T = TypeVar("T")
 
 _LONG_AGO = -(2**63)
-
-
-class Fates(NamedTuple):
-    """What becomes of messages, an element each: is it lost, may it go ahead of the others, its delay [ns]."""
-
-    lost: NDArray[np.bool_]
-    ahead: NDArray[np.bool_]
-    delay_ns: NDArray[np.int64]
-
-
-class _Draws:
-    """One effect's draws: `each` gives them one by one, `many` in arrays.
-
-    `before` : how many messages were offered before the first.
-    """
-
-    def __init__(self, blocks: Iterator[NDArray[Any]], before: int) -> None:
-        self._blocks, self._before = blocks, before
-        self.each = chain.from_iterable(block.tolist() for block in blocks)
-
-    def many(self, taken: int, count: int) -> NDArray[Any]:
-        """The next `count`, when `taken` messages have had theirs."""
-        parts = []
-        while count:
-            left = (self._before - taken) % models.BLOCK  # of a block that was begun
-            whole = not left and count >= models.BLOCK
-            parts.append(next(self._blocks) if whole else np.array(list(islice(self.each, min(left or count, count)))))
-            taken, count = taken + len(parts[-1]), count - len(parts[-1])
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 class Link(Generic[T]):
@@ -93,19 +68,23 @@ class Link(Generic[T]):
         # (due, order, item, sent, size); order is unique, so items are never compared
         self._queue: list[tuple[int, int, T, int, int]] = []
         self._ready: list[tuple[int, int, T, int, int]] = []
+        # what comes to the line later than it was offered: (when, order, item, sent, size, delay)
+        self._again: list[tuple[int, int, T, int, int, int]] = []
         self._offered = self._lost = self._lost_down = self._dropped_limit = 0
         self._loss_bursts, self._last_lost = 0, -1
-        self._corrupted = self._reordered = self._sent_ahead = 0
+        self._corrupted = self._reordered = self._sent_ahead = self._resent = self._recovered = 0
         self._latest_ns = 0
         self._newest = 0
         self._since_reorder = 0
-        self._last_release_ns = _LONG_AGO
+        self._last_release_ns = self._in_order_ns = _LONG_AGO
         self._timed_size: int | None = None  # the last size that was timed, and its transmission time
         self._size_ns = 0
         self._slot_ns = _LONG_AGO
         self._slot_packets = self._slot_bytes = 0
         self._up = True
         self._slotted = self._needs_size = self._awaits_start = self._transparent = False
+        self._lined = self._beside = False
+        self._resends: Resends | None = None
         self._line: TraceLine | None = None
         self._conditions: ConditionTrace | None = None
         self._conditions_start_ns = 0
@@ -128,18 +107,23 @@ class Link(Generic[T]):
 
     @property
     def next_due_ns(self) -> int | None:
-        """When to poll next; None if nothing is in flight. With slots, a poll at that time may release nothing yet."""
+        """When to poll next; None if nothing is in flight.
+
+        With slots, or with resends out of order that come to a line, a poll at that time may release nothing yet.
+        """
         if self._ready:
             return self._ready[0][0]
-        if not self._queue:
-            return None
-        due = self._queue[0][0]
-        return due if self._profile.slot is None else max(due, self._slot_ns)
+        due = self._queue[0][0] if self._queue else None
+        if due is not None and self._profile.slot is not None:
+            due = max(due, self._slot_ns)
+        if self._again and (due is None or self._again[0][0] < due):
+            return self._again[0][0]
+        return due
 
     @property
     def stats(self) -> LinkStats:
         """A snapshot of what the link did so far."""
-        in_flight = len(self._queue) + len(self._ready)
+        in_flight = len(self._queue) + len(self._ready) + len(self._again)
         gone = self._lost + self._lost_down + self._dropped_limit
         return LinkStats(
             profile=str(self._profile),
@@ -147,6 +131,8 @@ class Link(Generic[T]):
             delivered=self._offered - gone - in_flight,
             lost=self._lost,
             loss_bursts=self._loss_bursts,
+            resent=self._resent,
+            recovered=self._recovered,
             lost_down=self._lost_down,
             dropped_limit=self._dropped_limit,
             corrupted=self._corrupted,
@@ -166,7 +152,7 @@ class Link(Generic[T]):
 
         True: a message has been offered and delivered; hand it on. False: nothing has happened, `send` it.
         """
-        if not self._transparent or self._queue or self._ready or not self._up:
+        if not self._transparent or self._queue or self._ready or self._again or not self._up:
             return False
         self._offered = self._newest = self._offered + 1
         if len(self._pending_delays) >= DelayHistogram.PENDING:
@@ -186,7 +172,7 @@ class Link(Generic[T]):
         self._offered = order = self._offered + 1
         if len(self._pending_delays) >= DelayHistogram.PENDING:  # here and not in `poll`: what is due should not wait
             self._delays.fold()
-        lost, corrupt, ahead, delay = self._next_draws()
+        lost, corrupt, ahead, delay, luck = self._next_draws()
         if self._awaits_start:
             self._start_traces(None, now_ns)
         if self._conditions is not None:
@@ -196,6 +182,9 @@ class Link(Generic[T]):
         if not self._up:
             self._lost_down += 1
             return
+        offered_ns = now_ns
+        if self._resends is not None:
+            lost, offered_ns = self._resend(self._resends, now_ns, lost, luck)
         if lost:
             self._lost += 1
             if self._last_lost != order - 1:
@@ -206,13 +195,13 @@ class Link(Generic[T]):
             self._corrupted += 1
             item = self._corrupt(item, self._next_bit())
         profile = self._profile
-        if self._slotted or len(self._queue) >= profile.limit:
+        if self._slotted or self._again or len(self._queue) >= profile.limit:
             self._settle(now_ns)
-            if len(self._queue) >= profile.limit:
+            if len(self._queue) + len(self._again) >= profile.limit:
                 self._dropped_limit += 1
                 return
         self._since_reorder += 1
-        if ahead and self._since_reorder >= profile.gap:
+        if ahead and self._since_reorder >= profile.gap and offered_ns == now_ns:
             self._since_reorder = 0
             self._sent_ahead += 1
             entry = (now_ns, order, item, now_ns, 0)
@@ -221,17 +210,47 @@ class Link(Generic[T]):
             else:
                 heappush(self._queue, entry)
             return
-        due = now_ns + delay
-        if profile.rate_bit_s:
-            if size != self._timed_size:
-                self._timed_size, self._size_ns = size, models.transmission_ns(cast(int, size), profile)
+        if self._beside and offered_ns > now_ns:
+            heappush(self._again, (offered_ns, order, item, now_ns, cast(int, size), delay))
+            return
+        due = offered_ns + delay
+        if profile.rate_bit_s and size == self._timed_size:  # as `_cross` does, for the many that are alike
             last = self._last_release_ns
             self._last_release_ns = due = (due if due > last else last) + self._size_ns
-        elif self._line is not None:
-            self._last_release_ns = due = self._line.release_ns(due, cast(int, size))
+        elif self._lined:
+            due = self._cross(due, cast(int, size))
         heappush(self._queue, (due, order, item, now_ns, size or 0))
         if self._slotted:
             self._look_at_slot(now_ns)
+
+    def _resend(self, resends: Resends, now_ns: int, lost: bool, luck: float) -> tuple[bool, int]:
+        """(is the message lost for good, when is it offered for the last time, or leaves if it waits for others?)."""
+        offered_ns = now_ns
+        if lost:
+            if self._conditions is None:
+                taken, lost = resends.taken(luck)
+            else:
+                taken, lost = resends.taken_under(luck, self._conditions, now_ns - self._conditions_start_ns)
+            self._resent += taken
+            self._recovered += not lost
+            offered_ns += taken * resends.after_ns
+        if resends.ordered:
+            self._in_order_ns = offered_ns = max(offered_ns, self._in_order_ns)
+        return lost, offered_ns
+
+    def _cross(self, ready_ns: int, size: int) -> int:
+        """When a message has crossed the line that comes to its end at `ready_ns`, behind all that came before."""
+        profile = self._profile
+        if profile.rate_bit_s:
+            if size != self._timed_size:
+                self._timed_size, self._size_ns = size, models.transmission_ns(size, profile)
+            last = self._last_release_ns
+            self._last_release_ns = due = (ready_ns if ready_ns > last else last) + self._size_ns
+        elif self._line is not None:
+            self._last_release_ns = due = self._line.release_ns(ready_ns, size)
+        else:
+            due = ready_ns
+        return due
 
     def _corrupt(self, item: T, draw: float) -> T:
         if self._flip is None:
@@ -280,9 +299,8 @@ class Link(Generic[T]):
 
         `taken` : how many messages' draws were taken so far, by `send` or in this way.
         """
-        return Fates(
-            *(draws.many(taken, count) for draws in (self._loss_draws, self._reorder_draws, self._delay_draws))
-        )
+        streams = (self._loss_draws, self._reorder_draws, self._delay_draws, self._luck_draws)
+        return Fates(*(draws.many(taken, count) for draws in streams))
 
     def down(self) -> None:
         """From now on lose whatever is offered; what is in flight arrives."""
@@ -296,32 +314,38 @@ class Link(Generic[T]):
         if previous is None or profile.seed not in (None, self._words_seed):
             previous = None
             self._words_seed = profile.seed
-            self._generators = _generators(self._seed, profile.seed)
-            self._next_bit = _Draws(models.fractions(self._generators["bit"]), 0).each.__next__
-            self._next_chance = _Draws(models.fractions(self._generators["csv"]), 0).each.__next__
+            self._generators = generators(self._seed, profile.seed)
+            self._next_bit = Draws(models.fractions(self._generators["bit"]), 0).each.__next__
+            self._next_chance = Draws(models.fractions(self._generators["csv"]), 0).each.__next__
         rng, offered = self._generators, self._offered
-        if _changed("delay", profile, previous):
-            self._delay_draws = _Draws(models.delays(rng["delay"], profile), offered)
-        if _changed("loss", profile, previous):
-            self._loss_draws = _Draws(models.losses(rng["loss"], profile.loss), offered)
-        if _changed("corrupt", profile, previous):
+        if changed("delay", profile, previous):
+            self._delay_draws = Draws(models.delays(rng["delay"], profile), offered)
+        if changed("loss", profile, previous):
+            self._loss_draws = Draws(models.losses(rng["loss"], profile.loss), offered)
+        if changed("corrupt", profile, previous):
             blocks = models.decisions(rng["corrupt"], profile.corrupt, profile.corrupt_correlation)
-            self._corrupt_draws = _Draws(blocks, offered)
-        if _changed("reorder", profile, previous):
+            self._corrupt_draws = Draws(blocks, offered)
+        if changed("reorder", profile, previous):
             blocks = models.decisions(rng["reorder"], profile.reorder, profile.reorder_correlation)
-            self._reorder_draws = _Draws(blocks, offered)
-        if profile.slot is not None and _changed("slot", profile, previous):
-            self._next_slot = _Draws(models.slot_intervals(rng["slot"], profile.slot), 0).each.__next__
+            self._reorder_draws = Draws(blocks, offered)
+        if previous is None or (profile.resend is None) != (previous.resend is None):
+            zeros = repeat(np.zeros(models.BLOCK))
+            self._luck_draws = Draws(zeros if profile.resend is None else models.fractions(rng["resend"]), offered)
+        if profile.slot is not None and changed("slot", profile, previous):
+            self._next_slot = Draws(models.slot_intervals(rng["slot"], profile.slot), 0).each.__next__
             self._slot_ns, self._slot_packets, self._slot_bytes = now_ns, 0, 0
         self._next_draws = zip(
             self._loss_draws.each, self._corrupt_draws.each, self._reorder_draws.each, self._delay_draws.each,
-            strict=False,
+            self._luck_draws.each, strict=False,
         ).__next__  # fmt: skip
         self._profile = profile
         self._timed_size = None
+        self._resends = None if profile.resend is None else Resends(profile.resend, profile.loss)
         self._slotted = profile.slot is not None
+        self._lined = bool(profile.rate_bit_s or profile.trace)
+        self._beside = self._lined and profile.resend is not None and not profile.resend.ordered
         self._transparent = profile.limit > 0 and profile == LinkProfile(limit=profile.limit, seed=profile.seed)
-        self._needs_size = bool(profile.rate_bit_s or profile.trace or (profile.slot and profile.slot.bytes))
+        self._needs_size = bool(self._lined or (profile.slot and profile.slot.bytes))
 
     def _start_traces(self, previous: LinkProfile | None, start_ns: int | None) -> None:
         """Start the traces that `previous` did not have at `start_ns`, or with the next message if that is None."""
@@ -338,6 +362,13 @@ class Link(Generic[T]):
 
     def _settle(self, now_ns: int) -> None:
         """Move what is due by now from the queue to `_ready`."""
+        while self._again and self._again[0][0] <= now_ns:
+            offered_ns, order, item, sent_ns, size, delay = heappop(self._again)
+            if self._slotted:
+                self._run_slots(offered_ns)
+            heappush(self._queue, (self._cross(offered_ns + delay, size), order, item, sent_ns, size))
+            if self._slotted:
+                self._look_at_slot(offered_ns)
         if self._slotted:
             self._run_slots(now_ns)
             return
@@ -371,29 +402,6 @@ class Link(Generic[T]):
     def _open_slot(self, now_ns: int) -> None:
         self._slot_ns = now_ns + self._next_slot()
         self._slot_packets = self._slot_bytes = 0
-
-
-_FIELDS = {
-    "delay": ("delay_ns", "jitter_ns", "delay_correlation", "distribution"),
-    "loss": ("loss",),
-    "corrupt": ("corrupt", "corrupt_correlation"),
-    "reorder": ("reorder", "reorder_correlation"),
-    "slot": ("slot",),
-}
-# appended to the seed's spawn key, so that no stream is also one of the caller's own children of the same seed
-_STREAM_KEYS = {name: (0x6E6574656D, index) for index, name in enumerate((*_FIELDS, "bit", "csv"))}
-
-
-def _changed(effect: str, profile: LinkProfile, previous: LinkProfile | None) -> bool:
-    return previous is None or any(getattr(profile, name) != getattr(previous, name) for name in _FIELDS[effect])
-
-
-def _generators(seed: SeedSequence, profile_seed: int | None) -> dict[str, Generator]:
-    entropy = seed.entropy if profile_seed is None else profile_seed
-    return {
-        name: Generator(PCG64(SeedSequence(entropy, spawn_key=(*seed.spawn_key, *key))))
-        for name, key in _STREAM_KEYS.items()
-    }
 
 
 def _size_of(item: object, given: int | None) -> int:

@@ -95,6 +95,8 @@ _ROWS: Mapping[str, Callable[[LinkStats], str]] = {
     "offered": lambda s: str(s.offered),
     "delivered": lambda s: _share(s.delivered, s),
     "lost": lambda s: _share(s.lost, s),
+    "resent": lambda s: str(s.resent),
+    "recovered": lambda s: _share(s.recovered, s),
     "lost while down": lambda s: str(s.lost_down),
     "dropped over limit": lambda s: str(s.dropped_limit),
     "corrupted": lambda s: str(s.corrupted),

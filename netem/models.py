@@ -209,7 +209,7 @@ def _four_state(rng: Generator, loss: FourStateLoss) -> Iterator[NDArray[np.bool
 
 
 def fractions(rng: Generator) -> Iterator[NDArray[np.float64]]:
-    """Uniform in [0, 1): where a corrupted message's bit is flipped, and what a trace's loss is compared with."""
+    """Uniform in [0, 1): which bit is flipped, what a trace's loss is compared with, how often a resend is lost."""
     while True:
         yield rng.random(BLOCK)
 

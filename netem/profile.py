@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from netem import effects, units
-from netem.effects import FourStateLoss, GilbertElliottLoss, Loss, RandomLoss, Slot
+from netem.effects import MOST_RESENDS, FourStateLoss, GilbertElliottLoss, Loss, RandomLoss, Resend, Slot
 from netem.errors import ProfileError
 from netem.presets import PRESETS
 from netem.trace import CapacityTrace, ConditionTrace
@@ -35,6 +35,7 @@ class LinkProfile:
     delay_correlation: float = 0.0
     distribution: str = "uniform"
     loss: Loss | None = None
+    resend: Resend | None = None
     corrupt: float = 0.0
     corrupt_correlation: float = 0.0
     reorder: float = 0.0
@@ -84,6 +85,8 @@ class LinkProfile:
                 out.append(f"distribution {self.distribution}")
         if self.loss is not None:
             out.append(str(self.loss))
+        if self.resend is not None:
+            out.append(str(self.resend))
         if self.corrupt or self.corrupt_correlation:
             out.append("corrupt " + effects.fractions(self.corrupt, self.corrupt_correlation or None))
         if self.reorder or self.reorder_correlation:
@@ -119,9 +122,10 @@ class LinkProfile:
         [CELLSIZE [CELLOVERHEAD]]]``, ``slot ...``, ``limit N``, ``seed N``, in any order. `duplicate` is refused: what
         this link carries may be energy, and energy that arrives twice breaks passivity.
 
-        Beyond tc: ``trace FILE``, delivery opportunities in place of a rate (`netem.trace.CapacityTrace`), and ``csv
-        FILE``, a delay and a loss that change (`netem.trace.ConditionTrace`), both added to those of the other words.
-        The file is read now; its name goes in double quotes where it contains spaces.
+        Beyond tc: ``resend N TIME [unordered]``, what is lost is offered again (`netem.effects.Resend`; 0: never);
+        ``trace FILE``, delivery opportunities in place of a rate (`netem.trace.CapacityTrace`), and ``csv FILE``, a
+        delay and a loss that change (`netem.trace.ConditionTrace`), both added to those of the other words. The file is
+        read now; its name goes in double quotes where it contains spaces.
         """
         return cls(**_read(text)[0])
 
@@ -146,6 +150,7 @@ def compose(
     loss: str | None = None,
     reorder: str | None = None,
     rate: str | None = None,
+    resend: str | None = None,
     base: LinkProfile | None = None,
 ) -> LinkProfile:
     """One profile from a command's options, values as tc writes them: ``"40ms"``, ``"10ms 25%"``, ``"gemodel 1% 20%"``.
@@ -166,7 +171,8 @@ def compose(
     said = _read(words or "")[1]
     said |= ({"jitter"} if "delay" in said else set()) | ({"reorder"} if "gap" in said else set())
     fields: dict[str, object] = {}
-    for name, value in (("delay", delay), ("jitter", jitter), ("loss", loss), ("reorder", reorder), ("rate", rate)):
+    given = {"delay": delay, "jitter": jitter, "loss": loss, "resend": resend, "reorder": reorder, "rate": rate}
+    for name, value in given.items():
         if value is None:
             continue
         if name in said and not (name == "jitter" and profile.jitter_ns == 0):
@@ -259,6 +265,14 @@ def _loss(words: _Words) -> dict[str, object]:
     return {"loss": FourStateLoss(*p) if kind == "state" else GilbertElliottLoss(*p)}
 
 
+def _resend(words: _Words) -> dict[str, object]:
+    times = units.parse_int("resend", words.take("resend"), 0, MOST_RESENDS)
+    if not times:  # none at all: a profile's own are switched off
+        return {"resend": None}
+    after_ns = units.parse_time("resend", words.take("resend"))
+    return {"resend": Resend(times, after_ns, ordered=not words.take_if("unordered"))}
+
+
 def _corrupt(words: _Words) -> dict[str, object]:
     p = words.numbers("corrupt", units.parse_fraction, 1, 2)
     return dict(zip(("corrupt", "corrupt_correlation"), p, strict=False))
@@ -314,6 +328,7 @@ _GRAMMAR: Mapping[str, _Reader] = {
     "delay": _delay,
     "distribution": _distribution,
     "loss": _loss,
+    "resend": _resend,
     "corrupt": _corrupt,
     "reorder": _reorder,
     "gap": _gap,
@@ -328,6 +343,7 @@ _OPTIONS: Mapping[str, _Reader] = {
     "delay": _delay_alone,
     "jitter": _jitter,
     "loss": _loss,
+    "resend": _resend,
     "reorder": _reorder_and_gap,
     "rate": _rate,
 }

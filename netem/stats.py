@@ -18,8 +18,10 @@ _FLOOR_NS, _OCTAVES = 1000, 40  # 1 us to 10^6 s; what lies outside counts in th
 class LinkStats:
     """A snapshot: offered = delivered + lost + lost_down + dropped_limit + in_flight, always.
 
-    `profile` is the one in force, in tc's words. `lost` counts the work of the loss model and of a trace, `loss_bursts`
-    its runs, `lost_down` what was offered to a link that was down, `dropped_limit` what found the link full.
+    `profile` is the one in force, in tc's words. `lost` counts the work of the loss model and of a trace, as far as
+    resends do not mend it, and `loss_bursts` its runs; `resent` counts the resends, `recovered` the messages that one
+    of them delivers, both when the message is offered. `lost_down` is what was offered to a link that was down, and is
+    not resent, `dropped_limit` what found the link full.
     `reordered` counts messages delivered after one that was sent later (RFC 4737, section 3.3), whatever the cause:
     with ``reorder 5%`` of a long queue that is nearly everything which was overtaken, while `sent_ahead` counts the
     overtakers that the word itself made. Delays are from offer to the release that the profile gave, None before the
@@ -35,6 +37,8 @@ class LinkStats:
     delivered: int
     lost: int
     loss_bursts: int
+    resent: int
+    recovered: int
     lost_down: int
     dropped_limit: int
     corrupted: int
@@ -50,7 +54,7 @@ class LinkStats:
 
     @property
     def loss(self) -> float | None:
-        """The share lost by the loss model, of what was offered while the link was up; None if that is nothing."""
+        """The share lost and not recovered, of what was offered while the link was up; None if that is nothing."""
         offered = self.offered - self.lost_down
         return self.lost / offered if offered else None
 

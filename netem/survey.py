@@ -97,6 +97,8 @@ def lines(profile: LinkProfile, result: Survey) -> list[str]:
         f"lost       {stats.lost} ({stats.lost * share:.2f} %, asked {100 * asked.loss:.2f} %){burst}, "
         f"longest {result.longest_loss}"
     )
+    if profile.resend is not None:
+        out.append(f"resent     {stats.resent} times, recovered {stats.recovered} ({stats.recovered * share:.2f} %)")
     if stats.dropped_limit:
         out.append(
             f"dropped    {stats.dropped_limit} ({stats.dropped_limit * share:.2f} %): over limit {profile.limit}"
@@ -104,14 +106,15 @@ def lines(profile: LinkProfile, result: Survey) -> list[str]:
     ahead = f", {stats.sent_ahead} sent ahead (asked {100 * asked.sent_ahead:.2f} %)" if profile.reorder else ""
     out.append(f"reordered  {stats.reordered} ({stats.reordered * share:.2f} %){ahead}")
     if stats.delivered:
-        queued = bool(profile.rate_bit_s or profile.trace or profile.slot)
+        held = profile.resend is not None and profile.resend.ordered
+        queued = held or bool(profile.rate_bit_s or profile.trace or profile.slot)
         out.append(
             f"delay      mean {stats.delay_mean_ms:.3f} ms, standard deviation {stats.delay_std_ms:.3f} ms, "
             f"p50 {stats.delay_p50_ms:.3f} ms, p99 {stats.delay_p99_ms:.3f} ms"
         )
         out.append(
             f"           asked {asked.delay_mean_ms:.3f} ms and {asked.delay_std_ms:.3f} ms"
-            + (", before what the rate, trace or slot adds" if queued else "")
+            + (", before what the rate, trace, slot or order of resends adds" if queued else "")
         )
         out.append(f"           lag-1 correlation {result.delay_correlation or 0.0:.3f}")
     if len(result.edges_ms) > 2:

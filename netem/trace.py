@@ -153,14 +153,15 @@ class ConditionTrace:
 
     def mean(self) -> tuple[float, float]:
         """The means of delay in ns and of loss over one repetition."""
-        return self._mean(self.delays_ns), self._mean(self.losses)
+        return self.mean_of(self.delays_ns), self.mean_of(self.losses)
 
     def delay_variance(self) -> float:
         """The variance of the delay over one repetition, in ns^2."""
-        mean = self._mean(self.delays_ns)
-        return self._mean([(delay - mean) ** 2 for delay in self.delays_ns])
+        mean = self.mean_of(self.delays_ns)
+        return self.mean_of([(delay - mean) ** 2 for delay in self.delays_ns])
 
-    def _mean(self, values: Sequence[float]) -> float:
+    def mean_of(self, values: Sequence[float]) -> float:
+        """The mean over one repetition of what has these values, one a line."""
         ends = (*self.times_ns[1:], self.period_ns)
         spans = zip(self.times_ns, ends, values, strict=True)
         return math.fsum((end - begin) * value for begin, end, value in spans) / self.period_ns

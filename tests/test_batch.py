@@ -108,6 +108,12 @@ ONE_AXIS: dict[str, dict[str, object]] = {
         "link.up": "delay 8ms 8ms reorder 5% rate 2mbit 20 48 5",
         "link.down": "delay 30ms loss 3% rate 1mbit",
     },
+    "resends, in order and not": {
+        **LIVELY,
+        "link.up": "delay 20ms 3ms loss gemodel 10% 30% resend 3 8ms rate 2mbit",
+        "link.down": "delay 15ms 5ms loss 20% 10% resend 2 7ms unordered",
+    },
+    "resends on one way": {"link.up": "5g", "link.down": "delay 20ms reorder 10% loss 5%"},
     "box": {**LIVELY, "scene": "box", "dof": 1, "world.wall.half_width_m": 0.01, "operator_hand.amplitude_m": 0.05},
 }  # fmt: skip
 
@@ -169,6 +175,8 @@ def test_several_axes_are_the_same_to_rounding(changes: dict[str, object]) -> No
         {"wire.deadband": 0.1},
         {"link.down": "delay 20ms slot 5ms"},
         {"link.down": "delay 100ms limit 3"},
+        {"link.down": "delay 5ms loss 20% resend 2 7ms unordered rate 5mbit"},
+        {"link.up": "delay 5ms loss 20% resend 2 7ms reorder 10%"},
     ],
     ids=str,
 )
@@ -208,7 +216,8 @@ def test_nothing_is_refused_in_silence() -> None:
 
 
 @pytest.mark.parametrize("words", ["", "delay 40ms 10ms", "delay 5ms 9ms", "delay 9ms 3ms distribution paretonormal",
-                                   "delay 40ms reorder 5%", "delay 3ms 1ms 50% distribution normal"])  # fmt: skip
+                                   "delay 40ms reorder 5%", "delay 4ms 1ms loss 30% resend 2 3ms",
+                                   "delay 3ms 1ms 50% distribution normal"])  # fmt: skip
 def test_the_bounds_of_a_delay_hold(words: str) -> None:
     profile = LinkProfile.parse(words)
     link: Link[int] = Link(profile, seed=1)

@@ -92,6 +92,14 @@ Jitter = Annotated[str | None, typer.Option(help="Jitter, such as 10ms.", rich_h
 Loss = Annotated[str | None, typer.Option(help="Loss, such as 2% or 'gemodel 1% 20%'.", rich_help_panel=_LINK)]
 Reorder = Annotated[str | None, typer.Option(help="Reordering, such as 5%.", rich_help_panel=_LINK)]
 Rate = Annotated[str | None, typer.Option(help="Rate, such as 1mbit.", rich_help_panel=_LINK)]
+Resend = Annotated[
+    str | None,
+    typer.Option(
+        metavar="N TIME",
+        help="What is lost is sent again, such as '3 8ms' or '3 8ms unordered'; 0: never.",
+        rich_help_panel=_LINK,
+    ),
+]
 Uplink = Annotated[
     str | None,
     typer.Option(

@@ -64,6 +64,7 @@ class LinkOptions:
     delay: flags.Delay = None
     jitter: flags.Jitter = None
     loss: flags.Loss = None
+    resend: flags.Resend = None
     reorder: flags.Reorder = None
     rate: flags.Rate = None
     uplink: flags.Uplink = None
@@ -92,18 +93,28 @@ class LinkOptions:
 
     def for_all_of(self, params: Params) -> Params:
         """`params` without the timelines of the directions that these flags give another link."""
-        effects = (self.delay, self.jitter, self.loss, self.reorder, self.rate)
-        both = any(flag is not None for flag in (self.link, self.profile, *effects))
+        both = any(flag is not None for flag in (self.link, self.profile, *self._effects.values()))
         given = {"up": both or self.uplink is not None, "down": both or self.downlink is not None}
         return params.set({f"link.{way}_timeline": "" for way, other in given.items() if other})
 
     def _way(self, default: str) -> str:
         """The words of one direction: what the flags make of the default."""
-        given = (self.delay, self.jitter, self.loss, self.reorder, self.rate)
-        if self.link is None and self.profile is None and all(flag is None for flag in given):
+        if self.link is None and self.profile is None and all(flag is None for flag in self._effects.values()):
             return default
         words = None if self.link is None else PRESETS.get(self.link, self.link)
-        return str(compose(words, self.profile, *given, base=LinkProfile.named(default)))
+        return str(compose(words, self.profile, **self._effects, base=LinkProfile.named(default)))
+
+    @property
+    def _effects(self) -> dict[str, str | None]:
+        """The flags of one property each, by their names."""
+        return {
+            "delay": self.delay,
+            "jitter": self.jitter,
+            "loss": self.loss,
+            "resend": self.resend,
+            "reorder": self.reorder,
+            "rate": self.rate,
+        }
 
 
 OneWay = Annotated[LinkOptions, Without("uplink", "downlink", "up_timeline", "down_timeline")]

@@ -66,6 +66,8 @@ _LINKS: tuple[_Row, ...] = (
     ("released late, most", "ms", ("late_max_ms",), number),
     ("packets offered", "", ("offered",), number),
     ("delivered", "", ("delivered",), number),
+    ("resent", "", ("resent",), number),
+    ("recovered by it", "", ("recovered",), number),
     ("lost while down", "", ("lost_down",), number),
     ("dropped, queue full", "", ("dropped_limit",), number),
     ("reordered", "", ("reordered",), number),

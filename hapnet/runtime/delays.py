@@ -42,7 +42,9 @@ def _one_way_s(profile: LinkProfile) -> tuple[float, float]:
             r + _quantile(profile.csv.delays_ns, held, share) * 1e-9
             for r, share in zip(recorded, _RECORDED, strict=True)
         ]
-    return delay + recorded[0], delay + recorded[1] + jitter * (1.0 if profile.distribution == "uniform" else 3.0)
+    resends = 0.0 if profile.resend is None else profile.resend.times * profile.resend.after_ns * 1e-9
+    tail = jitter * (1.0 if profile.distribution == "uniform" else 3.0)
+    return delay + recorded[0], delay + recorded[1] + tail + resends
 
 
 def _wait_s(gaps: ArrayLike, share: float) -> float:

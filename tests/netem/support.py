@@ -10,7 +10,7 @@ import pytest
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from netem.effects import DISTRIBUTIONS, FourStateLoss, GilbertElliottLoss, RandomLoss, Slot
+from netem.effects import DISTRIBUTIONS, FourStateLoss, GilbertElliottLoss, RandomLoss, Resend, Slot
 from netem.link import Link
 from netem.profile import LinkProfile
 from netem.trace import CapacityTrace, ConditionTrace
@@ -24,6 +24,11 @@ loss_models = st.one_of(
     st.builds(RandomLoss, fractions, fractions),
     st.builds(GilbertElliottLoss, fractions, fractions, fractions, fractions),
     st.tuples(fractions, fractions, fractions).map(lambda p: FourStateLoss(p[0], p[1], 1 - p[1], p[2], (1 - p[0]) / 2)),
+)
+
+
+resends = st.one_of(
+    st.none(), st.builds(Resend, st.integers(1, 8), st.one_of(st.just(0), st.integers(0, 9 * 10**6)), st.booleans())
 )
 
 
@@ -45,6 +50,7 @@ def profiles(draw: st.DrawFn, longest_ns: st.SearchStrategy[int] = times) -> Lin
         delay_correlation=draw(fractions),
         distribution=draw(st.sampled_from(DISTRIBUTIONS)) if jitter else "uniform",
         loss=draw(loss_models),
+        resend=draw(resends),
         corrupt=draw(fractions),
         corrupt_correlation=draw(fractions),
         reorder=draw(fractions) if delay else 0.0,

@@ -100,6 +100,34 @@ async def test_items_arrive_on_time_in_order_of_release(kind: str) -> None:
     assert link.link.stats.delivered == 50
 
 
+@pytest.mark.parametrize("order", ["", " unordered", " unordered rate 100mbit"])
+async def test_what_is_resent_arrives_when_it_would_in_virtual_time(kind: str, order: str) -> None:
+    profile = LinkProfile.parse(f"delay 1ms loss 50% resend 5 3ms{order}")
+    done, arrived = asyncio.Event(), {}
+    reference: Link[int] = Link(profile, seed=4)
+    now = time.monotonic_ns()
+    for number in range(50):
+        reference.send(now, number, 100)
+    expected = [(due, number) for due, number in reference.poll(now + 10**9)]
+
+    def deliver(number: int) -> None:
+        assert number not in arrived
+        arrived[number] = time.monotonic_ns()
+        if len(arrived) == len(expected):
+            done.set()
+
+    link: AsyncLink[int] = AsyncLink(Link(profile, seed=4), deliver)
+    assert link.timer.kind == kind
+    for number in range(50):
+        link.link.send(now, number, 100)
+    link.release()
+    await fired(done)
+    link.close()
+    assert list(arrived) == [number for _, number in expected]
+    assert all(arrived[number] >= due for due, number in expected)
+    assert link.link.stats.recovered == reference.stats.recovered > 10
+
+
 async def test_what_is_not_delayed_is_delivered_before_send_returns() -> None:
     arrived: list[str] = []
     link: AsyncLink[str] = AsyncLink(Link(LinkProfile()), arrived.append)

@@ -50,6 +50,15 @@ def test_show_takes_a_preset_with_overrides(capsys: pytest.CaptureFixture[str]) 
     assert json.loads(capsys.readouterr().out)["profile"].startswith("delay 300ms 10ms")
 
 
+def test_show_counts_what_is_resent(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["show", "loss 100%", "--resend", "3 2ms", "--count", "50"]) == 0
+    assert "resent     150 times, recovered 0 (0.00 %)" in capsys.readouterr().out
+    assert main(["show", "--profile", "4g", "--resend", "0", "--loss", "0%", "--count", "50", "--json", "-"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["profile"] == "delay 35ms 3ms 25% distribution normal loss 0% rate 6mbit"
+    assert (found["resent"], found["recovered"]) == (0, 0)
+
+
 def test_a_link_that_delivers_nothing_has_no_delays(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["show", "loss 100%", "--count", "10", "--json", "-"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -79,6 +88,12 @@ def test_help(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
         (["show", "--profile", "dialup"], "dialup"),
         (["show", "loss 1%", "--loss", "2%"], "not both"),
         (["show", "--interval", "5"], "interval"),
+        (["show", "resend", "3"], "resend: ''"),
+        (["show", "resend 3 8"], "resend: '8' is not allowed; allowed: a time"),
+        (["show", "resend 101 8ms"], "resend: '101' is not allowed; allowed: a whole number from 0 to 100"),
+        (["show", "resend 3 8ms sorted"], "'sorted'"),
+        (["show", "resend 3 8ms", "--resend", "2 8ms"], "not both"),
+        (["show", "--resend", "3 8ms 5ms"], "one setting"),
         (["show", "--count", "many"], "--count"),
         (["show", "--frequency", "5"], "--frequency"),
         (["show", "--count", "1", "--json", "/nowhere/at/all"], "/nowhere/at/all"),

@@ -19,6 +19,8 @@ def test_an_ideal_link() -> None:
     assert found.as_dict() == {
         "loss": 0.0,
         "mean_loss_burst": None,
+        "resent": 0.0,
+        "recovered": 0.0,
         "sent_ahead": 0.0,
         "delay_mean_ms": 0.0,
         "delay_std_ms": 0.0,
@@ -147,8 +149,9 @@ SOURCED = {  # medians and other quantiles that the comments beside the profiles
 
 @pytest.mark.parametrize("name", SOURCED)
 def test_named_profiles_have_the_quantiles_of_their_sources(name: str) -> None:
-    link: Link[int] = Link(LinkProfile.preset(name).replace(loss=None, rate_bit_s=0), 1)
-    delays = [(due - number * MS) / MS for due, number in drive(link, 20_000, MS)]
+    """Of messages so far apart, as in the sources, that none waits for another."""
+    link: Link[int] = Link(LinkProfile.preset(name).replace(rate_bit_s=0), 1)
+    delays = [(due - 1000 * number * MS) / MS for due, number in drive(link, 20_000, 1000 * MS)]
     for fraction, expected in SOURCED[name].items():
         assert np.quantile(delays, fraction) == pytest.approx(expected, rel=0.05)
 

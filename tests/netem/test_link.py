@@ -19,7 +19,21 @@ from numpy.random import SeedSequence
 from scipy import stats
 
 import netem
-from netem import Link, LinkProfile, NetemError, effects, expectation, models, presets, timeline, trace, units
+from netem import (
+    Link,
+    LinkProfile,
+    NetemError,
+    draws,
+    effects,
+    expectation,
+    loss_chain,
+    models,
+    presets,
+    resend,
+    timeline,
+    trace,
+    units,
+)
 from netem import profile as netem_profile
 from netem import stats as netem_stats
 from tests.netem.support import drive, recorded, traced_profiles
@@ -439,6 +453,7 @@ def test_reordering_puts_messages_where_the_kernel_puts_them() -> None:
 def test_the_core_has_no_clock_and_no_io() -> None:
     banned = {"time", "asyncio", "threading", "random", "socket", "zenoh", "hapnet"}
     core = (netem_profile, effects, units, models, netem.link, netem_stats, trace, timeline, expectation, presets)
+    core += (draws, loss_chain, resend)
     for module in core:
         tree = ast.parse(inspect.getsource(module))
         names = [alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names]

@@ -80,6 +80,21 @@ async def test_each_way_has_its_profile() -> None:
         assert relay.stats.down.lost == 2
 
 
+@pytest.mark.parametrize("order", ["", " unordered", " unordered rate 50mbit"])
+async def test_what_is_resent_crosses_once(order: str) -> None:
+    """Of two hundred, each with 61 tries of which half are lost, everything crosses; in order if asked to."""
+    resend = f"delay 1ms loss 50% resend 60 1ms{order}"
+    with udp_socket() as server, udp_socket() as client, relay_to(server, resend, "loss 100%") as relay:
+        for number in range(200):
+            client.sendto(bytes([number]), relay.address)
+        got = [(await received(server))[0][0] for _ in range(200)]
+        found = relay.stats.up
+    assert sorted(got) == list(range(200))
+    assert (got == sorted(got)) == (not order)
+    assert (found.offered, found.delivered, found.lost, found.in_flight) == (200, 200, 0, 0)
+    assert found.resent >= found.recovered > 50
+
+
 async def test_clients_above_the_limit_are_refused_and_idle_ones_closed() -> None:
     with (
         udp_socket() as server,

@@ -74,6 +74,18 @@ async def network(up: str = "", key: str = "**") -> AsyncIterator[tuple[Node, No
             await asyncio.to_thread(node.session.close)
 
 
+async def test_what_is_resent_arrives_once_and_in_order() -> None:
+    async with network("loss 50% resend 60 1ms") as (near, far, relay):
+        for number in range(100):
+            near.session.put("a/b", bytes([number]), congestion_control=zenoh.CongestionControl.BLOCK)
+        assert [(await far.hears()).payload.to_bytes()[0] for _ in range(100)] == list(range(100))
+        near.session.delete("a/b")
+        assert (await far.hears()).kind == zenoh.SampleKind.DELETE
+        found = relay.stats.up
+    assert (found.delivered, found.lost) == (101, 0)
+    assert found.resent >= found.recovered > 20
+
+
 async def test_a_sample_arrives_with_all_it_carries_and_does_not_come_back() -> None:
     async with network() as (near, far, relay):
         stamp = near.session.new_timestamp()

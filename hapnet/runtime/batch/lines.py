@@ -57,14 +57,20 @@ def shortest_ns(profile: LinkProfile) -> int:
 @cache
 def longest_ns(profile: LinkProfile) -> int:
     """No delay of this link is longer, but for the time in which its line is busy."""
+    resends_ns = profile.resend.times * profile.resend.after_ns if profile.resend is not None else 0
     if profile.jitter_ns and profile.distribution != "uniform":
-        return int(models.delay_quantiles(profile)[-1])
-    return profile.delay_ns + profile.jitter_ns
+        return resends_ns + int(models.delay_quantiles(profile)[-1])
+    return resends_ns + profile.delay_ns + profile.jitter_ns
 
 
 def vectorisable(params: Params, dof: int, up: LinkProfile, down: LinkProfile) -> bool:
-    """Can the links of a scenario be vectorised? No slots, no traces, and never full, whatever happens."""
+    """Can the links of a scenario be vectorised? No slots, no traces, and never full, whatever happens.
+
+    With resends nothing that is sent ahead, and no line that unordered ones reach later than what was sent after them.
+    """
     if any(profile.slot or profile.trace or profile.csv for profile in (up, down)):
+        return False
+    if any(p.resend and (p.reorder or (p.rate_bit_s and not p.resend.ordered)) for p in (up, down)):
         return False
     # Each side sends energy once a spacing at most, an acknowledgement once in its delay, and a position a step or a
     # PSPM instant. PSPM runs every period, and once for all that a tick finds arrived.

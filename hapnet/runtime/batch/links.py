@@ -1,5 +1,5 @@
-"""One direction of the link in many scenarios at once: `netem.link` for constant and random delays, losses, reordering
-and rates. The draws are those of each scenario's own `Link`, taken from it in blocks.
+"""One direction of the link in many scenarios at once: `netem.link` for constant and random delays, losses, resends,
+reordering and rates. The draws are those of each scenario's own `Link`, taken from it in blocks.
 
 What was delivered out of order is found without delivering anything: a message is late iff one sent after it is due
 before it, so the least due time among all later ones tells.
@@ -18,10 +18,11 @@ from hapnet.runtime.batch.channels import NEVER, Whole
 from hapnet.runtime.batch.couplings import Index
 from hapnet.runtime.batch.hearers import Hearers
 from hapnet.runtime.batch.lines import Lines
+from hapnet.runtime.batch.resends import Resends
 from hapnet.runtime.parcel import Parcel
 from hapnet.wire.liveness import Liveness
 from netem import Link, models, stats
-from netem.link import Fates
+from netem.draws import Fates
 
 _BLOCK = models.BLOCK
 _ROWS = 512
@@ -53,6 +54,7 @@ class Links:
         self._last_lost = np.array([link._last_lost for link in links])
         self._ahead = np.zeros(count, dtype=np.int64)
         self._reordered = np.zeros(count, dtype=np.int64)
+        self._resends = Resends(links, shift_ns) if any(link.profile.resend for link in links) else None
         self.stale = np.zeros(count, dtype=np.int64)
         """Positions that arrived after newer ones."""
         self._newest = np.array([link._newest for link in links])
@@ -65,7 +67,7 @@ class Links:
         released = [max(link._last_release_ns, _LONG_AGO) for link in links]
         self._released_ns = np.maximum(np.array(released) - shift_ns, _LONG_AGO)
         nothing = np.zeros(0, dtype=np.bool_)
-        self._draws = [Fates(nothing, nothing, nothing.astype(np.int64)) for _ in links]
+        self._draws = [Fates(nothing, nothing, nothing.astype(np.int64), nothing.astype(float)) for _ in links]
         self._fates = np.zeros((count, _BLOCK), dtype=np.int64)
         self._block = self.offered - _BLOCK  # how many were offered before the block of draws in `_fates`
         # The log: messages `_base` and later, a column a scenario; what is lost is never due.
@@ -102,7 +104,8 @@ class Links:
         fate = self._fates[at, draw]
         order = offered + 1
         self.offered[at] = order
-        due = now_ns + np.maximum(fate, 0) if self._any_ahead else now_ns + fate
+        offered_ns = now_ns if self._resends is None else self._resends.offered_ns(at, draw, now_ns, fate == _LOST)
+        due = offered_ns + np.maximum(fate, 0) if self._any_ahead else offered_ns + fate
         if size is not None:
             queued = self._lines.release(at, due, self._released_ns[at], size)
             timed = (fate >= 0) & (queued < NEVER)
@@ -159,11 +162,16 @@ class Links:
         link._sent_ahead += int(self._ahead[i])
         link._reordered += int(self._reordered[i])
         link._newest = int(self._newest[i])
-        lost, ahead, delays = self._draws[i]
+        lost, ahead, delays, luck = self._draws[i]
         done = offered - (int(self._block[i]) + _BLOCK - len(lost))
         if link.profile.reorder:
             _, link._since_reorder = _ahead(lost[:done], ahead[:done], self._since_reorder[i], link.profile.gap)
-        left = zip(lost[done:].tolist(), repeat(False), ahead[done:].tolist(), delays[done:].tolist(), strict=False)
+        left = zip(
+            lost[done:].tolist(), repeat(False), ahead[done:].tolist(), delays[done:].tolist(), luck[done:].tolist(),
+            strict=False,
+        )  # fmt: skip
+        if self._resends is not None:
+            self._resends.land(i, link)
         link._next_draws = chain(left, iter(link._next_draws, None)).__next__
         link._queue.clear()
         if self._released_ns[i] > _LONG_AGO:
@@ -189,7 +197,8 @@ class Links:
         fates = self._draws[i] = link.draw(offered, _BLOCK - begun)
         row = self._fates[i, begun:]
         row[:] = fates.delay_ns
-        row[fates.lost] = _LOST
+        lost = fates.lost if self._resends is None else self._resends.decide(i, begun, fates)
+        row[lost] = _LOST
         if gap:
             row[_ahead(fates.lost, fates.ahead, self._since_reorder[i], gap)[0]] = _AHEAD
         self._block[i] = offered - begun
