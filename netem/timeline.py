@@ -15,6 +15,7 @@ from netem.profile import LinkProfile
 _ENTRY = re.compile(r'(?:"[^"\n]*"|[^";\n]|")+')
 _COMMENT = re.compile(r'("[^"\n]*")|#[^\n]*')
 _HEAD = re.compile(r"\s*at\s+([^\s:]+)\s*:(.*)", re.DOTALL)
+_LIKE_ENTRIES = re.compile(r"\s*(at\s|#)")
 _FORM = "'at TIME: PROFILE', 'at TIME: down', 'at TIME: up' or, last, 'at TIME: repeat'"
 
 
@@ -96,18 +97,13 @@ class Timeline:
         ------
         ProfileError : the file cannot be read, or an entry is malformed.
         """
-        try:
-            with open(path, encoding="utf-8-sig") as file:
-                return cls.parse(file.read())
-        except OSError as error:
-            raise ProfileError("timeline", path, f"a file that can be read ({error.strerror})") from error
-        except UnicodeDecodeError as error:
-            raise ProfileError("timeline", path, "a file of text") from error
+        with units.open_file("timeline", path, f"{_FORM}, or ") as file:
+            return cls.parse(file.read())
 
     @classmethod
     def read(cls, text_or_path: str) -> Timeline:
         """The timeline that a command's option means: entries if it starts like one, else a file's name."""
-        return cls.parse(text_or_path) if _HEAD.match(text_or_path) else cls.load(text_or_path)
+        return cls.parse(text_or_path) if _LIKE_ENTRIES.match(text_or_path) else cls.load(text_or_path)
 
 
 class TimelinePlayer:

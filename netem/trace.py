@@ -180,11 +180,9 @@ class ConditionTrace:
 def _load(word: str, path: str, read: Callable[[Iterable[str]], _Trace]) -> _Trace:
     units.check_path(word, path)
     try:
-        with open(path, encoding="utf-8-sig", newline="") as lines:
+        with units.open_file(word, path) as lines:
             return read(lines)
-    except OSError as error:
-        raise ProfileError(word, path, f"a file that can be read ({error.strerror})") from error
-    except (UnicodeDecodeError, csv.Error) as error:
+    except csv.Error as error:
         raise ProfileError(word, path, "a file of text") from error
 
 

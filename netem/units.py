@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import re
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
 from decimal import Decimal
+from typing import TextIO
 
 from netem.errors import ProfileError
 
@@ -108,6 +113,24 @@ def check_path(word: str, path: str) -> None:
     """`path` can be written as one word."""
     if not path or '"' in path or not path.isprintable():
         raise ProfileError(word, path, "a file's name, without double quotes and line breaks")
+
+
+@contextmanager
+def open_file(word: str, path: str, allowed: str = "") -> Iterator[TextIO]:
+    """A file of text for reading; a pipe or a device is refused, since it may be waited for without end.
+
+    Raises
+    ------
+    ProfileError : it cannot be read, or is not text; `allowed` says what else there could have been.
+    """
+    try:
+        if not stat.S_ISREG(os.stat(path).st_mode):
+            raise ProfileError(word, path, f"{allowed}a plain file, no pipe, device or directory")
+        with open(path, encoding="utf-8-sig", newline="") as file:
+            yield file
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not text"
+        raise ProfileError(word, path, f"{allowed}a file of text that can be read ({reason})") from error
 
 
 def _split(word: str, text: str, allowed: str) -> tuple[Decimal, str]:

@@ -7,6 +7,7 @@ import socket
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import msgpack
 import pytest
@@ -17,14 +18,18 @@ from hypothesis import strategies as st
 from hapnet import cli
 from hapnet.errors import HapnetError, RecordingError
 from hapnet.mcap_file import read_recording
+from hapnet.params import Params
 from hapnet.runtime.build import prepare
 from hapnet.runtime.control import ThreadedDevice, ThreadedWorld
 from hapnet.runtime.notices import Notice
 from hapnet.runtime.parting import LINGER_S
 from hapnet.runtime.realtime import RealtimeSide
 from hapnet.runtime.stepper import Stepper
+from hapnet.runtime.virtual import Simulation
 from hapnet.runtime.zenoh_config import ZenohSettings, free_address
 from hapnet.runtime.zenoh_transport import ZenohTransport
+from hapnet.wire.messages import Role
+from netem import Link
 from tests.pairs import WAIT_S, Running, idle, parameters, running
 
 # The world's stepper
@@ -101,6 +106,38 @@ def test_an_error_in_a_step_ends_the_stepper_and_is_told() -> None:
     stepper.stop()
     assert steps.error is error
     assert len(steps.called_ns) == 1
+
+
+# The link
+
+
+@pytest.mark.parametrize(("role", "way"), [("device", "up"), ("world", "down")])
+def test_a_sides_link_is_that_of_its_seed(role: Role, way: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same draws as in virtual time, where a replay looks for them; other seeds and the other way have others."""
+    made: list[Link[Any]] = []
+
+    class Kept(Link[Any]):
+        def __init__(self, *given: Any, **named: Any) -> None:
+            super().__init__(*given, **named)
+            made.append(self)
+
+    monkeypatch.setattr("hapnet.runtime.realtime.Link", Kept)
+    params = Params().set({"link.up": SEEDED, "link.down": SEEDED})
+    RealtimeSide(prepare(params, "sampled"), role, ZenohSettings(connect=("tcp/127.0.0.1:1",)), seed=5)
+    [link] = made
+    simulated = {seed: Simulation(params, seed) for seed in (5, 6)}
+    expected = {(s, name): _releases(getattr(simulated[s], name)) for s in simulated for name in ("up", "down")}
+    found = _releases(link)
+    assert [key for key, releases in expected.items() if releases == found] == [(5, way)]
+
+
+SEEDED = "delay 20ms 5ms loss 20%"
+
+
+def _releases(link: Link[Any]) -> list[tuple[int, int]]:
+    for number in range(200):
+        link.send(0, number, 100)
+    return link.poll(10**12)
 
 
 IDLE_DEVICE = idle("device")

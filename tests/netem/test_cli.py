@@ -59,6 +59,17 @@ def test_show_counts_what_is_resent(capsys: pytest.CaptureFixture[str]) -> None:
     assert (found["resent"], found["recovered"]) == (0, 0)
 
 
+@pytest.mark.parametrize(
+    "words", [["show", "trace {}"], ["show", "csv {}"], ["udp", "--listen", ":0", "--to", ":9", "--timeline", "{}"]]
+)
+def test_a_pipe_is_refused_and_not_waited_for(
+    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    assert main([word.format(tmp_path / "pipe") for word in words]) == 2
+    assert "a plain file" in capsys.readouterr().err
+
+
 def test_a_link_that_delivers_nothing_has_no_delays(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["show", "loss 100%", "--count", "10", "--json", "-"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -180,7 +191,7 @@ def test_a_relay_ends_after_its_duration_and_prints_json_alone(capsys: pytest.Ca
     where = ["--listen", "127.0.0.1:0", "--to", "127.0.0.1:9"]
     assert main(["udp", *where, "--duration", "50ms", "--json", "-"]) == 0
     captured = capsys.readouterr()
-    assert 0.05 <= json.loads(captured.out)["elapsed_s"] < 2.0
+    assert json.loads(captured.out)["elapsed_s"] >= 0.05
     assert "relaying" in captured.err
 
 

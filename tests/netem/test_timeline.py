@@ -87,6 +87,12 @@ def test_any_text_is_parsed_or_refused(text: str) -> None:
     assert Timeline.parse(str(timeline)) == timeline
 
 
+@pytest.mark.parametrize("text", ["at 1s down", "at 1s", "# nothing", " at down", "1s: down", "down"])
+def test_what_was_to_be_a_timeline_is_told_its_form(text: str) -> None:
+    with pytest.raises(ProfileError, match="'at TIME: PROFILE'"):
+        Timeline.read(text)
+
+
 def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
     with pytest.raises(ProfileError, match="/no/such/timeline"):
         Timeline.read("/no/such/timeline")
@@ -162,6 +168,22 @@ def test_a_caller_who_is_late_by_many_repetitions_ends_in_the_same_state() -> No
         assert link.profile.delay_ns == (3 * MS if MS <= phase < 4 * MS else 5 * MS)
         assert player.next_due_ns is not None
         assert late_ns < player.next_due_ns <= late_ns + 2 * MS
+
+
+@pytest.mark.parametrize("seen_ns", [0, 1 * MS, 3 * MS, 5 * MS - 1])
+@pytest.mark.parametrize("late", [3, 4, 40])
+@pytest.mark.parametrize("phase_ns", [0, 1 * MS, 3 * MS, 5 * MS - 1])
+def test_a_caller_who_is_late_is_told_the_last_whole_repetition(seen_ns: int, late: int, phase_ns: int) -> None:
+    """And the one begun since then; not all that it missed, one repetition more at the most."""
+    timeline = Timeline.parse("at 1ms: delay 3ms; at 2ms: down; at 4ms: delay 5ms; at 5ms: repeat")
+    player = TimelinePlayer(Link(LinkProfile()), timeline, 0)
+    player.advance(seen_ns)
+    now = late * 5 * MS + phase_ns
+    told = player.advance(now)
+    cycles = [[(c * 5 * MS + e.at_ns, e) for e in timeline.entries] for c in (late - 1, late)]
+    expected = [change for cycle in cycles for change in cycle if change[0] <= now]
+    assert told[-len(expected) :] == expected
+    assert len(told) <= len(expected) + len(timeline.entries)
 
 
 @settings(max_examples=50, deadline=None)
