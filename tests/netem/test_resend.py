@@ -193,6 +193,7 @@ def test_when_a_link_goes_down_what_waits_for_a_resend_arrives_and_what_is_offer
         link.send(0, number, 100)
     out = [number for _, number in link.poll(MS - 1)]
     assert 0 < len(out) < 20
+    assert (link.stats.delivered, link.stats.in_flight) == (len(out), 20 - len(out))
     link.down()
     link.send(MS - 1, 20, 100)
     out += [number for _, number in link.poll(10**12)]
@@ -217,6 +218,14 @@ def test_a_change_lets_what_waits_for_a_resend_arrive_once(then: str) -> None:
     assert sorted(number for _, number in out) == list(range(50))
     assert all(earlier <= later for (earlier, _), (later, _) in pairwise(out))
     assert link.stats.in_flight == 0
+
+
+def test_what_is_resent_or_waits_is_not_sent_ahead() -> None:
+    """All others are, without a delay."""
+    loose = fates("delay 10ms reorder 100% loss 50% resend 2 3ms unordered", 500)
+    assert set(loose.values()) == {0, 13 * MS, 16 * MS}
+    ordered = fates("delay 10ms reorder 100% loss 50% resend 2 3ms", 500)
+    assert set(ordered.values()) == {0, *(k * MS for k in range(11, 17))}
 
 
 def test_what_waits_for_a_resend_counts_for_the_limit() -> None:

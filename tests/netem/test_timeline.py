@@ -89,8 +89,10 @@ def test_any_text_is_parsed_or_refused(text: str) -> None:
 
 @pytest.mark.parametrize("text", ["at 1s down", "at 1s", "# nothing", " at down", "1s: down", "down"])
 def test_what_was_to_be_a_timeline_is_told_its_form(text: str) -> None:
-    with pytest.raises(ProfileError, match="'at TIME: PROFILE'"):
+    """Only what does not begin like one may be meant as a file's name."""
+    with pytest.raises(ProfileError, match="'at TIME: PROFILE'") as caught:
         Timeline.read(text)
+    assert ("file" in str(caught.value)) == (text in ("1s: down", "down"))
 
 
 def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:

@@ -310,6 +310,51 @@ def test_bad_condition_files_are_refused_by_line(text: str | bytes, named: str, 
 
 
 @pytest.mark.parametrize(
+    ("word", "text", "fine"),
+    [
+        ("trace", "100000000", True),
+        ("trace", "100000001", False),
+        ("trace", "000000000001", True),
+        ("trace", "0000000000001", False),
+        ("trace", "0\n0\n7\n7", True),
+        ("trace", "0\n0", False),
+        ("csv", "time_s,delay_ms\n100000000000000,1", True),
+        ("csv", "time_s,delay_ms\n100000000000001,1", False),
+        ("csv", "time_s,delay_ms\n-100000000000001,1", False),
+        ("csv", "time_s,delay_ms\n0,100000000", True),
+        ("csv", "time_s,delay_ms\n0,100000000.1", False),
+        ("csv", "time_s,delay_ms\n0,0", True),
+        ("csv", "time_s,delay_ms,loss_percent\n0,0,0\n1,1,100", True),
+        ("csv", "time_s,delay_ms,loss_percent\n0,0,100.1", False),
+        ("csv", "time_s,delay_ms,loss_percent\n0,0,-0.1", False),
+        ("csv", "time_s,delay_ms\n0,1\n0.000000001,2", True),
+        ("csv", "time_s,delay_ms\n0,1\n0.0000000001,2", False),
+    ],
+)
+def test_the_ends_of_what_a_file_may_say(word: str, text: str, fine: bool, tmp_path: Path) -> None:
+    """100,000 s at most, as for all times; a line of a trace of opportunities has 12 digits at most."""
+    (tmp_path / "file").write_text(text + "\n")
+    if fine:
+        LinkProfile.parse(f"{word} {tmp_path}/file")
+    else:
+        with pytest.raises(ProfileError):
+            LinkProfile.parse(f"{word} {tmp_path}/file")
+
+
+@pytest.mark.parametrize(
+    ("delay_ns", "loss", "fine"),
+    [(0, 0.0, True), (10**14, 1.0, True), (-1, 0.0, False), (10**14 + 1, 0.0, False), (0, -1e-9, False),
+     (0, 1.0 + 1e-9, False)],
+)  # fmt: skip
+def test_the_ends_of_what_conditions_in_memory_may_be(delay_ns: int, loss: float, fine: bool) -> None:
+    if fine:
+        assert ConditionTrace("memory", (0,), (delay_ns,), (loss,)).at(5) == (delay_ns, loss)
+    else:
+        with pytest.raises(ProfileError):
+            ConditionTrace("memory", (0,), (delay_ns,), (loss,))
+
+
+@pytest.mark.parametrize(
     "words", ["trace /no/such/file", "csv /no/such/file", "trace /", 'trace "', "trace", 'trace ""']
 )
 def test_files_that_are_not_there_are_named(words: str) -> None:
