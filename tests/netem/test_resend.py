@@ -133,6 +133,23 @@ def test_over_a_line_each_message_takes_its_turn_when_it_is_offered_for_the_last
     assert out == expected
 
 
+@settings(max_examples=60, deadline=None)
+@given(st.lists(waits, min_size=5, max_size=40), waits, st.integers(0, 99))
+def test_slots_after_a_line_open_alike_whenever_one_polls(pauses: list[int], after_ns: int, seed: int) -> None:
+    profile = LinkProfile.parse("loss 40% rate 2mbit slot 3ms 4ms packets 2")
+    profile = profile.replace(resend=Resend(3, after_ns, ordered=False))
+    watched, left_alone = Link[int](profile, seed), Link[int](profile, seed)
+    out = []
+    for number, now in enumerate(np.cumsum(pauses).tolist()):
+        watched.send(now, number, 100)
+        left_alone.send(now, number, 100)
+        out += watched.poll(now)
+        for later in range(now, now + 60 * MS, MS // 2) if number == len(pauses) - 1 else ():
+            out += watched.poll(later)
+    end = 10**12
+    assert left_alone.poll(end) == out + watched.poll(end)
+
+
 def test_by_hand_in_order_and_not() -> None:
     """The first of three is lost once, the others not: 5 ms later it comes through, or it is given up with N = 1."""
     for seed in range(1000):
@@ -144,13 +161,31 @@ def test_by_hand_in_order_and_not() -> None:
     # 100 bytes at 1 mbit/s take 0.8 ms: unordered the two others cross before it
     assert fates("loss 50% resend 1 5ms unordered rate 1mbit", 3, seed) == {0: 5_800_000, 1: 800_000, 2: 800_000}
     assert fates("loss 50% resend 1 5ms rate 1mbit", 3, seed) == {0: 5_800_000, 1: 5_600_000, 2: 5_400_000}
+    link: Link[int] = Link(LinkProfile.parse("loss 50% resend 1 5ms unordered rate 1mbit"), seed)
+    link.send(0, 0, 100)
+    link.change(LinkProfile(), MS)
+    assert link.next_due_ns == 5 * MS
+    assert not link.passes()  # what would, would overtake it
+    assert link.poll(10 * MS) == [(5 * MS, 0)]
+    assert link.passes()
+    # what waits for a resend when a slow line is changed comes through before what is on that line
+    link = Link(LinkProfile.parse("loss 50% resend 1 5ms unordered rate 8kbit"), seed)
+    link.send(0, 0, 100)
+    link.send(0, 1, 100)
+    link.change(LinkProfile(), MS)
+    assert link.next_due_ns == 5 * MS
+    assert link.poll(5 * MS) == [(5 * MS, 0)]
+    assert link.next_due_ns == 100 * MS
+    # the slot is drawn when the message comes to the line, 10 ms from then
+    assert fates("loss 50% resend 1 5ms unordered rate 1mbit slot 10ms", 1, seed) == {0: 15 * MS}
 
 
 def test_each_resend_meets_the_trace_of_its_own_time() -> None:
-    """Everything is lost up to 10 ms: of messages every 4 ms that is resent after 4, 8 and 12 ms."""
+    """Everything is lost up to 10 ms, or 7: of messages every 4 ms that is resent after 4, 8 and 12 ms."""
     trace = ConditionTrace("memory", (0, 10 * MS), (0, 0), (1.0, 0.0))
-    for times, delays in ((2, [None, 8, 4]), (3, [12, 8, 4])):
-        link: Link[int] = Link(LinkProfile(csv=trace, resend=Resend(times, 4 * MS, ordered=False)), 1, start_ns=0)
+    for start_ms, times, delays in ((0, 2, [None, 8, 4]), (0, 3, [12, 8, 4]), (-3, 1, [None, 4, 0])):
+        profile = LinkProfile(csv=trace, resend=Resend(times, 4 * MS, ordered=False))
+        link: Link[int] = Link(profile, 1, start_ns=start_ms * MS)
         found = {number: due - 4 * MS * number for due, number in drive(link, 3, 4 * MS)}
         assert [found.get(number) for number in range(3)] == [None if d is None else d * MS for d in delays]
 

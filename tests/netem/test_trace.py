@@ -226,6 +226,7 @@ def test_conditions_of_recorded_epochs_without_loss_and_of_one_line(tmp_path: Pa
     trace = conditions(tmp_path, "\ufefftime_s, delay_ms\r\n1700000.5,1.000001\r\n1700001,2\r\n")
     assert (trace.times_ns, trace.delays_ns) == ((0, 500 * MS), (1_000_001, 2 * MS))
     assert trace.at(10**9) == (1_000_001, 0.0)
+    assert trace.at(10**9 - 1) == (2 * MS, 0.0)
     assert conditions(tmp_path, "time_s,delay_ms,loss_percent\n5,7,1.5\n").at(10**15) == (7 * MS, 0.015)
 
 
@@ -337,7 +338,7 @@ def test_the_ends_of_what_a_file_may_say(word: str, text: str, fine: bool, tmp_p
     if fine:
         LinkProfile.parse(f"{word} {tmp_path}/file")
     else:
-        with pytest.raises(ProfileError):
+        with pytest.raises(ProfileError, match="after time 0" if text == "0\n0" else "line"):
             LinkProfile.parse(f"{word} {tmp_path}/file")
 
 
