@@ -162,6 +162,33 @@ def test_a_side_is_made_around_it(name: str) -> None:
     assert isinstance(side.device, SimulatedDevice) == (name == "Simulated")  # the side advances what is simulated
 
 
+class PulledOut(Still):
+    """Can be read once: when it is made."""
+
+    def __init__(self, dof: int) -> None:
+        super().__init__(dof)
+        self.reads = 0
+
+    def read(self) -> tuple[Vector, Vector]:
+        self.reads += 1
+        if self.reads > 1:
+            raise OSError("the cable is out")
+        return super().read()
+
+
+def test_one_that_fails_right_after_pairing_says_so_and_ends_in_order() -> None:
+    setup = prepare(Params().set({"scene": "free", "hardware": "tests.test_own_device:PulledOut"}), "sampled")
+    side = device_side(setup, DeviceEndpoint(device_session(setup, 1)), lambda: 0, lambda sample: None)
+    side.endpoint.paired = True
+    with pytest.raises(HapnetError, match=r"PulledOut failed: read\(\) raised OSError: the cable is out"):
+        side.tick(0)
+    side.stop()
+    assert isinstance(side.device, OwnDevice)
+    assert isinstance(side.device.device, PulledOut)
+    assert side.device.device.held == (0.0,)
+    assert device_summary(side, "pspm")["quantisation_J"] is None
+
+
 def test_its_coupling_is_checked_before_pairing() -> None:
     params = Params().set({"scene": "free", "dof": 2, "hardware": "tests.test_own_device:Still"})
     with pytest.raises(InvalidParameter, match=r"^device\.stiffness is"):

@@ -111,9 +111,9 @@ class DeviceSide(ABC):
         """One servo tick; the position message to send, if there is one. Before pairing the device gets no force."""
         if self.origin_ns is None:
             if self.endpoint.paired:
-                self.origin_ns = self._last_ns = self._expected_ns = now_ns
                 self._start(self.device.read()[0])
                 self.ledger = self.coupling.ledger
+                self.origin_ns = self._last_ns = self._expected_ns = now_ns  # last: a device may fail right here
             return None
         since_ns = now_ns - self._last_ns
         if since_ns > self.longest_ns:
