@@ -237,7 +237,7 @@ class Params:
     hardware: str = _p("simulated", "the device: simulated, or module:Class of your own")
     coupling: str = _p("pspm", "pspm; others are there to compare with", COUPLINGS)
     dof: int = _p(0, "degrees of freedom; 0: the scene's own", _NOT_NEGATIVE)
-    duration_s: float = _p(10.0, "from pairing [s]; 0: until stopped", _NOT_NEGATIVE)
+    duration_s: float = _p(10.0, "from pairing [s]; 0: until stopped", _Range(at_least=0.0, at_most=1e9))
     record_hz: float = _p(200.0, "recorded samples a second of the device [Hz]", _POSITIVE)
     telemetry_hz: float = _p(
         60.0,

@@ -20,6 +20,7 @@ from hapnet.runtime.build import LIVE, Setup, device_session, device_side, prepa
 from hapnet.runtime.collector import collector_paused
 from hapnet.runtime.parcel import FRAME_OVERHEAD, Parcel
 from hapnet.runtime.recorded_hand import fingerprint
+from hapnet.runtime.room import bytes_a_second, require_room
 from hapnet.runtime.sides import DeviceSide, Write
 from hapnet.runtime.summary import Summary, combine, device_summary, versions, with_wire, world_summary
 from hapnet.runtime.world_side import WorldSide
@@ -128,6 +129,8 @@ class Simulation:
     def _writer(self) -> Write:
         """Where the samples go: into a recording, with what it says of its run."""
         setup = self.setup
+        duration_s = setup.params.duration_s
+        require_room("duration_s", duration_s, duration_s, bytes_a_second(setup.params, setup.dof), "recorded seconds")
         self._meta = {
             "params": setup.params.as_dict(),
             "operator_sha256": fingerprint(setup.params.operator),

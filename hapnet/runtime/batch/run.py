@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Sequence, Sized
 
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
@@ -13,9 +13,12 @@ from hapnet.runtime.batch.processes import Progress, in_processes
 from hapnet.runtime.batch.scenario import BatchRun, Scenario
 from hapnet.runtime.build import Setup
 from hapnet.runtime.collector import collector_paused
+from hapnet.runtime.room import require_room
 
 SMALLEST = 32
 """With fewer scenarios of a kind, one at a time is faster."""
+RUN_BYTES = 110_000
+"""What a run of a batch takes until the batch is over; measured."""
 LARGEST = 2048
 """Scenarios that fly together: more do not fit the processor's caches."""
 
@@ -44,12 +47,14 @@ def simulate_batch(
 
     Raises
     ------
-    InvalidParameter, netem.NetemError : parameters that do not make a run.
+    InvalidParameter, netem.NetemError : parameters that do not make a run, or more runs than this machine can hold.
     HapnetError : in some scenario the two sides did not find each other.
     """
     if workers < 1:
         raise InvalidParameter("workers", workers, "1 or more processes")
     several = [params or Params()] if params is None or isinstance(params, Params) else list(params)
+    if isinstance(seeds, Sized):
+        require_room("seeds", seeds, len(several) * len(seeds), RUN_BYTES, "runs")
     seed_list = list(seeds)
     cases = [(one, seed) for one in several for seed in seed_list]
     workers = min(workers, len(cases))
