@@ -8,10 +8,12 @@ import os
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 from hapnet.commands.output import write_line
+from hapnet.commands.repeats import Repeats
 from hapnet.errors import HapnetError, InvalidParameter, OutputError
 from hapnet.runtime.notices import Level, Notice
 
@@ -48,6 +50,7 @@ class Log:
         self._file: int | None = None
         self._target = target
         self.failure: str | None = None
+        self._repeats = Repeats()
         self._offset_ns = time.time_ns() - time.monotonic_ns()
         try:
             if target == "-":
@@ -64,8 +67,9 @@ class Log:
         if notice.kind == "progress" and not self._progress:
             return
         self.write(notice)
-        if notice.kind != "progress":
-            self._say(notice)
+        text = self._repeats.line(self._role, notice.kind, notice.text, notice.at_ns)
+        if notice.kind != "progress" and text is not None:
+            self._say(replace(notice, text=text))
 
     def write(self, notice: Notice) -> None:
         """One notice more, for programs only."""
@@ -90,6 +94,8 @@ class Log:
 
     def close(self) -> None:
         """No more notices."""
+        for _, text in self._repeats.rest():
+            self._say(Notice("repeats", text, time.monotonic_ns()))
         logging.getLogger("hapnet").removeHandler(self._handler)
         if self._file is not None:
             os.close(self._file)

@@ -14,6 +14,7 @@ import numpy as np
 from hapnet.commands import output
 from hapnet.commands.pair import Pair
 from hapnet.commands.progress import Progress
+from hapnet.commands.repeats import Repeats
 from hapnet.commands.report import source_of, write
 from hapnet.commands.side import catch, exit_code
 from hapnet.endpoint import DeviceEndpoint, WorldEndpoint
@@ -45,13 +46,15 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, re
     written = output.Written()
     with log, Progress(words, "starting") as progress:
         running = False
+        repeats = Repeats()
 
         def heed(role: str, line: bytes, notice: dict[str, Any]) -> None:
             """A notice, for people and for the log; the device's clock says how far the run is."""
             nonlocal running
             if notice["kind"] != "progress":
-                if notice["kind"] != "waiting":
-                    words.print(f"{role}: {notice['text']}", markup=False)
+                text = repeats.line(role, notice["kind"], notice["text"], notice["monotonic_ns"])
+                if notice["kind"] != "waiting" and text is not None:
+                    words.print(f"{role}: {text}", markup=False)
                 with written.part():
                     output.write_line(log.fileno(), line, str(directory / "log.jsonl"))
             elif role == "device":
@@ -62,6 +65,8 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, re
 
         pair = Pair(params, seed, directory, heed, realtime=realtime)
         code = asyncio.run(_run(pair))
+    for role, text in repeats.rest():
+        words.print(f"{role}: {text}", markup=False)
     for said in pair.errors.values():
         written.missing += said
     if len(pair.parts) < 2:  # one that is interrupted while it starts leaves no summary
