@@ -13,10 +13,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 from cryptography import x509
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
 import hapnet
+from examples.secure import make_certificates as certificates
 from hapnet.mcap_file import read_recording
 from hapnet.runtime.zenoh_config import free_address
 from tests.conftest import ENVIRONMENT, ROOT
@@ -188,8 +190,27 @@ def test_make_certificates(tmp_path: Path) -> None:
     before = {name: file.read_bytes() for name, file in made.items()}
     again = make_certificates(tmp_path, *argv)
     assert again.returncode == 2
-    assert "ca.pem" in again.stderr
+    assert "world.pem" in again.stderr
     assert {name: file.read_bytes() for name, file in made.items()} == before
+
+
+def test_make_certificates_adds_a_device_to_an_authority_that_is_there(tmp_path: Path) -> None:
+    directory = tmp_path / "certificates"
+    certificates.main(["alice"], ["127.0.0.1"], directory, days=2.0)
+    before = {file.name: file.read_bytes() for file in directory.iterdir()}
+    certificates.main(["bob"], None, directory)
+    assert {file.name for file in directory.iterdir()} - set(before) == {"bob.pem", "bob.key"}
+    assert {name: (directory / name).read_bytes() for name in before} == before
+    ca, bob = (x509.load_pem_x509_certificate((directory / f"{name}.pem").read_bytes()) for name in ("ca", "bob"))
+    bob.verify_directly_issued_by(ca)
+    assert bob.not_valid_after_utc <= ca.not_valid_after_utc
+
+    with pytest.raises(typer.BadParameter, match="has no authority yet: give --host"):
+        certificates.main(["bob"], None, tmp_path / "elsewhere")
+    assert not (tmp_path / "elsewhere").exists()
+    (directory / "ca.key").write_bytes(before["alice.key"])
+    with pytest.raises(typer.BadParameter, match="is not the key of"):
+        certificates.main(["carol"], None, directory)
 
 
 @pytest.mark.parametrize("device", ["world", "ca", "a/b", "a b", ""])

@@ -2,8 +2,12 @@
 
     python examples/secure/make_certificates.py --host 192.168.0.2 --device alice
 
-writes ca.pem, world.pem and alice.pem, each with its key, into certificates/. A device's common name is what Zenoh's
-access control knows it by. Keep ca.key where it was made: whoever has it can make further certificates.
+writes ca.pem, world.pem and alice.pem, each with its key, into certificates/. A device more, of the same authority:
+
+    python examples/secure/make_certificates.py --device bob
+
+A device's common name is what Zenoh's access control knows it by. Keep ca.key where it was made: whoever has it can
+make further certificates.
 """
 
 from __future__ import annotations
@@ -19,7 +23,7 @@ import typer
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric.ec import SECP256R1, EllipticCurvePrivateKey, generate_private_key
-from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, load_pem_private_key
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 NAME = re.compile(r"[A-Za-z0-9._-]+")
@@ -67,25 +71,53 @@ def save(directory: Path, name: str, made: Authority) -> None:
             out.write(data)
 
 
+def load(directory: Path, name: str) -> Authority | None:
+    """The authority that was made there before; None: none was."""
+    certificate, key = directory / f"{name}.pem", directory / f"{name}.key"
+    if not certificate.exists() and not key.exists():
+        return None
+    try:
+        made = x509.load_pem_x509_certificate(certificate.read_bytes())
+        signer = load_pem_private_key(key.read_bytes(), None)
+    except (OSError, ValueError, TypeError) as error:
+        raise typer.BadParameter(f"{directory} has an authority that cannot be used: {error}") from None
+    if not isinstance(signer, EllipticCurvePrivateKey) or made.public_key() != signer.public_key():
+        raise typer.BadParameter(f"{key} is not the key of {certificate}")
+    if made.not_valid_after_utc <= datetime.now(UTC):
+        raise typer.BadParameter(f"{certificate} has expired: make a new authority, with another --out")
+    return made, signer
+
+
 def main(
-    host: Annotated[list[str], typer.Option(help="Address or name that devices dial; repeatable.")],
     device: Annotated[list[str], typer.Option(help="Name of a device; repeatable.")],
+    host: Annotated[
+        list[str] | None,
+        typer.Option(help="Address or name that devices dial; repeatable. Needed when the world's is made."),
+    ] = None,
     out: Annotated[Path, typer.Option(help="Directory for what is made.")] = Path("certificates"),
     days: Annotated[float, typer.Option(help="How long they are valid.")] = 365.0,
 ) -> None:
-    """Make an authority, a certificate of the world and one for each device; what is there is not overwritten."""
-    names = ["ca", "world", *device]
-    if len(set(names)) < len(names) or not all(map(NAME.fullmatch, device)):
+    """Make an authority, a certificate of the world and one for each device; what is there is not overwritten.
+
+    Where there is an authority already, it signs: only certificates that are missing are made.
+    """
+    if len({"ca", "world", *device}) < len(device) + 2 or not all(map(NAME.fullmatch, device)):
         raise typer.BadParameter("devices need names of their own (not ca or world) of letters, digits and . _ -")
-    out.mkdir(parents=True, exist_ok=True)
+    authority = load(out, "ca")
+    names = {"world": host} if host else {}
+    names |= {name: [name] for name in device}
+    if authority is None and not host:
+        raise typer.BadParameter(f"{out} has no authority yet: give --host, for the world's certificate")
     there = [file for name in names for file in (f"{name}.pem", f"{name}.key") if (out / file).exists()]
     if there:
         raise typer.BadParameter(f"{out} has {', '.join(there)} already; give another --out, or remove them")
-    authority = issue("hapnet authority", [], days)
-    save(out, "ca", authority)
-    save(out, "world", issue("world", host, days, authority))
-    for name in device:
-        save(out, name, issue(name, [name], days, authority))
+    out.mkdir(parents=True, exist_ok=True)
+    if authority is None:
+        authority = issue("hapnet authority", [], days)
+        save(out, "ca", authority)
+    most = (authority[0].not_valid_after_utc - datetime.now(UTC)) / timedelta(days=1)
+    for name, hosts in names.items():
+        save(out, name, issue(name, hosts, min(days, most), authority))
 
 
 if __name__ == "__main__":
