@@ -196,6 +196,19 @@ async def test_other_names_are_not_partners_and_two_of_one_name_are_seen() -> No
         assert stranger.transport.partners == 0
 
 
+@pytest.mark.parametrize(("role", "other"), [("device", "world"), ("world", "device")])
+async def test_two_of_one_side_and_none_of_the_other_say_so(role: Role, other: Role) -> None:
+    endpoint = free_address()
+    first = Side(role, ZenohSettings(listen=(endpoint,)))
+    second = Side(role, ZenohSettings(connect=(endpoint,)))
+    async with opened(first, second), asyncio.timeout(WAIT_S):
+        while not (first.transport.doubled and second.transport.doubled):
+            await asyncio.sleep(0.01)
+        for side in (first, second):
+            said = side.transport.status
+            assert said == f"connected to another {role} and to no {other}: one of the two must be a {other}"
+
+
 # What goes wrong
 
 

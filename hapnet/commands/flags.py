@@ -199,6 +199,7 @@ Log = Annotated[
     str | None,
     typer.Option("--log", metavar="FILE|-", help="What happens, a JSON object a line; -: instead of words, on stdout."),
 ]
+Once = Annotated[bool, typer.Option("--once", help="End when the other side has left, or is gone for 10 s.")]
 Progress = Annotated[bool, typer.Option("--progress", hidden=True)]
 OnSilence = Annotated[
     str | None,

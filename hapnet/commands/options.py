@@ -198,6 +198,7 @@ class SideFlags:
     record: flags.Record = None
     json_to: flags.Json = None
     realtime: flags.Realtime = False
+    once: flags.Once = False
     log_to: flags.Log = None
     progress: flags.Progress = False
 

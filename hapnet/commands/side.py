@@ -45,6 +45,8 @@ class SideOptions:
     seed: int | None
     record: Path | None
     realtime: bool
+    once: bool
+    """End with the first peer."""
     json_to: str | None
     log_to: str | None
     """Notices as JSON lines: to a file, or for "-" on standard output instead of words for people."""
@@ -97,6 +99,7 @@ def _main(params: Params, options: SideOptions, refusals: Refusals) -> int:
             seed=options.seed,
             record=options.record,
             realtime=options.realtime,
+            once=options.once,
             notify=log.tell,
             refused=refusals.take,
         )

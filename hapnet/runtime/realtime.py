@@ -26,6 +26,7 @@ from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.record import Event as Note
 from hapnet.record import Sample
 from hapnet.runtime import recorded_hand, recorded_link, servo_pipe
+from hapnet.runtime.alone import Alone
 from hapnet.runtime.build import LIVE, Setup, device_session, link_profile, world_session
 from hapnet.runtime.control import Control, Outlet, ThreadedDevice, ThreadedWorld
 from hapnet.runtime.egress import Egress
@@ -69,6 +70,7 @@ class RealtimeSide:
     seed : of this side's link and the world's steps; None: drawn.
     record : path of the recording; None: none.
     realtime : the device's servo in a process of its own, under SCHED_FIFO and with locked memory if that is allowed.
+    once : end with the first peer, not waiting for another one.
     notify : told what happens; called on the event loop.
     refused : asked, at a time [ns], who was refused since the last time, in words.
     """
@@ -84,6 +86,7 @@ class RealtimeSide:
         seed: int | None = None,
         record: Path | None = None,
         realtime: bool = False,
+        once: bool = False,
         notify: Callable[[Notice], None] = lambda notice: None,
         refused: Callable[[int], list[str]] = lambda now_ns: [],
     ) -> None:
@@ -103,6 +106,7 @@ class RealtimeSide:
         self._notes: deque[Note] = deque(maxlen=_MOST_NOTES)
         on_silence = (setup.params.device if role == "device" else setup.params.world).on_silence
         self._teller = Teller(role, on_silence, self._notify)
+        self._alone = Alone(role, once, self._notify, lambda: self._stop.set())
         self._recordings = Recordings(lambda text: self._teller.tell("recording", text, self._clock()))
         self._failure: BaseException | None = None
         self._started_ns = self._clock()
@@ -172,7 +176,7 @@ class RealtimeSide:
         HapnetError : the peer does not fit, the transport cannot be opened, or the control thread failed.
         """
         self._loop = asyncio.get_running_loop()
-        self._stop = stop
+        self._stop, self._duration_s = stop, duration_s
         self._egress.open(self._loop, self._pump)
         telemetry = None if self._telemeter is None else self._loop.create_task(self._telemeter.run())
         try:
@@ -318,7 +322,11 @@ class RealtimeSide:
         status = self._transport.status
         if not self._transport.peers and (why := self._inquiry.answer(now_ns)):
             status += f" ({why})"
-        elif self._transport.peers and not self._transport.partners and now_ns - self._started_ns > UNANSWERED_NS:
+        elif (
+            self._transport.peers
+            and not (self._transport.partners or self._transport.doubled)
+            and now_ns - self._started_ns > UNANSWERED_NS
+        ):
             status += " (--session or --name differs, or access control does not let this side in)"
         self._teller.waiting(now_ns, status, self._transport.partners)
 
@@ -333,6 +341,7 @@ class RealtimeSide:
         with self._egress.lock:
             events, counts, why = session.watch(now_ns), self._dropped(), session.dropped_for.copy()
         self._tell(events, now_ns)
+        self._alone.watch(now_ns, self._transport.partners)
         self._teller.dropped(now_ns, counts, why)
         for text in self._refused(now_ns):
             self._teller.tell("access", text, now_ns)
@@ -350,6 +359,8 @@ class RealtimeSide:
         return dict(self.wire.session.dropped) | ({"flood": flood} if flood else {})
 
     def _tell(self, events: Iterable[Event], now_ns: int) -> None:
+        origin_ns = self.control.origin_ns
+        left_s = self._duration_s - (now_ns - (origin_ns or now_ns)) * NANO if self._duration_s else None
         for event in events:
             if self._is_final(event):
                 notice = notice_of(event, now_ns, "world", "")
@@ -357,6 +368,7 @@ class RealtimeSide:
                 self._loop.call_later(REFUSE_S, self._fail, HapnetError(notice.text))
             elif (notice := self._teller.happened(event, now_ns)) is not None:
                 self._recordings.keep(Note(now_ns, notice.kind, notice.text))
+            self._alone.happened(event, now_ns, left_s)
 
     # -- recording and summary ---------------------------------------------------------------------------------------
 

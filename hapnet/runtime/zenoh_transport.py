@@ -58,6 +58,9 @@ KEEP_ALIVE = b""
 TOLD_NS = 1_000_000_000
 """A key that is silent for longer is told of: others take no longer to be mended."""
 
+LOOK_EVERY_NS = 1_000_000_000
+"""How often a side that does not see the other looks for others that play its own [ns]."""
+
 REOPEN_EVERY_S = 0.5
 """How often it is tried to open a session anew that was lost [s]."""
 
@@ -89,6 +92,7 @@ class ZenohTransport:
     gate : what keeps a flood of messages out.
     reopened : how many times Zenoh's session was lost as a whole and opened anew.
     declared_again : how many times a subscription was declared again, since a key was silent.
+    doubled : another process plays this same side, and none the other.
 
     Raises
     ------
@@ -130,6 +134,8 @@ class ZenohTransport:
         self.callback_errors = 0
         self.reopened = 0
         self.declared_again = 0
+        self.doubled = False
+        self._look_ns = 0
         self.gate = Gate(MOST_HZ, MOST_AT_ONCE)
 
     async def open(self) -> None:
@@ -205,6 +211,8 @@ class ZenohTransport:
         other = _OTHER[self.role]
         if self._partners:
             return f"connected to the {other}" if self.partners == 1 else f"{self.partners} of the {other} answer"
+        if self.peers and self.doubled:
+            return f"connected to another {self.role} and to no {other}: one of the two must be a {other}"
         if self.peers:
             return f"connected to {self.peers} Zenoh node{'s' * (self.peers > 1)}, no {other} on {self._theirs} yet"
         return where(self._config) + ", no peer yet"
@@ -229,6 +237,7 @@ class ZenohTransport:
             while not self._closing.wait(WATCH_NS * 1e-9):
                 if self._session is not None and (self._session.is_closed() or not self._keep_keys(self._session)):
                     self._reopen()
+                self._look_for_doubles(time.monotonic_ns())
             self._disconnect()
         atexit.unregister(self._at_exit)
         self._post(self._closed.set)
@@ -279,6 +288,17 @@ class ZenohTransport:
                 with contextlib.suppress(TransportError):
                     self._connect()
                     return
+
+    def _look_for_doubles(self, now_ns: int) -> None:
+        """Somebody is there who is not the other side: is it this side once more?"""
+        session = self._session
+        if self._partners or session is None or now_ns < self._look_ns or not self.peers:
+            return
+        self._look_ns = now_ns + LOOK_EVERY_NS
+        with contextlib.suppress(zenoh.ZError):
+            tokens = session.liveliness().get(f"{self._mine}/*", timeout=LOOK_EVERY_NS * 1e-9)
+            keys = {str(reply.ok.key_expr) for reply in tokens if reply.ok is not None}
+            self.doubled = bool(keys - {f"{self._mine}/{session.zid()}"})
 
     def _at_exit(self) -> None:
         self._closing.set()
