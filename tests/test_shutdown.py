@@ -50,6 +50,14 @@ ARM = ("--device", "driver:Arm")
 
 
 @pytest.fixture(autouse=True)
+def heard() -> Iterator[None]:
+    """Under nohup these tests ignore SIGHUP, and so would what they start; a handler is not handed on."""
+    before = signal.signal(signal.SIGHUP, lambda number, frame: None)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
+@pytest.fixture(autouse=True)
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Every test runs in a directory of its own, with a driver in it."""
     monkeypatch.chdir(tmp_path)
@@ -215,7 +223,7 @@ class Terminal:
         self.process = subprocess.Popen(
             [sys.executable, "-c", ON_A_TERMINAL, str(inside), how, *HAPNET, *map(str, argv)],
             pass_fds=(inside,),
-            env=ENVIRONMENT,
+            env={**ENVIRONMENT, "PYTHONFAULTHANDLER": "1"},
         )
         os.close(inside)
         self.shown = b""
@@ -230,8 +238,17 @@ class Terminal:
         os.close(self._window)
 
     def end(self) -> tuple[int, str]:
-        """Exit code and standard error."""
-        return self.process.wait(LIMIT_S), Path("stderr").read_text("utf-8")
+        """Exit code and standard error; if it does not end, where it stands.
+
+        Beside twenty busy processes it has taken 25 s, while its start took two minutes: all for want of a processor.
+        """
+        try:
+            code = self.process.wait(4 * LIMIT_S)
+        except subprocess.TimeoutExpired:
+            self.process.send_signal(signal.SIGABRT)
+            self.process.wait(LIMIT_S)
+            pytest.fail(f"it did not end:\n{Path('stderr').read_text('utf-8')}")
+        return code, Path("stderr").read_text("utf-8")
 
 
 @pytest.mark.parametrize(
