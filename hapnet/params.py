@@ -7,16 +7,16 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-import json
 import math
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from hapnet.errors import InvalidParameter
+from hapnet.param_values import converted, flatten, leaves, replaced, toml_value
 
 COUPLINGS = ("pspm", "zoh", "popc", "tdpa", "eba", "wave", "digital-wave", "pd")
 
@@ -85,7 +85,13 @@ class DeviceParams:
     trusted_damping: float = _p(
         0.0, "lower bound of the device's own damping to harvest, measured harvest only [Ns/m]", _NOT_NEGATIVE
     )
-    resolution_m: float = _p(0.0, "encoder resolution, sampled servo only [m]; 0: exact", _NOT_NEGATIVE)
+    resolution_m: float = _p(
+        0.0, "encoder resolution, sampled servo only [m]; 0: exact", _Range(at_least=0.0, at_most=0.01)
+    )
+    workspace_m: Matrix = _p(
+        2.0, "how far the device reaches from its origin, or on each axis, either way [m]", _Range(0.0, 1e-3, 10.0)
+    )
+    stiffness_range: Matrix = _p((1.0, 1e5), "least and greatest stiffness that the device renders [N/m]")
     substeps: int = _p(4, "integration substeps of the simulated device a tick", _Range(at_least=1, at_most=1000))
 
 
@@ -142,7 +148,7 @@ class WorldParams:
 class PopcParams:
     """Passivity observer and controller at the device's port (Hannaford, Ryu 2002)."""
 
-    velocity_floor: float = _p(0.002, "slower than this the controller cannot damp [m/s]", _POSITIVE)
+    velocity_floor: float = _p(0.002, "slower than this the controller cannot damp [m/s]", _Range(0.0, at_most=1.0))
     damping_cap: float = _p(0.0, "most damping that it may inject [Ns/m]; 0: by rule", _NOT_NEGATIVE)
 
 
@@ -152,10 +158,12 @@ class TdpaParams:
 
     stiffness: float = _p(0.0, "virtual coupling of the world's end [N/m]; 0: device.stiffness", _NOT_NEGATIVE)
     damping: float = _p(0.0, "its damping [Ns/m]; 0: by rule", _NOT_NEGATIVE)
-    velocity_floor: float = _p(0.002, "slower than this the device's controller cannot damp [m/s]", _POSITIVE)
+    velocity_floor: float = _p(
+        0.002, "slower than this the device's controller cannot damp [m/s]", _Range(0.0, at_most=1.0)
+    )
     force_floor: float = _p(0.05, "with less force than this the world's controller cannot yield [N]", _POSITIVE)
     damping_cap: float = _p(0.0, "most damping at the device [Ns/m]; 0: by rule", _NOT_NEGATIVE)
-    speed_limit: float = _p(0.25, "of the world's set-position [m/s]", _POSITIVE)
+    speed_limit: float = _p(0.25, "of the world's set-position [m/s]", _Range(0.0, at_most=100.0))
     debt_limit_J: float = _p(0.02, "a side that owes this much gives nothing more [J]", _POSITIVE)
     recovery_s: float = _p(
         0.02, "drift is made up for so fast, as far as the energy goes [s]; 0: never, as first published", _NOT_NEGATIVE
@@ -256,7 +264,7 @@ class Params:
     pd: PdParams = field(default_factory=PdParams)
 
     def __post_init__(self) -> None:
-        for name, value, spec in _leaves(self):
+        for name, value, spec in leaves(self):
             allowed = spec.metadata["allowed"]
             if isinstance(allowed, tuple):
                 if value not in allowed:
@@ -290,7 +298,7 @@ class Params:
             for part in path:
                 branch = branch.setdefault(part, {})
             branch[last] = value
-        changed: Params = _replace(self, tree)
+        changed: Params = replaced(self, tree)
         return changed
 
     def typed(self, changes: Mapping[str, object]) -> dict[str, Any]:
@@ -300,14 +308,14 @@ class Params:
         ------
         InvalidParameter : there is no such parameter, or the value is not of its type.
         """
-        known = {name: spec for name, _, spec in _leaves(self)}
+        known = {name: spec for name, _, spec in leaves(self)}
         values = {}
         for name, value in changes.items():
             if name not in known:
                 near = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
                 hint = f"a parameter of --show-params{', such as ' + ', '.join(near) if near else ''}"
                 raise InvalidParameter("parameter", name, hint)
-            values[name] = _convert(name, value, self.get(name), known[name])
+            values[name] = converted(name, value, self.get(name), known[name])
         return values
 
     def set_words(self, assignments: Iterable[str]) -> Params:
@@ -331,17 +339,17 @@ class Params:
 
     def flat(self) -> dict[str, Any]:
         """Every parameter under its dotted name; ``Params().set(params.flat())`` is `params` again."""
-        return {name: value for name, value, _ in _leaves(self)}
+        return {name: value for name, value, _ in leaves(self)}
 
     def as_dict(self) -> dict[str, Any]:
         return dataclasses.asdict(self)
 
     def described(self) -> Iterator[tuple[str, str, str]]:
         """Dotted name, value as TOML has it, and meaning with unit of every parameter."""
-        for name, value, spec in _leaves(self):
+        for name, value, spec in leaves(self):
             allowed = spec.metadata["allowed"]
             choice = f" ({' | '.join(allowed)})" if isinstance(allowed, tuple) else ""
-            yield name, _toml(value), f"{spec.metadata['doc']}{choice}"
+            yield name, toml_value(value), f"{spec.metadata['doc']}{choice}"
 
     def toml(self) -> str:
         """All parameters as TOML with their meaning: what `--show-params` prints and `--params` reads."""
@@ -360,60 +368,3 @@ RELAXED_HAND: Mapping[str, float] = MappingProxyType(
     {"operator_hand.mass": 0.1, "operator_hand.damping": 0.5, "operator_hand.stiffness": 40.0}
 )
 """A hand that holds the handle loosely [kg, Ns/m, N/m]: it is shaken by what a firm one would damp."""
-
-
-def _leaves(node: Any, prefix: str = "") -> Iterator[tuple[str, Any, dataclasses.Field[Any]]]:
-    """(dotted name, value, field) of every parameter: a section's own values before its subsections."""
-    branches = []
-    for spec in fields(node):
-        value = getattr(node, spec.name)
-        if is_dataclass(value):
-            branches.append((f"{prefix}{spec.name}.", value))
-        else:
-            yield prefix + spec.name, value, spec
-    for name, value in branches:
-        yield from _leaves(value, name)
-
-
-def _toml(value: object) -> str:
-    """JSON is TOML for the values here, but for pairs of surrogates (so no escapes beyond ASCII) and the bare DEL."""
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-
-
-def flatten(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """What a table and its tables hold, under dotted names."""
-    for name, value in table.items():
-        if isinstance(value, Mapping):
-            yield from flatten(value, f"{prefix}{name}.")
-        else:
-            yield prefix + name, value
-
-
-def _replace(node: Any, tree: Mapping[str, Any]) -> Any:
-    changes = {name: _replace(getattr(node, name), v) if isinstance(v, dict) else v for name, v in tree.items()}
-    return dataclasses.replace(node, **changes)
-
-
-def _convert(name: str, value: object, default: Any, spec: dataclasses.Field[Any]) -> object:
-    matrix = spec.type == "Matrix"
-    words = {str: "text", bool: "true or false", int: "a whole number", float: "a number"}[
-        float if matrix else type(default)
-    ]
-    if matrix:
-        words = "a number, a list of numbers, or a list of rows"
-    if isinstance(value, str) and (matrix or not isinstance(default, str)):
-        try:
-            value = json.loads(value)
-        except json.JSONDecodeError:
-            raise InvalidParameter(name, value, words) from None
-    if matrix and isinstance(value, list | tuple):
-        return tuple(tuple(row) if isinstance(row, list | tuple) else row for row in value)
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if (matrix or isinstance(default, float)) and number:
-        converted = float(str(value))
-        if not math.isfinite(converted):
-            raise InvalidParameter(name, converted, "a finite number")
-        return converted
-    if type(value) is type(default) and not matrix:
-        return value
-    raise InvalidParameter(name, value, words)

@@ -21,6 +21,7 @@ from hapnet.params import Params
 from hapnet.runtime.build import LIVE, prepare
 from hapnet.runtime.notices import Notice
 from hapnet.runtime.realtime import RealtimeSide
+from hapnet.runtime.summary import stopped
 from hapnet.runtime.zenoh_config import Mode, ZenohSettings, zenoh_warnings
 from hapnet.runtime.zenoh_log import Refusals, heeded
 from hapnet.wire.messages import Role
@@ -106,7 +107,7 @@ def _main(params: Params, options: SideOptions, refusals: Refusals) -> int:
         summary, code = asyncio.run(_run(side, params.duration_s, log))
     finally:
         log.close()
-    written.missing += filter(None, (side.unrecorded, log.failure))
+    written.missing += filter(None, (side.unrecorded, log.failure, stopped(summary)))
     if words is not None:
         output.show_summary(words, summary)
     with written.part():

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from hapnet import checks
 from hapnet.checks import Array, Vector
 from hapnet.errors import InvalidParameter
+from hapnet.plant.operating_range import check_motion
 
 
 @dataclass(frozen=True)
@@ -205,7 +206,13 @@ _PEN_S = 0.08  # the pen goes down or up over this time
 
 
 def read_motion(
-    file: Path, dof: int, impedance: Impedance, *, press_depth: float = 0.008, hover: float = 0.006
+    file: Path,
+    dof: int,
+    impedance: Impedance,
+    *,
+    press_depth: float = 0.008,
+    hover: float = 0.006,
+    reach: float = math.inf,
 ) -> Recorded:
     """A recorded hand from CSV: columns `time_s`, `x_m` and, as far as there are, `y_m`, `z_m`.
 
@@ -213,12 +220,15 @@ def read_motion(
     below the surface z = 0 (`press_depth` [m] at full pressure), a lifted pen hovers at `hover` [m]. Where samples are
     missing for longer than 50 ms, or the pen jumps, it is lifted and moves on with minimum jerk. Uneven samples are
     joined by cubic curves and resampled at 1 kHz. A one-dimensional device gets the axis that presses (the last one).
+    No position may be farther than `reach` [m] from the origin.
 
     Raises
     ------
-    InvalidParameter : the file cannot be read, or is not such a recording.
+    InvalidParameter : the file cannot be read, or is not such a recording, or not in metres.
     """
-    table = _without_jumps(_read_columns(file))
+    table = _read_columns(file)
+    check_motion(str(file), np.column_stack([table[name] for name in ("x_m", "y_m", "z_m") if name in table]), reach)
+    table = _without_jumps(table)
     t = table["time_s"]
     if "pressure" in table:
         down = table.get("pen_down", np.ones_like(t)) > 0.0

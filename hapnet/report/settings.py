@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from hapnet.errors import InvalidParameter
-from hapnet.params import Params, flatten
+from hapnet.param_values import flatten
+from hapnet.params import Params
 from hapnet.record import Recording
 from hapnet.report.words import get, known
 from hapnet.runtime.build import LIVE

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from hapnet.report.words import (
     exact_joule,
+    force_stopped,
     get,
     has_reservoirs,
     known,
@@ -140,9 +141,10 @@ def summary_text(summary: Mapping[str, Any]) -> RenderableType:
         return out
 
     tables = (sides(summary), energy(summary), links(summary), motion(summary))
-    line = verdict(summary)
+    line, warning = verdict(summary), force_stopped(summary)
     return Group(
         Text(line, style={"bad": "bold red", "unknown": "bold yellow", "good": "bold green"}[outcome(line)]),
+        *([] if warning is None else [Text(warning, style="bold red")]),
         Text(_about(summary)),
         *(drawn(table) for table in tables if table.rows),
     )

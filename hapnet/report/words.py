@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from hapnet.runtime.couplings import KINDS, jointly_passive
+from hapnet.runtime.summary import stopped
 
 ROUNDING_J = 1e-9
 """A margin is called negative below minus this [J]: what minutes of double precision may add up to."""
@@ -37,6 +38,12 @@ def verdict(summary: Mapping[str, Any] | None) -> str:
     if margin < -ROUNDING_J:
         return f"{who}NOT passive: margin {millijoule(margin)} mJ{of}"
     return f"{who}passive: margin ≥ {millijoule(margin)} mJ{of}"
+
+
+def force_stopped(summary: Mapping[str, Any] | None) -> str | None:
+    """One line, if the device's force was stopped on the way; None if not."""
+    line = stopped(summary) if isinstance(get(summary, "device", "stopped"), Mapping) else None
+    return None if line is None else str(legible(line))
 
 
 def outcome(line: str) -> str:

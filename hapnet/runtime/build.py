@@ -35,6 +35,7 @@ from hapnet.runtime.hands import LIVE as LIVE
 from hapnet.runtime.hands import operator
 from hapnet.runtime.laws import Tuning
 from hapnet.runtime.own_device import OwnDevice
+from hapnet.runtime.plausible import check_units
 from hapnet.runtime.sides import Clock, ContinuousDeviceSide, DeviceSide, Drive, SampledDeviceSide, Write
 from hapnet.runtime.world_side import WorldSide
 from hapnet.wire.handshake import RESERVOIR, SHARED
@@ -89,6 +90,7 @@ def prepare(params: Params, default_servo: str = "sampled") -> Setup:
     InvalidParameter : names the parameter that does not fit.
     """
     scene, warnings = _scene(params)
+    check_units(params, scene.dof)
     device = params.device
     kind = KINDS[params.coupling]
     servo = device.servo
@@ -206,7 +208,8 @@ def _drive(setup: Setup, clock: Clock, write: Write) -> Drive:
 def _own_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write) -> DeviceSide:
     """A user's own device, which only a sampled servo can drive."""
     params = setup.params
-    device = OwnDevice(params.hardware, setup.dof)
+    device = OwnDevice(params.hardware, setup.dof, params.device)
+    device.declared.check_stiffness("device.stiffness", params.device.stiffness, setup.dof)
     limits = [limit for limit in (params.device.force_limit_N, device.force_limit) if limit]
     own = dataclasses.replace(
         params.device,
@@ -223,6 +226,7 @@ def _own_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write:
         device.device if isinstance(device.device, SimulatedDevice) else device,  # the side must see that it simulates
         hold,
         _drive(setup, clock, write),
+        device.declared,
     )
 
 

@@ -8,6 +8,7 @@ from hapnet.params import Params
 from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.operator import Impedance, Operator, Press, Rest, Sine, read_motion
 from hapnet.plant.scene import Scene
+from hapnet.runtime.own_device import declared_range
 from hapnet.runtime.own_operator import OwnOperator
 from hapnet.runtime.recorded_hand import is_recording, recorded_hand
 
@@ -19,6 +20,7 @@ def operator(params: Params, scene: Scene) -> Operator:
     """The hand in this scene. Raises InvalidParameter."""
     name, hand, dof = params.operator, params.operator_hand, scene.dof
     impedance = Impedance(hand.mass, hand.damping, hand.stiffness)
+    reach = declared_range(params.device, dof).reach
     walls = scene.walls
     normal = walls[0].normal if walls else (1.0, *(0.0,) * (dof - 1))
     start = tuple([hand.start_m * component for component in normal])
@@ -32,7 +34,8 @@ def operator(params: Params, scene: Scene) -> Operator:
         goal = tuple([hand.goal_m * component for component in normal])
         return Press(start, goal, impedance, reach=hand.reach_s, hold=hand.hold_s, wait=hand.wait_s)
     if is_recording(name):
-        return recorded_hand(name, dof, impedance)
+        return recorded_hand(name, dof, impedance, reach)
     if name.endswith(".csv") or Path(name).exists():
-        return read_motion(Path(name), dof, impedance, press_depth=hand.press_depth_m, hover=hand.hover_m)
-    return OwnOperator(name, dof, impedance)
+        depths = {"press_depth": hand.press_depth_m, "hover": hand.hover_m}
+        return read_motion(Path(name), dof, impedance, **depths, reach=reach)
+    return OwnOperator(name, dof, impedance, reach)

@@ -1,4 +1,9 @@
-"""A device of the user's own, given as ``module:Class``: checked when it is made, and guarded while it runs."""
+"""A device of the user's own, given as ``module:Class``: checked when it is made, and guarded while it runs.
+
+It may declare its operating range: `workspace` [m], `greatest_speed` [m/s] and `stiffness_range` [N/m], as
+`hapnet.plant.operating_range` has them. Where it does not, the parameters hold; of device.greatest_speed ten times as
+much: beyond it the account is not known, but only that is another unit.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +15,9 @@ from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.loading import cause, load
+from hapnet.params import DeviceParams
 from hapnet.plant.device import Device
+from hapnet.plant.operating_range import SPEED_MPS, OperatingRange, Told, operating_range
 
 ALLOWED = "simulated, or module:Class with dof, force_limit, resolution, read and apply"
 
@@ -29,8 +36,33 @@ def load_class(name: str) -> Callable[..., Any]:
     return made
 
 
+def declared_range(params: DeviceParams, dof: int, device: Device | None = None) -> OperatingRange:
+    """The operating range that `params` give, or `device` of itself.
+
+    Raises
+    ------
+    InvalidParameter : a number in it cannot be.
+    """
+
+    def told(part: str, name: str, value: object) -> Told:
+        declared = getattr(device, part, None)
+        return (name, value) if declared is None else (part, declared)
+
+    return operating_range(
+        dof,
+        told("workspace", "device.workspace_m", params.workspace_m),
+        told("greatest_speed", "device.greatest_speed", _unless_declared(params.greatest_speed)),
+        told("stiffness_range", "device.stiffness_range", params.stiffness_range),
+    )
+
+
+def _unless_declared(speed: float) -> float:
+    low, high = SPEED_MPS
+    return min(max(10.0 * speed, low), high)
+
+
 class OwnDevice:
-    """The device of `name`, made with ``dof`` and read once.
+    """The device of `name`, made with ``dof`` and read once. `params` : what holds where it declares nothing.
 
     Its driver may fail at any time, and numbers that are none would become forces: whatever it raises, and any reading
     that is not two times `dof` finite numbers, ends as one HapnetError naming the device.
@@ -40,7 +72,7 @@ class OwnDevice:
     InvalidParameter : the device cannot be made, lacks a part, or its first reading does not fit.
     """
 
-    def __init__(self, name: str, dof: int) -> None:
+    def __init__(self, name: str, dof: int, params: DeviceParams | None = None) -> None:
         self.name, self.dof = name, dof
         make = load_class(name)
         try:
@@ -61,12 +93,16 @@ class OwnDevice:
             self.resolution = checks.non_negative("resolution", self.device.resolution)
             self.greatest_speed = None if speed is None else checks.positive("greatest_speed", speed)
             self.smallest_mass = None if mass is None else checks.positive("smallest_mass", mass)
+            self.declared = declared_range(params or DeviceParams(), dof, self.device)
         except InvalidParameter as error:
             raise InvalidParameter("hardware", name, f"a device whose limits are numbers ({error})") from error
         try:
-            self.read()
+            position, _ = self.read()
         except HapnetError as error:
             raise InvalidParameter("hardware", name, f"a device that can be read ({error})") from error
+        if (where := self.declared.outside(position)) is not None:
+            allowed = f"a device within its workspace, as it declares it or device.workspace_m does; {where}"
+            raise InvalidParameter("hardware", name, allowed)
 
     def read(self) -> tuple[Vector, Vector]:
         """Position [m] and velocity [m/s]; HapnetError if the device fails."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from math import isfinite
 
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.loading import cause, load
+from hapnet.plant.operating_range import in_millimetres
 from hapnet.plant.operator import Impedance, Operator
 
 ALLOWED = "rest, sine, press, a recording's path (.csv, .mcap), or module:Class taking dof and impedance"
@@ -15,16 +17,16 @@ ALLOWED = "rest, sine, press, a recording's path (.csv, .mcap), or module:Class 
 class OwnOperator:
     """The operator of `name`, made with ``dof`` and ``impedance`` and asked once where it wants to be.
 
-    Whatever it raises later, and any reference that is not as many finite numbers as the first, ends as one HapnetError
-    naming the operator.
+    Whatever it raises later, and any reference that is not as many finite numbers as the first, or is farther than
+    `reach` [m] from the origin, ends as one HapnetError naming the operator.
 
     Raises
     ------
     InvalidParameter : the operator cannot be made, has no impedance, or its first reference is none.
     """
 
-    def __init__(self, name: str, dof: int, impedance: Impedance) -> None:
-        self.name = name
+    def __init__(self, name: str, dof: int, impedance: Impedance, reach: float = math.inf) -> None:
+        self.name, self._reach = name, reach
         make = load("operator", name, ALLOWED)
         try:
             self._operator: Operator = make(dof=dof, impedance=impedance)
@@ -48,4 +50,8 @@ class OwnOperator:
         if len(x) != self._axes or not isfinite(sum(x)):
             wanted = f"{self._axes} finite numbers"
             raise HapnetError(f"the operator {self.name} failed: reference({t:g}) gave {x} instead of {wanted}")
+        if (far := math.hypot(*x)) > self._reach:
+            wanted = f"a place within the {self._reach:g} m that the device reaches (device.workspace_m)"
+            hint = in_millimetres(far, self._reach)
+            raise HapnetError(f"the operator {self.name} failed: reference({t:g}) gave {x} instead of {wanted}{hint}")
         return x

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from hapnet.checks import Array
 from hapnet.errors import InvalidParameter
 from hapnet.mcap_file import is_mcap, read_recording
 from hapnet.params import Params
+from hapnet.plant.operating_range import check_motion
 from hapnet.plant.operator import Followed, Impedance
 from hapnet.record import Recording
 
@@ -30,8 +32,8 @@ def is_recording(name: str) -> bool:
     return name.endswith(".mcap") or is_mcap(name)
 
 
-def recorded_hand(name: str, dof: int, impedance: Impedance) -> Followed:
-    """The hand that follows the motion recorded in the file `name`, once.
+def recorded_hand(name: str, dof: int, impedance: Impedance, reach: float = math.inf) -> Followed:
+    """The hand that follows the motion recorded in the file `name`, once; no farther than `reach` from the origin [m].
 
     Raises
     ------
@@ -47,6 +49,7 @@ def recorded_hand(name: str, dof: int, impedance: Impedance) -> Followed:
         raise InvalidParameter("operator", name, f"a recording with {dof} axes, as the scene has")
     if len(times) < 2 or not np.all(np.diff(times) > 0.0):
         raise InvalidParameter("operator", name, "a recording with at least two samples, one after the other")
+    check_motion(name, path, reach)
     return Followed(times, path, impedance)
 
 

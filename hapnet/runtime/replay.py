@@ -14,7 +14,8 @@ from hapnet.errors import HapnetError, InvalidParameter, RecordingError
 from hapnet.loading import load
 from hapnet.mcap_file import read_recording
 from hapnet.metrics import motion
-from hapnet.params import Params, flatten
+from hapnet.param_values import flatten
+from hapnet.params import Params
 from hapnet.record import Columns, Recording, join
 from hapnet.runtime.couplings import jointly_passive
 from hapnet.runtime.own_operator import ALLOWED

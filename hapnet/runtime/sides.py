@@ -14,8 +14,10 @@ from hapnet.control.law import LawCoupling, LawServo
 from hapnet.control.ledger import Ledger
 from hapnet.control.servo_law import ContinuousServo, SampledServo
 from hapnet.endpoint import NANO, DeviceControl
+from hapnet.errors import HapnetError
 from hapnet.plant.device import Device, Lived, SimulatedDevice
 from hapnet.plant.live_hand import LiveHand
+from hapnet.plant.operating_range import OperatingRange, RangeWatch
 from hapnet.record import DeviceSample, Event, Sample
 
 Write = Callable[[Sample], None]
@@ -60,6 +62,8 @@ class DeviceSide(ABC):
         """How many times the watchdog let the spring go."""
         self.longest_ns = 0
         """The longest time between two ticks [ns]."""
+        self.stopped: tuple[int, str] | None = None
+        """When its force was stopped for good [ns], and why: a reading that cannot be; None: it was not."""
         self.paused = False
         """A simulated device stands still, with the hand on it; all else goes on. Not recorded meanwhile."""
         self.applied = True
@@ -272,6 +276,8 @@ class SampledDeviceSide(DeviceSide):
     """Any device, its torque held from tick to tick, with its account at the actuator's port.
 
     make_servo : makes the servo's law at a measured position [m], the reservoir empty if told so.
+    declared : the device's operating range. Once a reading lies outside of it, neither that nor any after it counts:
+        no force is rendered any more, and for the coupling the device stands where it was. None: all readings count.
     """
 
     def __init__(
@@ -280,8 +286,11 @@ class SampledDeviceSide(DeviceSide):
         device: Device,
         make_servo: Callable[[Vector, bool], SampledServo | LawServo],
         drive: Drive,
+        declared: OperatingRange | None = None,
     ) -> None:
         super().__init__(endpoint, device, drive)
+        self._declared = declared
+        self._watch: RangeWatch | None = None
         self._simulated = device if isinstance(device, SimulatedDevice) else None
         self._make_servo = make_servo
         self._true_ledger: Ledger | None = None
@@ -310,6 +319,10 @@ class SampledDeviceSide(DeviceSide):
             self._servo.stop()
 
     def _start(self, x: Vector) -> None:
+        if self._declared is not None:
+            if (where := self._declared.outside(x)) is not None:
+                raise HapnetError(f"the device cannot begin: {where}")
+            self._watch = RangeWatch(self._declared, self.device.resolution, x)
         servo = self._servo = self._make_servo(x, self.endpoint.restarted)
         self.endpoint.start(servo)
         self._x = x
@@ -329,8 +342,13 @@ class SampledDeviceSide(DeviceSide):
             for _ in range(periods):
                 hand_work += simulated.advance()
             self._hand.put_in(hand_work)
-        self._x, v = self.device.read()
+        x, v = self.device.read()
         dt = max((self._clock() - self._last_ns) * NANO, lived)
+        if self._watch is None or self._watch.passes(dt, x, v):
+            self._x = x
+        else:
+            self._stop_force(now_ns, self._watch.why)
+            v, release = (0.0,) * len(v), True
         held = servo.force  # as the device said that it applied it, where it does
         message = self.endpoint.tick_sampled(now_ns, dt, self._x, v, release=release)
         applied = self.device.apply(servo.force)
@@ -342,6 +360,11 @@ class SampledDeviceSide(DeviceSide):
             actuator_work = self._true_work.hold(held, before, simulated.position, dt)
             self._observe_truth(hand_work if servo.harvest == "range" else actuator_work, simulated.position)
         return message
+
+    def _stop_force(self, now_ns: int, why: str | None) -> None:
+        if self.stopped is None and why is not None:
+            self.stopped = now_ns, why
+            self._write(Event(now_ns, "stopped", f"the device renders no force any more: {why}"))
 
     @property
     def _kinetic(self) -> float:

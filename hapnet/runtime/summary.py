@@ -39,8 +39,9 @@ _HELD = (
     "guarded_ticks",
     "force",
     "hand_work_J",
+    "stopped",
 )
-"""What is known of a held torque, and of the hand where it is simulated."""
+"""What is known of a held torque, of the hand where it is simulated, and of a force that was stopped."""
 
 
 def device_summary(side: DeviceSide, coupling_name: str, servo: Mapping[str, Any] | None = None) -> Summary:
@@ -57,6 +58,7 @@ def device_summary(side: DeviceSide, coupling_name: str, servo: Mapping[str, Any
 def _held(side: DeviceSide) -> Summary:
     result: Summary = dict.fromkeys(_HELD)
     result["hand_work_J"] = side.hand_work if side.simulated else None
+    result["stopped"] = _stopped(side)
     if side.origin_ns is not None:
         result["force"] = "applied" if side.applied else "commanded"
     servo = side.sampled_servo
@@ -72,6 +74,20 @@ def _held(side: DeviceSide) -> Summary:
         "speed_limit_mps": holding.speed,
         "guarded_ticks": servo.guarded,
     }
+
+
+def _stopped(side: DeviceSide) -> Summary | None:
+    """When and why the device's force was stopped for good."""
+    if side.stopped is None or side.origin_ns is None:
+        return None
+    at_ns, why = side.stopped
+    return {"after_s": round((at_ns - side.origin_ns) * NANO, 3), "why": why}
+
+
+def stopped(summary: Mapping[str, Any] | None) -> str | None:
+    """One line, if the device's force was stopped on the way; None if not."""
+    found = ((summary or {}).get("device") or {}).get("stopped")
+    return found and f"the device's force was stopped after {found.get('after_s')} s: {found.get('why')}"
 
 
 def unknown_device() -> Summary:

@@ -29,7 +29,8 @@ from pathlib import Path
 from typing import Any
 
 from hapnet.errors import InvalidParameter
-from hapnet.params import Params, flatten
+from hapnet.param_values import flatten
+from hapnet.params import Params
 from netem.errors import NetemError
 from netem.profile import PRESETS, LinkProfile
 

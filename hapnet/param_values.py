@@ -1,0 +1,71 @@
+"""Parameters as text and tables: nested values under dotted names, and words made into values of the right type."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+from hapnet.errors import InvalidParameter
+
+
+def leaves(node: Any, prefix: str = "") -> Iterator[tuple[str, Any, dataclasses.Field[Any]]]:
+    """(dotted name, value, field) of every parameter: a section's own values before its subsections."""
+    branches = []
+    for spec in fields(node):
+        value = getattr(node, spec.name)
+        if is_dataclass(value):
+            branches.append((f"{prefix}{spec.name}.", value))
+        else:
+            yield prefix + spec.name, value, spec
+    for name, value in branches:
+        yield from leaves(value, name)
+
+
+def toml_value(value: object) -> str:
+    """JSON is TOML for the values here, but for pairs of surrogates (so no escapes beyond ASCII) and the bare DEL."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def flatten(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """What a table and its tables hold, under dotted names."""
+    for name, value in table.items():
+        if isinstance(value, Mapping):
+            yield from flatten(value, f"{prefix}{name}.")
+        else:
+            yield prefix + name, value
+
+
+def replaced(node: Any, tree: Mapping[str, Any]) -> Any:
+    """A copy of a section with what `tree` has of it."""
+    changes = {name: replaced(getattr(node, name), v) if isinstance(v, dict) else v for name, v in tree.items()}
+    return dataclasses.replace(node, **changes)
+
+
+def converted(name: str, value: object, default: Any, spec: dataclasses.Field[Any]) -> object:
+    """`value` in the type of its parameter, whose default and field are given; InvalidParameter if it has none."""
+    matrix = spec.type == "Matrix"
+    words = {str: "text", bool: "true or false", int: "a whole number", float: "a number"}[
+        float if matrix else type(default)
+    ]
+    if matrix:
+        words = "a number, a list of numbers, or a list of rows"
+    if isinstance(value, str) and (matrix or not isinstance(default, str)):
+        try:
+            value = json.loads(value)
+        except json.JSONDecodeError:
+            raise InvalidParameter(name, value, words) from None
+    if matrix and isinstance(value, list | tuple):
+        return tuple(tuple(row) if isinstance(row, list | tuple) else row for row in value)
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if (matrix or isinstance(default, float)) and number:
+        converted = float(str(value))
+        if not math.isfinite(converted):
+            raise InvalidParameter(name, converted, "a finite number")
+        return converted
+    if type(value) is type(default) and not matrix:
+        return value
+    raise InvalidParameter(name, value, words)
