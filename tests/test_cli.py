@@ -107,7 +107,7 @@ def test_help_says_what_exit_codes_mean(capsys: Capture) -> None:
     assert cli.main(["--help"]) == 0
     words = " ".join(capsys.readouterr().out.split())
     assert "Exit codes: 0 all is well; 2 " in words
-    assert "; 3 the run went well, but " in words
+    assert "; 3 the run went to its end, but " in words
     assert "128 + N " in words
 
 
