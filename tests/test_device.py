@@ -138,6 +138,23 @@ def test_a_held_force_does_the_work_of_its_travel() -> None:
         assert work + done == pytest.approx(device.kinetic - kinetic, abs=1e-15)
 
 
+@pytest.mark.parametrize("K", [np.eye(2) * 100.0, np.array([[100.0, 20.0], [20.0, 80.0]])], ids=["diagonal", "full"])
+def test_a_coupling_takes_the_place_of_a_force_that_was_held(K: Array) -> None:
+    """Without damping all that the hand gives is kinetic energy and the spring's: no held force does work beside it."""
+    device = SimulatedDevice(Sine(2, HAND), damping=0.0)
+    device.apply((2.0, -1.0))
+    device.advance()
+    spring, ybar = Spring(K, 2), (0.01, 0.0)
+    device.couple(K, 0.0, ybar)
+
+    def stored() -> float:
+        return device.kinetic + spring.potential(tuple(np.array(device.position) - ybar))
+
+    before = stored()
+    work = sum(device.advance() for _ in range(300))
+    assert work == pytest.approx(stored() - before, abs=1e-13)
+
+
 def test_actuators_and_encoders_have_their_limits() -> None:
     device = SimulatedDevice(Sine(2, HAND), force_limit=3.3, resolution=5.5e-5)
     device.apply((30.0, 40.0))

@@ -293,3 +293,15 @@ def test_walls_that_are_apart_in_a_step_and_not_in_a_push_are_refused() -> None:
     with pytest.raises(InvalidParameter):
         integrator.push(0.01, 1.0, (0.0, 0.0), contacts)
     integrator.step(0.01, (0.0, 0.0), contacts)
+
+
+def test_a_mass_is_placed_at_rest_and_not_inside_a_wall() -> None:
+    """There it would have the wall's potential from nothing; the surface itself is outside."""
+    contacts = Contacts([Wall((1.0, 0.0), 0.02, 3e3)])
+    integrator = PassiveIntegrator(0.02, 14.0, 500.0, (0.0, 0.0), (0.1, 0.0))
+    integrator.adopt(contacts)
+    with pytest.raises(InvalidParameter, match=r"0\.021"):
+        integrator.place((0.021, 0.0))
+    assert (integrator.position, integrator.velocity) == ((0.0, 0.0), (0.1, 0.0))
+    integrator.place((0.02, 5.0))
+    assert (integrator.position, integrator.velocity, integrator.kinetic_J) == ((0.02, 5.0), (0.0, 0.0), 0.0)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -188,6 +189,101 @@ def test_drag_that_grows_is_no_contact() -> None:
     assert first_felt_s(run, [Wall((1.0,), 0.0, 3000.0)], 0.2) is None  # it began in there
 
 
+TICK_S = 2.0**-6
+"""Exact in binary, so that what is just as long as a limit can be had."""
+
+
+def exact(depth: Array, resistance: Array, step_s: float = 0.0) -> Recording:
+    """A run sampled every `TICK_S`: depths in `WALL` [m], exactly, and the force outwards [N]."""
+    recorder = MemoryRecorder({"origin_ns": 0, "device_origin_ns": 0})
+    for k, (p, force) in enumerate(zip(depth.tolist(), resistance.tolist(), strict=True)):
+        at_ns = k * 15_625_000
+        recorder.write(device(0.0, (p + SURFACE.offset,), (-force,))._replace(time_ns=at_ns))
+        recorder.write(world(0.0, (p,), p)._replace(time_ns=at_ns, step_s=step_s))
+    return recorder.recording()
+
+
+SURFACE = Wall((1.0,), 0.0, 3000.0)
+
+
+def test_a_visit_has_settled_just_after_the_time_that_word_takes() -> None:
+    """9 samples in the wall, the last before at 0: those more than 4 ticks after it count, 5 to 9: not 0.1 s."""
+    depth = np.zeros(40)
+    depth[1:10] = 1.0
+    force = np.where(np.arange(40) > 4, 7.0, 1000.0) * depth
+    run = exact(depth, force)
+    assert rendered_stiffness(run, [SURFACE], 4 * TICK_S) is None  # 5 samples, 78 ms
+    depth[10:13] = 1.0
+    force[10:13] = 7.0
+    assert rendered_stiffness(exact(depth, force), [SURFACE], 4 * TICK_S) == 7.0  # 8 samples, 125 ms
+    longer = exact(depth, force, step_s=TICK_S)  # and two of the world's steps: 6 of them
+    assert rendered_stiffness(longer, [SURFACE], 2 * TICK_S) == 7.0
+    assert rendered_stiffness(longer, [SURFACE], 6 * TICK_S) is None  # 4 samples
+
+
+def test_a_tenth_of_a_second_of_contact_is_enough() -> None:
+    """At 50 Hz five samples are 0.1 s, as far as floats go: one period is 0.02 s, and 5 times that 0.1."""
+    depth = np.array([0.0, *[1.0] * 5, *[0.0] * 6])
+    run = exact(depth, 7.0 * depth)
+    columns = run.device
+    assert columns is not None
+    columns["time_s"] = np.arange(12) * 0.02
+    period = (columns["time_s"][-1] - columns["time_s"][0]) / 11
+    assert 5 * period == 0.1
+    assert rendered_stiffness(run, [SURFACE], 0.0) == 7.0
+    shorter = exact(depth[1:] * (np.arange(11) > 0), 7.0 * depth[1:])
+    assert shorter.device is not None
+    shorter.device["time_s"] = np.arange(11) * 0.02
+    assert rendered_stiffness(shorter, [SURFACE], 0.0) is None
+
+
+def test_on_the_surface_is_outside() -> None:
+    """A device that only touches presses no wall, and one that begins on the surface has not begun inside."""
+    touching = exact(np.zeros(40), np.ones(40))
+    assert pressed_wall(touching.device, [SURFACE]) is None
+    assert first_felt_s(touching, [SURFACE], 0.0) is None
+    depth = np.zeros(40)
+    depth[8:16] = 1.0
+    force = np.zeros(40)
+    force[10:] = 5.0
+    assert first_felt_s(exact(depth, force), [SURFACE], 0.0) == 2 * TICK_S
+
+
+def test_felt_is_more_than_a_tenth_and_a_tenth_of_a_newton_more() -> None:
+    """Drag of 2 N until word is back: 2.2 N is not felt, what is more is. Of 0.5 N: not 0.6."""
+    for drag, same, more in ((2.0, 2.0 + 0.1 * 2.0, 2.21), (0.5, 0.5 + 0.1, 0.61)):
+        depth = np.zeros(64)
+        depth[8:32] = 1.0
+        force = np.full(64, drag)
+        force[12:16] = same
+        force[16:] = more
+        assert first_felt_s(exact(depth, force), [SURFACE], 0.0) == 8 * TICK_S
+        force[16:] = same
+        assert first_felt_s(exact(depth, force), [SURFACE], 0.0) is None
+
+
+def test_a_device_that_comes_back_within_a_tenth_of_a_second_has_not_left() -> None:
+    """Six ticks away, 94 ms, are a tremble: what is felt after that is of the same visit. Seven, 109 ms, are not."""
+    for away, felt in ((6, True), (7, False)):
+        depth = np.zeros(64)
+        depth[8:12] = 1.0
+        depth[11 + away : 40] = 1.0
+        force = np.zeros(64)
+        force[30:] = 5.0
+        found = first_felt_s(exact(depth, force), [SURFACE], 0.0)
+        assert found == (22 * TICK_S if felt else None)
+
+
+def test_a_force_is_felt_from_when_word_is_back_until_a_round_trip_after_the_visit() -> None:
+    """A visit from tick 8 to 15, a round trip of 4: a force that is there from tick 12 on counts, from 19 on not."""
+    for begin, felt in ((11, None), (12, 0.0), (18, 6 * TICK_S), (19, None)):
+        depth = np.zeros(64)
+        depth[8:16] = 1.0
+        force = np.zeros(64)
+        force[begin:] = 5.0
+        assert first_felt_s(exact(depth, force), [SURFACE], 4 * TICK_S) == felt
+
+
 # -- force -----------------------------------------------------------------------------------------------------------
 
 
@@ -208,6 +304,14 @@ def test_the_force_error_is_taken_at_the_same_time_of_the_hand() -> None:
     assert against_nothing is not None
     assert against_nothing[1] is None
     assert force_error(ours, recording(world(0, (0.0,), 0.0))) is None
+
+
+def test_the_share_of_a_small_peak() -> None:
+    """0.1 N against a peak of 0.4 N are 25 %."""
+    still, t = np.zeros((1000, 1)), np.arange(1000)
+    reference = np.where(t == 500, 0.4, 0.0)[:, None]
+    found = force_error(sampled(still, reference + 0.1), sampled(still, reference))
+    assert found == pytest.approx((0.1, 25.0))
 
 
 def test_the_buzz_of_sines() -> None:
@@ -277,6 +381,35 @@ def test_no_drift_of_a_short_run() -> None:
     long = sampled(np.ones((9000, 1)), np.ones((9000, 1)))
     assert drift(long, []) == pytest.approx(0.0, abs=1e-12)
     assert drift(replace(long, meta={**long.meta, "aligned": False}), []) is None
+
+
+def still(seconds: float, inside: Callable[[float], bool] = lambda t: False, x: float = 0.0) -> Recording:
+    """A device and a proxy at `x` [m], sampled at 200 Hz for so long, the proxy in a wall when it is said so."""
+    recorder = MemoryRecorder({"origin_ns": 0})
+    for k in range(round(200 * seconds) + 1):
+        at_ns = k * 5_000_000
+        recorder.write(device(0.0, (x,), (0.0,))._replace(time_ns=at_ns))
+        recorder.write(world(0.0, (x,), 1.0 if inside(at_ns * 1e-9) else 0.0)._replace(time_ns=at_ns))
+    return recorder.recording()
+
+
+def test_five_seconds_and_two_of_free_motion_are_enough_for_a_drift() -> None:
+    """At 100 Hz, what ends at 5.005 s has its last at 5.00 s; of 0 to 1 s and 5 to 6 s, 200 or 199 count."""
+    assert drift(still(5.005), []) == pytest.approx(0.0, abs=1e-12)
+    assert drift(still(5.005, lambda t: t > 5.0025), []) == pytest.approx(0.0, abs=1e-12)  # what is last is not first
+    assert drift(still(5.0), []) is None
+    for end, known in ((4.9925, True), (5.0025, False)):
+
+        def touches(t: float, end: float = end) -> bool:
+            return 0.9925 < t < end
+
+        assert (drift(still(6.0, touches), []) is not None) == known
+
+
+def test_on_the_surface_of_a_wall_motion_is_free() -> None:
+    wall = Wall((1.0,), 0.25, 3000.0)
+    assert drift(still(6.0, x=0.25), [wall]) == pytest.approx(0.0, abs=1e-12)
+    assert drift(still(6.0, x=0.2501), [wall]) is None
 
 
 # -- the definitions -------------------------------------------------------------------------------------------------

@@ -72,6 +72,23 @@ def test_what_its_limits_leave_is_not_forgotten() -> None:
     assert ticks >= 20
 
 
+def test_at_the_speed_of_the_floor_it_damps_and_below_not_and_nothing_without_a_deficit() -> None:
+    """1/8 J missing, at 1/4 m/s, for a tick of 1/1024 s: 2048 Ns/m, also where that is the cap; just below 1/4 none.
+
+    With W = 0 exactly nothing is missing: the force is the coupling's own (a controller that took part there would add
+    W/unit = 0 Ns/m; and where cap and need agree either is the other, to rounding).
+    """
+    tick, floor = 2.0**-10, 0.25
+    for speed, cap, alpha in ((0.25, 1e9, 2048.0), (0.25, 2048.0, 2048.0), (0.25, 2047.0, 2047.0), (0.2499, 1e9, 0.0)):
+        law = PassivityController(Spring(1e-9, 1), (1e-9,), (0.0,), velocity_floor=floor, damping_cap=cap)
+        force = law.force(tick, (0.125,), (speed,), (1.0,))  # 1 N over 1/8 m
+        assert law.energy == (-0.125,)
+        assert force[0] == pytest.approx(-alpha * speed, rel=1e-9, abs=1e-9)
+    law = PassivityController(Spring(1e-9, 1), (1e-9,), (0.0,), velocity_floor=floor, damping_cap=1e9)
+    assert law.force(tick, (0.0,), (0.25,), (1.0,)) == law.coupled((0.0,), (0.25,))
+    assert law.energy == (0.0,)
+
+
 @pytest.mark.parametrize("limits", [(1e30, 1e-30), (5.0, 0.002)], ids=["without limits", "with"])
 @pytest.mark.parametrize("seed", range(5))
 def test_the_port_gives_out_what_the_limits_left_and_one_tick(limits: tuple[float, float], seed: int) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from hapnet.errors import RecordingError
-from hapnet.mcap_file import FLUSH_NS, read_recording
+from hapnet.mcap_file import FLUSH_NS, RecordingWriter, read_recording
 from hapnet.record import Event, WorldSample
 from hapnet.runtime import recorder as module
 from hapnet.runtime.recorder import Recorder
@@ -46,6 +46,31 @@ def test_samples_are_written_in_their_order_with_the_summary(tmp_path: Path) -> 
     assert recording.world["time_ns"].tolist() == [index * 10_000_000 for index in range(500)]
     assert [event.kind for event in recording.events] == ["paired"]
     assert (told, recorder.missing, recorder.broken) == ([], None, False)
+
+
+def test_of_thousands_of_samples_none_is_missing(tmp_path: Path) -> None:
+    """Kept in one go, and in many; and written without a recorder."""
+    times = [index * 10_000_000 for index in range(3_500)]
+    for together in (3_500, 7):
+        path = tmp_path / f"{together}.mcap"
+        recorder = Recorder(path, print)
+        for index in range(3_500):
+            recorder.keep(sample(index))
+            if index % together == together - 1:
+                recorder.drain(index, meta)
+        recorder.drain(3_500, meta)
+        recorder.close({}, 0)
+        world = read_recording(path).world
+        assert world is not None
+        assert world["time_ns"].tolist() == times
+        assert recorder.missing is None
+    writer = RecordingWriter(tmp_path / "plain.mcap", META)
+    for index in range(3_500):
+        writer.write(sample(index))
+    writer.close()
+    world = read_recording(tmp_path / "plain.mcap").world
+    assert world is not None
+    assert world["time_ns"].tolist() == times
 
 
 def test_a_recording_that_never_began_leaves_no_file_and_spares_one_that_is_there(tmp_path: Path) -> None:

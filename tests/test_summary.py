@@ -66,11 +66,17 @@ def test_keys_that_programs_rely_on(simulated: Any) -> None:
 
 
 def test_without_pspm_there_is_no_reservoir(simulated: Any) -> None:
+    """With PSPM the device harvests from a hand that moves, sends it, and the world is credited with it."""
     summary = simulated.summary
     known = summary["coupling"] == "pspm"
     for name in ("device", "world"):
         assert (summary[name]["reservoir_min_J"] is not None) == known
-        assert (summary[name]["sent_nJ"] > 0 or name == "world") == known or summary[name]["sent_nJ"] == 0
+    flows = [summary[side][flow] for side in ("device", "world") for flow in ("sent_nJ", "credited_nJ")]
+    if known:
+        assert summary["device"]["sent_nJ"] > 0
+        assert summary["world"]["credited_nJ"] > 0
+    else:
+        assert flows == [0, 0, 0, 0]
 
 
 def test_both_reservoirs_full_bound_is_two_ceilings(simulated: Any) -> None:

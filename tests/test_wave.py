@@ -10,7 +10,7 @@ import pytest
 
 from hapnet.control import wave_port
 from hapnet.control.law import Wave
-from hapnet.control.wave import DelayLine
+from hapnet.control.wave import MOST, DelayLine
 from hapnet.params import Params
 from hapnet.runtime.couplings import KINDS
 from hapnet.runtime.delays import Delays
@@ -104,6 +104,37 @@ def test_what_waits_too_long_is_dropped_the_oldest_first() -> None:
     assert line.waiting < 0.1
     line.push(Wave((1.0,), 10.0))
     assert line.take(0.02) == (0.0,)
+
+
+def test_a_queue_that_is_played_faster_loses_no_energy_of_equal_waves() -> None:
+    """Cauchy and Schwarz are equal for what is constant: S seconds of it in dt < S come out sqrt(S/dt) as strong."""
+    line = DelayLine(1, 20.0)
+    for _ in range(600):
+        line.push(Wave((2.0,), 0.02))
+    faster = 0
+    for _ in range(5_000):
+        before = line.waiting
+        (out,) = line.take(0.001)
+        took = before - line.waiting
+        assert out * out * 0.001 == pytest.approx(4.0 * took, rel=1e-9)
+        faster += took > 0.0015
+    assert faster > 500
+
+
+def test_as_many_waves_wait_as_may_and_no_more() -> None:
+    """Of spans that are exact in binary: a wait that is just the longest stays, and so does the last that may wait."""
+    line = DelayLine(1, 0.125)
+    for number in range(4):
+        line.push(Wave((float(number),), 0.03125))
+    assert line.waiting == 0.125
+    assert line.take(0.03125) == (0.0,)
+    line = DelayLine(1, 10.0)
+    for number in range(MOST):
+        line.push(Wave((float(number),), 2.0**-10))
+    assert line.waiting == MOST * 2.0**-10
+    line.push(Wave((float(MOST),), 2.0**-10))
+    assert line.waiting == MOST * 2.0**-10
+    assert line.take(2.0**-10) == (1.0,)  # the oldest has gone
 
 
 # -- the law's claim -------------------------------------------------------------------------------------------------

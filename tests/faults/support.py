@@ -88,6 +88,12 @@ class Side(Program):
         return read_json(self._json)
 
     @property
+    def starved_s(self) -> float:
+        """How long its threads were ready to run and had no processor, in all [s]: this machine's doing."""
+        tasks = Path(f"/proc/{self.process.pid}/task").iterdir()
+        return sum(int((task / "schedstat").read_text("ascii").split()[1]) for task in tasks) * 1e-9
+
+    @property
     def memory_MB(self) -> float:
         """What is resident of it now."""
         return resident_kB(self.process.pid) / 1024.0

@@ -32,6 +32,9 @@ SILENCE = ("--on-silence", "release", "--silence-after", SILENCE_S)
 TOLD_WITHIN_S = 0.3
 """How well a side knows how long it heard nothing: a step of the world, the link's delay, and a busy machine."""
 
+AWAY_S = 0.25
+"""Half of the shortest partition: a servo that waits for the network is away for all of it."""
+
 PAUSE_S = 1.5
 FIRST_S = 1.5
 KINDS = (("down", "both"), ("loss 100%", "up"), ("down", "down"), ("down", "up"), ("loss 100%", "down"))
@@ -92,6 +95,7 @@ def test_partitions(count: int, longest_s: float, tmp_path: Path) -> None:
                 both[OTHER[role]].until_said("heard", end_ns)
             after_MB = {role: max(after_MB[role], side.memory_MB) for role, side in both.items()}
         let_pass(PAUSE_S / 2)
+        starved_s = sides.device.starved_s
         sides.stop()
     summary = sides.accounts()
     assert summary["theorem"]["margin_J"] > 0.0
@@ -103,11 +107,10 @@ def test_partitions(count: int, longest_s: float, tmp_path: Path) -> None:
         assert side.summary[role]["incarnations"] == 1
         assert_outages(both, role, partitions, hiccups=len(bare.out))
     assert_pair_kept_the_rules(*(read_recording(side.recording) for side in both.values()))
-    # nothing waited for the network: the servo was away no longer than this machine keeps any process waiting
-    servo = summary["device"]["servo"]
-    print(f"servo away for {servo['longest_ms']:.1f} ms at most, this machine's hiccups: {len(bare.out)}")
-    assert servo["overruns"] <= len(bare.out)
-    assert servo["longest_ms"] < 500.0  # the shortest partition
+    # nothing waited for the network: the servo was away no longer than its process was kept from a processor
+    longest_s = summary["device"]["servo"]["longest_ms"] * 1e-3
+    print(f"servo away for {longest_s:.3f} s at most; its process waited {starved_s:.3f} s for a processor in all")
+    assert longest_s <= AWAY_S + starved_s
 
 
 def changes(side: Side, at_ms: int) -> list[int]:
