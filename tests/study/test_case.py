@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from hapnet.errors import InvalidParameter
 from hapnet.metrics import METRICS
@@ -45,6 +46,44 @@ def test_every_metric_and_no_other() -> None:
     slack = found["slack_J"]
     assert slack is not None
     assert slack >= -1e-9
+
+
+def test_the_whole_run_is_measured() -> None:
+    """A hand that waits for half of the run, then presses: each figure again, from all samples, in other words.
+
+    The force error is that against the run over an ideal link, tick by tick; the power above 20 Hz Welch's, by scipy.
+    """
+    given = params("delay 20ms", duration_s=5.0, operator_hand__wait_s=2.5, operator_hand__hold_s=2.0)
+    found = measure(given, 4)
+    run = simulated(given, 4)
+    device, world = run.recording.device, run.recording.world
+    assert device is not None
+    assert world is not None
+    assert device["time_s"].tolist() == pytest.approx([k * 1e-3 for k in range(1, 5001)], abs=0.021)
+    assert world["time_s"][0] < 0.1
+    assert world["time_s"][-1] > 4.9
+
+    force = device["force_N"][:, 0]
+    assert found["peak_force_N"] == np.abs(force).max()
+    errors: dict[bool, list[float]] = {False: [], True: []}
+    steps = list(zip(world["time_s"], world["position_m"][:, 0], world["penetration_m"] > 0.0, strict=True))
+    for t, x in zip(device["time_s"], device["position_m"][:, 0], strict=True):
+        after = next((k for k, step in enumerate(steps) if step[0] > t), None)
+        if after is not None and after > 0:
+            (t0, p0, inside), (t1, p1, _) = steps[after - 1], steps[after]
+            errors[bool(inside)].append(x - (p0 + (p1 - p0) * (t - t0) / (t1 - t0)))
+    for name, inside in (("free_rms_mm", False), ("contact_rms_mm", True)):
+        assert len(errors[inside]) > 500
+        assert found[name] == pytest.approx(1e3 * math.sqrt(np.mean(np.square(errors[inside]))), rel=1e-6)
+    ideal = simulated(params("", duration_s=5.0, operator_hand__wait_s=2.5, operator_hand__hold_s=2.0), 4)
+    assert ideal.recording.device is not None
+    apart = force - ideal.recording.device["force_N"][:, 0]
+    assert found["force_error_N"] == pytest.approx(math.sqrt(np.mean(apart**2)), rel=1e-2)
+    f, spectrum = signal.welch(force, 1000.0, "hann", nperseg=1000, noverlap=750)
+    assert found["buzz_N2"] == pytest.approx(float(spectrum[f > 20.0].sum() * (f[1] - f[0])), rel=1e-9)
+    assert found["stiffness_percent"] == pytest.approx(100.0, abs=3.0)  # of the second half alone
+    assert found["first_contact_ms"] is not None
+    assert found["packets_up_per_s"] == run.result.summary["links"]["up"]["offered"] / 5.0
 
 
 def test_free_space_has_no_contact() -> None:
