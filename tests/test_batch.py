@@ -100,6 +100,13 @@ ONE_AXIS: dict[str, dict[str, object]] = {
     "no limits": {"device.force_limit_N": 0.0, "device.step_limit_N": 0.0, "world.step_limit_N": 0.0, "scene": "free"},
     "zoh": {"coupling": "zoh", "link.up": "delay 80ms 20ms", "link.down": "delay 80ms 20ms"},
     "other rates": {**LIVELY, "device.servo_hz": 700.0, "device.substeps": 3, "world.step_min_s": 0.001},
+    "many under way at take-off, not in their order": {
+        **LIVELY, "duration_s": 0.4, "link.up": "delay 200ms 150ms loss 20%", "link.down": "delay 200us loss 10%",
+        "device.pspm_period_s": 0.001,
+    },
+    "steps within a tick": {
+        "duration_s": 0.595, "device.servo_hz": 100.0, "world.step_min_s": 2e-4, "world.step_max_s": 2e-3,
+    },
     "4g": {"link.up": "4g", "link.down": "4g"},
     "lossy-wifi": {**LIVELY, "link.up": "lossy-wifi", "link.down": "wifi"},
     "geo and lan": {**LIVELY, "link.up": "geo", "link.down": "lan"},

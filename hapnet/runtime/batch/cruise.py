@@ -223,6 +223,8 @@ class Cruise:
 
     def _land(self, at: Index, tick: int) -> None:
         self._drain(self._on_both, tick * self._period_ns)
+        for i, used in zip(at.tolist(), self._drawn[at].tolist(), strict=True):
+            self._fleet.return_steps(i, used)  # those after the last tick are drawn one at a time
         self._fleet.land(at, tick)
         self._alive[at] = False
         self._all_alive = False

@@ -5,7 +5,8 @@ The batch's clock shows 0 at each scenario's own take-off.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -66,6 +67,7 @@ class Fleet:
         self.steps = np.array([world.steps for world in worlds])
         self.stepped_s = np.array([world.stepped_s for world in worlds])
         self.longest_step_s = np.array([world.longest_step_s for world in worlds])
+        self._before_draw: dict[int, Mapping[str, Any]] = {}
         self.ports = Ports([scenario.two_port for scenario in scenarios])
         count, dof = len(scenarios), first.setup.dof
         self._devices = [scenario.device_endpoint.session for scenario in scenarios]
@@ -98,10 +100,18 @@ class Fleet:
             self._gather(i, scenario, self.world_wire)
 
     def draw_steps(self, i: int, count: int) -> Whole:
-        """The lengths of scenario i's next steps [ns]."""
+        """The lengths of scenario i's next steps [ns]; `return_steps` gives back those that are not used."""
         scene, rng = self.scenarios[i].setup.scene, self.scenarios[i].world._rng
+        self._before_draw[i] = rng.bit_generator.state
         seconds = np.minimum(scene.max_s, scene.min_s + (scene.max_s - scene.min_s) * rng.random(count))
         return np.maximum(1, np.rint(seconds / NANO).astype(np.int64))
+
+    def return_steps(self, i: int, used: int) -> None:
+        """Of the last `draw_steps` of scenario i only so many were used: the next step has the length after these."""
+        if i in self._before_draw:
+            rng = self.scenarios[i].world._rng
+            rng.bit_generator.state = self._before_draw.pop(i)
+            rng.random(used)
 
     def land(self, at: Index, tick: int) -> None:
         """Give the state of the scenarios `at` back, everything up to this tick done."""

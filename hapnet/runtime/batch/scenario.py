@@ -7,6 +7,7 @@ tick. Before and after it is an ordinary `Simulation`, and so is its result.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from operator import itemgetter
 from typing import NamedTuple
 
 from hapnet.checks import Vector
@@ -133,8 +134,8 @@ def hand_over(endpoint: Endpoint) -> None:
 
 
 def under_way(link: Link[Parcel]) -> Iterator[UnderWay]:
-    """What is on the link, once the handshake is over."""
-    for due_ns, order, parcel, sent_ns, _ in link._queue:
+    """What is on the link, once the handshake is over, in the order in which it was sent."""
+    for due_ns, order, parcel, sent_ns, _ in sorted(link._queue, key=itemgetter(1)):
         content = decode(parcel.data)
         assert isinstance(content, Position | Energy)
         yield UnderWay(order, due_ns, sent_ns, content)
