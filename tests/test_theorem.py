@@ -70,13 +70,20 @@ def survey(cases: range, compared: range) -> tuple[int, int]:
     return halves, whole
 
 
-def test_both_ports_are_passive_in_25_random_cases() -> None:
-    halves, whole = survey(range(25), range(10))
-    assert halves >= 9
-    assert whole >= 5
+def test_both_ports_are_passive_in_10_random_cases() -> None:
+    halves, whole = survey(range(10), range(5))
+    assert halves >= 4
+    assert whole >= 1
 
 
 @pytest.mark.slow
+def test_both_ports_are_passive_in_100_random_cases() -> None:
+    halves, whole = survey(range(100), range(100))
+    assert halves >= 80
+    assert whole >= 50
+
+
+@pytest.mark.soak
 def test_both_ports_are_passive_in_500_random_cases() -> None:
     halves, whole = survey(range(500), range(500))
     assert halves >= 400
