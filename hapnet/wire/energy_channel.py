@@ -20,6 +20,7 @@ follows sending, `acked_nJ (here) <= credited_nJ (peer) <= sent_nJ (here)`.
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import dataclass
 from math import floor
 
 from hapnet.errors import BadMessage, InvalidParameter
@@ -67,6 +68,7 @@ class EnergyChannel:
         self._retransmit_ns: int | None = None
         self._ack_ns: int | None = None
         self._closed = False
+        self._asked: tuple[int, int] | None = None  # when energy was told first, and what was acknowledged then
 
     @property
     def in_flight_nJ(self) -> int:
@@ -151,6 +153,8 @@ class EnergyChannel:
             self._spaced_ns = now_ns + self._spacing_ns
             self._retransmit_ns = now_ns + self.rto.rto_ns
             self._ack_ns = None
+            if self._asked is None or self._asked[1] != self.acked_nJ:
+                self._asked = now_ns, self.acked_nJ
             return self._told_nJ, self.credited_nJ
         if self._ack_ns is not None and now_ns >= self._ack_ns:
             self._ack_ns = None
@@ -172,6 +176,15 @@ class EnergyChannel:
             due = admission_ns if due is None else min(due, admission_ns)
         return due
 
+    def unanswered_ns(self, heard_ns: int | None) -> int:
+        """From the first message that waits for an acknowledgement until `heard_ns`; 0: none does.
+
+        heard_ns : when the peer's last position came, so that its silence does not count.
+        """
+        if self._asked is None or heard_ns is None or not self._asked[1] == self.acked_nJ < self.sent_nJ:
+            return 0
+        return max(0, heard_ns - self._asked[0])
+
     def abandon(self) -> int:
         """End the pair: what is in flight is given up, never resent; returns it [nJ]. Nothing is credited any more.
 
@@ -185,3 +198,19 @@ class EnergyChannel:
     def _owe_ack(self, now_ns: int) -> None:
         if self._ack_ns is None:
             self._ack_ns = now_ns + self._ack_delay_ns
+
+
+@dataclass(slots=True)
+class Totals:
+    """Of the channels whose pairs are over [nJ]."""
+
+    sent: int = 0
+    acked: int = 0
+    credited: int = 0
+    abandoned: int = 0
+
+    def add(self, channel: EnergyChannel) -> None:
+        self.sent += channel.sent_nJ
+        self.acked += channel.acked_nJ
+        self.credited += channel.credited_nJ
+        self.abandoned += channel.abandoned_nJ

@@ -51,6 +51,11 @@ class Liveness:
         self._word_ns: int | None = None
         self._count = self._longest_ns = self._total_ns = self._recovery_max_ns = self._received = self._missing = 0
 
+    @property
+    def heard_ns(self) -> int | None:
+        """When the last new position came, or the first pair began."""
+        return self._heard_ns
+
     def begin(self, now_ns: int) -> None:
         """A pair begins, and positions are numbered anew."""
         self._life_ns = now_ns

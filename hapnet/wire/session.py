@@ -25,7 +25,7 @@ import msgpack
 
 from hapnet.errors import BadMessage, InvalidParameter
 from hapnet.wire.admission import DEFAULT_BURST_J, DEFAULT_POWER_W, Admission
-from hapnet.wire.energy_channel import ACK_DELAY_NS, SPACING_NS, EnergyChannel
+from hapnet.wire.energy_channel import ACK_DELAY_NS, SPACING_NS, EnergyChannel, Totals
 from hapnet.wire.events import EnergyCredited, Event, PositionReceived, SampleReceived
 from hapnet.wire.handshake import EARLIER, HELLO_PERIOD_NS, RESERVOIR, Handshake
 from hapnet.wire.liveness import Liveness, Outages
@@ -93,22 +93,6 @@ class SessionSettings:
                 raise InvalidParameter(name, value, "1 ms to 10 s, in ns")
         if self.silence_ns <= 0:
             raise InvalidParameter("silence_ns", self.silence_ns, "a positive number of nanoseconds")
-
-
-@dataclass(slots=True)
-class _Account:
-    """Totals of the pairs that are over [nJ]."""
-
-    sent: int = 0
-    acked: int = 0
-    credited: int = 0
-    abandoned: int = 0
-
-    def add(self, channel: EnergyChannel) -> None:
-        self.sent += channel.sent_nJ
-        self.acked += channel.acked_nJ
-        self.credited += channel.credited_nJ
-        self.abandoned += channel.abandoned_nJ
 
 
 class PositionStream:
@@ -181,7 +165,7 @@ class Session:
         self._liveness = Liveness(self.settings.silence_ns)
         self._handshake = Handshake(self.identity, self._liveness.living, self.settings.hello_period_ns)
         self._admission = Admission(self.settings.admission_W, self.settings.admission_burst_J)
-        self._past = _Account()
+        self._past = Totals()
         self._channel = self._open_channel(0.0)
         self.positions = PositionStream(incarnation)
         self.position = self.positions.position
@@ -302,6 +286,11 @@ class Session:
     def in_flight_nJ(self) -> int:
         """What was sent and is neither acknowledged nor abandoned."""
         return self._channel.in_flight_nJ
+
+    @property
+    def unanswered_ns(self) -> int:
+        """For how long positions came, and no acknowledgement of the energy that is to be acknowledged; 0: none is."""
+        return self._channel.unanswered_ns(self._liveness.heard_ns)
 
     @property
     def round_trip_ns(self) -> int | None:
