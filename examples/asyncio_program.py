@@ -18,10 +18,10 @@ async def report(world: RealtimeSide, times: int) -> None:
     for _ in range(times):
         await asyncio.sleep(0.5)
         now = world.summary()
-        link, margin = now["links"]["down"], now["world"]["ledger"]["margin_J"]
+        link, margin = now["links"]["down"], now["world"]["ledger"]["margin_end_J"]
         print(
             f"{now['duration_s']:.1f} s: delay up to {link['delay_p99_ms'] or 0.0:4.1f} ms (p99), "
-            f"{link['lost']} of {link['offered']} messages lost, passivity margin {1e3 * margin:.2f} mJ"
+            f"{link['lost']} of {link['offered']} messages lost, passivity margin now {1e3 * margin:.2f} mJ"
         )
 
 

@@ -36,8 +36,8 @@ def main() -> None:
         handle, proxy = side * device["position_m"][:, 0], side * world["position_m"][:, 0]
         felt = abs(device["force_N"][handle.argmax(), 0])
         print(f"{name:>5} wall, {stiffness:4.0f} N/m: {1e3 * (proxy.max() - 0.02):.2f} mm deep, {felt:.2f} N felt")
-    theorem = result.summary["theorem"]
-    print(f"passivity margin {1e3 * theorem['margin_J']:.2f} mJ of {1e3 * theorem['bound_J']:.2f} mJ")
+    verdict = result.summary["verdict"]
+    print(f"passive: {verdict['passive']}; {verdict['reason']}")
 
 
 if __name__ == "__main__":

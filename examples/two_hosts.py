@@ -33,7 +33,7 @@ async def run(role: Literal["world", "device"], endpoint: str, link: str) -> Non
     own, sends = summary[role], summary["links"]["down" if role == "world" else "up"]
     print(
         f"{role}: {summary['duration_s']:.1f} s, emulated delay {sends['delay_p50_ms'] or 0.0:.1f} ms, "
-        f"passivity margin {1e3 * own['ledger']['margin_J']:.2f} mJ, "
+        f"gave out at most {1e3 * own['ledger']['energy_out_J']:.2f} of {1e3 * own['ledger']['bound_J']:.2f} mJ, "
         f"energy sent {own['sent_nJ']} nJ, credited {own['credited_nJ']} nJ"
     )
 

@@ -40,8 +40,8 @@ app = typer.Typer(
     help="Passive haptics over bad networks: a haptic device and a virtual world, coupled by passive set-position "
     "modulation (PSPM) over Zenoh through an emulated lossy link. `hapnet run` shows it.",
     epilog="Exit codes: 0 all is well; 2 something given is wrong, or the run failed: one line says what; 3 the run "
-    "went to its end, but what it was to write is not complete, or the device's force was stopped; 128 + N told to "
-    "stop by signal N (Ctrl-C: 130).",
+    "went to its end, but what it was to write is not complete, or the device's force was stopped; 4 a coupling that "
+    "claims to be passive was not; 128 + N told to stop by signal N (Ctrl-C: 130).",
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )

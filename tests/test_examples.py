@@ -71,7 +71,7 @@ def test_own_device(tmp_path: Path) -> None:
     """The carriage rests where K (x - p) = W and K'/K W = K_w (p - wall); W is its weight along the rail."""
     busy = ("--set", "device.watchdog_s=0")  # a machine that tests may be late
     said = run("own_device", "--out", tmp_path, "--duration", 2, *busy, cwd=ROOT)
-    assert "passive: margin" in said
+    assert "passive: at most" in said
     device = read_recording(tmp_path / "device.mcap").device
     assert device is not None
     at_rest = device["time_s"] > 1.5
@@ -92,8 +92,8 @@ def test_own_world(tmp_path: Path) -> None:
         x, p = np.linalg.solve([[hand + K, -K], [K_v, -K_v - K_w]], [hand * amplitude, -K_w * 0.02])
         assert depth_mm == pytest.approx(1e3 * (p - 0.02), rel=0.1)
         assert felt_N == pytest.approx(K * (x - p), abs=0.05)
-    ((margin, bound),) = numbers("margin # mJ of # mJ", said)
-    assert 0.0 < margin <= bound
+    ((out, bound, end),) = numbers("passive: True; at most # of d² = # mJ ever came out; margin # mJ at the end", said)
+    assert 0.0 <= out < bound == 100.0 < end
 
 
 def test_own_world_on_the_command_line(tmp_path: Path) -> None:
@@ -114,14 +114,14 @@ def test_own_world_on_the_command_line(tmp_path: Path) -> None:
 def test_two_hosts(tmp_path: Path) -> None:
     """Both sides end, and what one sent is what the other was credited, to the nanojoule."""
     said = run("two_hosts", "--port", free_address().rpartition(":")[2], cwd=tmp_path)
-    words = ": # s, emulated delay # ms, passivity margin # mJ, energy sent # nJ, credited # nJ"
+    words = ": # s, emulated delay # ms, gave out at most # of # mJ, energy sent # nJ, credited # nJ"
     ((device,), (world,)) = (numbers(role + words, said) for role in ("device", "world"))
-    for seconds, delay_ms, margin_mJ, sent_nJ, _ in (device, world):
+    for seconds, delay_ms, out_mJ, bound_mJ, sent_nJ, _ in (device, world):
         assert 3.0 <= seconds < 4.0
         assert delay_ms == pytest.approx(20.0, abs=2.5)
-        assert margin_mJ > 0.0
+        assert 0.0 <= out_mJ < bound_mJ == 50.0
         assert sent_nJ > 0.0
-    assert (device[3], device[4]) == (world[4], world[3])
+    assert (device[4], device[5]) == (world[5], world[4])
 
 
 def test_a_host_on_its_own_is_told_to_stop() -> None:
@@ -137,20 +137,20 @@ def test_link_study(tmp_path: Path) -> None:
     """Theorem 1 with PSPM at every delay; the plain coupling breaks it, and shakes the hand."""
     said = run("link_study", cwd=tmp_path)
     pspm, zoh = (
-        {delay: (margin, error) for delay, margin, error in numbers(f"# {words} # #", said)}
+        {delay: (out, error) for delay, out, error in numbers(f"# {words} # #", said)}
         for words in ("PSPM", "plain virtual coupling")
     )
     assert pspm.keys() == zoh.keys() >= {0.0, 60.0}
-    assert all(margin >= 0.0 for margin, _ in pspm.values())
-    assert zoh[0.0][0] > 0.0
-    assert zoh[60.0][0] < -500.0
+    assert all(out <= 100.0 for out, _ in pspm.values())
+    assert zoh[0.0][0] < 100.0
+    assert zoh[60.0][0] > 600.0
     assert zoh[60.0][1] > 5.0 * pspm[60.0][1]
     assert (tmp_path / "runs" / "link_study.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_asyncio_program(tmp_path: Path) -> None:
     said = run("asyncio_program", cwd=tmp_path)
-    rows = numbers("# s: delay up to # ms (p99), # of # messages lost, passivity margin # mJ", said)
+    rows = numbers("# s: delay up to # ms (p99), # of # messages lost, passivity margin now # mJ", said)
     assert [row[1] for row in rows] == pytest.approx(3 * [10.0] + 3 * [50.0], rel=0.012)  # a bin is 1.1 % wide
     assert all(before[0] < after[0] and before[3] < after[3] for before, after in pairwise(rows))
     assert all(margin > 0.0 for *_, margin in rows)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from hapnet.record import DeviceSample, Event, WorldSample
+from hapnet.runtime.verdict import judge
 from hapnet.telemetry import Status
 from hapnet.view.history import CAPACITY, MOST_EVENTS, History
 from hapnet.wire.messages import Role
@@ -161,3 +162,68 @@ def test_a_status_is_kept_as_it_is() -> None:
     history.take(newer)
     assert history.snapshot().world_status == newer
     assert history.snapshot().device_status is None
+
+
+# -- the verdict -----------------------------------------------------------------------------------------------------
+
+SEC = 1000 * MS
+
+
+def pair_of(seconds: float, **device_fields: float) -> History:
+    """A pair that runs well, 10 samples a second of each side, whose device's last sample is changed."""
+    history = History()
+    history.take(status("device", coupling="pspm"))
+    history.take(status("world", coupling="pspm"))
+    for tick in range(round(10 * seconds)):
+        history.take(world(tick * SEC // 10))
+        history.take(device(tick * SEC // 10)._replace(**device_fields if tick == round(10 * seconds) - 1 else {}))
+    return history
+
+
+def passive(history: History) -> bool | None:
+    account = history.snapshot().account
+    assert account is not None
+    found: bool | None = judge(account)["passive"]
+    return found
+
+
+def test_what_a_live_pair_is_judged_by() -> None:
+    assert History().snapshot().account is None
+    assert passive(pair_of(3)) is True
+    assert passive(pair_of(3, margin_J=-0.2)) is False
+    assert passive(pair_of(3, slack_J=-1e-6)) is False
+    assert passive(pair_of(3, deficit_J=1e-6)) is None
+
+
+def test_the_least_margin_after_the_start() -> None:
+    history = pair_of(0.5)
+    assert (history.snapshot().least_margin_J, history.snapshot().later_margin_J) == (0.2, None)
+    for tick, margin in ((8, 0.3), (10, 0.5), (11, 0.4), (12, 0.6)):
+        history.take(device(tick * SEC // 10, margin=margin))
+    assert history.snapshot().later_margin_J == pytest.approx(0.5)  # 0.4 and the world's 0.1
+
+
+def test_energy_that_nobody_sent_shows_once_the_sender_had_time_to_tell() -> None:
+    history = pair_of(1, credited_J=10.466)
+    assert passive(history) is True  # the world may have sent it, and not said so yet
+    for tick in range(10, 40):
+        history.take(world(tick * SEC // 10))
+        history.take(device(tick * SEC // 10)._replace(credited_J=10.466))
+    assert passive(history) is False
+    honest = pair_of(1, credited_J=0.02)
+    for tick in range(10, 40):
+        honest.take(world(tick * SEC // 10)._replace(sent_J=0.02))
+        honest.take(device(tick * SEC // 10)._replace(credited_J=0.02))
+    assert passive(honest) is True
+
+
+def test_after_one_side_began_anew_it_is_not_known_and_after_both_did_it_is_again() -> None:
+    history = pair_of(3)
+    history.take(status("device", 2, coupling="pspm"))
+    history.take(device(4 * SEC))
+    history.take(world(4 * SEC))
+    assert passive(history) is None
+    history.take(status("world", 2, coupling="pspm"))
+    history.take(device(5 * SEC))
+    history.take(world(5 * SEC))
+    assert passive(history) is True

@@ -18,8 +18,10 @@ from hapnet.errors import RecordingError
 from hapnet.record import DeviceSample, Event, MemoryRecorder, Recording, WorldSample
 from hapnet.report import figure, save_figure, summary_text, verdict
 
-ALONE = "passivity unknown: of both ports together only; hapnet report DEVICE WORLD tells"
-APART = "passivity unknown: of both ports together only, and both were not seen at the same time"
+ALONE = "passivity not known: of both ports together only, and the world's account is not here"
+APART = "passivity not known: of both ports together only, and both were not seen at the same time"
+NOTHING = "passivity not known: there is no energy account"
+TORN = "the device's recording is torn: the rest of its account is missing"
 LINK = "delay 40ms 10ms distribution normal loss 2%"
 
 
@@ -161,17 +163,20 @@ def title(fig: Figure) -> str:
 
 
 def test_the_title_tells_the_link_the_coupling_the_seed_and_the_verdict() -> None:
-    assert title(figure(run())) == (f"uplink: {LINK}, coupling pspm, seed 3\npassive: margin ≥ 80 mJ")
+    torn = title(figure(run())).splitlines()
+    assert torn[0] == f"uplink: {LINK}, coupling pspm, seed 3"
+    assert torn[1].startswith(f"passivity not known: {TORN}")
     summary = {
         "links": {"up": {"profile": "lan"}, "down": {"profile": "lan"}},
         "coupling": "zoh",
         "seed": 8,
-        "theorem": {"margin_J": -0.0125, "bound_J": 0.1},
+        "theorem": {"margin_J": -0.0125, "bound_J": 0.1, "energy_out_J": 0.1125, "margin_end_J": 0.3},
     }
     recording = run()
     told = Recording(recording.meta, recording.device, recording.world, [], summary)
-    assert title(figure(told)) == "link: lan, coupling zoh, seed 8\nNOT passive: margin -12.5 mJ of d² = 100 mJ"
-    assert "sum (≥ -12.5 mJ)" in lines(figure(told).axes[-1])
+    why = "112.5 mJ came out of both ports, of d² = 100 mJ: margin -12.5 mJ"
+    assert title(figure(told)) == f"link: lan, coupling zoh, seed 8\nNOT passive: {why}"
+    assert "sum (112.5 mJ came out, 300 mJ at the end)" in lines(figure(told).axes[-1])
 
 
 def test_a_set_position_is_called_modulated_only_where_it_is() -> None:
@@ -201,7 +206,7 @@ def test_of_ports_that_are_passive_together_only_their_sum_is_drawn() -> None:
     assert set(lines(alone.axes[-1])) == {"device's port"}
     assert alone.axes[-1].get_ylabel() == "energy put in + d² [mJ]"
     assert not alone.axes[-1].patches
-    assert title(alone).splitlines()[-1] == ALONE
+    assert "of both ports together only" in " ".join(title(alone).split())
 
 
 def test_a_long_title_is_not_broken_inside_a_setting() -> None:
@@ -217,16 +222,20 @@ def test_a_long_title_is_not_broken_inside_a_setting() -> None:
 @pytest.mark.parametrize(
     ("summary", "line"),
     [
-        ({"theorem": {"margin_J": 0.0312, "bound_J": 0.1}}, "passive: margin ≥ 31.2 mJ of d² = 100 mJ"),
-        ({"theorem": {"margin_J": -9e-13, "bound_J": 0.1}}, "passive: margin ≥ 0 mJ of d² = 100 mJ"),
+        ({"theorem": {"margin_J": 0.0312, "bound_J": 0.1}}, "passive: at most 68.8 of d² = 100 mJ ever came out"),
+        ({"theorem": {"margin_J": -9e-13, "bound_J": 0.1}}, "passive: at most 100 of d² = 100 mJ ever came out"),
         ({"theorem": {"margin_J": -2e-9, "bound_J": None}}, "NOT passive: margin -2e-06 mJ"),
-        ({"theorem": None, "device": {"ledger": {"margin_J": 0.5}}}, "device's half passive: margin ≥ 500 mJ"),
+        (
+            {"theorem": None, "device": {"ledger": {"margin_J": 0.5, "bound_J": 0.6}}},
+            "passivity not known: the world's account is not here; the device's half held, at most 100 of its 600 mJ "
+            "ever came out",
+        ),
         (
             {"device": {"ledger": {"margin_J": 0.5}}, "world": {"ledger": {"margin_J": 0.25}}},
-            "both halves passive: margin ≥ 750 mJ",
+            "passive: margin at least 750 mJ",
         ),
         ({"coupling": "pd", "device": {"ledger": {"margin_J": -0.5}}}, ALONE),
-        ({"coupling": "popc", "world": {"ledger": {"margin_J": 0.5}}}, ALONE),
+        ({"coupling": "popc", "world": {"ledger": {"margin_J": 0.5}}}, ALONE.replace("world", "device")),
         (
             {
                 "coupling": "wave",
@@ -235,10 +244,13 @@ def test_a_long_title_is_not_broken_inside_a_setting() -> None:
             },
             APART,
         ),
-        ({"coupling": "zoh", "device": {"ledger": {"margin_J": -0.5}}}, "device's half NOT passive: margin -500 mJ"),
+        (
+            {"coupling": "zoh", "device": {"ledger": {"margin_J": -0.5}}},
+            "NOT passive: the device's half: margin -500 mJ",
+        ),
         ({"coupling": "tdpa", "theorem": {"margin_J": -0.5}}, "NOT passive: margin -500 mJ"),
-        ({}, "passivity unknown: no ledger"),
-        (None, "passivity unknown: no ledger"),
+        ({}, NOTHING),
+        (None, NOTHING),
     ],
 )
 def test_verdict(summary: dict[str, Any] | None, line: str) -> None:
@@ -260,9 +272,9 @@ def cells(text: str) -> dict[str, list[str]]:
 def test_the_summary_as_a_table() -> None:
     text = printed(
         {
-            "theorem": {"margin_J": 0.0312, "bound_J": 0.1},
+            "theorem": {"margin_J": 0.0312, "bound_J": 0.1, "energy_out_J": 0.0688, "margin_end_J": 0.2},
             "device": {
-                "ledger": {"margin_J": 0.02, "slack_J": 9e-13},
+                "ledger": {"margin_J": 0.02, "slack_J": 9e-13, "energy_out_J": 0.03, "margin_end_J": 0.07},
                 "reservoir_min_J": 0.0012,
                 "deficit_max_J": -0.9e-12,
                 "true_slack_J": 0.003,
@@ -271,7 +283,10 @@ def test_the_summary_as_a_table() -> None:
                 "quantisation_J": None,
                 "servo": {"ticks": 10000, "late_p50_us": 21.3, "late_p99_us": 61.2, "skipped": 0},
             },
-            "world": {"ledger": {"margin_J": 0.0112, "slack_J": 0.0}, "step": {"count": 333, "mean_s": 0.03}},
+            "world": {
+                "ledger": {"margin_J": 0.0112, "energy_out_J": 0.04, "slack_J": 0.0},
+                "step": {"count": 333, "mean_s": 0.03},
+            },
             "energy": {"up": {"sent_nJ": 1_123_456_789, "in_flight_nJ": 789}, "down": {"in_flight_nJ": 0}},
             "links": {"up": {"profile": LINK, "offered": 400, "lost": 9, "delay_p50_ms": 40.2}, "down": None},
             "motion": {"free_rms_m": 0.00123, "peak_force_N": 3.2, "contacts": 3, "contact_rms_m": None},
@@ -280,10 +295,14 @@ def test_the_summary_as_a_table() -> None:
             "duration_s": 10.0,
         }
     )
-    assert text.splitlines()[0] == "passive: margin ≥ 31.2 mJ of d² = 100 mJ"
+    assert text.splitlines()[0] == "passive: at most 68.8 of d² = 100 mJ ever came out; margin 200 mJ at the end"
     assert text.splitlines()[1] == "coupling pspm, seed 3, duration 10 s"
     rows = cells(text)
-    assert rows["margin, least [mJ]"] == ["20", "11.2"]
+    assert rows["energy that came out, most [mJ]"] == ["68.8"]
+    assert rows["bound d² [mJ]"] == ["100"]
+    assert "margin after 1 s, least [mJ]" not in rows
+    assert rows["given out, most [mJ]"] == ["30", "40"]
+    assert rows["margin at the end [mJ]"] == ["70", "-"]
     assert rows["reservoir, least [mJ]"] == ["1.2", "-"]
     assert rows["sent [J]"] == ["1.123456789", "-"]
     assert rows["credited [J]"] == ["0.000000005", "-"]
@@ -304,18 +323,23 @@ def test_the_summary_as_a_table() -> None:
 
 @pytest.mark.parametrize("coupling", ["pspm", "zoh", "wave"])
 def test_no_rows_of_what_a_coupling_does_not_have(coupling: str) -> None:
-    side = {"ledger": {"margin_J": -0.02, "slack_J": None}, "sent_nJ": 0, "credited_nJ": 0, "discarded_nJ": 0}
+    side = {
+        "ledger": {"margin_J": -0.02, "energy_out_J": 0.02, "slack_J": None},
+        "sent_nJ": 0,
+        "credited_nJ": 0,
+        "discarded_nJ": 0,
+    }
     summary = {"coupling": coupling, "device": {**side, "abandoned_nJ": 0, "incarnations": 1}, "world": side}
     summary["energy"] = {"up": {"sent_nJ": 0, "abandoned_nJ": 0}, "down": None}
     rows = cells(printed(summary))
     shuffled = {"sent [J]", "credited [J]", "discarded [J]", "abandoned [J]", "energy sent [J]", "energy abandoned [J]"}
     assert shuffled & set(rows) == (shuffled if coupling == "pspm" else set())
-    assert ("margin, least [mJ]" in rows) == (coupling != "wave")
+    assert ("given out, most [mJ]" in rows) == (coupling != "wave")
     assert rows["pairs"] == ["1", "-"]
 
 
 def test_a_summary_that_knows_nothing_is_its_verdict_alone() -> None:
-    assert printed({"theorem": None, "links": None}).strip() == "passivity unknown: no ledger"
+    assert printed({"theorem": None, "links": None}).strip() == NOTHING
 
 
 def test_a_figure_that_cannot_be_written(tmp_path: Path) -> None:

@@ -100,8 +100,9 @@ def test_what_a_reader_wants_to_know_comes_in_that_order(simulated: Recording) -
         "How to make it again", "Settings", "Versions", "Files",
     ]  # fmt: skip
     assert simulated.summary is not None
-    margin = simulated.summary["theorem"]["margin_J"] * 1e3
-    assert f"Passive: margin ≥ {margin:.4g} mJ of d² = 100 mJ" in found.sections[""]
+    theorem = simulated.summary["theorem"]
+    assert f"Passive: at most {theorem['energy_out_J'] * 1e3:.4g} of d² = 100 mJ ever came out" in found.sections[""]
+    assert f"margin {theorem['margin_end_J'] * 1e3:.4g} mJ at the end" in found.sections[""]
     run_of = found.sections["What was run"].split("\n")
     facts = dict(zip(run_of[::2], run_of[1::2], strict=False))
     assert facts["uplink"] == "delay 5ms 2ms"
@@ -125,7 +126,7 @@ def test_of_another_coupling_its_own_claim_is_told_and_nothing_of_reservoirs() -
     assert "eservoir" not in told + found.attributes("img")[0]["alt"]
     assert "slack" not in told
     alone = page_of(replace(recording, world=None, summary={**result.summary, "world": None, "theorem": {}}))
-    assert "Passivity unknown: of both ports together only" in alone.sections[""]
+    assert "Passivity not known: of both ports together only" in alone.sections[""]
 
 
 def test_the_tables_are_those_of_the_terminal(simulated: Recording) -> None:
@@ -140,17 +141,18 @@ def test_the_tables_are_those_of_the_terminal(simulated: Recording) -> None:
 
 def test_a_verdict_is_told_in_words_and_colour() -> None:
     for margin, kind, words in (
-        (-0.01, "bad", "NOT passive: margin -10 mJ"),
-        (0.01, "good", "Passive: margin ≥ 10 mJ"),
+        (-0.01, "bad", "NOT passive: 110 mJ came out of both ports, of d² = 100 mJ"),
+        (0.01, "good", "Passive: at most 90 of d² = 100 mJ ever came out"),
     ):
         found = page_of(replace(run(seconds=1), summary={"theorem": {"margin_J": margin, "bound_J": 0.1}}))
         assert words in found.sections[""]
         assert f"verdict {kind}" in [attributes.get("class") for attributes in found.attributes("p")]
     found = page_of(replace(run(seconds=1), summary={}))
-    assert "Passivity unknown" in found.sections[""]
+    assert "Passivity not known" in found.sections[""]
+    assert "verdict unknown" in [attributes.get("class") for attributes in found.attributes("p")]
     half = {"device": {"ledger": {"margin_J": 0.5}}}
     found = page_of(replace(run(sides="device", seconds=1), summary=half))
-    assert "Device's half passive: margin ≥ 500 mJ" in found.sections[""]
+    assert "Passivity not known: the world's account is not here; the device's half held" in found.sections[""]
     assert "both sides' files" in found.sections[""]
 
 
@@ -206,7 +208,7 @@ def test_whatever_a_recording_says_is_text(text: str, capsys: pytest.CaptureFixt
         shown = legible(escapable(part))[:1500]
         assert shown in found.sections["Silences and events"]
         assert shown[:20] in found.sections["Settings"]
-    assert "Passivity unknown" in found.sections[""]
+    assert "Passivity not known" in found.sections[""]
     assert "\x1b" not in capsys.readouterr().out
 
 

@@ -49,9 +49,11 @@ def simulated(request: pytest.FixtureRequest) -> Any:
 def test_keys_that_programs_rely_on(simulated: Any) -> None:
     summary = json.loads(json.dumps(simulated.summary, allow_nan=False))
     assert set(summary) >= {
-        "theorem", "device", "world", "links", "motion", "seed", "duration_s", "coupling", "versions", "wall_clock",
+        "verdict", "theorem", "device", "world", "links", "motion", "seed", "duration_s", "coupling", "versions",
+        "wall_clock",
     }  # fmt: skip
-    assert set(summary["theorem"]) >= {"margin_J", "bound_J"}
+    assert set(summary["theorem"]) >= {"margin_J", "bound_J", "energy_out_J", "margin_end_J", "margin_later_J"}
+    assert set(summary["verdict"]) >= {"passive", "reason"}
     assert set(summary["device"]) >= SIDE_KEYS | {"quantisation_J", "servo"}
     assert set(summary["device"]["servo"]) >= {"ticks", "late_p50_us", "late_p99_us", "skipped"}
     assert set(summary["world"]) >= SIDE_KEYS | {"step"}
@@ -85,19 +87,35 @@ def test_both_reservoirs_full_bound_is_two_ceilings(simulated: Any) -> None:
 
 
 def test_margin_of_two_processes_is_the_sum_of_their_own() -> None:
-    theorem = both(side(0.02, 0.05, 0, 0), side(0.03, 0.06, 0, 0))["theorem"]
-    assert theorem == {"margin_J": pytest.approx(0.05), "bound_J": pytest.approx(0.11)}
+    theorem = both(side(0.02, 0.05, 0, 0), side(0.03, 0.06, 0, 0), total_later_J=0.07)["theorem"]
+    known = {"margin_J": 0.05, "bound_J": 0.11, "energy_out_J": 0.06, "margin_later_J": 0.07}
+    assert {name: theorem[name] for name in known} == pytest.approx(known)
+    assert theorem["margin_end_J"] is None  # of older recordings
+    ended = [side(0.02, 0.05, 0, 0), side(0.03, 0.06, 0, 0)]
+    for part, end in zip(ended, (0.09, 0.04), strict=True):
+        part["ledger"]["margin_end_J"] = end
+    assert both(*ended)["theorem"]["margin_end_J"] == pytest.approx(0.13)
+
+
+def test_where_energy_was_credited_that_nobody_sent_both_halves_bound_nothing() -> None:
+    forged = both(side(0.02, 0.05, 5, 0), side(0.03, 0.06, 0, 6))
+    assert forged["theorem"]["margin_J"] is None
+    assert forged["verdict"]["passive"] is False
 
 
 def test_margin_on_one_clock_is_bound_plus_least_two_port_energy() -> None:
     theorem = both(side(0.02, 0.05, 0, 0), side(0.03, 0.06, 0, 0), two_port_J=-0.01)["theorem"]
     assert theorem["margin_J"] == pytest.approx(0.10)
+    assert theorem["energy_out_J"] == pytest.approx(0.01)
+    more = both(*[side(0.02, 0.05, 0, 0)] * 2, two_port_J=0.0, two_port_end_J=0.03, two_port_later_J=0.02)["theorem"]
+    assert (more["margin_end_J"], more["margin_later_J"]) == (pytest.approx(0.13), pytest.approx(0.12))
 
 
 def test_least_margins_of_different_times_bound_nothing_where_energy_passes_through_the_link() -> None:
     sides = side(-0.5, 0.05, 0, 0), side(0.03, 0.06, 0, 0)
     for coupling in sorted(set(KINDS) - {"pspm", "zoh"}):
-        assert both(*sides, coupling)["theorem"] == {"margin_J": None, "bound_J": pytest.approx(0.11)}
+        theorem = both(*sides, coupling)["theorem"]
+        assert (theorem["margin_J"], theorem["bound_J"]) == (None, pytest.approx(0.11))
         assert both(*sides, coupling, total_margin_J=0.04)["theorem"]["margin_J"] == 0.04
         assert both(*sides, coupling, two_port_J=-0.01)["theorem"]["margin_J"] == pytest.approx(0.10)
     assert both(*sides, "zoh", total_margin_J=0.04)["theorem"]["margin_J"] == pytest.approx(-0.47)
@@ -164,7 +182,9 @@ def test_the_half_theorem_claims_nothing_of_a_law(soft: Any) -> None:
     ],
 )
 def test_one_side_alone_has_no_theorem(device: Summary | None, world: Summary | None) -> None:
-    assert both(device, world)["theorem"] == {"margin_J": None, "bound_J": None}
+    found = both(device, world)
+    assert {*found["theorem"].values()} == {None, False}
+    assert found["verdict"]["passive"] is None
 
 
 def test_energy_in_flight_is_what_neither_side_has() -> None:

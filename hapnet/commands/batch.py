@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,6 @@ from hapnet.commands import output
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
-from hapnet.report.words import ROUNDING_J
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -51,12 +51,32 @@ def main(params: Params, seeds: range, json_to: str | None, workers: int) -> int
     with Progress(words, "simulating", len(seeds), "seeds") as bar:
         runs = simulate_batch(params, seeds, workers=workers, progress=lambda share: bar.update(share * len(seeds)))
     words.print(_table(runs))
-    outside = sum(run.summary["theorem"]["margin_J"] < -ROUNDING_J for run in runs)
-    words.print(f"{outside} of {len(runs)} scenarios put out more than the theorem's bound allows")
+    verdicts = Counter(run.summary["verdict"]["passive"] for run in runs)
+    words.print(
+        f"of {len(runs)} scenarios {verdicts[True]} were passive, {verdicts[False]} were not", style=_style(verdicts)
+    )
+    if verdicts[None]:
+        words.print(f"of {verdicts[None]} it is not known: {_first(runs, None)}", style="yellow", markup=False)
+    if verdicts[False]:
+        words.print(f"the first that was not: {_first(runs, False)}", style="red", markup=False)
     if not all(run.vectorised for run in runs):
         words.print("simulated one at a time: these parameters, or so few seeds, are not vectorised", style="yellow")
     output.write_json([as_dict(run) for run in runs], json_to)
-    return 0
+    written = output.Written()
+    for run in runs:
+        written.judge(run.summary, run.params, virtual=True)
+    del written.broken[1:]
+    return written.code()
+
+
+def _style(verdicts: Mapping[bool | None, int]) -> str:
+    return "bold red" if verdicts[False] else "bold yellow" if verdicts[None] else "bold green"
+
+
+def _first(runs: list[BatchRun], passive: bool | None) -> str:
+    """The first run of that verdict, and why."""
+    run = next(run for run in runs if run.summary["verdict"]["passive"] is passive)
+    return f"seed {run.seed}, {run.summary['verdict']['reason']}"
 
 
 def as_dict(run: BatchRun) -> dict[str, Any]:
@@ -79,9 +99,10 @@ def _table(runs: list[BatchRun]) -> Table:
 
 def _figures() -> Iterator[tuple[str, tuple[str, ...], float]]:
     """What the table shows, where a summary has it, and by what to multiply that."""
-    yield "theorem margin [mJ]", ("theorem", "margin_J"), 1e3
+    yield "came out of both ports, most [mJ]", ("theorem", "energy_out_J"), 1e3
+    yield "margin at the end [mJ]", ("theorem", "margin_end_J"), 1e3
     for side in ("device", "world"):
-        yield f"{side} margin [mJ]", (side, "ledger", "margin_J"), 1e3
+        yield f"{side} gave out, most [mJ]", (side, "ledger", "energy_out_J"), 1e3
         yield f"{side} slack [mJ]", (side, "ledger", "slack_J"), 1e3
         yield f"{side} reservoir minimum [mJ]", (side, "reservoir_min_J"), 1e3
     for way in ("up", "down"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,11 +16,15 @@ from hapnet.errors import HapnetError, OutputError, RecordingError
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from hapnet.params import Params
     from hapnet.record import Recording
 
 
 INCOMPLETE = 3
 """Exit code: the run went well, but not all that it was to write is there."""
+
+NOT_PASSIVE = 4
+"""Exit code: a coupling that claims to be passive here was not. It goes before all others but those of errors."""
 
 
 def console(json_to: str | None) -> Console:
@@ -68,11 +72,22 @@ class Written:
 
     Attributes
     ----------
-    missing : a line for each part that is not there, or not all of it.
+    missing : a line for each part that is not there, or not all of it. broken : a line for each claim not kept.
     """
 
     def __init__(self) -> None:
         self.missing: list[str] = []
+        self.broken: list[str] = []
+
+    def judge(self, summary: Mapping[str, Any], params: Params | None, *, virtual: bool) -> None:
+        """See whether the coupling of a run kept what it claims; the arguments are those of `verdict.broken`."""
+        from hapnet.runtime import verdict
+
+        if verdict.broken(summary, params, virtual=virtual):
+            why = verdict.judge(summary)["reason"]
+            self.broken.append(
+                f"the coupling {verdict.get(summary, 'coupling')} did not keep passivity, as it claims: {why}"
+            )
 
     @contextmanager
     def part(self) -> Iterator[None]:
@@ -83,11 +98,13 @@ class Written:
             self.missing.append(str(error))
 
     def code(self, code: int = 0) -> int:
-        """The exit code of a run that otherwise ends with `code`; says in one line what is missing."""
-        if not self.missing:
-            return code
-        complain("; ".join(dict.fromkeys(self.missing)))
-        return code or INCOMPLETE
+        """The exit code of a run that otherwise ends with `code`; says in a line each what is missing and broken."""
+        for lines in (self.missing, self.broken):
+            if lines:
+                complain("; ".join(dict.fromkeys(lines)))
+        if self.broken:
+            return NOT_PASSIVE
+        return code or (INCOMPLETE if self.missing else 0)
 
 
 def complain(line: str) -> None:
@@ -113,7 +130,9 @@ def write_json(value: dict[str, Any] | list[dict[str, Any]], json_to: str | None
     """`--json`: to a file, to standard output for "-", nowhere for None. Raises OutputError if it cannot be written."""
     if json_to is None:
         return
-    text = json.dumps(value, indent=2, allow_nan=False)
+    from hapnet.record import plain  # what diverged is no number that JSON has
+
+    text = json.dumps(plain(value), indent=2, allow_nan=False)
     try:
         if json_to == "-":
             sys.stdout.write(text + "\n")

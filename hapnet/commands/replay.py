@@ -71,6 +71,7 @@ def main(
     with written.part():
         output.write_json(summary, str(directory / "summary.json"))
     output.show_summary(words, summary)
+    written.judge(summary, params, virtual=True)
     words.print(table(compared))
     words.print(verdict(compared))
     if not written.missing:
@@ -87,9 +88,10 @@ def table(compared: dict[str, Any]) -> Table:
 
     result = Table("", "original", "replay", title="replay", title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
     for label, unit, key, scale in (
-        ("passivity margin, both halves", "mJ", "margin_J", 1e3),
-        ("device's half", "mJ", "device_margin_J", 1e3),
-        ("world's half", "mJ", "world_margin_J", 1e3),
+        ("energy that came out, most", "mJ", "energy_out_J", 1e3),
+        ("margin at the end", "mJ", "margin_end_J", 1e3),
+        ("device's half, least margin", "mJ", "device_margin_J", 1e3),
+        ("world's half, least margin", "mJ", "world_margin_J", 1e3),
         ("force, largest", "N", "peak_force_N", 1.0),
         ("position error, free (rms)", "mm", "free_rms_m", 1e3),
         ("position error, in contact (rms)", "mm", "contact_rms_m", 1e3),

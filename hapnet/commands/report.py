@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,6 +14,7 @@ from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
 from hapnet.mcap_file import read_recording, repair
 from hapnet.metrics import motion
+from hapnet.params import Params, flatten
 from hapnet.record import Event, Recording, join
 from hapnet.runtime.summary import of_recordings
 
@@ -48,11 +50,23 @@ def main(files: list[Path], json_to: str | None, out: Path | None) -> int:
     names = {"run": f"{stem}.png", "link": f"{stem}-link.png", "servo": f"{stem}-servo.png"}
     there = write(shown, sources, directory, f"{stem}.html", names, written)
     words.print(report.summary_text(shown.summary or {}))
+    written.judge(summary, asked(recordings), virtual=whole.meta.get("clock") == "virtual")
     if there:
         words.print(f"{', '.join(there)} in {directory}", markup=False)
     with written.part():
         output.write_json(summary, json_to)
     return written.code()
+
+
+def asked(recordings: Sequence[Recording]) -> Params | None:
+    """The parameters of the run, the device's word first; None if this version cannot read them."""
+    for recording in sorted(recordings, key=lambda one: one.device is None):
+        tree = recording.meta.get("params")
+        if isinstance(tree, Mapping):
+            names = set(Params().flat())
+            with suppress(InvalidParameter):
+                return Params().set({name: value for name, value in flatten(tree) if name in names})
+    return None
 
 
 def write(

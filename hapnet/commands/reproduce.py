@@ -52,9 +52,11 @@ def main(figure: str, params: Params, seed: int, json_to: str | None, out: Path 
     output.write_json(result.summary, str(directory / f"{figure}.json"))
     output.show_warnings(words, result.warnings)
     output.show_summary(words, result.summary)
+    written = output.Written()
+    written.judge(result.summary, params, virtual=True)
     words.print(f"{figure}.png, {figure}.mcap and {figure}.json in {directory} (the paper's lost digits reconstructed)")
     output.write_json(result.summary, json_to)
-    return 0
+    return written.code()
 
 
 def timesteps(recording: Recording) -> Figure:

@@ -21,7 +21,6 @@ from hapnet.endpoint import DeviceEndpoint, WorldEndpoint
 from hapnet.errors import HapnetError, RecordingError
 from hapnet.mcap_file import read_recording
 from hapnet.metrics import motion
-from hapnet.metrics.passivity import least_total_margin
 from hapnet.params import Params
 from hapnet.record import Recording, join
 from hapnet.runtime.build import Setup, device_session, device_side, prepare, world_session, world_side
@@ -79,6 +78,7 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, re
         with Progress(words, "drawing"):
             write(recording, sources, directory, "report.html", {"run": "figure.png"}, written)
     output.show_summary(words, summary)
+    written.judge(summary, params, virtual=False)
     files = ("device.mcap", "world.mcap", "report.html", "figure.png", "summary.json", "log.jsonl")
     there = [file for file in files if (directory / file).exists()]
     words.print(f"{', '.join(there)} in {directory}")
@@ -108,7 +108,7 @@ def _result(
     except RecordingError as error:
         written.missing.append(f"no report: {error}")
         return merge(*sides, seed=seed), None, []
-    summary = merge(*sides, seed=seed, total_margin_J=least_total_margin(recording))
+    summary = merge(*sides, seed=seed, recording=recording)
     summary["motion"] = motion(recording)
     recording.meta["seed"] = seed
     recording.meta["links"] = {"up": str(setup.up), "down": str(setup.down)}

@@ -89,7 +89,7 @@ def _main(params: Params, options: SideOptions, refusals: Refusals) -> int:
     log = Log(options.role, words, options.log_to, progress=options.progress)
     for warning in warnings:
         log.write(Notice("warning", warning, time.monotonic_ns(), "warning"))
-    written = output.Written()
+    written, started_by_run = output.Written(), PARENT in os.environ
     try:
         side = RealtimeSide(
             setup,
@@ -110,6 +110,8 @@ def _main(params: Params, options: SideOptions, refusals: Refusals) -> int:
     written.missing += filter(None, (side.unrecorded, log.failure, stopped(summary)))
     if words is not None:
         output.show_summary(words, summary)
+    if not started_by_run:  # which judges both together
+        written.judge(summary, params, virtual=False)
     with written.part():
         output.write_json(summary, options.json_to)
     return written.code(code)

@@ -34,6 +34,7 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, fi
             with written.part():
                 output.write_json(result.summary, str(directory / "summary.json"))
     output.show_summary(words, result.summary)
+    written.judge(result.summary, params, virtual=True)
     if directory is not None and not written.missing:
         file = directory / "run.mcap"
         words.print(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from hapnet.record import Columns, Recording
@@ -25,9 +27,9 @@ def total_margin(recording: Recording) -> Columns | None:
     return {"time_s": times, "margin_J": halves[0] + halves[1]}
 
 
-def least_total_margin(recording: Recording) -> float | None:
-    """The least of `total_margin` [J]; None if it is not known."""
+def least_total_margin(recording: Recording, since_s: float = -math.inf) -> float | None:
+    """The least of `total_margin` [J] from that time on; None if it is not known."""
     total = total_margin(recording)
-    margin = np.array([]) if total is None else total["margin_J"]
+    margin = np.array([]) if total is None else total["margin_J"][total["time_s"] >= since_s]
     known = margin[np.isfinite(margin)]
     return float(known.min()) if len(known) else None

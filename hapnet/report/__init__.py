@@ -6,10 +6,9 @@ from hapnet.report.histograms import lateness_histogram, link_histogram
 from hapnet.report.page import Source, page
 from hapnet.report.pictures import Picture, pictures
 from hapnet.report.tables import summary_text
-from hapnet.report.words import ROUNDING_J, legible, verdict
+from hapnet.report.words import legible, verdict
 
 __all__ = [
-    "ROUNDING_J",
     "Picture",
     "Source",
     "figure",

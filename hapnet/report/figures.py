@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hapnet.metrics.passivity import least_total_margin, total_margin
+from hapnet.metrics.passivity import total_margin
 from hapnet.record import Columns, Recording
 from hapnet.report.style import MM, STYLE
 from hapnet.report.words import get, has_reservoirs, known, millijoule, verdict
 from hapnet.runtime.couplings import KINDS, jointly_passive
+from hapnet.runtime.summary import from_recording
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -118,15 +119,24 @@ def _margins(panel: Axes, recording: Recording) -> None:
         return
     if total is not None:
         low = min(low, _least(total["margin_J"]) * 1e3)
-        told = known(get(recording.summary, "theorem", "margin_J"))
-        label = "sum" if told is None else f"sum (≥ {millijoule(told)} mJ)"
-        _curve(panel, total, total["margin_J"] * 1e3, label, color="black", linestyle="-.", linewidth=0.9)
+        label = f"sum{_margin_words(recording)}"
+        both = total["margin_J"] * 1e3
+        _curve(panel, total, both, label, color="black", linestyle="-.", linewidth=0.9)
+        panel.fill_between(total["time_s"], both, 0.0, where=both < 0.0, step="post", color="#99000d", linewidth=0.8)
     panel.axhline(0.0, color="#cb181d", linewidth=1.0)
     top = panel.get_ylim()[1]
     bottom = low * 1.1 - 0.08 * (top - low)
     panel.set_ylim(bottom, top)
     panel.axhspan(bottom, 0.0, facecolor="#fcbba1", edgecolor="#cb181d", hatch="////", alpha=0.6, lw=0, zorder=0)
     panel.set_ylabel("passivity margin [mJ]")
+
+
+def _margin_words(recording: Recording) -> str:
+    """The most that ever came out, and what was left of the margin."""
+    names = {"energy_out_J": "{} mJ came out", "margin_end_J": "{} mJ at the end"}
+    told = {words: known(get(recording.summary, "theorem", name)) for name, words in names.items()}
+    said = [words.format(millijoule(value)) for words, value in told.items() if value is not None]
+    return f" ({', '.join(said)})" if said else ""
 
 
 def _path(panel: Axes, recording: Recording, plane: tuple[int, int]) -> None:
@@ -252,18 +262,12 @@ def _title(recording: Recording) -> str:
         value = summary.get(name, meta.get(name))
         words += [] if value is None else [f"{name}\N{NO-BREAK SPACE}{str(value)[:_TITLE]}"]
     about = (line.replace("\N{NO-BREAK SPACE}", " ") for line in textwrap.wrap(", ".join(words), 100))
-    return "\n".join([*about, verdict(_told(recording))])
+    return "\n".join([*about, *textwrap.wrap(verdict(_told(recording)), 100)])
 
 
 def _told(recording: Recording) -> Mapping[str, Any]:
     """The summary or, where there is none (a torn file), what the samples tell."""
-    if recording.summary is not None:
-        return recording.summary
-    if (least := least_total_margin(recording)) is not None:
-        return {"theorem": {"margin_J": least}}
-    sides = {"device": recording.device, "world": recording.world}
-    told = {s: {"ledger": {"margin_J": _least(c["margin_J"])}} for s, c in sides.items() if c is not None}
-    return {**told, "coupling": _coupling(recording)}
+    return from_recording(recording) if recording.summary is None else recording.summary
 
 
 def _least(values: NDArray[np.float64]) -> float:

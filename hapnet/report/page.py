@@ -27,9 +27,10 @@ MOST_EVENTS = 500
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 _WHAT_IT_MEANS = {
     "good": "At no time had the hand and the world together taken out more energy than the bound d² allows "
-    "(Theorem 1); at least the margin was left of it at every instant.",
-    "bad": "More energy came out of the two ports than was ever put in: Theorem 1 does not hold for this run.",
-    "unknown": "There is no energy account to judge it by.",
+    "(Theorem 1). It says how much came out at most, how much of the bound was left at the end, and how much at least "
+    "after the start, where it is d².",
+    "bad": "More energy came out than the account allows: Theorem 1 does not hold for this run.",
+    "unknown": "What is known does not tell whether Theorem 1 held throughout.",
 }
 _HALF = (
     "One side's recording knows what went in and out at its own port only, which is its half of Theorem 1; "
@@ -38,7 +39,7 @@ _HALF = (
 _MEASURED = {
     "good": "At no time that was seen had the hand and the world together taken out more energy than the bound d² "
     "allows.",
-    "bad": "More energy came out of the two ports than was ever put in.",
+    "bad": "More energy came out of the two ports than was put in and than the bound d² allows.",
     "unknown": "It cannot be judged by what is known here.",
 }
 """Of couplings that Theorem 1 is not about."""
@@ -72,7 +73,12 @@ def page(recording: Recording, drawn: Mapping[str, Picture], sources: Sequence[S
         _head(summary, title, sources),
         _section("What was run", _facts(recording, sources)),
         _section("What happened", _picture(drawn.get("run"))),
-        _section("Summary", _table(tables.sides(summary)), _table(tables.motion(summary))),
+        _section(
+            "Summary",
+            _table(tables.both_ports(summary)),
+            _table(tables.sides(summary)),
+            _table(tables.motion(summary)),
+        ),
         _section("Links", _table(tables.links(summary)), _picture(drawn.get("link"))),
         _section("Energy account", _energy(tables.energy(summary))),
         _section("Servo", _picture(drawn.get("servo"))),
@@ -103,17 +109,19 @@ _ENERGY = (
 
 def _head(summary: Mapping[str, Any], title: str, sources: Sequence[Source]) -> Html:
     line, warning, coupling = verdict(summary), force_stopped(summary), str(get(summary, "coupling"))
+    found = outcome(summary)
+    alone = found == "unknown" and None in (get(summary, "device"), get(summary, "world"))
     if has_reservoirs(coupling):
-        meaning = _HALF if "'s half" in line else _WHAT_IT_MEANS[outcome(line)]
+        meaning = _HALF if alone else _WHAT_IT_MEANS[found]
     else:
         kind = KINDS[coupling]
-        judged = "" if "'s half" in line else f"{_MEASURED[outcome(line)]} "
+        judged = "" if alone else f"{_MEASURED[found]} "
         meaning = f"{judged}What is claimed of this coupling ({kind.title}; {kind.source}): {kind.claim}."
     return element(
         "header",
         element("p", "hapnet report", class_="kicker"),
         element("h1", title),
-        element("p", line[0].upper() + line[1:], class_=f"verdict {outcome(line)}"),
+        element("p", line[0].upper() + line[1:], class_=f"verdict {found}"),
         *([] if warning is None else [element("p", warning[0].upper() + warning[1:], class_="verdict bad")]),
         element("p", meaning),
         *(element("p", _torn(source), class_="note") for source in sources if source.torn),

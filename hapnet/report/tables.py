@@ -29,7 +29,8 @@ _WAYS = ("up", "down")
 _Row = tuple[str, str, tuple[str, ...], Callable[[Any], str]]  # label, unit, where in the summary, into words
 
 _SIDES: tuple[_Row, ...] = (
-    ("margin, least", "mJ", ("ledger", "margin_J"), millijoule),
+    ("given out, most", "mJ", ("ledger", "energy_out_J"), millijoule),
+    ("margin at the end", "mJ", ("ledger", "margin_end_J"), millijoule),
     ("slack, least", "mJ", ("ledger", "slack_J"), millijoule),
     ("true slack, least", "mJ", ("true_slack_J",), millijoule),
     ("reservoir, least", "mJ", ("reservoir_min_J",), millijoule),
@@ -52,6 +53,13 @@ _SIDES: tuple[_Row, ...] = (
     ("steps", "", ("step", "count"), number),
     ("step mean", "ms", ("step", "mean_s"), milli),
     ("step longest", "ms", ("step", "max_s"), milli),
+)
+_OF_ONE_PORT = {"given out, most", "margin at the end"}  # they say nothing where both are passive together only
+_BOTH: tuple[_Row, ...] = (
+    ("bound d²", "mJ", ("bound_J",), millijoule),
+    ("energy that came out, most", "mJ", ("energy_out_J",), millijoule),
+    ("margin at the end", "mJ", ("margin_end_J",), millijoule),
+    ("margin after 1 s, least", "mJ", ("margin_later_J",), millijoule),
 )
 _OF_RESERVOIRS = {"sent", "credited", "discarded", "abandoned"}
 _ENERGY: tuple[_Row, ...] = (
@@ -96,9 +104,14 @@ def sides(summary: Mapping[str, Any]) -> Table:
     columns, coupling = ("device", "world"), get(summary, "coupling")
     untold = set() if has_reservoirs(coupling) else set(_OF_RESERVOIRS)
     if jointly_passive(coupling):
-        untold.add("margin, least")  # of one port alone: it says nothing
+        untold |= _OF_ONE_PORT
     rows = tuple(row for row in _SIDES if row[0] not in untold)
     return Table("sides", columns, [*_rows(rows, [get(summary, side) for side in columns])])
+
+
+def both_ports(summary: Mapping[str, Any]) -> Table:
+    """How far both ports together were from giving out more than d^2."""
+    return Table("both ports", ("",), [*_rows(_BOTH, [get(summary, "theorem")])])
 
 
 def energy(summary: Mapping[str, Any]) -> Table:
@@ -140,10 +153,13 @@ def summary_text(summary: Mapping[str, Any]) -> RenderableType:
             out.add_row(*map(Text, row))  # not markup, whatever it says
         return out
 
-    tables = (sides(summary), energy(summary), links(summary), motion(summary))
-    line, warning = verdict(summary), force_stopped(summary)
+    tables = (both_ports(summary), sides(summary), energy(summary), links(summary), motion(summary))
+    warning = force_stopped(summary)
     return Group(
-        Text(line, style={"bad": "bold red", "unknown": "bold yellow", "good": "bold green"}[outcome(line)]),
+        Text(
+            verdict(summary),
+            style={"bad": "bold red", "unknown": "bold yellow", "good": "bold green"}[outcome(summary)],
+        ),
         *([] if warning is None else [Text(warning, style="bold red")]),
         Text(_about(summary)),
         *(drawn(table) for table in tables if table.rows),

@@ -2,42 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
-from hapnet.runtime.couplings import KINDS, jointly_passive
 from hapnet.runtime.summary import stopped
+from hapnet.runtime.verdict import DEFICIT_J, judge
+from hapnet.runtime.verdict import get as get
+from hapnet.runtime.verdict import has_reservoirs as has_reservoirs
+from hapnet.runtime.verdict import known as known
 
-ROUNDING_J = 1e-9
-"""A margin is called negative below minus this [J]: what minutes of double precision may add up to."""
-
-_NOTHING_J = 1e-12  # printed as 0: rounding
+_WORDS = {True: "passive", False: "NOT passive", None: "passivity not known"}
 _TEXT_LIMIT = 2000
 
 
 def verdict(summary: Mapping[str, Any] | None) -> str:
-    """One line: whether the two ports stayed passive, and by how much of the bound d^2."""
-    theorem = get(summary, "theorem")
-    margin, bound = known(get(theorem, "margin_J")), known(get(theorem, "bound_J"))
-    who = ""
-    if margin is None:  # one process knows its own half only
-        told = {side: known(get(summary, side, "ledger", "margin_J")) for side in ("device", "world")}
-        halves = {side: value for side, value in told.items() if value is not None}
-        if not halves:
-            return "passivity unknown: no ledger"
-        if jointly_passive(get(summary, "coupling")):
-            if len(halves) == 2:
-                return "passivity unknown: of both ports together only, and both were not seen at the same time"
-            return "passivity unknown: of both ports together only; hapnet report DEVICE WORLD tells"
-        who = "both halves " if len(halves) == 2 else f"{next(iter(halves))}'s half "
-        margin = sum(halves.values())
-        bounds = [known(get(summary, side, "ledger", "bound_J")) for side in halves]
-        bound = None if None in bounds else sum(value for value in bounds if value is not None)
-    of = "" if bound is None else f" of d² = {milli(bound)} mJ"
-    if margin < -ROUNDING_J:
-        return f"{who}NOT passive: margin {millijoule(margin)} mJ{of}"
-    return f"{who}passive: margin ≥ {millijoule(margin)} mJ{of}"
+    """One line: whether the two ports stayed passive, and why, or by how much of the bound d^2."""
+    found = judge(summary)
+    return f"{_WORDS[found['passive']]}: {found['reason']}"
 
 
 def force_stopped(summary: Mapping[str, Any] | None) -> str | None:
@@ -46,27 +27,9 @@ def force_stopped(summary: Mapping[str, Any] | None) -> str | None:
     return None if line is None else str(legible(line))
 
 
-def outcome(line: str) -> str:
-    """Of a verdict: good, bad or unknown."""
-    return "bad" if "NOT" in line else "unknown" if "unknown" in line else "good"
-
-
-def has_reservoirs(coupling: Any) -> bool:
-    """Does it keep energy in reservoirs and shuffle it? Not those that are known to do without."""
-    return str(coupling) == "pspm" or str(coupling) not in KINDS
-
-
-def get(tree: Any, *keys: str) -> Any:
-    """`tree[key][key]...`, or None where the branch ends early."""
-    for key in keys:
-        tree = tree.get(key) if isinstance(tree, Mapping) else None
-    return tree
-
-
-def known(value: Any) -> float | None:
-    """`value` if it is a finite number."""
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    return value if number and math.isfinite(value) else None
+def outcome(summary: Mapping[str, Any] | None) -> str:
+    """Its verdict: good, bad or unknown."""
+    return {True: "good", False: "bad", None: "unknown"}[judge(summary)["passive"]]
 
 
 def legible(value: Any) -> Any:
@@ -98,7 +61,7 @@ def number(value: Any) -> str:
     """Four digits, whole numbers whole."""
     if known(value) is None or isinstance(value, int):
         return text(value)
-    return f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
+    return f"{value:.0f}" if 1e4 <= abs(value) < 1e15 else f"{value:.4g}"
 
 
 def milli(value: Any) -> str:
@@ -108,7 +71,7 @@ def milli(value: Any) -> str:
 
 def millijoule(value: Any) -> str:
     """As `milli`; what is pure rounding is 0."""
-    return milli(0 if known(value) is not None and abs(value) < _NOTHING_J else value)
+    return milli(0 if known(value) is not None and abs(value) < DEFICIT_J else value)
 
 
 def exact_joule(value_nJ: Any) -> str:

@@ -68,7 +68,11 @@ class Kind:
     device_sends, world_sends : the message that carries the ends' data.
     shared : names in the tuning whose values both ends must have the same.
     scaled : is the felt force K/K' of the virtual one, as with PSPM?
+    halves : does each side keep a half of Theorem 1, with a reservoir of its own?
     warn : the parameters and the tuning, to what the user should know before it runs.
+    covers : the parameters, the tuning, and whether only the emulated link is between the sides (virtual time), to
+        whether both ports are claimed to be passive there: if they are not, the claim was not kept.
+    allowance_J : the tuning, to what may come out beyond d^2 by the claim [J].
     """
 
     title: str
@@ -83,6 +87,9 @@ class Kind:
     limited: bool = False
     shared: tuple[str, ...] = ()
     scaled: bool = False
+    halves: bool = False
+    covers: Callable[[Params, Tuning, bool], bool] = lambda params, tuning, virtual: False
+    allowance_J: Callable[[Tuning], float] = lambda tuning: 0.0
     warn: Callable[[Params, Tuning], tuple[str, ...]] = lambda params, tuning: ()
 
 
@@ -95,6 +102,8 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
             modulator=_modulated,
             limited=True,
             scaled=True,
+            halves=True,
+            covers=laws.covers_pspm,
         ),
         "zoh": Kind(
             "virtual coupling, held",
@@ -129,6 +138,7 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
             world_sends=Motion,
             shared=("stiffness_N_m", "damping_Ns_m", "coordination_Ns_m"),
             warn=laws.warn_pd,
+            covers=laws.covers_pd,
         ),
         "tdpa": Kind(
             "two-port time-domain passivity",
@@ -139,6 +149,8 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
             world=laws.tdpa_world,
             device_sends=Port,
             world_sends=Port,
+            covers=lambda params, tuning, virtual: True,
+            allowance_J=lambda tuning: 2.0 * tuning.get("debt_limit_J", 0.0),
         ),
         "wave": Kind(
             "wave variables",
@@ -150,6 +162,7 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
             device_sends=Wave,
             world_sends=Wave,
             shared=("impedance_Ns_m",),
+            covers=lambda params, tuning, virtual: params.wave.missing == "zero",
         ),
         "digital-wave": Kind(
             "digital waves",
@@ -161,6 +174,7 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
             device_sends=Wave,
             world_sends=Wave,
             shared=("impedance_Ns_m",),
+            covers=lambda params, tuning, virtual: True,
         ),
     }
 )

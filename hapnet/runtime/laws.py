@@ -26,6 +26,7 @@ from hapnet.control.wave_port import Line, WaveDevice, WaveWorld
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 from hapnet.runtime.delays import Delays
+from netem import LinkProfile
 
 Tuning = Mapping[str, float]
 """What a rule chose, by names with units."""
@@ -35,6 +36,13 @@ RENDERED_DAMPING = 5.0
 
 _LONGEST_JITTER_S = 0.25
 """Waves that wait for longer do more harm than those that are dropped: so measured on a recorded LTE link."""
+
+
+def covers_pspm(params: Params, tuning: Tuning, virtual: bool) -> bool:
+    """Any link; but the range harvest of a held force counts on the device's own damping, as the start has warned."""
+    device = params.device
+    sampled = device.servo == "sampled" or (device.servo == "auto" and not virtual)
+    return not (sampled and device.harvest == "range")
 
 
 def _spring(params: Params, position: Vector) -> tuple[Spring, Vector]:
@@ -120,6 +128,16 @@ def warn_pd(params: Params, tuning: Tuning) -> tuple[str, ...]:
         f"the coupling pd holds its force: with the device's own damping of {device.own_damping:g} Ns/m it is not "
         f"passive for motions as fast as a tick; above {need:.3g} Ns/m it would be",
     )
+
+
+def covers_pd(params: Params, tuning: Tuning, virtual: bool) -> bool:
+    """One known delay both ways, gains by the rule, and a device that damps what its held force leaks."""
+    link = params.link
+    profiles = [LinkProfile.named(words) for words in (link.up, link.down)]
+    known = all(profile == LinkProfile(delay_ns=profile.delay_ns) for profile in profiles)
+    by_rule = not params.pd.damping and not params.pd.coordination
+    still = not (link.up_timeline or link.down_timeline)
+    return virtual and known and still and by_rule and bool(tuning) and not warn_pd(params, tuning)
 
 
 def tune_tdpa(params: Params, link: Delays) -> Tuning:

@@ -127,9 +127,12 @@ def key_figures(summary: Summary) -> dict[str, float | int | None]:
     known = [margin for margin in sides.values() if margin is not None]
     # of two processes no more is known than the sum of what each had least, so that is taken of both runs
     margin = sum(known) if len(known) == 2 else None
+    theorem = summary["theorem"]
     if jointly_passive(summary["coupling"]):
-        margin = summary["theorem"]["margin_J"]
-    return {"margin_J": margin, **sides, **summary["motion"]}
+        margin = theorem["margin_J"]
+    bound, end = theorem["bound_J"], theorem.get("margin_end_J")
+    out = None if margin is None or bound is None else max(0.0, bound - margin)
+    return {"energy_out_J": out, "margin_end_J": end, "margin_J": margin, **sides, **summary["motion"]}
 
 
 def _parameters(recording: Recording) -> dict[str, Any]:

@@ -14,15 +14,18 @@ from numpy.typing import NDArray
 from hapnet.endpoint import NANO, ControlHalf
 from hapnet.errors import RecordingError
 from hapnet.metrics.passivity import least_total_margin
-from hapnet.record import Columns, Recording, join
+from hapnet.record import Columns, Recording, join, plain
 from hapnet.runtime.couplings import jointly_passive
 from hapnet.runtime.sides import DeviceSide
+from hapnet.runtime.verdict import START_S, excess_nJ, has_reservoirs, judge, restarted
 from hapnet.runtime.world_side import WorldSide
 from hapnet.versions import versions as versions
 from hapnet.wire.session import Session
 from netem import LinkStats
 
 Summary = dict[str, Any]
+
+_LEDGER = ("margin_J", "slack_J", "bound_J", "work_J", "energy_out_J", "margin_end_J", "diverged")
 
 _UNKNOWN_SERVO = dict.fromkeys((
     "ticks", "late_p50_us", "late_p99_us", "late_max_us", "late_period", "skipped", "overruns", "longest_ms", "unsent",
@@ -92,7 +95,7 @@ def stopped(summary: Mapping[str, Any] | None) -> str | None:
 
 def unknown_device() -> Summary:
     """The device's part where its servo left no word: the same keys, None."""
-    ledger = dict.fromkeys(("margin_J", "slack_J", "bound_J", "work_J"))
+    ledger = dict.fromkeys(_LEDGER)
     rest = dict.fromkeys(("reservoir_min_J", "deficit_max_J", "discarded_nJ", "quantisation_J", "true_slack_J"))
     return {"ledger": ledger, **rest, **dict.fromkeys(_HELD), "servo": dict(_UNKNOWN_SERVO)}
 
@@ -112,6 +115,8 @@ def with_wire(control: Summary, session: Session, now_ns: int) -> Summary:
         **control,
         "sent_nJ": session.sent_nJ,
         "credited_nJ": session.credited_nJ,
+        "acked_nJ": session.acked_nJ,
+        "unanswered_s": session.unanswered_ns * NANO,
         "in_flight_nJ": session.in_flight_nJ,
         "abandoned_nJ": session.abandoned_nJ,
         "incarnations": session.incarnations,
@@ -137,16 +142,23 @@ def combine(
     duration_s: float | None,
     coupling: str,
     two_port_J: float | None = None,
+    two_port_end_J: float | None = None,
+    two_port_later_J: float | None = None,
     hand_two_port_J: float | None = None,
     total_margin_J: float | None = None,
+    total_later_J: float | None = None,
     tuning: Mapping[str, float] | None = None,
+    torn: Sequence[str] = (),
 ) -> Summary:
     """One summary of both sides. `tuning`: what the coupling's own rule made of the link.
 
     `two_port_J` is the minimum over time of the energy put in at both ports, where one clock saw both;
-    `hand_two_port_J` the same with the simulated hand's port in place of the actuator's. Else the
-    theorem's margin is the sum of both sides' margins, a lower bound of the true one; None with one side only, and
-    after a restart, as what the process put in that ended is not known here.
+    `two_port_end_J` its value at the end, `two_port_later_J` its minimum from `START_S` on, `hand_two_port_J` its
+    minimum with the simulated hand's port in place of the actuator's. Else the
+    theorem's margin is the sum of both sides' margins, a lower bound of the true one; None with one side only, after a
+    restart, as what the process put in that ended is not known here, and where energy was credited that nobody sent.
+    `total_later_J` is the least sum of both margins from `START_S` on, as it was recorded. `torn` names the sides of
+    which only samples are known.
 
     Of a coupling that is passive jointly only, both sides' least margins are of different times, and their sum bounds
     nothing. There `total_margin_J` counts, the least of both margins' sum as far as both were recorded on one clock, at
@@ -157,31 +169,52 @@ def combine(
     sides = [side for side in (device, world) if side is not None]
     margins = [side["ledger"]["margin_J"] for side in sides]
     bound = _bound(device, world)
-    margin = None
+    energy = {"up": _flow(device, world), "down": _flow(world, device)}
+    again = restarted({"device": device, "world": world})
+    margin = end = later = None
     if bound is not None and two_port_J is not None:
         margin = bound + two_port_J
-    elif len(sides) == 2 and None not in margins and not _restarted(sides):
-        margin = sum(margins)
+        end, later = (None if at is None else bound + at for at in (two_port_end_J, two_port_later_J))
+    elif len(sides) == 2 and None not in margins and not again and not any(map(excess_nJ, energy.values())):
+        margin, later = sum(margins), total_later_J
+        ends = [side["ledger"].get("margin_end_J") for side in sides]
+        end = None if None in ends else sum(ends)
         if jointly_passive(coupling):
             told = [value for value in (total_margin_J, bound) if value is not None]
             margin = None if total_margin_J is None else min(told)
+    theorem = {
+        "margin_J": margin,
+        "bound_J": bound,
+        "energy_out_J": None if margin is None or bound is None else max(0.0, bound - margin),
+        "margin_end_J": end,
+        "margin_later_J": later,
+    }
+    diverged = not all(value is None or math.isfinite(value) for value in theorem.values())
+    diverged = diverged or any(side["ledger"].get("diverged") for side in sides)
     hand_margin = None if bound is None or hand_two_port_J is None else bound + hand_two_port_J
-    return {
-        "theorem": {"margin_J": margin, "bound_J": bound},
-        "hand": {"work_J": None if device is None else device.get("hand_work_J"), "margin_J": hand_margin},
+    hand = {"work_J": None if device is None else device.get("hand_work_J"), "margin_J": hand_margin}
+    return judged({
+        "theorem": {**plain(theorem), "diverged": diverged},
+        "hand": plain(hand),
         "environment": _environment(world),
         "device": device,
         "world": world,
-        "energy": {"up": _flow(device, world), "down": _flow(world, device)},
+        "energy": energy,
         "links": dict(links),
         "motion": dict.fromkeys(("free_rms_m", "contact_rms_m", "peak_force_N", "peak_penetration_m", "contacts")),
         "seed": seed,
         "duration_s": duration_s,
         "coupling": coupling,
         "tuning": dict(tuning or {}),
+        "torn": list(torn),
         "versions": versions(),
         "wall_clock": {},
-    }
+    })  # fmt: skip
+
+
+def judged(summary: Summary) -> Summary:
+    """`summary` with its verdict, which is to be given anew when something is added that it is judged by."""
+    return {"verdict": None} | summary | {"verdict": judge(summary)}
 
 
 def _environment(world: Summary | None) -> dict[str, float | None]:
@@ -203,12 +236,8 @@ def _bound(device: Summary | None, world: Summary | None) -> float | None:
     return sum(initial)
 
 
-def _restarted(sides: list[Summary]) -> bool:
-    return any((side.get("incarnations") or 0) > 1 for side in sides)
-
-
-def merge(device: Summary, world: Summary, *, seed: int | None = None, total_margin_J: float | None = None) -> Summary:
-    """One summary out of the device's and the world's own; `total_margin_J` as in `combine`."""
+def merge(device: Summary, world: Summary, *, seed: int | None = None, recording: Recording | None = None) -> Summary:
+    """One summary out of the device's and the world's own. `recording` : both sides', if there is one."""
     whole = combine(
         device["device"],
         world["world"],
@@ -216,24 +245,44 @@ def merge(device: Summary, world: Summary, *, seed: int | None = None, total_mar
         seed=device["seed"] if seed is None else seed,
         duration_s=device["duration_s"],
         coupling=device["coupling"],
-        total_margin_J=total_margin_J,
         tuning=device.get("tuning"),
+        torn=[side for part in (device, world) for side in part.get("torn") or ()],
+        **_recorded(recording),
     )
     whole["wall_clock"] = {"device": device["wall_clock"], "world": world["wall_clock"]}
     return whole
 
 
+def _recorded(recording: Recording | None) -> dict[str, float | None]:
+    """What is recorded of both ports together, as `combine` takes it."""
+    if recording is None:
+        return {}
+    return {
+        "total_margin_J": least_total_margin(recording),
+        "total_later_J": least_total_margin(recording, since_s=START_S),
+    }
+
+
 def _control_summary(control: ControlHalf, coupling_name: str) -> Summary:
-    ledger: dict[str, float | None] = dict.fromkeys(("margin_J", "slack_J", "bound_J", "work_J"))
+    ledger: dict[str, float | bool | None] = dict.fromkeys(_LEDGER)
     minimum = deficit = None
     discarded = 0.0
     if control.started:
         coupling = control.coupling
         account = coupling.ledger
         slack = None if jointly_passive(coupling_name) else _known(account.slack_min)
-        ledger = {"margin_J": account.margin_min, "slack_J": slack, "bound_J": account.bound, "work_J": account.work}
+        energies = account.margin_min, account.bound, account.margin
+        ledger = {
+            "margin_J": _known(account.margin_min),
+            "slack_J": slack,
+            "bound_J": account.bound,
+            "work_J": _known(account.work),
+            "energy_out_J": _known(max(0.0, account.bound - account.margin_min)),
+            "margin_end_J": _known(account.margin),
+            "diverged": not all(map(math.isfinite, energies)),
+        }
         discarded = coupling.discarded
-        if coupling_name == "pspm":
+        if has_reservoirs(coupling_name):
             minimum, deficit = coupling.energy_min, coupling.deficit_max
     return {
         "ledger": ledger,
@@ -254,7 +303,7 @@ def _flow(sender: Summary | None, receiver: Summary | None) -> dict[str, int | N
     sent, abandoned = sender["sent_nJ"], sender["abandoned_nJ"]
     credited = None if receiver is None else receiver["credited_nJ"]
     in_flight = sender["in_flight_nJ"]
-    if None not in (credited, abandoned) and not _restarted([side for side in (sender, receiver) if side is not None]):
+    if None not in (credited, abandoned) and not restarted({"device": sender, "world": receiver}):
         abandoned = min(abandoned, sent - credited)
         in_flight = sent - credited - abandoned
     return {"sent_nJ": sent, "credited_nJ": credited, "in_flight_nJ": in_flight, "abandoned_nJ": abandoned}
@@ -279,14 +328,15 @@ def from_recording(recording: Recording) -> Summary:
         seed=meta.get("seed"),
         duration_s=float(max(ends)) if ends else None,
         coupling=coupling,
-        total_margin_J=least_total_margin(recording),
         tuning=tuning if isinstance(tuning, Mapping) else None,
+        torn=[side for side in ("device", "world") if getattr(recording, side) is not None],
+        **_recorded(recording),
     )
 
 
 def _device_columns(columns: Columns, coupling_name: str) -> Summary:
     result = _side_columns(columns, coupling_name)
-    if coupling_name == "pspm":
+    if has_reservoirs(coupling_name):
         result["deficit_max_J"] = _extreme(columns["deficit_J"], np.max)
     return {**unknown_device(), **result}
 
@@ -301,17 +351,27 @@ def _side_columns(columns: Columns, coupling_name: str) -> Summary:
     """The keys that both sides have."""
     slack = None if jointly_passive(coupling_name) else _extreme(columns["slack_J"], np.min)
     return {
-        "ledger": {
+        "ledger": dict.fromkeys(_LEDGER)
+        | {
             "margin_J": _extreme(columns["margin_J"], np.min),
             "slack_J": slack,
-            "bound_J": None,
-            "work_J": None,
+            "margin_end_J": _extreme(columns["margin_J"], lambda values: values[-1]),
         },
-        "reservoir_min_J": _extreme(columns["reservoir_J"], np.min) if coupling_name == "pspm" else None,
+        "reservoir_min_J": _extreme(columns["reservoir_J"], np.min) if has_reservoirs(coupling_name) else None,
         "deficit_max_J": None,
         "sent_nJ": _nanojoules(columns["sent_J"][-1]),
         "credited_nJ": _nanojoules(columns["credited_J"][-1]),
-        **dict.fromkeys(("in_flight_nJ", "discarded_nJ", "abandoned_nJ", "incarnations", "peers_J")),
+        **dict.fromkeys(
+            (
+                "acked_nJ",
+                "unanswered_s",
+                "in_flight_nJ",
+                "discarded_nJ",
+                "abandoned_nJ",
+                "incarnations",
+                "peers_J",
+            )
+        ),
         "outages": dict.fromkeys(("count", "longest_s", "total_s", "recovery_max_s")),
         **dict.fromkeys(("received", "missing", "dropped")),
     }
@@ -343,9 +403,9 @@ def of_recordings(files: Sequence[Path], recordings: Sequence[Recording]) -> Sum
         if not isinstance(part, dict):
             raise RecordingError(f"{file} is not a recording: its summary does not fit")
     if len(parts) == 1:
-        return parts[0]
+        return judged(parts[0])
     try:
         device, world = sorted(parts, key=lambda part: part["device"] is None)
-        return merge(device, world, total_margin_J=least_total_margin(join(*recordings)))
+        return merge(device, world, recording=join(*recordings))
     except (KeyError, TypeError) as error:
         raise RecordingError(f"these are not recordings that fit each other: their summaries lack {error}") from None

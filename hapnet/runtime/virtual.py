@@ -6,6 +6,7 @@ timers, the world's step, the device's tick.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -23,6 +24,7 @@ from hapnet.runtime.recorded_hand import fingerprint
 from hapnet.runtime.room import bytes_a_second, require_room
 from hapnet.runtime.sides import DeviceSide, Write
 from hapnet.runtime.summary import Summary, combine, device_summary, versions, with_wire, world_summary
+from hapnet.runtime.verdict import START_S
 from hapnet.runtime.world_side import WorldSide
 from netem import Link, TimelinePlayer
 
@@ -64,11 +66,30 @@ class TwoPort:
         self._device_low = 0.0
         self._device_lowest = 0.0
         self._world = 0.0
+        self._before: float | None = None
+        self._open: float | None = None  # the device's lowest before, in the step that runs since
+
+    def begin(self) -> None:
+        """The start is over: `later` counts from now on."""
+        self._before, self._device_lowest = self.lowest, self.device_lowest
+        self._open = self._device_low
+        self._lowest, self._device_low = math.inf, self._device
 
     @property
     def lowest(self) -> float:
         """The minimum so far [J], the running step counted without its work, which is not known yet."""
-        return min(self._lowest, self._device_low + self._world)
+        least = min(self._lowest, self._device_low + self._world)
+        return least if self._before is None else min(least, self._before)
+
+    @property
+    def later(self) -> float | None:
+        """The minimum since the start was over [J]; None: it is not."""
+        return None if self._before is None else min(self._lowest, self._device_low + self._world)
+
+    @property
+    def now(self) -> float:
+        """The energy put in at both ports by now [J]."""
+        return self._device + self._world
 
     @property
     def device_lowest(self) -> float:
@@ -83,6 +104,8 @@ class TwoPort:
 
     def world(self, work: float) -> None:
         """W of the world's port so far, its last step included [J]."""
+        if self._before is not None and self._open is not None:
+            self._before, self._open = min(self._before, self._open + work), None
         self._lowest = min(self._lowest, self._device_low + self._world, self._device_low + work)
         self._device_lowest = min(self._device_lowest, self._device_low)
         self._world = work
@@ -125,6 +148,7 @@ class Simulation:
         self._due = [_NEVER, _NEVER, 0, 0, 0, self._period_ns]
         self._players: list[TimelinePlayer] = []
         self._tick_ns = self._period_ns  # of the next tick to make; those before the one that is due may wait
+        self._later_ns = _NEVER  # of the tick at which the start is over
 
     def _writer(self) -> Write:
         """Where the samples go: into a recording, with what it says of its run."""
@@ -180,6 +204,7 @@ class Simulation:
                               f"uplink {self.up.profile}, downlink {self.down.profile}")  # fmt: skip
         timelines = ((self.up, self.setup.up_timeline), (self.down, self.setup.down_timeline))
         self._players = [TimelinePlayer(link, line, self.now_ns) for link, line in timelines if line is not None]
+        self._later_ns = (self.now_ns + round(START_S / NANO)) // self._period_ns * self._period_ns
         return self.now_ns
 
     def close(self, end_ns: int) -> Summary:
@@ -199,6 +224,8 @@ class Simulation:
             coupling=params.coupling,
             two_port_J=self.two_port.lowest,
             hand_two_port_J=self.hand.lowest,
+            two_port_end_J=self.two_port.now,
+            two_port_later_J=self.two_port.later,
             tuning=self.setup.tuning,
         )
 
@@ -208,6 +235,11 @@ class Simulation:
 
     def _until(self, end_ns: int) -> None:
         """Run to `end_ns`, the links changing on their way as their timelines say."""
+        if (later_ns := self._later_ns) <= end_ns:
+            self._later_ns = _NEVER
+            self._until(later_ns)
+            for ports in dict.fromkeys((self.two_port, self.hand)):
+                ports.begin()
         while self._players and (at := min(_or_never(player.next_due_ns) for player in self._players)) <= end_ns:
             self._run_to(at)
             for player in self._players:

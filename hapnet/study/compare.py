@@ -11,8 +11,8 @@ import numpy as np
 
 from hapnet.metrics import METRICS
 from hapnet.params import RELAXED_HAND, Params
-from hapnet.report.words import ROUNDING_J
 from hapnet.runtime.batch.processes import Progress, in_processes, usable_cores
+from hapnet.runtime.verdict import ROUNDING_J
 from hapnet.study.case import Measures, measure
 
 LIGHT = "@light"

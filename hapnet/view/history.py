@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from hapnet.checks import Array, Vector
 from hapnet.record import DeviceSample, Event, WorldSample
 from hapnet.telemetry import Status
+from hapnet.view.account import Account
 from hapnet.wire.messages import Role
 
 Message: TypeAlias = DeviceSample | WorldSample | Event | Status
@@ -45,7 +47,8 @@ class Snapshot:
     """A consistent copy of all that is known. What did not arrive yet is None.
 
     `margin_J` is the sum of both sides' margins as they are now, `least_margin_J` the least of it since the episode
-    began. `taken` counts the samples that ever came from either side, so that silence can be told from rest.
+    began, `later_margin_J` that after its first second. `account` is what a verdict is judged by. `taken` counts the
+    samples that ever came from either side, so that silence can be told from rest.
     """
 
     device: Track | None
@@ -57,6 +60,8 @@ class Snapshot:
     least_margin_J: float | None
     events: tuple[Event, ...]
     taken: int
+    later_margin_J: float | None = None
+    account: Mapping[str, Any] | None = None
 
 
 class History:
@@ -75,8 +80,7 @@ class History:
         self._lock = threading.Lock()
         self._rings: dict[Role, _Ring | None] = {"device": None, "world": None}
         self._status: dict[Role, Status | None] = {"device": None, "world": None}
-        self._margin: dict[Role, float | None] = {"device": None, "world": None}
-        self._least: float | None = None
+        self._account = Account()
         self._events: list[Event] = []
         self._taken = 0
 
@@ -106,10 +110,12 @@ class History:
                 None if world is None else world.track(self._span_ns, newest),
                 *statuses,
                 aligned,
-                self._total(),
-                self._least,
+                self._account.margin_J,
+                self._account.least_J,
                 tuple(self._events),
                 self._taken,
+                self._account.later_J,
+                self._account.summary(next((one.about.get("coupling") for one in statuses if one), None)),
             )
 
     def _sample(self, role: Role, sample: DeviceSample | WorldSample, vectors: Vector, penetration: float) -> None:
@@ -120,20 +126,14 @@ class History:
         self._rings[role] = ring
         ring.append(sample.time_ns, (*vectors, penetration, sample.reservoir_J, sample.margin_J))
         self._taken += 1
-        self._margin[role] = sample.margin_J
-        total = self._total()
-        if total is not None and (self._least is None or total < self._least):
-            self._least = total
+        self._account.take(role, sample)
 
     def _take_status(self, status: Status) -> None:
         before = self._status[status.role]
         self._status[status.role] = status
         if before is not None and before.incarnation != status.incarnation:
-            self._rings[status.role] = self._margin[status.role] = self._least = None
-
-    def _total(self) -> float | None:
-        device, world = self._margin["device"], self._margin["world"]
-        return None if device is None or world is None else device + world
+            self._rings[status.role] = None
+            self._account.begin(status.role)
 
 
 class _Ring:

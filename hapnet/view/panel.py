@@ -12,7 +12,7 @@ import viser
 
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError
-from hapnet.report.words import ROUNDING_J
+from hapnet.runtime.verdict import Verdict, judge
 from hapnet.telemetry import Status
 from hapnet.view.controls import Controls, Way
 from hapnet.view.history import Snapshot
@@ -32,6 +32,7 @@ moves a spring's end (the small dark ball) only as far as its reservoir can pay.
 energy that passivity allows, never falls below zero, whatever the link does. Switch PSPM off on a bad link to see it.
 """
 
+_VERDICTS = {True: ("passive", "#15803d"), False: ("NOT passive", "#dc2626"), None: ("not known", "#b45309")}
 _CELL = "padding:0 8px 0 0;border:0;line-height:18px"
 
 
@@ -173,10 +174,9 @@ class ControlPanel:
             return True
 
 
-def passive(snapshot: Snapshot) -> bool | None:
-    """Whether the bound held so far in this episode; None: not known yet."""
-    least = snapshot.least_margin_J
-    return None if least is None else least >= -ROUNDING_J
+def verdict(snapshot: Snapshot) -> Verdict | None:
+    """Whether the bound held so far in this episode; None: there is nothing yet to judge it by."""
+    return None if snapshot.account is None else judge(snapshot.account)
 
 
 def _words(status: Status | None) -> str | None:
@@ -185,8 +185,10 @@ def _words(status: Status | None) -> str | None:
 
 def _table(snapshot: Snapshot, state: str) -> str:
     device, world = snapshot.device_status, snapshot.world_status
-    kept = passive(snapshot)
-    word, colour = {None: ("...", "#64748b"), True: ("passive", "#15803d"), False: ("NOT passive", "#dc2626")}[kept]
+    word, colour, why = "...", "#64748b", ""
+    if (kept := verdict(snapshot)) is not None:
+        word, colour = _VERDICTS[kept["passive"]]
+        why = "" if kept["passive"] else f'<div class="hapnet-why">{html.escape(kept["reason"])}</div>'
     recording = device.recording if device is not None else ""
     rows = [
         ("delay up, down", f"{_link(device, 'delay_now_ms', 1.0, 0)}, {_link(world, 'delay_now_ms', 1.0, 0)} ms"),
@@ -194,6 +196,7 @@ def _table(snapshot: Snapshot, state: str) -> str:
         ("round trip", f"{_number(None if device is None else device.round_trip_ms, 0)} ms"),
         ("margin now", f"{_number(_milli(snapshot.margin_J), 1)} mJ"),
         ("least so far", f"{_number(_milli(snapshot.least_margin_J), 1)} mJ"),
+        ("least after 1 s", f"{_number(_milli(snapshot.later_margin_J), 1)} mJ"),
     ]
     if recording:
         rows.append(("recording", PurePath(recording).name))
@@ -209,7 +212,7 @@ def _table(snapshot: Snapshot, state: str) -> str:
     )
     return (
         '<div style="padding:2px 12px 4px;font-size:13px;font-variant-numeric:tabular-nums">'
-        f'<div style="font-size:20px;font-weight:700;color:{colour}" class="hapnet-passive">{word}</div>'
+        f'<div style="font-size:20px;font-weight:700;color:{colour}" class="hapnet-passive">{word}</div>{why}'
         f'<div style="opacity:.8" class="hapnet-state">{html.escape(state)}</div>'
         f'<div style="opacity:.65">{html.escape(what)}</div><table>{lines}</table></div>'
     )

@@ -41,6 +41,7 @@ class Cruise:
         self._due_s = fleet.servo._due
         self._damping = np.array(fleet.servo.damping)[:, None]
         self._landing = fleet.end_ns // self._period_ns
+        self._later = fleet.later_ns // self._period_ns
         self._alive = np.ones(self._count, dtype=np.bool_)
         self._all_alive = True
         self._lag = _lag(scenarios, self._period_ns)
@@ -72,13 +73,17 @@ class Cruise:
         """To the end of every scenario, each landed at its last tick. `progress` is told the simulated seconds."""
         tick = 0
         while self._alive.any():
-            end = min(tick + max(1, self._lag), int(self._landing[self._alive].min()))
+            later = self._later[self._alive & (self._later > tick)]
+            end = min(tick + max(1, self._lag), int(self._landing[self._alive].min()), int(later.min(initial=NEVER)))
             self._fleet.up.safe_ns = self._fleet.down.safe_ns = tick * self._period_ns - 1
             self._window = tick
             self._fly(tick, end)
             if progress is not None and end // 500 != tick // 500:
                 progress(end * self._period_ns * NANO)
             tick = end
+            begun = (self._alive & (self._later == tick)).nonzero()[0]
+            if begun.size:
+                self._fleet.ports.begin(begun)
             landing = (self._alive & (self._landing <= tick)).nonzero()[0]
             if landing.size:
                 self._land(landing, tick)
@@ -206,6 +211,7 @@ class Cruise:
             device = np.where(passed > 0, works[np.maximum(passed - 1, 0), np.arange(len(at))], device)
             self._seen[at] = np.maximum(self._seen[at], passed)
         work, before = self._fleet.world_wire.couplings.ledgers.work[at], ports.world[at]
+        ports.close(at, work)
         lowest = np.minimum(ports.lowest[at], np.minimum(device_low + before, device_low + work))
         ports.lowest[at], ports.world[at], ports.device_low[at] = lowest, work, device
 

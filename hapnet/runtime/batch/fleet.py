@@ -13,7 +13,7 @@ import numpy as np
 from hapnet.checks import Array
 from hapnet.endpoint import NANO
 from hapnet.runtime.batch.arrivals import Mailbox, Positions, TickedPositions
-from hapnet.runtime.batch.channels import Channels, Whole
+from hapnet.runtime.batch.channels import NEVER, Channels, Whole
 from hapnet.runtime.batch.couplings import Couplings, Index
 from hapnet.runtime.batch.devices import Devices
 from hapnet.runtime.batch.links import ENERGY, Links
@@ -37,11 +37,27 @@ class Ports:
         self.device = np.array([port._device for port in ports])
         self.device_low = np.array([port._device_low for port in ports])
         self.world = np.array([port._world for port in ports])
+        self.before, self.open = (
+            np.array([np.nan if value is None else value for value in values])  # NaN: none
+            for values in ([port._before for port in ports], [port._open for port in ports])
+        )
+
+    def begin(self, at: Index) -> None:
+        """`TwoPort.begin`."""
+        self.before[at] = np.minimum(self.lowest[at], self.device_low[at] + self.world[at])
+        self.open[at] = self.device_low[at]
+        self.lowest[at], self.device_low[at] = np.inf, self.device[at]
+
+    def close(self, at: Index, work: Array) -> None:
+        """Of `TwoPort.world` what belongs to the start."""
+        self.before[at] = np.fmin(self.before[at], self.open[at] + work)
+        self.open[at] = np.nan
 
     def land(self, i: int, port: TwoPort) -> None:
         """Give scenario i's state back."""
         port._lowest, port._device = float(self.lowest[i]), float(self.device[i])
         port._device_low, port._world = float(self.device_low[i]), float(self.world[i])
+        port._before, port._open = (None if np.isnan(x[i]) else float(x[i]) for x in (self.before, self.open))
 
 
 class Fleet:
@@ -59,6 +75,7 @@ class Fleet:
             hand_over(scenario.world_endpoint)
         shift = self._shift_ns = np.array([scenario.now_ns for scenario in scenarios])
         self.end_ns = np.array([scenario.end_ns for scenario in scenarios]) - shift
+        self.later_ns = np.array([min(scenario._later_ns, NEVER) for scenario in scenarios]) - shift
         self.devices = Devices([side._simulated for side in sides], sides[0]._simulated._follow)
         self.elapsed_s: Array = np.array([side._servo._elapsed for side in sides])
         self.masses = Masses([world.mass for world in worlds], first.setup.scene.contacts)
@@ -138,6 +155,7 @@ class Fleet:
         world.steps, world.stepped_s = int(self.steps[i]), float(self.stepped_s[i])
         world.longest_step_s = float(self.longest_step_s[i])
         self.ports.land(i, scenario.two_port)
+        scenario._later_ns = NEVER if scenario.two_port.later is not None else scenario._later_ns
         self._land_session(i, self._devices[i], self.device_wire, self.world_wire)
         self._land_session(i, self._worlds[i], self.world_wire, self.device_wire)
         scenario.resume(int(self.step_ns[i] + self._shift_ns[i]), now_ns + self.period_ns)

@@ -1,0 +1,102 @@
+"""The energy account of a running pair, from what both sides publish: what its verdict is judged by."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from hapnet.record import DeviceSample, WorldSample
+from hapnet.runtime.verdict import START_S
+from hapnet.wire.messages import Role
+
+SKEW_NS = 1_000_000_000
+"""What was credited is compared with what was sent so much later: one side's samples may come later [ns]."""
+
+ROLES: tuple[Role, ...] = ("device", "world")
+
+_ROUNDING_nJ = 2  # a side's own total counts what makes no whole nanojoule yet
+
+
+class Account:
+    """Since both sides began, or one of them anew: the samples of both, in the order in which they come."""
+
+    def __init__(self) -> None:
+        self.margin_J: float | None = None
+        """The sum of both sides' margins as they are now."""
+        self.least_J: float | None = None
+        self.later_J: float | None = None
+        """The least of it, and that from `START_S` after its first on."""
+        self._anew: set[Role] = set()
+        self._forget()
+
+    def _forget(self) -> None:
+        self._first_ns: int | None = None
+        self._newest: dict[Role, DeviceSample | WorldSample] = {}
+        self._slack: dict[Role, float] = {}
+        self._deficit = 0.0
+        self._claims: dict[Role, tuple[float, int]] = {}  # by sender: what was credited of it, and when on its clock
+        self._beyond: dict[Role, float] = {}
+
+    def begin(self, role: Role) -> None:
+        """That side's process is another one: what went before is forgotten, and not known if the other one goes on."""
+        if self._anew - {role}:
+            self._anew.clear()  # both began: a new pair
+        else:
+            self._anew.add(role)
+        self.margin_J = self.least_J = self.later_J = None
+        newest = {side: sample for side, sample in self._newest.items() if side != role}
+        self._forget()
+        self._newest = newest
+
+    def take(self, role: Role, sample: DeviceSample | WorldSample) -> None:
+        """A newer sample of that side."""
+        other: Role = "world" if role == "device" else "device"
+        self._newest[role] = sample
+        self._slack[role] = min(self._slack.get(role, sample.slack_J), sample.slack_J)
+        if isinstance(sample, DeviceSample):
+            self._deficit = max(self._deficit, sample.deficit_J)
+        self._compare(role, other, sample)
+        if (theirs := self._newest.get(other)) is None:
+            return
+        self.margin_J = total = sample.margin_J + theirs.margin_J
+        self.least_J = total if self.least_J is None else min(self.least_J, total)
+        if role == "device":
+            self._first_ns = sample.time_ns if self._first_ns is None else self._first_ns
+        if role == "device" and self._first_ns is not None and sample.time_ns - self._first_ns >= START_S * 1e9:
+            self.later_J = total if self.later_J is None else min(self.later_J, total)
+        elif self.later_J is not None:
+            self.later_J = min(self.later_J, total)
+
+    def _compare(self, role: Role, other: Role, sample: DeviceSample | WorldSample) -> None:
+        """What this side has sent by now, with what was credited of it a while ago; and what it has credited."""
+        claim = self._claims.get(role)
+        if claim is not None and sample.time_ns - claim[1] >= SKEW_NS:
+            self._beyond[role] = max(self._beyond.get(role, 0.0), claim[0] - sample.sent_J)
+            del self._claims[role]
+        theirs = self._newest.get(other)
+        if theirs is not None and other not in self._claims:
+            self._claims[other] = sample.credited_J, theirs.time_ns
+
+    def summary(self, coupling: object) -> dict[str, Any] | None:
+        """As a summary has it, as far as samples tell; None before both sides told something."""
+        if self.least_J is None:
+            return None
+        pairs = 2 if self._anew else 1
+        sides: dict[str, dict[str, Any]] = {
+            side: {"ledger": {"slack_J": self._slack.get(side)}, "incarnations": pairs} for side in ROLES
+        }
+        sides["device"]["deficit_max_J"] = self._deficit
+        beyond = {role: round(self._beyond.get(role, 0.0) * 1e9) for role in ROLES}
+        known = not self._anew or self.least_J < 0.0
+        return {
+            "theorem": {
+                "margin_J": self.least_J if known else None,
+                "margin_end_J": self.margin_J,
+                "margin_later_J": self.later_J,
+            },
+            **sides,
+            "energy": {
+                way: {"sent_nJ": 0, "credited_nJ": beyond[role] if beyond[role] >= _ROUNDING_nJ else 0}
+                for way, role in zip(("up", "down"), ROLES, strict=True)
+            },
+            "coupling": coupling,
+        }

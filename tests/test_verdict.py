@@ -1,0 +1,307 @@
+"""The verdict: every rule by itself, on a summary that is passive but for it, and the exit code that follows."""
+
+from __future__ import annotations
+
+import copy
+import random
+from typing import Any
+
+import pytest
+
+from hapnet import cli
+from hapnet.params import Params
+from hapnet.runtime.build import prepare
+from hapnet.runtime.couplings import KINDS
+from hapnet.runtime.summary import combine, device_summary, judged, with_wire, world_summary
+from hapnet.runtime.verdict import broken, judge
+from hapnet.runtime.virtual import Simulation, simulate
+from hapnet.wire.messages import Energy, decode, encode
+from tests.fuzzing.storm import MS, Rig
+
+SIDE = {
+    "ledger": {"margin_J": 0.05, "slack_J": 0.0, "bound_J": 0.05, "energy_out_J": 0.0, "margin_end_J": 0.06},
+    "deficit_max_J": 0.0, "sent_nJ": 10, "credited_nJ": 10, "abandoned_nJ": 0, "incarnations": 1, "unanswered_s": 0.0,
+}  # fmt: skip
+FLOW = {"sent_nJ": 10, "credited_nJ": 10, "in_flight_nJ": 0, "abandoned_nJ": 0}
+WELL: dict[str, Any] = {
+    "coupling": "pspm",
+    "theorem": {"margin_J": 0.1, "bound_J": 0.1, "energy_out_J": 0.0, "margin_end_J": 0.145, "margin_later_J": 0.104},
+    "device": {**SIDE, "quantisation_J": 0.0, "true_slack_J": None},
+    "world": SIDE,
+    "energy": {"up": FLOW, "down": FLOW},
+    "torn": [],
+}
+
+
+def but(changes: dict[str, Any]) -> dict[str, Any]:
+    """A run in which all is well but for this, given by dotted names."""
+    summary = copy.deepcopy(WELL)
+    for name, value in changes.items():
+        *path, last = name.split(".")
+        branch = summary
+        for part in path:
+            branch = branch[part]
+        branch[last] = value
+    return summary
+
+
+def test_a_run_that_was_passive_says_by_how_much() -> None:
+    reason = "at most 0 of d² = 100 mJ ever came out; margin 145 mJ at the end, at least 104 after 1 s"
+    assert judge(WELL) == {"passive": True, "reason": reason}
+    some = but({"theorem.margin_J": 0.0876, "theorem.energy_out_J": 0.0124, "theorem.margin_later_J": None})
+    assert judge(some)["reason"] == "at most 12.4 of d² = 100 mJ ever came out; margin 145 mJ at the end"
+
+
+AGAINST: dict[str, tuple[dict[str, Any], str]] = {
+    "both ports": (
+        {"theorem.margin_J": -0.0125, "theorem.energy_out_J": 0.1125},
+        "112.5 mJ came out of both ports, of d² = 100 mJ: margin -12.5 mJ",
+    ),
+    "beyond rounding": ({"theorem.margin_J": -2e-9}, "margin -2e-06 mJ"),
+    "own margin": ({"world.ledger.margin_J": -0.003}, "the world's half: margin -3 mJ"),
+    "half": ({"device.ledger.slack_J": -0.004}, "the device's half of the theorem fails by 4 mJ"),
+    "true positions": ({"device.true_slack_J": -0.004}, "with the true positions the device's half"),
+    "credited": (
+        {"energy.down": FLOW | {"credited_nJ": 10_466_000_010}},
+        "the device credited 10466 mJ that the world",
+    ),
+    "abandoned": ({"energy.down": FLOW | {"abandoned_nJ": -10_466_000_000}}, "the device credited 10466 mJ that the"),
+    "hand": ({"hand": {"work_J": 9.0, "margin_J": -0.15}}, "at the hand and the walls: margin -150 mJ"),
+    "hand at the end": ({"hand": {"work_J": -0.3}, "environment": {"work_J": 0.05}}, "the walls: margin -150 mJ"),
+    "diverged": ({"theorem.margin_J": None, "theorem.diverged": True}, "it diverged"),
+}
+
+
+@pytest.mark.parametrize(("changes", "words"), AGAINST.values(), ids=AGAINST)
+def test_what_makes_a_run_not_passive(changes: dict[str, Any], words: str) -> None:
+    found = judge(but(changes))
+    assert found["passive"] is False
+    assert words in found["reason"]
+    assert broken(but(changes))
+    assert not broken(but({**changes, "coupling": "zoh"}))  # which claims nothing over a network
+
+
+DOUBTS: dict[str, tuple[dict[str, Any], str]] = {
+    "deficit": ({"device.deficit_max_J": 2e-12}, "the device gave out 2e-09 mJ that its reservoir did not have"),
+    "world's deficit": ({"world.deficit_max_J": 0.001}, "the world gave out 1 mJ that its reservoir did not have"),
+    "dead stream": ({"world.unanswered_s": 55.25}, "the world's energy stream is dead: nothing of it was acknowledged"),
+    "other side": ({"world": None, "theorem": {"margin_J": None, "bound_J": None}}, "the world's account is not here"),
+    "servo's word": ({"device.ledger": {}, "theorem.margin_J": None}, "the device's account is not here"),
+    "no account": ({"device": None, "world": None, "theorem.margin_J": None}, "there is no energy account"),
+    "restart": ({"world.incarnations": 2, "theorem.margin_J": None}, "a side was started anew"),
+    "torn": ({"torn": ["device"]}, "the device's recording is torn"),
+    "blur": ({"device.quantisation_J": 0.11}, "the encoders blur the account by up to 110 mJ, more than the margin of"),
+    "servo away": ({"device.overrun_leak_J": 0.0058}, "watchdog_s, 5.8 mJ came out beyond the reserve"),
+    "speed": (
+        {"device.speed_max_mps": 1.2, "device.speed_limit_mps": 1.0},
+        "the device moved at 1.2 m/s, and declares",
+    ),
+}
+
+
+@pytest.mark.parametrize(("changes", "words"), DOUBTS.values(), ids=DOUBTS)
+def test_what_keeps_it_from_being_known(changes: dict[str, Any], words: str) -> None:
+    found = judge(but(changes))
+    assert found["passive"] is None
+    assert words in found["reason"]
+    assert not broken(but(changes))
+    worse = but({**changes, "device": {**SIDE, "ledger": {"slack_J": -1.0}}})
+    assert judge(worse)["passive"] is False  # what is missing does not excuse what is known
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"theorem.margin_J": -9e-10},
+        {"device.deficit_max_J": 9e-13},
+        {"world.unanswered_s": 4.9},
+        {"device.quantisation_J": 0.09},
+        {"device.quantisation_J": 0.2, "device.true_slack_J": -0.05},  # a simulation knows what the encoders hid
+        {"device.overrun_leak_J": 0.0, "device.overrun_risk_J": 0.09},
+        {"device.speed_max_mps": 1.0, "device.speed_limit_mps": 1.0},
+        {"hand": {"work_J": -0.04}, "environment": {"work_J": -0.05}},
+        {"device.force": "applied"},
+        {"torn": 3, "energy": "none", "hand": []},
+    ],
+)
+def test_what_is_no_fault(changes: dict[str, Any]) -> None:
+    assert judge(but(changes))["passive"] is True
+
+
+def test_a_device_that_tells_only_what_it_was_commanded() -> None:
+    found = judge(but({"device.force": "commanded"}))
+    assert found["passive"] is True
+    assert found["reason"].endswith("; as commanded: the device does not tell what it applied")
+
+
+def test_of_a_sender_that_is_torn_or_began_anew_what_it_sent_is_not_known() -> None:
+    more = {"energy.down": FLOW | {"credited_nJ": 99}}
+    for changes in ({"torn": ["world"]}, {"device.incarnations": 2, "theorem.margin_J": None}):
+        assert judge(but({**more, **changes}))["passive"] is None
+    assert judge(but({**more, "torn": ["device"]}))["passive"] is False
+
+
+@pytest.mark.parametrize("old", [None, {}, {"theorem": None}, {"device": {"ledger": {"margin_J": 0.5}}, "links": 3}])
+def test_an_older_summary_that_lacks_what_counts_is_not_known(old: dict[str, Any] | None) -> None:
+    assert judge(old)["passive"] is None
+
+
+def test_an_older_summary_that_has_it_is_read() -> None:
+    old = {"theorem": {"margin_J": 0.0312, "bound_J": 0.1}, "device": {"sent_nJ": 1}, "coupling": "pspm"}
+    assert judge(old) == {"passive": True, "reason": "at most 68.8 of d² = 100 mJ ever came out"}
+    halves = {side: {"ledger": {"margin_J": margin}} for side, margin in (("device", 0.5), ("world", 0.25))}
+    assert judge(halves) == {"passive": True, "reason": "margin at least 750 mJ"}
+
+
+def test_of_ports_that_are_passive_together_only_one_alone_says_nothing() -> None:
+    changes = {"coupling": "wave", "device.ledger.margin_J": -0.5, "device.ledger.slack_J": None}
+    assert judge(but(changes))["passive"] is True
+    assert judge(but({**changes, "theorem.margin_J": None}))["passive"] is None
+    assert judge(but({**changes, "theorem.margin_J": None, "world": None}))["passive"] is None
+
+
+# -- claims ----------------------------------------------------------------------------------------------------------
+
+LINK = {"link.up": "delay 40ms", "link.down": "delay 40ms"}
+CLAIMS: list[tuple[str, dict[str, object], bool]] = [
+    ("pspm", {}, True),
+    ("pspm", {"device.servo": "sampled"}, True),
+    ("pspm", {"device.servo": "sampled", "device.harvest": "range"}, False),  # counts on the device's damping
+    ("zoh", {}, False),
+    ("popc", {}, False),  # one port's claim
+    ("eba", {}, False),
+    ("tdpa", {}, True),
+    ("wave", {}, True),
+    ("wave", {"wave.missing": "hold"}, False),
+    ("digital-wave", {}, True),
+    ("pd", {**LINK, "device.own_damping": 20.0}, True),
+    ("pd", LINK, False),  # it warns: its held force leaks
+    ("pd", {**LINK, "device.own_damping": 20.0, "link.up": "delay 40ms loss 1%"}, False),
+    ("pd", {**LINK, "device.own_damping": 20.0, "link.up": "delay 40ms 5ms"}, False),
+    ("pd", {**LINK, "device.own_damping": 20.0, "link.down_timeline": "at 1s: down"}, False),
+    ("pd", {**LINK, "device.own_damping": 20.0, "pd.damping": 0.01}, False),
+]
+
+
+@pytest.mark.parametrize(("coupling", "changes", "claimed"), CLAIMS)
+def test_what_is_claimed_of_a_coupling_on_a_link(coupling: str, changes: dict[str, object], claimed: bool) -> None:
+    params = Params().set({"coupling": coupling, **changes})
+    tuning = prepare(params, "continuous").tuning
+    assert KINDS[coupling].covers(params, tuning, True) == claimed
+    failed = but({"coupling": coupling, "tuning": dict(tuning), "theorem.margin_J": -0.5})
+    assert broken(failed, params, virtual=True) == claimed
+    if coupling == "pd":
+        assert not broken(failed, params, virtual=False)  # nobody vouches for a real network's delay
+
+
+def test_a_debt_that_is_claimed_to_be_possible_is_no_broken_claim() -> None:
+    tuning = {"debt_limit_J": 0.02}
+    for margin, failed in ((-0.039, False), (-0.041, True)):
+        summary = but({"coupling": "tdpa", "tuning": tuning, "theorem.margin_J": margin})
+        assert judge(summary)["passive"] is False
+        assert broken(summary) == failed
+
+
+# -- a forged frame --------------------------------------------------------------------------------------------------
+
+
+def test_one_forged_energy_frame_is_no_passive_run() -> None:
+    """Somebody on the network says once, in the world's name, that it has sent 10.466 J; the device takes it for true.
+
+    Of the device's own half nothing is wrong, and the margin of both halves stays where it was.
+    """
+    params = Params().set({"duration_s": 1.5, "wire.admission_burst_J": 20.0})
+    simulation = Simulation(params, 1)
+    simulation.pair()
+    simulation._until(500 * MS)
+    world, device = (end.session for end in (simulation.world_endpoint, simulation.device_endpoint))
+    forged = Energy(world.identity.incarnation, device.identity.incarnation, 10_466_000_000, 0)
+    simulation.device_endpoint.receive(simulation.now_ns, encode(forged))
+    simulation._until(1_500 * MS)
+    summary = simulation.close(1_500 * MS)
+    assert summary["device"]["credited_nJ"] == 10_466_000_000
+    assert summary["energy"]["down"]["abandoned_nJ"] < -10_000_000_000
+    assert summary["device"]["ledger"]["slack_J"] >= -1e-9
+    assert summary["verdict"]["passive"] is False
+    assert "mJ that the world never sent" in summary["verdict"]["reason"]
+    assert broken(summary, params, virtual=True)
+    parts = [
+        with_wire(make(side, "pspm"), session, simulation.now_ns)
+        for make, side, session in (
+            (device_summary, simulation.device, device),
+            (world_summary, simulation.world, world),
+        )
+    ]
+    apart = combine(*parts, {"up": None, "down": None}, seed=1, duration_s=1.0, coupling="pspm")
+    assert apart["theorem"]["margin_J"] is None  # the sum of the halves bounds nothing then
+    assert apart["verdict"]["passive"] is False
+
+
+def test_the_device_alone_cannot_know_of_a_forged_frame() -> None:
+    rng = random.Random(1)
+    rig = Rig("device", rng, prepare(Params().set({"device.servo": "sampled"}), "sampled"))
+    for _ in range(20):
+        rig.run(MS)
+    assert rig.paired
+    peer, own = rig.honest.identity.incarnation, rig.session.identity.incarnation
+    rig.attack(encode(Energy(peer, own, 400_000_000, 0)))
+    rig.run(MS)
+    assert rig.session.credited_nJ == 400_000_000
+
+
+# -- an energy stream that nobody answers ----------------------------------------------------------------------------
+
+
+def test_a_stream_of_energy_that_is_dead_is_seen_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing on the device's energy key arrives: positions do, both ways, and the run goes on as if all were well."""
+    simulation = Simulation(Params().set({"operator": "sine", "duration_s": 9.0, "link.up": "", "link.down": ""}), 1)
+    receive = simulation.world_endpoint.receive
+
+    def deaf(now_ns: int, data: bytes) -> Any:
+        return () if isinstance(decode(data), Energy) else receive(now_ns, data)
+
+    monkeypatch.setattr(simulation.world_endpoint, "receive", deaf)
+    summary = simulation.run().summary
+    assert summary["device"]["sent_nJ"] > 0
+    assert summary["device"]["acked_nJ"] == summary["world"]["credited_nJ"] == 0
+    assert summary["world"]["received"] > 1000
+    assert summary["device"]["unanswered_s"] > 6.0
+    assert summary["verdict"]["passive"] is None
+    assert "the device's energy stream is dead" in summary["verdict"]["reason"]
+
+
+def test_a_silence_of_everything_is_no_dead_stream() -> None:
+    words = {
+        "operator": "sine",
+        "duration_s": 9.0,
+        "link.up_timeline": "at 1s: down",
+        "link.down_timeline": "at 1s: down",
+    }
+    summary = simulate(Params().set(words), 1).summary
+    assert summary["device"]["unanswered_s"] < 1.0
+    assert summary["verdict"]["passive"] is True
+
+
+# -- commands --------------------------------------------------------------------------------------------------------
+
+
+def test_a_coupling_that_did_not_keep_its_claim_ends_with_4(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A simulation whose device's account was wrong by a millijoule."""
+    run = Simulation.run
+
+    def off(self: Simulation, progress: Any = None) -> Any:
+        result = run(self, progress)
+        result.summary["device"]["ledger"]["slack_J"] = -1e-3
+        result.summary.update(judged(result.summary))
+        return result
+
+    monkeypatch.setattr(Simulation, "run", off)
+    words = ["simulate", "--no-files", "--duration", "0.2"]
+    assert cli.main(words) == 4
+    out, err = capsys.readouterr()
+    why = "the device's half of the theorem fails by 1 mJ"
+    assert out.startswith(f"NOT passive: {why}")
+    assert err == f"hapnet: the coupling pspm did not keep passivity, as it claims: {why}\n"
+    assert cli.main([*words, "--coupling", "zoh"]) == 0
