@@ -107,9 +107,10 @@ class CompareOptions:
 
 
 def main(params: Params, given: CompareOptions, json_to: str | None, out: Path | None) -> int:
-    """Compare, and show it; 0 even if cases failed, which the tables say, as long as one did not."""
+    """Compare, and show it; 0 even if cases failed, as long as one did not: the tables say it. 4 if a claim failed."""
     from hapnet.runtime.batch.processes import usable_cores
     from hapnet.study import compare, tables, tunings
+    from hapnet.study.case import kept
 
     words = output.console(json_to)
     if given.metrics:
@@ -143,6 +144,9 @@ def main(params: Params, given: CompareOptions, json_to: str | None, out: Path |
     words.print(f"{len(cases)} cases in {lasted_s:.0f} s")
     if there:
         words.print(f"{', '.join(there)} in {directory}", markup=False)
+    for one in outcomes:
+        if one.measures is not None and not kept(one.measures):
+            written.broken.append(f"{one.case}: the coupling claims to be passive, and was not")
     with written.part():
         output.write_json(whole, json_to)
     return written.code()

@@ -93,7 +93,7 @@ def plot(
     ] = None,
     y: Annotated[str | None, typer.Option(metavar="NAME", help="What varies upwards.")] = None,
     value: Annotated[
-        str | None, typer.Option(metavar="METRIC", help="What is shown.", show_default="the first column")
+        str | None, typer.Option(metavar="METRIC", help="What is shown.", show_default="energy_out_J")
     ] = None,
     where: Annotated[
         list[str] | None, typer.Option(metavar="NAME=VALUE", help="Only these cases; may be repeated.")
@@ -101,7 +101,8 @@ def plot(
     stat: Annotated[
         str | None,
         typer.Option(
-            help="Of a cell's cases: median, mean, min, max, p90, ...", show_default="min of a margin, else median"
+            help="Of a cell's cases: median, mean, min, max, p90, ...",
+            show_default="the worst of energy and margins, else median",
         ),
     ] = None,
     out: Annotated[

@@ -44,7 +44,10 @@ class Options:
 
 
 def run(file: Path, assignments: list[str], how: Options, json_to: str | None, out: Path | None) -> int:
-    """Run what is missing, write the results of all. 3 if cases failed: their rows lack what was to be measured."""
+    """Run what is missing, write the results of all. 3 if cases failed: their rows lack what was to be measured.
+
+    4 if the coupling of a case claims to be passive, and was not.
+    """
     endings = export.formats(how.table)
     if how.dask is not None and how.workers:
         raise InvalidParameter("--workers", how.workers, "left out with --dask: the cluster has its own")
@@ -127,6 +130,11 @@ def _run(
     total, done, failed = journal.count()
     if done > before:
         words.print(f"{done - before} cases in {lasted_s:.1f} s: {(done - before) / lasted_s:.1f} a second")
+    broken = sum(value == 0.0 for value in columns.get("claim_kept", ()))
+    if broken:
+        written.broken.append(
+            f"in {broken} of {done} cases (claim_kept) the coupling claims to be passive, and was not"
+        )
     reasons = Counter(error for error in columns["error"] if error is not None)
     if failed:
         words.print(f"{failed} of {total} cases failed:", style="yellow")

@@ -48,6 +48,15 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "two-port margin. Of a coupling that starts with nothing, and is passive, none comes out",
             ),
             Metric(
+                "margin_end_J", "margin at the end", "J", "higher",
+                "d² plus the energy put in at both ports in the whole run",
+            ),
+            Metric(
+                "margin_later_J", "margin after 1 s", "J", "higher",
+                "least value of the two-port margin from one second after the start on: at the start it is d², which "
+                "says nothing",
+            ),
+            Metric(
                 "hand_margin_J", "hand's margin", "J", "higher",
                 "least value over time of the hand's work plus what the device's side starts with. Below 0: the hand "
                 "was given more energy than that",
@@ -107,6 +116,10 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
             ),
             Metric("packets_up_per_s", "packets up", "1/s", "lower", "of these, from the device"),
             Metric("packets_down_per_s", "packets down", "1/s", "lower", "of these, from the virtual world"),
+            Metric(
+                "claim_kept", "claim kept", "", "higher",
+                "0: the coupling claims to be passive on this link, and was not; else 1, also where it claims nothing",
+            ),
             Metric(
                 "slack_J", "slack", "J", "higher",
                 "least value over time of both sides' halves of the theorem, for a coupling with energy reservoirs. "

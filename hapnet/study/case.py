@@ -16,6 +16,7 @@ from hapnet.record import Recording
 from hapnet.runtime.couplings import ideal_stiffness
 from hapnet.runtime.sides import SampledDeviceSide
 from hapnet.runtime.summary import Summary
+from hapnet.runtime.verdict import ROUNDING_J, broken
 from hapnet.runtime.virtual import Result, Simulation
 
 Measures = dict[str, float | None]
@@ -26,6 +27,17 @@ DEADBAND = "wire.deadband"
 
 _REFERENCES = 4
 """Runs over an ideal link that are kept, a few megabytes each: cases that differ in links only follow each other."""
+
+
+def was_passive(measures: Measures) -> bool:
+    """Did both ports of a case stay within d^2, as far as is known, and its coupling keep what it claims?"""
+    margin = measures.get("margin_J")
+    return (margin is None or margin >= -ROUNDING_J) and kept(measures)
+
+
+def kept(measures: Measures) -> bool:
+    """Did the coupling of a case keep what it claims?"""
+    return measures.get("claim_kept") != 0.0
 
 
 @dataclass(frozen=True)
@@ -82,6 +94,8 @@ def measures(run: Run, ideal: Recording) -> Measures:
     found = {
         "margin_J": theorem["bound_J"] + result.hand.lowest,
         "energy_out_J": max(0.0, -result.hand.lowest),
+        "margin_end_J": theorem["bound_J"] + result.hand.now,
+        "margin_later_J": None if result.hand.later is None else theorem["bound_J"] + result.hand.later,
         "hand_margin_J": summary["device"]["ledger"]["bound_J"] + result.hand.device_lowest,
         "actuator_margin_J": theorem["margin_J"] if isinstance(result.device, SampledDeviceSide) else None,
         "free_rms_mm": _times(1e3, motion["free_rms_m"]),
@@ -96,6 +110,7 @@ def measures(run: Run, ideal: Recording) -> Measures:
         "packets_per_s": up + down,
         "packets_up_per_s": up,
         "packets_down_per_s": down,
+        "claim_kept": float(not broken(summary, run.params, virtual=True)),
         "slack_J": _slack(summary),
     }
     return {name: found[name] for name in METRICS}

@@ -13,7 +13,7 @@ from hapnet.metrics import METRICS
 from hapnet.metrics.contact import pressed_wall
 from hapnet.plant.contact import Wall
 from hapnet.report.style import MM, STYLE
-from hapnet.study.case import Run, simulated
+from hapnet.study.case import Run, simulated, was_passive
 from hapnet.study.compare import Case, Outcome, Plan, Variant
 
 if TYPE_CHECKING:
@@ -24,7 +24,10 @@ if TYPE_CHECKING:
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D1F")
 _MARKS = ("o", "s", "^", "D", "v", "P", "X", "p")
 _OTHERS: dict[str, Any] = {"color": "0.8", "linewidth": 0.6, "zorder": 1}
-_MARGIN = "two-port passivity margin [J] (shaded: not passive). Marks: lowest margin across, median up; dots: cases"
+_OUT = (
+    "most energy that ever came out of both ports [mJ] (beyond d², shaded: not passive).\n"
+    "Marks: its most across, median up, edged in black where a case was not passive (a cross); dots: the other cases"
+)
 _DASHED = (0, (3, 1.2))
 _SHOWN_S = 5.0
 _COLUMNS = 2
@@ -94,10 +97,10 @@ def _cell(fig: Figure, k: int, first: tuple[Axes | None, Axes | None]) -> tuple[
 
 
 def tradeoff(plan: Plan, outcomes: Sequence[Outcome]) -> Figure:
-    """Force error and rendered stiffness against the two-port margin.
+    """Force error and rendered stiffness against the most energy that ever came out of both ports.
 
-    A panel for each metric and link. A dot is a case; a mark stands at a variant's lowest margin over its cases, which
-    is what a claim of passivity must bear, and at its median of the metric. The axis of margins is linear about 0 and
+    A panel for each metric and link. A dot is a case; a mark stands at the most of a variant's cases, which is what a
+    claim of passivity must bear, and at its median of the metric. The axis of energies is linear up to d^2 and
     logarithmic beyond, as what is not passive may be off by any amount; that side is shaded.
     """
     metrics = ("force_error_percent", "stiffness_percent")
@@ -111,21 +114,23 @@ def tradeoff(plan: Plan, outcomes: Sequence[Outcome]) -> Figure:
                     ours = [one for one in outcomes if (one.case.variant, one.case.link) == (variant, link)]
                     _points(panel, _mark(plan, variant), ours, metric)
             row[0].set_ylabel(METRICS[metric].heading)
-        _axes(panels, links, min(_margins(outcomes), default=0.0))
-        fig.supxlabel(_MARGIN, fontsize=8)
+        _axes(panels, links, _bound_mJ(outcomes), max(_out_mJ(outcomes), default=0.0))
+        fig.supxlabel(_OUT, fontsize=8)
         marks = [panels[0][0].plot([], [], label=str(one), **_mark(plan, one))[0] for one in plan.variants]
         fig.legend(handles=marks, loc="outside upper center", ncols=min(4, len(marks)), fontsize=8)
     return fig
 
 
-def _axes(panels: Any, links: Sequence[str], lowest: float) -> None:
-    """Scales, ticks and shades."""
+def _axes(panels: Any, links: Sequence[str], bound: float, most: float) -> None:
+    """Scales, ticks and shades. `bound` : d^2, `most` : that ever came out [mJ]."""
+    right = max(2.0 * most, 1.6 * bound, 1e-6)
     for panel, link in zip(panels[0], links, strict=True):
         panel.set_title(link, fontsize=9)
-        panel.set_xscale("symlog", linthresh=0.1, linscale=0.8)
-        left = min(2.0 * lowest, -0.15)
-        panel.set_xlim(left, 0.16)
-        ticks = [tick for tick in (-1000.0, -100.0, -10.0, -1.0, 0.0, 0.1) if tick >= left]
+        panel.set_xscale("symlog", linthresh=bound or 1.0, linscale=0.8)
+        panel.set_xlim(-0.06 * (bound or 1.0), right)
+        decades = [bound * 10.0**k for k in range(12) if bound * 10.0**k <= right]
+        every = -(-len(decades) // 3) or 1
+        ticks = sorted({0.0, bound, *decades[::every]})
         panel.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         panel.set_xticks([], minor=True)
     force, stiffness = (row[0] for row in panels)
@@ -138,22 +143,44 @@ def _axes(panels: Any, links: Sequence[str], lowest: float) -> None:
     low, high = stiffness.get_ylim()
     stiffness.set_ylim(min(low, 80.0), max(high, 120.0))
     for panel in panels.flat:
-        panel.axvspan(panel.get_xlim()[0], 0.0, zorder=0, **_SHADE)
-        panel.axvline(0.0, color="#cb181d", linewidth=1.0)
+        panel.axvspan(bound, right, zorder=0, **_SHADE)
+        panel.axvline(bound, color="#cb181d", linewidth=1.0)
 
 
 def _points(panel: Axes, mark: dict[str, Any], outcomes: Sequence[Outcome], metric: str) -> None:
     """A variant over a link: its cases, and its mark."""
-    margins = _margins(outcomes)
-    pairs = [(m["margin_J"], m[metric]) for one in outcomes if (m := one.measures) and m[metric] is not None]
-    if pairs and margins:
-        x, y = np.array(pairs, dtype=float).T
-        panel.plot(x, y, ".", color=mark["color"], markersize=4.0, alpha=0.6, markeredgewidth=0.0, zorder=2)
-        panel.plot(min(margins), np.median(y), **mark, zorder=3)
+    pairs = [
+        (1e3 * out, value, was_passive(m))
+        for one in outcomes
+        if (m := one.measures) and (out := m["energy_out_J"]) is not None and (value := m[metric]) is not None
+    ]
+    most = _out_mJ(outcomes)
+    if not pairs or not most:
+        return
+    x, y, passive = np.array(pairs, dtype=float).T
+    kept = passive == 1.0
+    dots: dict[str, Any] = {"color": mark["color"], "linestyle": "none", "zorder": 2}
+    panel.plot(x[kept], y[kept], marker=".", markersize=4.0, alpha=0.6, markeredgewidth=0.0, **dots)
+    panel.plot(x[~kept], y[~kept], marker="x", markersize=4.5, markeredgewidth=1.2, **dots)
+    bad = not all(was_passive(one.measures) for one in outcomes if one.measures)
+    filled = {"markerfacecolor": mark["color"], "markeredgecolor": "black", "markersize": 9.0} if bad else {}
+    panel.plot(max(most), np.median(y), **{**mark, **filled}, zorder=4 if bad else 3)
 
 
-def _margins(outcomes: Sequence[Outcome]) -> list[float]:
-    return [margin for one in outcomes if one.measures and (margin := one.measures["margin_J"]) is not None]
+def _out_mJ(outcomes: Sequence[Outcome]) -> list[float]:
+    """The most energy that came out, of each case that tells it."""
+    return [1e3 * out for one in outcomes if one.measures and (out := one.measures["energy_out_J"]) is not None]
+
+
+def _bound_mJ(outcomes: Sequence[Outcome]) -> float:
+    """d^2, the same for all."""
+    known = (one.measures for one in outcomes if one.measures)
+    bounds = [
+        1e3 * (margin + out)
+        for m in known
+        if (margin := m["margin_J"]) is not None and (out := m["energy_out_J"]) is not None
+    ]
+    return max(bounds, default=0.0)
 
 
 def _mark(plan: Plan, variant: Variant) -> dict[str, Any]:

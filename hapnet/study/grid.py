@@ -11,10 +11,14 @@ import numpy as np
 
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.metrics import METRICS
+from hapnet.study.case import was_passive
 from hapnet.study.journal import Journal, Row
 from hapnet.study.spec import LINK, SEED, value_words
 
 STATS: Mapping[str, Callable[[Any], Any]] = {"median": np.median, "mean": np.mean, "min": np.min, "max": np.max}
+
+USUAL = "energy_out_J"
+"""The metric that is drawn if none is asked for: how near a run came to what d^2 allows."""
 
 _MILLI = ("J", "N", "m", "s", "W")
 _SMALL = 0.1  # largest figure below which thousandths read better
@@ -22,14 +26,16 @@ _SMALL = 0.1  # largest figure below which thousandths read better
 
 @dataclass
 class Cell:
-    """The runs of some values of the axes: what they measured, how many failed, how many are still to be run."""
+    """The runs of some values of the axes: what they measured, how many failed, are to be run, or were not passive."""
 
     values: list[float] = field(default_factory=list)
     failed: int = 0
     missing: int = 0
+    not_passive: int = 0
 
     def add(self, row: Row, metric: str) -> None:
         value = row.measures.get(metric)
+        self.not_passive += not was_passive(row.measures)
         if not row.done:
             self.missing += 1
         elif row.error is not None:
@@ -112,6 +118,7 @@ def grid(
         raise HapnetError("nothing to draw: no case has a result, or all failed")
     if metric is not None and metric not in metrics:
         raise InvalidParameter("--value", metric, ", ".join(metrics))
+    metric = metric or (USUAL if USUAL in metrics else metrics[0])
     axes = {name: axis(name, rows, units) for name in names}
     x, y = _chosen(axes, x, y)
     along = [axes[name] for name in (x, y) if name is not None]
@@ -120,9 +127,9 @@ def grid(
     for row in rows:
         where_is = [at[_key(_value(row, each.name))] for at, each in zip(index, along, strict=True)]
         place = (where_is[0], where_is[1] if len(where_is) > 1 else 0)
-        cells.setdefault(place, Cell()).add(row, metric or metrics[0])
+        cells.setdefault(place, Cell()).add(row, metric)
     over = [f"{len(axes[n].values)} {_plural(n)}" for n in names if n not in (x, y) and len(axes[n].values) > 1]
-    return Grid(axes[x], None if y is None else axes[y], cells, metric or metrics[0], tuple(over))
+    return Grid(axes[x], None if y is None else axes[y], cells, metric, tuple(over))
 
 
 def axis(name: str, rows: Iterable[Row], units: Mapping[str, str]) -> Axis:
@@ -144,8 +151,9 @@ def statistic(name: str) -> Callable[[Any], float]:
 
 
 def usual_statistic(metric: str) -> str:
-    """Of a margin the least counts, most runs having the same; else the median."""
-    return "min" if metric.endswith("margin_J") else "median"
+    """Of what tells of passivity the worst run counts, as one that fails is one too many; else the median."""
+    least = metric == "claim_kept" or ("margin" in metric and metric.endswith("_J"))
+    return "max" if metric == USUAL else "min" if least else "median"
 
 
 def metric_label(metric: str, figures: Collection[float]) -> tuple[str, float]:

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapnet.report.style import MM, STYLE
-from hapnet.study.grid import Axis, Cell, Grid, metric_label, statistic, usual_statistic
+from hapnet.runtime.verdict import ROUNDING_J
+from hapnet.study.grid import USUAL, Axis, Cell, Grid, metric_label, statistic, usual_statistic
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,6 +23,12 @@ _TICKS = {"x": 10, "y": 16}
 _LABEL = 28  # letters of a tick's line
 _LINES = 3
 _FAILED: dict[str, Any] = {"color": "#cb181d", "fontweight": "bold"}
+_BAD = "#e31a1c"
+_NOT_PASSIVE: dict[str, Any] = {"edgecolor": "black", "hatch": "xxx", "linewidth": 2.0, "zorder": 3}
+"""What jumps to the eye on any colour, in grey, and without colours."""
+_NOT_PASSIVE_POINT: dict[str, Any] = {
+    "marker": "X", "markersize": 11, "color": _BAD, "markeredgecolor": "black", "linestyle": "none", "zorder": 5,
+}  # fmt: skip
 _EMPTY: dict[str, Any] = {"facecolor": "0.93", "edgecolor": "0.55", "hatch": "////", "linewidth": 0.0}
 _LINE = "#08306b"
 
@@ -67,9 +74,15 @@ def _draw_map(fig: Figure, panel: Axes, grid: Grid, figures: dict[tuple[int, int
     values = np.full(shape, np.nan)
     for (i, j), figure in figures.items():
         values[j, i] = figure
-    norm, colours = _colours(values)
+    told = _tells_passivity(grid.metric)
+    bad = {place for place, cell in grid.cells.items() if cell.not_passive or (told and _negative(grid, cell))}
+    shown = values.copy()
+    if told:  # the colours are for what is left of the others: one bad cell would take them all
+        for i, j in bad:
+            shown[j, i] = np.nan
+    norm, colours = _colours(shown)
     mesh = panel.pcolormesh(
-        np.arange(shape[1] + 1) - 0.5, np.arange(shape[0] + 1) - 0.5, values, norm=norm, cmap=colours
+        np.arange(shape[1] + 1) - 0.5, np.arange(shape[0] + 1) - 0.5, shown, norm=norm, cmap=colours
     )
     fig.colorbar(mesh, ax=panel, label=label, pad=0.02, aspect=30, ticks=_scale_ticks(norm), format="%g")
     panel.grid(visible=False)
@@ -78,7 +91,9 @@ def _draw_map(fig: Figure, panel: Axes, grid: Grid, figures: dict[tuple[int, int
         for j in range(shape[0]):
             cell = grid.cells.get((i, j), Cell())
             figure = values[j, i]
-            if np.isnan(figure):
+            if (i, j) in bad:
+                _mark_not_passive(panel, i, j, figure, written, fill=told)
+            elif np.isnan(figure):
                 panel.add_patch(Rectangle((i - 0.5, j - 0.5), 1.0, 1.0, **_EMPTY))
             elif written:
                 dark = float(np.dot(colormaps[colours](norm(figure))[:3], (0.299, 0.587, 0.114))) < 0.5
@@ -90,6 +105,27 @@ def _draw_map(fig: Figure, panel: Axes, grid: Grid, figures: dict[tuple[int, int
     panel.tick_params(length=0)
     _ticks(panel, grid.x, "x")
     _ticks(panel, grid.y, "y")
+
+
+def _mark_not_passive(panel: Axes, i: int, j: int, figure: float, written: bool, *, fill: bool) -> None:
+    from matplotlib.patches import Rectangle
+
+    frame = Rectangle((i - 0.46, j - 0.46), 0.92, 0.92, facecolor=_BAD if fill else "none", **_NOT_PASSIVE)
+    panel.add_patch(frame)
+    if written and not np.isnan(figure):
+        box = {"facecolor": "white", "edgecolor": "black", "pad": 1.2, "linewidth": 0.8}
+        panel.text(
+            i, j, f"{figure:.3g}", ha="center", va="center", color="black", fontweight="bold", bbox=box, zorder=4
+        )
+
+
+def _tells_passivity(metric: str) -> bool:
+    return metric in (USUAL, "slack_J") or ("margin" in metric and metric.endswith("_J"))
+
+
+def _negative(grid: Grid, cell: Cell) -> bool:
+    """Is a margin or a slack below zero in one of the runs?"""
+    return grid.metric != USUAL and any(value < -ROUNDING_J for value in cell.values)
 
 
 def _mark_failed(panel: Axes, i: int, j: int, failed: int, written: bool, *, alone: bool) -> None:
@@ -136,6 +172,9 @@ def _draw_line(
                 "fontsize": 7,
             }
             panel.text(place, 0.01, f"×{cell.failed}", **over, **_FAILED)
+    bad = np.array([cell.not_passive > 0 for cell in cells])
+    if bad.any():
+        panel.plot(x[bad], np.where(np.isnan(line), 0.0, line)[bad], **_NOT_PASSIVE_POINT)
     panel.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.1)
 
 
@@ -186,6 +225,13 @@ def _legend(grid: Grid) -> list[Any]:
     counted = list(grid.cells.values())
     wide = len(grid.x.values) * (1 if grid.y is None else len(grid.y.values))
     marks: list[Any] = []
+    if not_passive := sum(cell.not_passive for cell in counted):
+        label = f"not passive: {not_passive} case{'s' * (not_passive > 1)}"
+        if grid.y is not None:
+            face = _BAD if _tells_passivity(grid.metric) else "none"
+            marks.append(Patch(facecolor=face, **{**_NOT_PASSIVE, "linewidth": 1.0}, label=label))
+        else:
+            marks.append(Line2D([], [], **_NOT_PASSIVE_POINT, label=label))
     if grid.y is not None and (len(counted) < wide or not all(cell.values for cell in counted)):
         marks.append(Patch(**_EMPTY, label="no value"))
     if any(cell.failed for cell in counted):

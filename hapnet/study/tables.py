@@ -16,7 +16,7 @@ from hapnet.study.tunings import tunings
 from hapnet.versions import versions
 from netem.profile import PRESETS
 
-WIDE = 140
+WIDE = 160
 """Columns of a terminal from which a table has room for every metric and its quartiles."""
 
 
@@ -30,6 +30,7 @@ class _Column(NamedTuple):
 
 
 _BRIEF = (
+    _Column("margin_end_J", "end\n[mJ]", 1e3, 0),
     _Column("stiffness_percent", "stiff\n[%]", 1.0, 0),
     _Column("force_error_percent", "force\nerror\n[%]", 1.0, 1),
     _Column("free_rms_mm", "free\nerror\n[mm]", 1.0, 1),
@@ -38,6 +39,8 @@ _BRIEF = (
     _Column("packets_per_s", "pack.\n[1/s]", 1.0, 0),
 )
 _FULL = (
+    _Column("margin_later_J", "margin\nafter 1 s\n[mJ]", 1e3, 0),
+    _Column("margin_end_J", "margin,\nend\n[mJ]", 1e3, 0),
     _Column("stiffness_percent", "rendered\nstiffness\n[%]", 1.0, 0),
     _Column("force_error_percent", "force\nerror\n[%]", 1.0, 1),
     _Column("free_rms_mm", "error,\nfree\n[mm]", 1.0, 1),
@@ -51,7 +54,8 @@ _FULL = (
 _NOTE = (
     "Medians over {operators} and {seeds}, or over so many (in brackets) of these cases as have a value. passive, "
     "hand: cases whose two-port margin, and whose hand's margin alone, stayed above zero, at the hand's own port; "
-    "out: the most energy that ever came out of both ports together. hapnet compare --metrics defines all columns."
+    "out: the most energy that ever came out of both ports together; end: the margin at the end. "
+    "hapnet compare --metrics defines all columns."
 )
 
 

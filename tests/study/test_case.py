@@ -159,6 +159,26 @@ def test_the_lowest_of_one_port_by_hand() -> None:
     assert both.device_lowest == -3.0
 
 
+def test_what_came_after_the_start_by_hand() -> None:
+    """A step runs while the start ends: what the device did before belongs to the start, with that step's work too."""
+    both = TwoPort()
+    both.device(-2.0)
+    assert (both.later, both.now) == (None, -2.0)
+    both.begin()
+    both.device(1.0)
+    assert (both.lowest, both.later, both.now) == (-2.0, -2.0, 1.0)  # it begins where the start ended
+    both.world(-3.0)
+    assert (both.lowest, both.later) == (-5.0, -5.0)
+    late = TwoPort()
+    late.device(-2.0)
+    late.device(4.0)
+    late.begin()
+    late.device(5.0)
+    late.world(-3.0)
+    assert (late.lowest, late.later, late.now) == (-5.0, 1.0, 2.0)
+    assert late.device_lowest == -2.0
+
+
 def test_runs_over_other_links_share_one_reference(monkeypatch: pytest.MonkeyPatch) -> None:
     made = []
 

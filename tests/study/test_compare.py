@@ -139,7 +139,7 @@ def test_passive_is_what_is_not_negative_but_for_rounding() -> None:
 # -- what is shown ---------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("width", [80, 150])
+@pytest.mark.parametrize("width", [80, 165])
 def test_a_table_a_link_fits_the_terminal(width: int) -> None:
     asked = Plan(QUICK, ("pspm", "zoh"), LINKS, ("press",), tuple(range(12)))
     worst = known(**dict.fromkeys(METRICS, -1234.5678))
@@ -233,6 +233,17 @@ def test_nothing_but_failures_is_an_error(monkeypatch: pytest.MonkeyPatch, capsy
     monkeypatch.setattr(compare, "measure", fails)
     assert cli.main(["compare", *QUICKLY, "--no-files"]) == 2
     assert "no way" in capsys.readouterr().err
+
+
+def test_a_claim_that_was_not_kept_ends_with_4(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+    def measured(params: Params, seed: int) -> Measures:
+        return known(margin_J=-0.1, claim_kept=float(params.coupling == "zoh"))
+
+    monkeypatch.setattr(compare, "measure", measured)
+    words = ["compare", "--link", "lan", *QUICKLY, "--no-files"]
+    assert cli.main([*words, "--coupling", "zoh"]) == 0
+    assert cli.main([*words, "--coupling", "pspm,zoh"]) == 4
+    assert "pspm over lan, press, seed 0: the coupling claims to be passive, and was not" in capsys.readouterr().err
 
 
 def test_the_case_that_is_drawn() -> None:

@@ -22,7 +22,7 @@ from hapnet.study.backend import Backend, Outcome
 from hapnet.study.export import TIMING
 from hapnet.study.journal import NAME, Journal
 from hapnet.study.spec import Spec
-from hapnet.study.task import Task, run
+from hapnet.study.task import CaseResult, Task, run
 from tests.conftest import ENVIRONMENT, ROOT
 from tests.processes import Program, started
 from tests.study.sweeps import FATAL, SHORT, TOUCHY, done, spec_file
@@ -78,10 +78,22 @@ def test_a_sweep_from_its_spec_to_its_figure(directory: Path, capsys: Capture) -
     capsys.readouterr()
 
     assert cli.main(["sweep", "plot", "runs/sweep-study"]) == 0
-    assert capsys.readouterr().out == "figure: runs/sweep-study/margin_J-world.wall.stiffness.png\n"
+    assert capsys.readouterr().out == "figure: runs/sweep-study/energy_out_J-world.wall.stiffness.png\n"
     flags = ("--x", "seed", "--y", "world.wall.stiffness", "--value", "peak_force_N", "--stat", "max", "--out", "a.png")
     assert cli.main(["sweep", "plot", "runs/sweep-study", *flags]) == 0
     assert Path("a.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_claim_that_was_not_kept_ends_with_4(directory: Path, capsys: Capture) -> None:
+    spec_file(directory, SHORT)
+    spec = Spec.read(Path("study.toml"), {})
+    path = Path("runs/sweep-study")
+    path.mkdir(parents=True)
+    journal = Journal.create_or_resume(path, spec, spec.cases())
+    journal.record([CaseResult(case.number, {"claim_kept": float(case.number != 3)}) for case in journal.pending()])
+    journal.close()
+    assert summary("study.toml", "--format", "csv", code=4)["done"] == 40
+    assert "in 1 of 40 cases (claim_kept) the coupling claims to be passive, and was not" in capsys.readouterr().err
 
 
 def test_a_dry_run_says_what_would_run_and_writes_nothing(directory: Path, capsys: Capture) -> None:
