@@ -14,7 +14,8 @@ from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
 from hapnet.mcap_file import read_recording, repair
 from hapnet.metrics import motion
-from hapnet.params import Params, flatten
+from hapnet.param_values import flatten
+from hapnet.params import Params
 from hapnet.record import Event, Recording, join
 from hapnet.runtime.summary import of_recordings
 
