@@ -43,8 +43,8 @@ class Handover(Protocol):
         `restarted`: the peer had another one in this side's place before.
         """
 
-    def arrive(self, datum: Datum, sent_s: float) -> None:
-        """A datum came, mostly a set-position [m], sent at the sender's time `sent_s` [s]; the newest counts."""
+    def arrive(self, datum: Datum, sent_ns: int, came_ns: int) -> None:
+        """A datum came at `came_ns`, mostly a set-position [m]; the newest counts. `sent_ns`: on its sender's clock."""
 
     def credit(self, credited_nJ: int) -> None:
         """Shuffled energy came [nJ]."""
@@ -77,7 +77,7 @@ class ControlHalf:
         self._pairs = 0
         self._pair = 1  # the one that control knows; the next peer's clock and place have nothing to do with its
         self._coupling: Coupling | LawCoupling | None = None
-        self._arrived: deque[tuple[Datum, float, int]] = deque(maxlen=backlog)  # datum, when sent, of which pair
+        self._arrived: deque[tuple[Datum, int, int, int]] = deque(maxlen=backlog)  # datum, sent, came, of which pair
         self._credits: deque[int] = deque()
         self._surplus: deque[float] = deque()
 
@@ -100,8 +100,8 @@ class ControlHalf:
         self._pairs += 1
         self.paired = True
 
-    def arrive(self, datum: Datum, sent_s: float) -> None:
-        self._arrived.append((datum, sent_s, self._pairs))
+    def arrive(self, datum: Datum, sent_ns: int, came_ns: int) -> None:
+        self._arrived.append((datum, sent_ns, came_ns, self._pairs))
 
     def credit(self, credited_nJ: int) -> None:
         self._credits.append(credited_nJ)
@@ -131,17 +131,19 @@ class ControlHalf:
             self._renew(coupling, self._pairs)
         receive: Callable[..., None] = coupling.receive
         while self._arrived:
-            datum, sent_s, pair = self._arrived.popleft()
+            datum, sent_ns, came_ns, pair = self._arrived.popleft()
             if pair > self._pair:  # made since this began
                 self._renew(coupling, pair)
             if pair == self._pair:
-                receive(datum, sent_s)
+                receive(datum, sent_ns * NANO)
+                self._positions.echo(sent_ns, came_ns)
         while self._credits:
             coupling.credit(self._credits.popleft() * NANO)
         return coupling
 
     def _renew(self, coupling: Coupling | LawCoupling, pair: int) -> None:
         self._pair = pair
+        self._positions.echo(0, 0)
         if self.deadband is not None:
             self.deadband.renew()
         if (energy := coupling.renew()) > 0.0:
@@ -191,14 +193,14 @@ class WireHalf:
     def receive(self, now_ns: int, data: bytes) -> tuple[Event, ...]:
         """Bytes arrived from the network; whatever they are, this does not raise."""
         events = self.session.receive(now_ns, data)
-        self._hand_over(events)
+        self._hand_over(events, now_ns)
         return events
 
     def poll(self, now_ns: int) -> tuple[list[Outgoing], tuple[Event, ...]]:
         """What to send now, and what time alone has brought about."""
         self.collect()
         outgoing, events = self.session.poll(now_ns)
-        self._hand_over(events)
+        self._hand_over(events, now_ns)
         return outgoing, events
 
     @property
@@ -219,12 +221,12 @@ class WireHalf:
         """When `poll` must be called again, if nothing else happens; energy waiting to go out is due at once."""
         return 0 if self._control.has_surplus else self.session.next_due_ns
 
-    def _hand_over(self, events: tuple[Event, ...]) -> None:
+    def _hand_over(self, events: tuple[Event, ...], now_ns: int) -> None:
         for event in events:
             if isinstance(event, PositionReceived):
-                self._control.arrive(event.position, event.sent_ns * NANO)
+                self._control.arrive(event.position, event.sent_ns, now_ns)
             elif isinstance(event, SampleReceived):
-                self._control.arrive(_datum(event.message), event.message.sent_ns * NANO)
+                self._control.arrive(_datum(event.message), event.message.sent_ns, now_ns)
             elif isinstance(event, EnergyCredited):
                 self._control.credit(event.credited_nJ)
             elif isinstance(event, Paired):

@@ -19,7 +19,7 @@ from hapnet.errors import BadMessage
 from hapnet.record import VECTORS, DeviceSample, Event, Sample, WorldSample, plain
 from hapnet.wire.messages import Role
 
-VERSION = 1
+VERSION = 2
 
 LONGEST = 64 * 1024
 """No message is longer [bytes]."""
@@ -39,7 +39,8 @@ class Status:
     about : what a recording says of itself (parameters, seed, scene, surfaces, coupling, clock), session and name.
     link : `netem.LinkStats` of what this side sends, with ``delay_now_ms`` and ``loss_now``: the mean emulated delay
     and the share lost since the status before (None: nothing was sent).
-    round_trip_ms : the energy channel's own estimate (RFC 6298), the real link included; None before the first.
+    path : what the streams showed of the way between the sides since the status before, the real network included, as
+    the summary has it; this side knows the round trip and the way to it.
     """
 
     role: Role
@@ -50,7 +51,7 @@ class Status:
     recording: str
     about: dict[str, Any]
     link: dict[str, Any]
-    round_trip_ms: float | None
+    path: dict[str, Any]
 
 
 Telemetry: TypeAlias = DeviceSample | WorldSample | Event | Status
@@ -114,7 +115,7 @@ def _sample(kind: type[DeviceSample] | type[WorldSample], fields: list[Any]) -> 
 
 _STATUS_TYPES: dict[str, Any] = {
     "role": str, "time_ns": int, "incarnation": int, "paired": bool, "paused": bool, "recording": str, "about": dict,
-    "link": dict, "round_trip_ms": (float, type(None)),
+    "link": dict, "path": dict,
 }  # fmt: skip
 
 
@@ -126,8 +127,8 @@ def _status(fields: dict[str, Any]) -> Status:
             raise BadMessage("telemetry", f"{name} of a status is {fields[name]!r:.60}")
     if fields["role"] not in get_args(Role):
         raise BadMessage("telemetry", f"role of a status is {fields['role']!r:.60}")
-    if not (_is_about(fields["about"]) and _is_link(fields["link"])):
-        raise BadMessage("telemetry", "a status whose parameters, surfaces or link are none")
+    if not (_is_about(fields["about"]) and _is_link(fields["link"]) and _is_path(fields["path"])):
+        raise BadMessage("telemetry", "a status whose parameters, surfaces, link or path are none")
     return Status(**fields)
 
 
@@ -149,3 +150,10 @@ def _is_surface(surface: object) -> bool:
 
 def _is_link(link: dict[str, Any]) -> bool:
     return all(isinstance(link.get(name), float | int | None) for name in ("delay_now_ms", "loss_now"))
+
+
+def _is_path(path: dict[str, Any]) -> bool:
+    ways = [path.get(name) for name in ("up", "down")]
+    if not all(way is None or (isinstance(way, dict) and isinstance(way.get("loss"), float | int)) for way in ways):
+        return False
+    return isinstance(path.get("round_trip_p50_ms"), float | int | None)

@@ -54,7 +54,7 @@ def one_at_a_time(params: Params, seed: int) -> dict[str, Any]:
         states[name] = {f"{key}[{i}]": component for key, value in vectors.items() for i, component in enumerate(value)}
         states[name] |= {"reservoir_J": modulator.energy, "deficit_J": modulator.deficit, "work_J": ledger.work}
         states[name] |= {"credited_J": ledger.credited, "sent_J": ledger.sent}
-    return {**result.summary, "motion": None, "final": states}
+    return {**result.summary, "motion": None, "path": None, "final": states}
 
 
 def in_a_batch(run: BatchRun) -> dict[str, Any]:
@@ -64,7 +64,7 @@ def in_a_batch(run: BatchRun) -> dict[str, Any]:
         for key, value in side._asdict().items():
             parts = {f"{key}[{i}]": part for i, part in enumerate(value)} if isinstance(value, tuple) else {key: value}
             states[name] |= parts
-    return {**run.summary, "motion": None, "final": states}
+    return {**run.summary, "motion": None, "path": None, "final": states}
 
 
 def check(runs: list[BatchRun], tolerance: float = 0.0, *, vectorised: bool = True) -> None:

@@ -25,7 +25,7 @@ from hapnet.bench.registry import ROWS
 from hapnet.bench.row import Options, Row
 from hapnet.errors import HapnetError
 from hapnet.runtime.zenoh_config import free_address
-from hapnet.wire.messages import encode_position
+from hapnet.wire.messages import Position, encode
 from hapnet.wire.session import Session
 from netem import LinkProfile
 from netem.errors import ProfileError
@@ -177,7 +177,7 @@ def test_latency_joins_by_content_and_drops_the_start() -> None:
 
 def test_a_message_says_when_its_tick_began() -> None:
     """Sent at 5 ns and 2 ms later; what is no position is left out."""
-    first, second = (encode_position(1, number, 5 + 2_000_000 * number, (0.1,)) for number in range(2))
+    first, second = (encode(Position(1, number, 5 + 2_000_000 * number, (0.1,))) for number in range(2))
     greeting = Session(role="device", dof=1, name="device", incarnation=1).poll(0)[0][0].data
     found = latency.tick_starts([(60_000, first), (70_000, greeting), (2_060_000, second)])
     assert found == [(5, first), (2_000_005, second)]

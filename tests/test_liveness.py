@@ -49,10 +49,10 @@ def test_the_account_is_that_of_a_recount(seed: int) -> None:
         history.append((now, number if position else None))
         living = live.living(now)
         assert living == (now - last <= SILENCE)
-        if position and live.is_new(number):
-            assert number > newest
+        if position and number > newest:
+            since = number - newest if newest >= 0 else 1
             newest, last = number, now
-            heard = live.hear(now, number)
+            heard = live.hear(now, since)
             assert (heard is None) == living
         else:
             live.word(now)
@@ -65,9 +65,41 @@ def test_a_silence_that_a_restart_ends_lasts_until_the_first_position() -> None:
     assert not live.living(0)
     assert live.watch(10**12) is None  # nobody was there yet
     live.begin(0)
-    live.hear(10 * MS, 5)
+    live.hear(10 * MS, 1)
     live.begin(1000 * MS)  # a process in its place
     assert live.living(1050 * MS)
     assert live.watch(1050 * MS) is not None
-    assert live.hear(1080 * MS, 0) == PeerHeard(1070 * MS, 80 * MS, missing=0)
+    assert live.hear(1080 * MS, 1) == PeerHeard(1070 * MS, 80 * MS, missing=0)
     assert live.outages(1080 * MS) == Outages(1, 1070 * MS, 1070 * MS, 80 * MS, received=2, missing=0)
+
+
+def test_a_silence_begins_after_its_time_and_not_at_it() -> None:
+    """Exactly as long as is allowed is no silence, one nanosecond more is: for all that is told of it."""
+    for wait_ns, silent in ((SILENCE, False), (SILENCE + 1, True)):
+        live = Liveness(SILENCE, SILENCE)
+        live.begin(0)
+        assert live.living(wait_ns) is not silent
+        assert (live.watch(wait_ns) is not None) is silent
+        assert live.watch(wait_ns) is None, "told once"
+        assert live.outages(wait_ns).count == silent
+        assert live.outages(wait_ns).longest_ns == (wait_ns if silent else 0)
+        heard = live.hear(wait_ns, 1)
+        assert heard == (PeerHeard(wait_ns, 0, 0) if silent else None)
+        assert live.outages(wait_ns).count == silent
+
+
+def test_the_first_word_after_a_silence_is_counted_from_once_it_is_one() -> None:
+    live = Liveness(SILENCE, SILENCE)
+    live.begin(0)
+    live.word(SILENCE)  # not silent yet: no word that ends a silence
+    live.word(SILENCE + 5 * MS)
+    live.word(SILENCE + 9 * MS)
+    assert live.hear(SILENCE + 10 * MS, 1) == PeerHeard(SILENCE + 10 * MS, 5 * MS, 0)
+
+
+def test_what_another_run_of_numbers_takes_back_was_not_missing() -> None:
+    live = Liveness(SILENCE, SILENCE)
+    live.begin(0)
+    for since, missing in ((1, 0), (1000, 999), (-997, 2), (1, 2), (-5, 0)):
+        live.hear(MS, since)
+        assert live.outages(MS).missing == missing

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import pytest
@@ -42,9 +43,13 @@ def of(event: Event, on_silence: str = "hold") -> Notice | None:
         *(
             (
                 event("2 axes, not 1"),
-                Notice("refused", f"the world {says}: 2 axes, not 1", 7 * SECOND, "error", {"reason": "2 axes, not 1"}),
+                Notice("refused", f"{says}: 2 axes, not 1", 7 * SECOND, "error", {"reason": "2 axes, not 1"}),
             )
-            for event, says in ((Mismatch, "does not fit"), (PeerRefused, "refuses this side"))
+            for event, says in (
+                (Mismatch, "a world does not fit"),
+                (PeerRefused, "a world that is not paired with it refuses this side"),
+                (partial(PeerRefused, by_peer=True), "the world refuses this side"),
+            )
         ),
         (
             PeerSilent(6_250_000_000),

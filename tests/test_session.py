@@ -130,7 +130,7 @@ def test_the_second_may_start_much_later() -> None:
     device, world = session("device", 1), session("world", 2)
     network = Network(device)
     network.run(1000 * MS)
-    assert len(network.sent) == 5  # one hello a period
+    assert len(network.sent) == 10  # one hello a period
     network.sessions.append(world)
     network.run(230 * MS)
     assert device.peer is not None
@@ -279,17 +279,29 @@ def test_a_position_that_has_leapt_deafens_nobody() -> None:
     """A forger's one position in the peer's name, with the highest number there is, must not be the last one heard."""
     network, device, world = paired()
     world.receive(network.now, device.position(network.now, [0.0]))
-    assert world.receive(network.now, msgpack.packb([1, 1, 1, 2**64 - 1, 0, [0.5]])) == ()
+    assert world.receive(network.now, encode(Position(1, 2**64 - 1, network.now, (0.5,)))) == ()
     network.run(5000 * MS)
     assert len(world.receive(network.now, device.position(network.now, [0.0]))) == 2  # heard again
     assert world.dropped == {"leap": 1}
 
 
-def test_a_strangers_refusal_is_told_and_ends_nothing() -> None:
+def test_a_strangers_refusal_ends_nothing_and_is_told_only_when_the_peer_is_silent() -> None:
+    """Anybody who hears a hello can send one; it must not be printed as the peer's."""
     network, device, world = paired()
-    refusal = msgpack.packb([1, 5, 77, 1, "not you"])
-    assert device.receive(network.now, refusal) == (PeerRefused("not you"),)
+    refusal = encode(Refuse(77, 1, "not you"))
+    assert device.receive(network.now, refusal) == ()
+    assert device.dropped == {"rival": 1}
+    network.run(600 * MS)  # the peer says nothing
+    assert device.receive(network.now, refusal) == (PeerRefused("not you", by_peer=False),)
     assert device.peer == world.identity
+
+
+def test_while_somebody_is_about_to_be_the_peer_others_refuse_in_vain() -> None:
+    device, world = session("device", 1), session("world", 2)
+    device.receive(0, world.poll(0)[0][0].data)  # its hello
+    assert device.receive(MS, encode(Refuse(77, 1, "not you"))) == ()
+    assert device.dropped == {"rival": 1}
+    assert device.receive(2 * MS, encode(Refuse(2, 1, "changed my mind"))) == (PeerRefused("changed my mind"),)
 
 
 def test_a_silence_is_told_once_and_counted() -> None:
@@ -306,7 +318,7 @@ def test_a_silence_is_told_once_and_counted() -> None:
     assert world.outages(network.now).longest_ns == 600 * MS
     energy = encode(Energy(1, 2, 0, 0))
     world.receive(last + 700 * MS, energy)
-    events = world.receive(last + 730 * MS, device.position(0, [0.0]))
+    events = world.receive(last + 730 * MS, device.position(last + 730 * MS, [0.0]))
     assert events[1] == PeerHeard(silence_ns=730 * MS, recovery_ns=30 * MS, missing=1)
     assert world.watch(last + 740 * MS) == ()
     assert world.outages(last + 740 * MS) == Outages(1, 730 * MS, 730 * MS, 30 * MS, received=4, missing=1)
@@ -369,13 +381,31 @@ def test_misfits_are_refused_in_words_once(other: Session, reason: str) -> None:
 
 def test_another_version_is_refused_in_words() -> None:
     device = session("device", 1)
-    hello = msgpack.packb([2, Hello.KIND, 77, "new fields"])
-    assert device.receive(0, hello) == (Mismatch("peer speaks protocol 2, this side speaks 1"),)
+    hello = msgpack.packb([3, Hello.KIND, 77, "new fields"])
+    assert device.receive(0, hello) == (Mismatch("peer speaks protocol 3, this side speaks 2"),)
     assert device.receive(0, hello) == ()
     replies = [decode(o.data) for o in device.poll(0)[0]]
-    assert Refuse(1, 77, "peer speaks protocol 2, this side speaks 1") in replies
-    assert device.receive(0, msgpack.packb([2, 5, 77, 1, "speak 2"])) == (PeerRefused("speak 2"),)
+    assert Refuse(1, 77, "peer speaks protocol 3, this side speaks 2") in replies
+    assert device.receive(0, msgpack.packb([3, 5, 77, 1, "speak 3"])) == (PeerRefused("speak 3"),)
     assert device.dropped == {"version": 2}
+
+
+# what version 1 said: a hello, a refusal, a position (the golden frames of that version)
+HELLO_1 = "980103cf112233445566778801a664657669636503a370656e80"
+POSITION_1 = "960101cf112233445566778807ce3b9aca0091cb3f847ae147ae147b"
+
+
+def test_version_1_is_refused_in_words_that_it_understands() -> None:
+    world = session("world", 2, dof=3)
+    sender = 0x1122334455667788
+    assert world.receive(0, bytes.fromhex(HELLO_1)) == (Mismatch("peer speaks protocol 1, this side speaks 2"),)
+    refusal = next(data for _, data in world.poll(0)[0] if data[2] == Refuse.KIND)
+    # by version 1: an array of five, whatever the version, with kind 5, incarnations and a text
+    assert msgpack.unpackb(refusal) == [2, 5, 2, sender, "peer speaks protocol 1, this side speaks 2"]
+    assert world.receive(0, bytes.fromhex(POSITION_1)) == ()
+    assert world.dropped == {"version": 2}
+    answer = msgpack.packb([1, 5, sender, 2, "peer speaks protocol 2, this side speaks 1"])  # to a hello of version 2
+    assert world.receive(0, answer) == (PeerRefused("peer speaks protocol 2, this side speaks 1"),)
 
 
 def test_bye_settles_the_account_exactly() -> None:
@@ -552,7 +582,7 @@ def test_only_the_stream_that_the_coupling_takes_is_handed_out(kind: type[Stream
         if other is not kind:
             assert events == ()
         elif isinstance(message, Position):
-            assert events == (PositionReceived(*message[1:]),)
+            assert events == (PositionReceived(*message[1:4]),)
         else:
             assert events == (SampleReceived(message),)
     assert device.dropped == {"stream": 3}

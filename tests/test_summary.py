@@ -239,11 +239,11 @@ def keys(value: Any) -> Any:
 
 
 def test_a_recordings_summary_has_the_keys_of_a_live_one(simulated: Any) -> None:
-    """`dropped` and `profile` apart, whose keys and value only the live one knows."""
-    live = dict(simulated.summary, motion=None)
+    """`dropped`, `path` and `profile` apart, whose keys and value only the live one knows."""
+    live = dict(simulated.summary, motion=None, path=None)
     live["device"], live["world"] = (dict(live[side], dropped=None) for side in ("device", "world"))
     told = from_recording(simulated.recording)
-    assert keys(dict(told, motion=None)) == keys(live)
+    assert keys(dict(told, motion=None, path=None)) == keys(live)
     assert told["world"]["dropped"] is None
     assert set(told["device"]["servo"].values()) == {None}
     assert told["links"]["up"]["profile"] == live["links"]["up"]["profile"]

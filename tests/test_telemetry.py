@@ -17,7 +17,7 @@ NUMBER = st.floats(allow_nan=False)
 STATUS = Status(
     role="device", time_ns=5, incarnation=2**62, paired=True, paused=False, recording="a.mcap",
     about={"params": {"dof": 1}, "surfaces": ({"axis": 0, "position_m": 0.02, "solid": 1},)},
-    link={"profile": "", "delay_now_ms": None}, round_trip_ms=81.5,
+    link={"profile": "", "delay_now_ms": None}, path={"round_trip_p50_ms": 81.5, "up": None, "down": {"loss": 0.02}},
 )  # fmt: skip
 
 
@@ -83,7 +83,7 @@ DEVICE = DeviceSample(1, (0.0,), (0.0,), (0.0,), (0.0,), None, *[0.0] * 7, None)
         ([VERSION, "status", {**vars(STATUS), "role": "mouse"}], "role"),
         ([VERSION, "status", {**vars(STATUS), "about": []}], "about"),
         *(
-            ([VERSION, "status", {**vars(STATUS), **odd}], "parameters, surfaces or link")
+            ([VERSION, "status", {**vars(STATUS), **odd}], "parameters, surfaces, link or path")
             for odd in (
                 {"about": {"params": 3}},
                 {"about": {"params": {"device": 3}}},
@@ -95,6 +95,9 @@ DEVICE = DeviceSample(1, (0.0,), (0.0,), (0.0,), (0.0,), None, *[0.0] * 7, None)
                 {"about": {"surfaces": [{"axis": 0, "position_m": math.inf, "solid": 1}]}},
                 {"link": {"delay_now_ms": "long"}},
                 {"link": {"loss_now": [0.1]}},
+                {"path": {"round_trip_p50_ms": "long"}},
+                {"path": {"up": 0.1}},
+                {"path": {"down": {"lost": 3}}},
             )
         ),
     ],

@@ -27,7 +27,7 @@ from hapnet.runtime.notices import Notice
 from hapnet.runtime.realtime import RealtimeSide
 from hapnet.runtime.servo import set_timer_slack, tuned_interpreter
 from hapnet.runtime.zenoh_config import ZenohSettings, free_address, zenoh_config
-from hapnet.wire.messages import Position, decode, encode_position
+from hapnet.wire.messages import Position, decode, encode
 
 Stamps = list[tuple[int, bytes]]
 """When a message was handed over, or had arrived [ns], and its bytes, which are unique."""
@@ -193,7 +193,7 @@ def send_raw(gate: Gate, address: str, seconds: float) -> Stamps:
         gate()
         deadline_ns = time.monotonic_ns()
         frames = [
-            encode_position(2**62, number, deadline_ns, (0.0123,))
+            encode(Position(2**62, number, deadline_ns, (0.0123,)))
             for number in range(round((seconds + _SETTLE_S) * 1e9 / _PERIOD_NS))
         ]
         stamps: Stamps = []

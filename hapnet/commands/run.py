@@ -51,8 +51,9 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, re
             """A notice, for people and for the log; the device's clock says how far the run is."""
             nonlocal running
             if notice["kind"] != "progress":
+                # the report has the path
                 text = repeats.line(role, notice["kind"], notice["text"], notice["monotonic_ns"])
-                if notice["kind"] != "waiting" and text is not None:
+                if notice["kind"] not in ("waiting", "path") and text is not None:
                     words.print(f"{role}: {text}", markup=False)
                 with written.part():
                     output.write_line(log.fileno(), line, str(directory / "log.jsonl"))

@@ -79,6 +79,7 @@ def page(recording: Recording, drawn: Mapping[str, Picture], sources: Sequence[S
             _table(tables.sides(summary)),
             _table(tables.motion(summary)),
         ),
+        _section("Path", _table(tables.path(summary))),
         _section("Links", _table(tables.links(summary)), _picture(drawn.get("link"))),
         _section("Energy account", _energy(tables.energy(summary))),
         _section("Servo", _picture(drawn.get("servo"))),

@@ -85,6 +85,16 @@ _LINKS: tuple[_Row, ...] = (
     ("dropped, queue full", "", ("dropped_limit",), number),
     ("reordered", "", ("reordered",), number),
 )
+_PATH: tuple[_Row, ...] = (
+    ("messages numbered", "", ("sent",), number),
+    ("not come", "", ("lost",), number),
+    ("jitter p50", "ms", ("jitter_p50_ms",), number),
+    ("jitter p99", "ms", ("jitter_p99_ms",), number),
+    ("age of what is used p50", "ms", ("age_p50_ms",), number),
+    ("age of what is used p99", "ms", ("age_p99_ms",), number),
+    ("stalls", "", ("stalls",), number),
+    ("longest stall", "ms", ("longest_stall_ms",), number),
+)
 _MOTION: tuple[_Row, ...] = (
     ("position error, free (rms)", "mm", ("free_rms_m",), milli),
     ("position error, in contact (rms)", "mm", ("contact_rms_m",), milli),
@@ -125,13 +135,27 @@ def energy(summary: Mapping[str, Any]) -> Table:
 
 
 def links(summary: Mapping[str, Any]) -> Table:
-    """What the emulated links did."""
+    """What the emulated links did; the network's part is in `path`."""
     ways = _ways(summary, "links")
     rows = [*_rows(_LINKS, ways)]
-    lost = [_loss(way) for way in ways]
+    lost = [_share(way, "lost", "offered") for way in ways]
     if any(lost):
         rows.append(("lost [%]", *map(text, lost)))
-    return Table("links (up: from the device)", _WAYS, rows)
+    return Table("emulated links (up: from the device)", _WAYS, rows)
+
+
+def path(summary: Mapping[str, Any]) -> Table:
+    """What the streams showed of the way between the sides, the network and the emulated links together."""
+    ways = _ways(summary, "path")
+    rows = [*_rows(_PATH, ways)]
+    lost = [_share(way, "lost", "sent") for way in ways]
+    if any(lost):
+        rows.insert(2, ("lost [%]", *map(text, lost)))
+    for quantile in ("min", "p50", "p99"):
+        trip = known(get(summary, "path", f"round_trip_{quantile}_ms"))
+        if trip is not None:
+            rows.append((f"round trip {quantile} [ms]", "", number(trip)))
+    return Table("path, measured end to end (up: from the device)", _WAYS, rows)
 
 
 def motion(summary: Mapping[str, Any]) -> Table:
@@ -157,7 +181,7 @@ def summary_text(summary: Mapping[str, Any]) -> RenderableType:
             out.add_row(*map(Text, row))  # not markup, whatever it says
         return out
 
-    tables = (both_ports(summary), sides(summary), energy(summary), links(summary), motion(summary))
+    tables = (both_ports(summary), sides(summary), energy(summary), path(summary), links(summary), motion(summary))
     warning = force_stopped(summary)
     return Group(
         Text(
@@ -181,9 +205,9 @@ def _rows(rows: tuple[_Row, ...], columns: list[Any]) -> Iterator[tuple[str, ...
             yield (f"{label} [{unit}]" if unit else label, *map(convert, values))
 
 
-def _loss(link: Any) -> str | None:
-    lost, offered = known(get(link, "lost")), known(get(link, "offered"))
-    return None if lost is None or not offered else f"{100 * lost / offered:.2f}"
+def _share(way: Any, part: str, whole: str) -> str | None:
+    some, all_of_it = known(get(way, part)), known(get(way, whole))
+    return None if some is None or not all_of_it else f"{100 * some / all_of_it:.2f}"
 
 
 def _about(summary: Mapping[str, Any]) -> str:

@@ -38,9 +38,10 @@ def notice_of(event: Event, now_ns: int, other: str, on_silence: str) -> Notice 
         case PeerLeft(reason):
             return Notice("left", f"the {other} left: {reason}", now_ns, values={"reason": reason})
         case Mismatch(reason):
-            return Notice("refused", f"the {other} does not fit: {reason}", now_ns, "error", {"reason": reason})
-        case PeerRefused(reason):
-            return Notice("refused", f"the {other} refuses this side: {reason}", now_ns, "error", {"reason": reason})
+            return Notice("refused", f"a {other} does not fit: {reason}", now_ns, "error", {"reason": reason})
+        case PeerRefused(reason, by_peer):
+            who = f"the {other}" if by_peer else f"a {other} that is not paired with it"
+            return Notice("refused", f"{who} refuses this side: {reason}", now_ns, "error", {"reason": reason})
         case PeerSilent(since_ns):
             silence_s = (now_ns - since_ns) * NANO
             does = "the set-position is held" if on_silence == "hold" else "the spring is let go"

@@ -25,6 +25,7 @@ from hapnet.endpoint import NANO
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.record import Event as Note
 from hapnet.record import Sample
+from hapnet.runtime import path as paths
 from hapnet.runtime import recorded_hand, recorded_link, servo_pipe
 from hapnet.runtime.alone import Alone
 from hapnet.runtime.build import LIVE, Setup, device_session, link_profile, world_session
@@ -125,6 +126,8 @@ class RealtimeSide:
             protocol = device_session(setup, incarnation)
             self.control = ThreadedDevice(setup, protocol, outlet, self._clock, realtime=realtime)
         self.wire = self.control.wire
+        self._path_told = paths.PathTeller(role, self.wire.session.path)
+        self._path_shown = paths.PathMeter(role, self.wire.session.path)
         self._link: Link[Parcel] = Link(self.profile, seed=entropy[0 if role == "device" else 1])
         self._meter = LinkMeter()
         self._transport = ZenohTransport(
@@ -286,6 +289,8 @@ class RealtimeSide:
                 if origin_ns is not None:
                     now_ns = self._clock()
                     self._teller.progress(now_ns, (now_ns - origin_ns) * NANO)
+                    if (notice := self._path_told.look(now_ns)) is not None:
+                        self._notify(notice)
             await asyncio.wait((stopped,), timeout=_HOUSEKEEPING_S)
         stopped.cancel()
 
@@ -353,6 +358,11 @@ class RealtimeSide:
             return False
         return self.control.origin_ns is None or (isinstance(event, PeerRefused) and event.by_peer)
 
+    def _end_unpaired(self, error: HapnetError) -> None:
+        """Unless a world has taken this side after all: anybody may send a refusal."""
+        if self.wire.session.peer is None:
+            self._fail(error)
+
     def _dropped(self) -> dict[str, int]:
         """How many messages were dropped, by kind; the lock is held."""
         flood = self._transport.gate.refused
@@ -365,7 +375,7 @@ class RealtimeSide:
             if self._is_final(event):
                 notice = notice_of(event, now_ns, "world", "")
                 assert notice is not None
-                self._loop.call_later(REFUSE_S, self._fail, HapnetError(notice.text))
+                self._loop.call_later(REFUSE_S, self._end_unpaired, HapnetError(notice.text))
             elif (notice := self._teller.happened(event, now_ns)) is not None:
                 self._recordings.keep(Note(now_ns, notice.kind, notice.text))
             self._alone.happened(event, now_ns, left_s)
@@ -382,11 +392,13 @@ class RealtimeSide:
                 "dropped": self._dropped(), "declared_again": self._transport.declared_again,
             }  # fmt: skip
             links[self._way] = self._link.stats.as_dict()
+        path = paths.of_side(self.role, self.wire.session.path.figures())
         origin_ns = self.control.origin_ns
         elapsed = None if origin_ns is None else (end_ns - origin_ns) * NANO
         summary = combine(
             own["device"], own["world"], links,
             seed=self.seed, duration_s=elapsed, coupling=self.setup.params.coupling, tuning=self.setup.tuning,
+            path=path,
         )  # fmt: skip
         summary["wall_clock"] = {"elapsed_s": (self._clock() - self._started_ns) * NANO}
         return summary
@@ -412,7 +424,7 @@ class RealtimeSide:
     def _status(self) -> Status:
         session = self.wire.session
         with self._egress.lock:
-            stats, round_trip_ns, paired = self._link.stats, session.round_trip_ns, session.peer is not None
+            stats, paired = self._link.stats, session.peer is not None
         return Status(
             role=self.role,
             time_ns=self._clock(),
@@ -422,5 +434,5 @@ class RealtimeSide:
             recording=str(self._recordings.path or ""),
             about=self._meta(),
             link=self._meter.read(stats),
-            round_trip_ms=None if round_trip_ns is None else round_trip_ns * 1e-6,
+            path=self._path_shown.read(),
         )

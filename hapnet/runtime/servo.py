@@ -24,6 +24,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from hapnet.errors import InvalidParameter
+from hapnet.histogram import Histogram as Histogram
 
 _log = logging.getLogger(__name__)
 
@@ -64,62 +65,6 @@ class DeadlineGrid:
         self.deadline_ns = following + missed * self.period_ns
         self.skipped += missed
         return missed
-
-
-class Histogram:
-    """Counts of non-negative integers in a fixed number of bins, 32 to an octave: a quantile is at most 1/32 too high.
-
-    Values below 64 have a bin each. Values of 2^42 and above (73 minutes in ns) share the last bin; `max` stays exact.
-    """
-
-    _SUB_BITS = 5
-    _MAX_BITS = 42
-
-    def __init__(self) -> None:
-        self._counts = [0] * (self._index((1 << self._MAX_BITS) - 1) + 1)
-        self.max = 0
-
-    @classmethod
-    def _index(cls, value: int) -> int:
-        shift = max(0, value.bit_length() - cls._SUB_BITS - 1)
-        return (shift << cls._SUB_BITS) + (value >> shift)
-
-    @classmethod
-    def _highest(cls, index: int) -> int:
-        """Highest value that falls in the bin."""
-        shift = max(0, (index >> cls._SUB_BITS) - 1)
-        return ((index - (shift << cls._SUB_BITS) + 1) << shift) - 1
-
-    def add(self, value: int) -> None:
-        """Count one value; a negative one counts as 0."""
-        value = max(0, value)
-        self._counts[min(self._index(value), len(self._counts) - 1)] += 1
-        if value > self.max:
-            self.max = value
-
-    def bins(self) -> tuple[tuple[int, int], ...]:
-        """(highest value, count) of every bin that is not empty, ascending."""
-        counts = self._counts.copy()
-        last = len(counts) - 1
-        return tuple((self.max if i == last else min(self._highest(i), self.max), n) for i, n in enumerate(counts) if n)
-
-    @property
-    def total(self) -> int:
-        """How many values were counted."""
-        return sum(self._counts)
-
-    def quantile(self, q: float) -> int | None:
-        """Smallest bin edge that at least a share `q` of the values does not exceed (None if there is no value)."""
-        counts = self._counts.copy()
-        total = sum(counts)
-        if total == 0:
-            return None
-        seen = 0
-        for index, count in enumerate(counts[:-1]):
-            seen += count
-            if seen >= q * total and seen > 0:
-                return min(self._highest(index), self.max)
-        return self.max
 
 
 @dataclass(frozen=True, slots=True)

@@ -92,8 +92,8 @@ class ServoChild:
         try:
             while (frame := self._pipe.look()) is not None:
                 match frame:
-                    case ("arrive", kind, values, sent_s):
-                        control.arrive(datum_of(kind, values), sent_s)
+                    case ("arrive", kind, values, sent_ns, came_ns):
+                        control.arrive(datum_of(kind, values), sent_ns, came_ns)
                     case ("credit", credited_nJ):
                         control.credit(credited_nJ)
                     case ("pair", restarted):

@@ -66,10 +66,10 @@ class ServoProcess:
     def pair(self, restarted: bool) -> None:
         self._deliver("pair", restarted)
 
-    def arrive(self, datum: Datum, sent_s: float) -> None:
+    def arrive(self, datum: Datum, sent_ns: int, came_ns: int) -> None:
         self._pay()
         if not self._owed:  # another peer that is owed to the servo comes before its data
-            self._pipe.offer("arrive", kind_of(datum), datum, sent_s)
+            self._pipe.offer("arrive", kind_of(datum), datum, sent_ns, came_ns)
 
     def credit(self, credited_nJ: int) -> None:
         self._deliver("credit", credited_nJ)

@@ -15,6 +15,7 @@ from hapnet.endpoint import NANO, ControlHalf
 from hapnet.errors import RecordingError
 from hapnet.metrics.passivity import least_total_margin
 from hapnet.record import Columns, Recording, join, plain
+from hapnet.runtime import path as paths
 from hapnet.runtime.couplings import jointly_passive
 from hapnet.runtime.sides import DeviceSide
 from hapnet.runtime.verdict import START_S, excess_nJ, has_reservoirs, judge, restarted
@@ -149,8 +150,9 @@ def combine(
     total_later_J: float | None = None,
     tuning: Mapping[str, float] | None = None,
     torn: Sequence[str] = (),
+    path: Mapping[str, Any] | None = None,
 ) -> Summary:
-    """One summary of both sides. `tuning`: what the coupling's own rule made of the link.
+    """One summary of both sides. `tuning`: what the coupling's own rule made of the link. `path`: see path.py.
 
     `two_port_J` is the minimum over time of the energy put in at both ports, where one clock saw both;
     `two_port_end_J` its value at the end, `two_port_later_J` its minimum from `START_S` on, `hand_two_port_J` its
@@ -200,6 +202,7 @@ def combine(
         "device": device,
         "world": world,
         "energy": energy,
+        "path": paths.unknown() if path is None else dict(path),
         "links": dict(links),
         "motion": dict.fromkeys(("free_rms_m", "contact_rms_m", "peak_force_N", "peak_penetration_m", "contacts")),
         "seed": seed,
@@ -248,12 +251,13 @@ def merge(device: Summary, world: Summary, *, seed: int | None = None, recording
         tuning=device.get("tuning"),
         torn=[side for part in (device, world) for side in part.get("torn") or ()],
         **_recorded(recording),
+        path=paths.of_both(device.get("path"), world.get("path")),
     )
     whole["wall_clock"] = {"device": device["wall_clock"], "world": world["wall_clock"]}
     return whole
 
 
-def _recorded(recording: Recording | None) -> dict[str, float | None]:
+def _recorded(recording: Recording | None) -> dict[str, Any]:
     """What is recorded of both ports together, as `combine` takes it."""
     if recording is None:
         return {}

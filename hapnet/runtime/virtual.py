@@ -17,6 +17,7 @@ from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.metrics import motion
 from hapnet.params import Params
 from hapnet.record import MemoryRecorder, Recording
+from hapnet.runtime import path
 from hapnet.runtime.build import LIVE, Setup, device_session, device_side, prepare, world_session, world_side
 from hapnet.runtime.collector import collector_paused
 from hapnet.runtime.parcel import FRAME_OVERHEAD, Parcel
@@ -227,7 +228,12 @@ class Simulation:
             two_port_end_J=self.two_port.now,
             two_port_later_J=self.two_port.later,
             tuning=self.setup.tuning,
+            path=self._path(),
         )
+
+    def _path(self) -> path.Section:
+        device, world = self.device_endpoint.session.path, self.world_endpoint.session.path
+        return path.of_both(path.of_side("device", device.figures()), path.of_side("world", world.figures()))
 
     @property
     def _settled(self) -> bool:

@@ -4,7 +4,7 @@ Keys are ``hapnet/<session>/<device>/{up,down}/{position,energy,control}``; up i
 express, and dropped on congestion: what must not be lost, the energy channel repeats itself. Each kind has a priority
 of its own: Zenoh numbers the messages of each priority and drops one that comes after a later one, so over udp with
 jitter most energy messages would be lost among the positions. Beside them each side publishes ``.../telemetry`` for who
-watches it, of the lowest priority.
+watches it, of the lowest priority, and answers what comes on ``.../probe`` (probe.py).
 
 A key that carries nothing else carries a message without payload, at least every 0.2 s. A side that hears nothing on
 one of the three, though it is connected over a link that repeats nothing, declares its subscription again (keys.py).
@@ -29,6 +29,7 @@ import zenoh
 from hapnet.errors import InvalidParameter, TransportError
 from hapnet.runtime.gate import Gate
 from hapnet.runtime.keys import WATCH_NS, KeyWatch, key_expressions
+from hapnet.runtime.probe import PROBE, answer_probes
 from hapnet.runtime.zenoh_config import ZenohSettings, may_lose, reason, where, zenoh_config
 from hapnet.wire.messages import Role
 
@@ -313,6 +314,7 @@ class ZenohTransport:
             publishers = {kind: _publisher(session, f"{self._mine}/{kind}", kind) for kind in (*KINDS, TELEMETRY)}
             for kind in KINDS:
                 session.declare_subscriber(f"{self._theirs}/{kind}", _direct(self._receiver(kind)))
+            answer_probes(session, f"{self._theirs}/{PROBE}", f"{self._mine}/{PROBE}")
             with self._lock:
                 self._session, self._publishers = session, publishers
             # the token comes after the subscribers: who sees it knows them

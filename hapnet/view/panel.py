@@ -193,7 +193,8 @@ def _table(snapshot: Snapshot, state: str) -> str:
     rows = [
         ("delay up, down", f"{_link(device, 'delay_now_ms', 1.0, 0)}, {_link(world, 'delay_now_ms', 1.0, 0)} ms"),
         ("loss up, down", f"{_link(device, 'loss_now', 100.0, 1)}, {_link(world, 'loss_now', 100.0, 1)} %"),
-        ("round trip", f"{_number(None if device is None else device.round_trip_ms, 0)} ms"),
+        ("path: round trip", f"{_number(_round_trip(device, world), 1)} ms"),
+        ("path: lost up, down", f"{_number(_lost(world, 'up'), 1)}, {_number(_lost(device, 'down'), 1)} %"),
         ("margin now", f"{_number(_milli(snapshot.margin_J), 1)} mJ"),
         ("least so far", f"{_number(_milli(snapshot.least_margin_J), 1)} mJ"),
         ("least after 1 s", f"{_number(_milli(snapshot.later_margin_J), 1)} mJ"),
@@ -221,6 +222,18 @@ def _table(snapshot: Snapshot, state: str) -> str:
 def _link(status: Status | None, key: str, factor: float, digits: int) -> str:
     value = None if status is None else status.link.get(key)
     return _number(None if value is None else factor * float(value), digits)
+
+
+def _round_trip(*sides: Status | None) -> float | None:
+    """Measured, the network and the emulated links together [ms]."""
+    known = (side.path.get("round_trip_p50_ms") for side in sides if side is not None)
+    return next((value for value in known if value is not None), None)
+
+
+def _lost(status: Status | None, way: str) -> float | None:
+    """What has not come of what the other side has numbered [%]."""
+    heard = None if status is None else status.path.get(way)
+    return None if heard is None else 100.0 * float(heard["loss"])
 
 
 def _milli(value: float | None) -> float | None:

@@ -10,8 +10,8 @@ from math import isfinite
 
 from hapnet.errors import InvalidParameter
 
-DEFAULT_POWER_W = 10.0
-DEFAULT_BURST_J = 0.1
+DEFAULT_POWER_W = 5.0
+DEFAULT_BURST_J = 0.5
 REPEATED_NS = 2_000_000_000
 """A sender repeats a total that is not acknowledged within that, and 1.5 s is its timer's longest [ns]."""
 

@@ -25,7 +25,7 @@ from math import floor
 
 from hapnet.errors import BadMessage, InvalidParameter
 from hapnet.wire.admission import Admission
-from hapnet.wire.messages import MAX_TOTAL_NJ
+from hapnet.wire.fields import MAX_TOTAL_NJ
 from hapnet.wire.rto import CEILING_NS, RtoEstimator
 
 SPACING_NS = 10_000_000

@@ -38,7 +38,7 @@ class EnergyCredited(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class PeerRefused:
-    """A peer will not pair with this incarnation, ever, and why. by_peer: it was this side's own, and is no more."""
+    """Somebody will not pair with this incarnation, ever, and why. by_peer: it was this side's peer, and is no more."""
 
     reason: str
     by_peer: bool = False

@@ -10,8 +10,8 @@ An incarnation, 64 random bits, is one start of a process. The rules:
   old one has restarted. Its welcome must repeat a hello later than the current pairing. So what dead processes left in
   the network can never displace a living peer.
 * Nor can a living stranger: while the peer is heard, a stranger is a rival (two devices under one name), which is
-  dropped and not answered, but for the refusal of a hello that does not fit. It goes on saying hello, and its turn
-  comes when the peer is silent.
+  dropped and not answered, but for the refusal of a hello that does not fit; what it refuses is dropped as well. It
+  goes on saying hello, and its turn comes when the peer is silent.
 * Of several that look for a peer at once one is the suitor, the first; the others are rivals until it has become the
   peer, or was not heard for `SUITOR_NS`. Were all welcomed, each would think itself the peer, with a full reservoir.
 * A peer that was displaced, left or refused is retired for as long as this side runs, and told so when it speaks: its
@@ -25,9 +25,10 @@ from collections.abc import Callable
 
 from hapnet.errors import BadMessage
 from hapnet.wire.events import Event, Mismatch, Paired, PeerLeft, PeerRefused
-from hapnet.wire.messages import MAX_TEXT, Bye, Hello, Identity, OtherVersion, Refuse, Welcome
+from hapnet.wire.fields import MAX_TEXT
+from hapnet.wire.messages import Bye, Hello, Identity, OtherVersion, Refuse, Welcome
 
-HELLO_PERIOD_NS = 200_000_000
+HELLO_PERIOD_NS = 100_000_000
 PROMPT_NS = 20_000_000  # least time between two hellos, when strangers call for them
 REPLY_SPACING_NS = 10_000_000  # however fast strangers speak: at most MAX_REPLIES in this time
 MAX_REPLIES = 8
@@ -132,6 +133,9 @@ class Handshake:
         by_peer = self.peer is not None and self.peer.incarnation == message.incarnation
         if self.peer is not None and by_peer:
             self._retire(self.peer, now_ns)
+        else:
+            self._check_peer_is_silent(message.incarnation, now_ns)
+            self._check_no_other_suitor(message.incarnation, now_ns)
         return self._tell(PeerRefused(message.reason, by_peer), message.incarnation, now_ns)
 
     def bye(self, message: Bye, now_ns: int) -> tuple[Event, ...]:
@@ -208,9 +212,12 @@ class Handshake:
         if self.peer is not None and self.peer.incarnation == sender:
             return
         self._check_peer_is_silent(sender, now_ns)
+        self._check_no_other_suitor(sender, now_ns)
+        self._suitor, self._suitor_ns = sender, now_ns
+
+    def _check_no_other_suitor(self, sender: int, now_ns: int) -> None:
         if self._suitor not in (None, sender) and now_ns - self._suitor_ns <= SUITOR_NS:
             raise BadMessage("rival", f"incarnation {sender:#x} speaks while another one is about to be the peer")
-        self._suitor, self._suitor_ns = sender, now_ns
 
     def _earlier_peers(self, incarnation: int) -> int:
         """How many others this side was paired with before `incarnation`."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hapnet.wire.events import PeerHeard, PeerSilent
+from hapnet.wire.numbering import Numbering
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,9 +30,6 @@ class Outages:
 LIVING_NS = 500_000_000
 """A peer that was heard within that is alive, however short or long a silence the user asks for."""
 
-LEAST_PERIOD_NS, MOST_AT_ONCE = 50_000, 2_000
-"""No sender's positions are closer together at length, nor do more of them come before their time."""
-
 
 class Liveness:
     """Keeps the time of what is heard, and its numbers.
@@ -40,13 +38,17 @@ class Liveness:
     ----------
     silence_ns : the peer is silent when no new position came for longer.
     living_ns : nobody may take its place until none came for longer.
+
+    Attributes
+    ----------
+    numbers : of the pair's positions.
     """
 
     def __init__(self, silence_ns: int, living_ns: int = LIVING_NS) -> None:
         self._silence_ns, self._living_ns = silence_ns, living_ns
         self._life_ns: int | None = None  # of the last new position, or of the pair's beginning
         self._heard_ns: int | None = None  # the same, but a new pair does not end a silence
-        self._newest = -1  # none yet: what came before the pair's first position was not for this side
+        self.numbers = Numbering()  # what came before the pair's first position was not for this side
         self._told = False
         self._word_ns: int | None = None
         self._count = self._longest_ns = self._total_ns = self._recovery_max_ns = self._received = self._missing = 0
@@ -61,7 +63,7 @@ class Liveness:
         self._life_ns = now_ns
         if self._heard_ns is None:
             self._heard_ns = now_ns
-        self._newest = -1
+        self.numbers = Numbering()
         self.word(now_ns)
 
     def word(self, now_ns: int) -> None:
@@ -69,25 +71,14 @@ class Liveness:
         if self._word_ns is None and self._heard_ns is not None and now_ns - self._heard_ns > self._silence_ns:
             self._word_ns = now_ns
 
-    def is_new(self, sequence: int) -> bool:
-        """Is a position with that number newer than all before it?"""
-        return sequence > self._newest
+    def hear(self, now_ns: int, since: int) -> PeerHeard | None:
+        """A new position came, `since` numbers after the one before; what it ends, if that was a silence.
 
-    def leaps(self, now_ns: int, sequence: int) -> bool:
-        """Is that number one that no sender can have come to since the last new one?
-
-        A forged one that counted would leave this side deaf to its peer for ever.
+        `since` is negative where another run of numbers is believed that is behind: so many were not missing after all.
         """
-        if self._newest < 0 or self._life_ns is None:
-            return False
-        return sequence - self._newest > MOST_AT_ONCE + (now_ns - self._life_ns) // LEAST_PERIOD_NS
-
-    def hear(self, now_ns: int, sequence: int) -> PeerHeard | None:
-        """A new position came; what it ends, if that was a silence."""
-        missing = 0 if self._newest < 0 else sequence - self._newest - 1
-        self._newest = sequence
+        missing = since - 1 if since > 0 else since
         self._received += 1
-        self._missing += missing
+        self._missing = max(0, self._missing + missing)
         heard_ns, self._heard_ns, self._life_ns = self._heard_ns, now_ns, now_ns
         if heard_ns is None or now_ns - heard_ns <= self._silence_ns:
             return None
@@ -98,7 +89,7 @@ class Liveness:
         self._total_ns += silence_ns
         self._recovery_max_ns = max(self._recovery_max_ns, recovery_ns)
         self._told, self._word_ns = False, None
-        return PeerHeard(silence_ns, recovery_ns, missing)
+        return PeerHeard(silence_ns, recovery_ns, max(0, missing))
 
     def watch(self, now_ns: int) -> PeerSilent | None:
         """A silence that has not been told yet."""

@@ -1,30 +1,26 @@
 """The messages of the protocol and their frames: `encode` and `decode` (README.md beside this file is the reference).
 
 A frame is a msgpack array whose first element is the protocol version and whose second is the kind of message. The
-rest are the fields of the message's dataclass in their order. `decode` takes whatever a network brings: the result is
-a message whose every field was checked, or `BadMessage`.
+rest are the fields of the message's class in their order, and at the end a map of further entries, which may be absent
+and of which a receiver ignores what it does not know; a refusal alone has none. `decode` takes whatever a network
+brings: the result is a message whose every field was checked, or `BadMessage`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
-from math import isfinite
-from operator import attrgetter
+from dataclasses import dataclass
+from struct import Struct
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import msgpack
 
 from hapnet.errors import BadMessage
+from hapnet.wire import fields
+from hapnet.wire.fields import MAX_COORDINATE, MAX_DOF
 
-VERSION = 1
+VERSION = 2
 MAX_FRAME_BYTES = 4096
-MAX_DOF = 64
-MAX_TEXT = 256
-MAX_ABOUT = 32
-MAX_COORDINATE = 1e6  # m or rad; keeps every square and product of the control layer finite
-MAX_TOTAL_NJ = 2**63  # exclusive: totals fit a signed 64-bit integer
-MAX_SPAN_NS = 10**10  # of a wave: nobody sends so seldom
 MAX_ARRAY = MAX_DOF + 1  # msgpack allots what an array announces: 4 kB of nested headers took 20 ms and 30 MB
 
 _POSITION_KIND = 1
@@ -32,6 +28,8 @@ _POSITION_KIND = 1
 Role = Literal["device", "world"]
 Scalar = str | int | float | bool | None
 Channel = Literal["position", "energy", "control"]
+More = dict[str, Any]
+"""What a frame's map of further entries says; None where a message has it: nothing."""
 
 
 class _PositionFields(NamedTuple):
@@ -39,10 +37,17 @@ class _PositionFields(NamedTuple):
     sequence: int
     sent_ns: int
     position: tuple[float, ...]
+    echo_ns: int = 0
+    came_ns: int = 0
+    more: More | None = None
 
 
 class Position(_PositionFields):
     """A set-position, `position` in m (or rad), numbered and stamped with its sender's own clock. Best effort.
+
+    echo_ns : the newest stamp of the addressee's that the sender has used, and came_ns : when that had come, on the
+    sender's clock; both 0 before there is one. All kinds of stream have them. With the time of arrival they give the
+    round trip, as the four stamps of NTP do (RFC 5905, section 8).
 
     A named tuple and no dataclass, as it is made hundreds of times a second.
     """
@@ -57,6 +62,7 @@ class _EnergyFields(NamedTuple):
     addressee: int
     total_nJ: int
     acked_nJ: int
+    more: More | None = None
 
 
 class Energy(_EnergyFields):
@@ -76,6 +82,9 @@ class _MotionFields(NamedTuple):
     sent_ns: int
     position: tuple[float, ...]
     velocity: tuple[float, ...]
+    echo_ns: int = 0
+    came_ns: int = 0
+    more: More | None = None
 
 
 class Motion(_MotionFields):
@@ -92,6 +101,9 @@ class _PortFields(NamedTuple):
     sent_ns: int
     value: tuple[float, ...]
     energy_nJ: int
+    echo_ns: int = 0
+    came_ns: int = 0
+    more: More | None = None
 
 
 class Port(_PortFields):
@@ -111,6 +123,9 @@ class _WaveFields(NamedTuple):
     sent_ns: int
     wave: tuple[float, ...]
     span_ns: int
+    echo_ns: int = 0
+    came_ns: int = 0
+    more: More | None = None
 
 
 class Wave(_WaveFields):
@@ -148,6 +163,7 @@ class Hello:
     dof: int
     name: str
     about: dict[str, Scalar]
+    more: More | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,6 +179,7 @@ class Welcome:
     dof: int
     name: str
     about: dict[str, Scalar]
+    more: More | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,6 +203,7 @@ class Bye:
     addressee: int
     acked_nJ: int
     reason: str
+    more: More | None = None
 
 
 Message = Stream | Energy | Hello | Welcome | Refuse | Bye
@@ -201,17 +219,58 @@ class OtherVersion(BadMessage):
 
 def encode(message: Message) -> bytes:
     """The frame of `message`. Fields are taken as they are: coordinates must be floats, not integers."""
-    return _pack((VERSION, message.KIND, *_FIELDS[type(message)](message)))
+    elements = message if isinstance(message, tuple) else tuple(getattr(message, name) for name in message.__slots__)
+    more: tuple[Any, ...] = ()
+    if not isinstance(message, Refuse):
+        elements, more = elements[:-1], elements[-1:] if elements[-1] else ()
+    if isinstance(message, _STREAM):
+        values, echo = elements[3:-2], echo_of(elements[-2], elements[-1])
+        start = start_of(message.KIND, message.incarnation, len(values) + len(more))
+        data = encode_stream(start, message.sequence, message.sent_ns, values, echo)
+        return data + b"".join(map(_pack, more))
+    return _pack((VERSION, message.KIND, *elements, *more))
+
+
+def encode_stream(
+    start: bytes,
+    sequence: int,
+    sent_ns: int,
+    values: tuple[Any, ...],
+    echo: bytes,
+    pack: Callable[..., bytes] = msgpack.packb,
+) -> bytes:
+    """`encode` of a message of a stream, without making one, and in parts.
+
+    Integers take nine bytes however small they are, as they may: so a position's length depends on its dimension only,
+    and what a link with a rate makes of it does not depend on the clock.
+
+    start : made by `start_of`, once for all. values : what the kind has between `sent_ns` and `echo_ns`.
+    echo : made by `echo_of`, once for as many messages as say the same.
+    pack : of a `msgpack.Packer` that the calling thread keeps for it, which is faster than a new one each time.
+    """
+    return start + _TWO(_U64, sequence, _U64, sent_ns) + b"".join(map(pack, values)) + echo
 
 
 def encode_position(
-    incarnation: int, sequence: int, sent_ns: int, position: tuple[float, ...], pack: Callable[..., bytes] | None = None
+    start: bytes,
+    sequence: int,
+    sent_ns: int,
+    position: tuple[float, ...],
+    echo: bytes,
+    pack: Callable[..., bytes] = msgpack.packb,
 ) -> bytes:
-    """`encode` of a `Position`, without making one: a servo does this all day.
+    """`encode_stream` of a `Position`: a servo does this all day."""
+    return start + _TWO(_U64, sequence, _U64, sent_ns) + pack(position) + echo
 
-    `pack` : of a `msgpack.Packer` that the calling thread keeps for it, which is faster than a new one each time.
-    """
-    return (pack or _pack)((VERSION, _POSITION_KIND, incarnation, sequence, sent_ns, position))
+
+def start_of(kind: int, incarnation: int, values: int) -> bytes:
+    """How the messages of a stream begin that have so many `values`."""
+    return _START(_ARRAY + _AROUND + values, VERSION, kind, _U64, incarnation)
+
+
+def echo_of(echo_ns: int, came_ns: int) -> bytes:
+    """Both stamps as `encode_stream` takes them."""
+    return _TWO(_U64, echo_ns, _U64, came_ns)
 
 
 def decode(data: bytes) -> Message:
@@ -228,16 +287,18 @@ def decode(data: bytes) -> Message:
     except (ValueError, msgpack.UnpackException) as error:
         raise BadMessage("malformed", f"not a msgpack array: {type(error).__name__}") from None
     if _is_position(frame):
-        return Position(*frame[2:])
-    return _examined(frame)
+        return _new(Position, (*frame[2:], None))
+    return examined(frame)
 
 
 def _is_position(frame: Any) -> bool:
     """Is that a position as it should be? Nearly every frame is, and its way to the servo should be short."""
-    if type(frame) is not tuple or len(frame) != 6:
+    if type(frame) is not tuple or len(frame) != 8:
         return False
-    version, kind, incarnation, sequence, sent_ns, position = frame
+    version, kind, incarnation, sequence, sent_ns, position, echo_ns, came_ns = frame
     if not (type(version) is type(kind) is type(incarnation) is type(sequence) is type(sent_ns) is int):
+        return False
+    if not type(echo_ns) is type(came_ns) is int or echo_ns < 0 or came_ns < 0:
         return False
     if version != VERSION or kind != _POSITION_KIND or incarnation <= 0 or sequence < 0 or sent_ns < 0:
         return False
@@ -251,7 +312,7 @@ def _is_position(frame: Any) -> bool:
     return False
 
 
-def _examined(frame: Any) -> Message:
+def examined(frame: Any) -> Message:
     """The message that a frame holds, or what is wrong with it, element by element."""
     if type(frame) is not tuple or len(frame) < 3 or type(frame[0]) is not int or type(frame[1]) is not int:
         raise BadMessage("malformed", "not an array that begins with version, kind and incarnation")
@@ -265,98 +326,41 @@ def _examined(frame: Any) -> Message:
     if layout is None:
         raise BadMessage("kind", f"message kind {kind}; allowed: 1 to {max(_INDEXED)}")
     cls, checks = layout
-    if len(frame) != len(checks) + 3:
-        raise BadMessage("length", f"{cls.__name__} of {len(frame)} elements; allowed: {len(checks) + 3}")
+    least, most = len(checks) + 3, len(checks) + (3 if kind == Refuse.KIND else 4)
+    if not least <= len(frame) <= most:
+        raise BadMessage("length", f"{cls.__name__} of {len(frame)} elements; allowed: {least} to {most}")
     for index, check in checks:
         check(frame[index])
+    if len(frame) > least:
+        fields.more(frame[least])
+        frame = (*frame[:least], frame[least] or None)
     message: Message = cls(*frame[2:])
     if type(message) is Motion and len(message.position) != len(message.velocity):
         raise BadMessage("dimension", f"{len(message.position)} coordinates with {len(message.velocity)} velocities")
     return message
 
 
-# Each check raises BadMessage or returns; msgpack itself bounds integers to -2^63 .. 2^64 - 1.
-
-
-def _natural(value: object) -> int:
-    if type(value) is not int:
-        raise BadMessage("type", f"a {type(value).__name__} where an integer belongs")
-    if value < 0:
-        raise BadMessage("range", f"{value}; allowed: not negative")
-    return value
-
-
-def _total(value: object) -> None:
-    if _natural(value) >= MAX_TOTAL_NJ:
-        raise BadMessage("range", f"{value} nJ; allowed: below 2^63")
-
-
-def _span(value: object) -> None:
-    if not 1 <= _natural(value) <= MAX_SPAN_NS:
-        raise BadMessage("range", f"a span of {value} ns; allowed: 1 to {MAX_SPAN_NS}")
-
-
-def _coordinates(value: object) -> None:
-    if type(value) is not tuple:
-        raise BadMessage("type", f"a {type(value).__name__} where an array of floats belongs")
-    if not 1 <= len(value) <= MAX_DOF:
-        raise BadMessage("dimension", f"a position of {len(value)} coordinates; allowed: 1 to {MAX_DOF}")
-    for x in value:
-        if type(x) is not float:
-            raise BadMessage("type", f"a {type(x).__name__} where a float coordinate belongs")
-        if not -MAX_COORDINATE <= x <= MAX_COORDINATE:  # false for NaN as well
-            raise BadMessage("range", f"coordinate {x}; allowed: finite, within +-{MAX_COORDINATE:g}")
-
-
-def _text(value: object) -> None:
-    if type(value) is not str:
-        raise BadMessage("type", f"a {type(value).__name__} where text belongs")
-    if len(value) > MAX_TEXT or not value.isprintable():
-        raise BadMessage("range", f"text of {len(value)} characters; allowed: up to {MAX_TEXT}, all printable")
-
-
-def _role(value: object) -> None:
-    _text(value)
-    if value not in ("device", "world"):
-        raise BadMessage("range", f"role {value!r}; allowed: device, world")
-
-
-def _dof(value: object) -> None:
-    if not 1 <= _natural(value) <= MAX_DOF:
-        raise BadMessage("dimension", f"{value} degrees of freedom; allowed: 1 to {MAX_DOF}")
-
-
-def _about(value: object) -> None:
-    if type(value) is not dict:
-        raise BadMessage("type", f"a {type(value).__name__} where a map belongs")
-    if len(value) > MAX_ABOUT:
-        raise BadMessage("range", f"about has {len(value)} entries; allowed: up to {MAX_ABOUT}")
-    for key, entry in value.items():
-        _text(key)
-        if type(entry) is float:
-            if not isfinite(entry):
-                raise BadMessage("range", f"about has {entry}; allowed: finite numbers")
-        elif type(entry) not in (int, bool, type(None)):
-            _text(entry)
-
-
-_IDENTITY = (_role, _dof, _text, _about)
+_STAMPS = (fields.natural, fields.natural)
+_IDENTITY = (fields.role, fields.dof, fields.text, fields.about)
 _LAYOUTS: dict[int, tuple[Callable[..., Any], tuple[Callable[[object], object], ...]]] = {
-    Position.KIND: (Position, (_natural, _natural, _coordinates)),
-    Energy.KIND: (Energy, (_natural, _total, _total)),
-    Hello.KIND: (Hello, (_natural, *_IDENTITY)),
-    Welcome.KIND: (Welcome, (_natural, _natural, *_IDENTITY)),
-    Refuse.KIND: (Refuse, (_natural, _text)),
-    Bye.KIND: (Bye, (_natural, _total, _text)),
-    Motion.KIND: (Motion, (_natural, _natural, _coordinates, _coordinates)),
-    Port.KIND: (Port, (_natural, _natural, _coordinates, _total)),
-    Wave.KIND: (Wave, (_natural, _natural, _coordinates, _span)),
+    Position.KIND: (Position, (*_STAMPS, fields.coordinates, *_STAMPS)),
+    Energy.KIND: (Energy, (fields.natural, fields.total, fields.total)),
+    Hello.KIND: (Hello, (fields.natural, *_IDENTITY)),
+    Welcome.KIND: (Welcome, (fields.natural, fields.natural, *_IDENTITY)),
+    Refuse.KIND: (Refuse, (fields.natural, fields.text)),
+    Bye.KIND: (Bye, (fields.natural, fields.total, fields.text)),
+    Motion.KIND: (Motion, (*_STAMPS, fields.coordinates, fields.coordinates, *_STAMPS)),
+    Port.KIND: (Port, (*_STAMPS, fields.coordinates, fields.total, *_STAMPS)),
+    Wave.KIND: (Wave, (*_STAMPS, fields.coordinates, fields.span, *_STAMPS)),
 }
 _INDEXED = {kind: (cls, tuple(enumerate(checks, 3))) for kind, (cls, checks) in _LAYOUTS.items()}
 """The same with each check's place in the frame."""
-_FIELDS: dict[type, Callable[[Any], tuple[Any, ...]]] = {
-    cls: attrgetter(*(field.name for field in fields(cls))) for cls in (Hello, Welcome, Refuse, Bye)
-}
-_FIELDS |= dict.fromkeys((Position, Energy, Motion, Port, Wave), tuple)
+_STREAM = (Position, Motion, Port, Wave)
+_AROUND = 7
+"""Elements of a stream's message beside its values."""
+_ARRAY, _U64 = 0x90, 0xCF
+"""msgpack's first bytes of an array of up to 15 elements, and of an integer of 8 bytes."""
+_START, _TWO = Struct(">BBBBQ").pack, Struct(">BQBQ").pack
+_new = tuple.__new__  # of what was checked: half the time
 _pack: Callable[..., bytes] = msgpack.packb
 _unpack: Callable[..., Any] = msgpack.unpackb

@@ -24,3 +24,11 @@ class SeenOnce:
             return False
         self._bits |= 1 << behind
         return True
+
+    def restart(self, number: int) -> None:
+        """Another run of numbers is believed, which goes on with this one; what comes before it counts as seen.
+
+        Within the window nothing needs to be forgotten, and is not.
+        """
+        if self._newest - number >= WINDOW:
+            self._newest, self._bits = number - 1, (1 << WINDOW) - 1

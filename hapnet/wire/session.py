@@ -17,20 +17,17 @@ its acknowledgement was lost; a peer that leaves with a bye says how much exactl
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
-
-import msgpack
 
 from hapnet.errors import BadMessage, InvalidParameter
 from hapnet.wire.admission import DEFAULT_BURST_J, DEFAULT_POWER_W, Admission
 from hapnet.wire.energy_channel import ACK_DELAY_NS, SPACING_NS, EnergyChannel, Totals
 from hapnet.wire.events import EnergyCredited, Event, PositionReceived, SampleReceived
+from hapnet.wire.fields import MAX_TEXT
 from hapnet.wire.handshake import EARLIER, HELLO_PERIOD_NS, RESERVOIR, Handshake
 from hapnet.wire.liveness import Liveness, Outages
 from hapnet.wire.messages import (
-    MAX_TEXT,
     Bye,
     Channel,
     Energy,
@@ -49,9 +46,11 @@ from hapnet.wire.messages import (
     Welcome,
     decode,
     encode,
-    encode_position,
 )
+from hapnet.wire.numbering import Place
+from hapnet.wire.path import Path
 from hapnet.wire.seen import SeenOnce
+from hapnet.wire.stream import PositionStream as PositionStream
 
 SILENCE_NS = 500_000_000
 
@@ -95,40 +94,6 @@ class SessionSettings:
             raise InvalidParameter("silence_ns", self.silence_ns, "a positive number of nanoseconds")
 
 
-class PositionStream:
-    """Numbers and encodes the positions of one incarnation, or what its coupling sends in place of them.
-
-    It shares nothing with the rest of a session, so that it may live in another thread or process.
-    """
-
-    def __init__(self, incarnation: int) -> None:
-        self.next_sequence = 0
-        self._incarnation = incarnation
-        self._pack: Callable[..., bytes] = msgpack.Packer().pack
-
-    def position(self, now_ns: int, position: Sequence[float]) -> bytes:
-        """The next frame for the position key: `position` [m or rad], `dof` finite coordinates (not checked here)."""
-        sequence = self.next_sequence
-        self.next_sequence = sequence + 1
-        return encode_position(self._incarnation, sequence, now_ns, _floats(position), self._pack)
-
-    def motion(self, now_ns: int, position: Sequence[float], velocity: Sequence[float]) -> bytes:
-        """The next frame: a position [m] with its velocity [m/s]."""
-        return encode(Motion(self._incarnation, self._next(), now_ns, _floats(position), _floats(velocity)))
-
-    def port(self, now_ns: int, value: Sequence[float], energy_nJ: int) -> bytes:
-        """The next frame: a port's position [m] or force [N], and the energy that ever went in there."""
-        return encode(Port(self._incarnation, self._next(), now_ns, _floats(value), energy_nJ))
-
-    def wave(self, now_ns: int, wave: Sequence[float], span_ns: int) -> bytes:
-        """The next frame: a wave [sqrt(W)], the mean over `span_ns`."""
-        return encode(Wave(self._incarnation, self._next(), now_ns, _floats(wave), span_ns))
-
-    def _next(self) -> int:
-        self.next_sequence += 1
-        return self.next_sequence - 1
-
-
 class Session:
     """One side, from its process's start to its end.
 
@@ -162,6 +127,8 @@ class Session:
         self.closed = False
         self._expects = self.settings.expects
         self._seen = SeenOnce()
+        self.path = Path()
+        """What the peer's stream shows of the way between the sides."""
         self._liveness = Liveness(self.settings.silence_ns)
         self._handshake = Handshake(self.identity, self._liveness.living, self.settings.hello_period_ns)
         self._admission = Admission(self.settings.admission_W, self.settings.admission_burst_J)
@@ -329,24 +296,36 @@ class Session:
         value = message[3]  # of every kind, the one whose dimension is to be that of the session
         if len(value) != self.identity.dof:
             raise BadMessage("dimension", f"{len(value)} coordinates; allowed: {self.identity.dof}")
-        if self._liveness.leaps(now_ns, message.sequence):
-            raise BadMessage("leap", f"{_word(message)} {message.sequence}; no sender can have made so many")
+        liveness = self._liveness
+        numbers = liveness.numbers
+        sequence, sent_ns, newest = message.sequence, message.sent_ns, numbers.newest
+        place = numbers.place(now_ns, sequence, sent_ns)
+        if place is Place.DOUBTFUL:
+            detail = f"{_word(message)} {sequence} does not go on from {newest}: no sender makes such a number then"
+            raise BadMessage("leap", detail)
+        since = 1 if newest < 0 else sequence - newest
+        self.path.hear(now_ns, sent_ns, since, numbers.least_ns, place)
+        if message.echo_ns:
+            self.path.echoed(now_ns, sent_ns, message.echo_ns, message.came_ns)
         received = (
-            PositionReceived(message.sequence, message.sent_ns, message.position)
+            PositionReceived(sequence, sent_ns, message.position)
             if isinstance(message, Position)
             else SampleReceived(message)
         )
-        if self._liveness.is_new(message.sequence):
-            heard = self._liveness.hear(now_ns, message.sequence)
+        if place is not Place.LATE:
+            heard = liveness.hear(now_ns, since)
             if type(message) is Wave:
-                self._seen.first(message.sequence)
+                if place is Place.AGAIN:
+                    self._seen.restart(sequence)
+                if not self._seen.first(sequence):
+                    raise BadMessage("stale", f"wave {sequence} again")
             return (received,) if heard is None else (received, heard)
-        self._liveness.word(now_ns)
+        liveness.word(now_ns)
         if type(message) is Wave:
-            if not self._seen.first(message.sequence):
-                raise BadMessage("stale", f"wave {message.sequence} again, or long after later ones")
+            if not self._seen.first(sequence):
+                raise BadMessage("stale", f"wave {sequence} again, or long after later ones")
         elif type(message) is not Position or not self.settings.accept_stale:
-            raise BadMessage("stale", f"{_word(message)} {message.sequence} after a later one")
+            raise BadMessage("stale", f"{_word(message)} {sequence} after a later one")
         return (received,)
 
     def _on_bye(self, message: Bye, now_ns: int) -> tuple[Event, ...]:
@@ -362,6 +341,7 @@ class Session:
     def _change_pair(self, now_ns: int) -> None:
         if (peer := self.peer) is not None:
             self._liveness.begin(now_ns)
+            self.path.begin(now_ns)
             self._seen = SeenOnce()
             reservoir_J = peer.about.get(RESERVOIR)
             if self.incarnations == 1 and isinstance(reservoir_J, float) and reservoir_J > 0.0:
@@ -377,11 +357,6 @@ class Session:
 
 def _word(stream: Stream | type[Stream]) -> str:
     return (stream if isinstance(stream, type) else type(stream)).__name__.lower()
-
-
-def _floats(vector: Sequence[float]) -> tuple[float, ...]:
-    """A peer takes no integers for coordinates."""
-    return tuple(map(float, vector))
 
 
 def _outgoing(message: Message) -> Outgoing:

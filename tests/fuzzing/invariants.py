@@ -17,9 +17,10 @@ from hapnet.errors import BadMessage
 from hapnet.wire.events import EnergyCredited, Event, Paired, PositionReceived, SampleReceived
 from hapnet.wire.messages import Energy, Message, Motion, Port, Position, Refuse, Wave, decode, encode
 from hapnet.wire.session import Outgoing
+from tests.fuzzing.numbers import Numbers
 
 POSITION, ENERGY, HELLO, WELCOME, REFUSE, BYE, MOTION, PORT, WAVE = range(1, 10)
-LENGTHS = {POSITION: 6, ENERGY: 6, HELLO: 8, WELCOME: 9, REFUSE: 5, BYE: 6, MOTION: 7, PORT: 7, WAVE: 7}
+LENGTHS = {POSITION: 8, ENERGY: 6, HELLO: 8, WELCOME: 9, REFUSE: 5, BYE: 6, MOTION: 9, PORT: 9, WAVE: 9}
 KEYS = dict.fromkeys((POSITION, MOTION, PORT, WAVE), "position") | {ENERGY: "energy"}
 """The key of a kind; of any other: control."""
 
@@ -39,7 +40,14 @@ BAD_MOMENTS = {
     "closed",
 }
 
-MOST = {"_retired": 4096, "_replies": 8, "_timed": 256, "about": 33, "dropped": len(BAD_FRAMES | BAD_MOMENTS)}
+MOST = {
+    "_retired": 4096,
+    "_replies": 8,
+    "_timed": 256,
+    "about": 33,
+    "_counts": 1216,
+    "dropped": len(BAD_FRAMES | BAD_MOMENTS),
+}
 """The longest that containers of a session may be; any other: 32."""
 
 SLACK_J = -1e-9
@@ -64,7 +72,7 @@ def allowed(data: bytes) -> list[Any] | None:
     if len(data) > 4096:
         return None
     try:
-        frame = msgpack.unpackb(data, strict_map_key=False, max_array_len=65)  # no array may be longer
+        frame = msgpack.unpackb(data, strict_map_key=True, max_array_len=65)  # no array may be longer
     except (ValueError, TypeError, msgpack.UnpackException):
         return None
     if not isinstance(frame, list) or len(frame) < 3:
@@ -72,22 +80,16 @@ def allowed(data: bytes) -> list[Any] | None:
     version, kind = frame[:2]
     if not (_integer(version, -(2**63)) and _integer(kind, 1, 9) and _integer(frame[2], 1)):
         return None
-    if (version != 1 and kind != REFUSE) or len(frame) != LENGTHS[kind]:
+    length = LENGTHS[kind]
+    if (version != 2 and kind != REFUSE) or len(frame) not in (length, length + (kind != REFUSE)):
         return None
-    return frame if _fields(kind, frame[3:]) else None
+    return frame if _fields(kind, frame[3:length]) and all(map(_further, frame[length:])) else None
 
 
 def _fields(kind: int, fields: list[Any]) -> bool:
     match kind, fields:
-        case 1, [sequence, sent_ns, position]:
-            return _integer(sequence) and _integer(sent_ns) and _floats(position)
-        case 7, [sequence, sent_ns, position, velocity]:
-            even = _floats(position) and _floats(velocity) and len(position) == len(velocity)
-            return _integer(sequence) and _integer(sent_ns) and even
-        case 8, [sequence, sent_ns, value, energy_nJ]:
-            return _integer(sequence) and _integer(sent_ns) and _floats(value) and _integer(energy_nJ, 0, 2**63 - 1)
-        case 9, [sequence, sent_ns, wave, span_ns]:
-            return _integer(sequence) and _integer(sent_ns) and _floats(wave) and _integer(span_ns, 1, 10**10)
+        case 1 | 7 | 8 | 9, [sequence, sent_ns, *values, echo_ns, came_ns]:
+            return all(map(_integer, (sequence, sent_ns, echo_ns, came_ns))) and _values(kind, values)
         case 2, [addressee, total_nJ, acked_nJ]:
             return _integer(addressee) and _integer(total_nJ, 0, 2**63 - 1) and _integer(acked_nJ, 0, 2**63 - 1)
         case 3, [number, *identity]:
@@ -99,6 +101,23 @@ def _fields(kind: int, fields: list[Any]) -> bool:
         case 6, [addressee, acked_nJ, reason]:
             return _integer(addressee) and _integer(acked_nJ, 0, 2**63 - 1) and _text(reason)
     return False
+
+
+def _values(kind: int, values: list[Any]) -> bool:
+    match kind, values:
+        case 1, [position]:
+            return _floats(position)
+        case 7, [position, velocity]:
+            return _floats(position) and _floats(velocity) and len(position) == len(velocity)
+        case 8, [value, energy_nJ]:
+            return _floats(value) and _integer(energy_nJ, 0, 2**63 - 1)
+        case 9, [wave, span_ns]:
+            return _floats(wave) and _integer(span_ns, 1, 10**10)
+    return False
+
+
+def _further(value: object) -> bool:
+    return isinstance(value, dict) and len(value) <= 32 and all(map(_text, value))
 
 
 def _floats(value: object) -> bool:
@@ -142,11 +161,22 @@ def decoded(data: bytes) -> Message | None:
     if frame is None:
         raise Broken(f"a frame that is not allowed was taken: {message}")
     fields = tuple(message) if isinstance(message, tuple) else dataclasses.astuple(message)
+    if not isinstance(message, Refuse):
+        fields, further = fields[:-1], fields[-1]
+        hold(repr(further or {}) == repr(_tupled(frame[len(fields) + 2 :] or [{}])[0]), "further", further, frame)
+        frame = frame[: len(fields) + 2]
     hold(frame[1] == message.KIND, "kind", frame[1], "became", message)
     hold(_same(list(fields), frame[2:]), "fields", frame[2:], "became", message)
     again = decode(encode(message))
     hold(type(again) is type(message) and repr(again) == repr(message), message, "encoded is", again)
     return message
+
+
+def _tupled(value: object) -> Any:
+    """With tuples in place of arrays, wherever they are."""
+    if isinstance(value, list):
+        return tuple(map(_tupled, value))
+    return {key: _tupled(inner) for key, inner in value.items()} if isinstance(value, dict) else value
 
 
 def _same(fields: object, elements: object) -> bool:
@@ -176,9 +206,8 @@ class Watch:
         self.offered = self.accepted = 0
         self.claimed_nJ = 0
         """What the present peer claimed to have sent, in messages that count."""
-        self.newest = -1
-        """Highest sequence of the present peer's positions."""
-        self._newest_ns = 0
+        self.numbers = Numbers()
+        """Of the present peer's stream."""
         self._expects = session.settings.expects
         self._waves: set[int] = set()
         """The numbers of the present peer's waves that were taken."""
@@ -219,7 +248,7 @@ class Watch:
         if session.peer is not peer:
             self._claimed_before_nJ += self.claimed_nJ
             self.claimed_nJ = self._told_nJ = 0
-            self.newest = -1
+            self.numbers = Numbers()
             self._waves.clear()
         self._check(now_ns, events)
         return events
@@ -260,24 +289,27 @@ class Watch:
     def _check_stream(
         self, now_ns: int, message: Position | Motion | Port | Wave, from_peer: bool, dropped: bool, events: Any
     ) -> None:
-        news = message.sequence > self.newest
-        if isinstance(message, Wave):
-            news = message.sequence not in self._waves and message.sequence > self.newest - 1024
-        elif isinstance(message, Position):
-            news = news or self._accept_stale
-        waited_ns = now_ns - self._newest_ns  # no more than 20 kHz at length, and 2000 at once
-        leaps = self.newest >= 0 and message.sequence > self.newest + 2000 + waited_ns // 50_000
         fits = type(message) is self._expects and len(message[3]) == self.session.identity.dof
-        counts = from_peer and fits and news and not leaps
-        hold(dropped != counts, "position", message, "after", self.newest, "dropped:", dropped)
+        before, word = self.numbers.newest, "doubtful"
+        if from_peer and fits:
+            word = self.numbers.take(now_ns, message.sequence, message.sent_ns)
+        counts = word == "new" or (word == "late" and isinstance(message, Position) and self._accept_stale)
+        if isinstance(message, Wave) and word != "doubtful":
+            counts = self._wave_counts(message.sequence)
+        hold(dropped != counts, "position", message, "after", before, "is", word, "dropped:", dropped)
         if not counts:
             return
-        if message.sequence > self.newest:
-            self.newest, self._newest_ns = message.sequence, now_ns
-        if isinstance(message, Wave):
-            self._waves.add(message.sequence)
-        known = PositionReceived(*message[1:]) if isinstance(message, Position) else SampleReceived(message)
+        known = PositionReceived(*message[1:4]) if isinstance(message, Position) else SampleReceived(message)
         hold(events[:1] == (known,), message, "gave", events)
+
+    def _wave_counts(self, number: int) -> bool:
+        """Each once, none that is far behind the highest; from a run that goes on far behind, all are counted anew."""
+        if number == self.numbers.newest and not max(self._waves, default=number) - 1024 < number:
+            self._waves = set(range(number - 1024, number))
+        counts = number not in self._waves and number > max(self._waves, default=-1) - 1024
+        if counts:
+            self._waves.add(number)
+        return counts
 
     def _check(self, now_ns: int, events: tuple[Event, ...]) -> None:
         for event in events:

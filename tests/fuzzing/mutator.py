@@ -128,7 +128,7 @@ class Mutator:
         head = (
             b""
             if self.rng.random() < 0.5
-            else bytes((0x90 + int(self.rng.random() * 16), 1, int(self.rng.random() * 8)))
+            else bytes((0x90 + int(self.rng.random() * 16), 2, int(self.rng.random() * 8)))
         )
         return head + self.rng.randbytes(int(self.rng.expovariate(1 / 30)))
 
@@ -136,7 +136,7 @@ class Mutator:
         header = self.rng.choice(
             (b"\x91", b"\x81\xa1a", b"\xdc\x00\x41", b"\xdc\x0f\xff", b"\xdd\x00\x00\x0f\xff", b"\xde\x00\x01")
         )
-        return b"\x98\x01\x03" + header * int(self.rng.random() * (4200 // len(header)))
+        return b"\x98\x02\x03" + header * int(self.rng.random() * (4200 // len(header)))
 
     # -- rewritten values -------------------------------------------------------------------------------------------
 
@@ -222,7 +222,16 @@ class Mutator:
             PORT: [self._count(self._total, 10**6, 2**63 - 1)],
             WAVE: [self._count(5 * 10**6, 10**7, 10**10)],
         }
-        return _packed([1, kind, self._who(), sequence, self._sent_ns, position, *more.get(kind, [])])
+        echo = [self._count(self._sent_ns, 10**6, 2**64 - 1), self._count(self._sent_ns, 10**6, 2**64 - 1)]
+        values = [position, *more.get(kind, [])]
+        return _packed([2, kind, self._who(), sequence, self._sent_ns, *values, *echo, *self._further()])
+
+    def _further(self) -> list[object]:
+        """What later programs may say at a frame's end; mostly nothing."""
+        r = self.rng.random
+        if r() < 0.9:
+            return []
+        return [{self.rng.choice(ODD_TEXTS): self._odd() for _ in range(int(r() * 4))} if r() < 0.9 else self._odd()]
 
     def _energy(self) -> bytes:
         total = self._count(self._total, 10**6, 2**63 - 1)
@@ -236,18 +245,20 @@ class Mutator:
             acked = int(self.rng.random() * (told + 1)) if r < 0.5 else told
         else:
             acked = self.rng.choice((0, told + 1, told + 10**6, 2**63 - 1, 2**53))
-        return _packed([1, ENERGY, self._who(), self._whom(), 0 if self.rng.random() < 0.05 else total, acked])
+        return _packed(
+            [2, ENERGY, self._who(), self._whom(), 0 if self.rng.random() < 0.05 else total, acked, *self._further()]
+        )
 
     def _hello(self) -> bytes:
         r = self.rng.random
         who = self.rng.getrandbits(64) if r() < 0.4 else self.rng.choice((*self.strangers, self.own))
-        return _packed([1, HELLO, who, self._count(self.hellos, 2, 2**64 - 1), *self._identity()])
+        return _packed([2, HELLO, who, self._count(self.hellos, 2, 2**64 - 1), *self._identity(), *self._further()])
 
     def _welcome(self) -> bytes:
         r = self.rng.random
         number = self.hellos if r() < 0.6 else self._count(self.hellos, 3, 2**64 - 1)
         who = self.rng.choice(self.strangers) if r() < 0.7 else self.rng.getrandbits(64)
-        return _packed([1, WELCOME, who, self._whom(), number, *self._identity()])
+        return _packed([2, WELCOME, who, self._whom(), number, *self._identity(), *self._further()])
 
     def _identity(self) -> list[object]:
         r = self.rng.random
@@ -264,8 +275,8 @@ class Mutator:
         """A refusal or a bye in the peer's name; `strangers` are renewed, since they may be retired by now."""
         self.strangers[int(self.rng.random() * 3)] = self.rng.getrandbits(64) | 1
         if self.rng.random() < 0.3:
-            return _packed([self.rng.choice((1, 1, 0, 9, -1)), REFUSE, self._who(), self._whom(), "no"])
-        return _packed([1, BYE, self._who(), self._whom(), self.rng.choice((0, self.told, 2**62)), "the end"])
+            return _packed([self.rng.choice((2, 2, 1, 0, 9, -1)), REFUSE, self._who(), self._whom(), "no"])
+        return _packed([2, BYE, self._who(), self._whom(), self.rng.choice((0, self.told, 2**62)), "the end"])
 
     def _version(self) -> bytes:
         """Another version's frame, in a stranger's name or the peer's; its elements may be anything."""

@@ -249,7 +249,7 @@ class Rig:
         forged = (
             not self.paired
             or self.watch.claimed_nJ > honest.sent_nJ
-            or self.watch.newest >= honest.positions.next_sequence
+            or self.watch.numbers.newest >= honest.positions.next_sequence
         )
         if forged:
             self.restart()
@@ -342,7 +342,7 @@ def _endpoint(target: str, rng: random.Random, count: int, progress: list[bytes]
 
     def overhear(frame: bytes) -> None:
         mutator.overhear(frame)
-        if frame[1:3] == bytes((1, HELLO)):
+        if frame[1:3] == bytes((2, HELLO)):
             mutator.hellos = rig.session._handshake._hellos
 
     rig.overheard = overhear

@@ -45,7 +45,9 @@ class Feed:
         about = {**self.meta, "params": params, "role": role, "clock": "one", "name": "left", "session": "default"}
         about["coupling"] = self.coupling
         link = {"profile": self.links[role], "delay_now_ms": 41.7, "loss_now": 0.02}
-        return Status(role, now_ns, self.incarnation, self.paired, self.paused, self.recording, about, link, 96.0)
+        heard = {"up": {"loss": 0.03}, "down": None} if role == "world" else {"up": None, "down": {"loss": 0.03}}
+        path = {"round_trip_p50_ms": 96.0, **heard}
+        return Status(role, now_ns, self.incarnation, self.paired, self.paused, self.recording, about, link, path)
 
     def __enter__(self) -> Feed:
         self._thread.start()

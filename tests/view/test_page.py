@@ -120,7 +120,7 @@ def test_it_shows_scene_plots_and_numbers(browser: Browser, tmp_path: Path) -> N
         page = shown.page
         expect(page.locator(".hapnet-passive")).to_have_text("passive")
         expect(page.locator(".uplot")).to_have_count(4)
-        for words in ("PSPM", "delay up, down", "42, 42 ms", "2.0, 2.0 %", "96 ms"):
+        for words in ("PSPM", "delay up, down", "42, 42 ms", "2.0, 2.0 %", "96.0 ms", "3.0, 3.0 %"):
             expect(page.get_by_text(words).first).to_be_visible()
         assert shown.server.watched
         assert keep(page, tmp_path, "page").stat().st_size > 10_000

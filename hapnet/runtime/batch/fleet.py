@@ -25,7 +25,7 @@ from hapnet.runtime.parcel import Parcel
 from hapnet.runtime.sides import ContinuousDeviceSide
 from hapnet.runtime.virtual import _STEP, TwoPort
 from hapnet.wire.liveness import Liveness
-from hapnet.wire.messages import Energy, Position, encode, encode_position
+from hapnet.wire.messages import Energy, Position, encode
 from hapnet.wire.session import Session
 
 
@@ -99,7 +99,7 @@ class Fleet:
             self.device_positions,
             Couplings([modulating(side) for side in sides]),
             self.up,
-            Sizes(self._devices, dof, shift),
+            Sizes(self._devices, dof),
             np.array([session.positions.next_sequence for session in self._devices]),
         )
         self.world_wire = Wire(
@@ -108,7 +108,7 @@ class Fleet:
             Positions(count, dof, _newest(heard)),
             Couplings([modulating(world) for world in worlds]),
             self.down,
-            Sizes(self._worlds, dof, shift),
+            Sizes(self._worlds, dof),
             np.array([session.positions.next_sequence for session in self._worlds]),
         )
         self.device_wire.peer, self.world_wire.peer = self.world_wire, self.device_wire
@@ -171,7 +171,7 @@ class Fleet:
 
         def parcel(order: int, note: int, sent_ns: int) -> Parcel:
             if note != ENERGY:
-                return Parcel("position", encode_position(me, note, sent_ns, peer.positions.position(i, note)))
+                return Parcel("position", encode(Position(me, note, sent_ns, peer.positions.position(i, note))))
             return Parcel("energy", encode(Energy(me, other.incarnation, *peer.mailbox.find(i, order))))
 
         wire.links.land(i, parcel)
@@ -199,4 +199,4 @@ def _continuous(scenario: Scenario) -> ContinuousDeviceSide:
 
 
 def _newest(heard: list[Liveness]) -> Whole:
-    return np.array([liveness._newest for liveness in heard])
+    return np.array([liveness.numbers.newest for liveness in heard])

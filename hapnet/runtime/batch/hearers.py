@@ -15,7 +15,7 @@ class Hearers:
 
     def __init__(self, liveness: list[Liveness], shift_ns: Whole) -> None:
         self._liveness, self._shift_ns = liveness, shift_ns
-        self.newest = np.array([one._newest for one in liveness])
+        self.newest = np.array([one.numbers.newest for one in liveness])
         """Number of the newest position heard in each."""
         self._heard_ns = np.array([one._heard_ns or 0 for one in liveness]) - shift_ns
         self._silence_ns = np.array([one._silence_ns for one in liveness])
@@ -46,8 +46,8 @@ class Hearers:
         one._received += int(self._received[i])
         one._missing += int(self._missing[i])
         self._received[i] = self._missing[i] = 0
-        one._newest = int(self.newest[i])
         one._heard_ns = one._life_ns = int(self._heard_ns[i] + self._shift_ns[i])
+        one.numbers.resume(one._life_ns, int(self.newest[i]))
 
     def _one_by_one(self, i: int, due_ns: Whole, number: Whole, new: NDArray[np.bool_]) -> None:
         """A scenario in which there was a silence: rare, and told to its own `Liveness`."""
@@ -57,6 +57,8 @@ class Hearers:
             now_ns = int(due_ns[k]) + shift
             one.word(now_ns)
             if new[k]:
-                one.hear(now_ns, int(number[k]))
-        self.newest[i] = one._newest
+                newest = one.numbers.newest
+                one.hear(now_ns, 1 if newest < 0 else int(number[k]) - newest)
+                one.numbers.resume(now_ns, int(number[k]))
+        self.newest[i] = one.numbers.newest
         self._heard_ns[i] = (one._heard_ns or 0) - shift

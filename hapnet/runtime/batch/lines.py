@@ -12,7 +12,8 @@ from hapnet.runtime.batch.channels import NEVER, Whole
 from hapnet.runtime.batch.couplings import Index
 from hapnet.runtime.parcel import FRAME_OVERHEAD
 from hapnet.wire.energy_channel import ACK_DELAY_NS
-from hapnet.wire.messages import encode_position
+from hapnet.wire.messages import Position, encode
+from hapnet.wire.numbering import EARLY_NS
 from netem import LinkProfile, models
 
 _HANDSHAKE = 100
@@ -67,14 +68,17 @@ def vectorisable(params: Params, dof: int, up: LinkProfile, down: LinkProfile) -
     """Can the links of a scenario be vectorised? No slots, no traces, and never full, whatever happens.
 
     With resends nothing that is sent ahead, and no line that unordered ones reach later than what was sent after them.
+    Nor one that sends messages ahead of many others: a receiver may doubt them (`hapnet.wire.numbering`).
     """
     if any(profile.slot or profile.trace or profile.csv for profile in (up, down)):
+        return False
+    if any(profile.reorder and longest_ns(profile) > EARLY_NS for profile in (up, down)):
         return False
     if any(p.resend and (p.reorder or (p.rate_bit_s and not p.resend.ordered)) for p in (up, down)):
         return False
     # Each side sends energy once a spacing at most, an acknowledgement once in its delay, and a position a step or a
     # PSPM instant. PSPM runs every period, and once for all that a tick finds arrived.
-    largest = FRAME_OVERHEAD + len(encode_position(2**63, 2**63, 2**63, (0.0,) * dof))
+    largest = FRAME_OVERHEAD + len(encode(Position(2**63, 2**63, 2**63, (0.0,) * dof)))
     energy_hz = 1.0 / params.wire.energy_spacing_s + 1e9 / ACK_DELAY_NS
     down_hz = 1.0 / params.world.step_min_s + energy_hz
     under_way = _most_under_way(down, largest, down_hz, _HANDSHAKE)

@@ -16,6 +16,7 @@ from hapnet.endpoint import NANO, Endpoint
 from hapnet.params import Params
 from hapnet.plant.operator import Press, Recorded, Rest, Sine
 from hapnet.plant.scene import Scene
+from hapnet.runtime import path
 from hapnet.runtime.batch.lines import vectorisable
 from hapnet.runtime.parcel import Parcel
 from hapnet.runtime.sides import ContinuousDeviceSide, DeviceSide, Write
@@ -48,7 +49,7 @@ class BatchRun(NamedTuple):
     params: Params
     seed: int
     summary: Summary
-    """As of a single run; `motion` is None throughout, since nothing is recorded."""
+    """As of a single run; `motion` and `path` are None throughout, since nothing is recorded or timed."""
     device: SideState
     world: SideState
     vectorised: bool
@@ -71,6 +72,9 @@ class Scenario(Simulation):
 
     def _writer(self) -> Write:
         return lambda sample: None  # nothing is recorded
+
+    def _path(self) -> path.Section:
+        return path.unknown()
 
     @property
     def can_cruise(self) -> bool:

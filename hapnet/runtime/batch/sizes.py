@@ -1,4 +1,4 @@
-"""How long messages are on a link, many at once: msgpack takes 1 to 9 bytes for an integer, the rest does not vary."""
+"""How long messages are on a link, many at once: of energy, msgpack takes 1 to 9 bytes for an integer."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from hapnet.runtime.batch.channels import Whole
 from hapnet.runtime.batch.couplings import Index
 from hapnet.runtime.parcel import FRAME_OVERHEAD
-from hapnet.wire.messages import Energy, encode, encode_position
+from hapnet.wire.messages import Energy, Position, encode
 from hapnet.wire.session import Session
 
 _BOUNDS = np.array([1 << 7, 1 << 8, 1 << 16, 1 << 32])
@@ -20,22 +20,20 @@ class Sizes:
     Parameters
     ----------
     sessions : of this side, paired. dof : coordinates of a position.
-    shift_ns : what a scenario's own clock shows when the batch's shows 0.
     """
 
-    def __init__(self, sessions: list[Session], dof: int, shift_ns: Whole) -> None:
-        self._shift_ns = shift_ns
+    def __init__(self, sessions: list[Session], dof: int) -> None:
         position, energy = [], []
         for session in sessions:
             assert session.peer is not None
             me, peer = session.identity.incarnation, session.peer.incarnation
-            position.append(FRAME_OVERHEAD + len(encode_position(me, 0, 0, (0.0,) * dof)) - 2)
+            position.append(FRAME_OVERHEAD + len(encode(Position(me, 0, 0, (0.0,) * dof))))
             energy.append(FRAME_OVERHEAD + len(encode(Energy(me, peer, 0, 0))) - 2)
         self._position, self._energy = np.array(position), np.array(energy)
 
-    def position(self, at: Index, number: Whole, now_ns: Whole) -> Whole:
-        """Of positions with these numbers, sent now."""
-        size: Whole = self._position[at] + _width(number) + _width(now_ns + self._shift_ns[at])
+    def position(self, at: Index) -> Whole:
+        """Of positions."""
+        size: Whole = self._position[at]
         return size
 
     def energy(self, at: Index, total_nJ: Whole, acked_nJ: Whole) -> Whole:

@@ -67,7 +67,7 @@ class Wire:
             self._send(at, now_ns, number, x, sent_J)
 
     def _send(self, at: Index, now_ns: Whole, number: Whole, x: Array, sent_J: Array) -> None:
-        size = self._sizes.position(at, number, now_ns) if self.links.timed else None
+        size = self._sizes.position(at) if self.links.timed else None
         _, due_ns = self.links.send(at, now_ns, number, size)
         self.peer.positions.put(at, number, due_ns, x)
         some = (sent_J > 0.0).nonzero()[0]

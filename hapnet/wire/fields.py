@@ -1,0 +1,90 @@
+"""What each element of a frame may be. A check raises BadMessage or returns.
+
+msgpack itself bounds integers to -2^63 .. 2^64 - 1.
+"""
+
+from __future__ import annotations
+
+from math import isfinite
+
+from hapnet.errors import BadMessage
+
+MAX_DOF = 64
+MAX_TEXT = 256
+MAX_ABOUT = 32
+MAX_MORE = 32
+MAX_COORDINATE = 1e6  # m or rad; keeps every square and product of the control layer finite
+MAX_TOTAL_NJ = 2**63  # exclusive: totals fit a signed 64-bit integer
+MAX_SPAN_NS = 10**10  # of a wave: nobody sends so seldom
+
+
+def natural(value: object) -> int:
+    if type(value) is not int:
+        raise BadMessage("type", f"a {type(value).__name__} where an integer belongs")
+    if value < 0:
+        raise BadMessage("range", f"{value}; allowed: not negative")
+    return value
+
+
+def total(value: object) -> None:
+    if natural(value) >= MAX_TOTAL_NJ:
+        raise BadMessage("range", f"{value} nJ; allowed: below 2^63")
+
+
+def span(value: object) -> None:
+    if not 1 <= natural(value) <= MAX_SPAN_NS:
+        raise BadMessage("range", f"a span of {value} ns; allowed: 1 to {MAX_SPAN_NS}")
+
+
+def coordinates(value: object) -> None:
+    if type(value) is not tuple:
+        raise BadMessage("type", f"a {type(value).__name__} where an array of floats belongs")
+    if not 1 <= len(value) <= MAX_DOF:
+        raise BadMessage("dimension", f"a position of {len(value)} coordinates; allowed: 1 to {MAX_DOF}")
+    for x in value:
+        if type(x) is not float:
+            raise BadMessage("type", f"a {type(x).__name__} where a float coordinate belongs")
+        if not -MAX_COORDINATE <= x <= MAX_COORDINATE:  # false for NaN as well
+            raise BadMessage("range", f"coordinate {x}; allowed: finite, within +-{MAX_COORDINATE:g}")
+
+
+def text(value: object) -> None:
+    if type(value) is not str:
+        raise BadMessage("type", f"a {type(value).__name__} where text belongs")
+    if len(value) > MAX_TEXT or not value.isprintable():
+        raise BadMessage("range", f"text of {len(value)} characters; allowed: up to {MAX_TEXT}, all printable")
+
+
+def role(value: object) -> None:
+    text(value)
+    if value not in ("device", "world"):
+        raise BadMessage("range", f"role {value!r}; allowed: device, world")
+
+
+def dof(value: object) -> None:
+    if not 1 <= natural(value) <= MAX_DOF:
+        raise BadMessage("dimension", f"{value} degrees of freedom; allowed: 1 to {MAX_DOF}")
+
+
+def about(value: object) -> None:
+    if type(value) is not dict:
+        raise BadMessage("type", f"a {type(value).__name__} where a map belongs")
+    if len(value) > MAX_ABOUT:
+        raise BadMessage("range", f"about has {len(value)} entries; allowed: up to {MAX_ABOUT}")
+    for key, entry in value.items():
+        text(key)
+        if type(entry) is float:
+            if not isfinite(entry):
+                raise BadMessage("range", f"about has {entry}; allowed: finite numbers")
+        elif type(entry) not in (int, bool, type(None)):
+            text(entry)
+
+
+def more(value: object) -> None:
+    """The map at a frame's end: its entries may be anything, as those that nobody here knows are ignored."""
+    if type(value) is not dict:
+        raise BadMessage("type", f"a {type(value).__name__} where the map of further entries belongs")
+    if len(value) > MAX_MORE:
+        raise BadMessage("range", f"{len(value)} further entries; allowed: up to {MAX_MORE}")
+    for key in value:
+        text(key)

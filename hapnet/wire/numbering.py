@@ -1,0 +1,140 @@
+"""Which message of the peer's stream is new, which is late, and which is no part of it.
+
+An honest sender's numbers and time stamps rise together. So of a message whose number is higher than the newest and
+whose stamp is earlier, or the other way round, and the newest one is forged or damaged. Nor has an honest sender a
+number that no servo can have come to. Such a message is doubtful: it is dropped, but it may be the first of another
+run. Of two runs the one that goes on is believed:
+
+* `RUN` doubtful messages in a row, numbers and stamps rising, with none between that goes on with the first run, are
+  the peer: the first run was forged. One forged message is none, and copies of old ones are never doubtful: their
+  numbers and stamps are both lower.
+* A message that comes much earlier than any before it could is taken, and so is a run that took over ahead of the
+  first: the path may have become shorter. But until `PROOF` messages have gone on with it, the run that it displaced
+  takes its place back if that goes on, by the same rule. So a forged number far ahead blinds nobody.
+* Nor does one that comes first of all: until `PROOF` messages have gone on with it, late ones are another run if
+  `LATE_RUN` of them come in a row, over `LATE_RUN_NS`.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+
+LEAST_PERIOD_NS, MOST_AT_ONCE = 50_000, 2_000
+"""No sender's messages are closer together at length, nor do more of them come before their time."""
+
+RUN = 2
+"""So many messages that go on with each other are a run. A world says something every 50 ms, and everybody every 0.1 s
+but for what is lost: a run is known within 0.2 s."""
+
+PROOF = 20
+
+LATE_RUN, LATE_RUN_NS = 10, 100_000_000
+"""What an honest sender's late messages are not: so many in order, in such a time, and nothing new between them."""
+
+EARLY_NS = 60_000_000
+"""A message this much earlier than the least delay so far, and twice the mean above that, came before its time."""
+
+WARM = 32
+"""So many messages must have come before their least delay means anything."""
+
+WINDOW_NS = 10_000_000_000
+"""The least delay is that of the last one to two of these, as clocks drift."""
+
+
+class Place(Enum):
+    """What a message is to the run so far."""
+
+    NEW = "newer than all before"
+    AGAIN = "the first of another run, which is believed from here on"
+    LATE = "older than one before"
+    DOUBTFUL = "no part of the run"
+
+
+class Numbering:
+    """The run of one peer's numbers; a new pair begins a new one.
+
+    Attributes
+    ----------
+    newest : the highest number of the run; -1 before the first message.
+    least_ns : the least difference, lately, of the time of arrival and the sender's stamp: the clocks' plus a delay.
+    """
+
+    def __init__(self) -> None:
+        self.newest = -1
+        self.least_ns = 0
+        self._stamp_ns: int | None = None  # of the newest; None: not known
+        self._heard_ns = 0
+        self._mean_ns = self._before_ns = self._lately_ns = self._roll_ns = 0
+        self._count = 0
+        self._other: tuple[int, int, int] | None = None  # number, stamp and arrival of the doubtful one before
+        self._others = self._others_ns = 0  # how many such in a row, and since when
+        self._displaced: int | None = None  # where the run ended that this one has displaced
+        self._proof = 0
+
+    def place(self, now_ns: int, number: int, sent_ns: int) -> Place:
+        """What the message is that came now; the run goes on with it, if it is `NEW` or `AGAIN`."""
+        newest, stamp_ns = self.newest, self._stamp_ns
+        if newest < 0:
+            self._measure_anew(now_ns, now_ns - sent_ns)
+            self.newest, self._stamp_ns, self._heard_ns = number, sent_ns, now_ns
+            return Place.NEW
+        later = stamp_ns is None or sent_ns >= stamp_ns
+        if newest < number <= newest + _most(now_ns - self._heard_ns) and later:
+            self._go_on(now_ns, number, sent_ns)
+            return Place.NEW
+        late = number <= newest and (stamp_ns is None or sent_ns <= stamp_ns)
+        if late and (self._proof >= PROOF or (self._displaced is not None and number <= self._displaced)):
+            return Place.LATE
+        if not self._is_run(now_ns, number, sent_ns, sure=not late or self._displaced is not None):
+            return Place.LATE if late else Place.DOUBTFUL
+        self._other, self._proof = None, 0
+        self._displaced = newest if number > newest else None
+        self.newest, self._stamp_ns, self._heard_ns = number, sent_ns, now_ns
+        return Place.AGAIN
+
+    def resume(self, now_ns: int, newest: int) -> None:
+        """The run has come to that number by now; nothing is known of its stamp."""
+        self.newest, self._heard_ns, self._stamp_ns, self._proof = newest, now_ns, None, PROOF
+
+    def _measure_anew(self, now_ns: int, offset_ns: int) -> None:
+        self.least_ns = self._mean_ns = self._before_ns = self._lately_ns = offset_ns
+        self._roll_ns = now_ns + WINDOW_NS
+        self._count = 1
+
+    def _go_on(self, now_ns: int, number: int, sent_ns: int) -> None:
+        offset_ns = now_ns - sent_ns
+        self._other = None
+        if self._proof < PROOF:
+            self._proof += 1
+        if self._displaced is not None:
+            if self._proof == PROOF:
+                self._displaced = None
+                self._measure_anew(now_ns, offset_ns)
+        elif self._count >= WARM and offset_ns < 3 * self.least_ns - 2 * self._mean_ns - EARLY_NS:
+            self._displaced, self._proof = self.newest, 0
+        else:
+            self._count += 1
+            self._mean_ns += (offset_ns - self._mean_ns) // min(self._count, 64)
+            if now_ns >= self._roll_ns:
+                self._before_ns, self._lately_ns = self._lately_ns, offset_ns
+                self._roll_ns = now_ns + WINDOW_NS
+                self.least_ns = min(self._before_ns, offset_ns)
+            elif offset_ns < self._lately_ns:
+                self._lately_ns = offset_ns
+                if offset_ns < self.least_ns:
+                    self.least_ns = offset_ns
+        self.newest, self._stamp_ns, self._heard_ns = number, sent_ns, now_ns
+
+    def _is_run(self, now_ns: int, number: int, sent_ns: int, *, sure: bool) -> bool:
+        """Has this message, with those like it before, become a run? `sure`: an honest sender's would be no such."""
+        before, self._other = self._other, (number, sent_ns, now_ns)
+        if before is not None and before[0] < number <= before[0] + _most(now_ns - before[2]) and before[1] < sent_ns:
+            self._others += 1
+        else:
+            self._others, self._others_ns = 1, now_ns
+        return self._others >= (RUN if sure else LATE_RUN) and (sure or now_ns - self._others_ns >= LATE_RUN_NS)
+
+
+def _most(waited_ns: int) -> int:
+    """How far a sender's number can have gone on in that time."""
+    return MOST_AT_ONCE + waited_ns // LEAST_PERIOD_NS

@@ -1,0 +1,56 @@
+"""What one side says all the time, numbered, stamped and encoded: its stream."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import msgpack
+
+from hapnet.wire.messages import Motion, Port, Position, Wave, echo_of, encode_position, encode_stream, start_of
+
+
+class PositionStream:
+    """Numbers and encodes the positions of one incarnation, or what its coupling sends in place of them.
+
+    It shares nothing with the rest of a session, so that it may live in another thread or process.
+    """
+
+    def __init__(self, incarnation: int) -> None:
+        self.next_sequence = 0
+        self._start = start_of(Position.KIND, incarnation, 1)
+        self._starts = {kind: start_of(kind, incarnation, 2) for kind in (Motion.KIND, Port.KIND, Wave.KIND)}
+        self._pack: Callable[..., bytes] = msgpack.Packer().pack
+        self._echo = echo_of(0, 0)
+
+    def echo(self, sent_ns: int, came_ns: int) -> None:
+        """From now on messages say that the newest that was used was stamped `sent_ns` and came at `came_ns`."""
+        self._echo = echo_of(sent_ns, came_ns)
+
+    def position(self, now_ns: int, position: Sequence[float]) -> bytes:
+        """The next frame for the position key: `position` [m or rad], `dof` finite coordinates (not checked here)."""
+        sequence = self.next_sequence
+        self.next_sequence = sequence + 1
+        return encode_position(self._start, sequence, now_ns, _floats(position), self._echo, self._pack)
+
+    def motion(self, now_ns: int, position: Sequence[float], velocity: Sequence[float]) -> bytes:
+        """The next frame: a position [m] with its velocity [m/s]."""
+        return self._next(Motion.KIND, now_ns, (_floats(position), _floats(velocity)))
+
+    def port(self, now_ns: int, value: Sequence[float], energy_nJ: int) -> bytes:
+        """The next frame: a port's position [m] or force [N], and the energy that ever went in there."""
+        return self._next(Port.KIND, now_ns, (_floats(value), energy_nJ))
+
+    def wave(self, now_ns: int, wave: Sequence[float], span_ns: int) -> bytes:
+        """The next frame: a wave [sqrt(W)], the mean over `span_ns`."""
+        return self._next(Wave.KIND, now_ns, (_floats(wave), span_ns))
+
+    def _next(self, kind: int, now_ns: int, values: tuple[Any, ...]) -> bytes:
+        sequence = self.next_sequence
+        self.next_sequence = sequence + 1
+        return encode_stream(self._starts[kind], sequence, now_ns, values, self._echo, self._pack)
+
+
+def _floats(vector: Sequence[float]) -> tuple[float, ...]:
+    """A peer takes no integers for coordinates."""
+    return tuple(map(float, vector))

@@ -1,0 +1,99 @@
+"""The protocol's page says what the code does: its table of constants, and the keys that it names."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from hapnet.control import deadband
+from hapnet.params import Params
+from hapnet.runtime import keys, probe, zenoh_transport
+from hapnet.wire import admission, energy_channel, handshake, liveness, messages, numbering, rto, seen, session
+from hapnet.wire.session import SessionSettings
+
+PAGE = (Path(messages.__file__).parent / "README.md").read_text("utf-8")
+MS = 1_000_000
+
+CODE: dict[str, float] = {
+    "hello period [ms]": handshake.HELLO_PERIOD_NS / MS,
+    "least time between two hellos that strangers call for [ms]": handshake.PROMPT_NS / MS,
+    "a peer is living for [ms]": liveness.LIVING_NS / MS,
+    "a suitor is waited for [ms]": handshake.SUITOR_NS / MS,
+    "silence that is told [ms]": session.SILENCE_NS / MS,
+    "replies (welcomes, refusals) at once": handshake.MAX_REPLIES,
+    "time between two rounds of replies [ms]": handshake.REPLY_SPACING_NS / MS,
+    "copies of a bye": handshake.BYE_COPIES,
+    "time between them [ms]": handshake.BYE_SPACING_NS / MS,
+    "peers in one process's life": handshake.MAX_PEERS,
+    "least time between two messages with new energy [ms]": energy_channel.SPACING_NS / MS,
+    "an acknowledgement waits [ms]": energy_channel.ACK_DELAY_NS / MS,
+    "retransmission timer, first value [ms]": rto.INITIAL_NS / MS,
+    "retransmission timer, floor [ms]": rto.FLOOR_NS / MS,
+    "retransmission timer, ceiling [ms]": rto.CEILING_NS / MS,
+    "retransmission timer, granularity [ms]": rto.GRANULARITY_NS / MS,
+    "bucket, power [W]": admission.DEFAULT_POWER_W,
+    "bucket, burst [J]": admission.DEFAULT_BURST_J,
+    "frame, longest [bytes]": messages.MAX_FRAME_BYTES,
+    "waves, window": seen.WINDOW,
+    "numbers ahead at once": numbering.MOST_AT_ONCE,
+    "time that each further number takes [ms]": numbering.LEAST_PERIOD_NS / MS,
+    "early by [ms]": numbering.EARLY_NS / MS,
+    "flood limit [a second]": zenoh_transport.MOST_HZ,
+    "flood limit, at once": zenoh_transport.MOST_AT_ONCE,
+    "everything is said again after at most [ms]": deadband.LONGEST_S * 1e3,
+    "keep-alive on a quiet key, at least every [ms]": keys.KEEP_ALIVE_NS / MS,
+    "a silent key is subscribed to again after [ms]": keys.SILENT_NS / MS,
+    "telemetry [Hz]": 60.0,
+    "probes that are answered [a second]": probe.MOST_HZ,
+}
+
+
+def table() -> dict[str, tuple[float, list[str]]]:
+    """What the page's table says: its value, and the parameters that set it."""
+    section = PAGE.partition("## Constants")[2].partition("\n## ")[0]
+    rows = re.findall(r"^\| ([^|]+) \| ([0-9.]+) ?([^|]*?) \|\s*([^|]*?)\s*\|$", section, re.MULTILINE)
+    return {
+        f"{what} [{unit}]" if unit else what: (float(value), re.findall(r"`([^`]+)`", names))
+        for what, value, unit, names in rows
+    }
+
+
+def test_the_table_has_every_constant_and_no_other() -> None:
+    assert {what: value for what, (value, _) in table().items()} == pytest.approx(CODE)
+
+
+def test_what_may_be_set_is_a_parameter_with_that_default() -> None:
+    scale = {"ms": 1e3, "W": 1.0, "J": 1.0, "Hz": 1.0}
+    found = 0
+    for what, (value, names) in table().items():
+        for name in names:
+            default = Params().get(name)
+            assert default * scale[what.partition("[")[2].rstrip("]")] == pytest.approx(value), name
+            found += 1
+    assert found >= 7
+
+
+def test_a_session_of_its_own_has_the_programs_defaults() -> None:
+    """So that there is one default, which the page can tell."""
+    wire, own = Params().wire, SessionSettings()
+    assert (own.admission_W, own.admission_burst_J) == (wire.admission_W, wire.admission_burst_J)
+    assert (own.hello_period_ns, own.spacing_ns) == (wire.hello_period_s * 1e9, wire.energy_spacing_s * 1e9)
+    assert own.silence_ns == Params().device.silence_after_s * 1e9 == Params().world.silence_after_s * 1e9
+
+
+def test_the_limits_in_the_text_are_the_codes() -> None:
+    text = " ".join(PAGE.split())
+    assert f"at most {messages.MAX_FRAME_BYTES} bytes" in text
+    assert f"**the protocol, version {messages.VERSION}" in "**" + text[2:].lower()
+    assert f"until {numbering.PROOF} new ones" in text
+    assert f"first {numbering.PROOF} new ones have come, {numbering.LATE_RUN} late ones in a row over 0.1 s" in text
+    assert numbering.LATE_RUN_NS == 100 * MS
+    assert f"by {numbering.EARLY_NS // MS} ms and twice the mean excess" in text
+    assert f"known once {numbering.WARM} have come" in text
+    assert (numbering.RUN, numbering.WINDOW_NS) == (2, 10_000 * MS)
+    assert f"{zenoh_transport.MOST_HZ:,} messages a second, of which {zenoh_transport.MOST_AT_ONCE:,} may" in text
+    assert f"any payload of 1 to {probe.LONGEST} bytes" in text
+    for kind in (*zenoh_transport.KINDS, probe.PROBE, zenoh_transport.TELEMETRY):
+        assert kind in text
