@@ -303,12 +303,21 @@ def bench(
 
 @app.command()
 @grouped
-def doctor(*, zenoh: Dialling, json_to: flags.Json = None) -> int:
-    """What this machine allows a servo to do, and what to do about what it does not; with -e, whether Zenoh answers."""
+def doctor(
+    *,
+    zenoh: Dialling,
+    session: flags.Session = "default",
+    name: flags.Name = "device",
+    json_to: flags.Json = None,
+) -> int:
+    """What this machine allows a servo to do, and what to do about what it does not.
+
+    With -e, whether Zenoh answers there, and whether the network is good enough: a side that listens there is asked.
+    """
     json_target(json_to)
     from hapnet.commands import doctor as command
 
-    return command.main(zenoh.connect or [], json_to, zenoh.security)
+    return command.main(zenoh.connect or [], json_to, zenoh.security, session, name)
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -52,8 +52,12 @@ class Check:
         return asdict(self)
 
 
-def examine(connect: Sequence[str] = (), security: Security = ANYBODY) -> Iterator[Check]:
+def examine(
+    connect: Sequence[str] = (), security: Security = ANYBODY, session: str = "default", name: str = "device"
+) -> Iterator[Check]:
     """All checks, in the order in which they are shown, each as soon as it is known.
+
+    `session` and `name`: under which the sides talk that are asked how good the network is.
 
     Raises
     ------
@@ -69,7 +73,10 @@ def examine(connect: Sequence[str] = (), security: Security = ANYBODY) -> Iterat
     for endpoint in connect:
         if endpoint.startswith("tls/"):
             yield tls_handshake(endpoint, security)
-        yield zenoh_reachable(endpoint, security)
+        reachable = zenoh_reachable(endpoint, security)
+        yield reachable
+        if reachable.state == OK:
+            yield network(endpoint, security, session, name)
     if not connect:
         yield Check("zenoh reachable", SKIPPED, "no endpoint given", "-e tcp/HOST:PORT tries one")
 
@@ -250,6 +257,13 @@ def zenoh_reachable(endpoint: str, security: Security = ANYBODY) -> Check:
     if took is not None:
         return Check(name, OK, f"{endpoint} answered within {took * 1e3:.0f} ms")
     return Check(name, MISSING, f"{endpoint} did not answer within {REACH_S:g} s", advice)
+
+
+def network(endpoint: str, security: Security, session: str, name: str) -> Check:
+    """Is the way there good enough?"""
+    from hapnet.network import probed
+
+    return probed(endpoint, security, session, name)
 
 
 # Zenoh is imported where it is needed, so that the checks tell when it is not there.

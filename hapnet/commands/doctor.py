@@ -10,14 +10,14 @@ from hapnet.runtime.security import Security
 _STYLE = {OK: "green", WARNING: "yellow", MISSING: "bold red", SKIPPED: "dim"}
 
 
-def main(connect: list[str], json_to: str | None, security: Security) -> int:
+def main(connect: list[str], json_to: str | None, security: Security, session: str, name: str) -> int:
     """0, or 1 if something is missing that hapnet needs."""
     from rich.text import Text
 
     words = output.console(json_to)
     checks = []
     with Progress(words, "examining"):
-        for check in examine(connect, security):
+        for check in examine(connect, security, session, name):
             checks.append(check)
             line = Text(f"{check.state:<8} ", style=_STYLE[check.state]).append(
                 f"{check.name:<18} {check.value}", "default"
