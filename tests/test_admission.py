@@ -45,3 +45,12 @@ def test_bad_settings(value: float) -> None:
         Admission(power_W=value)
     with pytest.raises(InvalidParameter):
         Admission(burst_J=value)
+
+
+def test_a_bucket_has_a_lid() -> None:
+    """After an hour of quiet it pays the burst and no more, and from then on what flows in."""
+    bucket = Admission(power_W=1.0, burst_J=1e-6)
+    assert bucket.take(400, 0) == 400
+    hour = 3600 * 10**9
+    assert bucket.take(10**12, hour) == 1_000
+    assert bucket.take(10**12, hour + 7) == 7

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import pytest
 
+from hapnet.control.coupling import Coupling
 from hapnet.control.deadband import Deadband
 from hapnet.control.law import Datum, LawServo, Motion, Port, Wave
-from hapnet.endpoint import BACKLOG, DeviceEndpoint
+from hapnet.control.ledger import Ledger
+from hapnet.control.limits import Silence
+from hapnet.control.pspm import SetPositionModulator
+from hapnet.control.smoothing import Pipeline
+from hapnet.endpoint import BACKLOG, ControlHalf, DeviceEndpoint, WorldControl
 from hapnet.wire import messages
 from hapnet.wire.messages import Stream, decode
 from hapnet.wire.session import Session, SessionSettings
+from hapnet.wire.stream import PositionStream
 
 MS = 1_000_000
 
@@ -165,3 +171,57 @@ def test_a_deadband_decides_what_is_sent_and_tells_another_peer_at_once() -> Non
     side.endpoint.receive(side.now_ns, second.position(1, (0.0,)))
     side.now_ns -= 4_000 * MS  # so that it is not the longest time that sends it
     assert side.tick() is not None
+
+
+def test_a_side_that_took_somebodys_place_stays_one_that_did() -> None:
+    """What the first peer says of this side counts: a peer after it that knows nobody else gives no reservoir back."""
+    for words in ((True, False), (False, True)):
+        side = ControlHalf(PositionStream(1))
+        for restarted in words:
+            side.pair(restarted)
+        assert side.restarted is words[0]
+
+
+class Watching(Ledger):
+    """A ledger that keeps what it was shown."""
+
+    def __init__(self) -> None:
+        super().__init__(0.0, 0.0)
+        self.seen: list[float] = []
+
+    def observe(self, stored: float, energy: float) -> None:
+        self.seen.append(stored)
+        super().observe(stored, energy)
+
+
+def test_a_world_is_seen_before_pspm_and_after() -> None:
+    """Theorem 1 pairs the work of the steps before with both springs, the one that ends and the one that begins.
+
+    A spring of 500 N/m, the mass 10 mm away: 25 mJ before PSPM lets it go to where the mass is, nothing after.
+    """
+    modulator = SetPositionModulator(stiffness=500.0, position=(0.0,), ceiling=0.1)
+    coupling = Coupling(modulator, stages=Pipeline([]), silence=Silence("hold", 1e9))
+    ledger = coupling.ledger = Watching()
+    world = WorldControl(PositionStream(1))
+    world.start(coupling)
+    world.pair(restarted=False)
+    world.arrive((0.01,), 0, 0)
+    world.step(5 * MS, 5e-3, (0.01,), 0.001, 0.03, 0.0)
+    assert coupling.set_position == (0.01,)
+    assert ledger.seen == pytest.approx([0.001 + 0.025, 0.001])
+    assert ledger.work == 0.03
+
+
+def test_what_pspm_throws_away_hides_no_energy_from_nothing() -> None:
+    """25 mJ are in the spring that nobody put in; PSPM throws 30 mJ of credit away: after it, nothing is seen."""
+    modulator = SetPositionModulator(stiffness=500.0, position=(0.0,), ceiling=0.1)
+    coupling = Coupling(modulator, stages=Pipeline([]), silence=Silence("hold", 1e9))
+    world = WorldControl(PositionStream(1))
+    world.start(coupling)
+    world.pair(restarted=False)
+    world.arrive((0.01,), 0, 0)
+    world.credit(30_000_000)
+    world.step(5 * MS, 5e-3, (0.01,), 0.0, 0.0, 0.0)
+    assert coupling.discarded == pytest.approx(0.03)
+    assert coupling.ledger.slack == pytest.approx(0.03 - 0.025)
+    assert coupling.ledger.slack_min == pytest.approx(-0.025)

@@ -2,8 +2,9 @@ from __future__ import annotations
 
 import random
 from collections.abc import Iterator
+from fractions import Fraction
 from itertools import pairwise
-from math import inf, nan
+from math import inf, nan, nextafter
 
 import pytest
 from hypothesis import given, settings
@@ -324,3 +325,46 @@ def test_abandon_is_for_good() -> None:
     assert (c.acked_nJ, c.credited_nJ) == (1, 0)
     c.send(4e-9)
     assert c.abandon() == 4
+
+
+def test_a_repeated_acknowledgement_does_not_postpone_the_retransmission() -> None:
+    """Only one that advances starts the timer anew: else a copy every 200 ms would keep the repair away for ever."""
+    c = channel()
+    c.send(1e-6)
+    c.poll(0)
+    c.send(1e-6)
+    c.poll(10 * MS)
+    c.receive(0, 1000, 20 * MS)  # of the first; the second is lost
+    due = c.next_due_ns
+    assert due is not None
+    for k in range(1, 4):
+        c.receive(0, 1000, 20 * MS + k * MS)
+        assert c.next_due_ns == due
+    assert c.poll(due) == (2000, 0)
+
+
+def test_a_product_that_is_rounded_up_makes_no_nanojoule() -> None:
+    """Energies whose product with 1e9 rounds up to the next integer: what is sent is never more than was given."""
+    rng = random.Random(1)
+    found = 0
+    for _ in range(20_000):
+        whole = rng.randrange(1, 10**15)
+        energy = nextafter(whole / 1e9, 0.0)
+        if energy * 1e9 >= whole > Fraction(energy) * 10**9:
+            found += 1
+            c = channel()
+            c.send(energy)
+            assert c.sent_nJ == whole - 1
+            assert c.residue_J >= 0.0
+    assert found > 500
+
+
+def test_messages_that_ask_again_do_not_postpone_the_acknowledgement() -> None:
+    """It is due 10 ms after it was first owed, however often the peer repeats itself meanwhile."""
+    c = channel()
+    for now in range(0, 10, 2):
+        c.receive(500, 0, now * MS)
+        assert c.next_due_ns == 10 * MS
+        assert c.poll(now * MS) is None
+    assert c.poll(10 * MS) == (0, 500)
+    assert c.next_due_ns is None

@@ -134,6 +134,21 @@ def test_the_run_that_was_displaced_takes_its_place_back() -> None:
     assert [place for _, place in places(numbering, true)] == [Place.LATE, Place.AGAIN, Place.NEW, Place.NEW]
 
 
+def test_numbers_and_stamps_rise_together_or_not_at_all() -> None:
+    for number, sent_ns, place in (
+        (101, 499 * MS, Place.DOUBTFUL),
+        (101, 500 * MS, Place.NEW),  # two in one moment
+        (100, 500 * MS, Place.LATE),
+        (100, 500 * MS + 1, Place.DOUBTFUL),
+        (99, 500 * MS, Place.LATE),
+        (99, 501 * MS, Place.DOUBTFUL),
+    ):
+        numbering = Numbering()
+        for message in honest(101, 5 * MS):
+            numbering.place(*message)
+        assert numbering.place(CLOCK + 505 * MS, number, sent_ns) is place
+
+
 def test_numbers_may_rise_as_fast_as_any_servo_and_no_faster() -> None:
     for waited_ns, reach in ((0, 2000), (50_000, 2001), (99_999, 2001), (1000 * MS, 22_000)):
         for number, place in ((reach, Place.NEW), (reach + 1, Place.DOUBTFUL)):

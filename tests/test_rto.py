@@ -56,3 +56,15 @@ def test_floor_ceiling_and_granularity() -> None:
 def test_bounds_out_of_order_are_refused() -> None:
     with pytest.raises(InvalidParameter, match="initial_ns"):
         RtoEstimator(floor_ns=2, initial_ns=1)
+
+
+def test_a_round_trip_below_zero_counts_as_none() -> None:
+    """A clock that is set, or a forged acknowledgement; as the first sample and as a later one."""
+    rto, other = RtoEstimator(), RtoEstimator()
+    rto.sample(-(10**9))
+    other.sample(0)
+    assert (rto.srtt_ns, rto.rttvar_ns, rto.rto_ns) == (0, 0, FLOOR_NS)
+    for one, rtt in ((rto, -(10**12)), (other, 0)):
+        one.sample(100_000_000)
+        one.sample(rtt)
+    assert (rto.srtt_ns, rto.rttvar_ns, rto.rto_ns) == (other.srtt_ns, other.rttvar_ns, other.rto_ns)

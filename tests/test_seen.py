@@ -57,3 +57,18 @@ def test_what_it_remembers_is_bounded() -> None:
     for number in (0, 1, 2**64 - 1, 2**64 - WINDOW, 5):
         seen.first(number)
     assert seen._bits.bit_length() <= WINDOW
+
+
+def test_from_another_run_far_behind_numbers_are_seen_anew() -> None:
+    """What is within the window stays known: a number that was used is not used again."""
+    for behind, known in ((WINDOW - 1, True), (WINDOW, False)):
+        seen = SeenOnce()
+        newest = 5000
+        assert seen.first(newest)
+        assert seen.first(newest - 10)
+        seen.restart(newest - behind)
+        assert seen.first(newest - behind)
+        assert not seen.first(newest - behind)
+        assert seen.first(newest - behind + 1)
+        assert seen.first(newest - behind - 1) is False  # behind the window, or before the run
+        assert seen.first(newest - 10) is not known

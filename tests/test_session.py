@@ -426,6 +426,47 @@ def test_bye_settles_the_account_exactly() -> None:
     assert device.dropped["closed"] > 0
 
 
+@pytest.mark.parametrize("addressee", [0, 77])
+def test_a_bye_to_somebody_else_ends_the_pair_and_acknowledges_nothing(addressee: int) -> None:
+    """The sender is gone whoever it says so to; but what it credited, it credited to the one that it speaks to."""
+    network, device, _ = paired()
+    device.give(3e-6)
+    device.poll(network.now)
+    assert device.receive(network.now, encode(Bye(2, addressee, 2000, "gone"))) == (PeerLeft("gone"),)
+    assert (device.peer, device.acked_nJ, device.abandoned_nJ) == (None, 0, 3000)
+    network, device, _ = paired()
+    device.give(3e-6)
+    device.poll(network.now)
+    device.receive(network.now, encode(Bye(2, 1, 2000, "gone")))
+    assert (device.peer, device.acked_nJ, device.abandoned_nJ) == (None, 2000, 1000)
+
+
+def test_energy_given_after_the_end_is_abandoned() -> None:
+    network, device, _ = paired()
+    device.give(1e-6)
+    network.run(300 * MS)
+    device.close(network.now, "the end")
+    assert device.peer is not None
+    device.give(2e-6)
+    assert (device.sent_nJ, device.acked_nJ, device.abandoned_nJ, device.in_flight_nJ) == (3000, 1000, 2000, 0)
+    assert device.settled
+
+
+def test_what_the_first_peer_began_with_counts_and_what_a_later_one_says_does_not() -> None:
+    """Those after it begin with nothing, whatever they say: else a crash loop would raise the bound."""
+    device = session("device", 1)
+    network = Network(device)
+    for incarnation, reservoir_J, counted_J in ((2, 0.05, 0.05), (3, 0.5, 0.05), (4, 7.0, 0.05)):
+        about: dict[str, Any] = {"reservoir_J": reservoir_J}
+        world = Session(role="world", dof=1, name="world", incarnation=incarnation, about=about)
+        network.sessions.append(world)
+        network.run(1200 * MS)
+        assert device.peer == world.identity
+        assert device.peers_J == counted_J
+        network.kill(world)
+        network.run(600 * MS)
+
+
 def test_energy_without_a_peer_is_abandoned_and_counted() -> None:
     device = session("device", 1)
     for _ in range(2):
@@ -634,6 +675,18 @@ def test_a_wave_far_behind_counts_as_used() -> None:
         assert device.receive(300 * MS, encode(of_kind(Wave, number)))
     assert device.receive(300 * MS, encode(of_kind(Wave, 476))) == ()
     assert device.receive(300 * MS, encode(of_kind(Wave, 477)))
+
+
+def test_a_forged_wave_far_ahead_silences_nobody() -> None:
+    device, world = expecting(Wave)
+    for k in range(10):
+        assert device.receive(300 * MS + 5 * k * MS, world.positions.wave(5 * k * MS, (0.0,), 1))
+    assert device.receive(350 * MS, encode(Wave(2, 1900, 50 * MS, (0.5,), 1)))
+    taken = [
+        len(device.receive(350 * MS + 5 * k * MS, world.positions.wave(50 * MS + 5 * k * MS, (0.0,), 1)))
+        for k in range(1, 10)
+    ]
+    assert taken == [0, *[1] * 8]
 
 
 def test_another_peers_waves_are_counted_anew() -> None:
