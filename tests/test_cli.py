@@ -230,6 +230,8 @@ BAD = [
     bad("run", "--seed", "-1", says=("--seed", "0")),
     bad("run", "--seed", "1.5", says=("--seed",)),
     bad("run", "--profile", "nosuch", says=("nosuch", "lossy-wifi")),
+    bad("run", "--resend", "3 8", says=("resend: '8'", "such as 40ms")),
+    bad("run", "--link", "resend 3 8ms", "--resend", "2 8ms", says=("resend", "not both")),
     bad("run", "--link", "delay 40ms jiggle 3", says=("jiggle", "delay")),
     bad("run", "--uplink", "delay fast", says=("fast", "unit")),
     bad("run", "--downlink", "loss 200%", says=("200%", "100%")),
@@ -476,3 +478,16 @@ def test_range_harvest_with_too_little_damping_is_warned_of(capsys: Capture) -> 
     argv = [*QUICK, "--servo", "sampled", "--set", "device.harvest=range", "--set", "device.own_damping=0"]
     assert cli.main(argv) == 0
     assert "warning: the range harvest is not passive" in capsys.readouterr().out
+
+
+def test_what_the_link_loses_is_resent(capsys: Capture) -> None:
+    """Half of all is lost at first, 1 of 2,048 after ten resends of a millisecond each."""
+    link = ["--delay", "1ms", "--jitter", "0ms", "--loss", "50%", "--resend", "10 1ms"]
+    assert cli.main(["simulate", "--duration", "1", "--no-files", *link, "--json", "-"]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    for way in ("up", "down"):
+        found = summary["links"][way]
+        assert found["profile"] == "delay 1ms loss 50% resend 10 1ms"
+        assert found["resent"] >= found["recovered"] > 20
+        assert found["lost"] < 10
+        assert found["delay_p99_ms"] <= 11.0
