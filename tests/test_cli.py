@@ -474,10 +474,13 @@ def test_what_the_scene_does_not_read_is_warned_of_once_and_first(capsys: Captur
     assert out.count("warning") == 1
 
 
-def test_range_harvest_with_too_little_damping_is_warned_of(capsys: Capture) -> None:
-    argv = [*QUICK, "--servo", "sampled", "--set", "device.harvest=range", "--set", "device.own_damping=0"]
-    assert cli.main(argv) == 0
-    assert "warning: the range harvest is not passive" in capsys.readouterr().out
+def test_range_harvest_with_too_little_damping_is_warned_of_and_with_none_refused(capsys: Capture) -> None:
+    argv = [*QUICK, "--servo", "sampled", "--set", "device.harvest=range", "--set"]
+    assert cli.main([*argv, "device.own_damping=0.1"]) == 0
+    assert "warning: the range harvest can be not passive" in capsys.readouterr().out
+    assert cli.main([*argv, "device.own_damping=0"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "device.harvest is 'range'" in line
 
 
 def test_what_the_link_loses_is_resent(capsys: Capture) -> None:

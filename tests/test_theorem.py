@@ -248,9 +248,9 @@ def test_energy_credited_twice_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """The theorem's one condition on the wire, broken on purpose: the accounts on both sides show it."""
     once = WireHalf._hand_over
 
-    def twice(self: WireHalf, events: tuple[Event, ...]) -> None:
-        once(self, events)
-        once(self, tuple(event for event in events if isinstance(event, EnergyCredited)))
+    def twice(self: WireHalf, events: tuple[Event, ...], now_ns: int) -> None:
+        once(self, events, now_ns)
+        once(self, tuple(event for event in events if isinstance(event, EnergyCredited)), now_ns)
 
     monkeypatch.setattr(WireHalf, "_hand_over", twice)
     params = Params().set({"duration_s": 2.0, "scene": "free", "operator": "sine", "record_hz": 1000.0})

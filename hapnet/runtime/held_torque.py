@@ -64,9 +64,8 @@ def check(device: DeviceParams, harvest: Harvest, dof: int) -> list[str]:
         return _range(device, dof)
     warnings = []
     holding = _holding(device, dof)
-    ceiling = holding.reserve / RESERVED_SHARE
-    if ceiling > device.ceiling_J:
-        need = f"{ceiling:.3g} J or above" if ceiling < math.inf else "no ceiling is enough"
+    if holding.reserve > device.ceiling_J:
+        need = f"{holding.reserve:.3g} J" if holding.reserve < math.inf else "no ceiling is enough"
         warnings.append(
             f"device.ceiling_J {device.ceiling_J:g} leaves too little in reserve for a torque that is held for "
             f"{holding.time:g} s at up to {holding.speed:g} m/s ({need}): a low reservoir limits the force, and a "

@@ -26,17 +26,17 @@ from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.record import Event as Note
 from hapnet.record import Sample
 from hapnet.runtime import path as paths
-from hapnet.runtime import recorded_hand, recorded_link, servo_pipe
+from hapnet.runtime import recorded_hand, recorded_link
 from hapnet.runtime.alone import Alone
-from hapnet.runtime.build import LIVE, Setup, device_session, link_profile, world_session
-from hapnet.runtime.control import Control, Outlet, ThreadedDevice, ThreadedWorld
+from hapnet.runtime.build import LIVE, Setup, link_profile
+from hapnet.runtime.control import Outlet
+from hapnet.runtime.controls import control_of
 from hapnet.runtime.egress import Egress
 from hapnet.runtime.notices import Notice, notice_of
 from hapnet.runtime.parcel import Parcel
 from hapnet.runtime.parting import LINGER_S, Parting
 from hapnet.runtime.recorder import Recordings, described
 from hapnet.runtime.servo import tuned_interpreter
-from hapnet.runtime.servo_process import ServoProcess
 from hapnet.runtime.summary import Summary, combine, versions
 from hapnet.runtime.telemeter import LinkMeter, Telemeter
 from hapnet.runtime.teller import Teller
@@ -116,15 +116,7 @@ class RealtimeSide:
         entropy = np.random.SeedSequence(self.seed).spawn(4)
         incarnation = secrets.randbits(63) + 1
         outlet = Outlet(self._send, self._keep_sample, self._fail, self._wake)
-        self.control: Control
-        if role == "world":
-            steps = np.random.default_rng(entropy[2])
-            self.control = ThreadedWorld(setup, world_session(setup, incarnation), outlet, self._clock, rng=steps)
-        elif realtime and servo_pipe.available():
-            self.control = ServoProcess(setup, device_session(setup, incarnation), outlet)
-        else:
-            protocol = device_session(setup, incarnation)
-            self.control = ThreadedDevice(setup, protocol, outlet, self._clock, realtime=realtime)
+        self.control = control_of(setup, role, incarnation, outlet, self._clock, entropy[2], realtime=realtime)
         self.wire = self.control.wire
         self._path_told = paths.PathTeller(role, self.wire.session.path)
         self._path_shown = paths.PathMeter(role, self.wire.session.path)
@@ -324,16 +316,13 @@ class RealtimeSide:
 
     def _wait(self, now_ns: int) -> None:
         """There is no peer yet: tell what this side does, and if nobody is there at all, why that may be."""
-        status = self._transport.status
-        if not self._transport.peers and (why := self._inquiry.answer(now_ns)):
+        transport = self._transport
+        status, others = transport.status, transport.partners or transport.doubled
+        if not transport.peers and (why := self._inquiry.answer(now_ns)):
             status += f" ({why})"
-        elif (
-            self._transport.peers
-            and not (self._transport.partners or self._transport.doubled)
-            and now_ns - self._started_ns > UNANSWERED_NS
-        ):
+        elif transport.peers and not others and now_ns - self._started_ns > UNANSWERED_NS:
             status += " (--session or --name differs, or access control does not let this side in)"
-        self._teller.waiting(now_ns, status, self._transport.partners)
+        self._teller.waiting(now_ns, status, transport.partners)
 
     def _on_link(self) -> None:
         """Zenoh has gained or lost a connection."""

@@ -22,7 +22,6 @@ import logging
 import threading
 import time
 from collections.abc import Callable
-from typing import TypeVar
 
 import zenoh
 
@@ -31,24 +30,12 @@ from hapnet.runtime.gate import Gate
 from hapnet.runtime.keys import WATCH_NS, KeyWatch, key_expressions
 from hapnet.runtime.probe import PROBE, answer_probes
 from hapnet.runtime.zenoh_config import ZenohSettings, may_lose, reason, where, zenoh_config
+from hapnet.runtime.zenoh_entities import KINDS as KINDS
+from hapnet.runtime.zenoh_entities import TELEMETRY as TELEMETRY
+from hapnet.runtime.zenoh_entities import call, direct, publisher
 from hapnet.wire.messages import Role
 
 _log = logging.getLogger(__name__)
-
-KINDS = ("position", "energy", "control")
-"""The kinds of message between the sides, each a key of its own."""
-
-TELEMETRY = "telemetry"
-"""What a side publishes on a key of its own for others, not for its peer."""
-
-_PRIORITY = {
-    "position": zenoh.Priority.REAL_TIME,
-    "energy": zenoh.Priority.INTERACTIVE_HIGH,
-    "control": zenoh.Priority.INTERACTIVE_LOW,
-    TELEMETRY: zenoh.Priority.BACKGROUND,
-}
-
-_T = TypeVar("_T")
 
 EXIT_TIMEOUT_S = 2.0
 """How long an interpreter that exits without `close` waits for Zenoh to close [s]."""
@@ -268,7 +255,7 @@ class ZenohTransport:
         expressions = key_expressions(self._theirs)
         if len(self._spares) == len(expressions):
             for spare in self._spares:
-                _call(spare.undeclare)
+                call(spare.undeclare)
             self._spares.clear()
             return
         spare = session.declare_subscriber(expressions[len(self._spares)], zenoh.handlers.RingChannel(1))
@@ -295,6 +282,8 @@ class ZenohTransport:
         session = self._session
         if self._partners or session is None or now_ns < self._look_ns or not self.peers:
             return
+        if self._watch.hears(now_ns):  # the other side; the question would hold up the keys that are to be kept alive
+            return
         self._look_ns = now_ns + LOOK_EVERY_NS
         with contextlib.suppress(zenoh.ZError):
             tokens = session.liveliness().get(f"{self._mine}/*", timeout=LOOK_EVERY_NS * 1e-9)
@@ -310,21 +299,21 @@ class ZenohTransport:
         session = self._open_session()
         try:
             # no history: it would panic with transport/unicast/lowlatency
-            session.info.declare_transport_events_listener(_direct(self._on_link), history=False)
-            publishers = {kind: _publisher(session, f"{self._mine}/{kind}", kind) for kind in (*KINDS, TELEMETRY)}
+            session.info.declare_transport_events_listener(direct(self._on_link), history=False)
+            publishers = {kind: publisher(session, f"{self._mine}/{kind}", kind) for kind in (*KINDS, TELEMETRY)}
             for kind in KINDS:
-                session.declare_subscriber(f"{self._theirs}/{kind}", _direct(self._receiver(kind)))
+                session.declare_subscriber(f"{self._theirs}/{kind}", direct(self._receiver(kind)))
             answer_probes(session, f"{self._theirs}/{PROBE}", f"{self._mine}/{PROBE}")
             with self._lock:
                 self._session, self._publishers = session, publishers
             # the token comes after the subscribers: who sees it knows them
-            session.liveliness().declare_subscriber(f"{self._theirs}/*", _direct(self._on_token), history=True)
+            session.liveliness().declare_subscriber(f"{self._theirs}/*", direct(self._on_token), history=True)
             self._token = session.liveliness().declare_token(f"{self._mine}/{session.zid()}")
             self._notify()
         except zenoh.ZError as error:
             self._disconnect()
             if not session.is_closed():
-                _call(session.close)
+                call(session.close)
             raise TransportError(f"cannot use Zenoh ({where(self._config)}): {reason(error)}") from None
 
     def _open_session(self) -> zenoh.Session:
@@ -343,7 +332,7 @@ class ZenohTransport:
         self._clients.clear()
         self._watch.connected(0, is_connected=False)
         if session is not None and not session.is_closed():
-            _call(session.close)
+            call(session.close)
 
     # On Zenoh's threads
 
@@ -404,26 +393,6 @@ def _settle(future: asyncio.Future[None], error: BaseException | None) -> None:
         future.set_result(None)
     else:
         future.set_exception(error)
-
-
-def _call(method: Callable[[], None]) -> None:
-    """Call one of the methods whose type zenoh's stubs leave out."""
-    method()
-
-
-def _publisher(session: zenoh.Session, key: str, kind: str) -> zenoh.Publisher:
-    return session.declare_publisher(
-        key,
-        congestion_control=zenoh.CongestionControl.DROP,
-        priority=_PRIORITY[kind],
-        express=kind != TELEMETRY,
-        reliability=zenoh.Reliability.BEST_EFFORT,
-    )
-
-
-def _direct(f: Callable[[_T], None]) -> zenoh.handlers.Callback[_T]:
-    """A callback on Zenoh's own thread: a default one costs a thread that keeps the interpreter from exiting."""
-    return zenoh.handlers.Callback(f, indirect=False)
 
 
 def _check_name(name: str, value: str) -> str:
