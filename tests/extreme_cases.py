@@ -212,7 +212,7 @@ def examine(case: int, params: Params | None = None) -> Examined:
     with np.errstate(all="ignore"):  # what diverges is to be told as such
         counted = account(witness)
         too_fast = DECLARES_SPEED and _speed(witness) > params.get("device.greatest_speed")
-        wrong = [*_not_finite(result), *_too_much(witness, counted, result)]
+        wrong = [*_not_finite(result), *_too_much(witness, counted, result), *_shuffled(witness, result.summary)]
         if not too_fast:
             wrong += [*_energy(result.summary), *_disagreement(witness, counted, result)]
     return Examined(case, params, wrong=tuple(wrong), too_fast=too_fast, account=counted)
@@ -284,10 +284,23 @@ def _disagreement(witness: Witness, counted: Account, result: Result) -> Iterato
             off, largest = float(np.max(np.abs(series - told))), float(np.max(np.abs(series)))
             if not off <= AGREEMENT_J + 1e-12 * largest:
                 yield f"account of the {name} over time: off by {off:.3g} J"
+    if not counted.unseen <= (summary["device"]["quantisation_J"] or 0.0) + TOLERANCE_J:
+        yield f"quantisation: {counted.unseen:.3g} J, the summary says {summary['device']['quantisation_J']} J"
     for name, value in motion(witness).items():
         told = summary["motion"][name]
         if value is not None and (told is None or not abs(value - told) <= 1e-9 + 1e-9 * abs(value)):
             yield f"motion {name}: {value}, the summary says {told}"
+
+
+def _shuffled(witness: Witness, summary: dict[str, Any]) -> Iterator[str]:
+    """Energy over the wire: what was given and taken, to the nanojoule; no flow may be negative."""
+    for way, sender, receiver in (("up", witness.device, witness.world), ("down", witness.world, witness.device)):
+        flow = summary["energy"][way]
+        sent, credited = flow["sent_nJ"], flow["credited_nJ"]
+        if credited != receiver.credited_nJ or abs(sent - sender.given_J * 1e9) > 1.0 + 1e-12 * sent:
+            yield f"energy {way}: {sender.given_J:.9g} J given, {receiver.credited_nJ} nJ taken; the summary: {flow}"
+        if min(flow.values()) < 0 or sent != credited + flow["in_flight_nJ"] + flow["abandoned_nJ"]:
+            yield f"energy {way}: {flow}"
 
 
 def _too_much(witness: Witness, counted: Account, result: Result) -> Iterator[str]:

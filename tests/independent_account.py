@@ -209,6 +209,8 @@ class Account:
     """Of both ports together, with d^2."""
     hand_and_world_least: float | None
     """The same with the hand's port, whatever the servo."""
+    unseen: float
+    """Most energy that the actuators gave by true positions and, by the encoders' counts, did not."""
     coupling_force: Array | None
     """Of a continuous servo: mean force on the device over each tick [N], by the balance of its momentum."""
 
@@ -220,7 +222,10 @@ def account(witness: Witness) -> Account:
     if params.device.substeps == 1:
         hand, tau = _hand(witness)
     sampled = witness.servo == "sampled"
-    work = _actuator(witness) if sampled else hand
+    work, unseen = hand, 0.0
+    if sampled:
+        work = _actuator(witness, witness.readings)
+        unseen = float(np.max(work - _actuator(witness, witness.positions)))
     device = device_least = None
     if work is not None:
         device, device_least = _margin(work, params.device.ceiling_J, witness.device)
@@ -228,7 +233,7 @@ def account(witness: Witness) -> Account:
     world, world_least = _margin(environment, params.world.ceiling_J, witness.world)
     bound = params.device.ceiling_J + params.world.ceiling_J
     both, whole = (None if port is None else bound + _both(witness, port, environment) for port in (work, hand))
-    return Account(device, world, device_least, world_least, both, whole, None if sampled else tau)
+    return Account(device, world, device_least, world_least, both, whole, unseen, None if sampled else tau)
 
 
 def _margin(work: Array, reservoir: float, crossing: Crossing) -> tuple[Array, float]:
@@ -241,12 +246,12 @@ def _running(power: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(power)])
 
 
-def _actuator(witness: Witness) -> Array:
+def _actuator(witness: Witness, positions: Sequence[Vector]) -> Array:
     """Energy put in at the actuator's port after each tick; damping that is declared to be there takes its part.
 
-    The way is what the encoders say: the account that is checked knows no other.
+    The account that is checked knows the way by what the encoders say, and no other.
     """
-    device, x = witness.params.device, np.array(witness.readings)
+    device, x = witness.params.device, np.array(positions)
     dx = np.diff(x, axis=0)
     forces = np.vstack([np.zeros((1, dx.shape[1])), np.array(witness.applied)])[: len(dx)]
     trusted = device.trusted_damping * np.maximum(0.0, np.abs(dx) - device.resolution_m) ** 2 * device.servo_hz
