@@ -7,6 +7,7 @@ at the end is seen by the very checks that the cases pass.
 from __future__ import annotations
 
 import ast
+import math
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,7 +17,7 @@ import numpy as np
 import pytest
 
 from hapnet.control.ledger import Ledger
-from hapnet.control.servo_law import SampledServo
+from hapnet.control.reserve import ForceGuard
 from hapnet.errors import InvalidParameter
 from hapnet.metrics import motion
 from hapnet.params import Params
@@ -57,7 +58,7 @@ def assert_violates_unchecked(one: Examined) -> None:
 
 
 def test_what_is_promised_holds_in_30_extreme_cases() -> None:
-    """Of these eight broke a promise when they were drawn: force, step of force, device's margin, divergence."""
+    """Several of these broke a promise when they were drawn: limits of force and step, the margins; some diverged."""
     survey(range(40, 70))
 
 
@@ -112,7 +113,7 @@ def audited(servo: str, n: int) -> Params:
             "operator_hand.mass": 0.1, "operator_hand.damping": 1.0, "operator_hand.frequency_hz": 4.0,
             "device.servo": servo, "device.substeps": 1, "device.stiffness": random_spd(rng, n, 100.0, 600.0).tolist(),
             "device.damping": rng.uniform(0.5, 2.0, n).tolist(), "device.force_limit_N": 2.0,
-            "device.on_silence": "release", "device.silence_after_s": 0.1,
+            "device.greatest_speed": 3.0, "device.on_silence": "release", "device.silence_after_s": 0.1,
             "world.mass": random_spd(rng, n, 0.01, 0.2).tolist(), "world.step_min_s": 0.002,
             "world.damping": random_spd(rng, n, 5.0, 20.0).tolist(),
             "world.stiffness": random_spd(rng, n, 200.0, 2000.0).tolist(),
@@ -199,21 +200,34 @@ def test_a_ledger_that_stops_half_way_is_seen(servo: str, monkeypatch: pytest.Mo
     assert {"account of the device over time", "account of the world over time"} <= kinds
 
 
-def test_a_force_limit_that_is_ignored_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ten times beyond it, too: the actuators would cut it, which must not be relied upon."""
-    make = SampledServo.__init__
+@pytest.mark.parametrize(
+    ("limit", "case", "word"), [("limit", 58, "force asked for"), ("step", 64, "step"), ("reach", 50, "device margin")]
+)
+def test_a_limit_of_the_held_force_that_is_ignored_is_seen(
+    limit: str, case: int, word: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its length, its step, and what the account can pay for, in one of the default cases each."""
+    careless(limit, monkeypatch)
+    assert word in examine(case).kinds
 
-    def unlimited(self: SampledServo, *args: Any, **kwargs: Any) -> None:
-        make(self, *args, **{**kwargs, "force_limit": None})
 
-    changes = {"device.force_limit_N": 0.02, "device.step_limit_N": 0.0, "device.on_silence": "hold"}
-    params = audited("sampled", 1).set(changes)
-    assert "force asked for" not in kinds_of(params)
-    monkeypatch.setattr(SampledServo, "__init__", unlimited)
-    found = examine(1, params)
-    assert "force asked for" in found.kinds
-    asked = next(text for text in found.wrong if text.startswith("force asked for"))
-    assert float(asked.split()[3]) > 10.0 * params.device.force_limit_N
+def test_a_force_of_ten_times_the_limit_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The actuators would cut it, which must not be relied upon."""
+    params = audited("sampled", 1).set({"device.force_limit_N": 0.02})
+    assert not examine(1, params).wrong
+    careless("limit", monkeypatch)
+    found = next(text for text in examine(1, params).wrong if text.startswith("force asked for"))
+    assert float(found.split()[3]) > 10.0 * params.device.force_limit_N
+
+
+def careless(limit: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From now on the guards of held forces do without this limit."""
+    make = ForceGuard.__init__
+
+    def without(self: ForceGuard, **limits: float) -> None:
+        make(self, **{**limits, limit: 0.0 if limit == "reach" else math.inf})
+
+    monkeypatch.setattr(ForceGuard, "__init__", without)
 
 
 def test_half_a_run_measured_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
