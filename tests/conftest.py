@@ -43,5 +43,5 @@ def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     directory = tmp_path_factory.mktemp("certificates")
     for out in (directory, directory / "other"):
-        main(["127.0.0.1", "localhost"], ["alice", "bob", "viewer"], out)
+        main(host=["127.0.0.1", "localhost"], device=["alice", "bob", "viewer"], out=out)
     return directory
