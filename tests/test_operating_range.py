@@ -24,6 +24,7 @@ from hapnet.runtime.own_device import OwnDevice, declared_range
 from hapnet.runtime.own_operator import OwnOperator
 from hapnet.runtime.sides import DeviceSide
 from hapnet.runtime.summary import device_summary, stopped, unknown_device
+from tests.processes import read_json, started
 
 MS = 1_000_000
 PARAMS = Params()
@@ -190,7 +191,7 @@ def test_a_hand_of_ones_own_is_named_when_it_goes_out_of_reach() -> None:
 # -- while it runs -----------------------------------------------------------------------------------------------------
 
 
-def started(device: type, **changes: object) -> tuple[DeviceSide, Arm, list[Sample]]:
+def begun(device: type, **changes: object) -> tuple[DeviceSide, Arm, list[Sample]]:
     """A side whose device pulls at its spring: control has started at 0, and the set-position lies 20 mm away."""
     written: list[Sample] = []
     given = {"hardware": named(device), "scene": "free", "record_hz": 1000.0, **changes}
@@ -216,7 +217,7 @@ def tick(side: DeviceSide, at_ms: int) -> None:
 @pytest.mark.parametrize("coupling", ["pspm", "zoh", "tdpa", "wave"])
 def test_a_device_that_leaves_its_workspace_renders_no_force_any_more_and_says_why(coupling: str) -> None:
     """The reading that cannot be moves no energy: 30 m at 0.4 N would be 12 J."""
-    side, arm, written = started(Arm, coupling=coupling)
+    side, arm, written = begun(Arm, coupling=coupling)
     for at in range(1, 50):
         tick(side, at)
     if coupling in ("pspm", "zoh"):
@@ -253,7 +254,7 @@ def test_one_that_is_outside_when_it_is_to_begin_does_not_begin() -> None:
 
 def test_one_that_jumps_is_stopped() -> None:
     """20 mm in a millisecond are 20 m/s; from one reading to the next it may be 5 ms older than it says: 6 mm."""
-    side, arm, _ = started(Short)
+    side, arm, _ = begun(Short)
     arm.x = 0.0059
     tick(side, 1)
     assert side.stopped is None
@@ -264,7 +265,7 @@ def test_one_that_jumps_is_stopped() -> None:
 
 
 def test_one_whose_velocity_is_in_millimetres_a_second_is_stopped_and_a_single_spike_is_not() -> None:
-    side, arm, _ = started(Short)
+    side, arm, _ = begun(Short)
     for at, speed in enumerate((50.0, 50.0, 0.05, 50.0, 50.0), start=1):
         arm.v = speed
         tick(side, at)
@@ -296,3 +297,37 @@ def test_the_simulated_device_is_not_watched_and_its_summary_says_that_it_was_no
     assert unknown_device()["stopped"] is None
     assert stopped(None) is stopped({"device": None}) is stopped({"device": {"stopped": None}}) is None
     assert declared_range(PARAMS.device, 3).workspace == (2.0,)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("more", [(), ("--realtime",)], ids=["thread", "realtime"])
+def test_a_run_whose_device_leaves_its_workspace_goes_on_and_ends_with_code_3(
+    more: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "driver.py").write_text(LEAVING, "utf-8")
+    monkeypatch.chdir(tmp_path)
+    words = ("--device", "driver:Leaving", "--scene", "free", "--duration", 2, "--out", "r", "--json", "s.json")
+    with started("run", *words, *more) as program:
+        code, stdout, stderr = program.end()
+    why = "it reads 0.2 m from its origin, its workspace ends at 0.1 m"
+    assert code == 3
+    assert stderr.startswith("hapnet: the device's force was stopped after ")
+    assert stderr.endswith(f" s: {why}\n")
+    assert f"device: the device renders no force any more: {why}" in stdout
+    summary = read_json(Path("s.json"))
+    assert summary["device"]["stopped"]["why"] == why
+    assert summary["duration_s"] >= 2.0
+    assert "was stopped after" in Path("r/report.html").read_text("utf-8")
+
+
+LEAVING = """
+class Leaving:
+    force_limit, resolution, workspace = 3.0, 0.0, 0.1
+    def __init__(self, dof):
+        self.dof, self.reads = dof, 0
+    def read(self):
+        self.reads += 1
+        return (0.05 if self.reads < 500 else 0.2,) * self.dof, (0.0,) * self.dof
+    def apply(self, force):
+        pass
+"""

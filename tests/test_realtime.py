@@ -286,6 +286,21 @@ async def test_a_world_that_restarts_is_paired_anew() -> None:
     assert later["world"]["ledger"]["margin_J"] >= -1e-9
 
 
+@pytest.mark.parametrize("once", [False, True])
+async def test_a_world_whose_device_leaves_says_that_it_waits_or_ends_with_it(once: bool) -> None:
+    address, params = free_address(), parameters()
+    world, device = Running("world", address, params, once=once), Running("device", address, params)
+    async with running(world, device):
+        await world.until(lambda: world.side.control.origin_ns is not None)
+        await device.end()
+        if once:
+            await asyncio.wait_for(asyncio.shield(world.task), WAIT_S)
+            assert world.told("once") == ["ends with its first device (--once)"]
+        else:
+            waits = "waits for another device until it is stopped (--once would end it now)"
+            await world.until(lambda: waits in world.told("waiting"))
+
+
 async def test_a_device_whose_place_was_taken_while_it_was_cut_off_ends_with_the_reason() -> None:
     address = free_address()
     world = Running("world", address, parameters(operator="sine", world__silence_after_s=0.2))
