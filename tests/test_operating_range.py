@@ -23,7 +23,8 @@ from hapnet.runtime.hands import operator
 from hapnet.runtime.own_device import OwnDevice, declared_range
 from hapnet.runtime.own_operator import OwnOperator
 from hapnet.runtime.sides import DeviceSide
-from hapnet.runtime.summary import device_summary, stopped, unknown_device
+from hapnet.runtime.summary import device_summary, unknown_device
+from hapnet.runtime.verdict import judge, stopped
 from tests.processes import read_json, started
 
 MS = 1_000_000
@@ -202,7 +203,7 @@ def begun(device: type, **changes: object) -> tuple[DeviceSide, Arm, list[Sample
     side.clock = clock  # type: ignore[attr-defined]
     side.tick(0)
     if changes.get("coupling", "pspm") in ("pspm", "zoh"):
-        side.endpoint.arrive((0.02,), 0.0)
+        side.endpoint.arrive((0.02,), 0, 0)
     assert isinstance(side.device, OwnDevice)
     arm = side.device.device
     assert isinstance(arm, Arm)
@@ -238,7 +239,11 @@ def test_a_device_that_leaves_its_workspace_renders_no_force_any_more_and_says_w
     assert event == Event(50 * MS, "stopped", f"the device renders no force any more: {why}")
     part = device_summary(side, coupling)
     assert part["stopped"] == {"after_s": 0.05, "why": why}
-    assert stopped({"device": part}) == f"the device's force was stopped after 0.05 s: {why}"
+    line = f"the device's force was stopped after 0.05 s: {why}"
+    assert stopped({"device": part}) == line
+    verdict = judge({"coupling": coupling, "theorem": {"margin_J": 0.1, "bound_J": 0.1}, "device": part})
+    assert verdict["passive"] is None
+    assert line in verdict["reason"]
 
 
 def test_one_that_is_outside_when_it_is_to_begin_does_not_begin() -> None:

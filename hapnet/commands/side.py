@@ -21,7 +21,7 @@ from hapnet.params import Params
 from hapnet.runtime.build import LIVE, prepare
 from hapnet.runtime.notices import Notice
 from hapnet.runtime.realtime import RealtimeSide
-from hapnet.runtime.summary import stopped
+from hapnet.runtime.verdict import stopped
 from hapnet.runtime.zenoh_config import Mode, ZenohSettings, zenoh_warnings
 from hapnet.runtime.zenoh_log import Refusals, heeded
 from hapnet.wire.messages import Role

@@ -15,7 +15,7 @@ from hapnet.report import tables
 from hapnet.report.html import Html, element, join, table
 from hapnet.report.pictures import Picture
 from hapnet.report.settings import Setting, commands, of_side, settings
-from hapnet.report.words import force_stopped, get, has_reservoirs, number, outcome, tuning, verdict
+from hapnet.report.words import get, has_reservoirs, number, outcome, tuning, verdict
 from hapnet.runtime.couplings import KINDS
 
 FOLDED = 12
@@ -109,7 +109,7 @@ _ENERGY = (
 
 
 def _head(summary: Mapping[str, Any], title: str, sources: Sequence[Source]) -> Html:
-    line, warning, coupling = verdict(summary), force_stopped(summary), str(get(summary, "coupling"))
+    line, coupling = verdict(summary), str(get(summary, "coupling"))
     found = outcome(summary)
     alone = found == "unknown" and None in (get(summary, "device"), get(summary, "world"))
     if has_reservoirs(coupling):
@@ -123,7 +123,6 @@ def _head(summary: Mapping[str, Any], title: str, sources: Sequence[Source]) -> 
         element("p", "hapnet report", class_="kicker"),
         element("h1", title),
         element("p", line[0].upper() + line[1:], class_=f"verdict {found}"),
-        *([] if warning is None else [element("p", warning[0].upper() + warning[1:], class_="verdict bad")]),
         element("p", meaning),
         *(element("p", _torn(source), class_="note") for source in sources if source.torn),
     )

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from hapnet.report.words import (
     exact_joule,
-    force_stopped,
     get,
     has_reservoirs,
     known,
@@ -182,13 +181,11 @@ def summary_text(summary: Mapping[str, Any]) -> RenderableType:
         return out
 
     tables = (both_ports(summary), sides(summary), energy(summary), path(summary), links(summary), motion(summary))
-    warning = force_stopped(summary)
     return Group(
         Text(
             verdict(summary),
             style={"bad": "bold red", "unknown": "bold yellow", "good": "bold green"}[outcome(summary)],
         ),
-        *([] if warning is None else [Text(warning, style="bold red")]),
         Text(_about(summary)),
         *(drawn(table) for table in tables if table.rows),
     )

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from hapnet.runtime.summary import stopped
 from hapnet.runtime.verdict import DEFICIT_J, judge
 from hapnet.runtime.verdict import get as get
 from hapnet.runtime.verdict import has_reservoirs as has_reservoirs
@@ -19,12 +18,6 @@ def verdict(summary: Mapping[str, Any] | None) -> str:
     """One line: whether the two ports stayed passive, and why, or by how much of the bound d^2."""
     found = judge(summary)
     return f"{_WORDS[found['passive']]}: {found['reason']}"
-
-
-def force_stopped(summary: Mapping[str, Any] | None) -> str | None:
-    """One line, if the device's force was stopped on the way; None if not."""
-    line = stopped(summary) if isinstance(get(summary, "device", "stopped"), Mapping) else None
-    return None if line is None else str(legible(line))
 
 
 def outcome(summary: Mapping[str, Any] | None) -> str:

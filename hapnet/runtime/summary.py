@@ -88,12 +88,6 @@ def _stopped(side: DeviceSide) -> Summary | None:
     return {"after_s": round((at_ns - side.origin_ns) * NANO, 3), "why": why}
 
 
-def stopped(summary: Mapping[str, Any] | None) -> str | None:
-    """One line, if the device's force was stopped on the way; None if not."""
-    found = ((summary or {}).get("device") or {}).get("stopped")
-    return found and f"the device's force was stopped after {found.get('after_s')} s: {found.get('why')}"
-
-
 def unknown_device() -> Summary:
     """The device's part where its servo left no word: the same keys, None."""
     ledger = dict.fromkeys(_LEDGER)

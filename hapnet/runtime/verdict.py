@@ -5,8 +5,9 @@
 Not passive: more energy came out of both ports than d^2 (of one port, where only that is known); a half of Theorem 1
 below zero; energy credited that was never sent. Not known: what could be judged was kept, but part of the account is
 missing (a side, the end of a torn recording, what a process before a restart did, one clock for both ports), or
-something happened that it does not cover (a deficit, a servo that was away, a speed above the declared one, encoders
-that blur more than the margin, an energy stream that nobody answers).
+something happened that it does not cover (a deficit, a servo that was away, a speed above the declared one, a force
+that was stopped as the device could not be right, encoders that blur more than the margin, an energy stream that nobody
+answers).
 """
 
 from __future__ import annotations
@@ -84,6 +85,12 @@ def excess_nJ(energy: Any) -> int:
     sent, credited, abandoned = (known(get(energy, f"{name}_nJ")) for name in ("sent", "credited", "abandoned"))
     beyond = 0 if sent is None or credited is None else credited - sent
     return int(max(beyond, 0 if abandoned is None else -abandoned, 0))
+
+
+def stopped(summary: Any) -> str | None:
+    """One line, if the device's force was stopped on the way; None if not."""
+    after_s, why = (get(summary, "device", "stopped", part) for part in ("after_s", "why"))
+    return None if why is None else f"the device's force was stopped after {after_s} s: {why}"
 
 
 def restarted(summary: Any) -> bool:
@@ -181,6 +188,8 @@ def _doubts(summary: Any) -> Iterator[str]:
         silent_s = known(get(summary, side, "unanswered_s"))
         if silent_s is not None and silent_s > UNANSWERED_S:
             yield f"the {side}'s energy stream is dead: nothing of it was acknowledged for {silent_s:.1f} s"
+    if (line := stopped(summary)) is not None:
+        yield line
     leak = known(get(device, "overrun_leak_J"))
     if leak is not None and leak > 0.0:
         yield f"while the servo was away for longer than watchdog_s, {_milli(leak)} mJ came out beyond the reserve"
