@@ -28,7 +28,7 @@ from hapnet.runtime.stepper import Stepper
 from hapnet.runtime.virtual import Simulation
 from hapnet.runtime.zenoh_config import ZenohSettings, free_address
 from hapnet.runtime.zenoh_transport import ZenohTransport
-from hapnet.wire.messages import Role
+from hapnet.wire.messages import VERSION, Role
 from netem import Link
 from tests.pairs import WAIT_S, Running, idle, parameters, running
 
@@ -224,9 +224,10 @@ async def test_garbage_from_the_network_is_counted_and_the_servo_goes_on() -> No
         stranger = await asyncio.to_thread(zenoh.open, config)
         try:
             before = world.count
-            frames = [b"", b"garbage", b"\xff" * 5000, msgpack.packb([1, 99, 5]), msgpack.packb([1, 1, 5, 0, 0, ["x"]])]
-            frames += [msgpack.packb([1, 1, 5, 0, 0, [float("nan")]]), msgpack.packb([1, 2, 5, 6, -1, 0])]
-            frames += [msgpack.packb([1, 1, 5, 10**6, 0, [0.5]]), msgpack.packb([1, 2, 5, 6, 10**12, 0])]
+            frames = [b"", b"garbage", b"\xff" * 5000, msgpack.packb([VERSION, 99, 5])]
+            frames += [msgpack.packb([VERSION, 1, 5, 0, 0, [x], 0, 0]) for x in ("x", float("nan"))]
+            frames += [msgpack.packb([VERSION, 1, 5, 10**6, 0, [0.5], 0, 0])]
+            frames += [msgpack.packb([VERSION, 2, 5, 6, total_nJ, 0]) for total_nJ in (-1, 10**12)]
 
             def shower() -> bool:
                 for frame in frames:
@@ -431,7 +432,7 @@ async def test_an_address_in_use_is_one_error() -> None:
 
 
 class OldPeer:
-    """A world of protocol version 2 on a thread of its own, which says hello until it is told to stop."""
+    """A world of the next protocol version on a thread of its own, which says hello until it is told to stop."""
 
     def __init__(self, address: str) -> None:
         self._stopping = threading.Event()
@@ -447,7 +448,7 @@ class OldPeer:
 
     async def _main(self, address: str) -> None:
         transport = ZenohTransport(ZenohSettings(listen=(address,)), lambda kind, data: None, role="world")
-        hello = msgpack.packb([2, 3, 77, 1, "world", 1, "of tomorrow", {}, "more"])
+        hello = msgpack.packb([VERSION + 1, 3, 77, 1, "world", 1, "of tomorrow", {}, "more"])
         await transport.open()
         while not self._stopping.is_set():
             transport.put("control", hello)
@@ -462,5 +463,6 @@ def test_a_peer_of_another_version_is_one_line_and_exit_code_2(
     with OldPeer(address):
         assert cli.main(["device", "-e", address, "--record", str(record)]) == 2
     err = capsys.readouterr().err
-    assert err == "hapnet: the world does not fit: peer speaks protocol 2, this side speaks 1\n"
+    told = f"peer speaks protocol {VERSION + 1}, this side speaks {VERSION}"
+    assert err == f"hapnet: a world does not fit: {told}\n"
     assert not record.exists()
