@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 
 from hapnet.doctor import OK, REACH_S, WARNING, Check
@@ -30,15 +29,16 @@ def probed(
     from hapnet.runtime.zenoh_config import ZenohSettings, reason, zenoh_config
 
     up, down = (f"hapnet/{session}/{name}/{way}/{PROBE}" for way in ("up", "down"))
-    try:
-        with zenoh.open(zenoh_config(ZenohSettings(connect=(endpoint,), security=security))) as opened:
-            give_up = time.monotonic() + patience_s
-            while not opened.info.transports() and time.monotonic() < give_up:
-                time.sleep(0.01)
-            answers = ask(opened, up, down, seconds, patience_s) or ask(opened, down, up, seconds, patience_s)
-    except zenoh.ZError as error:
-        return Check(NAME, WARNING, f"{endpoint}: {reason(error)}", "see the line on Zenoh")
-    if answers is None:
+    answers = None
+    for asked, answered in ((up, down), (down, up), (up, down)):  # over udp a declaration may be lost: once more
+        try:
+            with zenoh.open(zenoh_config(ZenohSettings(connect=(endpoint,), security=security))) as opened:
+                answers = ask(opened, asked, answered, seconds, patience_s)
+        except zenoh.ZError as error:
+            return Check(NAME, WARNING, f"{endpoint}: {reason(error)}", "see the line on Zenoh")
+        if answers is not None:
+            break
+    else:
         advice = (
             f"start the other side there (hapnet world -l ...), with the session {session} and the name {name}; one of "
             "an older version does not answer, nor one whose access control does not let this side in"

@@ -19,6 +19,7 @@ from hapnet.runtime.keys import KeyWatch
 from hapnet.runtime.security import ANYBODY, Security
 from hapnet.runtime.zenoh_config import ZenohSettings
 from hapnet.runtime.zenoh_transport import KINDS, ZenohTransport
+from hapnet.wire.events import PositionReceived
 from hapnet.wire.messages import Role
 from hapnet.wire.session import Session
 from netem import LinkProfile
@@ -82,8 +83,11 @@ class Talker:
         return max(b - a for a, b in pairwise(times)) * 1e-9
 
     def _on_message(self, kind: str, data: bytes) -> None:
+        now_ns = time.monotonic_ns()
         with self._lock:
-            self.session.receive(time.monotonic_ns(), data)
+            for event in self.session.receive(now_ns, data):
+                if isinstance(event, PositionReceived):  # as a control half does that uses it
+                    self.session.positions.echo(event.sent_ns, now_ns)
             self.unreadable[kind] += len(data) == 1
 
 

@@ -96,7 +96,7 @@ def test_what_a_reader_wants_to_know_comes_in_that_order(simulated: Recording) -
     source = Source(Path("a b/run.mcap"), "both", written="2026-11-21 12:00:00 UTC")
     found = stands_alone(page(simulated, pictures(simulated), [source]))
     assert list(found.sections) == [
-        "", "What was run", "What happened", "Summary", "Links", "Energy account", "Silences and events",
+        "", "What was run", "What happened", "Summary", "Path", "Links", "Energy account", "Silences and events",
         "How to make it again", "Settings", "Versions", "Files",
     ]  # fmt: skip
     assert simulated.summary is not None
