@@ -260,11 +260,6 @@ class Session:
         return self._channel.unanswered_ns(self._liveness.heard_ns)
 
     @property
-    def round_trip_ns(self) -> int | None:
-        """The energy channel's estimate of the round trip (RFC 6298, SRTT); None before the first."""
-        return self._channel.rto.srtt_ns
-
-    @property
     def residue_J(self) -> float:
         """What was given and makes no whole nanojoule yet: all that was given is sent_nJ plus this."""
         return self._channel.residue_J
