@@ -18,7 +18,7 @@ from hapnet.control.coupling import Coupling
 from hapnet.control.deadband import Deadband
 from hapnet.control.law import Datum, LawCoupling, LawServo, Motion, Port, Wave, WorldLawCoupling
 from hapnet.control.pspm import Modulation
-from hapnet.control.servo_law import ContinuousServo, Extremes, SampledServo
+from hapnet.control.servo_law import ContinuousServo, Passage, SampledServo
 from hapnet.wire import messages
 from hapnet.wire.events import EnergyCredited, Event, Paired, PositionReceived, SampleReceived
 from hapnet.wire.handshake import EARLIER
@@ -261,7 +261,7 @@ class DeviceControl(ControlHalf):
         now_ns: int,
         dt: float,
         x: Vector,
-        extremes: Extremes,
+        passage: Passage,
         work: float,
         kinetic: float,
         *,
@@ -273,7 +273,7 @@ class DeviceControl(ControlHalf):
         """
         if self._arrived or self._credits:
             self._take()
-        result = self._tick(dt, x, extremes, work, kinetic, release=release)
+        result = self._tick(dt, x, passage, work, kinetic, release=release)
         return None if result is None else self._send(now_ns, x, result)
 
 

@@ -70,7 +70,7 @@ class DeviceParams:
     harvest: str = _p("auto", "auto: range with the continuous servo, measured with the sampled one",
                       ("auto", "range", "measured"))  # fmt: skip
     force_limit_N: float = _p(3.3, "longest force of the actuators [N]; 0: no limit", _NOT_NEGATIVE)
-    spring_share: float = _p(0.9, "share of the force limit at which the spring saturates, the rest is the damper's",
+    spring_share: float = _p(0.9, "share of the force limit at which the spring saturates, the rest left to the damper",
                              _Range(above=0.0, at_most=1.0))  # fmt: skip
     step_limit_N: float = _p(
         0.5, "largest step of the force [N]: a tick if held, else an update; 0: none", _NOT_NEGATIVE

@@ -23,9 +23,10 @@ class DeviceSample(NamedTuple):
     """The device's side at one servo tick. Vectors have one element an axis.
 
     `set_position_m` is PSPM's modulated ybar, `target_m` the y that was asked for, `force_N` the coupling's force on
-    the device, `operator_force_N` the simulated hand's and `operator_target_m` the x_d where it wants to be (None
-    where they are unknown: a person holds a real device). Energies are those of the modulator and the ledger: `sent_J`
-    and `credited_J` are running totals, `margin_J` and `slack_J` those of the half-theorem at this instant.
+    the device (with the continuous servo what acted in the substep that has ended), `operator_force_N` the simulated
+    hand's and `operator_target_m` the x_d where it wants to be (None where they are unknown: a person holds a real
+    device). Energies are those of the modulator and the ledger: `sent_J` and `credited_J` are running totals,
+    `margin_J` and `slack_J` those of the half-theorem at this instant.
     """
 
     time_ns: int

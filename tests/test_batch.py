@@ -96,7 +96,14 @@ ONE_AXIS: dict[str, dict[str, object]] = {
     },
     "everything shuffled": {**LIVELY, "device.shuffle": "all", "world.shuffle": "all", "link.down": "delay 3ms 2ms"},
     "admission": {**LIVELY, "wire.admission_W": 0.02, "wire.admission_burst_J": 0.001},
-    "saturated": {**LIVELY, "device.force_limit_N": 0.8, "world.step_limit_N": 5.0, "link.down": "delay 100ms"},
+    "saturated": {
+        **LIVELY, "device.force_limit_N": 4.0, "device.spring_share": 0.2, "world.step_limit_N": 5.0,
+        "link.down": "delay 100ms",
+    },
+    "damper limited": {
+        **LIVELY, "device.damping": 20.0, "device.stiffness": 400.0, "device.force_limit_N": 0.8,
+        "duration_s": 0.8, "link.up": "delay 20ms",
+    },
     "no limits": {"device.force_limit_N": 0.0, "device.step_limit_N": 0.0, "world.step_limit_N": 0.0, "scene": "free"},
     "zoh": {"coupling": "zoh", "link.up": "delay 80ms 20ms", "link.down": "delay 80ms 20ms"},
     "other rates": {**LIVELY, "device.servo_hz": 700.0, "device.substeps": 3, "world.step_min_s": 0.001},
@@ -162,6 +169,16 @@ SEVERAL_AXES: dict[str, dict[str, object]] = {
         "world.ceiling_J": 5e-4,
         "device.force_limit_N": 0.8,
         "link.down": "delay 80ms 30ms loss 5%",
+    },
+    "uneven, damper limited": {
+        **LIVELY,
+        "scene": "free",
+        "dof": 2,
+        "duration_s": 0.6,
+        "device.stiffness": [[400.0, 100.0], [100.0, 300.0]],
+        "device.damping": [20.0, 3.0],
+        "device.force_limit_N": 0.8,
+        "link.up": "delay 20ms",
     },
     "uneven, decoupled": {"scene": "box", "dof": 2, **LIVELY, "device.stiffness": [100.0, 60.0]},
 }

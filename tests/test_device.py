@@ -57,10 +57,10 @@ def test_ticks_in_a_row_are_ticks_one_by_one(n: int, general: bool, limit: float
     for device in (one, row):
         device.couple(K, 0.1, (0.0,) * n, limit)
     for ticks in (1, 4, 7) * 100:
-        single = [(one.advance(), one.position, one.velocity, one.hand_force) for _ in range(ticks)]
+        single = [(one.advance(), one.position, one.velocity, one.hand_force, one.actuator_force) for _ in range(ticks)]
         together = row.run(ticks)
         assert together == single if n == 1 else np.allclose(_flat(together), _flat(single), rtol=1e-12, atol=1e-15)
-        assert np.allclose(row.extremes(), one.extremes(), rtol=1e-12, atol=1e-15)
+        assert np.allclose(row.passage()[:2], one.passage()[:2], rtol=1e-12, atol=1e-15)
         assert row.time == one.time
 
 
@@ -120,7 +120,8 @@ def test_both_ways_of_computing_a_tick_agree() -> None:
         K[0, 1] = K[1, 0] = off
         device.couple(K, 0.1, (0.01, 0.0, -0.01), 2.0)
         work = sum(device.advance() for _ in range(2000))
-        results.append((device.position, device.velocity, work, *device.extremes(), device.hand_force))
+        forces = device.hand_force, device.actuator_force
+        results.append((device.position, device.velocity, work, *device.passage()[:2], *forces))
     for one, other in zip(*results, strict=True):
         assert one == pytest.approx(other, rel=1e-10, abs=1e-14)
 
@@ -179,11 +180,11 @@ def test_extremes_enclose_all_ticks_since_they_were_asked_for() -> None:
         for _ in range(7):
             device.advance()
             visited.append(device.position)
-        low, high = device.extremes()
+        low, high, _ = device.passage()
         for axis in range(2):
             assert low[axis] <= min(x[axis] for x in visited)
             assert high[axis] >= max(x[axis] for x in visited)
-    assert device.extremes() == (device.position, device.position)
+    assert device.passage() == (device.position, device.position, None)
 
 
 @pytest.mark.parametrize("kw", [{"mass": 0.0}, {"damping": -1.0}, {"substeps": 0}, {"resolution": float("nan")}])

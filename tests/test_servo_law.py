@@ -55,7 +55,7 @@ def test_continuous_runs_on_its_clock_and_at_once_on_data() -> None:
     for tick in range(1, 21):
         if tick == 7:
             c.receive((0.001,), 0.0)
-        if servo.tick(T, (0.0,), lambda: ((0.0,), (0.0,)), 0.0, 0.0) is not None:
+        if servo.tick(T, (0.0,), lambda: ((0.0,), (0.0,), None), 0.0, 0.0) is not None:
             ran.append(tick)
     assert ran == [5, 7, 12, 17]
 
@@ -78,23 +78,34 @@ def test_continuous_harvests_the_range_over_the_whole_interval() -> None:
     servo = ContinuousServo(c, damping=(0.1,), period=5 * T)
     asked = []
 
-    def extremes() -> tuple[Vector, Vector]:
+    def passage() -> tuple[Vector, Vector, None]:
         asked.append(1)
-        return (-0.001,), (0.003,)
+        return (-0.001,), (0.003,), None
 
-    assert servo.tick(T, (0.0,), lambda: ((0.0,), (0.0,)), 0.0, 0.0) is not None
+    assert servo.tick(T, (0.0,), lambda: ((0.0,), (0.0,), None), 0.0, 0.0) is not None
     assert c.account == pytest.approx(0.0, abs=1e-16)
     for _ in range(5):
-        servo.tick(T, (0.0,), extremes, 0.0, 0.0)
+        servo.tick(T, (0.0,), passage, 0.0, 0.0)
     assert len(asked) == 1
     assert c.account == pytest.approx(0.1 * 0.004**2 / 0.005)
+
+
+def test_continuous_harvests_what_was_dissipated_where_a_limit_acted() -> None:
+    """The range says 0.32 mJ as above, but a limited damper took 0.05 mJ only."""
+    c = coupling(ceiling=0.01)
+    c.receive((math.sqrt(2e-4),), 0.0)
+    servo = ContinuousServo(c, damping=(0.1,), period=5 * T)
+    servo.tick(T, (0.0,), lambda: ((0.0,), (0.0,), None), 0.0, 0.0)
+    for _ in range(5):
+        servo.tick(T, (0.0,), lambda: ((-0.001,), (0.003,), 5e-5), 0.0, 0.0)
+    assert c.account == pytest.approx(5e-5)
 
 
 def test_continuous_books_the_hands_work_and_the_kinetic_energy() -> None:
     """W = 3 mJ, of it 2 mJ kinetic and 1/2 100 (2 mm)^2 = 0.2 mJ in the spring: slack 0.8 mJ."""
     c = coupling()
     servo = ContinuousServo(c, damping=(0.1,), period=5 * T)
-    servo.tick(T, (0.002,), lambda: ((0.0,), (0.002,)), 0.003, 0.002)
+    servo.tick(T, (0.002,), lambda: ((0.0,), (0.002,), None), 0.003, 0.002)
     assert c.ledger.slack == pytest.approx(0.0008)
     assert c.ledger.margin == pytest.approx(0.053)
 
@@ -287,9 +298,9 @@ def test_a_continuous_servo_releases_too() -> None:
     c = coupling()
     servo = ContinuousServo(c, damping=(0.1,), period=5 * T)
     c.receive((0.02,), 0.0)
-    servo.tick(T, (0.0,), lambda: ((0.0,), (0.0,)), 0.0, 0.0)
+    servo.tick(T, (0.0,), lambda: ((0.0,), (0.0,), None), 0.0, 0.0)
     assert c.set_position == (0.02,)
-    assert servo.tick(T, (0.001,), lambda: ((0.0,), (0.001,)), 0.0, 0.0, release=True) is not None
+    assert servo.tick(T, (0.001,), lambda: ((0.0,), (0.001,), None), 0.0, 0.0, release=True) is not None
     assert c.set_position == (0.001,)
 
 

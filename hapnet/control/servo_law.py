@@ -1,6 +1,7 @@
 """The device's side of the coupling, for the two kinds of servo.
 
-Continuous: (2) acts within the tick (only a simulated device can do that); it is the paper's device, harvested by (10).
+Continuous: (2) acts within the tick (only a simulated device can do that); it is the paper's device, harvested by (10),
+which is no lower bound where the actuators' limit acted: there by what the damper did dissipate.
 Sampled: the torque is computed once a tick from what the encoders say, and held, as on hardware; harvested by
 measurement (or by (10), which then needs damping of the device's own).
 """
@@ -21,7 +22,9 @@ from hapnet.control.reserve import ForceGuard, Holding
 Harvest = Literal["range", "measured"]
 HARVESTS: tuple[Harvest, ...] = ("range", "measured")
 
-Extremes = Callable[[], tuple[Vector, Vector]]
+Passage = Callable[[], tuple[Vector, Vector, float | None]]
+"""Gives the extremes of the position since it was last called [m], both ends included, and what the damper dissipated
+since then [J] if the actuators' limit kept it from acting in full; None if it did act in full."""
 
 TICK_SLACK_S = 1e-9  # s: a clock of whole nanoseconds may call a period a nanosecond short
 
@@ -43,19 +46,20 @@ class ContinuousServo:
         self._elapsed = 0.0
 
     def tick(
-        self, dt: float, x: Vector, extremes: Extremes, work: float, kinetic: float, *, release: bool = False
+        self, dt: float, x: Vector, passage: Passage, work: float, kinetic: float, *, release: bool = False
     ) -> Modulation | None:
         """A tick `dt` seconds after the last; what PSPM did, if it ran. `release`: let the spring go (ybar = x).
 
-        `extremes` gives the extremes of the position since it was last called [m], both ends included. The ledger is
-        at the human's port: `work` is what the hand put in over the tick [J], `kinetic` the device's kinetic energy
-        now [J].
+        The ledger is at the human's port: `work` is what the hand put in over the tick [J], `kinetic` the device's
+        kinetic energy now [J].
         """
         self.rest(dt, x, work, kinetic)
         coupling, elapsed = self.coupling, self._elapsed
         if elapsed < self._due and not coupling.has_datum and not release:
             return None
-        dissipated = dissipated_by_range(self.damping, *extremes(), elapsed)
+        low, high, dissipated = passage()
+        if dissipated is None:
+            dissipated = dissipated_by_range(self.damping, low, high, elapsed)
         result = coupling.release(x, dissipated) if release else coupling.update(elapsed, x, dissipated)
         self._elapsed = 0.0
         coupling.ledger.observe(kinetic + coupling.potential(x), coupling.account)

@@ -6,8 +6,8 @@ A tick is cut into substeps. With ``vhat = (v1 + v0)/2`` and every force taken a
 
     f . vhat h = change of (kinetic + potential) + |vhat|_B^2 h + |vhat|_b^2 h
 
-exactly, so the account of the human's port has no error of integration. Where the spring saturates, the midpoint spring
-is replaced by the discrete gradient of its potential, ``-c K e_mid``, with the same effect.
+exactly, so the account of the human's port has no error of integration. It stays exact where the spring saturates or
+the actuators are at their limit: see `limited_coupling`.
 """
 
 from __future__ import annotations
@@ -23,10 +23,12 @@ from numpy.typing import ArrayLike, NDArray
 from hapnet import checks
 from hapnet.checks import Array, Vector
 from hapnet.errors import InvalidParameter
+from hapnet.plant.limited_coupling import LimitedCoupling, rows
 from hapnet.plant.operator import Operator
 
-Lived = tuple[float, Vector, Vector, Vector]
-"""A tick: the hand's work [J]; the device's position [m] and velocity [m/s], and the hand's force [N], at its end."""
+Lived = tuple[float, Vector, Vector, Vector, Vector]
+"""A tick: the hand's work [J]; the device's position [m] and velocity [m/s] at its end; the hand's force and the
+actuators' on the device, mean over its last substep [N]."""
 
 
 class Device(Protocol):
@@ -101,16 +103,24 @@ class SimulatedDevice:
         self.velocity: Vector = (0.0,) * len(self.position)
         self.hand_force: Vector = self.velocity
         """The hand's force on the device, mean over the last substep [N]."""
+        self.actuator_force: Vector = self.velocity
+        """The actuators' force on the device, mean over the last substep [N]."""
         self._low = self._high = self.position
+        self._dissipated = 0.0
+        """By the coupling's damper since the extremes were last asked for [J]."""
+        self._limited = False
+        """Was that damper limited since then?"""
         self._read = self._count()
         self._read_time = 0.0
         self._torque: Vector = self.velocity
         self._set_position: Vector | None = None
         self._knee = math.inf
         self._largest = 0.0
-        self._saturated = False
-        """Was the spring beyond its knee at the end of the last tick? Which way to compute the next one, no more."""
-        self._K = self._coupling_damping = np.zeros((self.dof, self.dof))
+        self._at_limit = False
+        """Was the spring saturated or the damper limited at the end of the last tick? Which way to compute the next
+        one, no more."""
+        self._K = np.zeros((self.dof, self.dof))
+        self._coupling_damping: Vector = self.velocity
         self._prepare()
 
     @property
@@ -150,19 +160,27 @@ class SimulatedDevice:
         return force
 
     def couple(
-        self, stiffness: ArrayLike, damping: ArrayLike, set_position: Vector, force_limit: float | None = None
+        self, stiffness: ArrayLike, damping: ArrayLike, set_position: Vector, spring_limit: float | None = None
     ) -> None:
         """Let the coupling (2) act within the ticks from now on, in place of a held force.
+
+        Spring and damper together keep to the device's own limit of the force; the damper gives way.
 
         Parameters
         ----------
         stiffness : K [N/m]. damping : B [Ns/m], diagonal. set_position : ybar [m].
-        force_limit : the spring saturates here [N], through its potential; None: never.
+        spring_limit : the spring saturates here [N], through its potential; None: never.
+
+        Raises
+        ------
+        InvalidParameter : a value is not allowed, such as a spring that alone exceeds the device's limit.
         """
+        if self.force_limit is not None and not 0.0 < (spring_limit or 0.0) <= self.force_limit:
+            raise InvalidParameter("spring_limit", spring_limit, f"at most the device's own, {self.force_limit:g} N")
         self._K = checks.spd("stiffness", stiffness, self.dof)
-        self._coupling_damping = np.diag(checks.diagonal("damping", damping, self.dof, zero_allowed=True))
+        self._coupling_damping = checks.diagonal("damping", damping, self.dof, zero_allowed=True)
         self._largest = float(np.linalg.eigvalsh(self._K)[-1])
-        self._knee = math.inf if force_limit is None else force_limit / math.sqrt(self._largest)
+        self._knee = math.inf if spring_limit is None else spring_limit / math.sqrt(self._largest)
         self._set_position = set_position
         self._prepare()
 
@@ -170,10 +188,14 @@ class SimulatedDevice:
         """A new ybar [m] for the coupling that is in force."""
         self._set_position = set_position
 
-    def extremes(self) -> tuple[Vector, Vector]:
-        """Smallest and largest position of each axis [m] since the last call, both ends included."""
-        result = self._low, self._high
+    def passage(self) -> tuple[Vector, Vector, float | None]:
+        """Smallest and largest position of each axis [m] since the last call, both ends included.
+
+        And what the coupling's damper dissipated since then [J], if it was limited; None if it acted in full.
+        """
+        result = self._low, self._high, self._dissipated if self._limited else None
         self._low = self._high = self.position
+        self._dissipated, self._limited = 0.0, False
         return result
 
     def advance(self) -> float:
@@ -187,7 +209,7 @@ class SimulatedDevice:
         self.time = self._ticks * period
         start, path = self.references[-1], [follow(k * period) for k in range(passed + 1, passed + ticks + 1)]
         self.references = path
-        if self._decoupled and not self._saturated:
+        if self._decoupled and not self._at_limit:
             lived = self._run_axes(start, path)
             if lived is not None:
                 return lived
@@ -196,7 +218,7 @@ class SimulatedDevice:
     def _tick(self, begin: Vector, end: Vector) -> Lived:
         """One tick, while the hand's reference goes from `begin` to `end`."""
         work = None
-        if not self._saturated:
+        if not self._at_limit:
             if self._decoupled:
                 lived = self._run_axes(begin, [end])
                 if lived is not None:
@@ -204,24 +226,26 @@ class SimulatedDevice:
             else:
                 work = self._advance_linear(begin, end)
         if work is None:
-            work = self._advance_saturated(begin, end)
-        return work, self.position, self.velocity, self.hand_force
+            work = self._advance_limited(begin, end)
+        return work, self.position, self.velocity, self.hand_force, self.actuator_force
 
-    # -- axis by axis: K diagonal and not saturated ------------------------------------------------------------------
+    # -- axis by axis: K diagonal and within all limits --------------------------------------------------------------
 
     def _run_axes(self, start: Vector, path: list[Vector]) -> list[Lived] | None:
         """The ticks at whose ends the reference is at the points of `path`, each axis on its own.
 
-        None, and nothing changed, if the spring may have saturated.
+        None, and nothing changed, if the spring may have saturated or the damper been limited.
         """
         h, period, substeps, kh, rate_drive, rate_step, inertia, hand_mass, response = self._coefficients
         ybar = self._set_position or self.position
-        stretch = 0.0
+        stretch = drag = 0.0
+        dissipated = self._dissipated
         lows, highs = [], []
         axes: list[list[Lived]] = []
-        for axis, (k, pull, inverse) in enumerate(self._decoupled):
+        for axis, (k, pull, inverse, b, middle_gain) in enumerate(self._decoupled):
             x, v, low, high, y = self.position[axis], self.velocity[axis], self._low[axis], self._high[axis], ybar[axis]
-            drive = k * y + self._torque[axis]
+            torque = self._torque[axis]
+            drive, loss, most = k * y + torque, b * h, 0.0
             begin = start[axis]
             ticks: list[Lived] = []
             for reference in path:
@@ -230,40 +254,50 @@ class SimulatedDevice:
                 hand = kh * begin + rate_drive * rate
                 hand_step = rate_step * rate
                 begin = end
-                work = f = 0.0
+                work = f = middle = squares = 0.0
                 for _ in substeps:
                     hand += hand_step
                     middle = (inertia * v + drive + hand - pull * x) * inverse
                     f = hand - kh * x + hand_mass * v - response * middle
                     work += f * middle
+                    squares += middle * middle
                     v = middle + middle - v
                     x += h * middle
                     if x < low:
                         low = x
                     elif x > high:
                         high = x
-                ticks.append((work * h, (x,), (v,), (f,)))
+                if squares > most:
+                    most = squares
+                dissipated += loss * squares
+                ticks.append((work * h, (x,), (v,), (f,), (k * (y - x) + middle_gain * middle + torque,)))
+            drag += b * b * most
             farthest = high - y if high - y > y - low else y - low
             stretch += k * farthest * farthest
             axes.append(ticks)
             lows.append(low)
             highs.append(high)
-        if stretch > self._knee_square:
+        if stretch > self._knee_square or self._may_exceed(stretch, math.sqrt(drag)):
             return None
         lived = axes[0] if len(axes) == 1 else list(map(_joined, *axes))
-        _, self.position, self.velocity, self.hand_force = lived[-1]
-        self._low, self._high = tuple(lows), tuple(highs)
+        _, self.position, self.velocity, self.hand_force, self.actuator_force = lived[-1]
+        self._low, self._high, self._dissipated = tuple(lows), tuple(highs), dissipated
         return lived
 
-    # -- any K, not saturated ----------------------------------------------------------------------------------------
+    def _may_exceed(self, stretch: float, drag: float) -> bool:
+        """May the force exceed its limit, with ``|e|_K^2`` up to `stretch` [J] and the damper's force to `drag` [N]?"""
+        return math.sqrt(self._largest * stretch) + drag > self._longest_force
+
+    # -- any K, within all limits ------------------------------------------------------------------------------------
 
     def _advance_linear(self, begin: Vector, end: Vector) -> float | None:
-        """The whole tick as one linear map: its work; None, and nothing changed, if the spring may have saturated."""
+        """The whole tick as one linear map: its work; None, and nothing changed, if a limit may have acted."""
         n, ybar = self.dof, self._set_position or self.position
         # BLAS on the whole tick costs a quarter of the same substeps on floats
         values = self._tick_map.dot(self.position + self.velocity + ybar + self._torque + begin + end).tolist()
         span = n * len(self._substeps)
         velocity, hand_force, path = values[:span], values[span : 2 * span], values[2 * span : 3 * span]
+        drag = values[3 * span : 4 * span]
         low, high = [], []
         stretch = 0.0
         for axis, (least, most, y) in enumerate(zip(self._low, self._high, ybar, strict=True)):
@@ -271,71 +305,51 @@ class SimulatedDevice:
             low.append(min(least, *passed))
             high.append(max(most, *passed))
             stretch += max(high[axis] - y, y - low[axis]) ** 2
-        if self._largest * stretch > self._knee_square:
+        stretch *= self._largest
+        if stretch > self._knee_square or self._may_exceed(stretch, math.hypot(*drag)):
             return None
-        self.position, self.velocity = tuple(path[-n:]), tuple(values[3 * span :])
+        self.position, self.velocity = tuple(path[-n:]), tuple(values[4 * span : 4 * span + n])
         self._low, self._high, self.hand_force = tuple(low), tuple(high), tuple(hand_force[-n:])
+        self.actuator_force = tuple(values[4 * span + n :])
+        self._dissipated += sum(map(mul, drag, velocity)) * self._h
         work: float = sum(map(mul, hand_force, velocity))
         return work * self._h
 
-    # -- any K, saturated or not -------------------------------------------------------------------------------------
+    # -- any K, whatever limit acts ----------------------------------------------------------------------------------
 
-    def _advance_saturated(self, begin: Vector, end: Vector) -> float:
+    def _advance_limited(self, begin: Vector, end: Vector) -> float:
+        """One tick, substep by substep; its work."""
         h, kh, bh = self._h, self._hand.stiffness, self._hand.damping
         inertia, hand_mass, response = self._inertia, self._hand_mass, self._response
-        K, torque = self._K_rows, self._torque
+        coupling, torque = self._coupling, self._torque
         x, v, low, high = self.position, self.velocity, self._low, self._high
         e: Vector = tuple(map(sub, x, self._set_position or x))
-        pull = [sum(map(mul, row, e)) for row in K]
-        square: float = sum(map(mul, e, pull))
+        pull: Vector = tuple([sum(map(mul, row, e)) for row in coupling.rows])
         rate = [(b - a) / self.period for a, b in zip(begin, end, strict=True)]
         hand = [kh * a + (bh - 0.5 * kh * h) * r for a, r in zip(begin, rate, strict=True)]
         hand_step = [kh * h * r for r in rate]
-        work = 0.0
-        f: Vector = v
+        work = dissipated = 0.0
+        limited = False
+        f = force = v
         for _ in self._substeps:
             hand = list(map(add, hand, hand_step))
-            push = [t + d + inertia * u - kh * p for t, d, u, p in zip(torque, hand, v, x, strict=True)]
-            middle = self._saturate(push, pull, square)
+            push = tuple([t + d + inertia * u - kh * p for t, d, u, p in zip(torque, hand, v, x, strict=True)])
+            (middle, e, pull, force, drain), limited = coupling.substep(push, e, pull)
+            self._limited |= limited
+            dissipated += drain
             f = tuple(
                 [d - kh * p + hand_mass * u - response * m for d, p, u, m in zip(hand, x, v, middle, strict=True)]
             )
             work += sum(map(mul, f, middle))
             v = tuple([m + m - u for m, u in zip(middle, v, strict=True)])
             x = tuple([p + h * m for p, m in zip(x, middle, strict=True)])
-            e = tuple([a + h * m for a, m in zip(e, middle, strict=True)])
-            pull = [sum(map(mul, row, e)) for row in K]
-            square = sum(map(mul, e, pull))
             low = tuple(map(min, low, x))
             high = tuple(map(max, high, x))
-        self._saturated = square > self._knee_square
+        self._at_limit = limited or sum(map(mul, e, pull)) > self._knee_square
         self.position, self.velocity, self._low, self._high, self.hand_force = x, v, low, high, f
+        self.actuator_force = tuple(map(add, force, torque))
+        self._dissipated += dissipated * h
         return work * h
-
-    def _saturate(self, push: list[float], pull: list[float], square: float) -> list[float]:
-        """The substep's vhat with the saturated spring: c of the discrete gradient by fixed point, 1 unsaturated.
-
-        In the modes of K against the rest of A, ``w = (push - c pull)/(1 + c h/2 lambda)``, ``vhat = modes' w`` and
-        ``|e1|_K^2 = |e|_K^2 + 2 h w . pull + h^2 sum lambda w^2``. The change of force with c is at most K h/2 against
-        2M/h: the iteration contracts by about K h^2 / 4M, to rounding in a few rounds. At the fixed point the spring's
-        work is exactly the change of its potential.
-        """
-        h, values, modes = self._h, self._mode_values, self._modes
-        pushes = [sum(map(mul, mode, push)) for mode in modes]
-        pulls = [sum(map(mul, mode, pull)) for mode in modes]
-        start = math.sqrt(max(0.0, square))
-        c = 1.0 if start <= self._knee else self._knee / start
-        terms = list(zip(pushes, pulls, values, strict=True))
-        for _ in range(50):
-            gain = 0.0
-            for a, b, k in terms:
-                u = (a - c * b) / (1.0 + 0.5 * c * h * k)
-                gain += u * (2.0 * b + h * k * u)
-            before, c = c, _discrete_gradient(start, math.sqrt(max(0.0, square + h * gain)), self._knee)
-            if abs(c - before) <= 1e-15:
-                break
-        w = [(a - c * b) / (1.0 + 0.5 * c * h * k) for a, b, k in terms]
-        return [sum(map(mul, column, w)) for column in zip(*modes, strict=True)]
 
     def _prepare(self) -> None:
         """All that depends on the coupling but not on the state."""
@@ -349,34 +363,31 @@ class SimulatedDevice:
         self._rate_drive = hand.damping - 0.5 * hand.stiffness * h
         self._rate_step = hand.stiffness * h
         self._knee_square = self._knee * self._knee
+        self._longest_force = math.inf if self.force_limit is None else self.force_limit
         self._coefficients = (
             h, self.period, self._substeps, hand.stiffness, self._rate_drive, self._rate_step,
             self._inertia, self._hand_mass, self._response,
         )  # fmt: skip
-        bare = own + np.diagonal(self._coupling_damping)
-        self._K_rows = _rows(self._K)
-        # Modes of K x = lambda bare x, so that (bare + c h/2 K)^-1 = modes' diag(1 / (1 + c h/2 lambda)) modes.
-        root = 1.0 / np.sqrt(bare)
-        values, vectors = np.linalg.eigh(self._K * np.outer(root, root))
-        self._mode_values: Vector = tuple(values.tolist())
-        self._modes = _rows(vectors.T * root)
-        self._decoupled: tuple[tuple[float, float, float], ...] = ()
-        """(k, k + K_h, 1/A) of each axis, if they are independent."""
+        B = np.array(self._coupling_damping)
+        self._coupling = LimitedCoupling(self._K, self._coupling_damping, own, h, self._knee, self._longest_force)
+        self._decoupled: tuple[Vector, ...] = ()
+        """(k, k + K_h, 1/A, B, k h/2 - B) of each axis, if they are independent."""
         if np.array_equal(self._K, np.diag(np.diagonal(self._K))):
             k = np.diagonal(self._K)
-            a = own + np.diagonal(self._coupling_damping) + k * h / 2.0
-            axes = zip(k.tolist(), (k + hand.stiffness).tolist(), (1.0 / a).tolist(), strict=True)
-            self._decoupled = tuple(axes)
+            a = own + B + k * h / 2.0
+            self._decoupled = rows(np.array([k, k + hand.stiffness, 1.0 / a, B, k * h / 2.0 - B]).T)
         else:
-            self._tick_map = self._map_of_a_tick(np.linalg.inv(np.diag(bare) + self._K * (h / 2.0)))
+            self._tick_map = self._map_of_a_tick(np.linalg.inv(np.diag(own + B) + self._K * (h / 2.0)))
 
     def _map_of_a_tick(self, inverse: NDArray[np.floating[Any]]) -> Array:
-        """What an unsaturated tick does, as a matrix; `inverse` is A^-1.
+        """What a tick within all limits does, as a matrix; `inverse` is A^-1.
 
         It takes position, velocity, ybar, torque and the hand's reference at the tick's start and end to vhat, the
-        hand's force and the position at each substep, and the velocity at the end.
+        hand's force, the position and the damper's force ``B vhat`` at each substep, then the velocity at the end and
+        the actuators' force in the last substep.
         """
         h, kh = self._h, self._hand.stiffness
+        B = np.diag(self._coupling_damping)
         x, v, ybar, torque, begin, end = np.vsplit(np.eye(6 * self.dof), 6)
         rate = (end - begin) / self.period
         hand = kh * begin + self._rate_drive * rate
@@ -389,7 +400,9 @@ class SimulatedDevice:
             x = x + h * middle
             velocities.append(middle)
             path.append(x)
-        return np.vstack([*velocities, *forces, *path, v])
+        drags = [B @ middle for middle in velocities]
+        actuators = torque + self._K @ (ybar - x + h / 2.0 * velocities[-1]) - drags[-1]
+        return np.vstack([*velocities, *forces, *path, *drags, v, actuators])
 
     def _count(self) -> Vector:
         r = self.resolution
@@ -400,19 +413,5 @@ class SimulatedDevice:
 
 def _joined(*axes: Lived) -> Lived:
     """One tick of all axes, from that of each."""
-    works, x, v, f = zip(*axes, strict=True)
-    return sum(works), tuple(chain(*x)), tuple(chain(*v)), tuple(chain(*f))
-
-
-def _rows(matrix: ArrayLike) -> tuple[Vector, ...]:
-    return tuple(tuple(row) for row in np.asarray(matrix).tolist())
-
-
-def _discrete_gradient(start: float, end: float, knee: float) -> float:
-    """c with ``h(end) - h(start) = c (end^2 - start^2) / 2`` for the potential h of a spring saturated at the knee."""
-    if start <= knee and end <= knee:
-        return 1.0
-    if start >= knee and end >= knee:
-        return 2.0 * knee / (start + end)
-    inner, outer = min(start, end), max(start, end)
-    return (2.0 * knee * outer - knee * knee - inner * inner) / ((outer - inner) * (outer + inner))
+    works, x, v, f, actuators = zip(*axes, strict=True)
+    return sum(works), tuple(chain(*x)), tuple(chain(*v)), tuple(chain(*f)), tuple(chain(*actuators))

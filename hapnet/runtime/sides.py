@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from operator import mul, sub
 
 from hapnet.checks import Vector
 from hapnet.control.coupling import Coupling
@@ -211,7 +210,7 @@ class ContinuousDeviceSide(DeviceSide):
         self.endpoint.start(servo)
         spring = servo.coupling.spring
         device.couple(spring.K, servo.damping, x, spring.force_limit)
-        device.extremes()
+        device.passage()
 
     @property
     def resting(self) -> int:
@@ -228,7 +227,7 @@ class ContinuousDeviceSide(DeviceSide):
         rest, kinetic_at = servo.rest, device.kinetic_at
         tick, every = self.ticks, self._record_every
         lowest = ledger.work
-        for (work, x, v, hand_force), target in zip(
+        for (work, x, v, hand_force, force), target in zip(
             lived, device.references, strict=False
         ):  # the tick that follows too
             rest(dt, x, work, kinetic_at(v))
@@ -237,7 +236,7 @@ class ContinuousDeviceSide(DeviceSide):
             tick += 1
             if tick % every == 0:
                 at_ns = now_ns + (tick - self.ticks - 1) * self._period_ns
-                self._write(self._sampled(at_ns, x, self._force(x, v), hand_force, target))
+                self._write(self._sampled(at_ns, x, force, hand_force, target))
         observe(lowest)
         observe(ledger.work)
         self._last_ns = self._expected_ns = now_ns + (ticks - 1) * self._period_ns
@@ -256,20 +255,13 @@ class ContinuousDeviceSide(DeviceSide):
         dt = (self._clock() - last_ns) * NANO
         if dt < (lived := periods * device.period):
             dt = lived
-        message = self.endpoint.tick_continuous(now_ns, dt, x, device.extremes, work, device.kinetic, release=release)
+        message = self.endpoint.tick_continuous(now_ns, dt, x, device.passage, work, device.kinetic, release=release)
         device.move_set_position(self._servo.coupling.modulator.set_position)
         return message
 
     def _sample(self, now_ns: int) -> DeviceSample:
         device = self._simulated
-        x = device.position
-        return self._sampled(now_ns, x, self._force(x, device.velocity), device.hand_force, device.references[-1])
-
-    def _force(self, x: Vector, v: Vector) -> Vector:
-        """The coupling's force on the device [N]."""
-        servo = self._servo
-        spring = servo.coupling.spring.force(tuple(map(sub, x, servo.coupling.modulator.set_position)))
-        return tuple(map(sub, spring, map(mul, servo.damping, v)))
+        return self._sampled(now_ns, device.position, device.actuator_force, device.hand_force, device.references[-1])
 
 
 class SampledDeviceSide(DeviceSide):

@@ -154,9 +154,15 @@ class Cruise:
         travel = pick(devices.high, at) - pick(devices.low, at)
         place(devices.low, at, x)
         place(devices.high, at, x)
-        dissipated = self._damping * travel * travel
-        total = dissipated[0] if len(dissipated) == 1 else dissipated.sum(axis=0)
-        sent = couplings.update(at, x, total / fleet.elapsed_s[at])
+        by_range = self._damping * travel * travel
+        dissipated = by_range[0] if len(by_range) == 1 else by_range.sum(axis=0)
+        dissipated /= fleet.elapsed_s[at]
+        limited = devices.limited[at]
+        if limited.any():
+            dissipated[limited] = devices.dissipated[at[limited]]
+            devices.limited[at] = False
+        devices.dissipated[at] = 0.0
+        sent = couplings.update(at, x, dissipated)
         fleet.elapsed_s[at] = 0.0
         couplings.ledgers.observe(at, kinetic + couplings.potential(at, x), couplings.account[at])
         wire.on_update(at, np.full(len(at), now_ns), x, sent)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Callable
 
@@ -10,9 +11,11 @@ from numpy.typing import NDArray
 
 from hapnet.checks import Array, Vector
 from hapnet.plant.device import SimulatedDevice
-from hapnet.runtime.batch.couplings import Index, vectors
+from hapnet.plant.limited_coupling import ROUNDS
+from hapnet.runtime.batch.couplings import Index, pick, vectors
 
 _CHUNK = 4096
+_ROUNDING = 1.0 + 1e-12
 
 
 class Motion:
@@ -77,12 +80,16 @@ class Devices:
         self.hand_force = vectors([d.hand_force for d in devices])
         self.low = vectors([d._low for d in devices])
         self.high = vectors([d._high for d in devices])
+        self.dissipated = np.array([d._dissipated for d in devices])
+        self.limited = np.array([d._limited for d in devices])
         self._other = tuple(np.empty_like(self.position) for _ in range(4))
         """Room for the state after the next tick: position, velocity, low, high."""
-        self._room = [np.empty_like(self.position) for _ in range(4)]
-        self._saturated = np.array([d._saturated for d in devices])
-        self._any_saturated = bool(self._saturated.any())
-        self._limited = first._knee != math.inf
+        self._room = [np.empty_like(self.position) for _ in range(5)]
+        self._at_limit = np.array([d._at_limit for d in devices])
+        self._any_at_limit = bool(self._at_limit.any())
+        self._has_limits = first._knee != math.inf
+        self._bench = copy.copy(first)
+        """On which a tick is made again where the damper is limited, one scenario after the other."""
         self._half_mass = 0.5 * first.mass
         if first._decoupled:
             # With one axis they are plain numbers, which broadcast faster.
@@ -90,8 +97,11 @@ class Devices:
             self._k: Array | float
             self._whole: Array | float
             self._inverse: Array | float
-            self._k, self._whole, self._inverse = constants
-        self._K, self._modes = np.array(first._K_rows), np.array(first._modes)
+            self._B: Array | float
+            self._k, self._whole, self._inverse, self._B, _ = constants
+        values, modes = first._coupling.modes
+        self._K, self._mode_values, self._modes = np.array(first._coupling.rows), np.array(values), np.array(modes)
+        self._damping = np.array(first._coupling_damping)
 
     def land(self, i: int, device: SimulatedDevice, set_position: Vector) -> None:
         """Give scenario i's state back."""
@@ -101,7 +111,8 @@ class Devices:
         for name, values in (("position", self.position), ("velocity", self.velocity),
                              ("hand_force", self.hand_force), ("_low", self.low), ("_high", self.high)):  # fmt: skip
             setattr(device, name, tuple(values[:, i].tolist()))
-        device._saturated = bool(self._saturated[i])
+        device._at_limit, device._limited = bool(self._at_limit[i]), bool(self.limited[i])
+        device._dissipated = float(self.dissipated[i])
         device._set_position = set_position
 
     def kinetic(self) -> Array:
@@ -117,19 +128,45 @@ class Devices:
         """One tick in every scenario; the work done by each hand [J]."""
         self.ticks += 1
         hands = self.motion.at(self.ticks)
-        before = self.position, self.velocity, self.low, self.high
-        work, stretch = self._advance_axes(hands, ybar) if self._one._decoupled else self._advance_linear(ybar)
-        if self._limited:
-            beyond = stretch > self._one._knee_square
-            if self._any_saturated:
-                beyond |= self._saturated
+        before = self.position, self.velocity, self.low, self.high, self.dissipated
+        one = self._one
+        work, dissipated, stretch, drag = (self._advance_axes if one._decoupled else self._advance_linear)(hands, ybar)
+        self.dissipated = before[-1] + dissipated
+        if self._has_limits:
+            beyond = stretch > one._knee_square
+            stretch *= one._largest
+            beyond |= np.sqrt(stretch, out=stretch) + drag > one._longest_force
+            if self._any_at_limit:
+                beyond |= self._at_limit
             which = beyond.nonzero()[0]
             if which.size:
-                work[which] = self._advance_saturated(which, hands, ybar[:, which], before)
+                self._advance_again(which, hands, ybar, before, work)
         return work
 
-    def _advance_axes(self, hands: list[Array], ybar: Array) -> tuple[Array, Array]:
-        """Every axis on its own. Nothing is allocated: the state moves to the other of two sets of arrays."""
+    def _advance_again(
+        self, at: Index, hands: list[Array], ybar: Array, before: tuple[Array, ...], work: Array
+    ) -> None:
+        """The tick once more, from `before`, in the scenarios `at`, where some limit may act.
+
+        Where the damper is limited, or c does not come to rest soon, the scenario's device makes it alone. One that was
+        so limited in the last tick is not tried together with the others before.
+        """
+        likely = self.limited[at] & self._at_limit[at]
+        alone, together = at[likely], at[~likely]
+        if together.size:
+            work[together], limited = self._advance_limited(together, hands, pick(ybar, together), before)
+            alone = np.concatenate([alone, together[limited]])
+        if alone.size:
+            references = self.motion.ends(self.ticks)
+            for k in alone.tolist():
+                work[k] = self._advance_alone(k, references[:, k].tolist(), ybar[:, k].tolist(), before)
+        self._any_at_limit = bool(self._at_limit.any())
+
+    def _advance_axes(self, hands: list[Array], ybar: Array) -> tuple[Array, Array, Array, Array]:
+        """Every axis on its own: (work, dissipated, at most ``|e|_K^2``, at most the damper's force).
+
+        Nothing is allocated: the state moves to the other of two sets of arrays.
+        """
         one = self._one
         h, kh, inertia = one._h, one._hand.stiffness, one._inertia
         hand_mass, response, whole, inverse = one._hand_mass, one._response, self._whole, self._inverse
@@ -137,10 +174,11 @@ class Devices:
         self.position, self.velocity, self.low, self.high = self._other
         self._other = x, v, low, high
         new_x, new_v, new_low, new_high = self.position, self.velocity, self.low, self.high
-        drive, middle, term, work = self._room
+        drive, middle, term, work, squares = self._room
         f = self.hand_force
         np.multiply(ybar, self._k, out=drive)
         work.fill(0.0)
+        squares.fill(0.0)
         for hand in hands:
             np.multiply(v, inertia, out=middle)
             middle += drive
@@ -156,6 +194,8 @@ class Devices:
             f -= term
             np.multiply(f, middle, out=term)
             work += term
+            np.multiply(middle, middle, out=term)
+            squares += term
             np.add(middle, middle, out=term)
             v = np.subtract(term, v, out=new_v)
             middle *= h
@@ -167,59 +207,87 @@ class Devices:
         farthest = np.maximum(term, middle, out=term)
         stretch = np.multiply(farthest, self._k, out=middle)
         stretch *= farthest
-        return _sum(work) * h, _sum(stretch)
+        drag = np.sqrt(_sum(self._B * self._B * squares))
+        return _sum(work) * h, _sum(self._B * h * squares), _sum(stretch), drag
 
-    def _advance_linear(self, ybar: Array) -> tuple[Array, Array]:
+    def _advance_linear(self, hands: list[Array], ybar: Array) -> tuple[Array, Array, Array, Array]:
+        """The same for any K, as one linear map."""
         one, n, x = self._one, self.dof, self.position
         ends = self.motion.ends(self.ticks)
         values = one._tick_map @ np.vstack([x, self.velocity, ybar, np.zeros_like(x), ends])
         steps = len(one._substeps)
-        middle, force, path = values[: 3 * n * steps].reshape(3, steps, n, -1)
+        middle, force, path, drag = values[: 4 * n * steps].reshape(4, steps, n, -1)
         self.low, self.high = np.minimum(self.low, path.min(axis=0)), np.maximum(self.high, path.max(axis=0))
         farthest = np.maximum(self.high - ybar, ybar - self.low)
-        self.position, self.velocity, self.hand_force = path[-1].copy(), values[-n:].copy(), force[-1].copy()
+        self.position, self.velocity, self.hand_force = path[-1].copy(), values[-2 * n : -n].copy(), force[-1].copy()
         work: Array = (force * middle).sum(axis=(0, 1)) * one._h
-        return work, one._largest * _sum(farthest * farthest)
+        dissipated: Array = (drag * middle).sum(axis=(0, 1)) * one._h
+        longest: Array = np.sqrt((drag * drag).sum(axis=(0, 1)))
+        return work, dissipated, one._largest * _sum(farthest * farthest), longest
 
-    def _advance_saturated(self, at: Index, hands: list[Array], ybar: Array, before: tuple[Array, ...]) -> Array:
-        """The tick once more, from `before`, in the scenarios `at`, whose spring may be beyond its knee."""
-        one, K = self._one, self._K
+    def _advance_limited(
+        self, at: Index, hands: list[Array], ybar: Array, before: tuple[Array, ...]
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """`SimulatedDevice._advance_limited` with the damper in full: the works, and where it has to be made alone."""
+        one, K, B = self._one, self._K, self._damping[:, None]
         h, kh, inertia, hand_mass, response = one._h, one._hand.stiffness, one._inertia, one._hand_mass, one._response
-        x, v, low, high = (values[:, at] for values in before)
+        x, v, low, high = (values[:, at] for values in before[:-1])
         e = x - ybar
         pull = _times(K, e)
         square = _sum(e * pull)
-        work = np.zeros(len(at))
+        work, dissipated = np.zeros(len(at)), np.zeros(len(at))
+        alone = np.zeros(len(at), dtype=np.bool_)
         for whole_hand in hands:
             hand = whole_hand[:, at]
             push = hand + inertia * v - kh * x
-            middle = self._saturate(push, pull, square)
+            c, middle, restless = self._saturate(push, pull, square)
+            alone[restless] = True
             f = hand - kh * x + hand_mass * v - response * middle
             work += _sum(f * middle)
             v = middle + middle - v
             x = x + h * middle
             e = e + h * middle
-            pull = _times(K, e)
+            start, pull = pull, _times(K, e)
             square = _sum(e * pull)
+            drag = B * middle
+            force = -0.5 * c * (start + pull) - drag
+            alone |= np.sqrt(_sum(force * force)) * _ROUNDING > one._longest_force
+            dissipated += _sum(drag * middle)
             low, high = np.minimum(low, x), np.maximum(high, x)
-        self._saturated[at] = square > one._knee_square
-        self._any_saturated = bool(self._saturated.any())
+        self._at_limit[at] = square > one._knee_square
         self.position[:, at], self.velocity[:, at], self.hand_force[:, at] = x, v, f
         self.low[:, at], self.high[:, at] = low, high
-        return work * h
+        self.dissipated[at] = before[-1][at] + dissipated * h
+        return work * h, alone
 
-    def _saturate(self, push: Array, pull: Array, square: Array) -> Array:
-        """`SimulatedDevice._saturate`; a scenario's fixed point is left alone once it has been reached."""
+    def _advance_alone(self, k: int, references: list[float], ybar: list[float], before: tuple[Array, ...]) -> float:
+        """The tick once more in scenario k, as its device makes it, with the reference at the tick's start and end."""
+        device, n = self._bench, self.dof
+        device.position, device.velocity, device._low, device._high = (tuple(v[:, k].tolist()) for v in before[:-1])
+        device._dissipated, device._limited = float(before[-1][k]), bool(self.limited[k])
+        device._set_position = tuple(ybar)
+        work = device._advance_limited(tuple(references[:n]), tuple(references[n:]))
+        self.position[:, k], self.velocity[:, k] = device.position, device.velocity
+        self.low[:, k], self.high[:, k], self.hand_force[:, k] = device._low, device._high, device.hand_force
+        self.dissipated[k], self.limited[k] = device._dissipated, device._limited
+        self._at_limit[k] = device._at_limit
+        return work
+
+    def _saturate(self, push: Array, pull: Array, square: Array) -> tuple[Array, Array, Index]:
+        """`LimitedCoupling._saturated`: c, vhat, and the scenarios whose c has not come to rest.
+
+        A scenario's fixed point is left alone once it has been reached.
+        """
         one, modes = self._one, self._modes
         h, knee = one._h, one._knee
-        values = np.array(one._mode_values)[:, None]
+        values = self._mode_values[:, None]
         a, b = _times(modes, push), _times(modes, pull)
         start = np.sqrt(np.maximum(0.0, square))
         c = np.ones(len(start))
         beyond = start > knee
         c[beyond] = knee / start[beyond]
         left = np.arange(len(c))
-        for _ in range(50):
+        for _ in range(ROUNDS):
             now = c[left]
             u = (a[:, left] - now * b[:, left]) / (1.0 + 0.5 * now * h * values)
             gain = _sum(u * (2.0 * b[:, left] + h * values * u))
@@ -229,7 +297,7 @@ class Devices:
             if not left.size:
                 break
         w = (a - c * b) / (1.0 + 0.5 * c * h * values)
-        return _times(modes.T, w)
+        return c, _times(modes.T, w), left
 
 
 def _sum(rows: Array) -> Array:
@@ -251,5 +319,6 @@ def _discrete_gradient(start: Array, end: Array, knee: float) -> Array:
     c[both] = 2.0 * knee / (start[both] + end[both])
     if one.any():
         inner, outer = np.minimum(start[one], end[one]), np.maximum(start[one], end[one])
-        c[one] = (2.0 * knee * outer - knee * knee - inner * inner) / ((outer - inner) * (outer + inner))
+        below, beyond = knee - inner, outer - knee
+        c[one] = (below * (knee + inner) + 2.0 * beyond * knee) / ((below + beyond) * (outer + inner))
     return c
