@@ -103,7 +103,7 @@ class RealtimeSide:
         self._versions = versions()  # a hundred files are read for it: not once the servo runs
         self._about = described(setup, role, self.seed, self.profile)
         rate_hz = setup.params.telemetry_hz
-        self._telemeter = Telemeter(rate_hz, self._publish, self._status) if rate_hz else None
+        self._telemeter = Telemeter(rate_hz, self._put, self._status) if rate_hz else None
         self._notes: deque[Note] = deque(maxlen=_MOST_NOTES)
         on_silence = (setup.params.device if role == "device" else setup.params.world).on_silence
         self._teller = Teller(role, on_silence, self._notify)
@@ -115,7 +115,7 @@ class RealtimeSide:
         self._stopped_ns: int | None = None
         entropy = np.random.SeedSequence(self.seed).spawn(4)
         incarnation = secrets.randbits(63) + 1
-        outlet = Outlet(self._send, self._keep_sample, self._fail, self._wake)
+        outlet = Outlet(self._send, self._keep_sample, self._fail, lambda: self._egress.arm())
         self.control = control_of(setup, role, incarnation, outlet, self._clock, entropy[2], realtime=realtime)
         self.wire = self.control.wire
         self._path_told = paths.PathTeller(role, self.wire.session.path)
@@ -144,9 +144,8 @@ class RealtimeSide:
         """On control's thread."""
         self._egress.send(data)
 
-    def _wake(self) -> None:
-        """On control's thread."""
-        self._egress.arm()
+    def _put(self, data: bytes) -> None:
+        self._transport.put(TELEMETRY, data)
 
     def _on_message(self, kind: str, data: bytes) -> None:
         """On Zenoh's thread."""
@@ -238,9 +237,7 @@ class RealtimeSide:
         """
         params = self.setup.params
         if self.role != "device" or params.operator != LIVE or params.hardware != "simulated":
-            raise InvalidParameter(
-                "operator", params.operator, f"{LIVE}, at the device, a simulated one: no other hand is led"
-            )
+            raise InvalidParameter("operator", params.operator, f"{LIVE}, at a simulated device: no other hand is led")
         self.control.lead(checks.vector("position", position, self.setup.dof))
 
     def record(self, path: Path | None) -> None:
@@ -381,13 +378,12 @@ class RealtimeSide:
                 "dropped": self._dropped(), "declared_again": self._transport.declared_again,
             }  # fmt: skip
             links[self._way] = self._link.stats.as_dict()
-        path = paths.of_side(self.role, self.wire.session.path.figures())
         origin_ns = self.control.origin_ns
         elapsed = None if origin_ns is None else (end_ns - origin_ns) * NANO
         summary = combine(
             own["device"], own["world"], links,
             seed=self.seed, duration_s=elapsed, coupling=self.setup.params.coupling, tuning=self.setup.tuning,
-            path=path,
+            path=paths.of_side(self.role, self.wire.session.path.figures()),
         )  # fmt: skip
         summary["wall_clock"] = {"elapsed_s": (self._clock() - self._started_ns) * NANO}
         return summary
@@ -406,9 +402,6 @@ class RealtimeSide:
         return self._about | own
 
     # -- telemetry ---------------------------------------------------------------------------------------------------
-
-    def _publish(self, data: bytes) -> None:
-        self._transport.put(TELEMETRY, data)
 
     def _status(self) -> Status:
         session = self.wire.session
