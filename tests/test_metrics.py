@@ -417,9 +417,9 @@ def test_on_the_surface_of_a_wall_motion_is_free() -> None:
 
 def test_a_metrics_name_ends_in_its_unit() -> None:
     suffixes = {"J": "_J", "mm": "_mm", "%": "_percent", "N": "_N", "N²": "_N2", "ms": "_ms",
-                "mm/min": "_mm_per_min", "1/s": "_per_s"}  # fmt: skip
+                "mm/min": "_mm_per_min", "1/s": "_per_s", "": ""}  # fmt: skip
     for name, metric in METRICS.items():
         assert name == metric.name
         assert name.endswith(suffixes[metric.unit])
-        assert metric.heading == f"{metric.label} [{metric.unit}]"
-        assert metric.meaning[0].islower()
+        assert metric.heading == (f"{metric.label} [{metric.unit}]" if metric.unit else metric.label)
+        assert not metric.meaning[0].isupper()
