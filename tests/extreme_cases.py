@@ -177,6 +177,7 @@ def _hand(rng: np.random.Generator, changes: Mapping[str, Any], K: float) -> dic
         "operator_hand.stiffness": stiffness,
         "device.mass": mass,
         "device.greatest_speed": declared,
+        "device.watchdog_s": sometimes(rng, 0.8, spread(rng, 1.0, 50.0) / changes["device.servo_hz"]),
     }
 
 

@@ -224,8 +224,8 @@ def account(witness: Witness) -> Account:
     sampled = witness.servo == "sampled"
     work, unseen = hand, 0.0
     if sampled:
-        work = _actuator(witness, witness.readings)
-        unseen = float(np.max(work - _actuator(witness, witness.positions)))
+        work = _actuator(witness, witness.readings, params.device.resolution_m)
+        unseen = float(np.max(work - _actuator(witness, witness.positions, 0.0)))
     device = device_least = None
     if work is not None:
         device, device_least = _margin(work, params.device.ceiling_J, witness.device)
@@ -246,15 +246,15 @@ def _running(power: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(power)])
 
 
-def _actuator(witness: Witness, positions: Sequence[Vector]) -> Array:
+def _actuator(witness: Witness, positions: Sequence[Vector], count: float) -> Array:
     """Energy put in at the actuator's port after each tick; damping that is declared to be there takes its part.
 
-    The account that is checked knows the way by what the encoders say, and no other.
+    The account that is checked knows the way by what the encoders say, in counts of that many metres, and no other.
     """
     device, x = witness.params.device, np.array(positions)
     dx = np.diff(x, axis=0)
     forces = np.vstack([np.zeros((1, dx.shape[1])), np.array(witness.applied)])[: len(dx)]
-    trusted = device.trusted_damping * np.maximum(0.0, np.abs(dx) - device.resolution_m) ** 2 * device.servo_hz
+    trusted = device.trusted_damping * np.maximum(0.0, np.abs(dx) - count) ** 2 * device.servo_hz
     return _running(np.sum(trusted - forces * dx, axis=1))
 
 
