@@ -138,7 +138,7 @@ def _publisher(session: zenoh.Session, key: str) -> zenoh.Publisher:
     return session.declare_publisher(
         key,
         congestion_control=zenoh.CongestionControl.DROP,
-        priority=zenoh.Priority.DATA_HIGH,  # of its own: Zenoh drops what a later message of a priority overtakes
+        priority=zenoh.Priority.INTERACTIVE_LOW,  # as control: the queue is long, and nothing overtakes a position
         express=True,
         reliability=zenoh.Reliability.BEST_EFFORT,
     )
