@@ -237,7 +237,7 @@ class RealtimeSide:
         """
         params = self.setup.params
         if self.role != "device" or params.operator != LIVE or params.hardware != "simulated":
-            raise InvalidParameter("operator", params.operator, f"{LIVE}, at a simulated device: no other hand is led")
+            raise InvalidParameter("operator", params.operator, f"{LIVE}, at the device, a simulated one")
         self.control.lead(checks.vector("position", position, self.setup.dof))
 
     def record(self, path: Path | None) -> None:
