@@ -349,5 +349,5 @@ def test_a_period_that_a_clock_calls_a_nanosecond_short_is_one(kind: str) -> Non
             if kind == "sampled":
                 ran.append(servo.tick(dt, (0.0,), (0.0,)) is not None)
             else:
-                ran.append(continuous.tick(dt, (0.0,), lambda: ((0.0,), (0.0,)), 0.0, 0.0) is not None)
+                ran.append(continuous.tick(dt, (0.0,), lambda: ((0.0,), (0.0,), None), 0.0, 0.0) is not None)
         assert ran == [False] * 4 + [True]

@@ -29,11 +29,11 @@ from tests.processes import started
 TICK = 1e-3
 NOTHING: dict[str, object] = {}
 OFF: dict[str, object] = {
-    "tdpa.velocity_floor": 1e9,
+    "tdpa.velocity_floor": 1.0,
     "tdpa.damping_cap": 1e-9,
     "tdpa.force_floor": 1e9,
     "tdpa.debt_limit_J": 1e9,
-    "tdpa.speed_limit": 1e9,
+    "tdpa.speed_limit": 100.0,
 }
 """Both controllers switched off."""
 

@@ -70,10 +70,6 @@ class KeyWatch:
             return []
         return [kind for kind, heard_ns in self._heard_ns.items() if now_ns - heard_ns > for_ns]
 
-    def hears(self, now_ns: int) -> bool:
-        """Did anything come on any key just now?"""
-        return any(now_ns - heard_ns <= SILENT_NS for heard_ns in self._heard_ns.values())
-
     def declare_now(self, now_ns: int) -> bool:
         """Is it time to declare again? Asked and answered once for each declaration."""
         if now_ns < self._again_ns or not self.silent(now_ns):

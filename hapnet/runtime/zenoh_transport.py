@@ -123,6 +123,7 @@ class ZenohTransport:
         self.reopened = 0
         self.declared_again = 0
         self.doubled = False
+        self._others: set[str] = set()
         self._look_ns = 0
         self.gate = Gate(MOST_HZ, MOST_AT_ONCE)
 
@@ -282,13 +283,16 @@ class ZenohTransport:
         session = self._session
         if self._partners or session is None or now_ns < self._look_ns or not self.peers:
             return
-        if self._watch.hears(now_ns):  # the other side; the question would hold up the keys that are to be kept alive
-            return
         self._look_ns = now_ns + LOOK_EVERY_NS
-        with contextlib.suppress(zenoh.ZError):
-            tokens = session.liveliness().get(f"{self._mine}/*", timeout=LOOK_EVERY_NS * 1e-9)
-            keys = {str(reply.ok.key_expr) for reply in tokens if reply.ok is not None}
-            self.doubled = bool(keys - {f"{self._mine}/{session.zid()}"})
+        self.doubled, self._others = bool(self._others), set()
+        own = f"{self._mine}/{session.zid()}"
+
+        def found(reply: zenoh.Reply) -> None:
+            if reply.ok is not None and (key := str(reply.ok.key_expr)) != own:
+                self._others.add(key)
+
+        with contextlib.suppress(zenoh.ZError):  # no waiting for the answers: keys are to be kept alive meanwhile
+            session.liveliness().get(f"{self._mine}/*", direct(found), timeout=LOOK_EVERY_NS * 1e-9)
 
     def _at_exit(self) -> None:
         self._closing.set()
