@@ -49,6 +49,8 @@ TOLD_NS = 1_000_000_000
 LOOK_EVERY_NS = 1_000_000_000
 """How often a side that does not see the other looks for others that play its own [ns]."""
 
+_MOST_ANSWERS = 16
+
 REOPEN_EVERY_S = 0.5
 """How often it is tried to open a session anew that was lost [s]."""
 
@@ -123,7 +125,7 @@ class ZenohTransport:
         self.reopened = 0
         self.declared_again = 0
         self.doubled = False
-        self._others: set[str] = set()
+        self._answers: zenoh.handlers.Handler[zenoh.Reply] | None = None
         self._look_ns = 0
         self.gate = Gate(MOST_HZ, MOST_AT_ONCE)
 
@@ -284,15 +286,18 @@ class ZenohTransport:
         if self._partners or session is None or now_ns < self._look_ns or not self.peers:
             return
         self._look_ns = now_ns + LOOK_EVERY_NS
-        self.doubled, self._others = bool(self._others), set()
         own = f"{self._mine}/{session.zid()}"
-
-        def found(reply: zenoh.Reply) -> None:
-            if reply.ok is not None and (key := str(reply.ok.key_expr)) != own:
-                self._others.add(key)
-
-        with contextlib.suppress(zenoh.ZError):  # no waiting for the answers: keys are to be kept alive meanwhile
-            session.liveliness().get(f"{self._mine}/*", direct(found), timeout=LOOK_EVERY_NS * 1e-9)
+        # Answers wait for the next look: keys are to be kept alive meanwhile, and a callback of ours would be called
+        # under a lock of the session's that others wait for with the interpreter's.
+        answers, self._answers = self._answers, None
+        with contextlib.suppress(zenoh.ZError):
+            keys = set()
+            while answers is not None and (reply := answers.try_recv()) is not None:
+                keys.add(own if reply.ok is None else str(reply.ok.key_expr))
+                self.doubled = bool(keys - {own})
+        with contextlib.suppress(zenoh.ZError):
+            look: zenoh.handlers.FifoChannel[zenoh.Reply] = zenoh.handlers.FifoChannel(_MOST_ANSWERS)
+            self._answers = session.liveliness().get(f"{self._mine}/*", look, timeout=LOOK_EVERY_NS * 1e-9)
 
     def _at_exit(self) -> None:
         self._closing.set()
