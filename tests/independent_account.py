@@ -124,7 +124,7 @@ class Witness:
 
         def watched_run(ticks: int) -> Any:
             lived = run(ticks)
-            self.positions.extend(tick[1] for tick in lived)
+            self.positions.extend(one[1] for one in lived)
             return lived
 
         def watched_read() -> tuple[Vector, Vector]:

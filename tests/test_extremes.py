@@ -230,6 +230,17 @@ def careless(limit: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ForceGuard, "__init__", without)
 
 
+def test_a_continuous_servo_whose_damper_knows_no_limit_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    make = SimulatedDevice.__init__
+
+    def unlimited(self: SimulatedDevice, *args: Any, **kwargs: Any) -> None:
+        make(self, *args, **{**kwargs, "force_limit": None})
+
+    assert not examine(51).wrong
+    monkeypatch.setattr(SimulatedDevice, "__init__", unlimited)
+    assert "force" in examine(51).kinds
+
+
 def test_half_a_run_measured_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     def half(recording: Recording) -> dict[str, float | int | None]:
         device, world = recording.device, recording.world
