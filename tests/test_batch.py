@@ -111,6 +111,10 @@ ONE_AXIS: dict[str, dict[str, object]] = {
         **LIVELY, "duration_s": 0.4, "link.up": "delay 200ms 150ms loss 20%", "link.down": "delay 200us loss 10%",
         "device.pspm_period_s": 0.001,
     },
+    "energy that is never answered": {
+        **LIVELY, "duration_s": 0.7, "wire.hello_period_s": 0.003,
+        "link.up": "delay 1ms loss 80%", "link.down": "delay 1ms loss 80%",
+    },
     "steps within a tick": {
         "duration_s": 0.595, "device.servo_hz": 100.0, "world.step_min_s": 2e-4, "world.step_max_s": 2e-3,
     },

@@ -58,6 +58,8 @@ class Channels:
         self._spaced_ns = whole([c._spaced_ns for c in channels]) - shift_ns
         self._retransmit_ns = self._moments([c._retransmit_ns for c in channels])
         self._ack_ns = self._moments([c._ack_ns for c in channels])
+        asked = [c._asked or (None, -1) for c in channels]
+        self._asked_ns, self._asked_nJ = self._moments([at for at, _ in asked]), whole([nJ for _, nJ in asked])
         self._timed_nJ = np.zeros((MAX_TIMED, len(channels)), dtype=np.int64)
         self._timed_ns = np.zeros((MAX_TIMED, len(channels)), dtype=np.int64)
         self._first = np.zeros(len(channels), dtype=np.int64)
@@ -82,6 +84,8 @@ class Channels:
         channel._retransmit_ns, channel._ack_ns = (
             None if at[i] == NEVER else int(at[i]) + shift for at in (self._retransmit_ns, self._ack_ns)
         )
+        asked_nJ = int(self._asked_nJ[i])
+        channel._asked = None if asked_nJ < 0 else (int(self._asked_ns[i]) + shift, asked_nJ)
         row = np.arange(self._first[i], self._last[i]) % MAX_TIMED
         timed = zip(self._timed_nJ[row, i].tolist(), (self._timed_ns[row, i] + shift).tolist(), strict=True)
         channel._timed = deque(timed, maxlen=MAX_TIMED)
@@ -174,6 +178,9 @@ class Channels:
                 self._untime(which[~news[going]])
             self._spaced_ns[which] = leaving_ns + self._spacing_ns
             self._retransmit_ns[which] = leaving_ns + self._rto_ns(which)
+            anew = (self._asked_nJ[which] != self.acked_nJ[which]).nonzero()[0]
+            self._asked_ns[which[anew]] = leaving_ns[anew]
+            self._asked_nJ[which[anew]] = self.acked_nJ[which[anew]]
         out = (leaving | alone).nonzero()[0]
         which = at[out]
         self._ack_ns[which] = NEVER
