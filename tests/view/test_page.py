@@ -176,7 +176,7 @@ def test_a_slider_changes_both_links(playing: Open) -> None:
     page.get_by_role("slider").first.press("ArrowRight")
     assert controls.wait(lambda: len(controls.named("link")) >= before + 2)
     changed = controls.named("link")[before : before + 2]
-    words = "delay 36ms 8ms 25% distribution normal loss 0.2% rate 6mbit"
+    words = "delay 36ms 3ms 25% distribution normal loss 10% 20% resend 3 8ms rate 6mbit"
     assert changed == [("up", words), ("down", words)]
     expect(page.locator("form input").first).to_have_value(words)
 
