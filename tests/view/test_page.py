@@ -30,7 +30,7 @@ from tests.view.feed import FakeControls, Feed
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 SMALL = (940, 560)  # what is not looked at need not cost much
-LIMIT_MS = 60_000.0  # software rendering on a busy machine is slow
+LIMIT_MS = 180_000.0  # software rendering on a busy machine is slow
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium here (Debian: apt install chromium)")
 
