@@ -14,7 +14,7 @@ from hapnet import Params, simulate_batch
 
 DELAYS_MS = (0, 20, 30, 40, 60, 80, 120)  # one way
 SEEDS = range(3)
-COUPLINGS = {"pspm": "PSPM", "zoh": "plain virtual coupling"}
+COUPLING_NAMES = {"pspm": "PSPM", "zoh": "plain virtual coupling"}
 
 RUN = {
     "operator": "sine",
@@ -40,7 +40,7 @@ def main() -> None:
     figure = Figure(figsize=(7.0, 5.0), layout="constrained")
     top, bottom = figure.subplots(2, sharex=True)
     print(f"{'delay [ms]':>10}  {'coupling':<23}{'came out, most [mJ]':>21}{'error at the end [mm]':>26}")
-    for coupling, words in COUPLINGS.items():
+    for coupling, words in COUPLING_NAMES.items():
         out, errors = study(coupling)
         for row in zip(DELAYS_MS, out, errors, strict=True):
             print(f"{row[0]:>10}  {words:<23}{row[1]:>21.1f}{row[2]:>26.2f}")

@@ -24,33 +24,33 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from hapnet.assembly.build import prepare
     from hapnet.control.pspm import SetPositionModulator
     from hapnet.errors import HapnetError, InvalidParameter
     from hapnet.params import Params
     from hapnet.plant.contact import Wall
     from hapnet.plant.integrator import PassiveIntegrator
     from hapnet.plant.scene import Scene
-    from hapnet.runtime.batch.run import simulate_batch
-    from hapnet.runtime.build import prepare
-    from hapnet.runtime.notices import Notice
-    from hapnet.runtime.realtime import RealtimeSide
-    from hapnet.runtime.virtual import simulate
-    from hapnet.runtime.zenoh_config import ZenohSettings
+    from hapnet.realtime.runner import RealtimeSide
+    from hapnet.side.notices import Notice
+    from hapnet.simulation.batch.run import simulate_batch
+    from hapnet.simulation.simulation import simulate
+    from hapnet.transport.config import ZenohSettings
 
 _HOMES = {
     "HapnetError": "hapnet.errors",
     "InvalidParameter": "hapnet.errors",
-    "Notice": "hapnet.runtime.notices",
+    "Notice": "hapnet.side.notices",
     "Params": "hapnet.params",
     "PassiveIntegrator": "hapnet.plant.integrator",
-    "RealtimeSide": "hapnet.runtime.realtime",
+    "RealtimeSide": "hapnet.realtime.runner",
     "Scene": "hapnet.plant.scene",
     "SetPositionModulator": "hapnet.control.pspm",
     "Wall": "hapnet.plant.contact",
-    "ZenohSettings": "hapnet.runtime.zenoh_config",
-    "prepare": "hapnet.runtime.build",
-    "simulate": "hapnet.runtime.virtual",
-    "simulate_batch": "hapnet.runtime.batch.run",
+    "ZenohSettings": "hapnet.transport.config",
+    "prepare": "hapnet.assembly.build",
+    "simulate": "hapnet.simulation.simulation",
+    "simulate_batch": "hapnet.simulation.batch.run",
 }
 
 __all__ = [

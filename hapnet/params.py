@@ -18,7 +18,7 @@ from typing import Any
 from hapnet.errors import InvalidParameter
 from hapnet.param_values import converted, flatten, leaves, replaced, toml_value
 
-COUPLINGS = ("pspm", "zoh", "popc", "tdpa", "eba", "wave", "digital-wave", "pd")
+COUPLING_NAMES = ("pspm", "zoh", "popc", "tdpa", "eba", "wave", "digital-wave", "pd")
 
 Matrix = float | tuple[float, ...] | tuple[tuple[float, ...], ...]
 """A scalar, one number an axis, or rows of a matrix."""
@@ -243,7 +243,7 @@ class Params:
         "press", "rest, sine, press, a recording's path (.csv, .mcap), module:Class; mouse: led live by hapnet play"
     )
     hardware: str = _p("simulated", "the device: simulated, or module:Class of your own")
-    coupling: str = _p("pspm", "pspm; others are there to compare with", COUPLINGS)
+    coupling: str = _p("pspm", "pspm; others are there to compare with", COUPLING_NAMES)
     dof: int = _p(0, "degrees of freedom; 0: the scene's own", _NOT_NEGATIVE)
     duration_s: float = _p(10.0, "from pairing [s]; 0: until stopped", _Range(at_least=0.0, at_most=1e9))
     record_hz: float = _p(200.0, "recorded samples a second of the device [Hz]", _POSITIVE)

@@ -114,7 +114,7 @@ class UdpRelay:
         if address == self._target:
             raise NetemError(f"to: {to!r} is not allowed; allowed: another address than the one listened on")
         self._clients: dict[SocketAddress, _Client] = {}
-        self._seen = self._dropped = self._closed_drops = 0
+        self._replay_window = self._dropped = self._closed_drops = 0
         self._buffer = bytearray(_MAX_DATAGRAM)
         self._view = memoryview(self._buffer)
         self._socket = _udp_socket(family)
@@ -147,7 +147,7 @@ class UdpRelay:
             up=self.up.link.stats,
             down=self.down.link.stats,
             clients=len(self._clients),
-            clients_seen=self._seen,
+            clients_seen=self._replay_window,
             dropped=self._dropped,
             socket_drops=drops,
         )
@@ -231,7 +231,7 @@ class UdpRelay:
             upstream.close()
             return None
         client = self._clients[address] = _Client(upstream, address)
-        self._seen += 1
+        self._replay_window += 1
         self._loop.add_reader(upstream, self._from_target, client)
         return client
 

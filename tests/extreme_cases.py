@@ -16,7 +16,7 @@ import numpy as np
 
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
-from hapnet.runtime.virtual import Result, Simulation
+from hapnet.simulation.simulation import Result, Simulation
 from tests.conftest import random_spd
 from tests.independent_account import Account, Witness, account, motion
 from tests.theorem_cases import HANDWRITING, TOLERANCE_J

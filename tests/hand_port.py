@@ -7,7 +7,7 @@ from unittest.mock import patch
 
 from hapnet.params import Params
 from hapnet.plant.device import SimulatedDevice
-from hapnet.runtime.virtual import Simulation
+from hapnet.simulation.simulation import Simulation
 
 LIGHT_HAND: Mapping[str, object] = {
     "operator": "sine",

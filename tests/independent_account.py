@@ -20,10 +20,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from hapnet.assembly.operators import operator
 from hapnet.checks import Array, Vector
 from hapnet.params import Params
-from hapnet.runtime.hands import operator
-from hapnet.runtime.virtual import Simulation
+from hapnet.simulation.simulation import Simulation
 
 NANO = 1e-9
 
@@ -66,7 +66,7 @@ class Crossing:
         self._credits[tick] = self._credits.get(tick, 0.0) + self._pending_nJ * NANO
         self._pending_nJ = 0
 
-    def give(self, tick: int, energy: float) -> None:
+    def shuffle(self, tick: int, energy: float) -> None:
         self.given_J += energy
         self._gifts[tick] = self._gifts.get(tick, 0.0) + energy
 
@@ -177,7 +177,7 @@ class Witness:
             credit(credited_nJ)
 
         def watched_give(energy: float) -> None:
-            here.give(now(), energy)
+            here.shuffle(now(), energy)
             give(energy)
 
         endpoint.credit, endpoint.session.give = watched_credit, watched_give

@@ -15,10 +15,10 @@ from collections import Counter
 from collections.abc import AsyncIterator, Callable
 from itertools import pairwise
 
-from hapnet.runtime.keys import KeyWatch
-from hapnet.runtime.security import ANYBODY, Security
-from hapnet.runtime.zenoh_config import ZenohSettings
-from hapnet.runtime.zenoh_transport import KINDS, ZenohTransport
+from hapnet.transport.config import ZenohSettings
+from hapnet.transport.keys import KeyWatch
+from hapnet.transport.security import ANYBODY, Security
+from hapnet.transport.zenoh import KINDS, ZenohTransport
 from hapnet.wire.events import PositionReceived
 from hapnet.wire.messages import Role
 from hapnet.wire.session import Session
@@ -68,7 +68,7 @@ class Talker:
                 if self.session.peer is not None and self.paired_ns is None:
                     self.paired_ns = now_ns
                 if self.paired_ns is not None and self.shuffles:
-                    self.session.give(2e-6)
+                    self.session.shuffle(2e-6)
                 outgoing, _ = self.session.poll(now_ns)
             for message in outgoing:
                 self.transport.put(message.kind, message.data)

@@ -7,13 +7,13 @@ import contextlib
 from collections.abc import AsyncIterator, Callable
 from typing import Any
 
+from hapnet.assembly.build import prepare
 from hapnet.params import Params
-from hapnet.runtime.build import prepare
-from hapnet.runtime.control import ThreadedDevice, ThreadedWorld
-from hapnet.runtime.notices import Notice
-from hapnet.runtime.realtime import RealtimeSide
-from hapnet.runtime.sides import DeviceSide
-from hapnet.runtime.zenoh_config import ZenohSettings
+from hapnet.realtime.controllers import ThreadedDevice, ThreadedWorld
+from hapnet.realtime.runner import RealtimeSide
+from hapnet.side.device import DeviceSide
+from hapnet.side.notices import Notice
+from hapnet.transport.config import ZenohSettings
 from hapnet.wire.messages import Role
 
 WAIT_S = 10.0

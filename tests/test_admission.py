@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapnet.errors import InvalidParameter
-from hapnet.wire.admission import Admission
+from hapnet.wire.token_bucket import Admission
 
 
 @given(st.lists(st.tuples(st.integers(0, 10**9), st.integers(0, 10**9)), max_size=50))

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from hapnet import HapnetError, InvalidParameter, Params, cli, simulate, simulate_batch
-from hapnet.runtime.batch import run as batch_run
-from hapnet.runtime.batch.lines import longest_ns, shortest_ns
-from hapnet.runtime.batch.run import SMALLEST
-from hapnet.runtime.batch.scenario import BatchRun
+from hapnet.simulation.batch import run as batch_run
+from hapnet.simulation.batch.lines import longest_ns, shortest_ns
+from hapnet.simulation.batch.run import SMALLEST
+from hapnet.simulation.batch.scenario import BatchRun
 from netem import Link, LinkProfile
 from tests.theorem_cases import random_case
 

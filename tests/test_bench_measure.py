@@ -24,7 +24,7 @@ from hapnet.bench.recovery import credit_times
 from hapnet.bench.registry import ROWS
 from hapnet.bench.row import Options, Row
 from hapnet.errors import HapnetError
-from hapnet.runtime.zenoh_config import free_address
+from hapnet.transport.config import free_address
 from hapnet.wire.messages import Position, encode
 from hapnet.wire.session import Session
 from netem import LinkProfile

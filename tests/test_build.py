@@ -6,14 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapnet.checks import Vector
-from hapnet.endpoint import DeviceEndpoint, WorldEndpoint
-from hapnet.errors import InvalidParameter
-from hapnet.params import Params
-from hapnet.plant.operator import Impedance, Rest
-from hapnet.plant.scene import Scene, box_walls
-from hapnet.record import Sample
-from hapnet.runtime.build import (
+from hapnet.assembly.build import (
     Setup,
     device_session,
     device_side,
@@ -21,8 +14,15 @@ from hapnet.runtime.build import (
     world_session,
     world_side,
 )
-from hapnet.runtime.sides import ContinuousDeviceSide, DeviceSide, SampledDeviceSide
-from hapnet.runtime.world_side import WorldSide
+from hapnet.checks import Vector
+from hapnet.errors import InvalidParameter
+from hapnet.params import Params
+from hapnet.plant.operator import Impedance, Rest
+from hapnet.plant.scene import Scene, box_walls
+from hapnet.recording.samples import Sample
+from hapnet.side.device import ContinuousDeviceSide, DeviceSide, SampledDeviceSide
+from hapnet.side.endpoint import DeviceEndpoint, WorldEndpoint
+from hapnet.side.world import WorldSide
 from netem import LinkProfile
 from netem.errors import NetemError
 

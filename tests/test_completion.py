@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 
 from hapnet import cli
+from hapnet.assembly.build import prepare
 from hapnet.bench.registry import ROWS
 from hapnet.commands import complete
 from hapnet.commands.reproduce import FIGURES
 from hapnet.params import Params
 from hapnet.plant.scene import SCENES
-from hapnet.runtime.build import prepare
 from netem import cli as netem_cli
 from netem.profile import PRESETS
 from tests.conftest import ENVIRONMENT

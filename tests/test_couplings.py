@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapnet.control.law import LawCoupling
+from hapnet.assembly.build import prepare
+from hapnet.control.coupling import CouplingAccount
+from hapnet.couplings.link_delays import delays
+from hapnet.couplings.registry import ideal_stiffness
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
-from hapnet.runtime.build import prepare
-from hapnet.runtime.couplings import ideal_stiffness
-from hapnet.runtime.delays import delays
-from hapnet.runtime.virtual import simulate
+from hapnet.simulation.simulation import simulate
 from netem import LinkProfile
 from netem.trace import CapacityTrace, ConditionTrace
 from tests.processes import started
@@ -120,8 +120,8 @@ def test_a_device_law_differs_from_the_plain_coupling_in_what_it_adds_alone(coup
     """In the default hand neither has anything to add: the same run, but for when data are sent."""
     base = Params().set({"device.servo": "sampled", "duration_s": 4.0, "link.up": "ideal", "link.down": "ideal"})
     plain, law = (simulate(base.set({"coupling": name}), seed=3) for name in ("zoh", coupling))
-    assert isinstance(law.device.coupling, LawCoupling)
-    assert not isinstance(law.world.coupling, LawCoupling)
+    assert isinstance(law.device.coupling, CouplingAccount)
+    assert not isinstance(law.world.coupling, CouplingAccount)
     assert law.summary["motion"]["peak_force_N"] == pytest.approx(plain.summary["motion"]["peak_force_N"], rel=0.02)
     for name in ("free_rms_m", "contact_rms_m"):
         assert law.summary["motion"][name] == pytest.approx(plain.summary["motion"][name], rel=0.02)

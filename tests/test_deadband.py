@@ -11,17 +11,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hapnet.assembly.build import prepare
+from hapnet.control.coupling import CouplingSample, Motion, Port, Wave
 from hapnet.control.deadband import LEAST_M, LEAST_MPS, LEAST_N, LEAST_WAVE, LONGEST_S, Deadband
-from hapnet.control.law import Datum, Motion, Port, Wave
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
-from hapnet.runtime.build import prepare
-from hapnet.runtime.virtual import Result, Simulation
+from hapnet.simulation.simulation import Result, Simulation
 
 HERE = (0.0,)
 
 
-def sent(band: Deadband, data: list[Datum], opposite: tuple[float, ...] = HERE, period_s: float = 1e-3) -> list[int]:
+def sent(
+    band: Deadband, data: list[CouplingSample], opposite: tuple[float, ...] = HERE, period_s: float = 1e-3
+) -> list[int]:
     """Which of these, a period apart, are sent."""
     return [i for i, datum in enumerate(data) if band.offer(i * period_s, datum, opposite) is not None]
 
@@ -41,7 +43,7 @@ def test_a_spring_of_several_axes_has_a_ball() -> None:
 
 
 def test_near_zero_force_what_is_too_small_to_feel_is_not_sent() -> None:
-    at_rest: list[Datum] = [(0.0,), (0.9 * LEAST_M,), (-0.9 * LEAST_M,), (1.1 * LEAST_M,)]
+    at_rest: list[CouplingSample] = [(0.0,), (0.9 * LEAST_M,), (-0.9 * LEAST_M,), (1.1 * LEAST_M,)]
     assert sent(Deadband(0.1), at_rest) == [0, 3]
 
 
@@ -49,17 +51,17 @@ def test_a_motion_is_sent_for_its_position_or_its_velocity() -> None:
     def motion(mm: float, mm_s: float) -> Motion:
         return Motion((1e-3 * mm,), (1e-3 * mm_s,))
 
-    moving: list[Datum] = [motion(10, 100), motion(10.9, 109), motion(10, 111), motion(11.1, 111)]
+    moving: list[CouplingSample] = [motion(10, 100), motion(10.9, 109), motion(10, 111), motion(11.1, 111)]
     assert sent(Deadband(0.1), moving) == [0, 2, 3]
-    still: list[Datum] = [motion(10, 0), motion(10, 0.9e3 * LEAST_MPS), motion(10, 1.1e3 * LEAST_MPS)]
+    still: list[CouplingSample] = [motion(10, 0), motion(10, 0.9e3 * LEAST_MPS), motion(10, 1.1e3 * LEAST_MPS)]
     assert sent(Deadband(0.1), still) == [0, 2]
 
 
 def test_a_port_is_sent_for_what_it_shows_its_energy_waits() -> None:
-    forces: list[Datum] = [Port((1.0,), 0.0), Port((1.09,), 5.0), Port((1.11,), 6.0), Port((0.0,), 7.0)]
+    forces: list[CouplingSample] = [Port((1.0,), 0.0), Port((1.09,), 5.0), Port((1.11,), 6.0), Port((0.0,), 7.0)]
     assert sent(Deadband(0.1, port="force"), forces) == [0, 2, 3]
     assert sent(Deadband(0.1, port="force"), [Port((0.0,), 0.0), Port((0.9 * LEAST_N,), 9.0)]) == [0]
-    positions: list[Datum] = [Port((0.01,), 0.0), Port((0.0109,), 5.0), Port((0.0111,), 6.0)]
+    positions: list[CouplingSample] = [Port((0.01,), 0.0), Port((0.0109,), 5.0), Port((0.0111,), 6.0)]
     assert sent(Deadband(0.1), positions) == [0, 2]
 
 
@@ -99,14 +101,14 @@ def test_of_waves_nothing_is_lost_and_no_energy_made(fraction: float, waves: lis
 
 
 def test_whatever_rests_is_sent_every_tenth_of_a_second_all_the_same() -> None:
-    data: list[Datum] = [(0.01,)] * 1000
+    data: list[CouplingSample] = [(0.01,)] * 1000
     assert sent(Deadband(1.0), data) == list(range(0, 1000, round(LONGEST_S / 1e-3)))
 
 
 def test_another_peer_is_told_at_once_and_not_what_the_first_one_missed() -> None:
     band = Deadband(0.5)
     assert sent(band, [Wave((1.0,), 1e-3), Wave((1.1,), 1e-3)]) == [0]
-    band.renew()
+    band.on_peer_changed()
     assert band.offer(3e-3, Wave((1.2,), 1e-3), HERE) == Wave((1.2,), 1e-3)
 
 

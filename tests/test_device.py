@@ -10,9 +10,9 @@ import pytest
 from scipy.linalg import expm
 
 from hapnet.checks import Array
-from hapnet.control.spring import Spring
 from hapnet.errors import InvalidParameter
-from hapnet.plant.device import Lived, SimulatedDevice
+from hapnet.mechanics.spring import Spring
+from hapnet.plant.device import SimulatedDevice, TickResult
 from hapnet.plant.operator import Impedance, Operator, Rest, Sine
 from tests.conftest import random_spd
 
@@ -64,7 +64,7 @@ def test_ticks_in_a_row_are_ticks_one_by_one(n: int, general: bool, limit: float
         assert row.time == one.time
 
 
-def _flat(ticks: list[Lived]) -> list[float]:
+def _flat(ticks: list[TickResult]) -> list[float]:
     return [value for work, *vectors in ticks for value in (work, *chain(*vectors))]
 
 

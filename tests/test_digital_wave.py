@@ -8,13 +8,13 @@ from math import sqrt
 import numpy as np
 import pytest
 
+from hapnet.control.coupling import Wave
 from hapnet.control.digital_wave import LOUDEST, Replay
-from hapnet.control.law import Wave
+from hapnet.couplings.link_delays import Delays
+from hapnet.couplings.registry import COUPLINGS
 from hapnet.params import Params
-from hapnet.runtime.couplings import KINDS
-from hapnet.runtime.delays import Delays
-from hapnet.runtime.parcel import Parcel
-from hapnet.runtime.virtual import Result, Simulation
+from hapnet.side.packet import Packet
+from hapnet.simulation.simulation import Result, Simulation
 from netem import Link
 from tests.wave_ports import Counted, put_in, shake
 
@@ -100,11 +100,11 @@ def run(
     return simulation.run(), simulation.two_port.lowest
 
 
-def repeated(link: Link[Parcel], copies: int) -> Callable[[int, Parcel, int], None]:
+def repeated(link: Link[Packet], copies: int) -> Callable[[int, Packet, int], None]:
     """Sending as the link does, but `copies` times: netem itself never repeats anything."""
     once = link.send
 
-    def send(now_ns: int, parcel: Parcel, size: int) -> None:
+    def send(now_ns: int, parcel: Packet, size: int) -> None:
         for _ in range(copies):
             once(now_ns, parcel, size)
 
@@ -130,6 +130,6 @@ def test_duplicates_are_discarded(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_the_rule() -> None:
     """The replay is spread over the longest time between two arrivals: a step and the jitter."""
-    tuning = KINDS["digital-wave"].tune(params(), Delays(0.035, 0.118))
+    tuning = COUPLINGS["digital-wave"].tune(params(), Delays(0.035, 0.118))
     assert tuning["spread_s"] == pytest.approx(0.05 + 0.048)
     assert tuning["impedance_Ns_m"] == 5.0

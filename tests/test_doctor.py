@@ -10,18 +10,19 @@ from typing import Any
 
 import pytest
 
-from hapnet import cli, doctor
-from hapnet.doctor import MISSING, OK, SKIPPED, WARNING, Check
+from hapnet import cli
+from hapnet.doctor import machine
+from hapnet.doctor.machine import MISSING, OK, SKIPPED, WARNING, Check
 from hapnet.errors import InvalidParameter, TransportError
-from hapnet.runtime.security import Security
-from hapnet.runtime.zenoh_config import ZenohSettings, free_address
-from hapnet.runtime.zenoh_transport import ZenohTransport
+from hapnet.transport.config import ZenohSettings, free_address
+from hapnet.transport.security import Security
+from hapnet.transport.zenoh import ZenohTransport
 
 Capture = pytest.CaptureFixture[str]
 
 
 def test_every_check_has_a_state_a_value_and_advice_where_something_is_wrong() -> None:
-    found = list(doctor.examine())
+    found = list(machine.examine())
     names = [check.name for check in found]
     assert len(set(names)) == len(names)
     assert set(names) >= {
@@ -37,8 +38,8 @@ def test_every_check_has_a_state_a_value_and_advice_where_something_is_wrong() -
 
 def test_asking_changes_nothing() -> None:
     policy = os.sched_getscheduler(0)
-    doctor.real_time_scheduling()
-    doctor.locked_memory()
+    machine.real_time_scheduling()
+    machine.locked_memory()
     assert os.sched_getscheduler(0) == policy
     status = Path("/proc/self/status").read_text("utf-8")
     assert "VmLck:\t       0 kB" in status
@@ -49,7 +50,7 @@ def test_refused_scheduling_says_how_to_allow_it(monkeypatch: pytest.MonkeyPatch
         raise PermissionError(1, "Operation not permitted")
 
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
-    check = doctor.real_time_scheduling()
+    check = machine.real_time_scheduling()
     assert check.state == WARNING
     assert "Operation not permitted" in check.value
     for words in ("rtprio 80", "/etc/security/limits.conf", "ulimit -r"):
@@ -81,19 +82,19 @@ def test_locked_memory_needs_no_limit_or_the_capability(
         def munlockall(self) -> int:
             return 0
 
-    monkeypatch.setattr(doctor, "_limit", lambda name: limit)
-    monkeypatch.setattr(doctor, "_read", lambda path: f"Name:\tpython\nCapEff:\t{capabilities}\nCapBnd:\tff\n")
+    monkeypatch.setattr(machine, "_limit", lambda name: limit)
+    monkeypatch.setattr(machine, "_read", lambda path: f"Name:\tpython\nCapEff:\t{capabilities}\nCapBnd:\tff\n")
     monkeypatch.setattr("ctypes.CDLL", Obliging)
-    check = doctor.locked_memory()
+    check = machine.locked_memory()
     assert check.state == state
     assert ("memlock unlimited" in check.advice) == (state == WARNING)
 
 
 def test_checks_come_one_by_one_and_a_bad_endpoint_before_all() -> None:
-    checks = doctor.examine()
+    checks = machine.examine()
     assert next(checks).name == "python"
     with pytest.raises(InvalidParameter):
-        next(doctor.examine(["no endpoint"]))
+        next(machine.examine(["no endpoint"]))
 
 
 @pytest.mark.parametrize(
@@ -105,8 +106,8 @@ def test_governors(governors: tuple[str, ...], state: str, tmp_path: Path, monke
         directory = tmp_path / f"cpu{number}" / "cpufreq"
         directory.mkdir(parents=True)
         (directory / "scaling_governor").write_text(governor + "\n", "utf-8")
-    monkeypatch.setattr(doctor, "_PROCESSORS", tmp_path)
-    check = doctor.frequency_scaling()
+    monkeypatch.setattr(machine, "_PROCESSORS", tmp_path)
+    check = machine.frequency_scaling()
     assert check.state == state
     assert ("cpupower" in check.advice) == (state == WARNING)
 
@@ -115,8 +116,8 @@ def test_governors(governors: tuple[str, ...], state: str, tmp_path: Path, monke
     ("runtime", "state", "says"), [("950000", OK, "95 %"), ("-1", OK, "all"), ("0", WARNING, "0"), ("", SKIPPED, "")]
 )
 def test_share_of_real_time(runtime: str, state: str, says: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor, "_read", lambda path: runtime if "runtime" in path else "1000000")
-    check = doctor.real_time_share()
+    monkeypatch.setattr(machine, "_read", lambda path: runtime if "runtime" in path else "1000000")
+    check = machine.real_time_share()
     assert check.state == state
     assert says in check.value
 
@@ -125,10 +126,10 @@ def test_one_processor_and_a_busy_machine(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {0})
     monkeypatch.setattr(os, "cpu_count", lambda: 2)
     monkeypatch.setattr(os, "getloadavg", lambda: (3.0, 1.0, 1.0))
-    assert doctor.processors().state == WARNING
-    assert doctor.load().state == WARNING
+    assert machine.processors().state == WARNING
+    assert machine.load().state == WARNING
     monkeypatch.setattr(os, "getloadavg", lambda: (0.1, 1.0, 1.0))
-    assert doctor.load().state == OK
+    assert machine.load().state == OK
 
 
 def test_what_is_missing_is_exit_code_1(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
@@ -162,7 +163,7 @@ async def test_zenoh_that_answers() -> None:
     world = ZenohTransport(ZenohSettings(listen=(address,)), lambda kind, data: None, role="world")
     await world.open()
     try:
-        check = await asyncio.to_thread(doctor.zenoh_reachable, address)
+        check = await asyncio.to_thread(machine.zenoh_reachable, address)
     finally:
         await world.close()
     assert check.state == OK
@@ -188,15 +189,15 @@ def test_zenoh_that_cannot_be_opened_is_a_line(monkeypatch: pytest.MonkeyPatch) 
         raise TransportError("no route\nto host")
 
     monkeypatch.setattr(ZenohTransport, "open", refuse)
-    check = doctor.zenoh_reachable("tcp/192.0.2.1:7447")
+    check = machine.zenoh_reachable("tcp/192.0.2.1:7447")
     assert check.state == MISSING
     assert "no route to host" in check.value
     assert check.advice
 
 
 def test_zenoh_that_does_not_answer_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor, "REACH_S", 0.2)
-    check = doctor.zenoh_reachable(free_address())
+    monkeypatch.setattr(machine, "REACH_S", 0.2)
+    check = machine.zenoh_reachable(free_address())
     assert check.state == MISSING
     assert "did not answer within 0.2 s" in check.value
 
@@ -210,9 +211,9 @@ async def test_zenoh_over_tls(certificates: Path) -> None:
     await world.open()
     try:
         accepted, answered = [
-            await asyncio.to_thread(check, address, alice) for check in (doctor.tls_handshake, doctor.zenoh_reachable)
+            await asyncio.to_thread(check, address, alice) for check in (machine.tls_handshake, machine.zenoh_reachable)
         ]
-        refused = await asyncio.to_thread(doctor.tls_handshake, address, nobody)
+        refused = await asyncio.to_thread(machine.tls_handshake, address, nobody)
     finally:
         await world.close()
     assert (accepted.state, answered.state) == (OK, OK)
@@ -221,9 +222,9 @@ async def test_zenoh_over_tls(certificates: Path) -> None:
 
 
 def test_a_tls_endpoint_is_shaken_hands_with_before_it_is_dialled(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor, "REACH_S", 0.2)
+    monkeypatch.setattr(machine, "REACH_S", 0.2)
     address = free_address("tls")
-    handshake, dialled = list(doctor.examine([address]))[-2:]
+    handshake, dialled = list(machine.examine([address]))[-2:]
     assert (handshake.name, handshake.state) == ("tls handshake", MISSING)
     assert handshake.value == f"{address}: nobody listens there"
     assert (dialled.name, dialled.state) == ("zenoh reachable", MISSING)

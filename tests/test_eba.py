@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hapnet.control.eba import EnergyBounding
-from hapnet.control.spring import Spring
+from hapnet.mechanics.spring import Spring
 from hapnet.params import Params
 from tests.hand_port import LIGHT_HAND, lowest_energies
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hapnet.checks import Array
-from hapnet.control.ellipsoid import Ellipsoid
+from hapnet.mechanics.ellipsoid import Ellipsoid
 from tests.conftest import random_spd
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from hapnet.control.coupling import Coupling
+from hapnet.control.coupling import CouplingSample, LawServo, Motion, Port, Wave
 from hapnet.control.deadband import Deadband
-from hapnet.control.law import Datum, LawServo, Motion, Port, Wave
 from hapnet.control.ledger import Ledger
 from hapnet.control.limits import Silence
 from hapnet.control.pspm import SetPositionModulator
+from hapnet.control.set_position_coupling import Coupling
 from hapnet.control.smoothing import Pipeline
-from hapnet.endpoint import BACKLOG, ControlHalf, DeviceEndpoint, WorldControl
+from hapnet.side.endpoint import BACKLOG, ControlHalf, DeviceEndpoint, WorldControl
 from hapnet.wire import messages
 from hapnet.wire.messages import Stream, decode
 from hapnet.wire.session import Session, SessionSettings
@@ -26,19 +26,19 @@ class Told:
     set_position = (0.0,)
 
     def __init__(self) -> None:
-        self.say: Datum = (0.0,)
-        self.heard: list[Datum | str] = []
+        self.say: CouplingSample = (0.0,)
+        self.heard: list[CouplingSample | str] = []
 
-    def receive(self, datum: Datum) -> None:
+    def receive(self, datum: CouplingSample) -> None:
         self.heard.append(datum)
 
-    def renew(self) -> None:
+    def on_peer_changed(self) -> None:
         self.heard.append("another")
 
     def force(self, dt: float, x: object, v: object, held: object) -> tuple[float, ...]:
         return (0.0,)
 
-    def datum(self, x: object, v: object) -> Datum:
+    def next_sample(self, x: object, v: object) -> CouplingSample:
         return self.say
 
     def release(self, dt: float, x: object, held: object) -> None: ...
@@ -92,7 +92,7 @@ class Side:
         (Wave((0.25,), 1e-12), messages.Wave(7, 0, MS, (0.25,), 1)),  # a span of nothing is none
     ],
 )
-def test_a_datum_becomes_its_message(datum: Datum, expected: Stream) -> None:
+def test_a_datum_becomes_its_message(datum: CouplingSample, expected: Stream) -> None:
     side = Side()
     side.start()
     side.law.say = datum
@@ -205,7 +205,7 @@ def test_a_world_is_seen_before_pspm_and_after() -> None:
     world = WorldControl(PositionStream(1))
     world.start(coupling)
     world.pair(restarted=False)
-    world.arrive((0.01,), 0, 0)
+    world.on_sample((0.01,), 0, 0)
     world.step(5 * MS, 5e-3, (0.01,), 0.001, 0.03, 0.0)
     assert coupling.set_position == (0.01,)
     assert ledger.seen == pytest.approx([0.001 + 0.025, 0.001])
@@ -219,7 +219,7 @@ def test_what_pspm_throws_away_hides_no_energy_from_nothing() -> None:
     world = WorldControl(PositionStream(1))
     world.start(coupling)
     world.pair(restarted=False)
-    world.arrive((0.01,), 0, 0)
+    world.on_sample((0.01,), 0, 0)
     world.credit(30_000_000)
     world.step(5 * MS, 5e-3, (0.01,), 0.0, 0.0, 0.0)
     assert coupling.discarded == pytest.approx(0.03)

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapnet.errors import BadMessage, InvalidParameter
-from hapnet.wire.admission import Admission
 from hapnet.wire.energy_channel import EnergyChannel
 from hapnet.wire.rto import CEILING_NS, FLOOR_NS, INITIAL_NS
+from hapnet.wire.token_bucket import Admission
 
 MS = 1_000_000
 

@@ -19,8 +19,8 @@ from cryptography.x509.oid import ExtendedKeyUsageOID
 
 import hapnet
 from examples.secure import make_certificates as certificates
-from hapnet.mcap_file import read_recording
-from hapnet.runtime.zenoh_config import free_address
+from hapnet.recording.mcap import read_recording
+from hapnet.transport.config import free_address
 from tests.conftest import ENVIRONMENT, ROOT
 from tests.processes import started
 

@@ -22,9 +22,9 @@ from hapnet.errors import InvalidParameter
 from hapnet.metrics import motion
 from hapnet.params import Params
 from hapnet.plant.device import SimulatedDevice
-from hapnet.record import MemoryRecorder, Recording
-from hapnet.runtime import virtual
-from hapnet.runtime.virtual import Simulation
+from hapnet.recording.samples import MemoryRecorder, Recording
+from hapnet.simulation import simulation
+from hapnet.simulation.simulation import Simulation
 from tests import independent_account
 from tests.conftest import random_spd
 from tests.extreme_cases import UNCHECKED, Examined, examine, extreme_case
@@ -134,7 +134,7 @@ def test_the_account_agrees_with_every_margin(servo: str, n: int) -> None:
     assert not [text for text in found.wrong if text.startswith(("account", "samples", "motion"))], found.wrong
     assert found.account is not None
     assert None not in (found.account.device_least, found.account.both_least, found.account.hand_and_world_least)
-    result = virtual.simulate(params, 1)  # the same again: does it show what it is to show?
+    result = simulation.simulate(params, 1)  # the same again: does it show what it is to show?
     device, summary = result.recording.device, result.summary
     assert device is not None
     K = np.array(params.device.stiffness)
@@ -144,7 +144,7 @@ def test_the_account_agrees_with_every_margin(servo: str, n: int) -> None:
     assert summary["device"]["outages"]["count"] > 0
     assert np.any(np.all(device["target_m"] == device["position_m"], axis=1))
     assert min(summary[side]["sent_nJ"] for side in ("device", "world")) > 1000
-    chatty = virtual.simulate(params.set({"wire.deadband": 0.0}), 1).summary
+    chatty = simulation.simulate(params.set({"wire.deadband": 0.0}), 1).summary
     assert summary["links"]["up"]["offered"] < 0.7 * chatty["links"]["up"]["offered"]
     assert np.ptp(found.account.device) > 1e-3
     assert np.ptp(found.account.world) > 1e-3
@@ -249,7 +249,7 @@ def test_half_a_run_measured_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
         halves = [{key: values[: len(values) // 2] for key, values in side.items()} for side in (device, world)]
         return motion(Recording(recording.meta, *halves, recording.events, recording.summary))
 
-    monkeypatch.setattr(virtual, "motion", half)
+    monkeypatch.setattr(simulation, "motion", half)
     kinds = kinds_of(audited("sampled", 2))
     assert {"motion free_rms_m", "motion contact_rms_m", "motion contacts"} <= kinds
 

@@ -14,7 +14,7 @@ from hapnet.errors import BadMessage
 from hapnet.wire.energy_channel import EnergyChannel
 from hapnet.wire.handshake import Handshake
 from hapnet.wire.messages import decode
-from hapnet.wire.seen import SeenOnce
+from hapnet.wire.replay_window import ReplayWindow
 from hapnet.wire.session import SessionSettings
 from tests.fuzzing import corpus, coverage_guided, lives, storm
 from tests.fuzzing.__main__ import main
@@ -159,23 +159,23 @@ def test_a_list_that_grows_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     check = Handshake._check_sender
 
     def leaky(self: Handshake, sender: int) -> None:
-        self.__dict__.setdefault("_seen", []).append(sender)
+        self.__dict__.setdefault("_replay_window", []).append(sender)
         check(self, sender)
 
     monkeypatch.setattr(Handshake, "_check_sender", leaky)
-    assert "_seen holds" in found("device")
+    assert "_replay_window holds" in found("device")
 
 
 def test_a_stale_position_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     def lenient(**words: Any) -> SessionSettings:
         return SessionSettings(**words | {"accept_stale": True})
 
-    monkeypatch.setattr("hapnet.runtime.build.SessionSettings", lenient)
+    monkeypatch.setattr("hapnet.assembly.build.SessionSettings", lenient)
     assert "dropped: False" in found("continuous")
 
 
 def test_a_wave_that_counts_twice_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(SeenOnce, "first", lambda self, number: True)
+    monkeypatch.setattr(ReplayWindow, "first", lambda self, number: True)
     assert "dropped: False" in found("wave")
 
 
@@ -192,7 +192,7 @@ def test_an_update_that_makes_energy_is_noticed(monkeypatch: pytest.MonkeyPatch)
 
 @pytest.mark.parametrize("target", ["device", "continuous", "world"])
 def test_a_set_position_that_leaps_is_noticed(monkeypatch: pytest.MonkeyPatch, target: str) -> None:
-    monkeypatch.setattr("hapnet.control.coupling.step_towards", lambda start, goal, longest: goal)
+    monkeypatch.setattr("hapnet.control.set_position_coupling.step_towards", lambda start, goal, longest: goal)
     assert "step" in found(target)
 
 

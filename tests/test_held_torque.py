@@ -10,7 +10,7 @@ import pytest
 from hapnet.checks import Vector
 from hapnet.params import RELAXED_HAND, Params
 from hapnet.plant.device import SimulatedDevice
-from hapnet.runtime.virtual import Result, simulate
+from hapnet.simulation.simulation import Result, simulate
 
 LIGHT = {
     "scene": "free", "operator": "sine", "link.up": "4g", "link.down": "4g", "device.servo": "sampled",

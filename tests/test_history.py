@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapnet.record import DeviceSample, Event, WorldSample
-from hapnet.runtime.verdict import judge
-from hapnet.telemetry import Status
+from hapnet.recording.samples import DeviceSample, Event, WorldSample
+from hapnet.recording.telemetry import Status
+from hapnet.summary.verdict import judge
 from hapnet.view.history import CAPACITY, MOST_EVENTS, History
 from hapnet.wire.messages import Role
 

@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import pytest
 
+from hapnet.assembly.build import prepare
 from hapnet.checks import Vector
 from hapnet.params import Params
-from hapnet.runtime.build import prepare
 from hapnet.wire.messages import Energy, Position, decode, encode
 from tests.fuzzing.storm import MS, US, Rig
 

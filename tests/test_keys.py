@@ -7,7 +7,8 @@ import zenoh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapnet.runtime.keys import (
+from hapnet.transport.config import ZenohSettings, free_address, may_lose, zenoh_config
+from hapnet.transport.keys import (
     AGAIN_NS,
     DEAD_NS,
     KEEP_ALIVE_NS,
@@ -16,8 +17,7 @@ from hapnet.runtime.keys import (
     KeyWatch,
     key_expressions,
 )  # fmt: skip
-from hapnet.runtime.zenoh_config import ZenohSettings, free_address, may_lose, zenoh_config
-from hapnet.runtime.zenoh_transport import KINDS
+from hapnet.transport.zenoh import KINDS
 from netem import LinkProfile
 from netem.relay import UdpRelay
 from tests.lossy import Arrivals, talking

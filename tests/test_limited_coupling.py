@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 
 from hapnet import Params, simulate
 from hapnet.checks import Array
-from hapnet.control.spring import Spring
 from hapnet.errors import InvalidParameter
+from hapnet.mechanics.spring import Spring
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.limited_coupling import LimitedCoupling
 from hapnet.plant.operator import Impedance, Sine

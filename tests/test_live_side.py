@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from hapnet.errors import InvalidParameter, RecordingError
-from hapnet.mcap_file import read_recording
 from hapnet.params import Params
-from hapnet.record import DeviceSample, Event, WorldSample
-from hapnet.runtime.control import ThreadedDevice, ThreadedWorld
-from hapnet.runtime.virtual import Simulation
-from hapnet.runtime.zenoh_config import ZenohSettings, free_address
-from hapnet.telemetry import Status, Telemetry
+from hapnet.realtime.controllers import ThreadedDevice, ThreadedWorld
+from hapnet.recording.mcap import read_recording
+from hapnet.recording.samples import DeviceSample, Event, WorldSample
+from hapnet.recording.telemetry import Status, Telemetry
+from hapnet.simulation.simulation import Simulation
+from hapnet.transport.config import ZenohSettings, free_address
 from hapnet.view import watcher as watcher_module
 from hapnet.view.watcher import Watcher
 from netem.errors import NetemError

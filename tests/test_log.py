@@ -15,7 +15,7 @@ from rich.console import Console
 from hapnet import cli
 from hapnet.commands.log import Log, check_target
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.runtime.notices import Notice
+from hapnet.side.notices import Notice
 from tests.processes import no_room
 
 KEYS = {"time", "monotonic_ns", "level", "role", "kind", "text"}

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hapnet.runtime.security import ANYBODY
+from hapnet.transport.security import ANYBODY
 from netem import LinkProfile
 from netem.relay import UdpRelay, _Datagram
 from tests.lossy import LOSSY, lossy_relay, talking

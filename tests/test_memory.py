@@ -11,11 +11,11 @@ from typing import Any
 
 import pytest
 
-from hapnet.mcap_file import FLUSH_NS, RecordingWriter, read_recording
 from hapnet.params import Params
-from hapnet.record import Recording, Sample
-from hapnet.runtime import virtual
-from hapnet.runtime.virtual import Simulation
+from hapnet.recording.mcap import FLUSH_NS, RecordingWriter, read_recording
+from hapnet.recording.samples import Recording, Sample
+from hapnet.simulation import simulation as virtual_time
+from hapnet.simulation.simulation import Simulation
 
 MINUTES = 10
 INDEX_BYTES = 700.0
@@ -42,7 +42,7 @@ def test_memory_is_flat_over_ten_minutes(tmp_path: Path, monkeypatch: pytest.Mon
             self._writer.close(summary)
             return read_recording(self._path)
 
-    monkeypatch.setattr(virtual, "MemoryRecorder", OnDisk)
+    monkeypatch.setattr(virtual_time, "MemoryRecorder", OnDisk)
     words = {"operator": "sine", "device.shuffle": "all", "world.shuffle": "all", "duration_s": 60.0 * MINUTES}
     simulation = Simulation(Params().set({**words, "link.up": "4g", "link.down": "lossy-wifi"}), seed=1)
     seen: list[tracemalloc.Snapshot] = []

@@ -14,7 +14,7 @@ from hapnet.metrics.contact import first_felt_s, pressed_wall, rendered_stiffnes
 from hapnet.metrics.drift import drift
 from hapnet.metrics.force import buzz, force_error
 from hapnet.plant.contact import Wall
-from hapnet.record import DeviceSample, MemoryRecorder, Recording, WorldSample
+from hapnet.recording.samples import DeviceSample, MemoryRecorder, Recording, WorldSample
 
 SECOND = 1_000_000_000
 

@@ -7,13 +7,13 @@ import re
 
 import pytest
 
-from hapnet import doctor
-from hapnet.doctor import OK, WARNING
-from hapnet.network import judged, probed
-from hapnet.runtime.probe import EVERY_NS, LONGEST, MOST_AT_ONCE, MOST_HZ, Answering, Answers
-from hapnet.runtime.security import ANYBODY
-from hapnet.runtime.zenoh_config import ZenohSettings, free_address
-from hapnet.runtime.zenoh_transport import ZenohTransport
+from hapnet.doctor import machine
+from hapnet.doctor.machine import OK, WARNING
+from hapnet.doctor.network import judged, probed
+from hapnet.transport.config import ZenohSettings, free_address
+from hapnet.transport.probe import EVERY_NS, LONGEST, MOST_AT_ONCE, MOST_HZ, Answering, Answers
+from hapnet.transport.security import ANYBODY
+from hapnet.transport.zenoh import ZenohTransport
 from netem import Link, LinkProfile
 
 MS = 1_000_000
@@ -127,7 +127,7 @@ async def test_whoever_listens_answers_and_a_session_of_another_name_does_not() 
 
 
 def test_where_zenoh_is_not_reached_nothing_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor, "REACH_S", 0.3)
-    names = [check.name for check in doctor.examine([free_address()])]
+    monkeypatch.setattr(machine, "REACH_S", 0.3)
+    names = [check.name for check in machine.examine([free_address()])]
     assert "zenoh reachable" in names
     assert "network" not in names

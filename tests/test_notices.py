@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from hapnet.runtime.notices import Notice, notice_of
+from hapnet.side.notices import Notice, notice_of
 from hapnet.wire.events import (
     EnergyCredited,
     Event,

@@ -11,20 +11,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hapnet.assembly.build import device_session, device_side, prepare
+from hapnet.assembly.operators import operator
+from hapnet.assembly.user_device import OwnDevice, declared_range
+from hapnet.assembly.user_operator import OwnOperator
 from hapnet.checks import Vector
-from hapnet.endpoint import DeviceEndpoint
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import DeviceParams, Params
 from hapnet.plant.operating_range import OperatingRange, RangeWatch
 from hapnet.plant.operator import Impedance
-from hapnet.record import DeviceSample, Event, Sample
-from hapnet.runtime.build import device_session, device_side, prepare
-from hapnet.runtime.hands import operator
-from hapnet.runtime.own_device import OwnDevice, declared_range
-from hapnet.runtime.own_operator import OwnOperator
-from hapnet.runtime.sides import DeviceSide
-from hapnet.runtime.summary import device_summary, unknown_device
-from hapnet.runtime.verdict import judge, stopped
+from hapnet.recording.samples import DeviceSample, Event, Sample
+from hapnet.side.device import DeviceSide
+from hapnet.side.endpoint import DeviceEndpoint
+from hapnet.summary.run import device_summary, unknown_device
+from hapnet.summary.verdict import judge, stopped
 from tests.processes import read_json, started
 
 MS = 1_000_000
@@ -203,7 +203,7 @@ def begun(device: type, **changes: object) -> tuple[DeviceSide, Arm, list[Sample
     side.clock = clock  # type: ignore[attr-defined]
     side.tick(0)
     if changes.get("coupling", "pspm") in ("pspm", "zoh"):
-        side.endpoint.arrive((0.02,), 0, 0)
+        side.endpoint.on_sample((0.02,), 0, 0)
     assert isinstance(side.device, OwnDevice)
     arm = side.device.device
     assert isinstance(arm, Arm)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hapnet.metrics.passivity import least_total_margin, total_margin
-from hapnet.record import Columns, Recording
+from hapnet.recording.samples import Columns, Recording
 
 
 def columns(*samples: tuple[float, float]) -> Columns:

@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 
 from hapnet.checks import Vector
-from hapnet.endpoint import ControlHalf, WireHalf
 from hapnet.params import Params
-from hapnet.runtime import path as paths
-from hapnet.runtime.virtual import simulate
+from hapnet.side.endpoint import ControlHalf, WireHalf
+from hapnet.simulation.simulation import simulate
+from hapnet.summary import path as paths
 from hapnet.wire.messages import Position, Role, decode, encode
 from hapnet.wire.path import Counts, Path, PathFigures
 from hapnet.wire.session import Session
@@ -33,7 +33,7 @@ class Coupling:
     def credit(self, energy_J: float) -> None:
         raise AssertionError("nobody sends energy here")
 
-    def renew(self) -> float:
+    def on_peer_changed(self) -> float:
         return 0.0
 
 
@@ -155,7 +155,7 @@ def test_what_a_side_echoes_is_what_its_control_has_used() -> None:
     side = Side("device", 1)
     frames: list[Any] = [decode(side.speak(100))]
     side.pair(restarted=False)
-    side.arrive((0.1,), 7, 150)
+    side.on_sample((0.1,), 7, 150)
     frames.append(decode(side.session.position(160, (0.0,))))  # it has come, and no tick has taken it yet
     frames.append(decode(side.speak(200)))
     side.pair(restarted=False)  # another peer, whose clock is another

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from hapnet.control.law import Motion
+from hapnet.control.coupling import Motion
 from hapnet.control.pd import DevicePD, Gains, WorldPD, round_trip, tuned
 from hapnet.params import Params
 from hapnet.plant.integrator import PassiveIntegrator
@@ -24,12 +24,12 @@ def test_both_ends_act_as_the_law_says() -> None:
     device = DevicePD(gains, (0.0, 0.0))
     device.receive(peer)
     assert device.force(0.001, x, v, (0.0, 0.0)) == pytest.approx(expected)
-    assert device.datum(x, v) == Motion(x, v)
+    assert device.next_sample(x, v) == Motion(x, v)
     world = WorldPD(gains, (0.0, 0.0))
     world.receive(peer)
     world.begin()
     world.moved(0.02, v, x, (9.0, 9.0))
-    assert world.datum() == Motion(x, v)
+    assert world.next_sample() == Motion(x, v)
     drag, push = world.impedance(0.02)
     vhat = (0.3, -0.4)
     middle = [at + 0.01 * speed for at, speed in zip(x, vhat, strict=True)]
@@ -53,7 +53,7 @@ def test_at_rest_nothing_pulls_and_a_step_acts_with_what_came_before_it() -> Non
 def test_another_peer_rests_and_a_release_lets_go() -> None:
     device = DevicePD(Gains(100.0, 5.0, 2.0), (0.0,))
     device.receive(Motion((0.1,), (3.0,)))
-    device.renew()
+    device.on_peer_changed()
     assert device.force(0.001, (0.0,), (0.0,), (0.0,)) == pytest.approx((10.0,))
     device.release(0.1, (0.05,), (0.0,))
     assert device.force(0.001, (0.05,), (0.0,), (0.0,)) == (0.0,)
@@ -150,7 +150,7 @@ class TwoPort:
             self._deliver(0, now)
             held = device.force(tick, (x,), (v,), (held,))[0]
             if n % sends == 0:
-                self._send(1, now, device.datum((x,), (v,)))
+                self._send(1, now, device.next_sample((x,), (v,)))
             if n >= next_step:
                 dt = now - begun
                 drag, push = world.impedance(dt)
@@ -161,7 +161,7 @@ class TwoPort:
                 begun, x_world, step = now, to, step + 1
                 self._deliver(1, now)
                 world.begin()
-                self._send(0, now, world.datum())
+                self._send(0, now, world.next_sample())
                 next_step = n + max(1, round(float(self._rng.uniform(*self._steps)) / tick))
                 self.lowest = min(self.lowest, self.energy)
 

@@ -18,10 +18,10 @@ from hapnet.commands.options import PageOptions
 from hapnet.commands.pair import Pair
 from hapnet.commands.play import SESSION, Stage, led, main
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.mcap_file import read_recording
 from hapnet.params import RELAXED_HAND, Params
-from hapnet.runtime.zenoh_config import ZenohSettings, free_address
-from hapnet.telemetry import Status
+from hapnet.recording.mcap import read_recording
+from hapnet.recording.telemetry import Status
+from hapnet.transport.config import ZenohSettings, free_address
 from hapnet.view.history import History
 from hapnet.view.watcher import Watcher
 from netem.errors import NetemError

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hapnet.control.popc import PassivityController, damping_cap
-from hapnet.control.spring import Spring
+from hapnet.mechanics.spring import Spring
 from hapnet.params import Params
 from tests.hand_port import LIGHT_HAND, lowest_energies
 

@@ -9,8 +9,18 @@ import pytest
 
 from hapnet.control import deadband
 from hapnet.params import Params
-from hapnet.runtime import keys, probe, zenoh_transport
-from hapnet.wire import admission, energy_channel, handshake, liveness, messages, numbering, rto, seen, session
+from hapnet.transport import keys, probe, zenoh
+from hapnet.wire import (
+    energy_channel,
+    handshake,
+    messages,
+    numbering,
+    peer_monitor,
+    replay_window,
+    rto,
+    session,
+    token_bucket,
+)
 from hapnet.wire.session import SessionSettings
 
 PAGE = (Path(messages.__file__).parent / "README.md").read_text("utf-8")
@@ -19,7 +29,7 @@ MS = 1_000_000
 CODE: dict[str, float] = {
     "hello period [ms]": handshake.HELLO_PERIOD_NS / MS,
     "least time between two hellos that strangers call for [ms]": handshake.PROMPT_NS / MS,
-    "a peer is living for [ms]": liveness.LIVING_NS / MS,
+    "a peer is living for [ms]": peer_monitor.LIVING_NS / MS,
     "a suitor is waited for [ms]": handshake.SUITOR_NS / MS,
     "silence that is told [ms]": session.SILENCE_NS / MS,
     "replies (welcomes, refusals) at once": handshake.MAX_REPLIES,
@@ -33,15 +43,15 @@ CODE: dict[str, float] = {
     "retransmission timer, floor [ms]": rto.FLOOR_NS / MS,
     "retransmission timer, ceiling [ms]": rto.CEILING_NS / MS,
     "retransmission timer, granularity [ms]": rto.GRANULARITY_NS / MS,
-    "bucket, power [W]": admission.DEFAULT_POWER_W,
-    "bucket, burst [J]": admission.DEFAULT_BURST_J,
+    "bucket, power [W]": token_bucket.DEFAULT_POWER_W,
+    "bucket, burst [J]": token_bucket.DEFAULT_BURST_J,
     "frame, longest [bytes]": messages.MAX_FRAME_BYTES,
-    "waves, window": seen.WINDOW,
+    "waves, window": replay_window.WINDOW,
     "numbers ahead at once": numbering.MOST_AT_ONCE,
     "time that each further number takes [ms]": numbering.LEAST_PERIOD_NS / MS,
     "early by [ms]": numbering.EARLY_NS / MS,
-    "flood limit [a second]": zenoh_transport.MOST_HZ,
-    "flood limit, at once": zenoh_transport.MOST_AT_ONCE,
+    "flood limit [a second]": zenoh.MOST_HZ,
+    "flood limit, at once": zenoh.MOST_AT_ONCE,
     "everything is said again after at most [ms]": deadband.LONGEST_S * 1e3,
     "keep-alive on a quiet key, at least every [ms]": keys.KEEP_ALIVE_NS / MS,
     "a silent key is subscribed to again after [ms]": keys.SILENT_NS / MS,
@@ -93,7 +103,7 @@ def test_the_limits_in_the_text_are_the_codes() -> None:
     assert f"by {numbering.EARLY_NS // MS} ms and twice the mean excess" in text
     assert f"known once {numbering.WARM} have come" in text
     assert (numbering.RUN, numbering.WINDOW_NS) == (2, 10_000 * MS)
-    assert f"{zenoh_transport.MOST_HZ:,} messages a second, of which {zenoh_transport.MOST_AT_ONCE:,} may" in text
+    assert f"{zenoh.MOST_HZ:,} messages a second, of which {zenoh.MOST_AT_ONCE:,} may" in text
     assert f"any payload of 1 to {probe.LONGEST} bytes" in text
-    for kind in (*zenoh_transport.KINDS, probe.PROBE, zenoh_transport.TELEMETRY):
+    for kind in (*zenoh.KINDS, probe.PROBE, zenoh.TELEMETRY):
         assert kind in text

@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 
 from hapnet.errors import RecordingError
-from hapnet.mcap_file import FLUSH_NS, RecordingWriter, read_recording
-from hapnet.record import Event, WorldSample
-from hapnet.runtime import recorder as module
-from hapnet.runtime.recorder import Recorder
+from hapnet.realtime import recorder as module
+from hapnet.realtime.recorder import Recorder
+from hapnet.recording.mcap import FLUSH_NS, RecordingWriter, read_recording
+from hapnet.recording.samples import Event, WorldSample
 from tests.processes import no_room
 
 META = {"origin_ns": 0, "clock": "test", "role": "world"}

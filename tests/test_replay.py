@@ -16,14 +16,14 @@ from scipy import signal
 
 from hapnet import cli
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.mcap_file import RecordingWriter, read_recording, save
 from hapnet.params import Params
 from hapnet.plant.operator import Followed, Impedance
-from hapnet.record import DeviceSample, Event, Recording, WorldSample
-from hapnet.runtime.recorded_hand import hand_times, recorded_hand
-from hapnet.runtime.replay import compare, read_original
-from hapnet.runtime.virtual import Result, simulate
-from hapnet.runtime.zenoh_config import free_address
+from hapnet.recording.hand import hand_times, recorded_hand
+from hapnet.recording.mcap import RecordingWriter, read_recording, save
+from hapnet.recording.samples import DeviceSample, Event, Recording, WorldSample
+from hapnet.simulation.replay import compare, read_original
+from hapnet.simulation.simulation import Result, simulate
+from hapnet.transport.config import free_address
 from netem import Timeline
 from tests.pairs import Running, parameters, running
 from tests.processes import started

@@ -15,7 +15,7 @@ from matplotlib.image import imread
 from rich.console import Console
 
 from hapnet.errors import RecordingError
-from hapnet.record import DeviceSample, Event, MemoryRecorder, Recording, WorldSample
+from hapnet.recording.samples import DeviceSample, Event, MemoryRecorder, Recording, WorldSample
 from hapnet.report import figure, save_figure, summary_text, verdict
 
 ALONE = "passivity not known: of both ports together only, and the world's account is not here"

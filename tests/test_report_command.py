@@ -13,8 +13,8 @@ import pytest
 from matplotlib.image import imread
 
 from hapnet import cli
-from hapnet.mcap_file import RecordingWriter
-from hapnet.record import DeviceSample, Recording, Sample, WorldSample
+from hapnet.recording.mcap import RecordingWriter
+from hapnet.recording.samples import DeviceSample, Recording, Sample, WorldSample
 from tests.test_report import run
 from tests.test_report_page import stands_alone
 

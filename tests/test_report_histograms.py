@@ -9,8 +9,8 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.patches import StepPatch
 
+from hapnet.realtime.servo import Histogram
 from hapnet.report import lateness_histogram, link_histogram
-from hapnet.runtime.servo import Histogram
 from netem import Link, LinkProfile
 from netem.profile import PRESETS
 

@@ -14,14 +14,14 @@ import pytest
 from hapnet import cli
 from hapnet.commands.play import led
 from hapnet.params import Params
-from hapnet.record import Event, Recording
+from hapnet.recording.samples import Event, Recording
 from hapnet.report import Source, legible, page, pictures
 from hapnet.report.html import element, join
 from hapnet.report.page import FOLDED, MOST_EVENTS
 from hapnet.report.settings import commands, settings
 from hapnet.report.tables import links, motion, sides
 from hapnet.report.words import known
-from hapnet.runtime.virtual import simulate
+from hapnet.simulation.simulation import simulate
 from tests.test_report import run
 
 VOID = {"meta", "img"}
@@ -183,7 +183,7 @@ HOSTILE = (
 
 @pytest.mark.parametrize("text", [" ".join(HOSTILE), *HOSTILE[-2:]])
 def test_whatever_a_recording_says_is_text(text: str, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    from hapnet.mcap_file import RecordingWriter
+    from hapnet.recording.mcap import RecordingWriter
 
     anything: Any = {"x": text, text: text}
     link = {"profile": text, "offered": text, "lost": 3, "delay_p50_ms": text, "delay_histogram_ms": [[text, text]]}

@@ -5,7 +5,7 @@ import pytest
 
 from hapnet.commands.reproduce import SECTION_4, profiles
 from hapnet.params import Params
-from hapnet.runtime.virtual import simulate
+from hapnet.simulation.simulation import simulate
 
 
 @pytest.mark.parametrize(

@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import Coupling
 from hapnet.control.limits import Silence
 from hapnet.control.pspm import SetPositionModulator
 from hapnet.control.reserve import ForceGuard, Holding, longest, ramp, reserve
-from hapnet.control.servo_law import SampledServo
+from hapnet.control.set_position_coupling import Coupling
+from hapnet.control.set_position_servo import SampledServo
 from hapnet.control.smoothing import Pipeline
 from tests.conftest import random_spd
 
@@ -161,7 +161,7 @@ def test_a_sampled_servo_never_overdraws_its_account_nor_steps_too_far(seed: int
         if rng.random() < 0.05:
             coupling.credit(float(10.0 ** rng.uniform(-6.0, -1.0)))
         if rng.random() < 0.01:
-            coupling.renew()
+            coupling.on_peer_changed()
         servo.tick(period, tuple(x.tolist()), tuple((way / period).tolist()))
         new = np.array(servo.force)
         assert np.linalg.norm(new - force) <= step * (1.0 + 1e-12), k

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from hapnet.mcap_file import read_recording
-from hapnet.runtime.zenoh_config import free_address
+from hapnet.recording.mcap import read_recording
+from hapnet.transport.config import free_address
 from tests.processes import assert_accounts_agree, assert_passive, child_of, read_json, size, started
 
 

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapnet.errors import InvalidParameter
-from hapnet.runtime.servo import DeadlineGrid, Histogram, Servo, request_realtime, set_timer_slack, tuned_interpreter
+from hapnet.realtime.servo import DeadlineGrid, Histogram, Servo, request_realtime, set_timer_slack, tuned_interpreter
 
 MS = 1_000_000
 WAIT_S = 10.0
@@ -268,7 +268,7 @@ def test_a_failing_safe_is_reported_and_does_not_hide_the_first_error(caplog: py
 def test_an_interpreter_that_exits_makes_safe_first() -> None:
     program = """
         import threading
-        from hapnet.runtime.servo import Servo
+        from hapnet.realtime.servo import Servo
         ticked = threading.Event()
         Servo(1_000_000, lambda now_ns: ticked.set(), safe=lambda: print("safe", flush=True)).start()
         assert ticked.wait(10)
@@ -286,7 +286,7 @@ def test_realtime_is_granted_or_refused_in_one_line() -> None:
     # in a process of its own: locked memory and SCHED_FIFO would stay with this one
     program = """
         import os, sys, threading
-        from hapnet.runtime.servo import Servo
+        from hapnet.realtime.servo import Servo
         policies, ticked = [], threading.Event()
         def tick(now_ns):
             policies.append(os.sched_getscheduler(0))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from hapnet.control.law import Datum, Motion, Port, Wave
-from hapnet.runtime.servo_pipe import Pipe, datum_of, kind_of, socket_pair
+from hapnet.control.coupling import CouplingSample, Motion, Port, Wave
+from hapnet.realtime.servo_pipe import Pipe, datum_of, kind_of, socket_pair
 
 
 @pytest.mark.parametrize(
@@ -18,7 +18,7 @@ from hapnet.runtime.servo_pipe import Pipe, datum_of, kind_of, socket_pair
         Wave((0.25, 0.0, 1.0), 5e-3),
     ],
 )
-def test_a_datum_goes_through_a_pipe(datum: Datum) -> None:
+def test_a_datum_goes_through_a_pipe(datum: CouplingSample) -> None:
     ours, theirs = map(Pipe, socket_pair())
     assert ours.offer("arrive", kind_of(datum), datum, 1.5)
     frame = theirs.look()

@@ -16,16 +16,16 @@ from typing import Any
 
 import pytest
 
+from hapnet.assembly.build import device_session, prepare
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Impedance, Rest
-from hapnet.record import DeviceSample, Event, Sample
-from hapnet.runtime import servo_pipe
-from hapnet.runtime.build import device_session, prepare
-from hapnet.runtime.control import Outlet
-from hapnet.runtime.servo_pipe import LONGEST_FRAME, Pipe, PipeClosed, available, socket_pair
-from hapnet.runtime.servo_process import ServoProcess
+from hapnet.realtime import servo_pipe
+from hapnet.realtime.controllers import ControlCallbacks
+from hapnet.realtime.servo_pipe import LONGEST_FRAME, Pipe, PipeClosed, available, socket_pair
+from hapnet.realtime.servo_process import ServoProcess
+from hapnet.recording.samples import DeviceSample, Event, Sample
 from hapnet.wire.messages import Position, decode
 from tests.processes import until
 
@@ -85,7 +85,7 @@ class Running:
         self.messages: list[bytes] = []
         self.samples: list[Sample] = []
         self.errors: list[BaseException] = []
-        outlet = Outlet(self.messages.append, self.samples.append, self.errors.append, lambda: None)
+        outlet = ControlCallbacks(self.messages.append, self.samples.append, self.errors.append, lambda: None)
         self.servo = ServoProcess(setup, device_session(setup, 7), outlet)
 
     @property
@@ -173,7 +173,7 @@ def test_it_ticks_renders_and_gives_its_account(running: Running, diary: Path) -
     running.paired()
     servo = running.servo
     until(lambda: len(running.messages) >= 5)
-    servo.arrive((0.01, 0.0), 0, 0)
+    servo.on_sample((0.01, 0.0), 0, 0)
     until(lambda: diary.exists() and float(diary.read_text() or 0.0) > 0.3)  # 100 N/m at 10 mm, on its way there
     servo.credit(1_000_000)
     until(lambda: any(isinstance(s, DeviceSample) and s.credited_J == 0.001 for s in running.samples))
@@ -206,7 +206,7 @@ def test_what_is_credited_arrives_once_though_the_pipe_was_full(running: Running
     os.kill(running.pid, signal.SIGCONT)
 
     def credited() -> float:
-        servo.arrive((0.0, 0.0), 0, 0)
+        servo.on_sample((0.0, 0.0), 0, 0)
         return max((s.credited_J for s in running.samples if isinstance(s, DeviceSample)), default=0.0)
 
     until(lambda: round(credited() * 1e9) == 200_000)
@@ -350,8 +350,8 @@ def test_no_surplus_is_lost_to_a_parent_that_does_not_read(diary: Path, monkeypa
     finally:
         resume.set()
         servo.stop()
-    while servo.has_surplus:
-        given.append(servo.surplus())
+    while servo.has_shuffled:
+        given.append(servo.shuffled())
     summary = servo.summary(0)
     last = [s for s in running.samples if isinstance(s, DeviceSample)][-1]
     assert summary["servo"]["unsent"] > 0
@@ -360,7 +360,7 @@ def test_no_surplus_is_lost_to_a_parent_that_does_not_read(diary: Path, monkeypa
 
 def test_ctrl_c_is_its_parents_affair_and_sigterm_ends_it_with_zero_force(running: Running, diary: Path) -> None:
     running.paired()
-    running.servo.arrive((0.02, 0.0), 0, 0)
+    running.servo.on_sample((0.02, 0.0), 0, 0)
     until(lambda: diary.exists() and float(diary.read_text() or 0.0) > 0.3)
     os.kill(running.pid, signal.SIGINT)
     before = len(running.messages)
@@ -379,7 +379,7 @@ sys.path.insert(0, {str(FILE.parents[1])!r})
 from tests.test_servo_process import Running
 running = Running()
 running.paired()
-running.servo.arrive((0.02, 0.0), 0, 0)
+running.servo.on_sample((0.02, 0.0), 0, 0)
 fork = os.fork() if {fork} else 1
 if fork:
     print(running.pid, fork, flush=True)
@@ -402,7 +402,7 @@ threading.Event().wait(30.0)
 def test_a_class_of_the_script_itself_is_refused() -> None:
     setup = prepare(Params().set({"hardware": "__main__:Mine", "scene": "free"}), "sampled")
     with pytest.raises(InvalidParameter, match="in a module of its own"):
-        ServoProcess(setup, device_session(setup, 7), Outlet(print, print, print, print))
+        ServoProcess(setup, device_session(setup, 7), ControlCallbacks(print, print, print, print))
 
 
 def test_where_there_are_no_such_sockets_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,7 +21,6 @@ from hapnet.wire.events import (
     SampleReceived,
 )
 from hapnet.wire.handshake import MAX_REPLIES
-from hapnet.wire.liveness import Outages
 from hapnet.wire.messages import (
     Bye,
     Energy,
@@ -38,6 +37,7 @@ from hapnet.wire.messages import (
     decode,
     encode,
 )
+from hapnet.wire.peer_monitor import Outages
 from hapnet.wire.session import Session, SessionSettings
 
 MS = 1_000_000
@@ -143,7 +143,7 @@ def test_hostile_channel_loses_and_creates_no_energy(seed: int) -> None:
     network = Network(device, world, seed=seed, loss=0.4, repeat=0.3, jitter=80 * MS)
     for _ in range(100):
         for s in (device, world):
-            s.give(network.rng.expovariate(1e3))
+            s.shuffle(network.rng.expovariate(1e3))
             network.put(s, s.position(network.now, [0.5]))
         network.run(network.rng.randrange(1, 30) * MS)
     network.loss = 0.0
@@ -172,10 +172,10 @@ def test_positions_newest_wins_unless_stale_ones_are_wanted() -> None:
 
 def test_restart_makes_a_new_pair_and_abandons_what_was_in_flight() -> None:
     network, device, world = paired()
-    device.give(0.5e-6)
+    device.shuffle(0.5e-6)
     network.run(300 * MS)
     network.kill(world)
-    device.give(1e-6)
+    device.shuffle(1e-6)
     network.run(300 * MS)
     late = [item for item in network.path if item[1] is device]
     assert device.in_flight_nJ == 1000
@@ -191,14 +191,14 @@ def test_restart_makes_a_new_pair_and_abandons_what_was_in_flight() -> None:
     assert (reborn.credited_nJ, device.incarnations, reborn.incarnations) == (0, 2, 1)
     for _, _, data in late:
         assert reborn.receive(network.now, data) == ()
-    device.give(2e-6)
+    device.shuffle(2e-6)
     network.run(300 * MS)
     assert (reborn.credited_nJ, device.settled) == (2000, True)
 
 
 def test_frames_of_the_dead_change_nothing() -> None:
     network, device, world = paired()
-    world.give(1e-6)
+    world.shuffle(1e-6)
     network.run(300 * MS)
     old = [data for data in network.sent if decode(data).incarnation == 2] + [world.position(0, [1.0])]
     network.kill(world)
@@ -351,7 +351,7 @@ def test_a_displaced_peer_is_told_and_never_comes_back() -> None:
     network.run(900 * MS)  # the first says nothing, so it is taken for dead
     assert device.peer == rival.identity
     assert network.happened(world)[1] == PeerRefused("replaced by world-3", by_peer=True)
-    world.give(1.0)
+    world.shuffle(1.0)
     network.run(2000 * MS)
     assert device.peer == rival.identity
     assert world.peer is None
@@ -410,8 +410,8 @@ def test_version_1_is_refused_in_words_that_it_understands() -> None:
 
 def test_bye_settles_the_account_exactly() -> None:
     network, device, world = paired()
-    world.give(3e-6)
-    device.give(5e-6)
+    world.shuffle(3e-6)
+    device.shuffle(5e-6)
     network.run(8 * MS)  # delivered; the acknowledgements are still owed
     assert (device.credited_nJ, world.acked_nJ) == (3000, 0)
     device.close(network.now, "the\nend")
@@ -430,12 +430,12 @@ def test_bye_settles_the_account_exactly() -> None:
 def test_a_bye_to_somebody_else_ends_the_pair_and_acknowledges_nothing(addressee: int) -> None:
     """The sender is gone whoever it says so to; but what it credited, it credited to the one that it speaks to."""
     network, device, _ = paired()
-    device.give(3e-6)
+    device.shuffle(3e-6)
     device.poll(network.now)
     assert device.receive(network.now, encode(Bye(2, addressee, 2000, "gone"))) == (PeerLeft("gone"),)
     assert (device.peer, device.acked_nJ, device.abandoned_nJ) == (None, 0, 3000)
     network, device, _ = paired()
-    device.give(3e-6)
+    device.shuffle(3e-6)
     device.poll(network.now)
     device.receive(network.now, encode(Bye(2, 1, 2000, "gone")))
     assert (device.peer, device.acked_nJ, device.abandoned_nJ) == (None, 2000, 1000)
@@ -443,11 +443,11 @@ def test_a_bye_to_somebody_else_ends_the_pair_and_acknowledges_nothing(addressee
 
 def test_energy_given_after_the_end_is_abandoned() -> None:
     network, device, _ = paired()
-    device.give(1e-6)
+    device.shuffle(1e-6)
     network.run(300 * MS)
     device.close(network.now, "the end")
     assert device.peer is not None
-    device.give(2e-6)
+    device.shuffle(2e-6)
     assert (device.sent_nJ, device.acked_nJ, device.abandoned_nJ, device.in_flight_nJ) == (3000, 1000, 2000, 0)
     assert device.settled
 
@@ -470,13 +470,13 @@ def test_what_the_first_peer_began_with_counts_and_what_a_later_one_says_does_no
 def test_energy_without_a_peer_is_abandoned_and_counted() -> None:
     device = session("device", 1)
     for _ in range(2):
-        device.give(2.6e-9)
+        device.shuffle(2.6e-9)
     assert (device.sent_nJ, device.abandoned_nJ, device.settled) == (5, 5, True)
     world = session("world", 2)
-    device.give(0.4e-9)
+    device.shuffle(0.4e-9)
     Network(device, world).run(300 * MS)
     assert device.peer is not None
-    device.give(0.5e-9)  # the fraction came along
+    device.shuffle(0.5e-9)  # the fraction came along
     assert device.sent_nJ == 6
 
 
@@ -485,7 +485,7 @@ def test_what_the_bucket_kept_waiting_comes_from_poll() -> None:
     world = session("world", 2)
     network = Network(device, world)
     network.run(300 * MS)
-    world.give(0.003)
+    world.shuffle(0.003)
     network.run(5 * MS)
     assert device.credited_nJ == 10**6
     network.run(100 * MS)
@@ -500,7 +500,7 @@ def test_a_restart_earns_no_fresh_burst() -> None:
         network.sessions.append(world)
         network.run(400 * MS)
         assert device.peer == world.identity
-        world.give(1.0)
+        world.shuffle(1.0)
         network.run(50 * MS)
         network.kill(world)
         network.run(400 * MS)  # with the 50 before, so long that the next one is no rival
@@ -544,7 +544,7 @@ def test_a_flood_of_strangers_costs_bounded_memory_and_replies() -> None:
 
 def test_noise_never_raises_and_the_account_holds() -> None:
     network, device, world = paired()
-    device.give(1e-3)
+    device.shuffle(1e-3)
     network.run(300 * MS)
     frames = [*network.sent, world.position(0, [0.0])]
     rng = random.Random(3)

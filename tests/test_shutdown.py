@@ -17,9 +17,9 @@ from typing import Any
 
 import pytest
 
-from hapnet.mcap_file import read_recording
-from hapnet.runtime.parting import LINGER_S
-from hapnet.runtime.zenoh_config import free_address
+from hapnet.realtime.shutdown import LINGER_S
+from hapnet.recording.mcap import read_recording
+from hapnet.transport.config import free_address
 from tests.conftest import ENVIRONMENT
 from tests.processes import HAPNET, LIMIT_S, Program, child_of, read_json, size, started, until
 

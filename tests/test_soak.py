@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from hapnet.params import Params
-from hapnet.runtime.sides import Write
-from hapnet.runtime.summary import Summary
-from hapnet.runtime.virtual import Simulation
+from hapnet.side.device import Write
+from hapnet.simulation.simulation import Simulation
+from hapnet.summary.run import Summary
 from tests.processes import assert_accounts_agree, child_of, read_json, resident_kB, started
 
 WORST = {

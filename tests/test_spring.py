@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from hapnet.control.spring import Spring
 from hapnet.errors import InvalidParameter
+from hapnet.mechanics.spring import Spring
 from tests.conftest import random_spd
 
 

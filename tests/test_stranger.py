@@ -166,7 +166,7 @@ class Talk:
                 self.to_them.send(now, session.position(now, (1e-6 * now, -0.5)))
                 stranger.move(now + AHEAD, [0.25, 1e-6 * now])
             if energy and now % (7 * MS) == 0:
-                session.give(1.7e-6)
+                session.shuffle(1.7e-6)
                 stranger.sent += 1234
             for frame in session.poll(now)[0]:
                 self.to_them.send(now, frame.data)

@@ -7,10 +7,11 @@ from typing import Any
 
 import pytest
 
+from hapnet.couplings.registry import COUPLINGS
 from hapnet.params import Params
-from hapnet.record import Recording
-from hapnet.runtime.couplings import KINDS
-from hapnet.runtime.summary import (
+from hapnet.recording.samples import Recording
+from hapnet.simulation.simulation import Simulation, simulate
+from hapnet.summary.run import (
     Summary,
     combine,
     device_summary,
@@ -19,7 +20,6 @@ from hapnet.runtime.summary import (
     of_recordings,
     versions,
 )
-from hapnet.runtime.virtual import Simulation, simulate
 
 SIDE_KEYS = {"ledger", "reservoir_min_J", "sent_nJ", "credited_nJ", "discarded_nJ", "abandoned_nJ", "incarnations"}
 LINK_KEYS = {"profile", "offered", "delivered", "lost", "reordered", "delay_p50_ms", "delay_p99_ms"}
@@ -113,7 +113,7 @@ def test_margin_on_one_clock_is_bound_plus_least_two_port_energy() -> None:
 
 def test_least_margins_of_different_times_bound_nothing_where_energy_passes_through_the_link() -> None:
     sides = side(-0.5, 0.05, 0, 0), side(0.03, 0.06, 0, 0)
-    for coupling in sorted(set(KINDS) - {"pspm", "zoh"}):
+    for coupling in sorted(set(COUPLINGS) - {"pspm", "zoh"}):
         theorem = both(*sides, coupling)["theorem"]
         assert (theorem["margin_J"], theorem["bound_J"]) == (None, pytest.approx(0.11))
         assert both(*sides, coupling, total_margin_J=0.04)["theorem"]["margin_J"] == 0.04

@@ -13,16 +13,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hapnet.assembly.build import device_session, device_side, prepare, world_session, world_side
 from hapnet.checks import Vector
 from hapnet.control import tdpa
-from hapnet.control.law import Port
+from hapnet.control.coupling import Port
 from hapnet.control.tdpa import PassivityObserver, TdpaDevice, TdpaWorld
-from hapnet.endpoint import DeviceEndpoint, WorldEndpoint
 from hapnet.params import Params
-from hapnet.runtime.build import device_session, device_side, prepare, world_session, world_side
-from hapnet.runtime.sides import DeviceSide
-from hapnet.runtime.virtual import Result, Simulation
-from hapnet.runtime.world_side import WorldSide
+from hapnet.side.device import DeviceSide
+from hapnet.side.endpoint import DeviceEndpoint, WorldEndpoint
+from hapnet.side.world import WorldSide
+from hapnet.simulation.simulation import Result, Simulation
 from hapnet.study.case import measure
 from tests.processes import started
 
@@ -49,7 +49,7 @@ def world(x: Vector = (0.0,), **changes: float) -> TdpaWorld:
 
 
 def told(law: TdpaDevice | TdpaWorld, x: Vector = (0.0,)) -> Port:
-    datum = law.datum(x, x) if isinstance(law, TdpaDevice) else law.datum()
+    datum = law.next_sample(x, x) if isinstance(law, TdpaDevice) else law.next_sample()
     assert isinstance(datum, Port)
     return datum
 
@@ -132,7 +132,7 @@ def test_what_was_granted_to_one_peer_is_not_granted_to_the_next() -> None:
     observer.receive(0.0)
     observer.receive(2.0)
     observer.observe(0.5, 0.0)
-    observer.renew()
+    observer.on_peer_changed()
     assert observer.put_in == 3.0
     observer.receive(7.0)
     assert observer.debt == 0.5 - 2.0
@@ -269,7 +269,7 @@ def test_the_first_position_is_where_the_set_position_is() -> None:
         assert law.impedance(0.02)[1] == (0.0,)
         law.moved(0.02, (0.0,), (0.1,), (0.0,))
     assert law.set_position == (0.1,)
-    law.renew()
+    law.on_peer_changed()
     law.receive(Port((-0.3,), 0.0))
     law.begin()
     assert law.impedance(0.02)[1] == (0.0,)
@@ -389,7 +389,7 @@ def test_two_ports_never_give_more_than_what_their_sides_owe_whatever_happens(se
                 unpaid += max(0.0, hand.observer.debt)
                 hand, held, renewed = device(tuple(x.tolist())), np.zeros(n), (k + delay, far)
         if renewed is not None and k == renewed[0]:
-            renewed[1].renew()
+            renewed[1].on_peer_changed()
             renewed = None
         debts = [max(0.0, law.observer.debt) for law in (hand, far)]
         owed = [max(pair) for pair in zip(owed, debts, strict=True)]

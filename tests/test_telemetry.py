@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapnet.errors import BadMessage
-from hapnet.record import DeviceSample, Event, WorldSample
-from hapnet.telemetry import LONGEST, VERSION, Status, Telemetry, decode, encode
+from hapnet.recording.samples import DeviceSample, Event, WorldSample
+from hapnet.recording.telemetry import LONGEST, VERSION, Status, Telemetry, decode, encode
 
 WHOLE = st.integers(-(2**63), 2**63 - 1)
 NUMBER = st.floats(allow_nan=False)

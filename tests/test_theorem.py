@@ -14,11 +14,11 @@ import pytest
 
 from hapnet.checks import Array, spd
 from hapnet.control.ledger import Ledger
-from hapnet.endpoint import WireHalf
 from hapnet.params import Params
 from hapnet.plant.operator import Impedance, Operator, Press, Sine
-from hapnet.record import Columns
-from hapnet.runtime.virtual import Result, TwoPort, simulate
+from hapnet.recording.samples import Columns
+from hapnet.side.endpoint import WireHalf
+from hapnet.simulation.simulation import Result, TwoPort, simulate
 from hapnet.wire.events import EnergyCredited, Event
 from tests.conftest import random_spd
 from tests.theorem_cases import TOLERANCE_J, Outcome, random_case, run_case

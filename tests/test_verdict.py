@@ -9,12 +9,12 @@ from typing import Any
 import pytest
 
 from hapnet import cli
+from hapnet.assembly.build import prepare
+from hapnet.couplings.registry import COUPLINGS
 from hapnet.params import Params
-from hapnet.runtime.build import prepare
-from hapnet.runtime.couplings import KINDS
-from hapnet.runtime.summary import combine, device_summary, judged, with_wire, world_summary
-from hapnet.runtime.verdict import broken, judge
-from hapnet.runtime.virtual import Simulation, simulate
+from hapnet.simulation.simulation import Simulation, simulate
+from hapnet.summary.run import combine, device_summary, judged, with_wire, world_summary
+from hapnet.summary.verdict import broken, judge
 from hapnet.wire.messages import Energy, decode, encode
 from tests.fuzzing.storm import MS, Rig
 
@@ -187,7 +187,7 @@ CLAIMS: list[tuple[str, dict[str, object], bool]] = [
 def test_what_is_claimed_of_a_coupling_on_a_link(coupling: str, changes: dict[str, object], claimed: bool) -> None:
     params = Params().set({"coupling": coupling, **changes})
     tuning = prepare(params, "continuous").tuning
-    assert KINDS[coupling].covers(params, tuning, True) == claimed
+    assert COUPLINGS[coupling].covers(params, tuning, True) == claimed
     failed = but({"coupling": coupling, "tuning": dict(tuning), "theorem.margin_J": -0.5})
     assert broken(failed, params, virtual=True) == claimed
     if coupling == "pd":

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from hapnet.control import wave_port
-from hapnet.control.law import Wave
+from hapnet.control.coupling import Wave
 from hapnet.control.wave import MOST, DelayLine
+from hapnet.couplings.link_delays import Delays
+from hapnet.couplings.registry import COUPLINGS
 from hapnet.params import Params
-from hapnet.runtime.couplings import KINDS
-from hapnet.runtime.delays import Delays
-from hapnet.runtime.virtual import Simulation
+from hapnet.simulation.simulation import Simulation
 from tests.processes import read_json, started
 from tests.wave_ports import Counted, put_in, shake
 
@@ -208,7 +208,7 @@ def test_holding_the_last_wave_is_not_passive_where_waves_are_lost(missing: str,
 
 
 def test_the_rule() -> None:
-    tune = KINDS["wave"].tune
+    tune = COUPLINGS["wave"].tune
     delays = Delays(0.035, 0.118)
     by_rule = tune(params(), delays)
     assert by_rule["impedance_Ns_m"] == 5.0

@@ -7,7 +7,7 @@ from math import exp
 import numpy as np
 import pytest
 
-from hapnet.control.law import Wave
+from hapnet.control.coupling import Wave
 from hapnet.control.wave import DelayLine
 from hapnet.control.wave_filter import WaveFilter
 from tests.wave_ports import Counted, put_in, shake

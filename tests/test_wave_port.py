@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hapnet.control.coupling import Wave
 from hapnet.control.digital_wave import Replay
-from hapnet.control.law import Wave
 from hapnet.control.wave import DelayLine
 from hapnet.control.wave_port import Line, WaveDevice, WaveWorld
 from tests.wave_ports import TICK, put_in
@@ -40,12 +40,12 @@ class Constant:
 def test_at_constant_velocity_the_device_scatters_as_defined(v: float, wave: float, b: float) -> None:
     device = WaveDevice(b, (0.0,), Constant(wave))
     held = device.force(TICK, (0.0,), (v,), (0.0,))
-    device.datum((0.0,), (v,))
+    device.next_sample((0.0,), (v,))
     for tick in range(1, 6):
         f = -held[0]
         assert (b * v - f) / sqrt(2.0 * b) == pytest.approx(wave, abs=1e-12)
         held = device.force(TICK, (v * tick * TICK,), (v,), held)
-    u, span = device.datum((0.0,), (v,))
+    u, span = device.next_sample((0.0,), (v,))
     assert span == pytest.approx(5 * TICK)
     assert u[0] == pytest.approx((b * v + f) / sqrt(2.0 * b), abs=1e-9)
     assert (u[0] ** 2 - wave**2) / 2.0 == pytest.approx(f * v, abs=1e-8)
@@ -66,7 +66,7 @@ def test_the_world_conserves_energy_exactly(us: list[tuple[float, float, float]]
         vy = (world.set_position[0] - y) / T
         before, after = 0.5 * K * (y - x) ** 2, 0.5 * K * (y + vy * T - x - vhat * T) ** 2
         x, y = x + vhat * T, y + vy * T
-        value, span = world.datum()
+        value, span = world.next_sample()
         scale = 1.0 + abs(u) + abs(value[0])
         assert span == T
         assert (u**2 - value[0] ** 2) / 2.0 * T == pytest.approx(
@@ -112,11 +112,11 @@ def test_sign_a_hand_that_presses_on_a_wall_puts_energy_in() -> None:
         if tick > 200:
             assert held < 0.0
         if tick % 5 == 0:
-            world.receive(device.datum((x,), (v,)))
+            world.receive(device.next_sample((x,), (v,)))
         if tick % 20 == 0:
             world.impedance(0.02)
             world.moved(0.02, (0.0,), (0.0,), (0.0,))
-            device.receive(world.datum())
+            device.receive(world.next_sample())
     assert work > 1e-3
     round_trip = 0.021  # the world acts with what was sent in its step; the device a step later, and holds for a tick
     assert -held / x == pytest.approx(1.0 / (round_trip / 2.0 / 5.0 + 1.0 / 500.0), rel=0.01)
@@ -142,7 +142,7 @@ def test_what_is_sent_is_paid_for_by_what_was_really_held_and_done(limit: float)
             held = max(-limit, min(limit, device.force(dt, (x,), (v,), (held,))[0]))
             rendered = line.wave[0] ** 2 / 2.0 * dt  # a wave taken counts once the tick that renders it is over
         if tick % 5 == 0:
-            (u,), span = device.datum((x,), (v,))
+            (u,), span = device.next_sample((x,), (v,))
             came -= u**2 / 2.0 * span
             assert device.energy == pytest.approx(came, abs=1e-9)
             assert came >= -1e-12 or u == 0.0
@@ -158,13 +158,13 @@ def test_displacement_that_a_clipped_force_did_not_pay_for_is_sent_later() -> No
         x += v * TICK
         held = max(-0.1, min(0.1, device.force(TICK, (x,), (v,), (held,))[0]))
         if tick % 5 == 0:
-            world.receive(device.datum((x,), (v,)))
+            world.receive(device.next_sample((x,), (v,)))
         if tick % 20 == 0:
             drag, push = world.impedance(0.02)
             vhat = push[0] / (drag + 10.0)
             y += vhat * 0.02
             world.moved(0.02, (vhat,), (y,), (vhat,))
-            device.receive(world.datum())
+            device.receive(world.next_sample())
         behind = max(behind, abs(x - y))
     assert behind > 0.02
     assert y == pytest.approx(x, abs=1e-3)
@@ -194,11 +194,11 @@ def test_axes_are_lines_of_their_own() -> None:
             held = device.force(TICK, tuple(x.tolist()), tuple(v.tolist()), held)
             forces.append(held)
             if tick % 5 == 0:
-                world.receive(device.datum(tuple(x), tuple(v)))
+                world.receive(device.next_sample(tuple(x), tuple(v)))
             if tick % 20 == 0:
                 world.impedance(0.02)
                 world.moved(0.02, (0.0,) * n, (0.0,) * n, (0.0,) * n)
-                device.receive(world.datum())
+                device.receive(world.next_sample())
         return forces, world.set_position
 
     both, y = run(0, 1)
@@ -213,15 +213,15 @@ def test_a_wave_is_sent_once_and_another_peer_begins_with_silence() -> None:
     world.receive(Wave((1.0,), 0.02))
     world.impedance(0.02)
     world.moved(0.02, (0.0,), (0.0,), (0.0,))
-    assert world.datum().value != (0.0,)
-    assert world.datum().value == (0.0,)  # a paused world
+    assert world.next_sample().value != (0.0,)
+    assert world.next_sample().value == (0.0,)  # a paused world
     world.receive(Wave((1.0,), 0.02))
-    world.renew()
+    world.on_peer_changed()
     place = world.set_position
     world.impedance(0.02)
     assert world.set_position == place
     device = WaveDevice(5.0, (0.0,), DelayLine(1, 1.0))
     device.receive(Wave((1.0,), 0.02))
-    device.renew()
+    device.on_peer_changed()
     assert device.force(TICK, (0.0,), (0.0,), (0.0,)) == (0.0,)
-    assert device.datum((0.0,), (0.0,)).value == (0.0,)
+    assert device.next_sample((0.0,), (0.0,)).value == (0.0,)

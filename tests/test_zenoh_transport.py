@@ -10,8 +10,8 @@ from typing import cast
 import pytest
 
 from hapnet.errors import InvalidParameter, TransportError
-from hapnet.runtime.zenoh_config import Mode, ZenohSettings, free_address, zenoh_config
-from hapnet.runtime.zenoh_transport import ZenohTransport
+from hapnet.transport.config import Mode, ZenohSettings, free_address, zenoh_config
+from hapnet.transport.zenoh import ZenohTransport
 from hapnet.wire.messages import Role
 from tests.transports import WAIT_S, Side, assert_exchange, opened, paired, value
 
@@ -278,8 +278,8 @@ async def test_a_cancelled_open_leaves_nothing_behind() -> None:
 def test_the_interpreter_exits_without_close_and_quietly(end: str) -> None:
     program = f"""
         import asyncio
-        from hapnet.runtime.zenoh_config import ZenohSettings
-        from hapnet.runtime.zenoh_transport import ZenohTransport
+        from hapnet.transport.config import ZenohSettings
+        from hapnet.transport.zenoh import ZenohTransport
         async def main():
             got = asyncio.Event()
             loop = asyncio.get_running_loop()

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from hapnet.params import Params
-from hapnet.runtime.virtual import Result, Simulation
+from hapnet.simulation.simulation import Result, Simulation
 from tests.conftest import DATA, random_spd
 
 HANDWRITING = DATA / "hand" / "handwriting.csv"

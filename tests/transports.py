@@ -8,9 +8,9 @@ import json
 from collections.abc import AsyncIterator
 from pathlib import Path
 
-from hapnet.runtime.security import Security
-from hapnet.runtime.zenoh_config import ZenohSettings, zenoh_config
-from hapnet.runtime.zenoh_transport import KINDS, ZenohTransport
+from hapnet.transport.config import ZenohSettings, zenoh_config
+from hapnet.transport.security import Security
+from hapnet.transport.zenoh import KINDS, ZenohTransport
 from hapnet.wire.messages import Role
 
 WAIT_S = 10.0

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hapnet.control.law import Wave
+from hapnet.control.coupling import Wave
 from hapnet.control.wave_port import Line, WaveDevice, WaveWorld
 
 TICK = 1e-3
@@ -80,7 +80,7 @@ def put_in(
                 world.receive(wave)
             latched.clear()
             world.begin()
-            send(down, now, world.datum())
+            send(down, now, world.next_sample())
             began, ends = now, now + int(rng.integers(10, 51))
         while down and down[0][0] <= now:
             device.receive(heapq.heappop(down)[2])
@@ -93,7 +93,7 @@ def put_in(
             force = device.force(TICK, (x,), (hand[now],), (held,))[0]
             held = max(-force_limit, min(force_limit, force))
         if now % 5 == 0:
-            send(up, now, device.datum((x,), (hand[now],)))
+            send(up, now, device.next_sample((x,), (hand[now],)))
         lowest, debt = min(lowest, work), min(debt, device.energy)
     return PutIn(lowest, work, debt)
 

@@ -11,13 +11,13 @@ from hapnet.bench.cost import Call, cost
 from hapnet.bench.references import NumpyPspm, PlainPD
 from hapnet.bench.row import Limit, Options, Row, row
 from hapnet.checks import Array, Vector
-from hapnet.control.coupling import Coupling
 from hapnet.control.limits import Silence
 from hapnet.control.pspm import SetPositionModulator
 from hapnet.control.reserve import ForceGuard
-from hapnet.control.servo_law import SampledServo
+from hapnet.control.set_position_coupling import Coupling
+from hapnet.control.set_position_servo import SampledServo
 from hapnet.control.smoothing import Pipeline
-from hapnet.endpoint import DeviceEndpoint
+from hapnet.side.endpoint import DeviceEndpoint
 from hapnet.wire.session import Session
 
 _K, _B = 100.0, 0.1

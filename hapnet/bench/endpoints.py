@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hapnet.endpoint import Endpoint
+from hapnet.side.endpoint import Endpoint
 from hapnet.wire.session import Session
 
 

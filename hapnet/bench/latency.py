@@ -17,16 +17,16 @@ from typing import Literal
 
 import zenoh
 
+from hapnet.assembly.build import prepare
 from hapnet.bench.children import Child, Gate
 from hapnet.bench.row import Distribution, Limit, Options, Row, row
 from hapnet.bench.traffic import KILOHERTZ
 from hapnet.errors import HapnetError
 from hapnet.params import Params
-from hapnet.runtime.build import prepare
-from hapnet.runtime.notices import Notice
-from hapnet.runtime.realtime import RealtimeSide
-from hapnet.runtime.servo import set_timer_slack, tuned_interpreter
-from hapnet.runtime.zenoh_config import ZenohSettings, free_address, zenoh_config
+from hapnet.realtime.runner import RealtimeSide
+from hapnet.realtime.servo import set_timer_slack, tuned_interpreter
+from hapnet.side.notices import Notice
+from hapnet.transport.config import ZenohSettings, free_address, zenoh_config
 from hapnet.wire.messages import Position, decode, encode
 
 Stamps = list[tuple[int, bytes]]

@@ -40,7 +40,7 @@ def credit_times(profile: LinkProfile, count: int, seed: int) -> list[int]:
         due = [due for sender, link, _ in ways for due in (sender.next_due_ns, link.next_due_ns) if due is not None]
         now_ns = max(now_ns, min(due if waiting else [*due, next_ns]))
         if not waiting and now_ns >= next_ns:
-            here.give(_LUMP_J)
+            here.shuffle(_LUMP_J)
             given_ns, waiting = now_ns, True
         for sender, link, receiver in ways:
             for message in sender.poll(now_ns)[0]:

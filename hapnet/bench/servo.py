@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from hapnet.bench.children import Child, Gate, together
 from hapnet.bench.row import Distribution, Options, Row, row
-from hapnet.runtime.servo import DeadlineGrid, Histogram, Servo, request_realtime, set_timer_slack, tuned_interpreter
+from hapnet.realtime.servo import DeadlineGrid, Histogram, Servo, request_realtime, set_timer_slack, tuned_interpreter
 
 PERIOD_NS = 1_000_000
 BARE = "time.sleep to absolute deadlines in a process of its own"

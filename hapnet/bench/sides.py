@@ -19,7 +19,7 @@ from hapnet.bench.children import READY_S, uninterrupted
 from hapnet.bench.servo import Lateness
 from hapnet.errors import HapnetError
 from hapnet.params import Params
-from hapnet.runtime.zenoh_config import free_address
+from hapnet.transport.config import free_address
 
 
 def start_pair(

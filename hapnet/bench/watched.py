@@ -16,7 +16,7 @@ from hapnet.bench.row import Limit, Options, Row, row
 from hapnet.bench.servo import Lateness, late_share
 from hapnet.bench.sides import lateness, start_pair
 from hapnet.params import Params
-from hapnet.runtime.zenoh_config import ZenohSettings, free_address
+from hapnet.transport.config import ZenohSettings, free_address
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 HEADLESS = ("--headless", "--no-sandbox", "--disable-gpu", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")

@@ -6,15 +6,15 @@ from itertools import cycle
 
 import numpy as np
 
+from hapnet.assembly.build import device_session, prepare, world_session, world_side
 from hapnet.bench.cost import Call, cost
 from hapnet.bench.endpoints import pair
 from hapnet.bench.references import NumpyMidpoint, PenaltyWorld
 from hapnet.bench.row import Limit, Options, Row, row
-from hapnet.endpoint import DeviceEndpoint, WorldEndpoint
 from hapnet.params import Params
 from hapnet.plant.integrator import PassiveIntegrator
-from hapnet.runtime.build import device_session, prepare, world_session, world_side
-from hapnet.runtime.world_side import WorldSide
+from hapnet.side.endpoint import DeviceEndpoint, WorldEndpoint
+from hapnet.side.world import WorldSide
 
 _TARGET = (0.016, 0.004, -0.003)  # m, behind the wall, and within reach of the reservoir
 _WALL_M = 0.010

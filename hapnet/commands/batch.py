@@ -16,7 +16,7 @@ from hapnet.params import Params
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from hapnet.runtime.batch.scenario import BatchRun
+    from hapnet.simulation.batch.scenario import BatchRun
 
 LONG_S = 1000.0
 """Seconds to simulate in all from which starting processes pays."""
@@ -38,9 +38,9 @@ def seed_range(words: str) -> range:
 
 def main(params: Params, seeds: range, json_to: str | None, workers: int) -> int:
     """Simulate every seed in so many `workers` (0: what pays); print a table, write one object a scenario."""
-    from hapnet.runtime.batch.processes import usable_cores
-    from hapnet.runtime.batch.run import simulate_batch
-    from hapnet.runtime.build import prepare
+    from hapnet.assembly.build import prepare
+    from hapnet.simulation.batch.processes import usable_cores
+    from hapnet.simulation.batch.run import simulate_batch
 
     if params.duration_s <= 0.0:
         raise InvalidParameter("duration_s", params.duration_s, "above 0 in virtual time")

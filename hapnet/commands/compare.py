@@ -108,7 +108,7 @@ class CompareOptions:
 
 def main(params: Params, given: CompareOptions, json_to: str | None, out: Path | None) -> int:
     """Compare, and show it; 0 even if cases failed, as long as one did not: the tables say it. 4 if a claim failed."""
-    from hapnet.runtime.batch.processes import usable_cores
+    from hapnet.simulation.batch.processes import usable_cores
     from hapnet.study import compare, tables, tunings
     from hapnet.study.case import kept
 
@@ -187,7 +187,7 @@ def plan_of(params: Params, given: CompareOptions) -> Plan:
     InvalidParameter, netem.NetemError : in one line, what is wrong and what is allowed.
     """
     from hapnet.commands.batch import seed_range
-    from hapnet.runtime.virtual import Simulation
+    from hapnet.simulation.simulation import Simulation
     from hapnet.study.compare import Plan, Variant
 
     if params.duration_s <= 0.0:
@@ -256,7 +256,7 @@ def deadbands(text: str) -> list[float]:
 
 def drawn_case(plan: Plan, text: str | None) -> Case:
     """The case of the first variant that ``LINK[,OPERATOR[,SEED]]`` names."""
-    from hapnet.runtime.build import link_profile
+    from hapnet.assembly.build import link_profile
 
     def delay_ns(link: str) -> int:
         return sum(link_profile("--link", words).delay_ns for words in plan.links[link])

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from hapnet.errors import HapnetError
-from hapnet.runtime.realtime import RealtimeSide
+from hapnet.realtime.runner import RealtimeSide
 from netem.errors import NetemError
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from hapnet.commands import output
 from hapnet.commands.progress import Progress
-from hapnet.doctor import MISSING, OK, SKIPPED, WARNING, examine
-from hapnet.runtime.security import Security
+from hapnet.doctor.machine import MISSING, OK, SKIPPED, WARNING, examine
+from hapnet.transport.security import Security
 
 _STYLE = {OK: "green", WARNING: "yellow", MISSING: "bold red", SKIPPED: "dim"}
 

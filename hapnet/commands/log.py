@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from hapnet.commands.output import write_line
 from hapnet.commands.repeats import Repeats
 from hapnet.errors import HapnetError, InvalidParameter, OutputError
-from hapnet.runtime.notices import Level, Notice
+from hapnet.side.notices import Level, Notice
 
 if TYPE_CHECKING:
     from rich.console import Console

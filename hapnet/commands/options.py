@@ -15,7 +15,7 @@ from hapnet.params import LinkParams, Params
 from netem.profile import PRESETS, LinkProfile, compose
 
 if TYPE_CHECKING:
-    from hapnet.runtime.security import Security
+    from hapnet.transport.security import Security
 
 NO_LINK = LinkParams("", "")
 """What two hosts on a real network start from: nothing is emulated unless asked for."""
@@ -169,7 +169,7 @@ class ZenohOptions:
     @property
     def security(self) -> Security:
         """The security flags, and the password in the environment for who wants none in a file."""
-        from hapnet.runtime.security import PASSWORD_VARIABLE, Security
+        from hapnet.transport.security import PASSWORD_VARIABLE, Security
 
         password = os.environ.get(PASSWORD_VARIABLE)
         return Security(

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from hapnet.params import Params
-    from hapnet.record import Recording
+    from hapnet.recording.samples import Recording
 
 
 INCOMPLETE = 3
@@ -81,7 +81,7 @@ class Written:
 
     def judge(self, summary: Mapping[str, Any], params: Params | None, *, virtual: bool) -> None:
         """See whether the coupling of a run kept what it claims; the arguments are those of `verdict.broken`."""
-        from hapnet.runtime import verdict
+        from hapnet.summary import verdict
 
         if verdict.broken(summary, params, virtual=virtual):
             why = verdict.judge(summary)["reason"]
@@ -130,7 +130,7 @@ def write_json(value: dict[str, Any] | list[dict[str, Any]], json_to: str | None
     """`--json`: to a file, to standard output for "-", nowhere for None. Raises OutputError if it cannot be written."""
     if json_to is None:
         return
-    from hapnet.record import plain  # what diverged is no number that JSON has
+    from hapnet.recording.samples import plain  # what diverged is no number that JSON has
 
     text = json.dumps(plain(value), indent=2, allow_nan=False)
     try:

@@ -17,7 +17,7 @@ from hapnet.commands import output
 from hapnet.commands.side import CONSOLE, PARENT
 from hapnet.errors import HapnetError
 from hapnet.params import Params
-from hapnet.runtime.zenoh_config import free_address
+from hapnet.transport.config import free_address
 
 STOP_LIMIT_S = 30.0
 """How long the processes may take to end after they were asked to [s]; after that they are killed."""

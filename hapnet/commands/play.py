@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hapnet.assembly.build import LIVE, link_profile, prepare
 from hapnet.checks import Vector
 from hapnet.commands import output
 from hapnet.commands.options import PageOptions
@@ -19,8 +20,7 @@ from hapnet.commands.side import catch, exit_code
 from hapnet.commands.view import show
 from hapnet.errors import InvalidParameter
 from hapnet.params import RELAXED_HAND, OperatorParams, Params
-from hapnet.runtime.build import LIVE, link_profile, prepare
-from hapnet.runtime.zenoh_config import ZenohSettings, free_address
+from hapnet.transport.config import ZenohSettings, free_address
 from hapnet.view.controls import Way, require_no_file
 from hapnet.view.history import History
 from hapnet.view.server import serve

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from hapnet.params import Params
-    from hapnet.record import Recording
+    from hapnet.recording.samples import Recording
 
 
 def main(
@@ -32,9 +32,9 @@ def main(
     from dataclasses import replace as changed
 
     from hapnet import report
-    from hapnet.mcap_file import save
-    from hapnet.runtime.replay import compare, read_original
-    from hapnet.runtime.virtual import Simulation
+    from hapnet.recording.mcap import save
+    from hapnet.simulation.replay import compare, read_original
+    from hapnet.simulation.simulation import Simulation
 
     original = read_original(files)
     params = chosen(original.params)
@@ -121,7 +121,7 @@ def figure(original: Recording, again: Recording) -> Figure:
     import numpy as np
     from matplotlib.figure import Figure
 
-    from hapnet.runtime.recorded_hand import hand_times
+    from hapnet.recording.hand import hand_times
 
     assert original.device is not None
     assert again.device is not None

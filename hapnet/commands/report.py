@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 from hapnet.commands import output
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
-from hapnet.mcap_file import read_recording, repair
 from hapnet.metrics import motion
 from hapnet.param_values import flatten
 from hapnet.params import Params
-from hapnet.record import Event, Recording, join
-from hapnet.runtime.summary import of_recordings
+from hapnet.recording.mcap import read_recording, repair
+from hapnet.recording.samples import Event, Recording, join
+from hapnet.summary.run import of_recordings
 
 if TYPE_CHECKING:
     from hapnet.report import Source

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from hapnet.record import Recording
+    from hapnet.recording.samples import Recording
 
 FIGURES = ("fig4", "fig5", "fig6")
 SECTION_4 = {"scene": "wall", "operator": "press", "link.up": "", "link.down": "", "record_hz": 1000.0}
@@ -32,8 +32,8 @@ SMOOTHING_S = 0.015
 def main(figure: str, params: Params, seed: int, json_to: str | None, out: Path | None) -> int:
     """Simulate Section 4, draw the figure, print the summary."""
     from hapnet import report
-    from hapnet.mcap_file import save
-    from hapnet.runtime.virtual import Simulation
+    from hapnet.recording.mcap import save
+    from hapnet.simulation.simulation import Simulation
 
     if figure not in FIGURES:
         raise InvalidParameter("figure", figure, "one of " + ", ".join(FIGURES))

@@ -11,21 +11,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hapnet.assembly.build import Setup, device_session, device_side, prepare, world_session, world_side
+from hapnet.assembly.user_device import load_class
 from hapnet.commands import output
 from hapnet.commands.pair import Pair
 from hapnet.commands.progress import Progress
 from hapnet.commands.repeats import Repeats
 from hapnet.commands.report import source_of, write
 from hapnet.commands.side import catch, exit_code
-from hapnet.endpoint import DeviceEndpoint, WorldEndpoint
 from hapnet.errors import HapnetError, RecordingError
-from hapnet.mcap_file import read_recording
 from hapnet.metrics import motion
 from hapnet.params import Params
-from hapnet.record import Recording, join
-from hapnet.runtime.build import Setup, device_session, device_side, prepare, world_session, world_side
-from hapnet.runtime.own_device import load_class
-from hapnet.runtime.summary import merge
+from hapnet.recording.mcap import read_recording
+from hapnet.recording.samples import Recording, join
+from hapnet.side.endpoint import DeviceEndpoint, WorldEndpoint
+from hapnet.summary.run import merge
 
 if TYPE_CHECKING:
     from hapnet.report import Source

@@ -12,18 +12,18 @@ from pathlib import Path
 from typing import Any, cast, get_args
 
 from hapnet import checks
+from hapnet.assembly.build import LIVE, prepare
 from hapnet.commands import output
 from hapnet.commands.console import obey
 from hapnet.commands.log import Log, check_target
 from hapnet.commands.options import ZenohOptions
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
-from hapnet.runtime.build import LIVE, prepare
-from hapnet.runtime.notices import Notice
-from hapnet.runtime.realtime import RealtimeSide
-from hapnet.runtime.verdict import stopped
-from hapnet.runtime.zenoh_config import Mode, ZenohSettings, zenoh_warnings
-from hapnet.runtime.zenoh_log import Refusals, heeded
+from hapnet.realtime.runner import RealtimeSide
+from hapnet.side.notices import Notice
+from hapnet.summary.verdict import stopped
+from hapnet.transport.config import Mode, ZenohSettings, zenoh_warnings
+from hapnet.transport.refusals import Refusals, heeded
 from hapnet.wire.messages import Role
 
 PARENT = "HAPNET_PARENT"

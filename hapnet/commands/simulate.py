@@ -12,8 +12,8 @@ from hapnet.params import Params
 
 def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, files: bool) -> int:
     """Simulate, write recording, figure and summary, print the summary."""
-    from hapnet.mcap_file import save
-    from hapnet.runtime.virtual import Simulation
+    from hapnet.recording.mcap import save
+    from hapnet.simulation.simulation import Simulation
 
     if params.duration_s <= 0.0:
         raise InvalidParameter("duration_s", params.duration_s, "above 0 in virtual time")

@@ -13,7 +13,7 @@ from hapnet.commands import output
 from hapnet.commands.progress import Progress
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
-from hapnet.runtime.batch.processes import usable_cores
+from hapnet.simulation.batch.processes import usable_cores
 from hapnet.study import export
 from hapnet.study.backend import Backend
 from hapnet.study.case import check

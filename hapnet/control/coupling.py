@@ -1,164 +1,207 @@
-"""The way of a set-position on one side: reception, stages, silence, step limit, modulator, ledger.
+"""Couplings other than set-position modulation, behind one small interface: what a law does at each end.
 
-The device's servo (servo_law.py) and the virtual world's steps both drive one `Coupling`; only the energy that they
-harvest differs.
+At the device a law says which force to hold, tick by tick. At the world a step of the virtual mass M is
+
+    (2M/T + g) vhat = 2M/T v + p + f                    g: drag [Ns/m], p: push [N], f: of the environment [N]
+
+and a law says g and p of each step: so its reaction to the mass may be implicit, and a step may take any time T. What
+either end tells the other is a datum of the law's own kind, which travels in a message of its own.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
-from typing import Protocol
+from operator import mul, sub
+from typing import NamedTuple, Protocol
 
 from hapnet.checks import Vector
 from hapnet.control.ledger import Ledger
-from hapnet.control.limits import Silence, step_towards
-from hapnet.control.pspm import Modulation
-from hapnet.control.smoothing import Pipeline
-from hapnet.control.spring import Spring
+from hapnet.control.set_position_servo import TICK_SLACK_S
 
 
-class Modulator(Protocol):
-    """What turns a received set-position into the one the spring is tied to."""
+class Motion(NamedTuple):
+    """A position [m] and its velocity [m/s]."""
 
-    @property
-    def set_position(self) -> Vector: ...
-    @property
-    def spring(self) -> Spring: ...
-    @property
-    def energy(self) -> float: ...
-    @property
-    def deficit(self) -> float: ...
-    @property
-    def account(self) -> float: ...
-
-    def modulate(self, y: Vector, x: Vector, dissipated: float, received: float, keep: float = 0.0) -> Modulation: ...
-    def share(self, most: float = ...) -> float: ...
+    position: Vector
+    velocity: Vector
 
 
-class Coupling:
-    """One side's coupling between its position x and what the other side sends.
+class Port(NamedTuple):
+    """What one port shows, a position [m] or a force [N], and all the energy that ever went in there [J]."""
 
-    Parameters
-    ----------
-    modulator : `SetPositionModulator` or `ZeroOrderHold`, at rest at the side's position.
-    stages : filters and predictors before the modulator.
-    silence : what to do when nothing arrives.
-    longest_step : limit of the set-position's step an update [m]; infinite: none.
-    kinetic : kinetic energy at the start [J].
-    """
+    value: Vector
+    energy: float
 
-    def __init__(
-        self,
-        modulator: Modulator,
-        *,
-        stages: Pipeline,
-        silence: Silence,
-        longest_step: float = math.inf,
-        kinetic: float = 0.0,
-    ) -> None:
-        self.modulator = modulator
-        self.spring = modulator.spring
-        self.stages = stages
-        self.silence = silence
-        self.longest_step = longest_step
-        self.ledger = Ledger(kinetic, modulator.account)
-        self.target: Vector = modulator.set_position
-        """y(k) as asked of the modulator [m]: after the stages and silence, before the step limit."""
-        self.has_datum = False
-        """Has something arrived that no update has used yet?"""
-        self.account = modulator.account
-        """The reservoir's content as the ledger counts it [J]: energy less deficit."""
-        self.energy_min = modulator.energy
-        self.deficit_max = 0.0
-        self.discarded = 0.0
-        self.spare: Callable[[], float] = lambda: math.inf
-        """What the reservoir can do without now [J]; a servo that holds a torque says how much."""
-        self._received: Vector = modulator.set_position
-        self._sent_s: float | None = None
-        self._credit = 0.0
-        stages.reset(modulator.set_position)
+
+class Wave(NamedTuple):
+    """A wave variable [sqrt(W)], the mean over a time [s]."""
+
+    value: Vector
+    span: float
+
+
+CouplingSample = Vector | Motion | Port | Wave
+"""What one side tells the other: a bare vector is a position [m]."""
+
+
+class Law(Protocol):
+    """What both ends have. A law starts at rest at the position that it is made with."""
 
     @property
     def set_position(self) -> Vector:
-        """ybar [m]."""
-        return self.modulator.set_position
+        """Where its spring is tied [m]; where it has none, where the other side is taken to be.
 
-    @property
-    def reservoir(self) -> float:
-        """E [J]."""
-        return self.modulator.energy
-
-    @property
-    def deficit(self) -> float:
-        """What a measured, negative D left unpaid [J]."""
-        return self.modulator.deficit
-
-    def receive(self, y: Vector, sent_s: float) -> None:
-        """A set-position arrived [m]; `sent_s` is the sender's time [s]."""
-        self._received = y
-        self._sent_s = sent_s
-        self.has_datum = True
-
-    def credit(self, energy: float) -> None:
-        """Shuffled energy arrived [J]; the next update uses it, once."""
-        self._credit += energy
-        self.has_datum = True
-
-    def renew(self) -> float:
-        """Another peer takes the first one's place: half of the reservoir is for it, which begins with none [J].
-
-        It could not move else. The stages begin anew: its clock and its place have nothing to do with the first one's.
+        Its distance is to the position what the force is to the coupling's stiffness: a deadband takes it for that.
         """
-        self.stages.reset(self.target)
-        energy = self.modulator.share(self.spare())
-        self.ledger.send(energy)
-        self.account = self.modulator.account
-        return energy
+
+    def receive(self, datum: CouplingSample) -> None:
+        """One datum came from the other side; it is never called twice for one, nor for those of an earlier peer."""
+
+    def on_peer_changed(self) -> None:
+        """Another peer, whose counts begin anew, takes the first one's place."""
+
+
+class DeviceLaw(Law, Protocol):
+    """The device's end."""
+
+    def force(self, dt: float, x: Vector, v: Vector, held: Vector) -> Vector:
+        """The force on the device [N] to hold from now on.
+
+        Parameters
+        ----------
+        dt : since the last tick [s]. x, v : measured position [m] and velocity [m/s].
+        held : the force that was really held since the last tick [N].
+        """
+
+    def next_sample(self, x: Vector, v: Vector) -> CouplingSample:
+        """What to tell the world now; called every few ticks, after `force`."""
+
+    def release(self, dt: float, x: Vector, held: Vector) -> None:
+        """In place of `force`: the servo was away, no force is rendered until it is on time again."""
+
+
+class WorldLaw(Law, Protocol):
+    """The world's end."""
+
+    def begin(self) -> None:
+        """A step begins now: it acts with what has arrived by now."""
+
+    def impedance(self, dt: float) -> tuple[float, Vector]:
+        """Drag g [Ns/m] and push p [N] of the step that has taken `dt` seconds."""
+
+    def moved(self, dt: float, vhat: Vector, x: Vector, v: Vector) -> None:
+        """The mass has made that step with the mean velocity vhat; it is at x [m] with v [m/s]."""
+
+    def next_sample(self) -> CouplingSample:
+        """What to tell the device now, after each step."""
+
+
+class CouplingAccount:
+    """A law's account, and what a recording shows of it: to the rest of a side what `Coupling` is with PSPM.
+
+    Parameters
+    ----------
+    law : this end's. bound : this side's share of d^2 [J], the same as PSPM's reservoir starts with.
+    """
+
+    def __init__(self, law: Law, bound: float) -> None:
+        self.law = law
+        self.ledger = Ledger(0.0, bound)
+        self.account = self.reservoir = self.energy_min = bound
+        self.deficit = self.deficit_max = self.discarded = 0.0
+
+    @property
+    def set_position(self) -> Vector:
+        return self.law.set_position
+
+    @property
+    def target(self) -> Vector:
+        return self.law.set_position
 
     def potential(self, x: Vector) -> float:
-        """phi [J] with the present ybar."""
-        return self.spring.between(self.modulator.set_position, x)
+        """Nothing: a law's springs are its own affair [J]."""
+        return 0.0
 
-    def update(self, dt: float, x: Vector, dissipated: float, keep: float = 0.0) -> Modulation:
-        """One PSPM instant, `dt` seconds after the last, at position x [m] with D = `dissipated` [J].
+    def credit(self, energy: float) -> None:
+        """Shuffled energy has no use here; nobody sends any [J]."""
 
-        `keep` is what spring and reservoir must hold afterwards, as far as they can [J]. The energy to send is in the
-        result; the ledger already counts it as sent.
-        """
-        sent_s = self._sent_s
-        self._sent_s = None
-        y = self.stages.step(dt, self._received, sent_s)
-        if self.silence.step(dt, fresh=sent_s is not None):
-            y = x
-        self.target = y
-        if self.longest_step != math.inf:
-            y = step_towards(self.modulator.set_position, y, self.longest_step)
-        return self._modulate(y, x, dissipated, keep)
+    def on_peer_changed(self) -> float:
+        """Another peer; what it gets of a reservoir: nothing [J]."""
+        self.law.on_peer_changed()
+        return 0.0
 
-    def release(self, x: Vector, dissipated: float) -> Modulation:
-        """One PSPM instant that lets the spring go at once: ybar = x, and y stays there until something arrives.
+    def receive(self, datum: CouplingSample, sent_s: float) -> None:
+        """A datum arrived."""
+        self.law.receive(datum)
 
-        It is passive as any other y is; what the spring had stored goes to the reservoir.
-        """
-        self._received = self.target = x
-        self._sent_s = None
-        self.stages.reset(x)
-        return self._modulate(x, x, dissipated)
 
-    def _modulate(self, y: Vector, x: Vector, dissipated: float, keep: float = 0.0) -> Modulation:
-        credit = self._credit
-        self._credit = 0.0
-        self.has_datum = False
-        modulator = self.modulator
-        result = modulator.modulate(y, x, dissipated, credit, keep)
-        self.ledger.credit(credit)
-        if result.sent:
-            self.ledger.send(result.sent)
-        self.account = modulator.account
-        if result.energy < self.energy_min:
-            self.energy_min = result.energy
-        if result.deficit > self.deficit_max:
-            self.deficit_max = result.deficit
-        self.discarded += result.discarded
-        return result
+class WorldCouplingAccount(CouplingAccount):
+    """The world's."""
+
+    def __init__(self, law: WorldLaw, bound: float) -> None:
+        super().__init__(law, bound)
+        self.law: WorldLaw = law
+
+    def update(self, dt: float, x: Vector, dissipated: float) -> CouplingSample:
+        """The onset of a step: what arrived by now acts in it; what to tell the device."""
+        self.law.begin()
+        return self.law.next_sample()
+
+
+class LawServo:
+    """A law's servo: to the device's side what `SampledServo` is with PSPM. Its account is at the actuator's port.
+
+    Parameters
+    ----------
+    law : the device's end.
+    period : a datum is sent this often [s].
+    position : the first measured position [m].
+    bound : this side's share of d^2 [J].
+    force_limit : longest force the actuator may be asked for [N]; the law is told what was really held.
+    """
+
+    harvest = "measured"
+    quantisation: float | None = None
+    """Unknown: how far encoders blur a law's account."""
+
+    def __init__(self, law: DeviceLaw, *, period: float, position: Vector, bound: float, force_limit: float) -> None:
+        self.law = law
+        self.coupling = CouplingAccount(law, bound)
+        self.trusted_damping = self.force = (0.0,) * len(position)
+        self._due = period - TICK_SLACK_S
+        self._elapsed = 0.0
+        self._position = position
+        self._force_limit = force_limit
+
+    @property
+    def account(self) -> float:
+        """The reservoir's content, which never changes [J]."""
+        return self.coupling.account
+
+    def tick(self, dt: float, x: Vector, v: Vector, *, release: bool = False) -> CouplingSample | None:
+        """A tick `dt` seconds after the last at x [m] and v [m/s]; sets `force`; the datum to send, if one is due."""
+        ledger, held = self.coupling.ledger, self.force
+        ledger.put_in(-sum(map(mul, held, map(sub, x, self._position))))
+        self._position = x
+        ledger.observe(0.0, self.account)
+        if release:
+            self.law.release(dt, x, held)
+            self.stop()
+        elif dt > 0.0:  # a law may ask for power
+            self.force = _limited(self.law.force(dt, x, v, held), self._force_limit)
+        self._elapsed += dt
+        if self._elapsed < self._due:
+            return None
+        self._elapsed = 0.0
+        return self.law.next_sample(x, v)
+
+    def stop(self) -> None:
+        """No force from now until the next tick."""
+        self.force = (0.0,) * len(self.force)
+
+
+def _limited(force: Vector, longest: float) -> Vector:
+    square = sum(map(mul, force, force))
+    if square <= longest * longest:
+        return force
+    share: float = longest / square**0.5
+    return tuple([share * component for component in force])

@@ -26,8 +26,8 @@ from math import dist, hypot
 from typing import Literal
 
 from hapnet.checks import Vector
-from hapnet.control.law import Datum, Motion, Port, Wave
-from hapnet.control.servo_law import TICK_SLACK_S
+from hapnet.control.coupling import CouplingSample, Motion, Port, Wave
+from hapnet.control.set_position_servo import TICK_SLACK_S
 from hapnet.errors import InvalidParameter
 
 LONGEST_S = 0.1
@@ -74,16 +74,16 @@ class Deadband:
         self._fraction = fraction
         self._longest_s = longest_s - TICK_SLACK_S
         self._port = port
-        self.renew()
+        self.on_peer_changed()
 
-    def renew(self) -> None:
+    def on_peer_changed(self) -> None:
         """Another peer, which knows nothing yet: the next datum is sent."""
         self._sent_s: float | None = None
         self._value: Vector = ()
         self._velocity: Vector = ()
         self._waiting: Wave | None = None
 
-    def offer(self, now_s: float, datum: Datum, opposite: Vector) -> Datum | None:
+    def offer(self, now_s: float, datum: CouplingSample, opposite: Vector) -> CouplingSample | None:
         """What to send in place of `datum` at the time `now_s` [s], if anything.
 
         opposite : ybar, where this side's spring is tied, or else where the other side is taken to be [m].
@@ -101,7 +101,7 @@ class Deadband:
             self._velocity = datum.velocity
         return datum
 
-    def _noticed(self, datum: Datum, opposite: Vector) -> bool:
+    def _noticed(self, datum: CouplingSample, opposite: Vector) -> bool:
         match datum:
             case Motion(position, velocity):
                 return self._moved(position, opposite) or self._changed(velocity, self._velocity, LEAST_MPS)

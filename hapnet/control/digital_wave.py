@@ -9,7 +9,7 @@ from __future__ import annotations
 from math import sqrt
 
 from hapnet.checks import Vector
-from hapnet.control.law import Wave
+from hapnet.control.coupling import Wave
 
 LOUDEST = 2.0
 """1/n is at most this: a burst is energy as well, but a hand should not get it at once."""

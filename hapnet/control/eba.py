@@ -27,11 +27,11 @@ from __future__ import annotations
 from math import sqrt
 
 from hapnet.checks import Vector
-from hapnet.control.held_coupling import HeldCoupling
-from hapnet.control.spring import Spring
+from hapnet.control.virtual_coupling import VirtualCoupling
+from hapnet.mechanics.spring import Spring
 
 
-class EnergyBounding(HeldCoupling):
+class EnergyBounding(VirtualCoupling):
     """A held virtual coupling whose force is bounded, axis by axis.
 
     Parameters

@@ -26,7 +26,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from hapnet.checks import Vector
-from hapnet.control.law import Datum, Motion
+from hapnet.control.coupling import CouplingSample, Motion
 
 
 class Gains(NamedTuple):
@@ -72,12 +72,12 @@ class _End:
         """x_peer [m]."""
         return self._peer.position
 
-    def receive(self, datum: Datum) -> None:
+    def receive(self, datum: CouplingSample) -> None:
         """The other side's motion came."""
         assert isinstance(datum, Motion), "a motion is what either side sends here"
         self._peer = datum
 
-    def renew(self) -> None:
+    def on_peer_changed(self) -> None:
         """Another peer: until it tells, it rests where the first one was."""
         self._peer = Motion(self._peer.position, self._rest)
 
@@ -99,7 +99,7 @@ class DevicePD(_End):
         """The spring is tied to x until something arrives."""
         self._peer = Motion(x, self._rest)
 
-    def datum(self, x: Vector, v: Vector) -> Datum:
+    def next_sample(self, x: Vector, v: Vector) -> CouplingSample:
         """The motion."""
         return Motion(x, v)
 
@@ -127,6 +127,6 @@ class WorldPD(_End):
         """The step's end, and its mean velocity: that is what the other side is told, v may alternate about it."""
         self._own = Motion(x, vhat)
 
-    def datum(self) -> Datum:
+    def next_sample(self) -> CouplingSample:
         """The motion."""
         return self._own

@@ -24,8 +24,8 @@ from __future__ import annotations
 from operator import mul, sub
 
 from hapnet.checks import Vector
-from hapnet.control.held_coupling import HeldCoupling
-from hapnet.control.spring import Spring
+from hapnet.control.virtual_coupling import VirtualCoupling
+from hapnet.mechanics.spring import Spring
 
 
 def damping_cap(mass: float, period: float, rendered: float) -> float:
@@ -38,7 +38,7 @@ def damping_cap(mass: float, period: float, rendered: float) -> float:
     return min(rendered, mass / period)
 
 
-class PassivityController(HeldCoupling):
+class PassivityController(VirtualCoupling):
     """A held virtual coupling with the observer and the controller, one of each an axis.
 
     Parameters

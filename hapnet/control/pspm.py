@@ -27,8 +27,8 @@ from numpy.typing import ArrayLike
 from hapnet import checks
 from hapnet.checks import Array, Vector
 from hapnet.control.harvest import dissipated_by_range
-from hapnet.control.spring import shared_spring
 from hapnet.errors import InvalidParameter
+from hapnet.mechanics.spring import shared_spring
 
 _ROUNDING = 2.0**-50
 """Of the terms that D and phi are differences of: less than that is no deficit."""
@@ -120,7 +120,7 @@ class SetPositionModulator:
         """What the ledger counts as this reservoir's content [J]: energy less deficit."""
         return self.energy - self.deficit
 
-    def share(self, most: float = math.inf) -> float:
+    def split_reservoir(self, most: float = math.inf) -> float:
         """Give away half of the reservoir, but no more than `most` [J]; what was taken out of it [J]."""
         given = max(0.0, min(self.energy / 2.0, most))
         self.energy -= given

@@ -35,7 +35,7 @@ from math import hypot, sqrt
 from operator import add, mul, neg, sub
 
 from hapnet.checks import Vector
-from hapnet.control.law import Datum, Port
+from hapnet.control.coupling import CouplingSample, Port
 
 _RATE_S = 0.03
 """Time constant of the world's estimate of the device's velocity [s]: a typical step of the world."""
@@ -78,7 +78,7 @@ class PassivityObserver:
             self.debt -= energy - self._newest
             self._newest = energy
 
-    def renew(self) -> None:
+    def on_peer_changed(self) -> None:
         """Another peer, with a count of its own."""
         self._newest = None
 
@@ -109,13 +109,13 @@ class TdpaDevice:
         """Where a spring K to the device would make the world's reaction, x - f/K [m]: it tells no position itself."""
         return tuple([x + self._compliance * f for x, f in zip(self._x, self._force, strict=True)])
 
-    def receive(self, datum: Datum) -> None:
+    def receive(self, datum: CouplingSample) -> None:
         assert isinstance(datum, Port)
         self._force = tuple(map(neg, datum.value))
         self.observer.receive(datum.energy)
 
-    def renew(self) -> None:
-        self.observer.renew()
+    def on_peer_changed(self) -> None:
+        self.observer.on_peer_changed()
         self._force = self._none
 
     def force(self, dt: float, x: Vector, v: Vector, held: Vector) -> Vector:
@@ -133,7 +133,7 @@ class TdpaDevice:
         self._damper = tuple([-alpha * u for u in v])
         return tuple([share * f - alpha * u for f, u in zip(self._force, v, strict=True)])
 
-    def datum(self, x: Vector, v: Vector) -> Datum:
+    def next_sample(self, x: Vector, v: Vector) -> CouplingSample:
         return Port(x, self.observer.put_in)
 
     def release(self, dt: float, x: Vector, held: Vector) -> None:
@@ -202,13 +202,13 @@ class TdpaWorld:
         """How far y has stayed behind what was commanded [m]."""
         return self._drift
 
-    def receive(self, datum: Datum) -> None:
+    def receive(self, datum: CouplingSample) -> None:
         assert isinstance(datum, Port)
         self._arrived = datum.value
         self.observer.receive(datum.energy)
 
-    def renew(self) -> None:
-        self.observer.renew()
+    def on_peer_changed(self) -> None:
+        self.observer.on_peer_changed()
         self._arrived, self._following = None, False
         self._goal, self._rate = self._used, self._none
 
@@ -250,7 +250,7 @@ class TdpaWorld:
         half = 0.5 * self._K  # with the spring's force at the end of the step, not its mean: half a step less delay
         self._end_force = tuple([f + half * (w - u * dt) for f, w, u in zip(force, moved, vhat, strict=True)])
 
-    def datum(self) -> Datum:
+    def next_sample(self) -> CouplingSample:
         return Port(self._end_force, self.observer.put_in)
 
     def _command(self, dt: float) -> None:

@@ -11,7 +11,7 @@ from collections import deque
 from math import sqrt
 
 from hapnet.checks import Vector
-from hapnet.control.law import Wave
+from hapnet.control.coupling import Wave
 
 WINDOW_S = 2.0
 """A wait that was not needed in so long a time is shortened."""

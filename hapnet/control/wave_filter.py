@@ -11,7 +11,7 @@ so less energy comes out than went in, but for what the filter holds; and of the
 from __future__ import annotations
 
 from hapnet.checks import Vector
-from hapnet.control.law import Wave
+from hapnet.control.coupling import Wave
 from hapnet.control.wave_port import Line
 
 

@@ -16,7 +16,7 @@ from math import sqrt
 from typing import Protocol
 
 from hapnet.checks import Vector
-from hapnet.control.law import Datum, Wave
+from hapnet.control.coupling import CouplingSample, Wave
 
 
 class Line(Protocol):
@@ -49,9 +49,9 @@ class WaveDevice:
         self._b, self._root = impedance, sqrt(2.0 * impedance)
         self._line = line
         self._x = position
-        self.renew()
+        self.on_peer_changed()
 
-    def renew(self) -> None:
+    def on_peer_changed(self) -> None:
         zeros = [0.0] * len(self._x)
         self._line.clear()
         self._rendered: Vector = tuple(zeros)  # int w dt of the wave that the force held now was made with
@@ -70,7 +70,7 @@ class WaveDevice:
         """The device's own: a wave tells no position."""
         return self._x
 
-    def receive(self, datum: Datum) -> None:
+    def receive(self, datum: CouplingSample) -> None:
         assert isinstance(datum, Wave)
         self._line.push(datum)
 
@@ -95,7 +95,7 @@ class WaveDevice:
         self._x = x
         self._span += dt
 
-    def datum(self, x: Vector, v: Vector) -> Wave:
+    def next_sample(self, x: Vector, v: Vector) -> Wave:
         span, unsent = self._span, self._unsent
         if span <= 0.0:
             return Wave((0.0,) * len(x), 0.0)
@@ -132,9 +132,9 @@ class WaveWorld:
         self._K, self._B = stiffness, damping
         self._line = line
         self._x = self._y = position
-        self.renew()
+        self.on_peer_changed()
 
-    def renew(self) -> None:
+    def on_peer_changed(self) -> None:
         self._line.clear()
         self._u = self._silence = (0.0,) * len(self._x)
         self._out = Wave(self._silence, 0.0)
@@ -143,7 +143,7 @@ class WaveWorld:
     def set_position(self) -> Vector:
         return self._y
 
-    def receive(self, datum: Datum) -> None:
+    def receive(self, datum: CouplingSample) -> None:
         assert isinstance(datum, Wave)
         self._line.push(datum)
 
@@ -169,6 +169,6 @@ class WaveWorld:
         self._x = x
         self._out = Wave(tuple([root * speed - u for speed, u in zip(vy, self._u, strict=True)]), dt)
 
-    def datum(self) -> Wave:
+    def next_sample(self) -> Wave:
         out, self._out = self._out, Wave(self._silence, 0.0)  # once: a world that is paused has nothing to send
         return out

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from hapnet.checks import Vector
 from hapnet.control.pspm import Modulation
-from hapnet.control.spring import Spring
+from hapnet.mechanics.spring import Spring
 
 
 class ZeroOrderHold:
@@ -40,6 +40,6 @@ class ZeroOrderHold:
         jump = self.spring.between(y, x) - before
         return Modulation(y, self.energy, 0.0, 0.0, 0.0, jump)
 
-    def share(self, most: float = 0.0) -> float:
+    def split_reservoir(self, most: float = 0.0) -> float:
         """Nothing: there is no reservoir [J]."""
         return 0.0

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hapnet.checks import Array
 from hapnet.plant.contact import Wall
-from hapnet.record import Columns, Recording
+from hapnet.recording.samples import Columns, Recording
 
 _LEAST_S = 0.1  # of settled contact, for a slope
 _AWAY_S = 0.1

@@ -9,7 +9,7 @@ import numpy as np
 from hapnet.checks import Array
 from hapnet.metrics.contact import pressed_wall
 from hapnet.plant.contact import Wall
-from hapnet.record import Columns, Recording
+from hapnet.recording.samples import Columns, Recording
 
 _TRAVELS_S = (0.1, 0.2, 0.4)
 """The lag is a weighted sum of how far the device has come in these times: none where it rests, whatever its motion."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hapnet.checks import Array
-from hapnet.record import Columns, Recording
+from hapnet.recording.samples import Columns, Recording
 
 BUZZ_HZ = 20.0
 """Faster than this no hand moves: what the force does above is the coupling's own."""

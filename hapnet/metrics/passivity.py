@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from hapnet.record import Columns, Recording
+from hapnet.recording.samples import Columns, Recording
 
 
 def total_margin(recording: Recording) -> Columns | None:

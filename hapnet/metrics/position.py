@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hapnet.record import Columns, Recording
+from hapnet.recording.samples import Columns, Recording
 
 
 def motion(recording: Recording) -> dict[str, float | int | None]:

@@ -26,7 +26,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.plant.limited_coupling import LimitedCoupling, rows
 from hapnet.plant.operator import Operator
 
-Lived = tuple[float, Vector, Vector, Vector, Vector]
+TickResult = tuple[float, Vector, Vector, Vector, Vector]
 """A tick: the hand's work [J]; the device's position [m] and velocity [m/s] at its end; the hand's force and the
 actuators' on the device, mean over its last substep [N]."""
 
@@ -202,7 +202,7 @@ class SimulatedDevice:
         """One tick of the servo's period; the work done by the hand on the device [J]."""
         return self.run(1)[0][0]
 
-    def run(self, ticks: int) -> list[Lived]:
+    def run(self, ticks: int) -> list[TickResult]:
         """As many ticks, with nothing from outside in between; the device after each of them."""
         passed, period, follow = self._ticks, self.period, self._follow
         self._ticks = passed + ticks
@@ -215,7 +215,7 @@ class SimulatedDevice:
                 return lived
         return [self._tick(begin, end) for begin, end in pairwise([start, *path])]
 
-    def _tick(self, begin: Vector, end: Vector) -> Lived:
+    def _tick(self, begin: Vector, end: Vector) -> TickResult:
         """One tick, while the hand's reference goes from `begin` to `end`."""
         work = None
         if not self._at_limit:
@@ -231,7 +231,7 @@ class SimulatedDevice:
 
     # -- axis by axis: K diagonal and within all limits --------------------------------------------------------------
 
-    def _run_axes(self, start: Vector, path: list[Vector]) -> list[Lived] | None:
+    def _run_axes(self, start: Vector, path: list[Vector]) -> list[TickResult] | None:
         """The ticks at whose ends the reference is at the points of `path`, each axis on its own.
 
         None, and nothing changed, if the spring may have saturated or the damper been limited.
@@ -241,13 +241,13 @@ class SimulatedDevice:
         stretch = drag = 0.0
         dissipated = self._dissipated
         lows, highs = [], []
-        axes: list[list[Lived]] = []
+        axes: list[list[TickResult]] = []
         for axis, (k, pull, inverse, b, middle_gain) in enumerate(self._decoupled):
             x, v, low, high, y = self.position[axis], self.velocity[axis], self._low[axis], self._high[axis], ybar[axis]
             torque = self._torque[axis]
             drive, loss, most = k * y + torque, b * h, 0.0
             begin = start[axis]
-            ticks: list[Lived] = []
+            ticks: list[TickResult] = []
             for reference in path:
                 end = reference[axis]
                 rate = (end - begin) / period
@@ -411,7 +411,7 @@ class SimulatedDevice:
         return tuple([r * round(x / r) for x in self.position])
 
 
-def _joined(*axes: Lived) -> Lived:
+def _joined(*axes: TickResult) -> TickResult:
     """One tick of all axes, from that of each."""
     works, x, v, f, actuators = zip(*axes, strict=True)
     return sum(works), tuple(chain(*x)), tuple(chain(*v)), tuple(chain(*f)), tuple(chain(*actuators))

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hapnet.couplings.registry import COUPLINGS, jointly_passive
 from hapnet.metrics.passivity import total_margin
-from hapnet.record import Columns, Recording
+from hapnet.recording.samples import Columns, Recording
 from hapnet.report.style import MM, STYLE
 from hapnet.report.words import get, has_reservoirs, known, millijoule, verdict
-from hapnet.runtime.couplings import KINDS, jointly_passive
-from hapnet.runtime.summary import from_recording
+from hapnet.summary.run import from_recording
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -239,7 +239,7 @@ def _coupling(recording: Recording) -> Any:
 
 def _received(recording: Recording) -> bool:
     """Is a received position, as it came, what the spring is tied to? It is where the world has no law of its own."""
-    kind = KINDS.get(str(_coupling(recording)))
+    kind = COUPLINGS.get(str(_coupling(recording)))
     return kind is not None and kind.world is None
 
 

@@ -10,13 +10,13 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from hapnet.record import Recording
+from hapnet.couplings.registry import COUPLINGS
+from hapnet.recording.samples import Recording
 from hapnet.report import tables
 from hapnet.report.html import Html, element, join, table
 from hapnet.report.pictures import Picture
 from hapnet.report.settings import Setting, commands, of_side, settings
 from hapnet.report.words import get, has_reservoirs, number, outcome, tuning, verdict
-from hapnet.runtime.couplings import KINDS
 
 FOLDED = 12
 """A longer list of events is folded."""
@@ -115,7 +115,7 @@ def _head(summary: Mapping[str, Any], title: str, sources: Sequence[Source]) -> 
     if has_reservoirs(coupling):
         meaning = _HALF if alone else _WHAT_IT_MEANS[found]
     else:
-        kind = KINDS[coupling]
+        kind = COUPLINGS[coupling]
         judged = "" if alone else f"{_MEASURED[found]} "
         meaning = f"{judged}What is claimed of this coupling ({kind.title}; {kind.source}): {kind.claim}."
     return element(
@@ -141,7 +141,7 @@ def _facts(recording: Recording, sources: Sequence[Source]) -> Html:
         "scene": get(meta, "scene"),
         "hand": _of_device(recording, "operator"),
         "device": _of_device(recording, "hardware"),
-        "coupling": f"{KINDS[coupling].title} ({coupling})" if coupling in KINDS else coupling,
+        "coupling": f"{COUPLINGS[coupling].title} ({coupling})" if coupling in COUPLINGS else coupling,
         "tuned to": tuning(summary),
         **{f"{way}link": _link(recording, way) for way in ("up", "down")},
         "duration": None if duration is None else f"{number(duration)} s",

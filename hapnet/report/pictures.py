@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hapnet.record import Recording
+from hapnet.recording.samples import Recording
 from hapnet.report.figures import figure
 from hapnet.report.files import png
 from hapnet.report.histograms import lateness_histogram, link_histogram

@@ -8,12 +8,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from hapnet.assembly.build import LIVE
 from hapnet.errors import InvalidParameter
 from hapnet.param_values import flatten
 from hapnet.params import Params
-from hapnet.record import Recording
+from hapnet.recording.samples import Recording
 from hapnet.report.words import get, known
-from hapnet.runtime.build import LIVE
 
 
 class Setting(NamedTuple):

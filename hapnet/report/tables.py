@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from hapnet.couplings.registry import jointly_passive
 from hapnet.report.words import (
     exact_joule,
     get,
@@ -19,7 +20,6 @@ from hapnet.report.words import (
     tuning,
     verdict,
 )
-from hapnet.runtime.couplings import jointly_passive
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

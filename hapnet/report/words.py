@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from hapnet.runtime.verdict import DEFICIT_J, judge
-from hapnet.runtime.verdict import get as get
-from hapnet.runtime.verdict import has_reservoirs as has_reservoirs
-from hapnet.runtime.verdict import known as known
+from hapnet.summary.verdict import DEFICIT_J, judge
+from hapnet.summary.verdict import get as get
+from hapnet.summary.verdict import has_reservoirs as has_reservoirs
+from hapnet.summary.verdict import known as known
 
 _WORDS = {True: "passive", False: "NOT passive", None: "passivity not known"}
 _TEXT_LIMIT = 2000

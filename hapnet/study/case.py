@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 
+from hapnet.couplings.registry import ideal_stiffness
 from hapnet.errors import InvalidParameter
 from hapnet.metrics.contact import first_felt_s, pressed_wall, rendered_stiffness
 from hapnet.metrics.definitions import METRICS
@@ -12,12 +13,11 @@ from hapnet.metrics.drift import drift
 from hapnet.metrics.force import buzz, force_error
 from hapnet.params import Params
 from hapnet.plant.contact import Wall
-from hapnet.record import Recording
-from hapnet.runtime.couplings import ideal_stiffness
-from hapnet.runtime.sides import SampledDeviceSide
-from hapnet.runtime.summary import Summary
-from hapnet.runtime.verdict import ROUNDING_J, broken
-from hapnet.runtime.virtual import Result, Simulation
+from hapnet.recording.samples import Recording
+from hapnet.side.device import SampledDeviceSide
+from hapnet.simulation.simulation import Result, Simulation
+from hapnet.summary.run import Summary
+from hapnet.summary.verdict import ROUNDING_J, broken
 
 Measures = dict[str, float | None]
 """Values by the names of their metrics; None where a run cannot tell."""

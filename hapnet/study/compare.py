@@ -11,9 +11,9 @@ import numpy as np
 
 from hapnet.metrics import METRICS
 from hapnet.params import RELAXED_HAND, Params
-from hapnet.runtime.batch.processes import Progress, in_processes, usable_cores
-from hapnet.runtime.verdict import ROUNDING_J
+from hapnet.simulation.batch.processes import Progress, in_processes, usable_cores
 from hapnet.study.case import Measures, measure
+from hapnet.summary.verdict import ROUNDING_J
 
 LIGHT = "@light"
 """After an operator's name: with a relaxed hand. A firm one damps what a bad coupling does."""

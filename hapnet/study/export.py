@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from hapnet.errors import InvalidParameter, MissingLibrary
-from hapnet.mcap_file import complete_or_absent
+from hapnet.recording.mcap import complete_or_absent
 from hapnet.study.journal import Journal, Row
 from hapnet.study.spec import LINK, SEED, flat_of, link_words, value_words
 

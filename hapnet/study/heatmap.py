@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapnet.report.style import MM, STYLE
-from hapnet.runtime.verdict import ROUNDING_J
 from hapnet.study.grid import USUAL, Axis, Cell, Grid, metric_label, statistic, usual_statistic
+from hapnet.summary.verdict import ROUNDING_J
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -14,7 +14,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 
 from hapnet.errors import HapnetError
-from hapnet.runtime.batch.processes import for_children
+from hapnet.simulation.batch.processes import for_children
 from hapnet.study.backend import Outcome
 from hapnet.study.task import Task, run
 

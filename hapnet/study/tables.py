@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from hapnet.metrics import METRICS
-from hapnet.record import plain
+from hapnet.recording.samples import plain
 from hapnet.study.compare import Group, Outcome, Plan
 from hapnet.study.tunings import tunings
 from hapnet.versions import versions

@@ -7,11 +7,11 @@ from typing import Any
 
 from rich.table import Table
 
+from hapnet.assembly.build import prepare
+from hapnet.couplings.registry import ideal_stiffness
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 from hapnet.report.words import number
-from hapnet.runtime.build import prepare
-from hapnet.runtime.couplings import ideal_stiffness
 from hapnet.study.compare import Plan, Variant
 
 _SPRINGS = ("device.stiffness", "device.damping", "world.stiffness", "world.damping", "world.mass")

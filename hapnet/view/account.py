@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from hapnet.record import DeviceSample, WorldSample
-from hapnet.runtime.verdict import START_S
+from hapnet.recording.samples import DeviceSample, WorldSample
+from hapnet.summary.verdict import START_S
 from hapnet.wire.messages import Role
 
 SKEW_NS = 1_000_000_000

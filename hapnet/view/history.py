@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapnet.checks import Array, Vector
-from hapnet.record import DeviceSample, Event, WorldSample
-from hapnet.telemetry import Status
+from hapnet.recording.samples import DeviceSample, Event, WorldSample
+from hapnet.recording.telemetry import Status
 from hapnet.view.account import Account
 from hapnet.wire.messages import Role
 

@@ -7,7 +7,7 @@ from typing import Any
 import viser
 
 from hapnet.checks import Vector
-from hapnet.telemetry import Status
+from hapnet.recording.telemetry import Status
 from hapnet.view.controls import Controls
 from hapnet.view.history import History, Snapshot
 from hapnet.view.panel import ABOUT, ControlPanel, Numbers

@@ -12,8 +12,8 @@ import viser
 
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError
-from hapnet.runtime.verdict import Verdict, judge
-from hapnet.telemetry import Status
+from hapnet.recording.telemetry import Status
+from hapnet.summary.verdict import Verdict, judge
 from hapnet.view.controls import Controls, Way
 from hapnet.view.history import Snapshot
 from hapnet.view.link_form import LinkForm, put, tell
@@ -71,7 +71,7 @@ class ControlPanel:
         self._controls = controls
         self._starting = starting
         self._busy = threading.Lock()
-        self._seen: dict[str, Any] = {}
+        self._replay_window: dict[str, Any] = {}
         self._pause = gui.add_button("pause", icon=viser.Icon.PLAYER_PAUSE)
         self._record = gui.add_button("record", icon=viser.Icon.PLAYER_RECORD, color="red")
         reset = gui.add_button("reset", icon=viser.Icon.RELOAD, color="gray")
@@ -120,15 +120,15 @@ class ControlPanel:
                 put(self._smoothing, smoothing > 0.0)
         up, down = _words(device), _words(world)
         if up is not None and down is not None:
-            if "links" not in self._seen:
-                self._seen["links"] = up, down
+            if "links" not in self._replay_window:
+                self._replay_window["links"] = up, down
                 put(self._alike, up == down)
             self._up.follow(up)
             self._down.follow(down)
 
     def _is_new(self, name: str, value: object) -> bool:
-        known = self._seen.get(name, self)
-        self._seen[name] = value
+        known = self._replay_window.get(name, self)
+        self._replay_window[name] = value
         return bool(known != value)
 
     def _ways_of_first(self) -> tuple[Way, ...]:

@@ -10,9 +10,9 @@ from dataclasses import replace
 import zenoh
 
 from hapnet.errors import BadMessage
-from hapnet.runtime.zenoh_config import ZenohSettings, reason, where, zenoh_config
-from hapnet.runtime.zenoh_transport import TELEMETRY
-from hapnet.telemetry import Telemetry, decode
+from hapnet.recording.telemetry import Telemetry, decode
+from hapnet.transport.config import ZenohSettings, reason, where, zenoh_config
+from hapnet.transport.zenoh import TELEMETRY
 
 LOOK_S = 0.2
 """How often the connection is looked at [s]."""

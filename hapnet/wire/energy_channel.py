@@ -24,9 +24,9 @@ from dataclasses import dataclass
 from math import floor
 
 from hapnet.errors import BadMessage, InvalidParameter
-from hapnet.wire.admission import Admission
 from hapnet.wire.fields import MAX_TOTAL_NJ
 from hapnet.wire.rto import CEILING_NS, RtoEstimator
+from hapnet.wire.token_bucket import Admission
 
 SPACING_NS = 10_000_000
 ACK_DELAY_NS = 10_000_000  # the spacing: while energy flows both ways every acknowledgement finds a ride

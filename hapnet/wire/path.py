@@ -85,7 +85,7 @@ class Path:
         self._since_ns = now_ns
         self._last: tuple[int, int] | None = None  # arrival and stamp of the newest
 
-    def hear(self, now_ns: int, sent_ns: int, since: int, least_ns: int, place: Place) -> None:
+    def on_position(self, now_ns: int, sent_ns: int, since: int, least_ns: int, place: Place) -> None:
         """A message of the stream came, `since` numbers after the newest before it; see `Numbering` for the rest."""
         counts = self._all
         counts.came += 1

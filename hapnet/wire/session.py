@@ -21,12 +21,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from hapnet.errors import BadMessage, InvalidParameter
-from hapnet.wire.admission import DEFAULT_BURST_J, DEFAULT_POWER_W, Admission
 from hapnet.wire.energy_channel import ACK_DELAY_NS, SPACING_NS, EnergyChannel, Totals
 from hapnet.wire.events import EnergyCredited, Event, PositionReceived, SampleReceived
 from hapnet.wire.fields import MAX_TEXT
 from hapnet.wire.handshake import EARLIER, HELLO_PERIOD_NS, RESERVOIR, Handshake
-from hapnet.wire.liveness import Liveness, Outages
 from hapnet.wire.messages import (
     Bye,
     Channel,
@@ -49,8 +47,10 @@ from hapnet.wire.messages import (
 )
 from hapnet.wire.numbering import Place
 from hapnet.wire.path import Path
-from hapnet.wire.seen import SeenOnce
+from hapnet.wire.peer_monitor import Outages, PeerMonitor
+from hapnet.wire.replay_window import ReplayWindow
 from hapnet.wire.stream import PositionStream as PositionStream
+from hapnet.wire.token_bucket import DEFAULT_BURST_J, DEFAULT_POWER_W, Admission
 
 SILENCE_NS = 500_000_000
 
@@ -126,11 +126,11 @@ class Session:
         """What was wrong with the last dropped message of each kind."""
         self.closed = False
         self._expects = self.settings.expects
-        self._seen = SeenOnce()
+        self._replay_window = ReplayWindow()
         self.path = Path()
         """What the peer's stream shows of the way between the sides."""
-        self._liveness = Liveness(self.settings.silence_ns)
-        self._handshake = Handshake(self.identity, self._liveness.living, self.settings.hello_period_ns)
+        self._monitor = PeerMonitor(self.settings.silence_ns)
+        self._handshake = Handshake(self.identity, self._monitor.living, self.settings.hello_period_ns)
         self._admission = Admission(self.settings.admission_W, self.settings.admission_burst_J)
         self._past = Totals()
         self._channel = self._open_channel(0.0)
@@ -145,7 +145,7 @@ class Session:
         """The peer, while paired."""
         return self._handshake.peer
 
-    def give(self, energy_J: float) -> None:
+    def shuffle(self, energy_J: float) -> None:
         """Shuffle `energy_J` [J] to the peer. While there is none it is abandoned, which is safe, and counted.
 
         Raises
@@ -183,13 +183,13 @@ class Session:
 
     def watch(self, now_ns: int) -> tuple[Event, ...]:
         """Has the peer fallen silent? To be asked now and then; each silence is told once."""
-        if self.closed or self.peer is None or (silent := self._liveness.watch(now_ns)) is None:
+        if self.closed or self.peer is None or (silent := self._monitor.watch(now_ns)) is None:
             return ()
         return (silent,)
 
     def outages(self, now_ns: int) -> Outages:
         """What this side had to do without."""
-        return self._liveness.outages(now_ns)
+        return self._monitor.outages(now_ns)
 
     def poll(self, now_ns: int) -> tuple[list[Outgoing], tuple[Event, ...]]:
         """What to send now, and what the passing of time itself brought (energy that became admissible)."""
@@ -257,7 +257,7 @@ class Session:
     @property
     def unanswered_ns(self) -> int:
         """For how long positions came, and no acknowledgement of the energy that is to be acknowledged; 0: none is."""
-        return self._channel.unanswered_ns(self._liveness.heard_ns)
+        return self._channel.unanswered_ns(self._monitor.heard_ns)
 
     @property
     def residue_J(self) -> float:
@@ -265,7 +265,7 @@ class Session:
         return self._channel.residue_J
 
     def _dispatch(self, message: Message, now_ns: int) -> tuple[Event, ...]:
-        self._liveness.word(now_ns)
+        self._monitor.on_any_message(now_ns)
         match message:
             case Position() | Motion() | Port() | Wave():
                 return self._on_stream(message, now_ns)
@@ -291,7 +291,7 @@ class Session:
         value = message[3]  # of every kind, the one whose dimension is to be that of the session
         if len(value) != self.identity.dof:
             raise BadMessage("dimension", f"{len(value)} coordinates; allowed: {self.identity.dof}")
-        liveness = self._liveness
+        liveness = self._monitor
         numbers = liveness.numbers
         sequence, sent_ns, newest = message.sequence, message.sent_ns, numbers.newest
         place = numbers.place(now_ns, sequence, sent_ns)
@@ -299,7 +299,7 @@ class Session:
             detail = f"{_word(message)} {sequence} does not go on from {newest}: no sender makes such a number then"
             raise BadMessage("leap", detail)
         since = 1 if newest < 0 else sequence - newest
-        self.path.hear(now_ns, sent_ns, since, numbers.least_ns, place)
+        self.path.on_position(now_ns, sent_ns, since, numbers.least_ns, place)
         if message.echo_ns:
             self.path.echoed(now_ns, sent_ns, message.echo_ns, message.came_ns)
         received = (
@@ -308,16 +308,16 @@ class Session:
             else SampleReceived(message)
         )
         if place is not Place.LATE:
-            heard = liveness.hear(now_ns, since)
+            heard = liveness.on_position(now_ns, since)
             if type(message) is Wave:
                 if place is Place.AGAIN:
-                    self._seen.restart(sequence)
-                if not self._seen.first(sequence):
+                    self._replay_window.restart(sequence)
+                if not self._replay_window.accept(sequence):
                     raise BadMessage("stale", f"wave {sequence} again")
             return (received,) if heard is None else (received, heard)
-        liveness.word(now_ns)
+        liveness.on_any_message(now_ns)
         if type(message) is Wave:
-            if not self._seen.first(sequence):
+            if not self._replay_window.accept(sequence):
                 raise BadMessage("stale", f"wave {sequence} again, or long after later ones")
         elif type(message) is not Position or not self.settings.accept_stale:
             raise BadMessage("stale", f"{_word(message)} {sequence} after a later one")
@@ -335,9 +335,9 @@ class Session:
 
     def _change_pair(self, now_ns: int) -> None:
         if (peer := self.peer) is not None:
-            self._liveness.begin(now_ns)
+            self._monitor.begin(now_ns)
             self.path.begin(now_ns)
-            self._seen = SeenOnce()
+            self._replay_window = ReplayWindow()
             reservoir_J = peer.about.get(RESERVOIR)
             if self.incarnations == 1 and isinstance(reservoir_J, float) and reservoir_J > 0.0:
                 self.peers_J = reservoir_J  # those after it were told to start with none

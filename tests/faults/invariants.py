@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from hapnet.checks import Array
-from hapnet.record import Columns, Recording
+from hapnet.recording.samples import Columns, Recording
 
 ROUNDING_J = 1e-9
 NANO = 1e-9

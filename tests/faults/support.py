@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from hapnet.errors import RecordingError
-from hapnet.mcap_file import read_recording
-from hapnet.runtime.summary import merge
-from hapnet.runtime.zenoh_config import free_address
+from hapnet.recording.mcap import read_recording
+from hapnet.summary.run import merge
+from hapnet.transport.config import free_address
 from hapnet.wire.messages import Role
 from tests.processes import HAPNET, Program, assert_accounts_agree, assert_passive, read_json, resident_kB
 

@@ -15,7 +15,7 @@ import pytest
 
 import hapnet
 import netem
-from hapnet.mcap_file import read_recording
+from hapnet.recording.mcap import read_recording
 from tests.faults.invariants import assert_pair_kept_the_rules
 from tests.faults.support import let_pass, pair
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapnet.mcap_file import read_recording
-from hapnet.record import Recording
-from hapnet.runtime.summary import merge
+from hapnet.recording.mcap import read_recording
+from hapnet.recording.samples import Recording
+from hapnet.summary.run import merge
 from hapnet.wire.messages import Role
 from tests.faults.invariants import (
     NANO,

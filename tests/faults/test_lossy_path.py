@@ -9,7 +9,7 @@ import pytest
 
 from examples.secure.make_certificates import main as make_certificates
 from hapnet.errors import RecordingError
-from hapnet.mcap_file import read_recording
+from hapnet.recording.mcap import read_recording
 from hapnet.wire.messages import Role
 from tests.faults.support import Side
 from tests.faults.test_namespaces import BLOCKED_MS, LITTLE, assert_all_credited, joined

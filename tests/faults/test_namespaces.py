@@ -20,8 +20,8 @@ import pytest
 
 from hapnet.checks import Array
 from hapnet.errors import RecordingError
-from hapnet.mcap_file import read_recording
-from hapnet.record import Columns
+from hapnet.recording.mcap import read_recording
+from hapnet.recording.samples import Columns
 from hapnet.wire.messages import Role
 from tests.faults.invariants import NANO, columns_of
 from tests.faults.namespaces import LIMIT_S, Host, Unavailable, two_hosts

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapnet.mcap_file import read_recording
-from hapnet.runtime.zenoh_config import free_address
+from hapnet.recording.mcap import read_recording
+from hapnet.transport.config import free_address
 from hapnet.wire.messages import Role
 from netem.units import format_time
 from tests.faults.invariants import (

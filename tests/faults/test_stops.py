@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapnet.mcap_file import read_recording
+from hapnet.recording.mcap import read_recording
 from hapnet.wire.messages import Role
 from tests.faults.invariants import NANO, assert_pair_kept_the_rules, columns_of
 from tests.faults.support import RECOVERY_S, Pair, asleep, let_pass, pair
@@ -49,7 +49,7 @@ def test_a_servo_in_a_process_of_its_own(stopped: str, tmp_path: Path) -> None:
     with pair(tmp_path, *LINK, *SILENCE, device=("--realtime", "--set", "record_hz=1000")) as sides:
         sides.until_paired()
         parent = sides.device.process.pid
-        servo = child_of(parent, "hapnet.runtime.servo_child")
+        servo = child_of(parent, "hapnet.realtime.servo_child")
         processes = {"parent": [parent], "servo": [servo], "both": [parent, servo]}[stopped]
         deaf: tuple[Role, ...] = ("world",) if stopped == "servo" else ("device", "world")
         recovery_s = sleep(sides, processes, 5.0, deaf)

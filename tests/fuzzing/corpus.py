@@ -143,7 +143,7 @@ def conversation() -> dict[str, bytes]:
             device.close(now_ns, "duration is over")
         for speaker, listener in ((device, world), (world, device)):
             if now_ns % (100 * MS) == 50 * MS:
-                speaker.give(now_ns * 1e-12)
+                speaker.shuffle(now_ns * 1e-12)
                 say(speaker, listener, now_ns, "position", speaker.position(now_ns, (now_ns * 1e-11,)))
             for kind, data in speaker.poll(now_ns)[0]:
                 say(speaker, listener, now_ns, f"{kind}-{data[2]}", data)

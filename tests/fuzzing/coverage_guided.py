@@ -27,7 +27,7 @@ def main(argv: list[str]) -> int:
     except ImportError:
         print("atheris is not installed: pip install -e '.[fuzz]'", file=sys.stderr)
         return 2
-    with atheris.instrument_imports(include=["hapnet.wire", "hapnet.endpoint"]):
+    with atheris.instrument_imports(include=["hapnet.wire", "hapnet.side.endpoint"]):
         from tests.fuzzing import lives
     with tempfile.TemporaryDirectory() as folder:
         new, seeds = Path(folder) / "new", Path(folder) / "seeds"

@@ -10,10 +10,10 @@ from typing import Any
 import msgpack
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import Coupling, Modulator
 from hapnet.control.pspm import Modulation
-from hapnet.endpoint import ControlHalf, Endpoint
+from hapnet.control.set_position_coupling import Coupling, Modulator
 from hapnet.errors import BadMessage
+from hapnet.side.endpoint import ControlHalf, Endpoint
 from hapnet.wire.events import EnergyCredited, Event, Paired, PositionReceived, SampleReceived
 from hapnet.wire.messages import Energy, Message, Motion, Port, Position, Refuse, Wave, decode, encode
 from hapnet.wire.session import Outgoing
@@ -410,9 +410,9 @@ class Audited:
         self.updates += 1
         return result
 
-    def share(self, most: float = math.inf) -> float:
+    def split_reservoir(self, most: float = math.inf) -> float:
         before = self.inner.energy
-        given = self.inner.share(most)
+        given = self.inner.split_reservoir(most)
         hold(0.0 <= given <= before and self.inner.energy + given == before, "shared", given, "of", before)
         return given
 

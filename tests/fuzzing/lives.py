@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import random
 
+from hapnet.assembly.build import prepare
 from hapnet.params import Params
-from hapnet.runtime.build import prepare
 from tests.fuzzing import corpus
 from tests.fuzzing.invariants import decoded, hold
 from tests.fuzzing.storm import MS, Rig
@@ -39,7 +39,7 @@ def one_life(data: bytes) -> None:
         rig.talk()
         if wait >= 128:
             rig.honest_position()
-            rig.honest.give(1e-6 * wait)
+            rig.honest.shuffle(1e-6 * wait)
     rig.watch.check_memory()
     if data[0] == data[-1] == 255:
         rig.recover()

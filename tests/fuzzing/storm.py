@@ -10,12 +10,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from hapnet.control.coupling import Coupling
-from hapnet.endpoint import DeviceEndpoint, WorldEndpoint, backlog
+from hapnet.assembly.build import Setup, device_session, device_side, prepare, world_session, world_side
+from hapnet.control.set_position_coupling import Coupling
 from hapnet.params import Params
-from hapnet.runtime.build import Setup, device_session, device_side, prepare, world_session, world_side
-from hapnet.runtime.sides import DeviceSide, SampledDeviceSide
-from hapnet.runtime.world_side import WorldSide
+from hapnet.side.device import DeviceSide, SampledDeviceSide
+from hapnet.side.endpoint import DeviceEndpoint, WorldEndpoint, backlog
+from hapnet.side.world import WorldSide
 from hapnet.wire.events import PositionReceived
 from hapnet.wire.messages import Motion, Port, Role, Wave
 from hapnet.wire.session import Session, SessionSettings
@@ -260,8 +260,8 @@ class Rig:
         acked, abandoned, credited, before = session.acked_nJ, session.abandoned_nJ, session.credited_nJ, honest.sent_nJ
         in_flight, uncredited = session.in_flight_nJ, honest.in_flight_nJ
         theirs = honest.credited_nJ
-        honest.give(1e-4)
-        session.give(1e-4)
+        honest.shuffle(1e-4)
+        session.shuffle(1e-4)
         self._quiet(PATIENCE_NS)
         hold(
             self.positions - taken == honest.positions.next_sequence - first, "positions were dropped", session.dropped
@@ -353,7 +353,7 @@ def _endpoint(target: str, rng: random.Random, count: int, progress: list[bytes]
         rig.run(rng.choices(_PAUSES_NS, cum_weights=_PAUSE_WEIGHTS)[0])
         if index % 10 == 0:
             rig.honest_position()
-            rig.honest.give(rng.random() * 1e-5)
+            rig.honest.shuffle(rng.random() * 1e-5)
         mutator.peer = session.peer.incarnation if session.peer else rig.honest.identity.incarnation
         mutator.told = watch._told_nJ
         frame = mutator.next()

@@ -11,8 +11,8 @@ from contextlib import asynccontextmanager
 import pytest
 import zenoh
 
-from hapnet.runtime.zenoh_config import ZenohSettings, free_address
-from hapnet.runtime.zenoh_transport import ZenohTransport
+from hapnet.transport.config import ZenohSettings, free_address
+from hapnet.transport.zenoh import ZenohTransport
 from netem import LinkProfile, NetemError
 from netem.zenoh_relay import ZenohRelay
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from hapnet.couplings import held_torque
 from hapnet.errors import InvalidParameter
 from hapnet.metrics import METRICS
 from hapnet.params import Params
-from hapnet.runtime import held_torque
-from hapnet.runtime.virtual import Simulation, TwoPort
+from hapnet.simulation.simulation import Simulation, TwoPort
 from hapnet.study import case
 from hapnet.study.case import check, measure, simulated
 

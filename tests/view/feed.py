@@ -9,9 +9,9 @@ from typing import Any
 
 from hapnet.checks import Vector
 from hapnet.params import Params
-from hapnet.record import DeviceSample, Event, Sample, WorldSample
-from hapnet.runtime.virtual import simulate
-from hapnet.telemetry import Status
+from hapnet.recording.samples import DeviceSample, Event, Sample, WorldSample
+from hapnet.recording.telemetry import Status
+from hapnet.simulation.simulation import simulate
 from hapnet.view.controls import Way
 from hapnet.view.history import History
 from hapnet.wire.messages import Role

@@ -16,7 +16,7 @@ pytest.importorskip("playwright.sync_api", reason="playwright drives the browser
 
 from playwright.sync_api import Browser, Page, expect
 
-from hapnet.runtime.zenoh_config import ZenohSettings
+from hapnet.transport.config import ZenohSettings
 from hapnet.view.history import History, Snapshot
 from hapnet.view.watcher import Watcher
 from tests.processes import Program, started

@@ -1,0 +1,1 @@
+"""From parameters to the parts of a run: devices, hands, worlds, sides."""

@@ -1,0 +1,397 @@
+"""From parameters to the objects of a run: the one place where names on a command line become parts."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any, cast
+
+import numpy as np
+
+from hapnet import checks
+from hapnet.assembly.operators import LIVE as LIVE
+from hapnet.assembly.operators import operator
+from hapnet.assembly.units import check_units
+from hapnet.assembly.user_device import OwnDevice
+from hapnet.checks import Vector
+from hapnet.control.coupling import LawServo, WorldCouplingAccount
+from hapnet.control.limits import OnSilence, Silence
+from hapnet.control.reserve import ForceGuard, Holding
+from hapnet.control.set_position_coupling import Coupling
+from hapnet.control.set_position_servo import ContinuousServo, Harvest, SampledServo
+from hapnet.control.smoothing import Pipeline, SmoothingFilter, Stage, VelocityPredictor
+from hapnet.couplings import held_torque
+from hapnet.couplings.deadband import deadband
+from hapnet.couplings.link_delays import delays
+from hapnet.couplings.registry import COUPLINGS, CouplingSpec
+from hapnet.couplings.tuning import Tuning
+from hapnet.errors import InvalidParameter
+from hapnet.mechanics.spring import Spring, shared_spring
+from hapnet.params import DeviceParams, Params, WorldParams
+from hapnet.plant.device import SimulatedDevice
+from hapnet.plant.integrator import PassiveIntegrator
+from hapnet.plant.live_hand import LiveHand
+from hapnet.plant.scene import SCENES, Scene, make_scene, scene_parameters
+from hapnet.side.device import Clock, ContinuousDeviceSide, DeviceSide, Drive, SampledDeviceSide, Write
+from hapnet.side.endpoint import NANO, DeviceControl, WorldControl
+from hapnet.side.world import WorldSide
+from hapnet.wire.handshake import RESERVOIR, SHARED
+from hapnet.wire.messages import Role
+from hapnet.wire.session import Session, SessionSettings
+from netem import LinkProfile, Timeline
+
+_DEFAULTS = Params()
+
+_SCENE_PARAMETERS = {
+    "stiffness": "world.wall.stiffness",
+    "damping": "world.wall.damping",
+    "position": "world.wall.position_m",
+    "size": "world.wall.half_width_m",
+    "step_min_s": "world.step_min_s",
+    "step_max_s": "world.step_max_s",
+}
+"""A scene's keyword, and the parameter that it is given."""
+
+_SET_POSITIONS_ONLY = {"smoothing_s": 0.0, "predict_s": 0.0, "on_silence": "hold"}
+"""What works on received set-positions, and its value where a law takes something else."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Parameters, checked as a whole, with what follows from them."""
+
+    params: Params
+    scene: Scene
+    servo: str
+    harvest: Harvest
+    kind: CouplingSpec
+    """The coupling."""
+    tuning: Tuning
+    """What the coupling's own rule makes of the link."""
+    up: LinkProfile
+    down: LinkProfile
+    up_timeline: Timeline | None = None
+    down_timeline: Timeline | None = None
+    warnings: tuple[str, ...] = field(default=())
+
+    @property
+    def dof(self) -> int:
+        return self.scene.dof
+
+
+def prepare(params: Params, default_servo: str = "sampled") -> Setup:
+    """Check parameters that only make sense together, and resolve what "auto" stands for: the servo is `default_servo`.
+
+    Raises
+    ------
+    InvalidParameter : names the parameter that does not fit.
+    """
+    scene, warnings = _scene(params)
+    check_units(params, scene.dof)
+    device = params.device
+    kind = COUPLINGS[params.coupling]
+    servo = device.servo
+    if servo == "auto":
+        servo = default_servo if kind.device is None else "sampled"
+    elif servo == "continuous" and kind.device is not None:
+        raise InvalidParameter("device.servo", servo, f"sampled with the coupling {params.coupling}")
+    harvest = cast(
+        Harvest, ("range" if servo == "continuous" else "measured") if device.harvest == "auto" else device.harvest
+    )
+    if servo == "continuous":
+        if harvest == "measured":
+            raise InvalidParameter("device.harvest", "measured", "range with the continuous servo: no torque is held")
+        if device.resolution_m:
+            raise InvalidParameter("device.resolution_m", device.resolution_m, "0 with the continuous servo")
+    if 0.0 < device.watchdog_s < 1.0 / device.servo_hz:
+        raise InvalidParameter("device.watchdog_s", device.watchdog_s, "0 (off), or a period of the servo or more")
+    if harvest == "range" and device.trusted_damping:
+        raise InvalidParameter("device.trusted_damping", device.trusted_damping, "0 with the range harvest")
+    for name, side, law in (("device", device, kind.device), ("world", params.world, kind.world)):
+        for field_name, plain in _SET_POSITIONS_ONLY.items() if law is not None else ():
+            if (value := getattr(side, field_name)) != plain:
+                raise InvalidParameter(f"{name}.{field_name}", value, f"{plain} with the coupling {params.coupling}")
+        if side.on_silence == "release" and not side.step_limit_N:
+            raise InvalidParameter(
+                f"{name}.on_silence", "release", f"hold, or release with {name}.step_limit_N above 0"
+            )
+    if params.hardware != "simulated" and servo != "sampled":
+        raise InvalidParameter("device.servo", servo, "sampled with a device of your own")
+    if servo == "sampled" and kind.limited:
+        known = device if params.hardware == "simulated" else dataclasses.replace(device, mass=held_torque.UNKNOWN_MASS)
+        warnings.extend(held_torque.check(known, harvest, scene.dof))
+    up, down = link_profile("link.up", params.link.up), link_profile("link.down", params.link.down)
+    tuning = kind.tune(params, delays(up, down, params.link.path_s))
+    warnings.extend(kind.warn(params, tuning))
+    timelines = (_timeline(params.link.up_timeline), _timeline(params.link.down_timeline))
+    return Setup(params, scene, servo, harvest, kind, tuning, up, down, *timelines, tuple(warnings))
+
+
+def link_profile(name: str, words: str) -> LinkProfile:
+    """The emulated link that the parameter `name` gives: tc-netem's words, or a profile's name.
+
+    Raises
+    ------
+    NetemError, InvalidParameter : there is no such link, or none that can stand between the two sides.
+    """
+    profile = LinkProfile.named(words)
+    if profile.corrupt:
+        allowed = "a link without corrupt: the checksums below Zenoh drop what is corrupted, which is loss"
+        raise InvalidParameter(name, str(profile), allowed)
+    return profile
+
+
+def _timeline(text: str) -> Timeline | None:
+    return Timeline.parse(text) if text else None
+
+
+def device_session(setup: Setup, incarnation: int, name: str = "device") -> Session:
+    """The device's protocol state, for one start of the process."""
+    return _session(setup, "device", name, incarnation)
+
+
+def world_session(setup: Setup, incarnation: int, name: str = "world") -> Session:
+    """The world's protocol state, for one start of the process."""
+    return _session(setup, "world", name, incarnation)
+
+
+def device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write) -> DeviceSide:
+    """The device (simulated in its hand, or the user's own) with its servo, for an endpoint or its control half."""
+    endpoint.deadband = deadband(setup.params, "device")
+    if setup.params.hardware != "simulated":
+        return _own_device_side(setup, endpoint, clock, write)
+    params = setup.params
+    device = params.device
+    period = 1.0 / device.servo_hz
+    hand = operator(params, setup.scene)
+    simulated = SimulatedDevice(
+        hand,
+        mass=device.mass,
+        damping=device.own_damping,
+        period=period,
+        substeps=device.substeps,
+        resolution=device.resolution_m,
+        force_limit=device.force_limit_N or None,
+    )
+    if simulated.dof != setup.dof:
+        raise InvalidParameter("operator", params.operator, f"a hand with {setup.dof} axes, as the scene has")
+    drive = _drive(setup, clock, write)
+    if setup.servo == "continuous":
+        make = _continuous_servo(setup)
+        with _named("device"):
+            make(simulated.position, 0.0, False)  # so that what is wrong is said now and not at pairing
+        side: DeviceSide = ContinuousDeviceSide(endpoint, simulated, make, drive)
+    else:
+        hold = _sampled_servo(setup)
+        with _named("device"):
+            hold(simulated.position, False)
+        side = SampledDeviceSide(endpoint, simulated, hold, drive)
+    if isinstance(hand, LiveHand):
+        side.live_hand = hand
+    return side
+
+
+def _drive(setup: Setup, clock: Clock, write: Write) -> Drive:
+    device = setup.params.device
+    return Drive(
+        period_ns=round(1.0 / device.servo_hz / NANO),
+        clock=clock,
+        write=write,
+        record_every=max(1, round(device.servo_hz / setup.params.record_hz)),
+        watchdog_ns=round(device.watchdog_s / NANO) or None,
+    )
+
+
+def _own_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write) -> DeviceSide:
+    """A user's own device, which only a sampled servo can drive."""
+    params = setup.params
+    device = OwnDevice(params.hardware, setup.dof, params.device)
+    device.declared.check_stiffness("device.stiffness", params.device.stiffness, setup.dof)
+    limits = [limit for limit in (params.device.force_limit_N, device.force_limit) if limit]
+    own = dataclasses.replace(
+        params.device,
+        force_limit_N=min(limits, default=0.0),
+        resolution_m=device.resolution,
+        greatest_speed=device.greatest_speed or params.device.greatest_speed,
+        mass=device.smallest_mass or held_torque.UNKNOWN_MASS,
+    )
+    hold = _sampled_servo(dataclasses.replace(setup, params=dataclasses.replace(params, device=own)))
+    with _named("device"):
+        hold((0.0,) * setup.dof, False)
+    return SampledDeviceSide(
+        endpoint,
+        device.device if isinstance(device.device, SimulatedDevice) else device,  # the side must see that it simulates
+        hold,
+        _drive(setup, clock, write),
+        device.declared,
+    )
+
+
+def world_side(setup: Setup, endpoint: WorldControl, rng: np.random.Generator, write: Write) -> WorldSide:
+    """The virtual mass in its scene, for an endpoint or its control half."""
+    endpoint.deadband = deadband(setup.params, "world")
+    world = setup.params.world
+    with _named("world"):
+        mass = PassiveIntegrator(world.mass, world.damping, world.stiffness, setup.scene.start)
+    mass.adopt(setup.scene.contacts)
+
+    def make_coupling(position: Vector, kinetic: float, empty: bool = False) -> Coupling | WorldCouplingAccount:
+        if setup.kind.world is not None:
+            law = setup.kind.world(setup.params, setup.tuning, position)
+            return WorldCouplingAccount(law, 0.0 if empty else world.ceiling_J)
+        spring = shared_spring(world.stiffness, setup.dof)
+        return Coupling(
+            setup.kind.modulator(world, spring, position, None, 0.0 if empty else world.ceiling_J, 0.0),
+            stages=_stages(world),
+            silence=Silence(cast(OnSilence, world.on_silence), world.silence_after_s),
+            longest_step=_longest_step(setup, world, spring),
+            kinetic=kinetic,
+        )
+
+    make_coupling(mass.position, 0.0)  # so that what is wrong is said now and not at pairing
+    return WorldSide(endpoint, mass, setup.scene, make_coupling, rng=rng, write=write, name=setup.params.scene)
+
+
+def _session(setup: Setup, role: Role, name: str, incarnation: int) -> Session:
+    wire = setup.params.wire
+    side = setup.params.device if role == "device" else setup.params.world
+    return Session(
+        role=role,
+        dof=setup.dof,
+        name=name,
+        incarnation=incarnation,
+        about={
+            "scene": setup.params.scene,
+            "coupling": setup.params.coupling,
+            RESERVOIR: side.ceiling_J,
+            **{SHARED + name: setup.tuning[name] for name in setup.kind.shared},
+        },
+        settings=SessionSettings(
+            accept_stale=wire.accept_stale,
+            admission_W=wire.admission_W,
+            admission_burst_J=wire.admission_burst_J,
+            hello_period_ns=round(wire.hello_period_s / NANO),
+            spacing_ns=round(wire.energy_spacing_s / NANO),
+            silence_ns=round(side.silence_after_s / NANO),
+            expects=setup.kind.world_sends if role == "device" else setup.kind.device_sends,
+        ),
+    )
+
+
+def _continuous_servo(setup: Setup) -> Callable[[Vector, float, bool], ContinuousServo]:
+    device = setup.params.device
+    damping = checks.diagonal("device.damping", device.damping, setup.dof)
+
+    def make(position: Vector, kinetic: float, empty: bool = False) -> ContinuousServo:
+        return ContinuousServo(
+            _device_coupling(setup, position, kinetic, empty), damping=damping, period=device.pspm_period_s
+        )
+
+    return make
+
+
+def _sampled_servo(setup: Setup) -> Callable[[Vector, bool], SampledServo | LawServo]:
+    device = setup.params.device
+    damping = checks.diagonal("device.damping", device.damping, setup.dof)
+
+    held = _held(setup)
+
+    def make(position: Vector, empty: bool = False) -> SampledServo | LawServo:
+        if setup.kind.device is not None:
+            return LawServo(
+                setup.kind.device(setup.params, setup.tuning, position),
+                period=device.pspm_period_s,
+                position=position,
+                bound=0.0 if empty else device.ceiling_J,
+                force_limit=device.force_limit_N or math.inf,
+            )
+        guard, holding = held or (ForceGuard(limit=device.force_limit_N or math.inf), None)
+        return SampledServo(
+            _device_coupling(setup, position, 0.0, empty, 0.0 if holding is None else holding.reserve),
+            damping=damping,
+            period=device.pspm_period_s,
+            position=position,
+            harvest=setup.harvest,
+            trusted_damping=(device.trusted_damping,) * setup.dof,
+            guard=guard,
+            holding=holding,
+            resolution=device.resolution_m,
+        )
+
+    return make
+
+
+def _held(setup: Setup) -> tuple[ForceGuard, Holding] | None:
+    """What keeps a held torque to its limits and to its account; None: nothing keeps this coupling to them."""
+    if not setup.kind.limited:
+        return None
+    return held_torque.guard(setup.params.device, setup.harvest, setup.dof)
+
+
+def _device_coupling(setup: Setup, position: Vector, kinetic: float, empty: bool, reserve: float = 0.0) -> Coupling:
+    device = setup.params.device
+    limit = device.force_limit_N * device.spring_share or None
+    spring = shared_spring(device.stiffness, setup.dof, limit)
+    return Coupling(
+        setup.kind.modulator(device, spring, position, limit, 0.0 if empty else device.ceiling_J, reserve),
+        stages=_stages(device),
+        silence=Silence(cast(OnSilence, device.on_silence), device.silence_after_s),
+        longest_step=_longest_step(setup, device, spring),
+        kinetic=kinetic,
+    )
+
+
+def _longest_step(setup: Setup, side: DeviceParams | WorldParams, spring: Spring) -> float:
+    """How far ybar may move in an update [m], so that the spring's force steps by no more than its limit."""
+    if not setup.kind.limited or not side.step_limit_N:
+        return math.inf
+    return side.step_limit_N / spring.ellipsoid.largest
+
+
+def _stages(side: DeviceParams | WorldParams) -> Pipeline:
+    stages: list[Stage] = []
+    if side.predict_s:
+        stages.append(VelocityPredictor(side.predict_s))
+    if side.smoothing_s:
+        stages.append(SmoothingFilter(side.smoothing_s))
+    return Pipeline(stages)
+
+
+def _scene(params: Params) -> tuple[Scene, list[str]]:
+    """The scene, and a warning for each parameter that it does not read although it was set."""
+    known, named = scene_parameters(params.scene), params.scene in SCENES
+    if params.scene == "paper":
+        known.pop("position")  # the paper lies in z = 0, whatever the wall does
+    if params.dof and "dof" not in known:
+        raise InvalidParameter("dof", params.dof, f"0: the scene {params.scene} sets its own")
+    values: dict[str, Any] = {"dof": params.dof} if params.dof else {}
+    warnings = []
+    for keyword, name in _SCENE_PARAMETERS.items():
+        value = params.get(name)
+        changed = value != _DEFAULTS.get(name)
+        if keyword in known:
+            if named or changed:  # a scene of the user's own has defaults of its own
+                values[keyword] = value
+        elif changed:
+            warnings.append(f"{name} is {value:g}, but the scene {params.scene} does not read it")
+    try:
+        return make_scene(params.scene, **values), warnings
+    except InvalidParameter as error:
+        if error.name not in _SCENE_PARAMETERS:
+            raise
+        name = _SCENE_PARAMETERS[error.name]
+        raise InvalidParameter(name, params.get(name), error.allowed) from error
+
+
+@contextmanager
+def _named(section: str) -> Iterator[None]:
+    """The parts know a parameter by its own name; its user knows it by the section's too."""
+    try:
+        yield
+    except InvalidParameter as error:
+        if error.name not in ("mass", "damping", "stiffness"):
+            raise
+        raise InvalidParameter(f"{section}.{error.name}", error.value, error.allowed) from error

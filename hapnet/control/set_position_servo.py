@@ -1,0 +1,276 @@
+"""The device's side of the coupling, for the two kinds of servo.
+
+Continuous: (2) acts within the tick (only a simulated device can do that); it is the paper's device, harvested by (10),
+which is no lower bound where the actuators' limit acted: there by what the damper did dissipate.
+Sampled: the torque is computed once a tick from what the encoders say, and held, as on hardware; harvested by
+measurement (or by (10), which then needs damping of the device's own).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from operator import mul, sub
+from typing import Literal
+
+from hapnet.checks import Vector
+from hapnet.control.harvest import MeasuredHarvest, dissipated_by_range
+from hapnet.control.pspm import Modulation
+from hapnet.control.reserve import ForceGuard, Holding
+from hapnet.control.set_position_coupling import Coupling
+
+Harvest = Literal["range", "measured"]
+HARVESTS: tuple[Harvest, ...] = ("range", "measured")
+
+Passage = Callable[[], tuple[Vector, Vector, float | None]]
+"""Gives the extremes of the position since it was last called [m], both ends included, and what the damper dissipated
+since then [J] if the actuators' limit kept it from acting in full; None if it did act in full."""
+
+TICK_SLACK_S = 1e-9  # s: a clock of whole nanoseconds may call a period a nanosecond short
+
+
+class ContinuousServo:
+    """PSPM for a device whose coupling acts continuously between ticks.
+
+    Parameters
+    ----------
+    coupling : the set-position's way.
+    damping : B's diagonal [Ns/m].
+    period : PSPM runs at least this often [s], and at once on the tick after data.
+    """
+
+    def __init__(self, coupling: Coupling, *, damping: Vector, period: float) -> None:
+        self.coupling = coupling
+        self.damping = damping
+        self._due = period - TICK_SLACK_S
+        self._elapsed = 0.0
+
+    def tick(
+        self, dt: float, x: Vector, passage: Passage, work: float, kinetic: float, *, release: bool = False
+    ) -> Modulation | None:
+        """A tick `dt` seconds after the last; what PSPM did, if it ran. `release`: let the spring go (ybar = x).
+
+        The ledger is at the human's port: `work` is what the hand put in over the tick [J], `kinetic` the device's
+        kinetic energy now [J].
+        """
+        self.rest(dt, x, work, kinetic)
+        coupling, elapsed = self.coupling, self._elapsed
+        if elapsed < self._due and not coupling.has_datum and not release:
+            return None
+        low, high, dissipated = passage()
+        if dissipated is None:
+            dissipated = dissipated_by_range(self.damping, low, high, elapsed)
+        result = coupling.release(x, dissipated) if release else coupling.update(elapsed, x, dissipated)
+        self._elapsed = 0.0
+        coupling.ledger.observe(kinetic + coupling.potential(x), coupling.account)
+        return result
+
+    def resting(self, dt: float) -> int:
+        """How many ticks `dt` seconds apart PSPM has nothing to do in, if no data come: `rest` is all of each."""
+        if self.coupling.has_datum:
+            return 0
+        ticks, elapsed = 0, self._elapsed + dt
+        while elapsed < self._due:
+            ticks += 1
+            elapsed += dt
+        return ticks
+
+    def rest(self, dt: float, x: Vector, work: float, kinetic: float) -> None:
+        """What every tick begins with: the account. The arguments are those of `tick`."""
+        self._elapsed += dt
+        coupling = self.coupling
+        ledger = coupling.ledger
+        ledger.put_in(work)
+        stored = kinetic + coupling.spring.between(coupling.modulator.set_position, x)
+        ledger.observe(stored, coupling.account)
+
+
+class SampledServo:
+    """PSPM and force of a device whose torque is held from tick to tick; its ledger is at the actuator's port.
+
+    Parameters
+    ----------
+    coupling, damping, period : as in `ContinuousServo`.
+    harvest : "measured" (default) or "range".
+    trusted_damping : lower bound of the device's own damping to harvest too [Ns/m] an axis, with "measured".
+    guard : keeps the force to its limits, and with "measured" to what the account can pay for; the spring should
+        saturate a little below its limit.
+    holding : what the guard was reckoned with; None: it is not known.
+    resolution : of the encoders [m].
+    position : the first measured position [m].
+    """
+
+    def __init__(
+        self,
+        coupling: Coupling,
+        *,
+        damping: Vector,
+        period: float,
+        position: Vector,
+        harvest: Harvest = "measured",
+        trusted_damping: Vector | None = None,
+        guard: ForceGuard | None = None,
+        holding: Holding | None = None,
+        resolution: float = 0.0,
+    ) -> None:
+        self.coupling = coupling
+        self.damping = damping
+        self._due = period - TICK_SLACK_S
+        self.harvest = harvest
+        self.resolution = resolution
+        self.force: Vector = (0.0,) * len(position)
+        """The force held now [N]. Whoever knows better what the actuators really give sets it, before the next tick."""
+        self.trusted_damping = trusted_damping or self.force
+        self.holding = holding
+        self.speed_max = 0.0
+        """Greatest measured speed, over a tick [m/s]; of what encoders say less a count."""
+        self.overrun_leak = 0.0
+        """What held torques gave out while the servo was away for too long, beyond what the account held [J]."""
+        self.overrun_risk = 0.0
+        """The most that may have been given out beyond it meanwhile, and been taken back unseen [J]."""
+        self.guarded = 0
+        """Ticks whose force the guard changed."""
+        self._guard = guard or ForceGuard()
+        self._longest_hold = math.inf if holding is None else holding.time * (1.0 + 1e-9)
+        self._measured = MeasuredHarvest(self.trusted_damping, resolution)
+        self._position = position
+        self._low = self._high = position
+        self._elapsed = 0.0
+        self._clipped = False
+        self._commanded = self._before = self.force
+        self._potential = coupling.potential(position)
+        self._torque_path = 0.0
+        self._boundary = 0.0
+        if self._guard.has_account:
+            coupling.spare = self._spare
+
+    @property
+    def quantisation(self) -> float:
+        """How far the true slack can lie below the measured one, because positions are whole counts [J].
+
+        The true position is a count plus at most r/2 an axis. Summing the torque's work by parts, the difference is at
+        most r/2 for every newton that the held torque ever changed by, plus the spring's curvature at the end.
+        """
+        r = self.resolution
+        if r == 0.0:
+            return 0.0
+        path = self._torque_path + sum(map(abs, map(sub, self.force, self._before)))
+        boundary = max(self._boundary, self._unsprung())
+        blur: float = r / 2.0 * (path + boundary) + r * r / 8.0 * self.coupling.spring.curvature_bound()
+        return blur
+
+    @property
+    def account(self) -> float:
+        """The reservoir's content with the harvest of the running interval [J]: what the ledger counts."""
+        return self.coupling.account + self._pending
+
+    @property
+    def _pending(self) -> float:
+        """Harvest of the running interval, not yet in the reservoir [J]."""
+        if self.harvest == "range":
+            return 0.0
+        pending: float = self._measured.work - (self.coupling.potential(self._position) - self._potential)
+        return pending
+
+    @property
+    def _stored(self) -> float:
+        """P: what spring and reservoir hold now, the running interval's harvest counted [J]."""
+        stored: float = self.coupling.account + self._measured.work + self._potential
+        return stored
+
+    def _spare(self) -> float:
+        """What the reservoir can do without, the force held on [J]."""
+        return self._stored - self._guard.needed(self._commanded)
+
+    def tick(self, dt: float, x: Vector, v: Vector, *, release: bool = False) -> Modulation | None:
+        """A tick `dt` seconds after the last at measured position x [m] and velocity v [m/s].
+
+        Sets `force`, to zero if told to `release` (ybar = x); returns what PSPM did, if it ran. What was harvested up
+        to a release is measured in any case: (10) knows nothing of a torque held for so long.
+        """
+        coupling, measured = self.coupling, self._measured
+        ledger = coupling.ledger
+        way = math.dist(x, self._position)
+        if way > self.speed_max * dt or dt > self._longest_hold:
+            self._watch(dt, x, way)
+        if self.resolution:
+            self._blur()
+        ledger.put_in(measured.hold(self.force, self._position, x, dt))
+        self._position = x
+        potential, account = coupling.potential(x), coupling.account
+        if self.harvest == "measured":
+            account += measured.work - (potential - self._potential)
+        else:
+            self._low = tuple(map(min, self._low, x))
+            self._high = tuple(map(max, self._high, x))
+        ledger.observe(potential, account)
+        self._elapsed += dt
+        result = None
+        if coupling.has_datum or self._elapsed >= self._due or release:
+            if release:
+                result = coupling.release(x, self._measured_now(x))
+            else:
+                keep = self._guard.needed_after(self._commanded)
+                result = coupling.update(self._elapsed, x, self._dissipated(x), keep)
+            self._potential = coupling.potential(x)
+            self._elapsed = 0.0
+            self._low = self._high = x
+            ledger.observe(self._potential, coupling.account)
+        if release:
+            self.stop()
+        else:
+            self._render(x, v)
+        return result
+
+    def _watch(self, dt: float, x: Vector, way: float) -> None:
+        """How fast it went, and what a torque that was held for too long gave out."""
+        if dt > 0.0:
+            self.speed_max = max(self.speed_max, (way - self.resolution) / dt)
+        if dt > self._longest_hold and self.holding is not None:
+            held = max(0.0, self._stored)
+            leak = sum(map(mul, self.force, map(sub, x, self._position)))
+            far = self.holding.speed * dt + self.resolution
+            self.overrun_leak += max(0.0, leak - held)
+            self.overrun_risk = max(self.overrun_risk, math.hypot(*self.force) * far - held)
+
+    def _measured_now(self, x: Vector) -> float:
+        return self._measured.take(self.coupling.potential(x) - self._potential)
+
+    def _dissipated(self, x: Vector) -> float:
+        if self.harvest == "measured":
+            return self._measured_now(x)
+        self._measured.take(0.0)
+        if self._clipped:  # the damper did not act in full
+            self._clipped = False
+            return 0.0
+        return dissipated_by_range(self.damping, self._low, self._high, self._elapsed, self.resolution)
+
+    def _render(self, x: Vector, v: Vector) -> None:
+        spring = self.coupling.spring.force(tuple(map(sub, x, self.coupling.set_position)))
+        wanted = tuple(map(sub, spring, map(mul, self.damping, v)))
+        energy = math.inf
+        if self._guard.has_account:
+            energy = self.coupling.account + self._measured.work + self._potential
+        force = self._guard.admit(wanted, self._commanded, v, energy)
+        if force is not wanted:
+            self._clipped = True
+            self.guarded += 1
+        self.force = self._commanded = force
+
+    def _blur(self) -> None:
+        """Encoders blur the work of the force that was held by as much as it changed, see `quantisation`."""
+        self._torque_path += sum(map(abs, map(sub, self.force, self._before)))
+        self._boundary = max(self._boundary, self._unsprung())
+        self._before = self.force
+
+    def _unsprung(self) -> float:
+        """How far the force is from the spring's, summed over the axes [N]."""
+        spring = self.coupling.spring.force(tuple(map(sub, self._position, self.coupling.set_position)))
+        distance: float = sum(map(abs, map(sub, self.force, spring)))
+        return distance
+
+    def stop(self) -> None:
+        """No force from now until the next tick, the energy account still right."""
+        if self.resolution:
+            self._blur()
+        self.force = self._commanded = (0.0,) * len(self.force)

@@ -1,0 +1,25 @@
+"""The deadband that the parameters ask for, for either side."""
+
+from __future__ import annotations
+
+from hapnet.control.deadband import LONGEST_S, LONGEST_WAVE_S, Deadband
+from hapnet.couplings.registry import COUPLINGS
+from hapnet.params import Params
+from hapnet.wire.messages import Role, Wave
+
+SENT_A_SILENCE = 5
+"""However few data a deadband lets through, some so many are sent in the time after which a peer counts as silent."""
+
+
+def deadband(params: Params, role: Role) -> Deadband | None:
+    """What decides which data this side sends; None: it sends all."""
+    if params.wire.deadband == 0.0:
+        return None
+    kind = COUPLINGS[params.coupling]
+    sends = kind.device_sends if role == "device" else kind.world_sends
+    silence_s = min(params.device.silence_after_s, params.world.silence_after_s)
+    return Deadband(
+        params.wire.deadband,
+        longest_s=min(LONGEST_WAVE_S if sends is Wave else LONGEST_S, silence_s / SENT_A_SILENCE),
+        port="position" if role == "device" else "force",
+    )

@@ -1,0 +1,1 @@
+"""What a machine and its network allow a servo and its messages."""

@@ -1,0 +1,1 @@
+"""Potentials and projections that control and the simulated plant share: springs, ellipsoids."""

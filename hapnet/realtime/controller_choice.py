@@ -1,0 +1,33 @@
+"""Which control half a side of a run in real time has: a thread, or a servo in a process of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from hapnet.assembly.build import Setup, device_session, world_session
+from hapnet.realtime import servo_pipe
+from hapnet.realtime.controllers import Control, ControlCallbacks, ThreadedDevice, ThreadedWorld
+from hapnet.realtime.servo_process import ServoProcess
+from hapnet.wire.messages import Role
+
+
+def control_of(
+    setup: Setup,
+    role: Role,
+    incarnation: int,
+    callbacks: ControlCallbacks,
+    clock: Callable[[], int],
+    steps: np.random.SeedSequence,
+    *,
+    realtime: bool,
+) -> Control:
+    """The side's control, not started. `steps`: of the random lengths of a world's steps."""
+    if role == "world":
+        session = world_session(setup, incarnation)
+        return ThreadedWorld(setup, session, callbacks, clock, rng=np.random.default_rng(steps))
+    session = device_session(setup, incarnation)
+    if realtime and servo_pipe.available():
+        return ServoProcess(setup, session, callbacks)
+    return ThreadedDevice(setup, session, callbacks, clock, realtime=realtime)

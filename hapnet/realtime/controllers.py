@@ -1,0 +1,179 @@
+"""What drives a side's control half: a thread of this process, or (servo_process.py) a process of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from hapnet.assembly.build import Setup, device_side, world_side
+from hapnet.checks import Vector
+from hapnet.realtime.servo import Servo
+from hapnet.realtime.world_thread import Stepper
+from hapnet.recording.samples import Sample
+from hapnet.side.device import Clock, DeviceSide
+from hapnet.side.endpoint import DeviceEndpoint, WireHalf, WorldEndpoint
+from hapnet.summary.run import Summary, device_summary, with_wire, world_summary
+from hapnet.wire.session import Session
+
+UNPAIRED_STEP_NS = 1_000_000
+"""How long a world that has no peer waits before it looks again."""
+
+
+@dataclass(frozen=True)
+class ControlCallbacks:
+    """Where control's values go; each is called on control's own thread and returns at once.
+
+    send : a position message to put on the link. write : a sample to record. fail : what has ended control.
+    wake : there is surplus energy to collect, and no message to send.
+    """
+
+    send: Callable[[bytes], None]
+    write: Callable[[Sample], None]
+    fail: Callable[[BaseException], None]
+    wake: Callable[[], None]
+
+
+class Control(Protocol):
+    """A side's control, running, and the wire half that goes with it."""
+
+    wire: WireHalf
+    unrecorded: int
+    """Samples that found no room on their way to `ControlCallbacks.write`."""
+
+    @property
+    def origin_ns(self) -> int | None:
+        """When control started, on this machine's monotonic clock; None before."""
+
+    def start(self) -> str | None:
+        """Begin to tick or step; why real-time scheduling was refused, in one line, or None."""
+
+    def stop(self) -> None:
+        """Render no force any more and end; returns when that is done. May be called again."""
+
+    def pause(self, paused: bool) -> None:
+        """Let what is simulated stand still, or go on."""
+
+    def lead(self, position: Vector) -> None:
+        """Where a live hand is to go [m], shape (n,)."""
+
+    def summary(self, now_ns: int) -> Summary:
+        """This side's part of the summary as of `now_ns`, complete once it has stopped."""
+
+
+class ThreadedDevice:
+    """The device with its servo in a thread."""
+
+    unrecorded = 0
+
+    def __init__(
+        self, setup: Setup, session: Session, callbacks: ControlCallbacks, clock: Clock, *, realtime: bool
+    ) -> None:
+        endpoint = DeviceEndpoint(session)
+        self.wire: WireHalf = endpoint
+        self.side = device_side(setup, endpoint, clock, callbacks.write)
+        self._coupling = setup.params.coupling
+        self._send, self._wake = callbacks.send, callbacks.wake
+        self._began = False
+        self._servo = Servo(
+            round(1e9 / setup.params.device.servo_hz),
+            self._tick,
+            safe=self.side.stop,
+            on_error=callbacks.fail,
+            realtime=realtime,
+            clock=clock,
+        )
+
+    @property
+    def origin_ns(self) -> int | None:
+        return self.side.origin_ns
+
+    def start(self) -> str | None:
+        return self._servo.start()
+
+    def stop(self) -> None:
+        self._servo.stop()
+
+    def pause(self, paused: bool) -> None:
+        self.side.paused = paused
+
+    def lead(self, position: Vector) -> None:
+        assert self.side.live_hand is not None
+        self.side.live_hand.lead(position)
+
+    def summary(self, now_ns: int) -> Summary:
+        part = device_summary(self.side, self._coupling, servo_timing(self._servo, self.side))
+        return with_wire(part, self.wire.session, now_ns)
+
+    def _tick(self, now_ns: int) -> None:
+        message = self.side.tick(now_ns)
+        if message is not None:
+            self._send(message)
+        elif self.wire.uncollected:
+            self._wake()
+        if not self._began and self.side.origin_ns is not None:
+            self._began = True
+            self._servo.count_anew()
+
+
+class ThreadedWorld:
+    """The virtual world with its loop in a thread."""
+
+    unrecorded = 0
+
+    def __init__(
+        self, setup: Setup, session: Session, callbacks: ControlCallbacks, clock: Clock, *, rng: np.random.Generator
+    ) -> None:
+        endpoint = WorldEndpoint(session)
+        self.wire: WireHalf = endpoint
+        self.side = world_side(setup, endpoint, rng, callbacks.write)
+        self._coupling = setup.params.coupling
+        self._send, self._wake = callbacks.send, callbacks.wake
+        self._stepper = Stepper(self._step, callbacks.fail, clock)
+
+    @property
+    def origin_ns(self) -> int | None:
+        return self.side.origin_ns
+
+    def start(self) -> str | None:
+        self._stepper.start()
+        return None
+
+    def stop(self) -> None:
+        self._stepper.stop()
+
+    def pause(self, paused: bool) -> None:
+        self.side.paused = paused
+
+    def lead(self, position: Vector) -> None:
+        raise AssertionError("a world has no hand")
+
+    def summary(self, now_ns: int) -> Summary:
+        return with_wire(world_summary(self.side, self._coupling), self.wire.session, now_ns)
+
+    def _step(self, now_ns: int) -> int:
+        message = self.side.step(now_ns)
+        if self.side.origin_ns is None:
+            return UNPAIRED_STEP_NS
+        if message is not None:
+            self._send(message)
+        elif self.wire.uncollected:
+            self._wake()
+        return self.side.next_step_ns()
+
+
+def servo_timing(servo: Servo, side: DeviceSide) -> dict[str, Any]:
+    """How the servo kept its deadlines, for the summary."""
+    timing = servo.stats()
+    return {
+        "late_p50_us": timing.late_p50_us,
+        "late_p99_us": timing.late_p99_us,
+        "late_max_us": timing.late_max_us,
+        "late_period": timing.late_period,
+        "skipped": timing.skipped,
+        "overruns": side.overruns,
+        "longest_ms": side.longest_ns * 1e-6,
+        "late_histogram_us": [[edge / 1e3, count] for edge, count in timing.late_histogram_ns],
+    }

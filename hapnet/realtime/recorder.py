@@ -1,0 +1,180 @@
+"""A side's recording in real time: samples come from any thread, and are written on the event loop."""
+
+from __future__ import annotations
+
+import secrets
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from hapnet.assembly.build import Setup
+from hapnet.errors import RecordingError
+from hapnet.recording.hand import fingerprint
+from hapnet.recording.mcap import RecordingWriter, preload
+from hapnet.recording.samples import Sample
+from hapnet.wire.messages import Role
+from netem import LinkProfile
+
+MOST_SAMPLES = 100_000
+"""How many samples may wait to be written; more are counted and dropped."""
+
+
+class Recorder:
+    """Writes the recording at `path`, from when it is known what it is of.
+
+    A disk that is full, or a file that cannot be written any more, ends the recording and not the run.
+
+    Parameters
+    ----------
+    path : of the recording.
+    tell : told in words what is missing in it.
+
+    Attributes
+    ----------
+    broken : it ended before its time.
+    missing : what was told; None: nothing is missing.
+
+    Raises
+    ------
+    RecordingError : it cannot be written.
+    """
+
+    def __init__(self, path: Path, tell: Callable[[str], None]) -> None:
+        _require_writable(path)
+        preload()
+        self.broken = False
+        self.missing: str | None = None
+        self.path = path
+        self._tell = tell
+        self._writer: RecordingWriter | None = None
+        self._samples: deque[Sample] = deque()
+        self._unrecorded = 0
+
+    def keep(self, sample: Sample) -> None:
+        """One more sample, from any thread; returns at once."""
+        if self.broken:
+            return
+        if len(self._samples) < MOST_SAMPLES:
+            self._samples.append(sample)
+        else:
+            self._unrecorded += 1
+
+    def drain(self, now_ns: int, meta: Callable[[], dict[str, Any]]) -> None:
+        """Write what was kept since the last call; `meta` says what the recording is of, when it begins."""
+        if self.broken:
+            return
+        try:
+            if self._writer is None:
+                self._writer = RecordingWriter(self.path, meta())
+            while self._samples:
+                self._writer.write(self._samples.popleft())
+            self._writer.flush(now_ns)
+        except RecordingError as error:
+            self._give_up(error)
+
+    def close(self, summary: dict[str, Any] | None, unrecorded: int) -> None:
+        """End it with the summary; once. `unrecorded` : samples that were lost before they came here."""
+        if self._writer is None:
+            return
+        if unrecorded := unrecorded + self._unrecorded:
+            self._say(f"{unrecorded} samples are missing: they came faster than they could be written")
+        try:
+            self._writer.close(summary)
+        except RecordingError as error:
+            self.broken = True
+            self._say(f"{error}; its end is missing")
+
+    def _give_up(self, error: RecordingError) -> None:
+        self.broken = True
+        self._writer = None
+        self._samples.clear()
+        self._say(f"{error}; the run goes on without a recording")
+
+    def _say(self, text: str) -> None:
+        self.missing = text
+        self._tell(text)
+
+
+class Recordings:
+    """The recordings of a side, one after another; while there is none, samples are dropped.
+
+    tell : told in words what is missing in one.
+
+    Attributes
+    ----------
+    missing : what was told of those that have ended.
+    """
+
+    def __init__(self, tell: Callable[[str], None]) -> None:
+        self.missing: list[str] = []
+        self._tell = tell
+        self._recorder: Recorder | None = None
+        self._lost_before = 0
+
+    @property
+    def path(self) -> Path | None:
+        """Of the recording that is being made."""
+        recorder = self._recorder
+        return None if recorder is None or recorder.broken else recorder.path
+
+    def begin(self, path: Path) -> None:
+        """From now on record at `path`. Raises RecordingError if that cannot be."""
+        self._recorder = Recorder(path, self._tell)
+
+    def keep(self, sample: Sample) -> None:
+        """One more sample, from any thread."""
+        if (recorder := self._recorder) is not None:
+            recorder.keep(sample)
+
+    def drain(self, now_ns: int, meta: Callable[[], dict[str, Any]]) -> None:
+        """See `Recorder.drain`."""
+        if self._recorder is not None:
+            self._recorder.drain(now_ns, meta)
+
+    def end(self, summary: dict[str, Any] | None, lost: int) -> None:
+        """End the recording that is being made, if there is one.
+
+        lost : samples that did not come here, of all recordings so far.
+        """
+        recorder, self._recorder = self._recorder, None
+        if recorder is not None:
+            recorder.close(summary, lost - self._lost_before)
+            if recorder.missing is not None:
+                self.missing.append(recorder.missing)
+        self._lost_before = lost
+
+
+def described(setup: Setup, role: Role, seed: int, link: LinkProfile) -> dict[str, Any]:
+    """What the recording of a side is of, for its ``meta``."""
+    return {
+        "params": setup.params.as_dict(),
+        "operator_sha256": fingerprint(setup.params.operator),
+        "seed": seed,
+        "role": role,
+        "clock": _boot_id(),
+        "scene": setup.scene.name,
+        "coupling": setup.params.coupling,
+        "tuning": dict(setup.tuning),
+        "surfaces": [surface._asdict() for surface in setup.scene.surfaces],
+        "links": {"up" if role == "device" else "down": str(link)},
+    }
+
+
+def _boot_id() -> str:
+    """Names this machine's monotonic clock: two recordings with the same name can be aligned."""
+    try:
+        return "boot:" + Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
+    except OSError:
+        return "process:" + secrets.token_hex(8)
+
+
+def _require_writable(path: Path) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        existed = path.exists()
+        path.open("ab").close()
+        if not existed:
+            path.unlink()  # nothing is written before the sides have met
+    except OSError as error:
+        raise RecordingError(f"cannot write recording {path}: {error.strerror or error}") from None

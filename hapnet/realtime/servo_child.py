@@ -1,0 +1,152 @@
+"""A servo's process: the device, its control half and nothing else. Started by servo_process.py.
+
+No network, recording or display runs here, so nothing holds the interpreter's lock when a tick is due. If the parent
+goes away, in whatever way, the next tick sees it and renders no force any more.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+from hapnet.assembly.build import device_side, prepare
+from hapnet.errors import HapnetError
+from hapnet.params import Params
+from hapnet.realtime.controllers import servo_timing
+from hapnet.realtime.servo import Servo, tuned_interpreter
+from hapnet.realtime.servo_pipe import Pipe, PipeClosed, datum_of
+from hapnet.recording.samples import DeviceSample, Sample
+from hapnet.side.endpoint import DeviceControl, backlog
+from hapnet.summary.run import device_summary
+from hapnet.wire.session import PositionStream
+
+LAST_WORDS_S = 2.0
+"""How long what must be said at the end may wait for a parent that does not read."""
+
+_COLLECT_EVERY_S = 1.0
+_MOST_SAMPLES = 20  # a frame
+
+
+class ServoChild:
+    """The side's control half and its end of the pipe; all but the constructor and `end` on the servo's thread."""
+
+    def __init__(self, pipe: Pipe, setup: dict[str, Any]) -> None:
+        params = Params().set(setup["params"])
+        self._pipe = pipe
+        self._coupling = params.coupling
+        prepared = prepare(params, "sampled")
+        waiting = backlog(prepared.kind.world_sends)
+        self._control = DeviceControl(PositionStream(setup["incarnation"]), waiting)
+        self.side = device_side(prepared, self._control, time.monotonic_ns, self._write)
+        self.servo = Servo(
+            round(1e9 / params.device.servo_hz),
+            self._tick,
+            safe=self.side.stop,
+            on_error=self._fail,
+            realtime=True,
+        )
+        self.collect: Callable[[], int] = lambda: 0
+        self._collect_every = round(_COLLECT_EVERY_S * params.device.servo_hz)
+        self._parent: int = setup["parent"]
+        self._samples: list[DeviceSample] = []
+        self._a_frame = max(1, min(_MOST_SAMPLES, round(params.record_hz / (params.telemetry_hz or 1.0))))
+        self._unrecorded = 0
+        self._unsent = 0
+        self._shuffled = 0.0  # what found the pipe full, to go with the next message
+        self._began = False
+
+    def end(self) -> None:
+        """The servo has ended: the last words."""
+        self._flush_samples()
+        part = device_summary(self.side, self._coupling, servo_timing(self.servo, self.side))
+        part["servo"]["unsent"] = self._unsent
+        self._pipe.send(LAST_WORDS_S, "end", part, self._unrecorded, self._shuffled + self._control.shuffled())
+
+    def _tick(self, now_ns: int) -> None:
+        self._take()
+        side = self.side
+        message = side.tick(now_ns)
+        if message is not None or self._control.has_shuffled:
+            surplus = self._shuffled + self._control.shuffled()
+            if self._pipe.offer("position", surplus, message):
+                self._shuffled = 0.0
+            else:
+                self._shuffled = surplus
+                self._unsent += message is not None
+        if not self._began and side.origin_ns is not None:
+            self._began = self._pipe.offer("began", side.origin_ns)
+            self.servo.count_anew()
+        if side.ticks % self._collect_every == 0:
+            self.collect()  # right after a tick, where there is most time for it
+
+    def _take(self) -> None:
+        """Hand over what has come from the wire half."""
+        control = self._control
+        if os.getppid() != self._parent:  # a copy of the parent, made by a fork, may hold the pipe open
+            self.servo.stop()
+        try:
+            while (frame := self._pipe.look()) is not None:
+                match frame:
+                    case ("arrive", kind, values, sent_ns, came_ns):
+                        control.on_sample(datum_of(kind, values), sent_ns, came_ns)
+                    case ("credit", credited_nJ):
+                        control.credit(credited_nJ)
+                    case ("pair", restarted):
+                        control.pair(restarted)
+                    case ("pause", paused):
+                        self.side.paused = paused
+                    case ("lead", position) if self.side.live_hand is not None:
+                        self.side.live_hand.lead(position)
+        except PipeClosed:
+            self.servo.stop()
+
+    def _write(self, sample: Sample) -> None:
+        if not isinstance(sample, DeviceSample):
+            self._pipe.offer("note", sample)
+        else:
+            self._samples.append(sample)
+            if len(self._samples) >= self._a_frame:
+                self._flush_samples()
+
+    def _flush_samples(self) -> None:
+        if self._samples and not self._pipe.offer("samples", self._samples):
+            self._unrecorded += len(self._samples)
+        self._samples = []
+
+    def _fail(self, error: BaseException) -> None:
+        known = isinstance(error, HapnetError)
+        self._pipe.send(LAST_WORDS_S, "failed", str(error) if known else f"{type(error).__name__}: {error}")
+
+
+def main(descriptor: int) -> int:
+    """Run the servo whose parent is at the other end of `descriptor`, until it hangs up or is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    pipe = Pipe(socket.socket(fileno=descriptor))
+    try:
+        frame = pipe.wait()
+    except PipeClosed:
+        return 0
+    assert frame is not None
+    assert frame[0] == "setup", frame[0]
+    try:
+        child = ServoChild(pipe, frame[1])
+    except HapnetError as error:
+        pipe.offer("refused", str(error))
+        return 2
+    signal.signal(signal.SIGTERM, lambda number, stack: child.servo.stop())
+    with tuned_interpreter() as collect:
+        child.collect = collect
+        pipe.offer("ready", child.servo.start())
+        child.servo.join()
+    child.end()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(int(sys.argv[1])))

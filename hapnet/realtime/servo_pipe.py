@@ -1,0 +1,123 @@
+"""Frames between a servo's process and the process that owns its wire half, over a socket pair.
+
+A frame is a msgpack array; its first element says what it is. To the servo: setup, pair, arrive, credit, pause, lead.
+From it: ready or refused, began, position, samples, note, failed, end. The socket keeps frames whole and in order
+(SOCK_SEQPACKET). To stop the servo its parent closes the way to it (`hang_up`): that cannot find the pipe full, and is
+what is seen of a parent that has died.
+"""
+
+from __future__ import annotations
+
+import socket
+from contextlib import suppress
+from typing import Any
+
+import msgpack
+
+from hapnet.control.coupling import CouplingSample, Motion, Port, Wave
+
+LONGEST_FRAME = 1 << 17
+_TO_SERVO, _FROM_SERVO = 1 << 16, 1 << 20
+"""Buffers asked for; a frame takes some 800 bytes. What waits for a servo is out of date; what it says is kept."""
+
+_KINDS: tuple[Any, ...] = (tuple, Motion, Port, Wave)
+
+_pack = msgpack.packb
+_unpack = msgpack.unpackb
+
+
+def kind_of(datum: CouplingSample) -> int:
+    """msgpack does not tell a named tuple from another: what goes through a pipe beside the datum."""
+    kind: int = _KINDS.index(type(datum))
+    return kind
+
+
+def datum_of(kind: int, values: tuple[Any, ...]) -> CouplingSample:
+    """A datum that came through a pipe."""
+    datum: CouplingSample = _KINDS[kind](*values) if kind else values
+    return datum
+
+
+class PipeClosed(Exception):
+    """The other process is gone, or has hung up."""
+
+
+def available() -> bool:
+    """Has this system the sockets that this takes?"""
+    return hasattr(socket, "AF_UNIX") and hasattr(socket, "SOCK_SEQPACKET")
+
+
+def socket_pair() -> tuple[socket.socket, socket.socket]:
+    """Two connected ends: the parent's and the servo's."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _TO_SERVO)
+    theirs.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _FROM_SERVO)
+    return ours, theirs
+
+
+class Pipe:
+    """One end. Neither `offer` nor `look` ever waits, so that a servo may call them."""
+
+    def __init__(self, end: socket.socket) -> None:
+        self._end = end
+
+    def offer(self, *frame: Any) -> bool:
+        """Send a frame; False if the other end has not read enough of the earlier ones, or either end is closed."""
+        try:
+            self._end.send(_pack(frame), socket.MSG_DONTWAIT)
+        except OSError:
+            return False
+        return True
+
+    def send(self, timeout_s: float, *frame: Any) -> bool:
+        """`offer`, but wait for room. For one thread only that neither looks nor waits meanwhile."""
+        self._end.settimeout(timeout_s)
+        try:
+            self._end.send(_pack(frame))
+        except OSError:
+            return False
+        finally:
+            self._end.settimeout(None)
+        return True
+
+    def look(self) -> Any | None:
+        """The next frame, if there is one.
+
+        Raises
+        ------
+        PipeClosed : no more will come.
+        """
+        try:
+            return self._opened(self._end.recv(LONGEST_FRAME, socket.MSG_DONTWAIT))
+        except BlockingIOError:
+            return None
+        except ConnectionError:
+            raise PipeClosed from None
+
+    def wait(self, timeout_s: float | None = None) -> Any | None:
+        """The next frame; None if there was none for `timeout_s`. Raises `PipeClosed` too."""
+        if timeout_s is not None:
+            self._end.settimeout(timeout_s)
+        try:
+            return self._opened(self._end.recv(LONGEST_FRAME))
+        except TimeoutError:
+            return None
+        except OSError:
+            raise PipeClosed from None
+        finally:
+            if timeout_s is not None:
+                self._end.settimeout(None)  # with a timeout Python would wait in `offer` as well
+
+    def hang_up(self) -> None:
+        """Send no more; the other end can still be read."""
+        with suppress(OSError):
+            self._end.shutdown(socket.SHUT_WR)
+
+    def close(self) -> None:
+        self._end.close()
+
+    @staticmethod
+    def _opened(data: bytes) -> Any:
+        if not data:
+            raise PipeClosed
+        return _unpack(data, use_list=False, strict_map_key=False)

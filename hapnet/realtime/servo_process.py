@@ -1,0 +1,227 @@
+"""A servo in a process of its own, seen from the process that owns the wire half.
+
+Beside a network, a recording and an event loop in one interpreter, a servo's thread waits for their turns to end. In a
+process of its own, under SCHED_FIFO, it does not: that is what `--realtime` starts. The price is that every message
+goes through one more socket.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections import deque
+from typing import Any
+
+from hapnet.assembly.build import Setup
+from hapnet.checks import Vector
+from hapnet.control.coupling import CouplingSample
+from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.realtime.controllers import ControlCallbacks
+from hapnet.realtime.servo_pipe import Pipe, PipeClosed, kind_of, socket_pair
+from hapnet.recording.samples import DeviceSample, Event
+from hapnet.side.endpoint import WireHalf
+from hapnet.summary.run import Summary, unknown_device, with_wire
+from hapnet.wire.session import Session
+
+START_LIMIT_S = 30.0
+STOP_LIMIT_S = 5.0
+
+
+class ServoProcess:
+    """Starts the process, and is to the wire half what a control half in this process would be.
+
+    Parameters
+    ----------
+    setup, session, callbacks : of this side.
+
+    Raises
+    ------
+    InvalidParameter : a part of the user's own is defined in the script itself, where another process cannot find it.
+    """
+
+    def __init__(self, setup: Setup, session: Session, callbacks: ControlCallbacks) -> None:
+        for name in ("hardware", "operator", "scene"):
+            if setup.params.get(name).startswith("__main__:"):
+                allowed = "a class in a module of its own: with realtime it is made in another process"
+                raise InvalidParameter(name, setup.params.get(name), allowed)
+        self.wire = WireHalf(session, self)
+        self.origin_ns: int | None = None
+        self.unrecorded = 0
+        self._setup, self._callbacks = setup, callbacks
+        self._shuffled: deque[float] = deque()
+        self._owed: deque[tuple[Any, ...]] = deque()  # what must arrive and found the pipe full, or not open yet
+        self._open_for_all = False  # the first frame is the setup
+        self._paying = threading.Lock()
+        self._life = threading.Lock()  # held while the process is started and while it is ended
+        self._process: subprocess.Popen[bytes] | None = None
+        self._stopping = False
+        self._part: Summary = unknown_device()
+        self._reader = threading.Thread(target=self._read, name="servo-pipe", daemon=True)
+
+    # -- the control half, as the wire half sees it -------------------------------------------------------------------
+
+    def pair(self, restarted: bool) -> None:
+        self._deliver("pair", restarted)
+
+    def on_sample(self, datum: CouplingSample, sent_ns: int, came_ns: int) -> None:
+        self._pay()
+        if not self._owed:  # another peer that is owed to the servo comes before its data
+            self._pipe.offer("arrive", kind_of(datum), datum, sent_ns, came_ns)
+
+    def credit(self, credited_nJ: int) -> None:
+        self._deliver("credit", credited_nJ)
+
+    def shuffled(self) -> float:
+        return self._shuffled.popleft() if self._shuffled else 0.0
+
+    @property
+    def has_shuffled(self) -> bool:
+        return bool(self._shuffled)
+
+    def _deliver(self, *frame: Any) -> None:
+        self._owed.append(frame)
+        self._pay()
+
+    def _pay(self) -> None:
+        with self._paying:  # or two threads would pay the same twice
+            while self._open_for_all and self._owed and self._pipe.offer(*self._owed[0]):
+                self._owed.popleft()
+
+    # -- the process ---------------------------------------------------------------------------------------------------
+
+    def start(self) -> str | None:
+        """Start the process and wait until its servo runs; once. After `stop` it does nothing.
+
+        Raises
+        ------
+        HapnetError : the device cannot be made, or the process does not start.
+        """
+        with self._life:
+            if self._stopping:
+                return None
+            self._open()
+            try:
+                frame = self._pipe.wait(START_LIMIT_S)
+            except PipeClosed:
+                frame = None
+            if frame is None or frame[0] != "ready":
+                how = self._end_process()
+                raise HapnetError(frame[1] if frame is not None else f"the servo's process did not start: it {how}")
+            self._reader.start()
+        refusal: str | None = frame[1]
+        return refusal
+
+    def stop(self) -> None:
+        self._stopping = True
+        with self._life:
+            if self._process is None:
+                return
+            self._pipe.hang_up()
+            if self._reader.ident is not None:
+                self._reader.join(STOP_LIMIT_S)
+            self._end_process()
+            self._process = None
+
+    def pause(self, paused: bool) -> None:
+        self._deliver("pause", paused)
+
+    def lead(self, position: Vector) -> None:
+        self._deliver("lead", position)
+
+    def summary(self, now_ns: int) -> Summary:
+        return with_wire(self._part, self.wire.session, now_ns)
+
+    def _open(self) -> None:
+        params = self._setup.params.set({"device.servo": self._setup.servo})
+        ours, theirs = socket_pair()
+        self._pipe = Pipe(ours)
+        path = os.pathsep.join(str(entry) or os.getcwd() for entry in sys.path)
+        with theirs:
+            try:
+                self._process = subprocess.Popen(
+                    [sys.executable, "-P", "-m", "hapnet.realtime.servo_child", str(theirs.fileno())],
+                    pass_fds=(theirs.fileno(),),
+                    process_group=0,  # a Ctrl-C is for the parent, which ends the servo in order
+                    stdin=subprocess.DEVNULL,
+                    stdout=2,  # what a driver prints must not get among the words of --json
+                    env={**os.environ, "PYTHONPATH": path},
+                )
+            except OSError as error:
+                self._pipe.close()
+                raise HapnetError(f"the servo's process did not start: {error.strerror or error}") from error
+        self._pipe.offer("setup", {
+            "params": params.flat(), "incarnation": self.wire.session.identity.incarnation, "parent": os.getpid(),
+        })  # fmt: skip
+        self._open_for_all = True
+        self._pay()
+
+    def _end_process(self) -> str:
+        """The process is to have ended, of itself or not; how it did, in words."""
+        process = self._process
+        assert process is not None
+        self._pipe.hang_up()
+        for more in (process.terminate, process.kill, None):
+            try:
+                process.wait(STOP_LIMIT_S)
+            except subprocess.TimeoutExpired:
+                if more is not None:
+                    more()
+        self._pipe.close()
+        return _ended(process.returncode)
+
+    def _read(self) -> None:
+        """Pass on what comes from the servo, until its process ends."""
+        try:
+            while True:
+                frame = self._pipe.wait()
+                assert frame is not None
+                try:
+                    self._pass_on(frame)
+                except Exception as error:
+                    self._callbacks.fail(error)
+                if frame[0] == "end":
+                    break
+        except PipeClosed:
+            pass
+        if not self._stopping:
+            assert self._process is not None
+            try:
+                how = _ended(self._process.wait(STOP_LIMIT_S))
+            except subprocess.TimeoutExpired:
+                how = "does not answer"
+            self._callbacks.fail(HapnetError(f"the servo's process {how}"))
+
+    def _pass_on(self, frame: Any) -> None:
+        callbacks = self._callbacks
+        match frame:
+            case ("position", surplus, message):
+                if surplus > 0.0:
+                    self._shuffled.append(surplus)
+                if message is None:
+                    callbacks.wake()
+                else:
+                    callbacks.send(message)
+            case ("samples", samples):
+                for sample in samples:
+                    callbacks.write(DeviceSample(*sample))
+            case ("note", note):
+                callbacks.write(Event(*note))
+            case ("began", origin_ns):
+                self.origin_ns = origin_ns
+            case ("failed", text):
+                callbacks.fail(HapnetError(text))
+            case ("end", part, unrecorded, surplus):
+                self._part, self.unrecorded = part, unrecorded
+                if surplus > 0.0:
+                    self._shuffled.append(surplus)
+
+
+def _ended(code: int | None) -> str:
+    if code is None:
+        return "does not answer"
+    if code < 0:
+        return f"was ended by {signal.Signals(-code).name}"
+    return f"ended with exit code {code}"

@@ -1,0 +1,60 @@
+"""How a side leaves: first the energy in flight is acknowledged, then it says goodbye."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+from hapnet.realtime.link_driver import LinkDriver
+from hapnet.side.device import Clock
+from hapnet.wire.session import Session
+
+LINGER_S = 2.0
+"""After control has stopped, how long the energy in flight may take to be acknowledged [s]."""
+
+QUIET_S = 0.3
+"""So long nothing must have been credited before a side leaves: the other, which ends a little later, sends no more."""
+
+LONGEST_TRIP_S = 10.0
+"""The quiet is longer by a round trip of the emulated link, up to that, and the rest by two: one may get lost."""
+
+_LOOK_S = 0.005
+
+
+class GracefulShutdown:
+    """The end of a side whose control has stopped, on the event loop.
+
+    session, link_driver, clock : the side's. pump : sends what is due. hurried : whether somebody is impatient.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        link_driver: LinkDriver,
+        clock: Clock,
+        pump: Callable[[], None],
+        hurried: Callable[[], bool],
+    ) -> None:
+        self._session, self._link_driver, self._clock = session, link_driver, clock
+        self._pump, self._hurried = pump, hurried
+
+    async def run(self, reason: str, linger_s: float, delay_s: float) -> None:
+        """Wait for at most `linger_s`, and for what the emulated link's delay of `delay_s` adds; 0: do not wait."""
+        loop, session = asyncio.get_running_loop(), self._session
+        trip_s = min(2.0 * delay_s, LONGEST_TRIP_S)
+        deadline = loop.time() + (linger_s + 2.0 * trip_s if linger_s else 0.0)
+        self._pump()
+        credited, quiet_until = -1, 0.0
+        while loop.time() < deadline and not self._hurried():
+            with self._link_driver.lock:
+                paired, settled, now = session.peer is not None, session.settled, session.credited_nJ
+            if now != credited:
+                credited, quiet_until = now, loop.time() + QUIET_S + trip_s
+            if not paired or (settled and loop.time() >= quiet_until):
+                break
+            await asyncio.sleep(_LOOK_S)
+        with self._link_driver.lock:
+            session.close(self._clock(), reason)
+        self._pump()
+        while self._link_driver.pending and loop.time() < deadline + 1.0 and not self._hurried():
+            await asyncio.sleep(_LOOK_S)

@@ -1,0 +1,90 @@
+"""A side's telemetry in real time: the newest sample at a set rate, on the event loop and never on a servo's thread."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from hapnet.recording.samples import Event, Sample
+from hapnet.recording.telemetry import Status, encode
+from netem import LinkStats
+
+STATUS_EVERY_S = 0.5
+_MOST_EVENTS = 100
+
+
+class Telemeter:
+    """Publishes what was kept last, and now and then the status.
+
+    It goes last: a turn that comes late by more than a period, since the loop had other things to do, is left out.
+
+    Parameters
+    ----------
+    rate_hz : turns a second. put : publishes; returns at once. status : the side's status now.
+
+    Attributes
+    ----------
+    dropped : turns that were left out.
+    """
+
+    def __init__(self, rate_hz: float, put: Callable[[bytes], object], status: Callable[[], Status]) -> None:
+        self.dropped = 0
+        self._period_s = 1.0 / rate_hz
+        self._put, self._status = put, status
+        self._newest: Sample | None = None
+        self._began = False  # the first sample comes after a status: who watches knows then what it is of
+        self._events: deque[Event] = deque(maxlen=_MOST_EVENTS)
+
+    def keep(self, sample: Sample) -> None:
+        """One more sample or event, from any thread; of samples, the newest takes the place of the one before."""
+        if isinstance(sample, Event):
+            self._events.append(sample)
+        else:
+            self._newest = sample
+
+    async def run(self) -> None:
+        """Publish until cancelled."""
+        loop, period_s = asyncio.get_running_loop(), self._period_s
+        due_s = status_s = loop.time()
+        while True:
+            now_s = loop.time()
+            if now_s - due_s > period_s:
+                self.dropped += 1
+            else:
+                if now_s >= status_s or (self._newest is not None and not self._began):
+                    status_s = now_s + STATUS_EVERY_S
+                    self._put(encode(self._status()))
+                self.publish()
+            due_s = max(due_s + period_s, loop.time())
+            await asyncio.sleep(due_s - loop.time())
+
+    def publish(self) -> None:
+        """Put what was kept since the last time."""
+        sample, self._newest = self._newest, None
+        if sample is not None:
+            self._began = True
+            self._put(encode(sample))
+        while self._events:
+            self._put(encode(self._events.popleft()))
+
+
+class LinkMeter:
+    """What a link has done since it was last asked."""
+
+    def __init__(self) -> None:
+        self._offered = self._lost = self._delivered = 0
+        self._total_ms = 0.0
+
+    def read(self, stats: LinkStats) -> dict[str, Any]:
+        """The link's figures, with ``delay_now_ms`` and ``loss_now`` (see `Status`)."""
+        lost = stats.lost + stats.lost_down + stats.dropped_limit
+        total_ms = (stats.delay_mean_ms or 0.0) * stats.delivered
+        offered, delivered = stats.offered - self._offered, stats.delivered - self._delivered
+        now = {
+            "delay_now_ms": (total_ms - self._total_ms) / delivered if delivered else None,
+            "loss_now": (lost - self._lost) / offered if offered else None,
+        }
+        self._offered, self._lost, self._delivered, self._total_ms = stats.offered, lost, stats.delivered, total_ms
+        return stats.as_dict() | now

@@ -1,0 +1,310 @@
+"""Recordings as files: MCAP with one protobuf message a topic, written as the run goes, readable when torn.
+
+Topics: ``/device/state`` (`DeviceSample`), ``/world/state`` (`WorldSample`), ``/events`` (`Event` as ``foxglove.Log``).
+A sample's time is its message's log time in nanoseconds on the recording process's clock. Its other fields are doubles,
+vectors one field an axis (``position_m`` is ``position_x_m``, ``position_y_m``, ...), NaN where a value is unknown. The
+settings are an MCAP metadata record at the start of the file (``hapnet``), the final summary one at the end
+(``hapnet.summary``), each a JSON text under the key ``json``.
+
+Why protobuf, and why axes apart: Foxglove, PlotJuggler and Rerun all decode it, where Rerun keeps JSON as a text, and
+they plot numbers, not lists. Recordings of before that, in JSON, can be read.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from errno import ENOENT
+from importlib import import_module
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any, NoReturn
+
+from hapnet.errors import RecordingError
+from hapnet.recording import schemas
+from hapnet.recording.samples import DeviceSample, Event, Recording, Sample, WorldSample, from_samples, plain
+
+if TYPE_CHECKING:
+    from mcap.records import Channel, McapRecord, Schema
+
+CHUNK_BYTES = 128 * 1024
+"""No chunk is larger: what one chunk holds is what a torn file can lose beside the last flush."""
+
+FLUSH_NS = 500_000_000
+"""How old unwritten samples may become while `RecordingWriter.flush` is called [ns].
+
+Each flush ends a chunk, and the file's index, kept in memory until the end, has half a kilobyte for each: at ten a
+second it grew by 4 MB in ten minutes.
+"""
+
+_MESSAGE_ROOM = 1024  # mcap closes a chunk after the message that passes its limit; a sample is smaller than this
+_MAGIC = b"\x89MCAP0\r\n"
+_META, _SUMMARY, _KEY = "hapnet", "hapnet.summary", "json"
+_TOPICS: dict[type[Sample], str] = {DeviceSample: "/device/state", WorldSample: "/world/state", Event: "/events"}
+
+
+class RecordingWriter:
+    """Writes a recording while the run goes; what is on disk can be read at any time.
+
+    Parameters
+    ----------
+    path : the file; one that exists is overwritten.
+    meta : settings, seed, versions, role; ``origin_ns`` is the instant that ``time_s`` counts from, ``clock`` names the
+        clock (recordings of the same clock can be aligned by `join`).
+
+    Raises
+    ------
+    RecordingError : from any method, when the file cannot be written (no such directory, disk full, ...).
+    """
+
+    def __init__(self, path: str | os.PathLike[str], meta: Mapping[str, Any]) -> None:
+        self._path = Path(path)
+        self._channels: dict[type[Sample], tuple[int, Callable[[Any], bytes]]] = {}
+        self._flushed_ns: int | None = None
+        self._encode = json.JSONEncoder(allow_nan=False, ensure_ascii=False, separators=(",", ":")).encode
+        text = self._encode(plain(meta))
+        try:
+            self._file = self._path.open("wb")
+        except OSError as error:
+            raise self._error(error) from error
+        self._writer = _mcap_writer(self._file)
+        try:
+            self._writer.start()
+            self._writer.add_metadata(_META, {_KEY: text})
+            self._writer.flush()
+        except OSError as error:
+            self._give_up(error)
+
+    def write(self, sample: Sample) -> None:
+        """Append one sample; samples of one kind come in the order of their times, and have the same axes."""
+        self._check_open()
+        time_ns = sample[0]
+        try:
+            if isinstance(sample, Event):
+                self._writer.flush()  # a long text starts a chunk, so that no chunk passes its limit
+            channel, encode = self._channels.get(type(sample)) or self._register(sample)
+            self._writer.add_message(channel, time_ns, encode(sample), time_ns)
+        except OSError as error:
+            self._give_up(error)
+        except (TypeError, ValueError) as error:
+            raise RecordingError(f"a {type(sample).__name__} does not fit those before it ({error})") from None
+
+    def flush(self, now_ns: int) -> None:
+        """Hand everything to the operating system if `FLUSH_NS` passed since that was last done; call it often."""
+        self._check_open()
+        if self._flushed_ns is not None and 0 <= now_ns - self._flushed_ns < FLUSH_NS:
+            return
+        self._flushed_ns = now_ns
+        try:
+            self._writer.flush()
+            self._require_name()
+        except OSError as error:
+            self._give_up(error)
+
+    def close(self, summary: Mapping[str, Any] | None = None) -> None:
+        """Write the summary and the index, and close the file. Closing again does nothing."""
+        if self._file.closed:
+            return
+        try:
+            self._writer.flush()
+            if summary is not None:
+                self._writer.add_metadata(_SUMMARY, {_KEY: self._encode(plain(summary))})
+            self._writer.finish()
+            self._require_name()
+            self._file.close()
+        except OSError as error:
+            self._give_up(error)
+
+    def _register(self, sample: Sample) -> tuple[int, Callable[[Any], bytes]]:
+        """The channel of all samples like this one, and what makes messages of them."""
+        schema = schemas.schema_for(sample)
+        schema_id: int = self._writer.register_schema(schema.name, "protobuf", schema.descriptor)
+        channel: int = self._writer.register_channel(_TOPICS[type(sample)], "protobuf", schema_id)
+        self._channels[type(sample)] = (channel, schema.encode)
+        return channel, schema.encode
+
+    def _require_name(self) -> None:
+        """A file that is removed can still be written, to nobody's use."""
+        if os.fstat(self._file.fileno()).st_nlink == 0:
+            raise FileNotFoundError(ENOENT, "it was removed")
+
+    def _check_open(self) -> None:
+        if self._file.closed:
+            raise RecordingError(f"recording {self._path} is closed")
+
+    def _error(self, error: OSError) -> RecordingError:
+        return RecordingError(f"cannot write recording {self._path}: {error.strerror or error}")
+
+    def _give_up(self, error: OSError) -> NoReturn:
+        with suppress(OSError):  # closing flushes again, and fails again; the file is closed all the same
+            self._file.close()
+        raise self._error(error) from error
+
+
+def is_mcap(path: str | os.PathLike[str]) -> bool:
+    """Is there such a file, and does it begin as MCAP files do?"""
+    try:
+        with open(path, "rb") as file:
+            return file.read(len(_MAGIC)) == _MAGIC
+    except (OSError, ValueError):
+        return False
+
+
+def read_recording(path: str | os.PathLike[str]) -> Recording:
+    """Read a recording, complete or torn; of a torn one, everything up to its last whole chunk.
+
+    Raises
+    ------
+    RecordingError : the file cannot be read, or is not a recording.
+    """
+    from google.protobuf.message import DecodeError
+    from mcap.records import Channel, Message, Metadata, Schema
+
+    kinds = {topic: kind for kind, topic in _TOPICS.items()}
+    found = dict[int, Schema]()
+    decoders: dict[int, Callable[[int, bytes], Sample]] = {}
+    samples: list[Sample] = []
+    texts: dict[str, str] = {}
+    records = _Records(Path(path))
+    try:
+        for record in records:
+            if isinstance(record, Message) and record.channel_id in decoders:
+                samples.append(decoders[record.channel_id](record.log_time, record.data))
+            elif isinstance(record, Schema):
+                found[record.id] = record
+            elif isinstance(record, Channel) and record.topic in kinds:
+                decoders[record.id] = _decoder(kinds[record.topic], record, found.get(record.schema_id))
+            elif isinstance(record, Metadata) and _KEY in record.metadata:
+                texts[record.name] = record.metadata[_KEY]
+        if _META not in texts:
+            raise RecordingError(f"{path} is not a recording: an MCAP file, but without the metadata record {_META!r}")
+        summary = json.loads(texts[_SUMMARY]) if _SUMMARY in texts else None
+        return from_samples(json.loads(texts[_META]), samples, summary, records.torn)
+    except (AttributeError, DecodeError, KeyError, RecursionError, TypeError, ValueError) as error:
+        raise RecordingError(f"{path} is not a recording: its content does not fit ({error})") from error
+
+
+def save(recording: Recording, path: str | os.PathLike[str]) -> None:
+    """Write `recording` to `path`, which appears only when it is complete.
+
+    Raises
+    ------
+    RecordingError : the file cannot be written.
+    """
+    with complete_or_absent(Path(path)) as part:
+        writer = RecordingWriter(part, recording.meta)
+        for sample in recording.samples():
+            writer.write(sample)
+        writer.close(recording.summary)
+
+
+def repair(path: str | os.PathLike[str]) -> Path:
+    """Copy all that can be read of `path` to an indexed, complete ``NAME.repaired.mcap`` beside it; return its path.
+
+    The original is not touched. Raises `RecordingError` as `read_recording` and `RecordingWriter` do.
+    """
+    from mcap.records import Channel, Message, Metadata, Schema
+
+    source = Path(path)
+    target = source.with_name(source.name.removesuffix(".mcap") + ".repaired.mcap")
+    known, channels = {0: 0}, dict[int, int]()
+    records = _Records(source)
+    with complete_or_absent(target) as part, part.open("wb") as file:
+        writer = _mcap_writer(file)
+        writer.start()
+        for r in records:
+            if isinstance(r, Message) and r.channel_id in channels:
+                writer.add_message(channels[r.channel_id], r.log_time, r.data, r.publish_time, r.sequence)
+            elif isinstance(r, Schema) and r.id not in known:
+                known[r.id] = writer.register_schema(r.name, r.encoding, r.data)
+            elif isinstance(r, Channel) and r.id not in channels:
+                channels[r.id] = writer.register_channel(r.topic, r.message_encoding, known[r.schema_id], r.metadata)
+            elif isinstance(r, Metadata):
+                writer.flush()  # metadata stands outside chunks: keep what came before it before it
+                writer.add_metadata(r.name, r.metadata)
+        writer.finish()
+    return target
+
+
+def preload() -> None:
+    """Load what a writer needs, which takes 30 ms: before something runs that must not wait."""
+    for module in ("mcap.writer", "google.protobuf.message_factory", "google.protobuf.timestamp_pb2"):
+        import_module(module)
+
+
+def _mcap_writer(file: IO[bytes]) -> Any:  # Any: some of the class's methods have no annotations
+    from mcap.writer import CompressionType, Writer
+
+    # lz4 halves the file for 1 us a sample; zstd, the library's default, takes three times as long
+    return Writer(file, chunk_size=CHUNK_BYTES - _MESSAGE_ROOM, compression=CompressionType.LZ4)
+
+
+@contextmanager
+def complete_or_absent(target: Path, what: str = "recording") -> Iterator[Path]:
+    """The path to write to; it becomes `target` if the body succeeds and is removed if not.
+
+    Raises
+    ------
+    RecordingError : it cannot be written; the message calls it `what`.
+    """
+    part = target.with_name(target.name + ".part")
+    try:
+        yield part
+        part.replace(target)
+    except OSError as error:
+        raise RecordingError(f"cannot write {what} {target}: {error.strerror or error}") from error
+    finally:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+
+
+class _Records:
+    """The records of an MCAP file in order, up to the first that is not whole; `torn` is known after the last."""
+
+    def __init__(self, path: Path) -> None:
+        self.torn = False
+        self._path = path
+
+    def __iter__(self) -> Iterator[McapRecord]:
+        import zstandard
+        from mcap.exceptions import McapError
+        from mcap.stream_reader import StreamReader
+
+        # what the reader and the decompressors raise on a record that is cut short or damaged (lz4: RuntimeError)
+        damage = (McapError, ValueError, struct.error, RuntimeError, zstandard.ZstdError)
+        try:
+            with self._path.open("rb") as file:
+                if file.read(len(_MAGIC)) != _MAGIC:
+                    raise RecordingError(f"{self._path} is not a recording: expected an MCAP file written by hapnet")
+                file.seek(0)
+                size = os.fstat(file.fileno()).st_size
+                records = iter(StreamReader(file, validate_crcs=True, record_size_limit=size).records)
+                while not self.torn:
+                    try:
+                        record = next(records, None)
+                    except damage:
+                        self.torn = True
+                    else:
+                        if record is None:
+                            return
+                        yield record
+        except OSError as error:
+            raise RecordingError(f"cannot read recording {self._path}: {error.strerror or error}") from error
+
+
+def _decoder(kind: type[Sample], channel: Channel, schema: Schema | None) -> Callable[[int, bytes], Sample]:
+    """What makes samples of a channel's messages: log time [ns], data. An error if they cannot be such samples."""
+    if channel.message_encoding == "json":
+        return lambda time_ns, data: _json_sample(kind, time_ns, json.loads(data))
+    if channel.message_encoding != "protobuf" or schema is None:
+        raise ValueError(f"{channel.topic} is encoded as {channel.message_encoding}")
+    return schemas.decoder(kind, schema.name, schema.data)
+
+
+def _json_sample(kind: type[Sample], time_ns: int, fields: Mapping[str, Any]) -> Sample:
+    """A field that is missing is unknown, one that has no name here is passed over."""
+    if kind is Event:
+        return Event(time_ns, str(fields.get("name")), str(fields.get("message")))
+    return kind._make((time_ns, *map(fields.get, kind._fields[1:])))

@@ -1,0 +1,241 @@
+"""Recordings of a run: what a sample holds, samples as columns, and one recording of the two sides'."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import chain
+from operator import attrgetter
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapnet.checks import Vector
+from hapnet.errors import RecordingError
+
+Columns: TypeAlias = dict[str, NDArray[Any]]
+
+
+class DeviceSample(NamedTuple):
+    """The device's side at one servo tick. Vectors have one element an axis.
+
+    `set_position_m` is PSPM's modulated ybar, `target_m` the y that was asked for, `force_N` the coupling's force on
+    the device (with the continuous servo what acted in the substep that has ended), `operator_force_N` the simulated
+    hand's and `operator_target_m` the x_d where it wants to be (None where they are unknown: a person holds a real
+    device). Energies are those of the modulator and the ledger: `sent_J` and `credited_J` are running totals,
+    `margin_J` and `slack_J` those of the half-theorem at this instant.
+    """
+
+    time_ns: int
+    position_m: Vector
+    set_position_m: Vector
+    target_m: Vector
+    force_N: Vector
+    operator_force_N: Vector | None
+    reservoir_J: float
+    deficit_J: float
+    potential_J: float
+    sent_J: float
+    credited_J: float
+    margin_J: float
+    slack_J: float
+    operator_target_m: Vector | None = None
+
+
+class WorldSample(NamedTuple):
+    """The world's side at the start of one step of length `step_s`; `position_m` is the proxy's.
+
+    `penetration_m` is the depth in the deepest wall (0 or less outside), `contact_force_N` the walls' force on the
+    proxy, `coupling_force_N` the virtual coupling's. The rest is as in `DeviceSample`.
+    """
+
+    time_ns: int
+    step_s: float
+    position_m: Vector
+    velocity_mps: Vector
+    set_position_m: Vector
+    target_m: Vector
+    coupling_force_N: Vector
+    contact_force_N: Vector
+    penetration_m: float
+    reservoir_J: float
+    potential_J: float
+    sent_J: float
+    credited_J: float
+    margin_J: float
+    slack_J: float
+
+
+class Event(NamedTuple):
+    """Something worth a line: `kind` is one word a program can match, `text` is for people (2000 characters kept)."""
+
+    time_ns: int
+    kind: str
+    text: str
+
+
+Sample: TypeAlias = DeviceSample | WorldSample | Event
+
+_SCALARS = ("time_ns", "step_s", "penetration_m")  # these, and the energies; all else is a vector
+VECTORS = frozenset(
+    name
+    for kind in (DeviceSample, WorldSample)
+    for name in kind._fields
+    if name not in _SCALARS and not name.endswith("_J")
+)
+"""The fields that have one element an axis."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A whole run, or one side of it, as columns.
+
+    `device` and `world` map field names to arrays: ``time_ns`` (N,) int64, ``time_s`` (N,) seconds since
+    ``meta["origin_ns"]``, vectors (N, n), all else (N,); NaN where a value is unknown. A side that was not recorded is
+    None. `torn` says that the file ended before its writer closed it.
+    """
+
+    meta: dict[str, Any]
+    device: Columns | None
+    world: Columns | None
+    events: list[Event]
+    summary: dict[str, Any] | None
+    torn: bool = False
+
+    def samples(self) -> list[Sample]:
+        """All samples and events, in order of time."""
+        rows = [*_rows(DeviceSample, self.device), *_rows(WorldSample, self.world), *self.events]
+        return sorted(rows, key=attrgetter("time_ns"))
+
+
+class MemoryRecorder:
+    """Keeps samples in memory; `write` is one list append."""
+
+    def __init__(self, meta: Mapping[str, Any]) -> None:
+        self._meta = meta
+        self._samples: list[Sample] = []
+
+    def write(self, sample: Sample) -> None:
+        self._samples.append(sample)
+
+    def recording(self, summary: Mapping[str, Any] | None = None) -> Recording:
+        """What was written, as it would be read from a file."""
+        return from_samples(plain(self._meta), self._samples, plain(summary), torn=False)
+
+
+def join(a: Recording, b: Recording) -> Recording:
+    """One recording of a device's and a world's, given in either order.
+
+    With the same ``meta["clock"]`` both are put on that clock, counted from the later origin. Otherwise each starts at
+    its own origin, and ``meta["aligned"]`` is False: what happened first on the two sides cannot be known. The settings
+    of both stay under ``meta["sides"]``. The summary is None: `hapnet.summary.run.merge` makes one of the two.
+
+    Raises
+    ------
+    RecordingError : the two are not one device's and one world's, or are of different runs.
+    """
+    if a.device is None and b.device is not None:
+        a, b = b, a
+    if a.device is None or b.world is None or a.world is not None or b.device is not None:
+        raise RecordingError(
+            "cannot join these recordings: one must hold a device's samples and the other a world's; "
+            f"the first holds {_sides(a)}, the second {_sides(b)}"
+        )
+    for key in ("session", "name"):
+        ours, theirs = a.meta.get(key), b.meta.get(key)
+        if None not in (ours, theirs) and ours != theirs:
+            raise RecordingError(
+                f"cannot join recordings of different runs: the device's has the {key} {ours!r}, the world's {theirs!r}"
+            )
+    device_origin, world_origin = _origin(a), _origin(b)
+    aligned = a.meta.get("clock") is not None and a.meta.get("clock") == b.meta.get("clock")
+    origin = max(device_origin, world_origin) if aligned else device_origin
+    shift = 0 if aligned else device_origin - world_origin
+    events = sorted([*a.events, *(e._replace(time_ns=e.time_ns + shift) for e in b.events)], key=attrgetter("time_ns"))
+    meta = {**b.meta, **a.meta, "role": "both", "origin_ns": origin, "aligned": aligned}
+    meta["sides"] = {"device": a.meta, "world": b.meta}
+    return Recording(
+        meta,
+        _on_clock(a.device, 0, origin),
+        _on_clock(b.world, shift, origin),
+        events,
+        None,
+        a.torn or b.torn,
+    )
+
+
+def from_samples(
+    meta: dict[str, Any], samples: Iterable[Sample], summary: dict[str, Any] | None, torn: bool
+) -> Recording:
+    """`samples` as columns; ``meta["origin_ns"]``, where it is missing, becomes the first sample's time."""
+    device, world, events = list[DeviceSample](), list[WorldSample](), list[Event]()
+    for sample in samples:
+        if isinstance(sample, DeviceSample):
+            device.append(sample)
+        elif isinstance(sample, WorldSample):
+            world.append(sample)
+        else:
+            events.append(sample)
+    first = min((rows[0].time_ns for rows in (device, world, events) if rows), default=0)
+    origin = int(meta.setdefault("origin_ns", first))
+    return Recording(meta, _columns(device, origin), _columns(world, origin), events, summary, torn)
+
+
+def _columns(samples: list[DeviceSample] | list[WorldSample], origin_ns: int) -> Columns | None:
+    if not samples:
+        return None
+    kind = type(samples[0])
+    unknown = (math.nan,) * len(samples[0].position_m)
+    columns: Columns = {}
+    for name, values in zip(kind._fields, zip(*samples, strict=True), strict=True):
+        if name in VECTORS:
+            vectors = [unknown if v is None else v for v in values]
+            if set(map(len, vectors)) != {len(unknown)}:
+                raise RecordingError(
+                    f"{name} does not fit: it must have {len(unknown)} axes, as the first position_m has"
+                )
+            columns[name] = np.array(list(chain.from_iterable(vectors)), dtype=float).reshape(len(samples), -1)
+        elif name == "time_ns":
+            columns[name] = np.array(values, dtype=np.int64)
+        else:
+            columns[name] = np.array(values, dtype=float)
+    return _on_clock(columns, 0, origin_ns)
+
+
+def _on_clock(columns: Columns, shift_ns: int, origin_ns: int) -> Columns:
+    time_ns = columns["time_ns"] + shift_ns
+    return {**columns, "time_ns": time_ns, "time_s": (time_ns - origin_ns) / 1e9}
+
+
+def plain(value: Any) -> Any:
+    """`value` as strict JSON can hold it: numbers that are not finite become None, numpy's become Python's."""
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    return str(value) if isinstance(value, os.PathLike) else value
+
+
+def _rows(kind: type[DeviceSample] | type[WorldSample], columns: Columns | None) -> Iterator[Sample]:
+    """What `_columns` made `columns` of."""
+    if columns is None:
+        return
+    lists = [columns[name].tolist() for name in kind._fields]
+    for values in zip(*lists, strict=True):
+        yield kind._make((None if all(map(math.isnan, v)) else tuple(v)) if isinstance(v, list) else v for v in values)
+
+
+def _origin(recording: Recording) -> int:
+    return int(recording.meta["origin_ns"])
+
+
+def _sides(recording: Recording) -> str:
+    sides = [name for name in ("device", "world") if getattr(recording, name) is not None]
+    return " and ".join(sides) or "no samples"

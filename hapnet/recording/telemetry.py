@@ -1,0 +1,159 @@
+"""What a side publishes for who watches it: its newest sample many times a second, its status twice.
+
+Each message is one msgpack array whose first element is the version and whose second says what it holds: ``device`` or
+``world`` (the fields of a `DeviceSample` or `WorldSample` in order), ``event`` (those of an `Event`) or ``status`` (a
+`Status`, one map). Nothing depends on telemetry: it is dropped first and never repeated, and who cannot read a message
+counts it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Any, TypeAlias, get_args
+
+import msgpack
+
+from hapnet.errors import BadMessage
+from hapnet.recording.samples import VECTORS, DeviceSample, Event, Sample, WorldSample, plain
+from hapnet.wire.messages import Role
+
+VERSION = 2
+
+LONGEST = 64 * 1024
+"""No message is longer [bytes]."""
+
+_SAMPLES: dict[str, type[DeviceSample] | type[WorldSample]] = {"device": DeviceSample, "world": WorldSample}
+_MOST_AXES = 64
+_LATEST_NS = 2**63 - 1  # of an array's times
+_OPTIONAL = frozenset({"operator_force_N", "operator_target_m"})
+
+
+@dataclass(frozen=True)
+class Status:
+    """How one side is, as of `time_ns` on its clock.
+
+    incarnation : of the process. paired : it has a peer. paused : what is simulated stands still.
+    recording : the path of the recording that is being made, or "".
+    about : what a recording says of itself (parameters, seed, scene, surfaces, coupling, clock), session and name.
+    link : `netem.LinkStats` of what this side sends, with ``delay_now_ms`` and ``loss_now``: the mean emulated delay
+    and the share lost since the status before (None: nothing was sent).
+    path : what the streams showed of the way between the sides since the status before, the real network included, as
+    the summary has it; this side knows the round trip and the way to it.
+    """
+
+    role: Role
+    time_ns: int
+    incarnation: int
+    paired: bool
+    paused: bool
+    recording: str
+    about: dict[str, Any]
+    link: dict[str, Any]
+    path: dict[str, Any]
+
+
+Telemetry: TypeAlias = DeviceSample | WorldSample | Event | Status
+
+
+def encode(message: Sample | Status) -> bytes:
+    """The bytes to publish."""
+    packed: bytes
+    if isinstance(message, Status):
+        packed = msgpack.packb((VERSION, "status", plain(dataclasses.asdict(message))))
+    else:
+        kind = {DeviceSample: "device", WorldSample: "world", Event: "event"}[type(message)]
+        packed = msgpack.packb((VERSION, kind, *message))
+    return packed
+
+
+def decode(data: bytes) -> Telemetry:
+    """What was published.
+
+    Raises
+    ------
+    BadMessage : these bytes are no message of this version.
+    """
+    if len(data) > LONGEST:
+        raise BadMessage("size", f"{len(data)} bytes of telemetry, at most {LONGEST}")
+    try:
+        frame = msgpack.unpackb(data, use_list=False, strict_map_key=True)
+    except (ValueError, msgpack.UnpackException) as error:
+        raise BadMessage("msgpack", str(error)) from None
+    match frame:
+        case (version, *_) if version != VERSION:
+            raise BadMessage("version", f"telemetry of version {version!r}, this is {VERSION}")
+        case (_, str(kind), *fields) if kind in _SAMPLES:
+            return _sample(_SAMPLES[kind], fields)
+        case (_, "event", int(time_ns), str(kind), str(text)):
+            return Event(time_ns, kind, text)
+        case (_, "status", dict(fields)):
+            return _status(fields)
+    raise BadMessage("telemetry", "neither a sample, an event nor a status")
+
+
+def _sample(kind: type[DeviceSample] | type[WorldSample], fields: list[Any]) -> DeviceSample | WorldSample:
+    names = kind._fields
+    if len(fields) != len(names):
+        raise BadMessage("telemetry", f"{len(fields)} fields of a {kind.__name__}, which has {len(names)}")
+    for name, value in zip(names, fields, strict=True):
+        if name == "time_ns":
+            fits = type(value) is int and value <= _LATEST_NS
+        elif name in VECTORS:
+            fits = (value is None and name in _OPTIONAL) or (
+                isinstance(value, tuple) and 0 < len(value) <= _MOST_AXES and all(type(v) is float for v in value)
+            )
+        else:
+            fits = type(value) is float
+        if not fits:
+            raise BadMessage("telemetry", f"{name} of a {kind.__name__} is {value!r:.60}")
+    if len({len(value) for name, value in zip(names, fields, strict=True) if name in VECTORS and value}) > 1:
+        raise BadMessage("telemetry", f"vectors of a {kind.__name__} with different numbers of axes")
+    return kind._make(fields)
+
+
+_STATUS_TYPES: dict[str, Any] = {
+    "role": str, "time_ns": int, "incarnation": int, "paired": bool, "paused": bool, "recording": str, "about": dict,
+    "link": dict, "path": dict,
+}  # fmt: skip
+
+
+def _status(fields: dict[str, Any]) -> Status:
+    if set(fields) != set(_STATUS_TYPES):
+        raise BadMessage("telemetry", "a status with other fields")
+    for name, allowed in _STATUS_TYPES.items():
+        if not isinstance(fields[name], allowed):
+            raise BadMessage("telemetry", f"{name} of a status is {fields[name]!r:.60}")
+    if fields["role"] not in get_args(Role):
+        raise BadMessage("telemetry", f"role of a status is {fields['role']!r:.60}")
+    if not (_is_about(fields["about"]) and _is_link(fields["link"]) and _is_path(fields["path"])):
+        raise BadMessage("telemetry", "a status whose parameters, surfaces, link or path are none")
+    return Status(**fields)
+
+
+def _is_about(about: dict[str, Any]) -> bool:
+    """Is what it has of parameters and surfaces what a page can draw?"""
+    params, surfaces = about.get("params", {}), about.get("surfaces", ())
+    device = params.get("device", {}) if isinstance(params, dict) else None
+    if not isinstance(device, dict) or not isinstance(device.get("smoothing_s", 0.0), float | int):
+        return False
+    return isinstance(surfaces, tuple) and all(map(_is_surface, surfaces))
+
+
+def _is_surface(surface: object) -> bool:
+    match surface:
+        case {"axis": int(axis), "solid": 1 | -1, "position_m": float(place) | int(place)}:
+            return 0 <= axis < _MOST_AXES and abs(place) < math.inf
+    return False
+
+
+def _is_link(link: dict[str, Any]) -> bool:
+    return all(isinstance(link.get(name), float | int | None) for name in ("delay_now_ms", "loss_now"))
+
+
+def _is_path(path: dict[str, Any]) -> bool:
+    ways = [path.get(name) for name in ("up", "down")]
+    if not all(way is None or (isinstance(way, dict) and isinstance(way.get("loss"), float | int)) for way in ways):
+        return False
+    return isinstance(path.get("round_trip_p50_ms"), float | int | None)

@@ -1,0 +1,1 @@
+"""One side of the coupling, complete and without I/O: what both runtimes drive."""

@@ -1,0 +1,377 @@
+"""The device's side of a run, complete: endpoint, device and record, driven by either runtime."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from hapnet.checks import Vector
+from hapnet.control.coupling import CouplingAccount, LawServo
+from hapnet.control.harvest import MeasuredHarvest
+from hapnet.control.ledger import Ledger
+from hapnet.control.set_position_coupling import Coupling
+from hapnet.control.set_position_servo import ContinuousServo, SampledServo
+from hapnet.errors import HapnetError
+from hapnet.plant.device import Device, SimulatedDevice, TickResult
+from hapnet.plant.live_hand import LiveHand
+from hapnet.plant.operating_range import OperatingRange, RangeWatch
+from hapnet.recording.samples import DeviceSample, Event, Sample
+from hapnet.side.endpoint import NANO, DeviceControl
+
+Write = Callable[[Sample], None]
+Clock = Callable[[], int]
+
+_NEVER = 2**63
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What drives a device's side, whatever its servo.
+
+    period_ns : of the servo. record_every : ticks between two samples given to `write`.
+    watchdog_ns : a tick that comes later than that renders no force and lets the spring go (ybar = x); so do those
+        after it until one is in time. From there the coupling begins anew, as fast as the limit of the force's
+        step lets it.
+    clock : read once more after the device was read, so that an interval is never taken too short (10).
+    """
+
+    period_ns: int
+    clock: Clock
+    write: Write
+    record_every: int = 1
+    watchdog_ns: int | None = None
+
+
+class DeviceSide(ABC):
+    """A device, its servo and its endpoint; one subclass for each kind of servo.
+
+    endpoint : this side's endpoint, or its control half. device : simulated or real.
+    """
+
+    def __init__(self, endpoint: DeviceControl, device: Device, drive: Drive) -> None:
+        self.endpoint = endpoint
+        self.device = device
+        self.origin_ns: int | None = None
+        """When control started, on this side's clock."""
+        self.ledger: Ledger | None = None
+        """This side's account, once control has started."""
+        self.ticks = 0
+        self.overruns = 0
+        """How many times the watchdog let the spring go."""
+        self.longest_ns = 0
+        """The longest time between two ticks [ns]."""
+        self.stopped: tuple[int, str] | None = None
+        """When its force was stopped for good [ns], and why: a reading that cannot be; None: it was not."""
+        self.paused = False
+        """A simulated device stands still, with the hand on it; all else goes on. Not recorded meanwhile."""
+        self.applied = True
+        """Has the device always told which force it really applied?"""
+        self.live_hand: LiveHand | None = None
+        """The simulated hand, if it is led while it runs."""
+        self._period_ns = drive.period_ns
+        self._longest_ns = _NEVER if drive.watchdog_ns is None else drive.period_ns + drive.watchdog_ns
+        self._released = False
+        self._clock = drive.clock
+        self._write = drive.write
+        self._record_every = drive.record_every
+        self._last_ns = 0
+        self._expected_ns = 0  # the time up to which a simulated device has lived
+
+    @property
+    def coupling(self) -> Coupling | CouplingAccount:
+        return self.endpoint.coupling
+
+    @property
+    def true_slack(self) -> float | None:
+        """Smallest slack with the true positions [J], where a simulation knows them.
+
+        At the actuator's port; with the range harvest at the hand's, since that one counts on the device's own damping.
+        """
+        return None
+
+    @property
+    def hand_work(self) -> float:
+        """Work done by the simulated hand on the device since the start [J]; 0 if a person holds it."""
+        return 0.0 if self.ledger is None else self.ledger.work
+
+    @property
+    def quantisation(self) -> float | None:
+        """How far encoders may make the slack look too good [J]."""
+        return None
+
+    @property
+    def simulated(self) -> bool:
+        """Is the device simulated, with the hand that holds it?"""
+        return isinstance(self.device, SimulatedDevice)
+
+    @property
+    def sampled_servo(self) -> SampledServo | None:
+        """The servo that holds its torque from tick to tick, if this is one and has started."""
+        return None
+
+    def tick(self, now_ns: int) -> bytes | None:
+        """One servo tick; the position message to send, if there is one. Before pairing the device gets no force."""
+        if self.origin_ns is None:
+            if self.endpoint.paired:
+                self._start(self.device.read()[0])
+                self.ledger = self.coupling.ledger
+                self.origin_ns = self._last_ns = self._expected_ns = now_ns  # last: a device may fail right here
+            return None
+        since_ns = now_ns - self._last_ns
+        if since_ns > self.longest_ns:
+            self.longest_ns = since_ns
+        late = since_ns > self._longest_ns
+        if late and not self._released:
+            self.overruns += 1
+            self._write(Event(now_ns, "overrun", f"the servo was away for {since_ns * 1e-6:.1f} ms: no force"))
+        self._released = late
+        message = self._control(now_ns, release=late)
+        self._last_ns = now_ns
+        self.ticks += 1
+        if self.ticks % self._record_every == 0 and not self.paused:
+            self._write(self._sample(now_ns))
+        return message
+
+    @property
+    def resting(self) -> int:
+        """How many ticks from the next on may be made later by `rest`, as long as nothing arrives; in virtual time."""
+        return 0
+
+    def rest(self, now_ns: int, ticks: int, observe: Callable[[float], None], *, then_tick: bool) -> None:
+        """Make this many of the `resting` ticks, the first at `now_ns`.
+
+        `observe` is told the smallest and then the last W of the side's port after these ticks [J]. `then_tick`: the
+        next call is the `tick` that follows them.
+        """
+        assert ticks == 0, "no tick of this servo may wait"
+
+    def stop(self) -> None:
+        """Zero force, for good."""
+        self.device.apply((0.0,) * self.device.dof)
+
+    @abstractmethod
+    def _start(self, x: Vector) -> None: ...
+
+    @abstractmethod
+    def _control(self, now_ns: int, *, release: bool) -> bytes | None: ...
+
+    @abstractmethod
+    def _sample(self, now_ns: int) -> DeviceSample: ...
+
+    def _periods(self, now_ns: int) -> int:
+        """How many periods a simulated device moves on, so that over all ticks it keeps to the clock: 1 if all is well.
+
+        More if the servo was late, none in the tick after one that was called late or while it is paused.
+        """
+        if self.paused:
+            self._expected_ns = now_ns
+            return 0
+        self._expected_ns += self._period_ns
+        if now_ns == self._expected_ns:
+            return 1
+        periods = 1 + round((now_ns - self._expected_ns) / self._period_ns)
+        self._expected_ns += (periods - 1) * self._period_ns
+        return periods
+
+    def _sampled(
+        self, now_ns: int, x: Vector, force: Vector, hand: Vector | None, target: Vector | None
+    ) -> DeviceSample:
+        coupling = self.endpoint.coupling
+        ledger = coupling.ledger
+        return DeviceSample(
+            now_ns, x, coupling.set_position, coupling.target, force, hand, coupling.reservoir, coupling.deficit,
+            coupling.potential(x), ledger.sent, ledger.credited, ledger.margin, ledger.slack, target,
+        )  # fmt: skip
+
+
+class ContinuousDeviceSide(DeviceSide):
+    """A simulated device whose coupling acts continuously: the paper's, with its account at the human's port.
+
+    make_servo : makes the servo's law at a position [m] with a kinetic energy [J], the reservoir empty if told so.
+    """
+
+    def __init__(
+        self,
+        endpoint: DeviceControl,
+        device: SimulatedDevice,
+        make_servo: Callable[[Vector, float, bool], ContinuousServo],
+        drive: Drive,
+    ) -> None:
+        super().__init__(endpoint, device, drive)
+        self._simulated = device
+        self._make_servo = make_servo
+        self._resting_dt = max(drive.period_ns * NANO, device.period)
+        self._ahead: TickResult | None = None  # the next tick, which the device has lived already
+
+    def _start(self, x: Vector) -> None:
+        device = self._simulated
+        servo = self._servo = self._make_servo(x, device.kinetic, self.endpoint.restarted)
+        self.endpoint.start(servo)
+        spring = servo.coupling.spring
+        device.couple(spring.K, servo.damping, x, spring.force_limit)
+        device.passage()
+
+    @property
+    def resting(self) -> int:
+        if self.ledger is None or self.endpoint.has_news or self.paused:
+            return 0
+        return self._servo.resting(self._resting_dt)
+
+    def rest(self, now_ns: int, ticks: int, observe: Callable[[float], None], *, then_tick: bool) -> None:
+        device, servo, ledger, dt = self._simulated, self._servo, self.ledger, self._resting_dt
+        assert ledger is not None, "control has not started"
+        lived = device.run(ticks + then_tick)
+        if then_tick:
+            self._ahead = lived.pop()
+        rest, kinetic_at = servo.rest, device.kinetic_at
+        tick, every = self.ticks, self._record_every
+        lowest = ledger.work
+        for (work, x, v, hand_force, force), target in zip(
+            lived, device.references, strict=False
+        ):  # the tick that follows too
+            rest(dt, x, work, kinetic_at(v))
+            if ledger.work < lowest:
+                lowest = ledger.work
+            tick += 1
+            if tick % every == 0:
+                at_ns = now_ns + (tick - self.ticks - 1) * self._period_ns
+                self._write(self._sampled(at_ns, x, force, hand_force, target))
+        observe(lowest)
+        observe(ledger.work)
+        self._last_ns = self._expected_ns = now_ns + (ticks - 1) * self._period_ns
+        self.ticks = tick
+
+    def _control(self, now_ns: int, *, release: bool) -> bytes | None:
+        device, last_ns = self._simulated, self._last_ns
+        periods = self._periods(now_ns)
+        if self._ahead is not None:
+            work, self._ahead = self._ahead[0], None
+        elif periods == 1:
+            work = device.advance()
+        else:
+            work = sum([device.advance() for _ in range(periods)])
+        x = device.position
+        dt = (self._clock() - last_ns) * NANO
+        if dt < (lived := periods * device.period):
+            dt = lived
+        message = self.endpoint.tick_continuous(now_ns, dt, x, device.passage, work, device.kinetic, release=release)
+        device.move_set_position(self._servo.coupling.modulator.set_position)
+        return message
+
+    def _sample(self, now_ns: int) -> DeviceSample:
+        device = self._simulated
+        return self._sampled(now_ns, device.position, device.actuator_force, device.hand_force, device.references[-1])
+
+
+class SampledDeviceSide(DeviceSide):
+    """Any device, its torque held from tick to tick, with its account at the actuator's port.
+
+    make_servo : makes the servo's law at a measured position [m], the reservoir empty if told so.
+    declared : the device's operating range. Once a reading lies outside of it, neither that nor any after it counts:
+        no force is rendered any more, and for the coupling the device stands where it was. None: all readings count.
+    """
+
+    def __init__(
+        self,
+        endpoint: DeviceControl,
+        device: Device,
+        make_servo: Callable[[Vector, bool], SampledServo | LawServo],
+        drive: Drive,
+        declared: OperatingRange | None = None,
+    ) -> None:
+        super().__init__(endpoint, device, drive)
+        self._declared = declared
+        self._watch: RangeWatch | None = None
+        self._simulated = device if isinstance(device, SimulatedDevice) else None
+        self._make_servo = make_servo
+        self._true_ledger: Ledger | None = None
+        self._hand = Ledger(0.0, 0.0)
+
+    @property
+    def hand_work(self) -> float:
+        return self._hand.work
+
+    @property
+    def true_slack(self) -> float | None:
+        return None if self._true_ledger is None else self._true_ledger.slack_min
+
+    @property
+    def quantisation(self) -> float | None:
+        return self._servo.quantisation if self.origin_ns is not None else None
+
+    @property
+    def sampled_servo(self) -> SampledServo | None:
+        servo = None if self.origin_ns is None else self._servo
+        return servo if isinstance(servo, SampledServo) else None
+
+    def stop(self) -> None:
+        super().stop()
+        if self.origin_ns is not None:
+            self._servo.stop()
+
+    def _start(self, x: Vector) -> None:
+        if self._declared is not None:
+            if (where := self._declared.outside(x)) is not None:
+                raise HapnetError(f"the device cannot begin: {where}")
+            self._watch = RangeWatch(self._declared, self.device.resolution, x)
+        servo = self._servo = self._make_servo(x, self.endpoint.restarted)
+        self.endpoint.start(servo)
+        self._x = x
+        if self._simulated is not None:
+            self._true_work = MeasuredHarvest(servo.trusted_damping)
+            stored = servo.coupling.potential(self._simulated.position) + self._kinetic
+            self._true_ledger = Ledger(stored, servo.coupling.account)
+
+    def _control(self, now_ns: int, *, release: bool) -> bytes | None:
+        simulated, servo = self._simulated, self._servo
+        before: Vector = ()
+        lived = hand_work = 0.0
+        if simulated is not None:
+            before = simulated.position
+            periods = self._periods(now_ns)
+            lived = periods * simulated.period
+            for _ in range(periods):
+                hand_work += simulated.advance()
+            self._hand.put_in(hand_work)
+        x, v = self.device.read()
+        dt = max((self._clock() - self._last_ns) * NANO, lived)
+        if self._watch is None or self._watch.passes(dt, x, v):
+            self._x = x
+        else:
+            self._stop_force(now_ns, self._watch.why)
+            v, release = (0.0,) * len(v), True
+        held = servo.force  # as the device said that it applied it, where it does
+        message = self.endpoint.tick_sampled(now_ns, dt, self._x, v, release=release)
+        applied = self.device.apply(servo.force)
+        if applied is None:
+            self.applied = False
+        else:
+            servo.force = applied
+        if simulated is not None:
+            actuator_work = self._true_work.hold(held, before, simulated.position, dt)
+            self._observe_truth(hand_work if servo.harvest == "range" else actuator_work, simulated.position)
+        return message
+
+    def _stop_force(self, now_ns: int, why: str | None) -> None:
+        if self.stopped is None and why is not None:
+            self.stopped = now_ns, why
+            self._write(Event(now_ns, "stopped", f"the device renders no force any more: {why}"))
+
+    @property
+    def _kinetic(self) -> float:
+        """The device's kinetic energy [J], if it lies behind the port of the true account."""
+        return self._simulated.kinetic if self._simulated is not None and self._servo.harvest == "range" else 0.0
+
+    def _observe_truth(self, work: float, x: Vector) -> None:
+        ledger = self._true_ledger
+        assert ledger is not None
+        own = self.coupling.ledger
+        ledger.put_in(work)
+        ledger.credited, ledger.sent = own.credited, own.sent
+        ledger.observe(self.coupling.potential(x) + self._kinetic, self._servo.account)
+
+    def _sample(self, now_ns: int) -> DeviceSample:
+        simulated = self._simulated
+        hand = (None, None) if simulated is None else (simulated.hand_force, simulated.references[-1])
+        return self._sampled(now_ns, self._x, self._servo.force, *hand)

@@ -1,0 +1,337 @@
+"""One side of the coupling, whole: control and wire together, without clock or I/O.
+
+An endpoint has two halves, each with one owner. Control belongs to the servo (or to the world's loop): it ticks, and
+never waits. Wire belongs to whoever moves bytes: it receives, and asks what to send. Only whole values go between them
+(`ControlInbox`): set-positions and credited energy one way, shuffled energy the other. In virtual time one loop owns
+both halves; in real time two threads do, or two processes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+from typing import Protocol
+
+from hapnet.checks import Vector
+from hapnet.control.coupling import CouplingAccount, CouplingSample, LawServo, Motion, Port, Wave, WorldCouplingAccount
+from hapnet.control.deadband import Deadband
+from hapnet.control.pspm import Modulation
+from hapnet.control.set_position_coupling import Coupling
+from hapnet.control.set_position_servo import ContinuousServo, Passage, SampledServo
+from hapnet.wire import messages
+from hapnet.wire.events import EnergyCredited, Event, Paired, PositionReceived, SampleReceived
+from hapnet.wire.handshake import EARLIER
+from hapnet.wire.session import Outgoing, PositionStream, Session
+
+NANO = 1e-9
+BACKLOG = 128
+"""How many waves may wait for the next tick."""
+
+
+def backlog(expects: type[messages.Stream]) -> int:
+    """How many messages of a peer's stream may wait for the next tick: of waves each counts, else only the newest."""
+    return BACKLOG if expects is messages.Wave else 1
+
+
+class ControlInbox(Protocol):
+    """The control half as the wire half sees it; it may be in another thread or another process."""
+
+    def pair(self, restarted: bool) -> None:
+        """A peer was found: control may start; or another one, which takes the first one's place.
+
+        `restarted`: the peer had another one in this side's place before.
+        """
+
+    def on_sample(self, datum: CouplingSample, sent_ns: int, came_ns: int) -> None:
+        """A datum came at `came_ns`, mostly a set-position [m]; the newest counts. `sent_ns`: on its sender's clock."""
+
+    def credit(self, credited_nJ: int) -> None:
+        """Shuffled energy came [nJ]."""
+
+    def shuffled(self) -> float:
+        """Surplus energy to shuffle that has not been fetched yet [J]; 0 if there is none."""
+
+    @property
+    def has_shuffled(self) -> bool: ...
+
+
+class ControlHalf:
+    """The half that the servo (or the world's loop) owns. Whole values come and go through deques.
+
+    Parameters
+    ----------
+    positions : makes the position messages.
+    backlog : how many of what the peer sends all the time may wait.
+    """
+
+    def __init__(self, positions: PositionStream, backlog: int = 1) -> None:
+        self.paired = False
+        """A peer was found: control may start."""
+        self.restarted = False
+        """The peer had another one in this side's place before: this side starts with an empty reservoir, since every
+        start with a full one would be energy from nothing, and a crash loop a pump."""
+        self.deadband: Deadband | None = None
+        """What decides which data are worth sending; None: all are."""
+        self._positions = positions
+        self._pairs = 0
+        self._pair = 1  # the one that control knows; the next peer's clock and place have nothing to do with its
+        self._coupling: Coupling | CouplingAccount | None = None
+        self._arrived: deque[tuple[CouplingSample, int, int, int]] = deque(maxlen=backlog)  # sent, came, pair
+        self._credits: deque[int] = deque()
+        self._shuffled: deque[float] = deque()
+
+    @property
+    def coupling(self) -> Coupling | CouplingAccount:
+        """The coupling; it exists once control has started."""
+        assert self._coupling is not None, "control has not started"
+        return self._coupling
+
+    @property
+    def started(self) -> bool:
+        """Has control started?"""
+        return self._coupling is not None
+
+    # -- called by the wire half: the methods of `ControlInbox` ------------------------------------------------------
+
+    def pair(self, restarted: bool) -> None:
+        if not self.paired:
+            self.restarted = restarted
+        self._pairs += 1
+        self.paired = True
+
+    def on_sample(self, datum: CouplingSample, sent_ns: int, came_ns: int) -> None:
+        self._arrived.append((datum, sent_ns, came_ns, self._pairs))
+
+    def credit(self, credited_nJ: int) -> None:
+        self._credits.append(credited_nJ)
+
+    def shuffled(self) -> float:
+        return self._shuffled.popleft() if self._shuffled else 0.0
+
+    @property
+    def has_shuffled(self) -> bool:
+        return bool(self._shuffled)
+
+    # -- called by control ------------------------------------------------------------------------------------------
+
+    @property
+    def arrived(self) -> CouplingSample | None:
+        """The newest datum that control has not taken yet."""
+        return self._arrived[-1][0] if self._arrived else None
+
+    def _take(self) -> Coupling | CouplingAccount:
+        """Give the coupling what has arrived since the last tick, and another peer its share of the reservoir.
+
+        What an earlier peer said is not for it any more.
+        """
+        coupling = self._coupling
+        assert coupling is not None, "control has not started"
+        if self._pair < self._pairs:
+            self._renew(coupling, self._pairs)
+        receive: Callable[..., None] = coupling.receive
+        while self._arrived:
+            datum, sent_ns, came_ns, pair = self._arrived.popleft()
+            if pair > self._pair:  # made since this began
+                self._renew(coupling, pair)
+            if pair == self._pair:
+                receive(datum, sent_ns * NANO)
+                self._positions.echo(sent_ns, came_ns)
+        while self._credits:
+            coupling.credit(self._credits.popleft() * NANO)
+        return coupling
+
+    def _renew(self, coupling: Coupling | CouplingAccount, pair: int) -> None:
+        self._pair = pair
+        self._positions.echo(0, 0)
+        if self.deadband is not None:
+            self.deadband.on_peer_changed()
+        if (energy := coupling.on_peer_changed()) > 0.0:
+            self._shuffled.append(energy)
+
+    def _send(self, now_ns: int, x: Vector, result: Modulation | CouplingSample) -> bytes | None:
+        """After a PSPM instant: hand on the surplus; the position message (x(t_k)) to put on the link.
+
+        Under another law: the message of its datum. None if the deadband holds it back; energy it never does.
+        """
+        positions = self._positions
+        datum: CouplingSample | None
+        if not isinstance(result, Modulation):
+            datum = result
+        else:
+            if result.sent > 0.0:
+                self._shuffled.append(result.sent)
+            datum = x
+        if self.deadband is not None:
+            datum = self.deadband.offer(now_ns * NANO, datum, self.coupling.set_position)
+        match datum:
+            case None:
+                return None
+            case Motion(position, velocity):
+                return positions.motion(now_ns, position, velocity)
+            case Port(value, energy):
+                return positions.port(now_ns, value, max(0, math.floor(energy / NANO)))  # rather too little
+            case Wave(value, span):
+                return positions.wave(now_ns, value, max(1, round(span / NANO)))
+            case _:
+                return positions.position(now_ns, datum)
+
+
+class WireHalf:
+    """The half that whoever moves bytes owns.
+
+    Parameters
+    ----------
+    session : this side's protocol state.
+    control : where what arrives is handed over.
+    """
+
+    def __init__(self, session: Session, control: ControlInbox) -> None:
+        self.session = session
+        self._control = control
+
+    def receive(self, now_ns: int, data: bytes) -> tuple[Event, ...]:
+        """Bytes arrived from the network; whatever they are, this does not raise."""
+        events = self.session.receive(now_ns, data)
+        self._hand_over(events, now_ns)
+        return events
+
+    def poll(self, now_ns: int) -> tuple[list[Outgoing], tuple[Event, ...]]:
+        """What to send now, and what time alone has brought about."""
+        self.collect()
+        outgoing, events = self.session.poll(now_ns)
+        self._hand_over(events, now_ns)
+        return outgoing, events
+
+    @property
+    def uncollected(self) -> bool:
+        """Is there anything to `collect`?"""
+        return self._control.has_shuffled
+
+    def collect(self) -> None:
+        """Give the surplus of control to the session, which sends it in its own time; `poll` does it too.
+
+        After a tick this spares a poll: energy may be sent a hundred times a second, and ticks come a thousand times.
+        """
+        while surplus := self._control.shuffled():
+            self.session.shuffle(surplus)
+
+    @property
+    def next_due_ns(self) -> int | None:
+        """When `poll` must be called again, if nothing else happens; energy waiting to go out is due at once."""
+        return 0 if self._control.has_shuffled else self.session.next_due_ns
+
+    def _hand_over(self, events: tuple[Event, ...], now_ns: int) -> None:
+        for event in events:
+            if isinstance(event, PositionReceived):
+                self._control.on_sample(event.position, event.sent_ns, now_ns)
+            elif isinstance(event, SampleReceived):
+                self._control.on_sample(_datum(event.message), event.message.sent_ns, now_ns)
+            elif isinstance(event, EnergyCredited):
+                self._control.credit(event.credited_nJ)
+            elif isinstance(event, Paired):
+                self._control.pair(bool(event.peer.about.get(EARLIER)))
+
+
+class DeviceControl(ControlHalf):
+    """The device's servo."""
+
+    def start(self, servo: ContinuousServo | SampledServo | LawServo) -> None:
+        """Begin to render: `servo` is at rest at the device's position (ybar = x)."""
+        self._tick: Callable[..., Modulation | CouplingSample | None] = servo.tick
+        self._coupling = servo.coupling
+
+    def tick_sampled(self, now_ns: int, dt: float, x: Vector, v: Vector, *, release: bool = False) -> bytes | None:
+        """A tick of a servo that holds its torque: the servo's `force` is then the force to apply.
+
+        `release`: let the spring go, no force this tick. Returns the position message to send, if there is one.
+        """
+        if self._arrived or self._credits:
+            self._take()
+        result = self._tick(dt, x, v, release=release)
+        return None if result is None else self._send(now_ns, x, result)
+
+    @property
+    def has_news(self) -> bool:
+        """Has something arrived that the next tick must take?"""
+        return bool(self._arrived or self._credits)
+
+    def tick_continuous(
+        self,
+        now_ns: int,
+        dt: float,
+        x: Vector,
+        passage: Passage,
+        work: float,
+        kinetic: float,
+        *,
+        release: bool = False,
+    ) -> bytes | None:
+        """A tick of a device that renders the coupling itself: `coupling.set_position` is then where its spring goes.
+
+        The arguments are `ContinuousServo.tick`'s. Returns the position message to send, if there is one.
+        """
+        if self._arrived or self._credits:
+            self._take()
+        result = self._tick(dt, x, passage, work, kinetic, release=release)
+        return None if result is None else self._send(now_ns, x, result)
+
+
+class WorldControl(ControlHalf):
+    """The virtual world's loop: PSPM at the onset of every integration step."""
+
+    def start(self, coupling: Coupling | WorldCouplingAccount) -> None:
+        """Begin to step: the coupling is at rest at the virtual mass's position."""
+        self._coupling = coupling
+        self._update: Callable[[float, Vector, float], Modulation | CouplingSample] = coupling.update
+
+    def step(self, now_ns: int, dt: float, x: Vector, kinetic: float, work: float, dissipated: float) -> bytes | None:
+        """The onset of step k: PSPM with the newest set-position; `coupling.set_position` is then ybar_k.
+
+        Parameters
+        ----------
+        dt : T_{k-1}, the length of the step that has ended [s].
+        x, kinetic : position x_k [m] and kinetic energy kappa_k [J] of the virtual mass.
+        work : f_{k-1} . vhat_{k-1} T_{k-1} [J], put in by the environment in the step that has ended.
+        dissipated : D_{k-1} = |vhat|_B'^2 T of the step that has ended [J].
+
+        Returns the position message to send, unless it is held back. The ledger is checked before PSPM (steps to k-1
+        with ybar_{k-1}) and after (with ybar_k): both pairings of Theorem 1.
+        """
+        coupling = self._take()
+        ledger = coupling.ledger
+        ledger.put_in(work)
+        ledger.observe(kinetic + coupling.potential(x), coupling.account)
+        result = self._update(dt, x, dissipated)
+        ledger.observe(kinetic + coupling.potential(x), coupling.account)
+        return self._send(now_ns, x, result)
+
+
+class DeviceEndpoint(WireHalf, DeviceControl):
+    """The device's side: both halves in one process."""
+
+    def __init__(self, session: Session) -> None:
+        DeviceControl.__init__(self, session.positions, backlog(session.settings.expects))
+        WireHalf.__init__(self, session, self)
+
+
+class WorldEndpoint(WireHalf, WorldControl):
+    """The virtual world's side: both halves in one process."""
+
+    def __init__(self, session: Session) -> None:
+        WorldControl.__init__(self, session.positions, backlog(session.settings.expects))
+        WireHalf.__init__(self, session, self)
+
+
+def _datum(message: messages.Motion | messages.Port | messages.Wave) -> CouplingSample:
+    """What a message says, in SI units."""
+    match message:
+        case messages.Motion():
+            return Motion(message.position, message.velocity)
+        case messages.Port():
+            return Port(message.value, message.energy_nJ * NANO)
+        case messages.Wave():
+            return Wave(message.wave, message.span_ns * NANO)
+
+
+Endpoint = DeviceEndpoint | WorldEndpoint

@@ -1,0 +1,58 @@
+"""What a side has to say to the people who run it: who came, who went, what was lost, when and since when."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from hapnet.side.endpoint import NANO
+from hapnet.wire.events import Event, Mismatch, Paired, PeerHeard, PeerLeft, PeerRefused, PeerSilent
+
+Level = Literal["info", "warning", "error"]
+
+
+@dataclass(frozen=True)
+class Notice:
+    """Something that happened at `at_ns` on this machine's monotonic clock.
+
+    kind, values : for programs. text : for people. level : how much it matters.
+    """
+
+    kind: str
+    text: str
+    at_ns: int
+    level: Level = "info"
+    values: Mapping[str, str | int | float] = field(default_factory=dict)
+
+
+def notice_of(event: Event, now_ns: int, other: str, on_silence: str) -> Notice | None:
+    """What to say of an event of the session; None: nothing, as it is the ordinary course.
+
+    other : the other side's role. on_silence : what this side does when nothing arrives.
+    """
+    match event:
+        case Paired(_, number):
+            again = "" if number == 1 else f" (another process; pair {number})"
+            return Notice("paired", f"paired with the {other}{again}", now_ns, values={"pair": number})
+        case PeerLeft(reason):
+            return Notice("left", f"the {other} left: {reason}", now_ns, values={"reason": reason})
+        case Mismatch(reason):
+            return Notice("refused", f"a {other} does not fit: {reason}", now_ns, "error", {"reason": reason})
+        case PeerRefused(reason, by_peer):
+            who = f"the {other}" if by_peer else f"a {other} that is not paired with it"
+            return Notice("refused", f"{who} refuses this side: {reason}", now_ns, "error", {"reason": reason})
+        case PeerSilent(since_ns):
+            silence_s = (now_ns - since_ns) * NANO
+            does = "the set-position is held" if on_silence == "hold" else "the spring is let go"
+            text = f"nothing from the {other} for {silence_s:.2f} s: {does}"
+            return Notice("silent", text, now_ns, "warning", {"since_ns": since_ns, "silence_s": silence_s})
+        case PeerHeard(silence_ns, recovery_ns, missing):
+            text = f"the {other} is heard again after {silence_ns * NANO:.2f} s"
+            if recovery_ns:
+                text += f", {recovery_ns * 1e-6:.0f} ms after its first word"
+            if missing:
+                text += f"; {missing} positions are missing"
+            values = {"silence_s": silence_ns * NANO, "recovery_s": recovery_ns * NANO, "missing": missing}
+            return Notice("heard", text, now_ns, values=values)
+    return None

@@ -1,0 +1,109 @@
+"""The world's side of a run, complete: endpoint, virtual mass, scene and record, driven by either runtime."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from hapnet.checks import Vector
+from hapnet.control.coupling import CouplingAccount, Motion, Port, Wave, WorldCouplingAccount
+from hapnet.control.set_position_coupling import Coupling
+from hapnet.errors import HapnetError
+from hapnet.loading import cause
+from hapnet.plant.integrator import PassiveIntegrator
+from hapnet.plant.scene import Scene
+from hapnet.recording.samples import WorldSample
+from hapnet.side.device import Write
+from hapnet.side.endpoint import NANO, WorldControl
+
+
+class WorldSide:
+    """A virtual mass among the contacts of a scene, and its endpoint.
+
+    Parameters
+    ----------
+    endpoint, mass, scene : of this side.
+    make_coupling : makes the coupling when control starts: position [m], kinetic energy [J], reservoir empty or not.
+    rng : draws the steps' lengths. name : under which the user knows the scene.
+    """
+
+    def __init__(
+        self,
+        endpoint: WorldControl,
+        mass: PassiveIntegrator,
+        scene: Scene,
+        make_coupling: Callable[[Vector, float, bool], Coupling | WorldCouplingAccount],
+        *,
+        rng: np.random.Generator,
+        write: Write,
+        name: str,
+    ) -> None:
+        self.endpoint = endpoint
+        self.mass = mass
+        self.scene = scene
+        self.origin_ns: int | None = None
+        self.steps = 0
+        self.longest_step_s = 0.0
+        self.stepped_s = 0.0
+        self.paused = False
+        """The virtual mass stands still; all else goes on. Not recorded meanwhile."""
+        self._make_coupling = make_coupling
+        self._rng = rng
+        self._name = name
+        self._write = write
+        self._last_ns = 0
+
+    @property
+    def coupling(self) -> Coupling | CouplingAccount:
+        return self.endpoint.coupling
+
+    def step(self, now_ns: int) -> bytes | None:
+        """End the running step, whatever it took, and begin the next; the position message to send, if there is one.
+
+        Before control starts, which `origin_ns` tells, there are neither steps nor messages.
+        """
+        endpoint, mass = self.endpoint, self.mass
+        if self.origin_ns is None:
+            if not endpoint.paired:
+                return None
+            if endpoint.restarted:  # with no energy to go there, it begins where the device is, by its first position
+                if (datum := endpoint.arrived) is None:
+                    return None
+                if not isinstance(datum, Wave):  # which tells no position
+                    at = datum[0] if isinstance(datum, Motion | Port) else datum
+                    mass.place(self.scene.towards(at))
+            endpoint.start(self._make_coupling(mass.position, mass.kinetic_J, endpoint.restarted))
+            self.origin_ns = self._last_ns = now_ns
+            return endpoint.step(now_ns, 0.0, mass.position, mass.kinetic_J, 0.0, 0.0)
+        dt = (now_ns - self._last_ns) * NANO
+        self._last_ns = now_ns
+        if self.paused:
+            return endpoint.step(now_ns, dt, mass.position, mass.kinetic_J, 0.0, 0.0)
+        coupling = endpoint.coupling
+        if isinstance(coupling, WorldCouplingAccount):
+            drag, push = coupling.law.impedance(dt)
+            done = mass.push(dt, drag, push, self.scene.contacts)
+            coupling.law.moved(dt, done.velocity, done.position, mass.velocity)
+        else:
+            done = mass.step(dt, coupling.set_position, self.scene.contacts)
+        message = endpoint.step(now_ns, dt, done.position, mass.kinetic_J, done.work_J, done.dissipated_J)
+        self.steps += 1
+        self.stepped_s += dt
+        self.longest_step_s = max(self.longest_step_s, dt)
+        ledger = coupling.ledger
+        self._write(
+            WorldSample(
+                now_ns, dt, done.position, mass.velocity, coupling.set_position, coupling.target,
+                done.coupling_force, done.force, done.penetration_m, coupling.reservoir,
+                coupling.potential(done.position), ledger.sent, ledger.credited, ledger.margin, ledger.slack,
+            )
+        )  # fmt: skip
+        return message
+
+    def next_step_ns(self) -> int:
+        """How long the scene wants the step that has begun to be [ns]; HapnetError if the scene fails."""
+        try:
+            return max(1, round(self.scene.next_step_s(self._rng) / NANO))
+        except Exception as error:
+            raise HapnetError(f"the scene {self._name} failed: next_step_s() raised {cause(error)}") from error

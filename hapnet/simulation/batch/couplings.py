@@ -1,0 +1,229 @@
+"""One side's couplings and ledgers in many scenarios at once: `hapnet.control`, in the same order of operations."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapnet.checks import Array
+from hapnet.control.ledger import Ledger
+from hapnet.control.pspm import SetPositionModulator
+from hapnet.control.set_position_coupling import Coupling
+from hapnet.control.zoh import ZeroOrderHold
+from hapnet.simulation.batch.springs import Springs
+
+Index = NDArray[np.intp]
+
+_LEDGER = ("bound", "work", "credited", "sent", "margin", "margin_min", "slack", "slack_min",
+           "_carry", "_sent_carry", "_credited_carry")  # fmt: skip
+
+
+class Ledgers:
+    """The ledgers of one side, an array (N,) for each of `Ledger`'s sums."""
+
+    def __init__(self, ledgers: list[Ledger]) -> None:
+        columns = {name: np.array([getattr(ledger, name) for ledger in ledgers]) for name in _LEDGER}
+        self.bound: Array = columns["bound"]
+        self.work: Array = columns["work"]
+        self.credited: Array = columns["credited"]
+        self.sent: Array = columns["sent"]
+        self.margin: Array = columns["margin"]
+        self.margin_min: Array = columns["margin_min"]
+        self.slack: Array = columns["slack"]
+        self.slack_min: Array = columns["slack_min"]
+        self._carry: Array = columns["_carry"]
+        self._sent_carry: Array = columns["_sent_carry"]
+        self._credited_carry: Array = columns["_credited_carry"]
+
+    def land(self, i: int, ledger: Ledger) -> None:
+        """Give scenario i's sums back."""
+        for name in _LEDGER:
+            setattr(ledger, name, float(getattr(self, name)[i]))
+
+    def put_in_all(self, work: Array, stored: Array, reservoir: Array) -> None:
+        """`put_in` and `observe` for every scenario."""
+        term = work - self._carry
+        total = self.work + term
+        np.subtract(total, self.work, out=self._carry)
+        self._carry -= term
+        self.work = total
+        margin = total + self.bound
+        margin += self.credited
+        margin -= self.sent
+        self.margin = margin
+        slack = margin - stored
+        slack -= reservoir
+        self.slack = slack
+        np.minimum(self.margin_min, margin, out=self.margin_min)
+        np.minimum(self.slack_min, slack, out=self.slack_min)
+
+    def put_in(self, at: Index, work: Array) -> None:
+        before = self.work[at]
+        term = work - self._carry[at]
+        total = before + term
+        self._carry[at] = (total - before) - term
+        self.work[at] = total
+
+    def observe(self, at: Index, stored: Array, reservoir: Array) -> None:
+        margin = self.work[at] + self.bound[at]
+        margin += self.credited[at]
+        margin -= self.sent[at]
+        slack = margin - stored
+        slack -= reservoir
+        self.margin[at] = margin
+        self.slack[at] = slack
+        self.margin_min[at] = np.minimum(self.margin_min[at], margin)
+        self.slack_min[at] = np.minimum(self.slack_min[at], slack)
+
+    def credit(self, at: Index, energy: Array) -> None:
+        _add(self.credited, self._credited_carry, at, energy)
+
+    def send(self, at: Index, energy: Array) -> None:
+        _add(self.sent, self._sent_carry, at, energy)
+
+
+class Couplings:
+    """The couplings of one side; vectors are (n, N), all else (N,). All have the same parameters.
+
+    `account` is the reservoir's energy less its deficit, of which never both are there.
+    """
+
+    def __init__(self, couplings: list[Coupling]) -> None:
+        first = couplings[0]
+        self.springs = Springs(first.spring)
+        self.ledgers = Ledgers([coupling.ledger for coupling in couplings])
+        self._longest = first.longest_step
+        modulator = first.modulator
+        self._pspm = modulator if isinstance(modulator, SetPositionModulator) else None
+        self.set_position = vectors([c.modulator.set_position for c in couplings])
+        self.received = vectors([c._received for c in couplings])
+        self.account = np.array([c.account for c in couplings])
+        self._least = np.array([-c.deficit_max if c.deficit_max else c.energy_min for c in couplings])
+        self.discarded = np.array([c.discarded for c in couplings])
+        self.credit = np.array([c._credit for c in couplings])
+        self.has_datum = np.array([c.has_datum for c in couplings])
+
+    def land(self, i: int, coupling: Coupling) -> None:
+        """Give scenario i's state back, but for the target, which only a recording shows."""
+        modulator = coupling.modulator
+        assert isinstance(modulator, SetPositionModulator | ZeroOrderHold)
+        modulator.set_position = tuple(self.set_position[:, i].tolist())
+        account, least = float(self.account[i]), float(self._least[i])
+        if self._pspm is not None:
+            modulator.energy, modulator.deficit = max(account, 0.0), max(-account, 0.0)
+            coupling.energy_min, coupling.deficit_max = max(least, 0.0), max(-least, 0.0)
+        coupling.account = account
+        coupling._received = tuple(self.received[:, i].tolist())
+        coupling.discarded = float(self.discarded[i])
+        coupling._credit = float(self.credit[i])
+        coupling.has_datum = bool(self.has_datum[i])
+        self.ledgers.land(i, coupling.ledger)
+
+    def take(self, at: Index, energy_nJ: NDArray[np.int64]) -> None:
+        """Shuffled energy was credited [nJ]; zeros are no news."""
+        some = energy_nJ.nonzero()[0]
+        if some.size:
+            which = at[some]
+            self.credit[which] += energy_nJ[some] * 1e-9
+            self.has_datum[which] = True
+
+    def potential(self, at: Index, x: Array) -> Array:
+        """phi [J] at positions x (n, M)."""
+        return self.springs.potential(x - pick(self.set_position, at))
+
+    def update(self, at: Index, x: Array, dissipated: Array) -> Array:
+        """`Coupling.update` in the scenarios `at`; the energy to send [J], shape (M,)."""
+        credit = self.credit[at]
+        self.credit[at] = 0.0
+        self.has_datum[at] = False
+        self.ledgers.credit(at, credit)  # zeros too: they may bring the carry in
+        y, before = pick(self.received, at), pick(self.set_position, at)
+        if self._longest != math.inf:
+            y = _step_towards(before, y, self._longest)
+        if self._pspm is None:
+            place(self.set_position, at, y)
+            return np.zeros(len(at))
+        return self._modulate(self._pspm, at, before, y, x, dissipated, credit)
+
+    def _modulate(
+        self, pspm: SetPositionModulator, at: Index, ybar: Array, y: Array, x: Array, dissipated: Array, credit: Array
+    ) -> Array:
+        """`SetPositionModulator.modulate`."""
+        springs = self.springs
+        at_hand = self.account[at] + credit
+        at_hand += dissipated
+        at_hand += springs.potential(x - ybar)
+        after = springs.potential(x - y)
+        short = (after > at_hand).nonzero()[0]
+        if short.size:
+            y = y.copy()
+            y[:, short], after[short] = self._within(x[:, short], y[:, short], at_hand[short])
+        place(self.set_position, at, y)
+        left = at_hand - after
+        sent = np.zeros(len(at))
+        full = (left > pspm.ceiling).nonzero()[0]
+        if full.size:
+            surplus = left[full] - pspm.ceiling
+            given = np.maximum(0.0, surplus - credit[full]) if pspm._harvested_only else surplus
+            self.discarded[at[full]] += surplus - given
+            sent[full] = given
+            left[full] = pspm.ceiling
+            some = given.nonzero()[0]
+            if some.size:
+                self.ledgers.send(at[full[some]], given[some])
+        self.account[at] = left
+        self._least[at] = np.minimum(self._least[at], left)
+        return sent
+
+    def _within(self, x: Array, y: Array, at_hand: Array) -> tuple[Array, Array]:
+        """(ybar, phi) where the energy at hand does not reach for y."""
+        springs = self.springs
+        if springs.isotropic:
+            offset = springs.nearest(x - y, at_hand)
+        else:  # a secular equation each
+            pairs = zip((x - y).T.tolist(), at_hand.tolist(), strict=True)
+            offset = np.array([springs.scalar.nearest(tuple(e), energy) for e, energy in pairs]).T
+        ybar = x - offset
+        after = springs.potential(x - ybar)
+        excess: float = 2.0**-50
+        while (out := ((after > at_hand) & (at_hand >= 0.0)).nonzero()[0]).size:
+            offset[:, out] = (1.0 - excess) * offset[:, out]
+            ybar[:, out] = x[:, out] - offset[:, out]
+            after[out] = springs.potential(x[:, out] - ybar[:, out])
+            excess *= 2.0
+        return ybar, after
+
+
+def vectors(rows: list[tuple[float, ...]]) -> Array:
+    return np.ascontiguousarray(np.array(rows).T)
+
+
+def pick(rows: Array, at: Index) -> Array:
+    """``rows[:, at]``, faster."""
+    return rows.take(at, axis=1)
+
+
+def place(rows: Array, at: Index, values: Array) -> None:
+    """``rows[:, at] = values``, faster."""
+    for row, value in zip(rows, values, strict=True):
+        row[at] = value
+
+
+def _step_towards(start: Array, goal: Array, longest: float) -> Array:
+    way = goal - start
+    distance = np.abs(way[0]) if len(way) == 1 else np.sqrt((way * way).sum(axis=0))
+    far = (distance > longest).nonzero()[0]
+    if far.size:
+        goal = goal.copy()
+        goal[:, far] = start[:, far] + longest / distance[far] * way[:, far]
+    return goal
+
+
+def _add(total: Array, carry: Array, at: Index, term: Array) -> None:
+    before = total[at]
+    term = term - carry[at]
+    after = before + term
+    carry[at] = (after - before) - term
+    total[at] = after

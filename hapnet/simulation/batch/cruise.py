@@ -1,0 +1,253 @@
+"""Many paired scenarios at once, from take-off to landing, a row of arrays for each quantity.
+
+All servos tick together: a batch's clock starts at a tick of each scenario's own, so one advance of the devices does
+for all of them. What happens between two ticks (energy messages, timers, the world's steps) is done in rounds: each
+round takes every scenario's earliest event, all of one kind together. A position needs no event: whoever looks, the
+device on its ticks and the world on its steps, sees the newest that has arrived by then.
+
+Where the downlink's delay is never shorter than a few ticks, the worlds and the devices' wires may lag behind the
+servos by as many, which makes for fewer and larger rounds: what they send could not have arrived earlier.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from hapnet.checks import Array
+from hapnet.side.endpoint import NANO
+from hapnet.simulation.batch.channels import NEVER, Whole
+from hapnet.simulation.batch.couplings import Index, pick, place
+from hapnet.simulation.batch.fleet import Fleet
+from hapnet.simulation.batch.lines import shortest_ns
+from hapnet.simulation.batch.scenario import Scenario
+
+_LONGEST_LAG = 32  # ticks
+_BLOCK = 256
+
+Events = tuple[Whole, Callable[[Index, Whole], None]]
+"""When the next event of a kind is due in each scenario, and what does it."""
+
+
+class Cruise:
+    """`scenarios` have taken off, have the same parameters but for links and seeds, and land as they end."""
+
+    def __init__(self, scenarios: Sequence[Scenario]) -> None:
+        self._fleet = fleet = Fleet(scenarios)
+        self._count = len(scenarios)
+        self._period_ns = fleet.period_ns
+        self._lived_s = max(self._period_ns * NANO, fleet.device_period_s)
+        self._due_s = fleet.servo._due
+        self._damping = np.array(fleet.servo.damping)[:, None]
+        self._landing = fleet.end_ns // self._period_ns
+        self._later = fleet.later_ns // self._period_ns
+        self._alive = np.ones(self._count, dtype=np.bool_)
+        self._all_alive = True
+        self._lag = _lag(scenarios, self._period_ns)
+        self._works: list[Array] = []
+        self._rows: Array | None = None
+        self._replay_window = np.zeros(self._count, dtype=np.int64)
+        self._window = 0
+        self._lengths = np.zeros((self._count, _BLOCK), dtype=np.int64)
+        self._drawn = np.full(self._count, _BLOCK)
+        device, world = fleet.device_wire, fleet.world_wire
+        self._on_device: tuple[Events, ...] = (
+            (device.mailbox.next_due_ns, device.on_mail),
+            (device.channels.next_due_ns, device.on_timer),
+        )
+        self._deferred: tuple[Events, ...] = (
+            (device.letters.next_due_ns, device.on_letter),
+            (device.channels.next_due_ns, device.on_timer),
+            (device.outbox.next_due_ns, device.on_departure),
+        )
+        self._on_world: tuple[Events, ...] = (
+            (world.mailbox.next_due_ns, world.on_mail),
+            (world.channels.next_due_ns, world.on_timer),
+            (fleet.step_ns, self._step),
+        )
+        up, down = self._on_world[0], self._on_device[0]
+        self._on_both: tuple[Events, ...] = (up, down, self._on_device[1], *self._on_world[1:])
+
+    def run(self, progress: Callable[[float], None] | None = None) -> None:
+        """To the end of every scenario, each landed at its last tick. `progress` is told the simulated seconds."""
+        tick = 0
+        while self._alive.any():
+            later = self._later[self._alive & (self._later > tick)]
+            end = min(tick + max(1, self._lag), int(self._landing[self._alive].min()), int(later.min(initial=NEVER)))
+            self._fleet.up.safe_ns = self._fleet.down.safe_ns = tick * self._period_ns - 1
+            self._window = tick
+            self._fly(tick, end)
+            if progress is not None and end // 500 != tick // 500:
+                progress(end * self._period_ns * NANO)
+            tick = end
+            begun = (self._alive & (self._later == tick)).nonzero()[0]
+            if begun.size:
+                self._fleet.ports.begin(begun)
+            landing = (self._alive & (self._landing <= tick)).nonzero()[0]
+            if landing.size:
+                self._land(landing, tick)
+
+    def _fly(self, start: int, end: int) -> None:
+        """From after tick `start` to after tick `end`."""
+        wire = self._fleet.device_wire
+        end_ns = end * self._period_ns
+        # The first window may begin with credits that wait for its first tick.
+        if self._lag and start and wire.defer(self._period_ns, start, end):
+            for tick in range(start + 1, end + 1):
+                wire.bring_credit(tick)
+                self._tick(tick)
+            wire.deferring = False
+            self._drain(self._deferred, end_ns)
+        else:
+            for tick in range(start + 1, end + 1):
+                self._drain(self._on_device if self._lag else self._on_both, tick * self._period_ns)
+                self._tick(tick)
+        if self._lag:
+            self._drain(self._on_world, end_ns)
+        self._fold_works()
+
+    def _drain(self, kinds: tuple[Events, ...], until_ns: int) -> None:
+        """All events until then; the earlier of two kinds first at the same nanosecond."""
+        first = kinds[0][0]
+        for due, _ in kinds[1:]:
+            first = np.minimum(first, due)
+        busy = (first <= until_ns).nonzero()[0]
+        while busy.size:
+            times = [due[busy] for due, _ in kinds]
+            first = times[0]
+            for at_ns in times[1:]:
+                first = np.minimum(first, at_ns)
+            open_ = first <= until_ns
+            for (_, handle), at_ns in zip(kinds, times, strict=True):
+                hit = (open_ & (at_ns == first)).nonzero()[0]
+                if hit.size:
+                    handle(busy[hit], first[hit])
+                    open_[hit] = False
+            busy = busy[first <= until_ns]
+
+    # -- the device --------------------------------------------------------------------------------------------------
+
+    def _tick(self, tick: int) -> None:
+        fleet, wire = self._fleet, self._fleet.device_wire
+        devices, couplings = fleet.devices, wire.couplings
+        wire.hand_over(*fleet.device_positions.tick(tick))
+        work = devices.advance(couplings.set_position)
+        kinetic = devices.kinetic()
+        potential = couplings.springs.potential(devices.position - couplings.set_position)
+        couplings.ledgers.put_in_all(work, kinetic + potential, couplings.account)
+        fleet.elapsed_s += self._lived_s
+        due = fleet.elapsed_s >= self._due_s
+        due |= couplings.has_datum
+        if not self._all_alive:
+            due &= self._alive
+        at = due.nonzero()[0]
+        if at.size:
+            self._modulate(at, kinetic[at], tick * self._period_ns)
+        self._works.append(couplings.ledgers.work)
+
+    def _modulate(self, at: Index, kinetic: Array, now_ns: int) -> None:
+        """PSPM in the devices `at`."""
+        fleet, wire = self._fleet, self._fleet.device_wire
+        devices, couplings = fleet.devices, wire.couplings
+        x = pick(devices.position, at)
+        travel = pick(devices.high, at) - pick(devices.low, at)
+        place(devices.low, at, x)
+        place(devices.high, at, x)
+        by_range = self._damping * travel * travel
+        dissipated = by_range[0] if len(by_range) == 1 else by_range.sum(axis=0)
+        dissipated /= fleet.elapsed_s[at]
+        limited = devices.limited[at]
+        if limited.any():
+            dissipated[limited] = devices.dissipated[at[limited]]
+            devices.limited[at] = False
+        devices.dissipated[at] = 0.0
+        sent = couplings.update(at, x, dissipated)
+        fleet.elapsed_s[at] = 0.0
+        couplings.ledgers.observe(at, kinetic + couplings.potential(at, x), couplings.account[at])
+        wire.on_update(at, np.full(len(at), now_ns), x, sent)
+
+    # -- the world ---------------------------------------------------------------------------------------------------
+
+    def _step(self, at: Index, now_ns: Whole) -> None:
+        """The running step of each of `at` ends and the next begins."""
+        fleet, wire = self._fleet, self._fleet.world_wire
+        masses, couplings = fleet.masses, wire.couplings
+        wire.look(at, now_ns)
+        dt = np.multiply(now_ns - fleet.last_step_ns[at], NANO, dtype=np.float64)
+        fleet.last_step_ns[at] = now_ns
+        work, dissipated = masses.step(at, dt, pick(couplings.set_position, at))
+        x, kinetic = pick(masses.position, at), masses.kinetic(at)
+        ledgers = couplings.ledgers
+        ledgers.put_in(at, work)
+        ledgers.observe(at, kinetic + couplings.potential(at, x), couplings.account[at])
+        sent = couplings.update(at, x, dissipated)
+        ledgers.observe(at, kinetic + couplings.potential(at, x), couplings.account[at])
+        fleet.steps[at] += 1
+        fleet.stepped_s[at] += dt
+        fleet.longest_step_s[at] = np.maximum(fleet.longest_step_s[at], dt)
+        fleet.step_ns[at] = now_ns + self._next_step_ns(at)
+        self._observe_ports(at, now_ns)
+        wire.on_update(at, now_ns, x, sent)
+
+    def _next_step_ns(self, at: Index) -> Whole:
+        drawn = self._drawn[at]
+        for i in at[drawn == _BLOCK].tolist():
+            self._lengths[i] = self._fleet.draw_steps(i, _BLOCK)
+            self._drawn[i] = 0
+        drawn = self._drawn[at]
+        self._drawn[at] = drawn + 1
+        lengths: Whole = self._lengths[at, drawn]
+        return lengths
+
+    # -- both ports --------------------------------------------------------------------------------------------------
+
+    def _observe_ports(self, at: Index, now_ns: Whole) -> None:
+        """`TwoPort.world`: the devices may be ahead by a window, but only their ticks before this step count."""
+        ports = self._fleet.ports
+        device_low, device = ports.device_low[at], ports.device[at]
+        if self._works:
+            passed = np.clip(-(-now_ns // self._period_ns) - 1 - self._window, 0, len(self._works))
+            if self._rows is None:
+                self._rows = np.array(self._works)
+            works = self._rows[:, at]
+            row = np.arange(len(works))[:, None]
+            new = (row >= self._replay_window[at]) & (row < passed)
+            device_low = np.minimum(device_low, np.where(new, works, np.inf).min(axis=0))
+            device = np.where(passed > 0, works[np.maximum(passed - 1, 0), np.arange(len(at))], device)
+            self._replay_window[at] = np.maximum(self._replay_window[at], passed)
+        work, before = self._fleet.world_wire.couplings.ledgers.work[at], ports.world[at]
+        ports.close(at, work)
+        lowest = np.minimum(ports.lowest[at], np.minimum(device_low + before, device_low + work))
+        ports.lowest[at], ports.world[at], ports.device_low[at] = lowest, work, device
+
+    def _fold_works(self) -> None:
+        """`TwoPort.device` for the window's ticks."""
+        ports = self._fleet.ports
+        ahead = bool(self._replay_window.any())
+        for row, work in enumerate(self._works):
+            new = np.where(self._replay_window <= row, work, np.inf) if ahead else work
+            np.minimum(ports.device_low, new, out=ports.device_low)
+        ports.device = self._works[-1] if self._works else ports.device
+        self._works, self._rows = [], None
+        if ahead:
+            self._replay_window.fill(0)
+
+    def _land(self, at: Index, tick: int) -> None:
+        self._drain(self._on_both, tick * self._period_ns)
+        for i, used in zip(at.tolist(), self._drawn[at].tolist(), strict=True):
+            self._fleet.return_steps(i, used)  # those after the last tick are drawn one at a time
+        self._fleet.land(at, tick)
+        self._alive[at] = False
+        self._all_alive = False
+        for due in (kind[0] for kind in self._on_both):
+            due[at] = NEVER
+
+
+def _lag(scenarios: Sequence[Scenario], period_ns: int) -> int:
+    """By how many ticks the worlds may lag behind the devices; 0: not at all."""
+    ups = {scenario.up.profile for scenario in scenarios}
+    downs = {scenario.down.profile for scenario in scenarios}
+    if min(map(shortest_ns, ups)) == 0:
+        return 0
+    return min(min(map(shortest_ns, downs)) // period_ns, _LONGEST_LAG)

@@ -1,0 +1,324 @@
+"""Simulated devices of many scenarios at once, coupled continuously: `hapnet.plant.device`, operation by operation."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapnet.checks import Array, Vector
+from hapnet.plant.device import SimulatedDevice
+from hapnet.plant.limited_coupling import ROUNDS
+from hapnet.simulation.batch.couplings import Index, pick, vectors
+
+_CHUNK = 4096
+_ROUNDING = 1.0 + 1e-12
+
+
+class Motion:
+    """What the hand does at every tick, the same in all scenarios: tables over a device's own ticks, made as needed.
+
+    Parameters
+    ----------
+    reference : of the operator, called with increasing times. device : any of the scenarios'.
+    """
+
+    def __init__(self, reference: Callable[[float], Vector], device: SimulatedDevice) -> None:
+        self._follow, self._device = reference, device
+        self._base = 0
+        self._points = np.array(reference(0.0))[:, None]
+        self._hands: list[Array] = []
+
+    def at(self, ticks: NDArray[np.int64]) -> list[Array]:
+        """The hand's drive (n, N) in each substep of the tick that ends as number `ticks` (N,)."""
+        if int(ticks.max()) >= self._base + self._points.shape[1]:
+            self._extend(int(ticks.min()), int(ticks.max()))
+        offset = ticks - self._base
+        return [table.take(offset, axis=1) for table in self._hands]
+
+    def ends(self, ticks: NDArray[np.int64]) -> Array:
+        """The reference at both ends of the same tick (2n, N) [m]."""
+        offset = ticks - self._base
+        return np.vstack([self._points.take(offset - 1, axis=1), self._points.take(offset, axis=1)])
+
+    def reference(self, tick: int) -> Vector:
+        """Where the hand wanted to be at the end of this tick [m]."""
+        return tuple(self._points[:, tick - self._base].tolist())
+
+    def _extend(self, least: int, most: int) -> None:
+        device = self._device
+        end = self._base + self._points.shape[1]
+        more = [self._follow(tick * device.period) for tick in range(end, most + _CHUNK)]
+        past = max(0, least - 1 - self._base)
+        self._base += past
+        self._points = np.hstack([self._points, np.array(more).T])[:, past:]
+        kh = device._hand.stiffness
+        start = self._points[:, :-1]
+        rate = (self._points[:, 1:] - start) / device.period
+        hand = kh * start + device._rate_drive * rate
+        step = device._rate_step * rate
+        self._hands = []
+        for _ in device._substeps:
+            hand = hand + step
+            self._hands.append(np.hstack([hand[:, :1], hand]))  # the row of tick k is made of points k - 1 and k
+
+
+class Devices:
+    """The devices' state, vectors (n, N)."""
+
+    def __init__(self, devices: list[SimulatedDevice], reference: Callable[[float], Vector]) -> None:
+        first = devices[0]
+        self._one = first
+        self.dof = first.dof
+        self.motion = Motion(reference, first)
+        self.ticks = np.array([d._ticks for d in devices])
+        self.position = vectors([d.position for d in devices])
+        self.velocity = vectors([d.velocity for d in devices])
+        self.hand_force = vectors([d.hand_force for d in devices])
+        self.low = vectors([d._low for d in devices])
+        self.high = vectors([d._high for d in devices])
+        self.dissipated = np.array([d._dissipated for d in devices])
+        self.limited = np.array([d._limited for d in devices])
+        self._other = tuple(np.empty_like(self.position) for _ in range(4))
+        """Room for the state after the next tick: position, velocity, low, high."""
+        self._room = [np.empty_like(self.position) for _ in range(5)]
+        self._at_limit = np.array([d._at_limit for d in devices])
+        self._any_at_limit = bool(self._at_limit.any())
+        self._has_limits = first._knee != math.inf
+        self._bench = copy.copy(first)
+        """On which a tick is made again where the damper is limited, one scenario after the other."""
+        self._half_mass = 0.5 * first.mass
+        if first._decoupled:
+            # With one axis they are plain numbers, which broadcast faster.
+            constants = first._decoupled[0] if self.dof == 1 else np.array(first._decoupled).T[:, :, None]
+            self._k: Array | float
+            self._whole: Array | float
+            self._inverse: Array | float
+            self._B: Array | float
+            self._k, self._whole, self._inverse, self._B, _ = constants
+        values, modes = first._coupling.modes
+        self._K, self._mode_values, self._modes = np.array(first._coupling.rows), np.array(values), np.array(modes)
+        self._damping = np.array(first._coupling_damping)
+
+    def land(self, i: int, device: SimulatedDevice, set_position: Vector) -> None:
+        """Give scenario i's state back."""
+        device._ticks = int(self.ticks[i])
+        device.time = device._ticks * device.period
+        device.references = [self.motion.reference(device._ticks)]
+        for name, values in (("position", self.position), ("velocity", self.velocity),
+                             ("hand_force", self.hand_force), ("_low", self.low), ("_high", self.high)):  # fmt: skip
+            setattr(device, name, tuple(values[:, i].tolist()))
+        device._at_limit, device._limited = bool(self._at_limit[i]), bool(self.limited[i])
+        device._dissipated = float(self.dissipated[i])
+        device._set_position = set_position
+
+    def kinetic(self) -> Array:
+        """Of the devices' own mass [J]."""
+        v = self.velocity
+        square = v[0] * v[0]
+        for row in v[1:]:
+            square += row * row
+        kinetic: Array = self._half_mass * square
+        return kinetic
+
+    def advance(self, ybar: Array) -> Array:
+        """One tick in every scenario; the work done by each hand [J]."""
+        self.ticks += 1
+        hands = self.motion.at(self.ticks)
+        before = self.position, self.velocity, self.low, self.high, self.dissipated
+        one = self._one
+        work, dissipated, stretch, drag = (self._advance_axes if one._decoupled else self._advance_linear)(hands, ybar)
+        self.dissipated = before[-1] + dissipated
+        if self._has_limits:
+            beyond = stretch > one._knee_square
+            stretch *= one._largest
+            beyond |= np.sqrt(stretch, out=stretch) + drag > one._longest_force
+            if self._any_at_limit:
+                beyond |= self._at_limit
+            which = beyond.nonzero()[0]
+            if which.size:
+                self._advance_again(which, hands, ybar, before, work)
+        return work
+
+    def _advance_again(
+        self, at: Index, hands: list[Array], ybar: Array, before: tuple[Array, ...], work: Array
+    ) -> None:
+        """The tick once more, from `before`, in the scenarios `at`, where some limit may act.
+
+        Where the damper is limited, or c does not come to rest soon, the scenario's device makes it alone. One that was
+        so limited in the last tick is not tried together with the others before.
+        """
+        likely = self.limited[at] & self._at_limit[at]
+        alone, together = at[likely], at[~likely]
+        if together.size:
+            work[together], limited = self._advance_limited(together, hands, pick(ybar, together), before)
+            alone = np.concatenate([alone, together[limited]])
+        if alone.size:
+            references = self.motion.ends(self.ticks)
+            for k in alone.tolist():
+                work[k] = self._advance_alone(k, references[:, k].tolist(), ybar[:, k].tolist(), before)
+        self._any_at_limit = bool(self._at_limit.any())
+
+    def _advance_axes(self, hands: list[Array], ybar: Array) -> tuple[Array, Array, Array, Array]:
+        """Every axis on its own: (work, dissipated, at most ``|e|_K^2``, at most the damper's force).
+
+        Nothing is allocated: the state moves to the other of two sets of arrays.
+        """
+        one = self._one
+        h, kh, inertia = one._h, one._hand.stiffness, one._inertia
+        hand_mass, response, whole, inverse = one._hand_mass, one._response, self._whole, self._inverse
+        x, v, low, high = self.position, self.velocity, self.low, self.high
+        self.position, self.velocity, self.low, self.high = self._other
+        self._other = x, v, low, high
+        new_x, new_v, new_low, new_high = self.position, self.velocity, self.low, self.high
+        drive, middle, term, work, squares = self._room
+        f = self.hand_force
+        np.multiply(ybar, self._k, out=drive)
+        work.fill(0.0)
+        squares.fill(0.0)
+        for hand in hands:
+            np.multiply(v, inertia, out=middle)
+            middle += drive
+            middle += hand
+            np.multiply(x, whole, out=term)
+            middle -= term
+            middle *= inverse
+            np.multiply(x, kh, out=term)
+            np.subtract(hand, term, out=f)
+            np.multiply(v, hand_mass, out=term)
+            f += term
+            np.multiply(middle, response, out=term)
+            f -= term
+            np.multiply(f, middle, out=term)
+            work += term
+            np.multiply(middle, middle, out=term)
+            squares += term
+            np.add(middle, middle, out=term)
+            v = np.subtract(term, v, out=new_v)
+            middle *= h
+            x = np.add(x, middle, out=new_x)
+            low = np.minimum(low, x, out=new_low)
+            high = np.maximum(high, x, out=new_high)
+        np.subtract(high, ybar, out=term)
+        np.subtract(ybar, low, out=middle)
+        farthest = np.maximum(term, middle, out=term)
+        stretch = np.multiply(farthest, self._k, out=middle)
+        stretch *= farthest
+        drag = np.sqrt(_sum(self._B * self._B * squares))
+        return _sum(work) * h, _sum(self._B * h * squares), _sum(stretch), drag
+
+    def _advance_linear(self, hands: list[Array], ybar: Array) -> tuple[Array, Array, Array, Array]:
+        """The same for any K, as one linear map."""
+        one, n, x = self._one, self.dof, self.position
+        ends = self.motion.ends(self.ticks)
+        values = one._tick_map @ np.vstack([x, self.velocity, ybar, np.zeros_like(x), ends])
+        steps = len(one._substeps)
+        middle, force, path, drag = values[: 4 * n * steps].reshape(4, steps, n, -1)
+        self.low, self.high = np.minimum(self.low, path.min(axis=0)), np.maximum(self.high, path.max(axis=0))
+        farthest = np.maximum(self.high - ybar, ybar - self.low)
+        self.position, self.velocity, self.hand_force = path[-1].copy(), values[-2 * n : -n].copy(), force[-1].copy()
+        work: Array = (force * middle).sum(axis=(0, 1)) * one._h
+        dissipated: Array = (drag * middle).sum(axis=(0, 1)) * one._h
+        longest: Array = np.sqrt((drag * drag).sum(axis=(0, 1)))
+        return work, dissipated, one._largest * _sum(farthest * farthest), longest
+
+    def _advance_limited(
+        self, at: Index, hands: list[Array], ybar: Array, before: tuple[Array, ...]
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """`SimulatedDevice._advance_limited` with the damper in full: the works, and where it has to be made alone."""
+        one, K, B = self._one, self._K, self._damping[:, None]
+        h, kh, inertia, hand_mass, response = one._h, one._hand.stiffness, one._inertia, one._hand_mass, one._response
+        x, v, low, high = (values[:, at] for values in before[:-1])
+        e = x - ybar
+        pull = _times(K, e)
+        square = _sum(e * pull)
+        work, dissipated = np.zeros(len(at)), np.zeros(len(at))
+        alone = np.zeros(len(at), dtype=np.bool_)
+        for whole_hand in hands:
+            hand = whole_hand[:, at]
+            push = hand + inertia * v - kh * x
+            c, middle, restless = self._saturate(push, pull, square)
+            alone[restless] = True
+            f = hand - kh * x + hand_mass * v - response * middle
+            work += _sum(f * middle)
+            v = middle + middle - v
+            x = x + h * middle
+            e = e + h * middle
+            start, pull = pull, _times(K, e)
+            square = _sum(e * pull)
+            drag = B * middle
+            force = -0.5 * c * (start + pull) - drag
+            alone |= np.sqrt(_sum(force * force)) * _ROUNDING > one._longest_force
+            dissipated += _sum(drag * middle)
+            low, high = np.minimum(low, x), np.maximum(high, x)
+        self._at_limit[at] = square > one._knee_square
+        self.position[:, at], self.velocity[:, at], self.hand_force[:, at] = x, v, f
+        self.low[:, at], self.high[:, at] = low, high
+        self.dissipated[at] = before[-1][at] + dissipated * h
+        return work * h, alone
+
+    def _advance_alone(self, k: int, references: list[float], ybar: list[float], before: tuple[Array, ...]) -> float:
+        """The tick once more in scenario k, as its device makes it, with the reference at the tick's start and end."""
+        device, n = self._bench, self.dof
+        device.position, device.velocity, device._low, device._high = (tuple(v[:, k].tolist()) for v in before[:-1])
+        device._dissipated, device._limited = float(before[-1][k]), bool(self.limited[k])
+        device._set_position = tuple(ybar)
+        work = device._advance_limited(tuple(references[:n]), tuple(references[n:]))
+        self.position[:, k], self.velocity[:, k] = device.position, device.velocity
+        self.low[:, k], self.high[:, k], self.hand_force[:, k] = device._low, device._high, device.hand_force
+        self.dissipated[k], self.limited[k] = device._dissipated, device._limited
+        self._at_limit[k] = device._at_limit
+        return work
+
+    def _saturate(self, push: Array, pull: Array, square: Array) -> tuple[Array, Array, Index]:
+        """`LimitedCoupling._saturated`: c, vhat, and the scenarios whose c has not come to rest.
+
+        A scenario's fixed point is left alone once it has been reached.
+        """
+        one, modes = self._one, self._modes
+        h, knee = one._h, one._knee
+        values = self._mode_values[:, None]
+        a, b = _times(modes, push), _times(modes, pull)
+        start = np.sqrt(np.maximum(0.0, square))
+        c = np.ones(len(start))
+        beyond = start > knee
+        c[beyond] = knee / start[beyond]
+        left = np.arange(len(c))
+        for _ in range(ROUNDS):
+            now = c[left]
+            u = (a[:, left] - now * b[:, left]) / (1.0 + 0.5 * now * h * values)
+            gain = _sum(u * (2.0 * b[:, left] + h * values * u))
+            end = np.sqrt(np.maximum(0.0, square[left] + h * gain))
+            c[left] = _discrete_gradient(start[left], end, knee)
+            left = left[np.abs(c[left] - now) > 1e-15]
+            if not left.size:
+                break
+        w = (a - c * b) / (1.0 + 0.5 * c * h * values)
+        return c, _times(modes.T, w), left
+
+
+def _sum(rows: Array) -> Array:
+    """Over the axes, the only one's own row in 1-DOF."""
+    total: Array = rows[0] if len(rows) == 1 else rows.sum(axis=0)
+    return total
+
+
+def _times(matrix: Array, vectors: Array) -> Array:
+    product: Array = matrix[0, 0] * vectors if len(matrix) == 1 else matrix @ vectors
+    return product
+
+
+def _discrete_gradient(start: Array, end: Array, knee: float) -> Array:
+    c = np.ones(len(start))
+    both = (start >= knee) & (end >= knee)
+    one = ~both & ((start > knee) | (end > knee))
+    both &= ~((start <= knee) & (end <= knee))
+    c[both] = 2.0 * knee / (start[both] + end[both])
+    if one.any():
+        inner, outer = np.minimum(start[one], end[one]), np.maximum(start[one], end[one])
+        below, beyond = knee - inner, outer - knee
+        c[one] = (below * (knee + inner) + 2.0 * beyond * knee) / ((below + beyond) * (outer + inner))
+    return c

@@ -1,0 +1,111 @@
+"""Batches: many seeds, parameters or links in one call."""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from collections.abc import Iterable, Sequence, Sized
+
+from hapnet.assembly.build import Setup
+from hapnet.assembly.memory import require_room
+from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.params import Params
+from hapnet.simulation.batch.cruise import Cruise
+from hapnet.simulation.batch.processes import Progress, in_processes
+from hapnet.simulation.batch.scenario import BatchRun, Scenario
+from hapnet.simulation.garbage_collector import collector_paused
+
+SMALLEST = 32
+"""With fewer scenarios of a kind, one at a time is faster."""
+RUN_BYTES = 110_000
+"""What a run of a batch takes until the batch is over; measured."""
+LARGEST = 2048
+"""Scenarios that fly together: more do not fit the processor's caches."""
+
+
+def simulate_batch(
+    params: Params | Iterable[Params] | None = None,
+    seeds: Iterable[int] = range(1),
+    *,
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> list[BatchRun]:
+    """Simulate every one of `params` under every one of `seeds`: the same results as `simulate`, many at once.
+
+    Parameters
+    ----------
+    params : one or several, which may differ in anything; those that differ in links only are simulated together.
+    seeds : of each of them.
+    workers : processes to share the work. With more than one, the caller's main module must be importable.
+    progress : called now and then with the share that is done, 0 to 1.
+
+    Returns
+    -------
+    One run for each pair, seeds varying fastest. What is not vectorised (a sampled servo, devices, hands and scenes of
+    the user's own, filters and predictors, release on silence, links with slots, traces or timelines or that could be
+    full) is simulated one scenario at a time, which `BatchRun.vectorised` tells.
+
+    Raises
+    ------
+    InvalidParameter, netem.NetemError : parameters that do not make a run, or more runs than this machine can hold.
+    HapnetError : in some scenario the two sides did not find each other.
+    """
+    if workers < 1:
+        raise InvalidParameter("workers", workers, "1 or more processes")
+    several = [params or Params()] if params is None or isinstance(params, Params) else list(params)
+    if isinstance(seeds, Sized):
+        require_room("seeds", seeds, len(several) * len(seeds), RUN_BYTES, "runs")
+    seed_list = list(seeds)
+    cases = [(one, seed) for one in several for seed in seed_list]
+    workers = min(workers, len(cases))
+    if workers <= 1:
+        return _simulate(cases, progress or (lambda share: None))
+    parts = in_processes(_simulate, [cases[k::workers] for k in range(workers)], progress)
+    return [parts[k % workers][k // workers] for k in range(len(cases))]
+
+
+def _simulate(cases: Sequence[tuple[Params, int]], progress: Progress = lambda share: None) -> list[BatchRun]:
+    runs: dict[int, BatchRun] = {}
+
+    def done(more: float) -> None:
+        progress((len(runs) + more) / len(cases))
+
+    for group in _groups(cases):
+        for start in range(0, len(group), LARGEST):
+            _simulate_group({k: cases[k] for k in group[start : start + LARGEST]}, runs, done)
+    return [runs[k] for k in range(len(cases))]
+
+
+def _groups(cases: Sequence[tuple[Params, int]]) -> list[list[int]]:
+    """The cases that differ in links and seeds only."""
+    kinds: dict[int, str] = {}
+    groups: defaultdict[str, list[int]] = defaultdict(list)
+    for k, (params, _) in enumerate(cases):
+        if id(params) not in kinds:
+            kinds[id(params)] = json.dumps({**params.as_dict(), "link": None})
+        groups[kinds[id(params)]].append(k)
+    return list(groups.values())
+
+
+@collector_paused()
+def _simulate_group(cases: dict[int, tuple[Params, int]], runs: dict[int, BatchRun], done: Progress) -> None:
+    flying: dict[int, Scenario] = {}
+    setups: dict[int, Setup] = {}
+    for k, (params, seed) in cases.items():
+        scenario = Scenario(params, seed, setups.get(id(params)))
+        setups[id(params)] = scenario.setup
+        try:
+            ready = scenario.take_off()
+        except HapnetError as error:
+            raise HapnetError(f"seed {seed}: {error}") from error
+        if ready and scenario.can_cruise and len(cases) >= SMALLEST:
+            flying[k] = scenario
+        else:
+            runs[k] = scenario.run_on(vectorised=False)
+            done(0.0)
+    if flying:
+        duration_s = next(iter(cases.values()))[0].duration_s
+        Cruise(list(flying.values())).run(lambda s: done(len(flying) * min(1.0, s / duration_s)))
+        for k, scenario in flying.items():
+            runs[k] = scenario.run_on(vectorised=True)
+        done(0.0)

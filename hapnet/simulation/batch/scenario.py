@@ -1,0 +1,158 @@
+"""A scenario of a batch, before it is vectorised and after.
+
+A scenario takes off once both sides have started and their handshake has nothing more to say, and lands at its last
+tick. Before and after it is an ordinary `Simulation`, and so is its result.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from operator import itemgetter
+from typing import NamedTuple
+
+from hapnet.checks import Vector
+from hapnet.control.set_position_coupling import Coupling
+from hapnet.params import Params
+from hapnet.plant.operator import Press, Recorded, Rest, Sine
+from hapnet.plant.scene import Scene
+from hapnet.side.device import ContinuousDeviceSide, DeviceSide, Write
+from hapnet.side.endpoint import NANO, Endpoint
+from hapnet.side.packet import Packet
+from hapnet.side.world import WorldSide
+from hapnet.simulation.batch.lines import vectorisable
+from hapnet.simulation.simulation import Simulation, _or_never
+from hapnet.summary import path
+from hapnet.summary.run import Summary
+from hapnet.wire.messages import Energy, Position, decode
+from netem import Link
+
+_LOOK = 3  # ticks between two looks at the handshake, and one more
+_BURST_MOST_J = 4.0  # in aJ it must fit 63 bits
+
+
+class SideState(NamedTuple):
+    """One side at the end of its run; vectors have one element an axis."""
+
+    position_m: Vector
+    velocity_mps: Vector
+    set_position_m: Vector
+    reservoir_J: float
+    deficit_J: float
+    work_J: float
+    credited_J: float
+    sent_J: float
+
+
+class BatchRun(NamedTuple):
+    """What one scenario of a batch gave."""
+
+    params: Params
+    seed: int
+    summary: Summary
+    """As of a single run; `motion` and `path` are None throughout, since nothing is recorded or timed."""
+    device: SideState
+    world: SideState
+    vectorised: bool
+    """False: something in its parameters is simulated one scenario at a time only, slower, with the same result."""
+
+
+class UnderWay(NamedTuple):
+    """A message on a link at take-off."""
+
+    order: int
+    due_ns: int
+    sent_ns: int
+    content: Position | Energy
+
+
+class Scenario(Simulation):
+    """A `Simulation` that can hand its middle over to a `Cruise`."""
+
+    end_ns: int
+
+    def _writer(self) -> Write:
+        return lambda sample: None  # nothing is recorded
+
+    def _path(self) -> path.Section:
+        return path.unknown()
+
+    @property
+    def can_cruise(self) -> bool:
+        """Is everything in this scenario vectorised?"""
+        params, setup, side = self.setup.params, self.setup, self.device
+        return (
+            isinstance(side, ContinuousDeviceSide)
+            and setup.up_timeline is setup.down_timeline is None
+            and isinstance(getattr(side._simulated._follow, "__self__", None), Rest | Sine | Press | Recorded)
+            and type(setup.scene).next_step_s is Scene.next_step_s
+            and not any(part.smoothing_s or part.predict_s for part in (params.device, params.world))
+            and params.device.on_silence == params.world.on_silence == "hold"
+            and not params.wire.accept_stale
+            and not params.wire.deadband
+            and params.wire.admission_burst_J <= _BURST_MOST_J
+            and vectorisable(params, setup.dof, setup.up, setup.down)
+        )
+
+    def take_off(self) -> bool:
+        """Run until the handshake is over; False if the run's end came first. Then it stands right after a tick."""
+        start_ns = self.pair()
+        self.end_ns = start_ns + round(self.setup.params.duration_s / NANO)
+        while (tick_ns := self._tick_ns + _LOOK * self._period_ns) <= self.end_ns:
+            self._until(tick_ns)
+            if self._quiet:
+                return True
+        return False
+
+    @property
+    def _quiet(self) -> bool:
+        endpoints = (self.device_endpoint, self.world_endpoint)
+        return all(endpoint.session._handshake.next_due_ns is None for endpoint in endpoints) and not any(
+            entry[2].kind == "control" for link in (self.up, self.down) for entry in link._queue
+        )
+
+    def resume(self, step_ns: int, tick_ns: int) -> None:
+        """Its state has been given back: from here it is an ordinary `Simulation` again."""
+        due = (self.up.next_due_ns, self.down.next_due_ns,
+               self.device_endpoint.next_due_ns, self.world_endpoint.next_due_ns)  # fmt: skip
+        self._due[:] = [*map(_or_never, due), step_ns, tick_ns]
+        self._tick_ns = tick_ns
+
+    def run_on(self, *, vectorised: bool) -> BatchRun:
+        """From where it is to the end."""
+        self._until(self.end_ns)
+        summary = self.close(self.end_ns)
+        device, world = self.device, self.world
+        assert isinstance(device, ContinuousDeviceSide) or not vectorised
+        x, v = device.device.read()
+        mass = world.mass
+        return BatchRun(
+            self.setup.params, self.seed, summary,
+            _state(device, x, v), _state(world, mass.position, mass.velocity), vectorised,
+        )  # fmt: skip
+
+
+def hand_over(endpoint: Endpoint) -> None:
+    """Give the coupling what has arrived and waits for the next tick."""
+    assert not endpoint.has_shuffled
+    endpoint._take()
+
+
+def under_way(link: Link[Packet]) -> Iterator[UnderWay]:
+    """What is on the link, once the handshake is over, in the order in which it was sent."""
+    for due_ns, order, parcel, sent_ns, _ in sorted(link._queue, key=itemgetter(1)):
+        content = decode(parcel.data)
+        assert isinstance(content, Position | Energy)
+        yield UnderWay(order, due_ns, sent_ns, content)
+
+
+def _state(side: DeviceSide | WorldSide, x: Vector, v: Vector) -> SideState:
+    coupling, ledger = side.coupling, side.coupling.ledger
+    return SideState(
+        x, v, coupling.set_position, coupling.reservoir, coupling.deficit, ledger.work, ledger.credited, ledger.sent
+    )
+
+
+def modulating(side: DeviceSide | WorldSide) -> Coupling:
+    """The coupling of a side whose coupling is vectorised."""
+    assert isinstance(side.coupling, Coupling)
+    return side.coupling

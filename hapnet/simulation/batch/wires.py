@@ -1,0 +1,134 @@
+"""The wire half of one side in many scenarios at once: its channels, what comes in, and what goes out on its link."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hapnet.checks import Array
+from hapnet.simulation.batch.arrivals import Mailbox, Positions, Queues
+from hapnet.simulation.batch.channels import Channels, Whole
+from hapnet.simulation.batch.couplings import Couplings, Index, place
+from hapnet.simulation.batch.links import ENERGY, Links
+from hapnet.simulation.batch.sizes import Sizes
+
+
+class Wire:
+    """One side.
+
+    Parameters
+    ----------
+    channels, mailbox, positions, couplings : of this side; its coupling gets what `mailbox` and `positions` bring.
+    links, sizes : this side sends on, and of its messages. next_number : of its next position, a scenario each.
+    """
+
+    def __init__(
+        self,
+        channels: Channels,
+        mailbox: Mailbox,
+        positions: Positions,
+        couplings: Couplings,
+        links: Links,
+        sizes: Sizes,
+        next_number: Whole,
+    ) -> None:
+        self.channels, self.mailbox, self.positions, self.couplings = channels, mailbox, positions, couplings
+        self.links, self._sizes, self.next_number = links, sizes, next_number
+        self.peer = self
+        self.deferring = False
+        count, dof = len(next_number), len(couplings.received)
+        self.letters = Queues(count, np.int64, np.int64, np.int64)
+        self.outbox = Queues(count, np.int64, np.float64, *[np.float64] * dof)
+
+    def on_mail(self, at: Index, now_ns: Whole) -> None:
+        """An energy message arrived in each of `at`."""
+        total_nJ, acked_nJ = self.mailbox.take(at)
+        self.couplings.take(at, self.channels.receive(at, total_nJ, acked_nJ, now_ns))
+        self.channels.plan(at)
+
+    def on_timer(self, at: Index, now_ns: Whole) -> None:
+        """The channels of `at` are due."""
+        channels = self.channels
+        self.couplings.take(at, channels.admit(at, now_ns))
+        out, total_nJ, acked_nJ = channels.poll(at, now_ns)
+        if out.size:
+            which = at[out]
+            size = self._sizes.energy(which, total_nJ, acked_nJ) if self.links.timed else None
+            order, due_ns = self.links.send(which, now_ns[out], ENERGY, size)
+            self.peer.mailbox.put(which, order, due_ns, total_nJ, acked_nJ)
+        channels.plan(at)
+
+    def on_update(self, at: Index, now_ns: Whole, x: Array, sent_J: Array) -> None:
+        """PSPM ran at positions x (n, M): send them, and give the surplus to the channels."""
+        number = self.next_number[at]
+        self.next_number[at] = number + 1
+        if self.deferring:
+            self.outbox.put(at, now_ns, number, sent_J, *x)
+        else:
+            self._send(at, now_ns, number, x, sent_J)
+
+    def _send(self, at: Index, now_ns: Whole, number: Whole, x: Array, sent_J: Array) -> None:
+        size = self._sizes.position(at) if self.links.timed else None
+        _, due_ns = self.links.send(at, now_ns, number, size)
+        self.peer.positions.put(at, number, due_ns, x)
+        some = (sent_J > 0.0).nonzero()[0]
+        if some.size:
+            which = at[some]
+            self.channels.shuffle(which, sent_J[some])
+            self.channels.plan(which)
+            due = (self.channels.next_due_ns[which] <= now_ns[some]).nonzero()[0]
+            if due.size:
+                self.on_timer(which[due], now_ns[some[due]])
+
+    def look(self, at: Index, now_ns: Whole) -> None:
+        """Hand over the newest position that has arrived by `now_ns`."""
+        fresh, y = self.positions.look(at, now_ns)
+        self.hand_over(at[fresh], y)
+
+    def hand_over(self, at: Index, y: Array) -> None:
+        """The coupling's next update uses y (n, M)."""
+        if at.size:
+            place(self.couplings.received, at, y)
+            self.couplings.has_datum[at] = True
+
+    # -- deferred ------------------------------------------------------------------------------------------------------
+
+    def defer(self, period_ns: int, start: int, end: int) -> bool:
+        """Put the wire's work off to the end of a window, from after tick `start` to tick `end`, where it makes fewer
+        and larger rounds. False, and nothing done, if that cannot be.
+
+        It needs a link to this side whose delay is never shorter than the window: all that arrives in it is under way
+        when it begins, so what each tick will be credited is known then, unless admission limits it. The rest of the
+        wire's work is felt by the other side only, and not before the window's end.
+        """
+        mailbox, channels = self.mailbox, self.channels
+        if not channels.plentiful(mailbox.greatest_nJ()):
+            return False
+        self._credits = np.zeros((end - start, len(self.next_number)))
+        self._window = start + 1
+        until_ns = end * period_ns
+        while (at := (mailbox.next_due_ns <= until_ns).nonzero()[0]).size:
+            now_ns = mailbox.next_due_ns[at]
+            total_nJ, acked_nJ = mailbox.take(at)
+            credit_nJ = channels.foresee(at, total_nJ, now_ns)
+            self.letters.put(at, now_ns, total_nJ, acked_nJ, credit_nJ)
+            self._credits[-(-now_ns // period_ns) - self._window, at] += credit_nJ * 1e-9
+        self.deferring = True
+        return True
+
+    def bring_credit(self, tick: int) -> None:
+        """What is credited by this tick of the window."""
+        credits = self._credits[tick - self._window]
+        at = credits.nonzero()[0]
+        self.couplings.credit[at] += credits[at]
+        self.couplings.has_datum[at] = True
+
+    def on_letter(self, at: Index, now_ns: Whole) -> None:
+        """`on_mail`, put off."""
+        total_nJ, acked_nJ, credit_nJ = self.letters.take(at)
+        self.channels.catch_up(at, total_nJ, acked_nJ, credit_nJ, now_ns)
+        self.channels.plan(at)
+
+    def on_departure(self, at: Index, now_ns: Whole) -> None:
+        """`on_update`, put off."""
+        number, sent_J, *x = self.outbox.take(at)
+        self._send(at, now_ns, number, np.array(x), sent_J)

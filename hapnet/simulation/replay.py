@@ -1,0 +1,251 @@
+"""A recorded run again, in virtual time: its parameters, its hand, and how the replay compares with it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hapnet.assembly.user_operator import ALLOWED
+from hapnet.couplings.registry import jointly_passive
+from hapnet.errors import HapnetError, InvalidParameter, RecordingError
+from hapnet.loading import load
+from hapnet.metrics import motion
+from hapnet.param_values import flatten
+from hapnet.params import Params
+from hapnet.recording.hand import begins_late, fingerprint, hand_times, knows_hand, left_out, replay_ns
+from hapnet.recording.link_events import KIND, played
+from hapnet.recording.mcap import read_recording
+from hapnet.recording.samples import Columns, Recording, join
+from hapnet.summary.run import Summary, of_recordings
+from netem import Timeline
+
+_WORLDS = ("scene", "world.", "link.down")
+"""Beginnings of the parameters' names that are the world's; all others are the device's."""
+
+_MADE = ("rest", "sine", "press")
+
+
+@dataclass(frozen=True)
+class Original:
+    """A recorded run, ready to be run again.
+
+    params, seed : with these it is run again; `hand` says in words what hand that is.
+    recording : both sides' as far as there are files. summary : of the original.
+    in_virtual_time : it was simulated, so that it can be made again exactly.
+    notes : a line each, why a replay is not all that the original was.
+    """
+
+    files: tuple[Path, ...]
+    recording: Recording
+    summary: Summary
+    params: Params
+    seed: int
+    hand: str
+    in_virtual_time: bool
+    notes: tuple[str, ...]
+
+
+def read_original(files: Sequence[Path]) -> Original:
+    """What one recording, or the device's and the world's, tell of their run.
+
+    The device's settings, its hand and its link are those of the device's recording, the scene, the world's settings
+    and its link those of the world's. A recording on its own has its own process's word for both.
+
+    Raises
+    ------
+    RecordingError : a file cannot be read, or the two do not belong together.
+    InvalidParameter : there is nothing in them that could be run again.
+    """
+    if not 1 <= len(files) <= 2:
+        raise InvalidParameter("FILE", [str(file) for file in files], "one recording, or the device's and the world's")
+    parts = [read_recording(file) for file in files]
+    recording = parts[0] if len(parts) == 1 else join(*parts)
+    if recording.device is None:
+        raise InvalidParameter("FILE", str(files[0]), "a recording with the device's side: the world's has no hand")
+    at = next(i for i, part in enumerate(parts) if part.device is not None)
+    device = parts[at]
+    world = parts[1 - at] if len(parts) == 2 else device
+    simulated = device.meta.get("clock") == "virtual"
+    known = set(Params().flat())
+    own, worlds = _parameters(device), _parameters(world)
+    asked = {name: value for name, value in own.items() if name in known}
+    asked |= {name: value for name, value in worlds.items() if name in known and name.startswith(_WORLDS)}
+    operator, hand = _hand(device, files[at], asked)
+    notes = [*_notes(device, world, simulated, sorted({*own, *worlds} - known)), *_left_out(recording)]
+    if not simulated:
+        for way, part in (("up", device), ("down", world)):
+            if way == "up" or part is not device:
+                changes, told = _link(recording, part, way, asked)
+                asked |= changes
+                notes += told
+    asked |= {
+        "operator": operator,
+        "hardware": "simulated",
+        "duration_s": _duration_s(recording, asked.get("duration_s") if simulated else None),
+    }
+    if not simulated and asked.get("device.servo") == "auto":
+        asked["device.servo"] = "sampled"
+    params, seed = Params().set(asked), device.meta.get("seed")
+    if not isinstance(seed, int) or seed < 0:
+        raise InvalidParameter("seed of the recording", seed, "a whole number, 0 or above")
+    try:
+        summary = of_recordings(files, parts) | {"motion": motion(recording)}
+        key_figures(summary)
+    except (KeyError, TypeError, AttributeError):
+        raise RecordingError("this recording cannot be replayed: its summary does not fit") from None
+    return Original(tuple(files), recording, summary, params, seed, hand, simulated, tuple(notes))
+
+
+def compare(original: Original, replay: Recording, summary: Summary) -> dict[str, Any]:
+    """The replay beside the original, for machines: key figures of both, and how far the device's paths are apart.
+
+    The paths are compared at the original's samples, each at its time since control of the device started, as far as
+    both go. `identical` : all that both recorded has the same value at each sample, to the last bit.
+    """
+    return {
+        "of": [str(file) for file in original.files],
+        "hand": original.hand,
+        "in_virtual_time": original.in_virtual_time,
+        **_difference(original.recording, replay),
+        "identical": _identical(original.recording, replay),
+        "original": key_figures(original.summary),
+        "replay": key_figures(summary),
+    }
+
+
+def key_figures(summary: Summary) -> dict[str, float | int | None]:
+    """What a run is judged by."""
+    sides = {
+        f"{side}_margin_J": None if summary[side] is None else summary[side]["ledger"]["margin_J"]
+        for side in ("device", "world")
+    }
+    known = [margin for margin in sides.values() if margin is not None]
+    # of two processes no more is known than the sum of what each had least, so that is taken of both runs
+    margin = sum(known) if len(known) == 2 else None
+    theorem = summary["theorem"]
+    if jointly_passive(summary["coupling"]):
+        margin = theorem["margin_J"]
+    bound, end = theorem["bound_J"], theorem.get("margin_end_J")
+    out = None if margin is None or bound is None else max(0.0, bound - margin)
+    return {"energy_out_J": out, "margin_end_J": end, "margin_J": margin, **sides, **summary["motion"]}
+
+
+def _parameters(recording: Recording) -> dict[str, Any]:
+    """All that its run was given, under dotted names."""
+    tree = recording.meta.get("params")
+    if not isinstance(tree, Mapping):
+        raise RecordingError("this recording cannot be replayed: it does not say with which parameters it was made")
+    return dict(flatten(tree))
+
+
+def _notes(device: Recording, world: Recording, simulated: bool, unknown: list[str]) -> Iterator[str]:
+    if device.torn or world.torn:
+        yield "torn (its writer was killed): replayed as far as it goes"
+    if not simulated:
+        yield (
+            "recorded in real time: the replay has its hand, links and seed, but its servo and steps come exactly when "
+            "they are due, so it resembles the original and is not identical"
+        )
+    for key in ("seed", "coupling"):
+        if (ours := device.meta.get(key)) != (theirs := world.meta.get(key)):
+            yield f"the world's {key} was {theirs}: a replay has one for both sides, the device's {ours} by default"
+    if unknown:
+        yield f"this version does not know, and leaves out: {', '.join(unknown)}"
+
+
+def _left_out(recording: Recording) -> Iterator[str]:
+    cuts = left_out(recording)
+    if begins_late(recording):
+        begin_ns, end_ns = cuts.pop(0)
+        yield (
+            f"the recording begins {(end_ns - begin_ns) / 1e9:.1f} s after its session did, and so the replay begins "
+            "there: at rest, with reservoirs as at a start"
+        )
+    if cuts:
+        yield f"pauses are left out: {len(cuts)}, {sum(end - begin for begin, end in cuts) / 1e9:.1f} s in all"
+
+
+def _link(whole: Recording, part: Recording, way: str, asked: Mapping[str, Any]) -> tuple[dict[str, object], list[str]]:
+    """The link's parameters as its side recorded it, changes while it ran included; and what is to be told of it.
+
+    `whole` has the device's clock, `part` its own.
+    """
+    words = (part.meta.get("links") or {}).get(way, asked.get(f"link.{way}", ""))
+    aligned = whole.meta.get("aligned", True)
+    device = (whole.meta.get("sides") or {}).get("device", whole.meta)
+    shift_ns = 0 if aligned else int(device["origin_ns"]) - int(part.meta["origin_ns"])
+    events = [event for event in part.events if event.kind == KIND]
+    times = replay_ns(whole, np.array([event.time_ns + shift_ns for event in events], dtype=np.int64))
+    start, entries, notes = played(words, zip(times.tolist(), (event.text for event in events), strict=True))
+    if entries:
+        often = "once" if len(entries) == 1 else f"{len(entries)} times"
+        notes.append(f"the {way}link was changed while it ran, {often}: so it is in the replay")
+    changed: dict[str, object] = {f"link.{way}": start}
+    if events or begins_late(whole):  # else the run's own timeline, if it had one, is all there was
+        changed[f"link.{way}_timeline"] = str(Timeline(entries)) if entries else ""
+    return changed, notes
+
+
+def _hand(device: Recording, file: Path, asked: Mapping[str, Any]) -> tuple[str, str]:
+    """The operator that makes the hand again, or else follows its recorded motion; and which of both, in words."""
+    operator, recorded = str(asked.get("operator")), str(file.resolve())
+    if (hardware := asked.get("hardware", "simulated")) != "simulated":
+        why = f"the device was {hardware}"
+    elif begins_late(device):
+        why = "the recording begins in the middle of its session"
+    elif operator in _MADE:
+        return operator, f"{operator}, made again from its parameters"
+    else:
+        now = fingerprint(operator)
+        then = device.meta.get("operator_sha256", now)
+        if now is not None and then == now:
+            return operator, f"read again from {operator}"
+        why = f"{operator} cannot be made again" if then is None else f"{operator} has changed or is not there"
+        if then is None:
+            with suppress(HapnetError):
+                load("operator", operator, ALLOWED)
+                return operator, f"made again by {operator}"
+    if knows_hand(device):
+        return recorded, f"its recorded motion, joined by cubic curves: {why}"
+    return recorded, f"the device's recorded positions, joined by cubic curves: {why}, and its hand is not known"
+
+
+def _duration_s(recording: Recording, asked: object) -> object:
+    """From pairing to the end, or to where a recording is torn [s]. `asked` : for how long it was simulated."""
+    if asked is not None and not recording.torn:
+        return asked
+    sides = [side for side in (recording.device, recording.world) if side is not None]
+    return max(float(replay_ns(recording, side["time_ns"][-1:])[0]) for side in sides) / 1e9
+
+
+def _difference(original: Recording, replay: Recording) -> dict[str, float | None]:
+    """How far the device's paths are apart [m]."""
+    assert original.device is not None
+    assert replay.device is not None
+    result: dict[str, float | None] = dict.fromkeys(("max_position_difference_m", "rms_position_difference_m"))
+    first, second = original.device["position_m"], replay.device["position_m"]
+    at, times = hand_times(original), hand_times(replay)
+    both = (at >= times[0]) & (at <= times[-1])
+    if first.shape[1] == second.shape[1] and both.any():
+        again = np.column_stack([np.interp(at[both], times, axis) for axis in second.T])
+        apart = np.linalg.norm(again - first[both], axis=1)
+        result["max_position_difference_m"] = float(apart.max())
+        result["rms_position_difference_m"] = float(np.sqrt(np.mean(apart**2)))
+    return result
+
+
+def _identical(original: Recording, replay: Recording) -> bool:
+    pairs = [(original.device, replay.device), (original.world, replay.world)]
+    return all(first is None or (second is not None and _same(first, second)) for first, second in pairs)
+
+
+def _same(first: Columns, second: Columns) -> bool:
+    """Are all values of two recordings of a side the same, as far as both go?"""
+    both = min(len(first["time_ns"]), len(second["time_ns"]))
+    known = [name for name, values in first.items() if not np.isnan(values).all()]
+    return all(np.array_equal(first[name][:both], second[name][:both], equal_nan=True) for name in known)

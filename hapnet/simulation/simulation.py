@@ -1,0 +1,366 @@
+"""Virtual time: both sides and both links in one process, deterministic under one seed, faster than real time.
+
+The clock jumps to whatever is due next. What is due at the same nanosecond runs in a fixed order: deliveries, protocol
+timers, the world's step, the device's tick.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from hapnet.assembly.build import LIVE, Setup, device_session, device_side, prepare, world_session, world_side
+from hapnet.assembly.memory import bytes_a_second, require_room
+from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.metrics import motion
+from hapnet.params import Params
+from hapnet.recording.hand import fingerprint
+from hapnet.recording.samples import MemoryRecorder, Recording
+from hapnet.side.device import DeviceSide, Write
+from hapnet.side.endpoint import NANO, DeviceEndpoint, WireHalf, WorldEndpoint
+from hapnet.side.packet import FRAME_OVERHEAD, Packet
+from hapnet.side.world import WorldSide
+from hapnet.simulation.garbage_collector import collector_paused
+from hapnet.summary import path
+from hapnet.summary.run import Summary, combine, device_summary, versions, with_wire, world_summary
+from hapnet.summary.verdict import START_S
+from netem import Link, TimelinePlayer
+
+PAIRING_LIMIT_NS = 60_000_000_000
+LINGER_NS = 10_000_000_000
+"""How long after the end the links may still deliver shuffled energy, so that the accounts can be closed."""
+
+
+_UP, _DOWN, _DEVICE_TIMER, _WORLD_TIMER, _STEP, _TICK = range(6)
+"""What can be due, in the order in which it runs at the same nanosecond."""
+
+_NEVER = 2**63
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a simulated run gave."""
+
+    summary: Summary
+    recording: Recording
+    device: DeviceSide
+    world: WorldSide
+    warnings: tuple[str, ...]
+    hand: TwoPort
+    """Over the hand's port and the world's, whatever the servo: what a coupling claims that counts on the device's own
+    damping, too. The summary's margin is over the actuator's port where the servo samples."""
+
+
+class TwoPort:
+    """Theorem 1 over both ports: the minimum over time of the energy put in at both, plus d^2.
+
+    For every time T the world's sum runs to the step that has begun by then. A step's work is known at its end, so each
+    is paired with the smallest work of the device's port since it began, both with and without that step.
+    """
+
+    def __init__(self) -> None:
+        self._lowest = 0.0
+        self._device = 0.0
+        self._device_low = 0.0
+        self._device_lowest = 0.0
+        self._world = 0.0
+        self._before: float | None = None
+        self._open: float | None = None  # the device's lowest before, in the step that runs since
+
+    def begin(self) -> None:
+        """The start is over: `later` counts from now on."""
+        self._before, self._device_lowest = self.lowest, self.device_lowest
+        self._open = self._device_low
+        self._lowest, self._device_low = math.inf, self._device
+
+    @property
+    def lowest(self) -> float:
+        """The minimum so far [J], the running step counted without its work, which is not known yet."""
+        least = min(self._lowest, self._device_low + self._world)
+        return least if self._before is None else min(least, self._before)
+
+    @property
+    def later(self) -> float | None:
+        """The minimum since the start was over [J]; None: it is not."""
+        return None if self._before is None else min(self._lowest, self._device_low + self._world)
+
+    @property
+    def now(self) -> float:
+        """The energy put in at both ports by now [J]."""
+        return self._device + self._world
+
+    @property
+    def device_lowest(self) -> float:
+        """The minimum so far of the device's port alone [J]."""
+        return min(self._device_lowest, self._device_low)
+
+    def device(self, work: float) -> None:
+        """W of the device's port so far [J]."""
+        self._device = work
+        if work < self._device_low:
+            self._device_low = work
+
+    def world(self, work: float) -> None:
+        """W of the world's port so far, its last step included [J]."""
+        if self._before is not None and self._open is not None:
+            self._before, self._open = min(self._before, self._open + work), None
+        self._lowest = min(self._lowest, self._device_low + self._world, self._device_low + work)
+        self._device_lowest = min(self._device_lowest, self._device_low)
+        self._world = work
+        self._device_low = self._device
+
+
+class Simulation:
+    """One run in virtual time.
+
+    Parameters
+    ----------
+    params : what to run. seed : of everything random.
+    setup : what `prepare` makes of the parameters, if it is known already.
+
+    Raises
+    ------
+    InvalidParameter, netem.NetemError : the parameters do not make a run.
+    """
+
+    def __init__(self, params: Params, seed: int = 0, setup: Setup | None = None) -> None:
+        if params.hardware != "simulated":
+            raise InvalidParameter("hardware", params.hardware, "simulated: a real device does not run in virtual time")
+        self.seed = seed
+        if params.operator == LIVE:
+            raise InvalidParameter("operator", LIVE, "another one: nobody can lead a hand in virtual time")
+        self.setup = setup or prepare(params, "continuous")
+        self.now_ns = 0
+        self.two_port = TwoPort()
+        self.hand = self.two_port if self.setup.servo == "continuous" else TwoPort()
+        up, down, steps, names = np.random.SeedSequence(seed).spawn(4)
+        incarnations = np.random.default_rng(names).integers(1, 2**63, size=2).tolist()
+        write = self._writer()
+        self.device_endpoint = DeviceEndpoint(device_session(self.setup, incarnations[0]))
+        self.world_endpoint = WorldEndpoint(world_session(self.setup, incarnations[1]))
+        self.device = device_side(self.setup, self.device_endpoint, lambda: self.now_ns, write)
+        self.world = world_side(self.setup, self.world_endpoint, np.random.default_rng(steps), write)
+        self.up: Link[Packet] = Link(self.setup.up, seed=up)
+        self.down: Link[Packet] = Link(self.setup.down, seed=down)
+        self._period_ns = round(1e9 / params.device.servo_hz)
+        self._due = [_NEVER, _NEVER, 0, 0, 0, self._period_ns]
+        self._players: list[TimelinePlayer] = []
+        self._tick_ns = self._period_ns  # of the next tick to make; those before the one that is due may wait
+        self._later_ns = _NEVER  # of the tick at which the start is over
+
+    def _writer(self) -> Write:
+        """Where the samples go: into a recording, with what it says of its run."""
+        setup = self.setup
+        duration_s = setup.params.duration_s
+        require_room("duration_s", duration_s, duration_s, bytes_a_second(setup.params, setup.dof), "recorded seconds")
+        self._meta = {
+            "params": setup.params.as_dict(),
+            "operator_sha256": fingerprint(setup.params.operator),
+            "seed": self.seed,
+            "role": "both",
+            "clock": "virtual",
+            "origin_ns": 0,
+            "surfaces": [surface._asdict() for surface in setup.scene.surfaces],
+            "scene": setup.scene.name,
+            "coupling": setup.params.coupling,
+            "tuning": dict(setup.tuning),
+            "links": {"up": str(setup.up), "down": str(setup.down)},
+            "versions": versions(),
+        }
+        self._recorder = MemoryRecorder(self._meta)
+        return self._recorder.write
+
+    @collector_paused()
+    def run(self, progress: Callable[[float], None] | None = None) -> Result:
+        """Run to the end, then let the links deliver what is under way.
+
+        `progress` is called now and then with the simulated seconds since pairing.
+
+        Raises
+        ------
+        HapnetError : the sides did not find each other, or the duration is unlimited.
+        """
+        start_ns = self._meta["origin_ns"] = self.pair()
+        self._meta["device_origin_ns"] = self.device.origin_ns
+        end_ns = start_ns + round(self.setup.params.duration_s / NANO)
+        while progress is not None and self.now_ns < end_ns:
+            self._until(min(end_ns, self.now_ns + 500_000_000))
+            progress((self.now_ns - start_ns) * NANO)
+        self._until(end_ns)
+        summary = self.close(end_ns)
+        recording = self._recorder.recording(summary)
+        summary["motion"] = motion(recording)
+        return Result(summary, recording, self.device, self.world, self.setup.warnings, self.hand)
+
+    def pair(self) -> int:
+        """Run until both sides have started; that time [ns]. Raises HapnetError as `run` does."""
+        if self.setup.params.duration_s <= 0.0:
+            raise HapnetError("a simulation needs a duration above 0 s")
+        self._run(PAIRING_LIMIT_NS, lambda: self.device_endpoint.started and self.world_endpoint.started)
+        if not (self.device_endpoint.started and self.world_endpoint.started):
+            raise HapnetError(f"the two sides did not find each other within {PAIRING_LIMIT_NS * NANO:.0f} s: "
+                              f"uplink {self.up.profile}, downlink {self.down.profile}")  # fmt: skip
+        timelines = ((self.up, self.setup.up_timeline), (self.down, self.setup.down_timeline))
+        self._players = [TimelinePlayer(link, line, self.now_ns) for link, line in timelines if line is not None]
+        self._later_ns = (self.now_ns + round(START_S / NANO)) // self._period_ns * self._period_ns
+        return self.now_ns
+
+    def close(self, end_ns: int) -> Summary:
+        """After the end: let the links deliver what is under way, and sum the run up, but for its motion."""
+        self._due[_STEP] = self._due[_TICK] = self._tick_ns = _NEVER
+        self._run(end_ns + LINGER_NS, lambda: self._settled)
+        return self._summary(end_ns)
+
+    def _summary(self, end_ns: int) -> Summary:
+        params = self.setup.params
+        return combine(
+            with_wire(device_summary(self.device, params.coupling), self.device_endpoint.session, end_ns),
+            with_wire(world_summary(self.world, params.coupling), self.world_endpoint.session, end_ns),
+            {"up": self.up.stats.as_dict(), "down": self.down.stats.as_dict()},
+            seed=self.seed,
+            duration_s=params.duration_s,
+            coupling=params.coupling,
+            two_port_J=self.two_port.lowest,
+            hand_two_port_J=self.hand.lowest,
+            two_port_end_J=self.two_port.now,
+            two_port_later_J=self.two_port.later,
+            tuning=self.setup.tuning,
+            path=self._path(),
+        )
+
+    def _path(self) -> path.Section:
+        device, world = self.device_endpoint.session.path, self.world_endpoint.session.path
+        return path.of_both(path.of_side("device", device.figures()), path.of_side("world", world.figures()))
+
+    @property
+    def _settled(self) -> bool:
+        return self.device_endpoint.session.settled and self.world_endpoint.session.settled
+
+    def _until(self, end_ns: int) -> None:
+        """Run to `end_ns`, the links changing on their way as their timelines say."""
+        if (later_ns := self._later_ns) <= end_ns:
+            self._later_ns = _NEVER
+            self._until(later_ns)
+            for ports in dict.fromkeys((self.two_port, self.hand)):
+                ports.begin()
+        while self._players and (at := min(_or_never(player.next_due_ns) for player in self._players)) <= end_ns:
+            self._run_to(at)
+            for player in self._players:
+                player.advance(at)
+            self._due[_UP], self._due[_DOWN] = _or_never(self.up.next_due_ns), _or_never(self.down.next_due_ns)
+        self._run_to(end_ns)
+
+    def _run_to(self, end_ns: int) -> None:
+        self._run(end_ns)
+        self._rest(end_ns + 1)
+        self.now_ns = end_ns
+
+    def _run(self, end_ns: int, done: Callable[[], bool] | None = None) -> None:
+        """Jump to what is due next and run it, until nothing is due by `end_ns` or the run is `done`.
+
+        After each, see when its side, and the links that it touched, are due again.
+        """
+        due, up, down = self._due, self.up, self.down
+        device, world = self.device_endpoint, self.world_endpoint
+        while (at := min(due)) <= end_ns and (done is None or not done()):
+            if at > self.now_ns:
+                self.now_ns = at
+            now, source = self.now_ns, due.index(at)
+            if source == _TICK:
+                self._tick()
+            elif source == _UP:
+                unchanged = True
+                for _, parcel in up.poll(now):
+                    events = world.receive(now, parcel.data)
+                    unchanged = unchanged and parcel.kind == "position" and len(events) == 1
+                due[_UP] = _or_never(up.next_due_ns)
+                if not unchanged:  # by positions that were taken nothing else becomes due
+                    due[_WORLD_TIMER] = _or_never(world.next_due_ns)
+            elif source == _DOWN:
+                for _, parcel in down.poll(now):
+                    device.receive(now, parcel.data)
+                due[_DOWN] = _or_never(down.next_due_ns)
+                due[_DEVICE_TIMER] = _or_never(device.next_due_ns)
+                self._wake()
+            elif source == _DEVICE_TIMER:
+                self._poll(device, up)
+                due[_UP] = _or_never(up.next_due_ns)
+                due[_DEVICE_TIMER] = _or_never(device.next_due_ns)
+                self._wake()
+            else:
+                if source == _STEP:
+                    self._step()
+                else:
+                    self._poll(world, down)
+                due[_DOWN] = _or_never(down.next_due_ns)
+                due[_WORLD_TIMER] = _or_never(world.next_due_ns)
+
+    def _poll(self, endpoint: WireHalf, link: Link[Packet]) -> None:
+        outgoing, _ = endpoint.poll(self.now_ns)
+        for message in outgoing:
+            self._send(link, message.kind, message.data)
+
+    def _send(self, link: Link[Packet], kind: str, data: bytes) -> None:
+        link.send(self.now_ns, Packet(kind, data), len(data) + FRAME_OVERHEAD)
+
+    def _step(self) -> None:
+        world = self.world
+        message = world.step(self.now_ns)
+        if world.origin_ns is None:
+            self._due[_STEP] = self.now_ns + self._period_ns  # not paired yet
+            return
+        if message is not None:
+            self._send(self.down, "position", message)
+        self.world_endpoint.collect()
+        self._due[_STEP] = self.now_ns + world.next_step_ns()
+        self._rest(self.now_ns)
+        self.two_port.world(work := world.endpoint.coupling.ledger.work)
+        if self.hand is not self.two_port:
+            self.hand.world(work)
+
+    def _tick(self) -> None:
+        """A tick that may not wait, after those that could."""
+        now, device, due = self.now_ns, self.device, self._due
+        self._rest(now, then_tick=True)
+        message = device.tick(now)
+        if message is not None:
+            up = self.up
+            up.send(now, Packet("position", message), len(message) + FRAME_OVERHEAD)
+            due[_UP] = _or_never(up.next_due_ns)
+        if self.device_endpoint.has_shuffled:
+            self.device_endpoint.collect()
+            due[_DEVICE_TIMER] = _or_never(self.device_endpoint.next_due_ns)
+        if device.ledger is not None:
+            self.two_port.device(device.ledger.work)
+            if self.hand is not self.two_port:
+                self.hand.device(device.hand_work)
+        self._tick_ns = now + self._period_ns
+        due[_TICK] = self._tick_ns + device.resting * self._period_ns
+
+    def _rest(self, until_ns: int, *, then_tick: bool = False) -> None:
+        """Make up for the ticks before `until_ns` that could wait; `then_tick`: the one that could not follows.
+
+        Nobody sees them before the device's next message, or the world's next step, with whose work theirs is paired.
+        """
+        ticks = -((self._tick_ns - until_ns) // self._period_ns)
+        if ticks > 0:
+            self.device.rest(self._tick_ns, ticks, self.two_port.device, then_tick=then_tick)
+            self._tick_ns += ticks * self._period_ns
+
+    def _wake(self) -> None:
+        """If something arrived for the device, its next tick may not wait."""
+        if self.device_endpoint.has_news and self._tick_ns != _NEVER:
+            self._rest(self.now_ns)
+            self._due[_TICK] = self._tick_ns
+
+
+def _or_never(due_ns: int | None) -> int:
+    return _NEVER if due_ns is None else due_ns
+
+
+def simulate(params: Params | None = None, seed: int = 0) -> Result:
+    """Run both sides and both links in virtual time; see `Simulation`."""
+    return Simulation(params or Params(), seed).run()

@@ -1,0 +1,1 @@
+"""What a run's summary says, and its verdict."""

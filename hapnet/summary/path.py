@@ -1,0 +1,105 @@
+"""The summary's `path`: what the streams showed of the way between the sides, emulated links included."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from hapnet.side.notices import Notice
+from hapnet.wire.messages import Role
+from hapnet.wire.path import Path, PathFigures
+
+ROUND_TRIP = ("round_trip_min_ms", "round_trip_p50_ms", "round_trip_p99_ms")
+WAYS: dict[Role, str] = {"device": "down", "world": "up"}
+"""The direction that a role hears."""
+
+TOLD_EVERY_NS = 10_000_000_000
+
+Section = dict[str, Any]
+
+
+def unknown() -> Section:
+    """The same keys, None."""
+    return dict.fromkeys((*ROUND_TRIP, "up", "down"))
+
+
+def of_side(role: Role, figures: PathFigures) -> Section:
+    """What one side knows: the round trip, and the way to it."""
+    trips = (figures.round_trip_min_ns, figures.round_trip_p50_ns, figures.round_trip_p99_ns)
+    if not figures.sent:
+        return unknown()
+    way = {
+        "sent": figures.sent,
+        "lost": figures.lost,
+        "loss": figures.lost / figures.sent,
+        "jitter_p50_ms": _ms(figures.jitter_p50_ns),
+        "jitter_p99_ms": _ms(figures.jitter_p99_ns),
+        "age_p50_ms": _ms(figures.age_p50_ns),
+        "age_p99_ms": _ms(figures.age_p99_ns),
+        "stalls": figures.stalls,
+        "longest_stall_ms": _ms(figures.longest_stall_ns),
+    }
+    return {**unknown(), **dict(zip(ROUND_TRIP, map(_ms, trips), strict=True)), WAYS[role]: way}
+
+
+def of_both(device: Mapping[str, Any] | None, world: Mapping[str, Any] | None) -> Section:
+    """Both sides' knowledge: each of the way to it; of the round trip the device's, if it knows any."""
+    sides = [side for side in (device, world) if side is not None]
+    whole = unknown()
+    for key in ROUND_TRIP:
+        whole[key] = next((side[key] for side in sides if side.get(key) is not None), None)
+    for way in WAYS.values():
+        whole[way] = next((side[way] for side in sides if side.get(way) is not None), None)
+    return whole
+
+
+class PathMeter:
+    """What one side knows of the path since it was last asked."""
+
+    def __init__(self, role: Role, path: Path) -> None:
+        self.role = role
+        self._path, self._before = path, path.counts()
+
+    def read(self) -> Section:
+        """The figures; None where nothing has come."""
+        now = self._path.counts()
+        figures, self._before = self._path.figures(self._before), now
+        return of_side(self.role, figures)
+
+
+class PathTeller:
+    """Tells now and then what the path has been like."""
+
+    def __init__(self, role: Role, path: Path) -> None:
+        self._meter = PathMeter(role, path)
+        self._next_ns: int | None = None
+
+    def look(self, now_ns: int) -> Notice | None:
+        """What to say, if it is time to."""
+        if self._next_ns is not None and now_ns < self._next_ns:
+            return None
+        first, self._next_ns = self._next_ns is None, now_ns + TOLD_EVERY_NS
+        section = self._meter.read()
+        if first or not (text := words(section, self._meter.role)):
+            return None
+        way = section[WAYS[self._meter.role]]
+        values = {key: section[key] for key in ROUND_TRIP} | way
+        return Notice("path", text, now_ns, values={key: value for key, value in values.items() if value is not None})
+
+
+def words(section: Mapping[str, Any], role: Role) -> str:
+    """In a line, what this side knows; "" as long as that is nothing."""
+    way = section[WAYS[role]]
+    if way is None or section["round_trip_p50_ms"] is None:
+        return ""
+    other = "world" if role == "device" else "device"
+    trips = f"round trip {section['round_trip_p50_ms']:.1f} ms (99 %: {section['round_trip_p99_ms']:.1f})"
+    heard = f"from the {other} {100 * way['loss']:.1f} % lost, jitter {way['jitter_p99_ms']:.1f} ms (99 %)"
+    if way["age_p99_ms"] is not None:
+        heard += f", what is used up to {way['age_p99_ms']:.0f} ms old"
+    stalls = f", {way['stalls']} stall{'s' * (way['stalls'] > 1)}" if way["stalls"] else ""
+    return f"path: {trips}; {heard}{stalls}"
+
+
+def _ms(time_ns: int | None) -> float | None:
+    return None if time_ns is None else time_ns * 1e-6

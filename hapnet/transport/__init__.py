@@ -1,0 +1,1 @@
+"""Zenoh: keys, configuration, security, and why nobody answers. Nothing else knows it."""

@@ -1,0 +1,242 @@
+"""Zenoh's configuration from the flags that its own tools take, with what suits a stream of small messages at 1 kHz."""
+
+from __future__ import annotations
+
+import json
+import re
+import socket
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import zenoh
+
+from hapnet.errors import InvalidParameter, TransportError
+from hapnet.transport.security import ANYBODY, ENCRYPTED, Security, is_exposed
+
+Mode = Literal["peer", "client", "router"]
+_MODES = ("peer", "client", "router")
+_ANY_PORT = "tcp/[::]:0"
+_PROTOCOLS = "tcp, udp, tls, quic, ws or unixsock-stream"
+_ENDPOINT = re.compile(
+    r"(?:(?:tcp|udp|tls|quic|ws)/(?:\[[^\]/]+\]|[^\s:/?#\[\]]+):(?P<port>\d{1,5})|unixsock-stream/[^\s?#]+)"
+    r"(?:\?[^\s#]*)?(?:#\S*)?"
+)
+
+# What suits a stream of small messages at 1 kHz; each replaces Zenoh's own default, never what a file sets otherwise.
+_DEFAULTS: dict[str, object] = {
+    "scouting/gossip/enabled": False,
+    "scouting/multicast/autoconnect_strategy": {"peer": {"to_peer": "greater-zid"}},  # only one of two peers dials
+    "connect/timeout_ms": 1000,
+    "connect/exit_on_failure": False,
+    "connect/retry": {"period_init_ms": 100, "period_max_ms": 200, "period_increase_factor": 1.5},
+    "transport/shared_memory/enabled": False,
+    "transport/unicast/open_timeout": 1000,
+    "transport/unicast/accept_timeout": 1000,
+    "transport/link/tx/lease": 2000,
+    # with 2, express messages are lost when the processor is busy
+    "transport/link/tx/queue/size/real_time": 16,
+    "transport/link/tx/queue/size/interactive_high": 16,
+    "transport/link/tx/queue/size/interactive_low": 16,
+    "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 0,
+    # what is sixteen times the longest frame never comes near Python; what is just too long is counted there
+    "low_pass_filter": [
+        {"flows": ["ingress"], "messages": ["put"], "key_exprs": ["hapnet/**"], "size_limit": 65536},
+    ],
+}
+
+
+@dataclass(frozen=True, slots=True)
+class ZenohSettings:
+    """What Zenoh's own tools take as flags.
+
+    Attributes
+    ----------
+    mode : peer, client (of a router) or router. None: what the file says, else peer.
+    connect : endpoints to dial, such as ``tcp/192.168.0.2:17447``. Only one of two sides should dial.
+    listen : endpoints to listen on. None given: a side that dials does not listen.
+    config : path of a Zenoh configuration file, JSON5 or YAML.
+    multicast_scouting : find peers on the local network by multicast.
+    cfg : ``KEY:JSON5`` overrides, applied last.
+    security : who may connect.
+    """
+
+    mode: Mode | None = None
+    connect: tuple[str, ...] = ()
+    listen: tuple[str, ...] = ()
+    config: str | None = None
+    multicast_scouting: bool = False
+    cfg: tuple[str, ...] = ()
+    security: Security = ANYBODY
+
+
+def zenoh_config(settings: ZenohSettings) -> zenoh.Config:
+    """Zenoh's configuration for these settings: file, then flags, then `cfg`; hapnet's defaults where none says a word.
+
+    Raises
+    ------
+    InvalidParameter : a mode, endpoint or override that Zenoh would not take, nowhere to dial, listen or scout, or
+        security that is asked for and cannot be had.
+    TransportError : the file cannot be read, or is not a Zenoh configuration.
+    """
+    if settings.mode is not None and settings.mode not in _MODES:
+        raise InvalidParameter("mode", settings.mode, "one of " + ", ".join(_MODES))
+    for name, endpoints in (("connect", settings.connect), ("listen", settings.listen)):
+        for endpoint in endpoints:
+            _check_endpoint(name, endpoint)
+    settings.security.check()
+    plain = zenoh.Config()
+    try:
+        config = zenoh.Config() if settings.config is None else zenoh.Config.from_file(settings.config)
+    except zenoh.ZError as error:
+        raise TransportError(f"config file {settings.config!r} is not usable: {reason(error)}") from None
+
+    def untouched(key: str) -> bool:
+        return bool(config.get_json(key) == plain.get_json(key))
+
+    def insert(key: str, value: object) -> None:
+        config.insert_json5(key, json.dumps(value))
+
+    for key, value in _DEFAULTS.items():
+        if untouched(key):
+            insert(key, value)
+    if settings.mode is not None or untouched("mode"):
+        insert("mode", settings.mode or "peer")
+    if settings.multicast_scouting or untouched("scouting/multicast/enabled"):
+        insert("scouting/multicast/enabled", settings.multicast_scouting)
+    if settings.connect:
+        insert("connect/endpoints", settings.connect)
+    if settings.listen or untouched("listen/endpoints"):
+        # Zenoh's default would listen on every interface
+        scouts_only = settings.multicast_scouting and not settings.connect and settings.mode != "client"
+        insert("listen/endpoints", settings.listen or ([_ANY_PORT] if scouts_only else []))
+    for key, value in settings.security.entries(listens=bool(endpoints_of(config, "listen"))):
+        insert(key, value)
+    for item in settings.cfg:
+        key, colon, text = item.partition(":")
+        try:
+            if not colon:
+                raise InvalidParameter("cfg", item, "KEY:JSON5, such as transport/link/tx/lease:2000")
+            config.insert_json5(key, text)
+        except zenoh.ZError as error:
+            raise InvalidParameter("cfg", item, f"KEY:JSON5 that Zenoh accepts ({reason(error)})") from None
+    if config.get_json("transport/unicast/lowlatency") == "true" and untouched("transport/unicast/qos/enabled"):
+        insert("transport/unicast/qos/enabled", False)  # Zenoh refuses to open with both
+    nowhere = all(_endpoints(config, side) == [] for side in ("connect", "listen"))
+    if nowhere and not _scouts(config):
+        raise InvalidParameter(
+            "connect", settings.connect, "an endpoint to dial or to listen on, or multicast scouting"
+        )
+    _check_security(settings.security, config)
+    return config
+
+
+def zenoh_warnings(settings: ZenohSettings) -> tuple[str, ...]:
+    """What an operator should know about these settings before others do: a line each.
+
+    Raises
+    ------
+    InvalidParameter, TransportError : as `zenoh_config`.
+    """
+    config = zenoh_config(settings)
+    warnings = settings.security.warnings()
+    exposed = [endpoint for endpoint in endpoints_of(config, "listen") if is_exposed(endpoint)]
+    if exposed:
+        warnings += (
+            f"listening on {', '.join(exposed)} without encryption: whoever reaches it can read and send; "
+            "use tls/ or quic/ with --tls-cert, --tls-key, --tls-ca and --mutual-tls, or 127.0.0.1",
+        )
+    return warnings
+
+
+def endpoints_of(config: zenoh.Config, side: Literal["connect", "listen"]) -> list[str]:
+    """The endpoints that a configuration dials or listens on, in whatever way it gives them."""
+    return list(_flat(_endpoints(config, side), json.loads(config.get_json("mode"))))
+
+
+def may_lose(config: zenoh.Config) -> bool:
+    """Is there an endpoint whose link repeats nothing, so that what is said once may never arrive?"""
+    endpoints = endpoints_of(config, "listen") + endpoints_of(config, "connect")
+    return any(endpoint.startswith("udp/") or "rel=0" in endpoint for endpoint in endpoints)
+
+
+def _flat(value: object, mode: str) -> Iterator[str]:
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict):  # several ways to one node, or a table by mode
+        yield from _flat(value.get("locators", value.get(mode)), mode)
+    elif isinstance(value, list):
+        for item in value:
+            yield from _flat(item, mode)
+
+
+def _check_security(security: Security, config: zenoh.Config) -> None:
+    """What can only be told with the endpoints, the file's and those of `cfg` too."""
+    listens, dials = endpoints_of(config, "listen"), endpoints_of(config, "connect")
+    for side, endpoints in (("listen", listens), ("connect", dials)):
+        for endpoint in endpoints:
+            if security.tls_flag is not None and endpoint.partition("/")[0] not in ENCRYPTED:
+                raise InvalidParameter(side, endpoint, f"tls/ or quic/ ADDRESS:PORT, with {security.tls_flag}")
+    for endpoint in listens:
+        if endpoint.partition("/")[0] in ENCRYPTED and "#" not in endpoint and not _has_certificate(config):
+            raise InvalidParameter("--tls-cert", None, f"a certificate and --tls-key, to listen on {endpoint}")
+    if security.tls_ca is not None and listens and not dials and not _is_mutual(config):
+        words = "with --mutual-tls on a side that only listens: nobody's certificate is looked at without"
+        raise InvalidParameter("--tls-ca", str(security.tls_ca), words)
+    if security.users is not None and not listens:
+        raise InvalidParameter("--users", str(security.users), "on the side that listens (-l)")
+    if security.user is not None and not dials and not _scouts(config):
+        raise InvalidParameter("--user", security.user, "on the side that dials (-e); who listens has --users")
+
+
+def _is_mutual(config: zenoh.Config) -> bool:
+    return bool(config.get_json("transport/link/tls/enable_mtls") == "true")
+
+
+def _has_certificate(config: zenoh.Config) -> bool:
+    key = "transport/link/tls/listen_certificate"
+    return any(config.get_json(key + form) != "null" for form in ("", "_base64"))
+
+
+def _scouts(config: zenoh.Config) -> bool:
+    return bool(config.get_json("scouting/multicast/enabled") == "true")
+
+
+def _check_endpoint(name: str, value: str) -> None:
+    match = _ENDPOINT.fullmatch(value)
+    if match is None or int(match["port"] or 0) > 65535:
+        allowed = f"PROTOCOL/ADDRESS:PORT, such as tcp/127.0.0.1:17447, the protocol {_PROTOCOLS}"
+        raise InvalidParameter(name, value, allowed)
+
+
+def _endpoints(config: zenoh.Config, side: str) -> object:
+    """A list of endpoints; in a file it may also be a table by mode, and have groups in it."""
+    return json.loads(config.get_json(f"{side}/endpoints"))
+
+
+def where(config: zenoh.Config) -> str:
+    """Where a side listens, whom it dials and whether it scouts, in words."""
+    words = []
+    for side, verb in (("listen", "listening on"), ("connect", "dialling")):
+        endpoints = _endpoints(config, side)
+        if isinstance(endpoints, list) and endpoints:
+            words.append(f"{verb} {', '.join(map(str, endpoints))}")
+        elif endpoints:
+            words.append(f"{verb} {json.dumps(endpoints)}")
+    if _scouts(config):
+        words.append("scouting by multicast")
+    return ", ".join(words)
+
+
+def reason(error: zenoh.ZError) -> str:
+    """What Zenoh says, in one line, without the places in its source and the names of its error types."""
+    text = " ".join(re.sub(r" at \S+\.rs:\d+\.?", "", str(error)).split())
+    inner = re.search(r'msg: "(.*)", location', text) or re.search(r'Str\("(.*)"\)', text)
+    return (inner[1] if inner else text).replace("\\n", " ").strip()
+
+
+def free_address(protocol: str = "tcp") -> str:
+    """An endpoint on this machine that nobody listens on now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"{protocol}/127.0.0.1:{probe.getsockname()[1]}"

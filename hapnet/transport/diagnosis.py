@@ -1,0 +1,198 @@
+"""Why nobody answers: a TLS handshake of our own, since Zenoh says "Timeout!" at most.
+
+The probe does what Zenoh's first steps do, with the same certificates, and hangs up. It says nothing to a Zenoh that
+listens, which drops the connection as that of somebody who left.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import socket
+import ssl
+import threading
+from dataclasses import dataclass
+
+import zenoh
+
+from hapnet.errors import HapnetError
+from hapnet.transport.config import ZenohSettings, endpoints_of, zenoh_config
+from hapnet.transport.security import UNTIMELY, host_and_port
+
+REFUSAL_S = 0.5
+"""With TLS 1.3 a refused certificate shows only after the handshake; how long to wait for it at most [s]."""
+
+UNANSWERED_NS = 3_000_000_000
+"""How long nobody must have answered before the first probe [ns]."""
+
+ASK_EVERY_NS = 10_000_000_000
+PROBE_S = 2.0
+"""How long the probes of one asking may take together, about [s]."""
+
+_WRONG_NAME, _WRONG_ADDRESS = 62, 64  # OpenSSL's X509_V_ERR_*
+_NOT_SIGNED = (2, 7, 18, 19, 20, 21)  # no issuer, another one of that name, or one that signed itself
+_SIGNED_BY_ANOTHER = ("UNKNOWN_CA", "DECRYPT_ERROR", "BAD_CERTIFICATE")  # of one name or not
+_HANG_UPS = (ssl.SSLEOFError, ssl.SSLZeroReturnError, ConnectionResetError, BrokenPipeError)
+
+
+@dataclass(frozen=True, slots=True)
+class Trust:
+    """What a side that dials trusts and shows, as Zenoh's configuration has it."""
+
+    ca: str | None = None
+    certificate: str | None = None
+    key: str | None = None
+    check_name: bool = True
+    inline: bool = False
+    """Certificates are in the configuration itself, where the probe does not look."""
+
+    @staticmethod
+    def of(config: zenoh.Config) -> Trust:
+        """Read out of a configuration."""
+
+        def value(name: str) -> object:
+            return json.loads(config.get_json(f"transport/link/tls/{name}"))
+
+        def file(name: str) -> str | None:
+            path = value(name)
+            return path if isinstance(path, str) else None
+
+        shows = value("enable_mtls") is True
+        return Trust(
+            file("root_ca_certificate"),
+            file("connect_certificate") if shows else None,
+            file("connect_private_key") if shows else None,
+            value("verify_name_on_connect") is not False,
+            any(value(f"{name}_base64") for name in ("root_ca_certificate", "connect_certificate")),
+        )
+
+
+def why_unanswered(settings: ZenohSettings, timeout_s: float) -> str | None:
+    """Why no endpoint that is dialled answers, in one line; None if a probe can't tell (quic/, udp/).
+
+    Blocks, for some `timeout_s` at most: for a thread of its own.
+
+    Raises
+    ------
+    InvalidParameter, TransportError : as `zenoh_config`.
+    """
+    config = zenoh_config(settings)
+    endpoints = [endpoint for endpoint in endpoints_of(config, "connect") if endpoint.startswith(("tcp/", "tls/"))]
+    trust = Trust.of(config)
+    reasons = []
+    for endpoint in endpoints:
+        reason = probe(endpoint, trust, timeout_s / len(endpoints)) or _not_zenohs(settings)
+        reasons.append(f"{endpoint}: {reason}")
+    return "; ".join(reasons) or None
+
+
+class ConnectionDiagnosis:
+    """Finds out now and then why nobody answers, on a thread of its own, which nobody waits for.
+
+    settings : of the connection. now_ns : since when nobody answers.
+    """
+
+    def __init__(self, settings: ZenohSettings, now_ns: int) -> None:
+        self._settings = settings
+        self._next_ns = now_ns + UNANSWERED_NS
+        self._thread: threading.Thread | None = None
+        self._answer = ""
+
+    def answer(self, now_ns: int) -> str:
+        """The last answer; empty as long as there is none."""
+        if now_ns >= self._next_ns and (self._thread is None or not self._thread.is_alive()):
+            self._next_ns = now_ns + ASK_EVERY_NS
+            self._thread = threading.Thread(target=self._ask, name="diagnosis", daemon=True)
+            self._thread.start()
+        return self._answer
+
+    def _ask(self) -> None:
+        with contextlib.suppress(HapnetError):  # the settings were checked, and a file may be gone since
+            self._answer = why_unanswered(self._settings, PROBE_S) or ""
+
+
+def probe(endpoint: str, trust: Trust, timeout_s: float) -> str | None:
+    """Connect to a tls/ or tcp/ endpoint, and shake hands if it is tls/: why that fails, None if it does not.
+
+    Whoever neither answers nor hangs up is waited for `timeout_s` in each of the two.
+    """
+    protocol, _, address = endpoint.partition("/")
+    host, port = host_and_port(address)
+    try:
+        with socket.create_connection((host, port), timeout_s) as connection:
+            if protocol == "tls" and not trust.inline:
+                return _shake_hands(connection, host, trust, timeout_s)
+    except ConnectionRefusedError:
+        return "nobody listens there"
+    except socket.gaierror as error:
+        return f"no such host ({error.strerror})"
+    except TimeoutError:
+        return f"no answer within {timeout_s:g} s: a wrong address, or a firewall"
+    except OSError as error:
+        return f"cannot be reached ({error.strerror or error})"
+    return None
+
+
+def _shake_hands(connection: socket.socket, host: str, trust: Trust, timeout_s: float) -> str | None:
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.check_hostname = trust.check_name
+    shown = False
+    try:
+        if trust.ca is None:
+            context.load_default_certs()
+        else:
+            context.load_verify_locations(trust.ca)
+        if trust.certificate is not None and trust.key is not None:
+            context.load_cert_chain(trust.certificate, trust.key, password=lambda: b"")
+            shown = True
+        with context.wrap_socket(connection, server_hostname=host) as wrapped:
+            wrapped.settimeout(min(timeout_s, REFUSAL_S))
+            try:
+                hung_up = not wrapped.recv(1)
+            except TimeoutError:
+                return None  # it waits for us to speak: all is well
+            return "the listener hangs up after the handshake" if hung_up else None
+    except ssl.SSLCertVerificationError as error:
+        return _distrusted(error, host, trust)
+    except _HANG_UPS:
+        return "what listens there hangs up: it may not speak TLS (tcp/ instead of tls/?)"
+    except TimeoutError:
+        return "what listens there does not shake hands: it may not speak TLS (tcp/ instead of tls/?), or is busy"
+    except ssl.SSLError as error:
+        return _refused(error.reason or str(error), shown=shown)
+
+
+def _distrusted(error: ssl.SSLCertVerificationError, host: str, trust: Trust) -> str:
+    code = error.verify_code
+    if code in _NOT_SIGNED:
+        by = "--tls-ca" if trust.ca is not None else "a public authority: give --tls-ca"
+        return f"the listener's certificate is not signed by {by}"
+    if code in (_WRONG_NAME, _WRONG_ADDRESS):
+        return f"the listener's certificate is for another name than {host}: dial a name that is in it"
+    if code in UNTIMELY:
+        return f"the listener's certificate, or --tls-ca, {UNTIMELY[code]}"
+    return f"the listener's certificate is refused ({error.verify_message})"
+
+
+def _refused(reason: str, *, shown: bool) -> str:
+    """`reason` is OpenSSL's, such as TLSV1_ALERT_UNKNOWN_CA; `shown`: we have shown a certificate."""
+    version, _, alert = reason.partition("_ALERT_")
+    if not alert:
+        return f"what listens there does not speak TLS ({_words(version)}; tcp/ instead of tls/?)"
+    if not shown:
+        if alert in ("CERTIFICATE_REQUIRED", "HANDSHAKE_FAILURE"):
+            return "the listener wants a certificate: give --tls-cert and --tls-key"
+        return f"the listener refuses us ({_words(alert)})"
+    why = "it is not signed by the listener's --tls-ca" if alert in _SIGNED_BY_ANOTHER else _words(alert)
+    return f"the listener refuses our certificate, --tls-cert: {why}"
+
+
+def _words(reason: str) -> str:
+    return reason.replace("_", " ").lower()
+
+
+def _not_zenohs(settings: ZenohSettings) -> str:
+    """What is left when the connection itself is in order."""
+    if settings.security.user is not None:
+        return "it listens, but not to Zenoh's greeting: user or password may be wrong, or it has no --users"
+    return "it listens, but not to Zenoh's greeting: it may want --user and a password, or not be Zenoh"

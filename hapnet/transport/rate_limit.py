@@ -1,0 +1,30 @@
+"""Keeps a flood of messages out before anything looks at them; the time is an argument."""
+
+from __future__ import annotations
+
+import threading
+
+
+class RateLimiter:
+    """Lets so many messages a second through, and so many at once: a flood must not have the interpreter to itself.
+
+    rate_hz : at length. burst : at once.
+    """
+
+    def __init__(self, rate_hz: int, burst: int) -> None:
+        self._cost_ns = 1_000_000_000 // rate_hz
+        self._span_ns = self._cost_ns * burst
+        self._paid_ns = 0  # the messages so far are paid for by the time that passes up to then
+        self._lock = threading.Lock()
+        self.refused = 0
+        """Messages that were not let through."""
+
+    def admit(self, now_ns: int) -> bool:
+        """May a message that came at `now_ns` pass? From any thread."""
+        with self._lock:
+            paid_ns = max(self._paid_ns, now_ns - self._span_ns) + self._cost_ns
+            if paid_ns > now_ns:
+                self.refused += 1
+                return False
+            self._paid_ns = paid_ns
+            return True

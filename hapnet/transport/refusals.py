@@ -1,0 +1,127 @@
+"""Who was refused, and why: Zenoh says it in its own log only, which it writes to standard output.
+
+So what goes to file descriptor 1 is read here, and Python's `sys.stdout` goes where that led before. The pipe between
+never blocks Zenoh's threads: what does not fit is lost. Whoever sets RUST_LOG gets Zenoh's log as it is.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+import sys
+import threading
+from collections.abc import Iterator
+
+import zenoh
+
+from hapnet.transport.config import ZenohSettings, endpoints_of, zenoh_config
+from hapnet.transport.security import ENCRYPTED
+
+AGAIN_NS = 10_000_000_000
+"""The same is told once in that time."""
+
+MOST_TOLD = 20
+"""Different refusals that are remembered at a time; a stranger cannot fill a log."""
+
+_COLOURS = re.compile(r"\x1b\[[0-9;]*m")
+_OWN = re.compile(r"\S+Z +(?:TRACE|DEBUG|INFO|WARN|ERROR) ")
+_CERTIFICATE = re.compile(r"zenoh_link_\w+\S* (?:.*?)?(invalid peer certificate: \w+|peer sent no certificates)")
+_ALERT = re.compile(r"zenoh_link_\w+\S* .*?received fatal alert: (\w+)")
+_NAMED = re.compile(r" (?P<node>\w+) on \S*(?:CertCommonName|Username)\((?P<who>[^)]*)\)")
+_DENIED = re.compile(  # puts only as a cached result: else it is what Zenoh works out in advance for each key
+    r"(?: (?P<node>\w+) on \S+ is unauthorized to (?P<what>Declare Subscriber|Liveliness Token)"
+    r"|Using cached result: (?P<cached>\w+) is unauthorized to (?P<which>Put|Declare Subscriber|Liveliness Token))"
+    r" \(ingress\) on (?P<key>\S+)/"
+)
+_MOST_NAMES = 256
+
+
+class Log:
+    """Reads lines of Zenoh's log: what they say of somebody who was refused, in words."""
+
+    def __init__(self) -> None:
+        self._names: dict[str, str] = {}  # of nodes
+
+    def refusal(self, line: str) -> str | None:
+        """None: it says nothing of that."""
+        text = _COLOURS.sub("", line)
+        if found := _CERTIFICATE.search(text):
+            return f"refused who dials: {found[1]}"
+        if found := _ALERT.search(text):
+            return f"who dials refuses this side's certificate, or shows none that fits ({found[1]})"
+        if (named := _NAMED.search(text)) and len(self._names) < _MOST_NAMES:
+            self._names[named["node"]] = named["who"]
+        if found := _DENIED.search(text):
+            node, what = found["node"] or found["cached"], found["what"] or found["which"]
+            verb = "read" if what == "Declare Subscriber" else "write to"
+            return f"access control does not let {self._names.get(node, node)} {verb} {found['key']}/..."
+        return None
+
+
+class Refusals:
+    """What was refused and not told yet; lines come on one thread, they are asked for on another."""
+
+    def __init__(self) -> None:
+        self._log = Log()
+        self._new: dict[str, None] = {}
+        self._told_ns: dict[str, int] = {}
+
+    def read(self, line: str) -> bool:
+        """Take a line of Zenoh's log; False if it is none."""
+        if (text := self._log.refusal(line)) is not None and len(self._new) < MOST_TOLD:
+            self._new[text] = None
+        return _OWN.match(_COLOURS.sub("", line)) is not None
+
+    def take(self, now_ns: int) -> list[str]:
+        """What is to be told now."""
+        new, self._new = self._new, {}
+        self._told_ns = {text: at_ns for text, at_ns in self._told_ns.items() if now_ns - at_ns < AGAIN_NS}
+        told = [text for text in new if text not in self._told_ns][: MOST_TOLD - len(self._told_ns)]
+        self._told_ns.update(dict.fromkeys(told, now_ns))
+        return told
+
+
+@contextlib.contextmanager
+def heeded(settings: ZenohSettings) -> Iterator[Refusals]:
+    """Read Zenoh's log while this lasts, if this side listens to others who may be refused.
+
+    Access control says what it denies among all that it allows: a line each, so it costs some microseconds a message.
+    """
+    refusals = Refusals()
+    config = zenoh_config(settings)
+    encrypted = any(endpoint.partition("/")[0] in ENCRYPTED for endpoint in endpoints_of(config, "listen"))
+    controlled = json.loads(config.get_json("access_control")).get("enabled") is True
+    if "RUST_LOG" in os.environ or not (encrypted or controlled):
+        yield refusals
+        return
+    directives = "off" + ",zenoh_link_tls=warn,zenoh_link_quic=warn" * encrypted
+    directives += ",zenoh::net::routing::interceptor::access_control=trace" * controlled
+    sys.stdout.flush()
+    before, (source, sink) = os.dup(1), os.pipe()
+    os.set_blocking(sink, False)
+    os.dup2(sink, 1)
+    os.close(sink)
+    stdout, sys.stdout = sys.stdout, os.fdopen(os.dup(before), "w", encoding="utf-8", errors="backslashreplace")
+    if os.isatty(before):
+        sys.stdout.reconfigure(line_buffering=True)
+    reader = threading.Thread(target=_read, args=(source, before, refusals), name="zenoh-log", daemon=True)
+    reader.start()
+    try:
+        zenoh.init_log_from_env_or(directives)
+        yield refusals
+    finally:
+        with contextlib.suppress(OSError):
+            sys.stdout.close()
+        sys.stdout = stdout
+        os.dup2(before, 1)  # the last writer of the pipe is gone: the reader ends
+        reader.join(1.0)
+
+
+def _read(source: int, out: int, refusals: Refusals) -> None:
+    with os.fdopen(source, "rb") as lines:
+        for line in lines:
+            if not refusals.read(line.decode(errors="replace")):
+                with contextlib.suppress(OSError):
+                    os.write(out, line)

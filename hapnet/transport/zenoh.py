@@ -1,0 +1,410 @@
+"""Zenoh between the two sides: bytes out on three keys, bytes in on three, and nothing that blocks a servo.
+
+Keys are ``hapnet/<session>/<device>/{up,down}/{position,energy,control}``; up is from the device. All are best effort,
+express, and dropped on congestion: what must not be lost, the energy channel repeats itself. Each kind has a priority
+of its own: Zenoh numbers the messages of each priority and drops one that comes after a later one, so over udp with
+jitter most energy messages would be lost among the positions. Beside them each side publishes ``.../telemetry`` for who
+watches it, of the lowest priority, and answers what comes on ``.../probe`` (probe.py).
+
+A key that carries nothing else carries a message without payload, at least every 0.2 s. A side that hears nothing on
+one of the three, though it is connected over a link that repeats nothing, declares its subscription again (keys.py).
+
+Threads: `ZenohTransport.put` may be called from any. What arrives is handed over on Zenoh's own receiving threads,
+where nothing may block.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import atexit
+import contextlib
+import logging
+import threading
+import time
+from collections.abc import Callable
+
+import zenoh
+
+from hapnet.errors import InvalidParameter, TransportError
+from hapnet.transport.config import ZenohSettings, may_lose, reason, where, zenoh_config
+from hapnet.transport.entities import KINDS as KINDS
+from hapnet.transport.entities import TELEMETRY as TELEMETRY
+from hapnet.transport.entities import call, direct, publisher
+from hapnet.transport.keys import WATCH_NS, KeyWatch, key_expressions
+from hapnet.transport.probe import PROBE, answer_probes
+from hapnet.transport.rate_limit import RateLimiter
+from hapnet.wire.messages import Role
+
+_log = logging.getLogger(__name__)
+
+EXIT_TIMEOUT_S = 2.0
+"""How long an interpreter that exits without `close` waits for Zenoh to close [s]."""
+
+KEEP_ALIVE = b""
+"""What a key carries that has nothing else to carry."""
+
+TOLD_NS = 1_000_000_000
+"""A key that is silent for longer is told of: others take no longer to be mended."""
+
+LOOK_EVERY_NS = 1_000_000_000
+"""How often a side that does not see the other looks for others that play its own [ns]."""
+
+_MOST_ANSWERS = 16
+
+REOPEN_EVERY_S = 0.5
+"""How often it is tried to open a session anew that was lost [s]."""
+
+MOST_HZ = 10_000
+MOST_AT_ONCE = 2_000
+"""More messages than that are dropped unread: ten times what a servo of 1 kHz gets, and what a link that comes back
+after seconds may deliver in one go."""
+
+_DIRECTION = {"device": "up", "world": "down"}
+_OTHER: dict[Role, Role] = {"device": "world", "world": "device"}
+
+
+class ZenohTransport:
+    """One side's connection: `put` sends a message of a kind, `on_message` gets each one that arrives.
+
+    Parameters
+    ----------
+    settings : how to reach the other side.
+    on_message : called as ``on_message(kind, data)`` on one of Zenoh's threads; must not block.
+        An exception in it is logged once and counted in `callback_errors`.
+    session, device : names in the keys, without any of ``/ # ? $ *``; both sides give the same.
+    role : which side this is.
+    on_change : called on the loop when a link or the other side came or went.
+
+    Attributes
+    ----------
+    failed_puts : messages that Zenoh did not take (not open yet, closed).
+    callback_errors : exceptions out of `on_message`.
+    gate : what keeps a flood of messages out.
+    reopened : how many times Zenoh's session was lost as a whole and opened anew.
+    declared_again : how many times a subscription was declared again, since a key was silent.
+    doubled : another process plays this same side, and none the other.
+
+    Raises
+    ------
+    InvalidParameter, TransportError : as `zenoh_config`, and for names that no key can contain.
+    """
+
+    def __init__(
+        self,
+        settings: ZenohSettings,
+        on_message: Callable[[str, bytes], None],
+        *,
+        session: str = "default",
+        device: str = "device",
+        role: Role = "device",
+        on_change: Callable[[], None] | None = None,
+    ) -> None:
+        if role not in _DIRECTION:
+            raise InvalidParameter("role", role, "one of " + ", ".join(_DIRECTION))
+        prefix = f"hapnet/{_check_name('session', session)}/{_check_name('device', device)}"
+        self.role: Role = role
+        self._mine = f"{prefix}/{_DIRECTION[role]}"
+        self._theirs = f"{prefix}/{_DIRECTION[_OTHER[role]]}"
+        self._config = zenoh_config(settings)
+        self._lossy = may_lose(self._config)
+        self._watch = KeyWatch(KINDS)
+        self._spares: list[zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]] = []
+        self._on_message, self._on_change = on_message, on_change
+        self._lock = threading.Lock()
+        self._closing = threading.Event()
+        self._session: zenoh.Session | None = None
+        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._token: zenoh.LivelinessToken | None = None
+        self._partners: set[str] = set()
+        self._clients: set[str] = set()
+        self._changed, self._closed = asyncio.Event(), asyncio.Event()
+        self._keeper: threading.Thread | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self.failed_puts = 0
+        self.callback_errors = 0
+        self.reopened = 0
+        self.declared_again = 0
+        self.doubled = False
+        self._answers: zenoh.handlers.Handler[zenoh.Reply] | None = None
+        self._look_ns = 0
+        self.gate = RateLimiter(MOST_HZ, MOST_AT_ONCE)
+
+    async def open(self) -> None:
+        """Open once. A peer returns within a second, connected or not; a client when its router answers.
+
+        Raises
+        ------
+        TransportError : Zenoh cannot be opened: an address in use, a certificate missing, and so on.
+        """
+        loop = self._loop = asyncio.get_running_loop()
+        opened: asyncio.Future[None] = loop.create_future()
+        self._keeper = threading.Thread(target=self._keep_session, args=(opened,), name="zenoh", daemon=True)
+        self._keeper.start()
+        try:
+            await opened
+        except asyncio.CancelledError:
+            self._closing.set()
+            raise
+
+    async def close(self, timeout_s: float = 2.0) -> bool:
+        """Close for good; False if Zenoh was not done in time (it can take 10 s under loss, and goes on alone)."""
+        self._closing.set()
+        try:
+            if self._keeper is not None:
+                await asyncio.wait_for(self._closed.wait(), timeout_s)
+        except TimeoutError:
+            _log.warning("Zenoh did not close within %g s", timeout_s)
+            return False
+        return True
+
+    def put(self, kind: str, data: bytes) -> bool:
+        """Send; from any thread. Never blocks, and never raises for a lost link. False if Zenoh did not take it."""
+        publisher = self._publishers.get(kind)
+        if publisher is not None:
+            try:
+                publisher.put(data)
+                if kind != TELEMETRY:
+                    self._watch.sent(kind, time.monotonic_ns())
+                return True
+            except zenoh.ZError:
+                pass
+        elif kind not in (*KINDS, TELEMETRY):
+            raise InvalidParameter("kind", kind, "one of " + ", ".join((*KINDS, TELEMETRY)))
+        with self._lock:
+            self.failed_puts += 1
+        return False
+
+    @property
+    def peers(self) -> int:
+        """How many Zenoh nodes this one is connected to now: the other side, or a router, or strangers too."""
+        session = self._session
+        if session is None or session.is_closed():
+            return 0
+        # not info.transports(), which panics with transport/unicast/lowlatency
+        return len(session.info.peers_zid()) + len(session.info.routers_zid()) + len(self._clients)
+
+    @property
+    def silent(self) -> list[str]:
+        """The kinds of which nothing comes, though somebody is connected and others are heard."""
+        silent = self._watch.silent(time.monotonic_ns(), TOLD_NS)
+        return [] if len(silent) == len(KINDS) else silent
+
+    @property
+    def partners(self) -> int:
+        """How many processes play the other side under these names now: 1 when all is well."""
+        return len(self._partners)
+
+    @property
+    def status(self) -> str:
+        """What this side is doing, in words: whom it waits for, and where."""
+        if self._closing.is_set():
+            return "closed"
+        other = _OTHER[self.role]
+        if self._partners:
+            return f"connected to the {other}" if self.partners == 1 else f"{self.partners} of the {other} answer"
+        if self.peers and self.doubled:
+            return f"connected to another {self.role} and to no {other}: one of the two must be a {other}"
+        if self.peers:
+            return f"connected to {self.peers} Zenoh node{'s' * (self.peers > 1)}, no {other} on {self._theirs} yet"
+        return where(self._config) + ", no peer yet"
+
+    async def wait_for_partner(self) -> None:
+        """Return when the other side is there and its subscriptions are known: from now on puts reach it."""
+        while not self._partners:
+            self._changed.clear()
+            await self._changed.wait()
+
+    # On the keeper's thread, since opening and closing block; a daemon, since an exit would wait for any other.
+
+    def _keep_session(self, opened: asyncio.Future[None]) -> None:
+        # A callback into an interpreter that is going away aborts the process: close before that.
+        atexit.register(self._at_exit)
+        try:
+            self._connect()
+        except BaseException as error:
+            self._post(_settle, opened, error)
+        else:
+            self._post(_settle, opened, None)
+            while not self._closing.wait(WATCH_NS * 1e-9):
+                if self._session is not None and (self._session.is_closed() or not self._keep_keys(self._session)):
+                    self._reopen()
+                self._look_for_doubles(time.monotonic_ns())
+            self._disconnect()
+        atexit.unregister(self._at_exit)
+        self._post(self._closed.set)
+
+    def _keep_keys(self, session: zenoh.Session) -> bool:
+        """Let each key carry something, and hear something on each; False if that needs another session."""
+        now_ns = time.monotonic_ns()
+        for kind in self._watch.quiet(now_ns):
+            with contextlib.suppress(zenoh.ZError):
+                self._publishers[kind].put(KEEP_ALIVE)
+            self._watch.sent(kind, now_ns)
+        if not self._lossy:
+            return True
+        self._watch.connected(now_ns, is_connected=self.peers > 0)
+        if self._watch.dead(now_ns):
+            return False
+        if self._watch.declare_now(now_ns):
+            with contextlib.suppress(zenoh.ZError):
+                self._declare_again(session)
+        return True
+
+    def _declare_again(self, session: zenoh.Session) -> None:
+        """One more subscription to the same keys: what comes is taken by the first, this one only calls for it.
+
+        Those before stay, as a farewell to one would overtake or be overtaken; at the end of the list all go.
+        """
+        expressions = key_expressions(self._theirs)
+        if len(self._spares) == len(expressions):
+            for spare in self._spares:
+                call(spare.undeclare)
+            self._spares.clear()
+            return
+        spare = session.declare_subscriber(expressions[len(self._spares)], zenoh.handlers.RingChannel(1))
+        self._spares.append(spare)
+        self.declared_again += 1
+
+    def _reopen(self) -> None:
+        """Zenoh has closed the session by itself, or it is no good: open another one, as soon as that can be."""
+        self._disconnect()
+        self._partners.clear()
+        self.reopened += 1
+        self._notify()
+        try:
+            self._connect()
+        except TransportError as error:
+            _log.warning("Zenoh's session is lost, and %s; trying again", error)
+            while not self._closing.wait(REOPEN_EVERY_S):
+                with contextlib.suppress(TransportError):
+                    self._connect()
+                    return
+
+    def _look_for_doubles(self, now_ns: int) -> None:
+        """Somebody is there who is not the other side: is it this side once more?"""
+        session = self._session
+        if self._partners or session is None or now_ns < self._look_ns or not self.peers:
+            return
+        self._look_ns = now_ns + LOOK_EVERY_NS
+        own = f"{self._mine}/{session.zid()}"
+        # Answers wait for the next look: keys are to be kept alive meanwhile, and a callback of ours would be called
+        # under a lock of the session's that others wait for with the interpreter's.
+        answers, self._answers = self._answers, None
+        with contextlib.suppress(zenoh.ZError):
+            keys = set()
+            while answers is not None and (reply := answers.try_recv()) is not None:
+                keys.add(own if reply.ok is None else str(reply.ok.key_expr))
+                self.doubled = bool(keys - {own})
+        with contextlib.suppress(zenoh.ZError):
+            look: zenoh.handlers.FifoChannel[zenoh.Reply] = zenoh.handlers.FifoChannel(_MOST_ANSWERS)
+            self._answers = session.liveliness().get(f"{self._mine}/*", look, timeout=LOOK_EVERY_NS * 1e-9)
+
+    def _at_exit(self) -> None:
+        self._closing.set()
+        if self._keeper is not None:
+            self._keeper.join(EXIT_TIMEOUT_S)
+
+    def _connect(self) -> None:
+        session = self._open_session()
+        try:
+            # no history: it would panic with transport/unicast/lowlatency
+            session.info.declare_transport_events_listener(direct(self._on_link), history=False)
+            publishers = {kind: publisher(session, f"{self._mine}/{kind}", kind) for kind in (*KINDS, TELEMETRY)}
+            for kind in KINDS:
+                session.declare_subscriber(f"{self._theirs}/{kind}", direct(self._receiver(kind)))
+            answer_probes(session, f"{self._theirs}/{PROBE}", f"{self._mine}/{PROBE}")
+            with self._lock:
+                self._session, self._publishers = session, publishers
+            # the token comes after the subscribers: who sees it knows them
+            session.liveliness().declare_subscriber(f"{self._theirs}/*", direct(self._on_token), history=True)
+            self._token = session.liveliness().declare_token(f"{self._mine}/{session.zid()}")
+            self._notify()
+        except zenoh.ZError as error:
+            self._disconnect()
+            if not session.is_closed():
+                call(session.close)
+            raise TransportError(f"cannot use Zenoh ({where(self._config)}): {reason(error)}") from None
+
+    def _open_session(self) -> zenoh.Session:
+        while True:
+            try:
+                return zenoh.open(self._config)
+            except zenoh.ZError as error:
+                # A client, unlike a peer, gives up when its router isn't there yet.
+                if "Unable to connect" not in str(error) or self._closing.wait(0.1):
+                    raise TransportError(f"cannot open Zenoh ({where(self._config)}): {reason(error)}") from None
+
+    def _disconnect(self) -> None:
+        with self._lock:
+            session, self._session, self._publishers = self._session, None, {}
+        self._spares.clear()
+        self._clients.clear()
+        self._watch.connected(0, is_connected=False)
+        if session is not None and not session.is_closed():
+            call(session.close)
+
+    # On Zenoh's threads
+
+    def _receiver(self, kind: str) -> Callable[[zenoh.Sample], None]:
+        on_message, clock, admit, heard = self._on_message, time.monotonic_ns, self.gate.admit, self._watch.heard
+
+        def receive(sample: zenoh.Sample) -> None:
+            now_ns = clock()
+            if not admit(now_ns):
+                return
+            heard(kind, now_ns)
+            data = sample.payload.to_bytes()
+            if data == KEEP_ALIVE:
+                return
+            try:
+                on_message(kind, data)
+            except Exception:
+                with self._lock:
+                    self.callback_errors += 1
+                    first = self.callback_errors == 1
+                if first:
+                    _log.exception("on_message failed for a %s message; further failures are only counted", kind)
+
+        return receive
+
+    def _on_link(self, event: zenoh.TransportEvent) -> None:
+        if event.transport.whatami == zenoh.WhatAmI.CLIENT:  # peers and routers are counted by Zenoh
+            change = self._clients.add if event.kind == zenoh.SampleKind.PUT else self._clients.discard
+            change(str(event.transport.zid))
+        self._notify()
+
+    def _on_token(self, sample: zenoh.Sample) -> None:
+        key = str(sample.key_expr)
+        if sample.kind == zenoh.SampleKind.PUT:
+            self._partners.add(key)
+        else:
+            self._partners.discard(key)
+        self._notify()
+
+    def _notify(self) -> None:
+        self._post(self._tell)
+
+    def _post(self, call: Callable[..., object], *args: object) -> None:
+        assert self._loop is not None
+        with contextlib.suppress(RuntimeError):  # the loop is closed: nobody is left to tell
+            self._loop.call_soon_threadsafe(call, *args)
+
+    def _tell(self) -> None:
+        self._changed.set()
+        if self._on_change is not None:
+            self._on_change()
+
+
+def _settle(future: asyncio.Future[None], error: BaseException | None) -> None:
+    if future.cancelled():
+        return
+    if error is None:
+        future.set_result(None)
+    else:
+        future.set_exception(error)
+
+
+def _check_name(name: str, value: str) -> str:
+    if not value or not value.isprintable() or set(value) & set("/#?$* "):
+        raise InvalidParameter(name, value, "a name without spaces or any of / # ? $ *")
+    return value
