@@ -118,7 +118,7 @@ def test_every_named_operator_fits_every_named_scene(scene: str, dof: int, opera
         ({"device__spring_share": 1.5}, "device.spring_share"),
         ({"scene": "nosuch"}, "scene"),
         ({"dof": 4, "scene": "free"}, "dof"),
-        ({"hardware": "tests.test_own_device:Still"}, "device.servo"),
+        ({"hardware": "tests.test_user_device:Still"}, "device.servo"),
         ({"scene": "wall", "world__wall__position_m": -0.01}, r"world\.wall\.position_m is -0\.01"),
     ],
 )

@@ -24,7 +24,7 @@ from mcap.writer import Writer
 from hapnet.errors import RecordingError
 from hapnet.recording.mcap import CHUNK_BYTES, RecordingWriter, read_recording, repair, save
 from hapnet.recording.samples import DeviceSample, Event, Sample, WorldSample, join
-from tests.test_record import META, ORIGIN, device_sample, halves, memory, run, same
+from tests.test_samples import META, ORIGIN, device_sample, halves, memory, run, same
 
 
 def write(path: Path, samples: list[Sample]) -> None:
@@ -279,7 +279,7 @@ def test_a_zero_is_written_and_nothing_is_loaded_before_it_is_needed(tmp_path: P
 CHILD = """
 import sys, time
 from hapnet.recording.mcap import RecordingWriter
-from tests.test_record import META, device_sample
+from tests.test_samples import META, device_sample
 writer = RecordingWriter(sys.argv[1], META)
 start, i = time.monotonic_ns(), 0
 while True:
@@ -392,7 +392,7 @@ def test_a_disk_that_fills_up_is_told_once_and_leaves_a_torn_file(tmp_path: Path
         "import resource, signal, sys\n"
         "from hapnet.errors import RecordingError\n"
         "from hapnet.recording.mcap import RecordingWriter\n"
-        "from tests.test_record import META, device_sample\n"
+        "from tests.test_samples import META, device_sample\n"
         "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))\n"
         "writer = RecordingWriter(sys.argv[1], META)\n"

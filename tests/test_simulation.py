@@ -1,6 +1,6 @@
 """Runs in virtual time: the sampled servo's account, shuffling, closed accounts, determinism, a golden trajectory.
 
-`python -m tests.test_virtual` writes the golden trajectory anew.
+`python -m tests.test_simulation` writes the golden trajectory anew.
 """
 
 from __future__ import annotations
@@ -313,7 +313,7 @@ def test_a_simulation_needs_an_end() -> None:
 # -- golden ----------------------------------------------------------------------------------------------------------
 
 GOLDEN = Path(__file__).parent / "data" / "golden_1dof.json"
-HOW = "python -m tests.test_virtual: 2 s of the default run of one axis, seed 1, every 10 ms; SI units"
+HOW = "python -m tests.test_simulation: 2 s of the default run of one axis, seed 1, every 10 ms; SI units"
 
 
 def flat(table: dict[str, Any], prefix: str = "") -> dict[str, object]:

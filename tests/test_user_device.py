@@ -109,8 +109,8 @@ class Simulated(SimulatedDevice):
 )
 def test_a_device_that_cannot_be_is_named_with_the_cause(name: str, says: str) -> None:
     with pytest.raises(InvalidParameter) as caught:
-        OwnDevice(f"tests.test_own_device:{name}", 3)
-    assert str(caught.value).startswith(f"hardware is 'tests.test_own_device:{name}'")
+        OwnDevice(f"tests.test_user_device:{name}", 3)
+    assert str(caught.value).startswith(f"hardware is 'tests.test_user_device:{name}'")
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -129,11 +129,11 @@ def test_what_is_no_class_is_refused() -> None:
 
 
 def test_loading_the_class_does_not_make_it() -> None:
-    assert load_class("tests.test_own_device:Absent") is Absent
+    assert load_class("tests.test_user_device:Absent") is Absent
 
 
 def test_a_driver_that_fails_while_running_is_named() -> None:
-    device = OwnDevice("tests.test_own_device:Unplugged", 1)
+    device = OwnDevice("tests.test_user_device:Unplugged", 1)
     assert isinstance(device.device, Unplugged)
     device.device.plugged = False
     with pytest.raises(HapnetError, match=r"^the device tests\.test_own_device:Unplugged failed.*OSError: unplugged"):
@@ -143,19 +143,19 @@ def test_a_driver_that_fails_while_running_is_named() -> None:
 
 
 def test_a_device_that_works_is_passed_through() -> None:
-    device = OwnDevice("tests.test_own_device:Still", 2)
+    device = OwnDevice("tests.test_user_device:Still", 2)
     assert (device.dof, device.force_limit, device.resolution) == (2, 2.0, 1e-5)
     device.apply((0.5, -0.5))
     assert isinstance(device.device, Still)
     assert device.device.held == (0.5, -0.5)
-    position, velocity = OwnDevice("tests.test_own_device:InArrays", 2).read()
+    position, velocity = OwnDevice("tests.test_user_device:InArrays", 2).read()
     assert (position, velocity) == ((0.25, 0.25), (0.0, 0.0))
     assert all(type(value) is float for value in (*position, *velocity))
 
 
 @pytest.mark.parametrize("name", ["Still", "Simulated"])
 def test_a_side_is_made_around_it(name: str) -> None:
-    params = Params().set({"scene": "free", "dof": 2, "hardware": f"tests.test_own_device:{name}"})
+    params = Params().set({"scene": "free", "dof": 2, "hardware": f"tests.test_user_device:{name}"})
     setup = prepare(params, "sampled")
     side = device_side(setup, DeviceEndpoint(device_session(setup, 1)), lambda: 0, lambda sample: None)
     assert side.device.dof == 2
@@ -177,7 +177,7 @@ class PulledOut(Still):
 
 
 def test_one_that_fails_right_after_pairing_says_so_and_ends_in_order() -> None:
-    setup = prepare(Params().set({"scene": "free", "hardware": "tests.test_own_device:PulledOut"}), "sampled")
+    setup = prepare(Params().set({"scene": "free", "hardware": "tests.test_user_device:PulledOut"}), "sampled")
     side = device_side(setup, DeviceEndpoint(device_session(setup, 1)), lambda: 0, lambda sample: None)
     side.endpoint.paired = True
     with pytest.raises(HapnetError, match=r"PulledOut failed: read\(\) raised OSError: the cable is out"):
@@ -190,7 +190,7 @@ def test_one_that_fails_right_after_pairing_says_so_and_ends_in_order() -> None:
 
 
 def test_its_coupling_is_checked_before_pairing() -> None:
-    params = Params().set({"scene": "free", "dof": 2, "hardware": "tests.test_own_device:Still"})
+    params = Params().set({"scene": "free", "dof": 2, "hardware": "tests.test_user_device:Still"})
     with pytest.raises(InvalidParameter, match=r"^device\.stiffness is"):
         prepare(params.set({"device.stiffness": ((1, 2), (2, 1))}), "sampled")
 
@@ -223,7 +223,7 @@ class Silent(Telling):
 def driven(name: str) -> SampledDeviceSide:
     """A side around the device, paired, with a set-position 10 mm off; 10 ticks, the handle going 0.1 mm in each."""
     words = {"device.damping": 1e-9, "device.step_limit_N": 0.0}
-    params = Params().set({"scene": "free", "hardware": f"tests.test_own_device:{name}", **words})
+    params = Params().set({"scene": "free", "hardware": f"tests.test_user_device:{name}", **words})
     setup = prepare(params, "sampled")
     now_ns = 0
     side = device_side(setup, DeviceEndpoint(device_session(setup, 1)), lambda: now_ns, lambda sample: None)

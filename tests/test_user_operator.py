@@ -78,7 +78,7 @@ class Handless:
     ],
 )
 def test_whatever_it_does_wrong_later_names_it(name: str, says: str) -> None:
-    hand = OwnOperator(f"tests.test_own_operator:{name}", 2, HAND)
+    hand = OwnOperator(f"tests.test_user_operator:{name}", 2, HAND)
     assert hand.impedance is HAND
     assert hand.reference(0.009) == (0.0, 0.0)
     with pytest.raises(HapnetError, match=rf"the operator tests\.test_own_operator:{name} failed: {says}"):
@@ -90,13 +90,13 @@ def test_whatever_it_does_wrong_later_names_it(name: str, says: str) -> None:
 )
 def test_what_is_wrong_at_once_is_a_parameter(name: str, says: str) -> None:
     with pytest.raises(InvalidParameter, match=rf"operator is 'tests\.test_own_operator:{name}'; .*{says}"):
-        OwnOperator(f"tests.test_own_operator:{name}", 1, HAND)
+        OwnOperator(f"tests.test_user_operator:{name}", 1, HAND)
 
 
 def test_a_guard_changes_nothing() -> None:
     """The same hand, guarded or not: the same bits."""
     params = Params().set({"duration_s": 1.0, "operator_hand.amplitude_m": 0.03, "operator_hand.frequency_hz": 0.5})
-    own = simulate(params.set({"operator": "tests.test_own_operator:Circle"}), seed=1).recording
+    own = simulate(params.set({"operator": "tests.test_user_operator:Circle"}), seed=1).recording
     built_in = simulate(params.set({"operator": "sine"}), seed=1).recording
     for mine, theirs in ((own.device, built_in.device), (own.world, built_in.world)):
         assert mine is not None
@@ -107,4 +107,4 @@ def test_a_guard_changes_nothing() -> None:
 def test_a_simulation_ends_with_the_operators_name() -> None:
     params = Params().set({"duration_s": 1.0, "scene": "free", "dof": 2})
     with pytest.raises(HapnetError, match=r"the operator tests\.test_own_operator:Raising failed"):
-        simulate(params.set({"operator": "tests.test_own_operator:Raising"}), seed=1)
+        simulate(params.set({"operator": "tests.test_user_operator:Raising"}), seed=1)
