@@ -173,3 +173,31 @@ def test_a_sampled_servo_never_overdraws_its_account_nor_steps_too_far(seed: int
         assert abs(ledger.slack) <= 1e-12 * max(1.0, abs(ledger.work)) or coupling.discarded, k
     assert servo.overrun_leak == 0.0
     assert servo.speed_max <= speed * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize("credited_J", [0.0, 1e-6])
+def test_an_empty_account_needs_a_microjoule_to_render_a_force_again(credited_J: float) -> None:
+    """The hand goes at 0.2 m/s from a set-position that stays, K = 600 N/m, a limit of 3 N, 1 kHz, 1 m/s at most.
+
+    Each tick a force of P over 1 mm may be held, and the hand works 0.2 mm against it: P grows by a fifth. From 1 uJ it
+    holds 3 N, which takes 3 mJ, after 44 ticks. With nothing the set-position comes along, and there is no force.
+    """
+    guard = ForceGuard(limit=3.0, reach=1e-3)
+    coupling = Coupling(
+        SetPositionModulator(stiffness=600.0, position=[0.0], ceiling=0.05, energy=0.0, force_limit=2.7),
+        stages=Pipeline(), silence=Silence("hold", 1.0),
+    )  # fmt: skip
+    servo = SampledServo(coupling, damping=(2.0,), period=0.005, position=(0.0,), guard=guard)
+    coupling.credit(credited_J)
+    forces = []
+    for tick in range(1, 100):
+        servo.tick(1e-3, (2e-4 * tick,), (0.2,))
+        forces.append(-servo.force[0])
+    assert coupling.ledger.margin_min >= 0.0
+    if credited_J:
+        assert max(forces[:40]) < 3.0
+        assert forces[-1] == pytest.approx(3.0)
+        assert np.diff(forces)[20:30] == pytest.approx(np.array(forces[20:30]) * 0.2, rel=0.1)
+    else:
+        assert not any(forces)
+        assert coupling.set_position == pytest.approx((2e-4 * 99,), abs=1e-3)

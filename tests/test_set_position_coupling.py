@@ -205,3 +205,18 @@ def test_without_pspm_nothing_is_shared() -> None:
     zoh = ZeroOrderHold(Spring(100.0, 1), (0.0,), 0.05)
     c = Coupling(zoh, stages=Pipeline([]), silence=Silence("hold", 0.1))
     assert (c.on_peer_changed(), c.ledger.sent, c.account) == (0.0, 0.0, 0.05)
+
+
+def test_of_the_last_energy_each_new_peer_gets_a_little() -> None:
+    """A hundredth of 0.1 mJ is 1 uJ; after a hundred peers 37 % are left (0.99^100), a nanojoule is far away."""
+    c = Coupling(
+        SetPositionModulator(stiffness=100.0, position=[0.0], ceiling=0.05, reserve=1e-4),
+        stages=Pipeline(), silence=Silence("hold", 1.0), kept_for_peers=1e-4,
+    )  # fmt: skip
+    c.receive((1.0,), 1.0)
+    c.update(0.005, (0.0,), 0.0)  # the spring takes all that may be spent
+    assert c.reservoir == pytest.approx(1e-4)
+    given = [c.on_peer_changed() for _ in range(100)]
+    assert given[0] == pytest.approx(1e-6)
+    assert min(given) > 0.3e-6
+    assert c.reservoir == pytest.approx(1e-4 * 0.99**100)

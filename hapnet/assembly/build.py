@@ -59,6 +59,10 @@ _SET_POSITIONS_ONLY = {"smoothing_s": 0.0, "predict_s": 0.0, "on_silence": "hold
 """What works on received set-positions, and its value where a law takes something else."""
 
 
+_KEPT_FOR_PEERS = 0.002
+"""This share of its ceiling the world keeps for devices that start again: an empty account renders no force at all."""
+
+
 @dataclass(frozen=True)
 class Setup:
     """Parameters, checked as a whole, with what follows from them."""
@@ -243,12 +247,14 @@ def world_side(setup: Setup, endpoint: WorldControl, rng: np.random.Generator, w
             law = setup.kind.world(setup.params, setup.tuning, position)
             return WorldCouplingAccount(law, 0.0 if empty else world.ceiling_J)
         spring = shared_spring(world.stiffness, setup.dof)
+        kept = world.ceiling_J * _KEPT_FOR_PEERS
         return Coupling(
-            setup.kind.modulator(world, spring, position, None, 0.0 if empty else world.ceiling_J, 0.0),
+            setup.kind.modulator(world, spring, position, None, 0.0 if empty else world.ceiling_J, kept),
             stages=_stages(world),
             silence=Silence(cast(OnSilence, world.on_silence), world.silence_after_s),
             longest_step=_longest_step(setup, world, spring),
             kinetic=kinetic,
+            kept_for_peers=kept,
         )
 
     make_coupling(mass.position, 0.0)  # so that what is wrong is said now and not at pairing

@@ -46,6 +46,7 @@ class Coupling:
     silence : what to do when nothing arrives.
     longest_step : limit of the set-position's step an update [m]; infinite: none.
     kinetic : kinetic energy at the start [J].
+    kept_for_peers : with so little left in the reservoir a new peer gets a hundredth of it, and not half [J].
     """
 
     def __init__(
@@ -56,6 +57,7 @@ class Coupling:
         silence: Silence,
         longest_step: float = math.inf,
         kinetic: float = 0.0,
+        kept_for_peers: float = 0.0,
     ) -> None:
         self.modulator = modulator
         self.spring = modulator.spring
@@ -74,6 +76,7 @@ class Coupling:
         self.discarded = 0.0
         self.spare: Callable[[], float] = lambda: math.inf
         """What the reservoir can do without now [J]; a servo that holds a torque says how much."""
+        self._kept_for_peers = kept_for_peers
         self._received: Vector = modulator.set_position
         self._sent_s: float | None = None
         self._credit = 0.0
@@ -108,10 +111,15 @@ class Coupling:
     def on_peer_changed(self) -> float:
         """Another peer takes the first one's place: half of the reservoir is for it, which begins with none [J].
 
-        It could not move else. The stages begin anew: its clock and its place have nothing to do with the first one's.
+        Without any it could not begin: the least of it lets it render a little force, against which the hand works for
+        more. So of the last that is left, only a hundredth is given: there is some for the next peers too. The stages
+        begin anew: its clock and its place have nothing to do with the first one's.
         """
         self.stages.reset(self.target)
-        energy = self.modulator.split_reservoir(self.spare())
+        most, energy = self.spare(), self.modulator.energy
+        if energy <= 2.0 * self._kept_for_peers:
+            most = min(most, energy / 100.0)
+        energy = self.modulator.split_reservoir(most)
         self.ledger.send(energy)
         self.account = self.modulator.account
         return energy

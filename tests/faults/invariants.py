@@ -5,6 +5,8 @@ Expected values are the parameters' (3.3 N, 0.5 N a step, ...) as the recording'
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from hapnet.checks import Array
@@ -29,8 +31,8 @@ def assert_device_within_limits(recording: Recording, *, gaps: bool = False) -> 
     assert columns is not None
     force_limit = params["force_limit_N"]
     assert lengths(columns["force_N"]).max() <= force_limit * (1.0 + 1e-15)
-    late_ns = round((params["watchdog_s"] + 1.0 / params["servo_hz"]) / NANO)
-    late = np.diff(columns["time_ns"]) > late_ns
+    watchdog_s = params["watchdog_s"] or math.inf
+    late = np.diff(columns["time_ns"]) * NANO > watchdog_s + 1.0 / params["servo_hz"] + NANO / 2
     steps = lengths(np.diff(columns["set_position_m"], axis=0))
     assert steps[~late].max() * params["stiffness"] <= params["step_limit_N"] + 1e-9
     told = np.isin(columns["time_ns"][1:], [event.time_ns for event in recording.events if event.kind == "overrun"])

@@ -13,14 +13,16 @@ from tests.processes import Program
 
 SECONDS = 3.0
 ATTACK = """
-import json, msgpack, sys, time, zenoh
+import json, sys, time, zenoh
+from hapnet.wire.messages import Energy, Hello, Position, encode
 address, way, seconds = sys.argv[1], sys.argv[2], float(sys.argv[3])
 config = zenoh.Config()
 for key, value in (("connect/endpoints", [address]), ("listen/endpoints", []), ("scouting/multicast/enabled", False)):
     config.insert_json5(key, json.dumps(value))
 session = zenoh.open(config)
-frames = [b"garbage" * 400, msgpack.packb([1, 1, 77, 5, 0, [1e6]]), msgpack.packb([1, 2, 77, 78, 2**62, 0]),
-          msgpack.packb([1, 3, 77, 1, "device" if way == "up" else "world", 1, "me", {}])]
+here = "device" if way == "up" else "world"
+frames = [b"garbage" * 400, encode(Position(77, 5, 0, (1e6,))), encode(Energy(77, 78, 2**62, 0)),
+          encode(Hello(77, 1, here, 1, "me", {}))]
 kinds = ("position", "position", "energy", "control")
 publishers = [session.declare_publisher(f"hapnet/default/device/{way}/{kind}", express=True,
     congestion_control=zenoh.CongestionControl.DROP) for kind in kinds]

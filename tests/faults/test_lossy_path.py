@@ -22,7 +22,7 @@ ROLES: tuple[Role, Role] = ("world", "device")
 def secured(directory: Path, role: Role) -> tuple[str, ...]:
     """What quic needs: flags for certificates that are made at the first call."""
     if not directory.exists():
-        make_certificates(["10.117.0.1"], ["alice"], directory)
+        make_certificates(device=["alice"], host=["10.117.0.1"], out=directory)
     stem = directory / ("world" if role == "world" else "alice")
     flags = ("--tls-ca", f"{directory / 'ca.pem'}", "--tls-cert", f"{stem}.pem", "--tls-key", f"{stem}.key")
     return (*flags, *(("--mutual-tls",) if role == "world" else ()))

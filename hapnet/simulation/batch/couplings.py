@@ -156,10 +156,11 @@ class Couplings:
         at_hand += dissipated
         at_hand += springs.potential(x - ybar)
         after = springs.potential(x - y)
-        short = (after > at_hand).nonzero()[0]
+        spendable = at_hand - pspm.reserve
+        short = (after > spendable).nonzero()[0]
         if short.size:
             y = y.copy()
-            y[:, short], after[short] = self._within(x[:, short], y[:, short], at_hand[short])
+            y[:, short], after[short] = self._within(x[:, short], y[:, short], spendable[short])
         place(self.set_position, at, y)
         left = at_hand - after
         sent = np.zeros(len(at))
@@ -177,18 +178,18 @@ class Couplings:
         self._least[at] = np.minimum(self._least[at], left)
         return sent
 
-    def _within(self, x: Array, y: Array, at_hand: Array) -> tuple[Array, Array]:
-        """(ybar, phi) where the energy at hand does not reach for y."""
+    def _within(self, x: Array, y: Array, spendable: Array) -> tuple[Array, Array]:
+        """(ybar, phi) where the energy that may be spent does not reach for y."""
         springs = self.springs
         if springs.isotropic:
-            offset = springs.nearest(x - y, at_hand)
+            offset = springs.nearest(x - y, spendable)
         else:  # a secular equation each
-            pairs = zip((x - y).T.tolist(), at_hand.tolist(), strict=True)
+            pairs = zip((x - y).T.tolist(), spendable.tolist(), strict=True)
             offset = np.array([springs.scalar.nearest(tuple(e), energy) for e, energy in pairs]).T
         ybar = x - offset
         after = springs.potential(x - ybar)
         excess: float = 2.0**-50
-        while (out := ((after > at_hand) & (at_hand >= 0.0)).nonzero()[0]).size:
+        while (out := ((after > spendable) & (spendable >= 0.0)).nonzero()[0]).size:
             offset[:, out] = (1.0 - excess) * offset[:, out]
             ybar[:, out] = x[:, out] - offset[:, out]
             after[out] = springs.potential(x[:, out] - ybar[:, out])
