@@ -13,6 +13,8 @@ What is imported from here, and stays:
   `ZenohSettings`, which say how to reach the other side. It tells its `Notice`s.
 * `Scene`, `Wall`: what a world of your own is made of. A device of your own needs no base class
   (`hapnet.plant.device.Device`).
+* `CouplingSpec`, made from a law's two ends by `held_law` and `stepped_law`, which are given a `CouplingStart`: a
+  coupling of your own (`hapnet.control.coupling` says what a law is asked).
 * `SetPositionModulator`, `PassiveIntegrator`: the paper's two laws, for a servo or a world loop of your own.
 
 `examples/` has a short program for each.
@@ -26,6 +28,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from hapnet.assembly.build import prepare
     from hapnet.control.pspm import SetPositionModulator
+    from hapnet.couplings.spec import CouplingSpec, CouplingStart, held_law, stepped_law
     from hapnet.errors import HapnetError, InvalidParameter
     from hapnet.params import Params
     from hapnet.plant.contact import Wall
@@ -38,6 +41,8 @@ if TYPE_CHECKING:
     from hapnet.transport.config import ZenohSettings
 
 _HOMES = {
+    "CouplingSpec": "hapnet.couplings.spec",
+    "CouplingStart": "hapnet.couplings.spec",
     "HapnetError": "hapnet.errors",
     "InvalidParameter": "hapnet.errors",
     "Notice": "hapnet.side.notices",
@@ -48,12 +53,16 @@ _HOMES = {
     "SetPositionModulator": "hapnet.control.pspm",
     "Wall": "hapnet.plant.contact",
     "ZenohSettings": "hapnet.transport.config",
+    "held_law": "hapnet.couplings.spec",
     "prepare": "hapnet.assembly.build",
     "simulate": "hapnet.simulation.simulation",
     "simulate_batch": "hapnet.simulation.batch.run",
+    "stepped_law": "hapnet.couplings.spec",
 }
 
 __all__ = [
+    "CouplingSpec",
+    "CouplingStart",
     "HapnetError",
     "InvalidParameter",
     "Notice",
@@ -64,9 +73,11 @@ __all__ = [
     "SetPositionModulator",
     "Wall",
     "ZenohSettings",
+    "held_law",
     "prepare",
     "simulate",
     "simulate_batch",
+    "stepped_law",
 ]
 
 

@@ -243,7 +243,7 @@ class Params:
         "press", "rest, sine, press, a recording's path (.csv, .mcap), module:Class; mouse: led live by hapnet play"
     )
     hardware: str = _p("simulated", "the device: simulated, or module:Class of your own")
-    coupling: str = _p("pspm", "pspm; others are there to compare with", COUPLING_NAMES)
+    coupling: str = _p("pspm", f"pspm; to compare with: {', '.join(COUPLING_NAMES[1:])}, or module:NAME of your own")
     dof: int = _p(0, "degrees of freedom; 0: the scene's own", _NOT_NEGATIVE)
     duration_s: float = _p(10.0, "from pairing [s]; 0: until stopped", _Range(at_least=0.0, at_most=1e9))
     record_hz: float = _p(200.0, "recorded samples a second of the device [Hz]", _POSITIVE)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import CouplingAccount, CouplingSample, LawServo, Motion, Port, Wave, WorldCouplingAccount
+from hapnet.control.coupling import CouplingSample, LawServo, LawState, LawSteps, Motion, Port, Update, Wave
 
 T = 1e-3
 
@@ -44,7 +44,7 @@ class Spring:
 
 
 def servo(law: Spring, *, period: float = 5 * T, limit: float = math.inf, bound: float = 0.05, n: int = 1) -> LawServo:
-    return LawServo(law, period=period, position=(0.0,) * n, bound=bound, force_limit=limit)
+    return LawServo(law, period=period, position=(0.0,) * n, initial_energy=bound, force_limit=limit)
 
 
 def test_the_account_is_the_work_of_what_was_held() -> None:
@@ -92,7 +92,7 @@ def test_a_hand_that_presses_a_spring_puts_energy_in() -> None:
 def test_a_datum_is_due_once_a_period(dt: float, every: int) -> None:
     """At the first tick that is no sooner, clocks of whole nanoseconds allowed for."""
     subject = servo(Spring(1.0, 0.0))
-    sent = [k for k in range(1, 31) if subject.tick(dt, (0.1,), (0.2,)) == Motion((0.1,), (0.2,))]
+    sent = [k for k in range(1, 31) if subject.tick(dt, (0.1,), (0.2,)) == Update(Motion((0.1,), (0.2,)))]
     assert sent == list(range(every, 31, every))
 
 
@@ -101,7 +101,7 @@ def test_a_released_servo_renders_nothing_and_still_speaks() -> None:
     subject = servo(law, period=2 * T)
     subject.tick(T, (0.01,), (0.0,))
     assert subject.force == (-1.0,)
-    assert subject.tick(T, (0.02,), (0.0,), release=True) == Motion((0.02,), (0.0,))
+    assert subject.tick(T, (0.02,), (0.0,), release=True) == Update(Motion((0.02,), (0.0,)))
     assert subject.force == (0.0,)
     subject.tick(T, (0.03,), (0.0,))
     assert law.told == [(0.0,), (-1.0,), (0.0,)]
@@ -120,7 +120,7 @@ def test_the_limit_keeps_the_direction() -> None:
 
 def test_a_coupling_passes_on_what_concerns_the_law() -> None:
     law = Spring(1.0, 0.0)
-    coupling = CouplingAccount(law, 0.05)
+    coupling = LawState(law, 0.05)
     coupling.receive((0.3,), 12.0)
     coupling.credit(1.0)
     assert coupling.on_peer_changed() == 0.0
@@ -156,7 +156,7 @@ class Order:
 
 def test_a_step_begins_with_what_has_arrived_and_then_says_its_own() -> None:
     law = Order()
-    coupling = WorldCouplingAccount(law, 0.0)
-    coupling.receive(Port((1.0,), 2.0), 0.0)
-    assert coupling.update(0.01, (0.0,), 0.0) == Wave((1.0,), 0.5)
+    steps = LawSteps(law, 0.0)
+    steps.coupling.receive(Port((1.0,), 2.0), 0.0)
+    assert steps.update(0.01, (0.0,), 0.0) == Update(Wave((1.0,), 0.5))
     assert law.asked == [f"receive {Port((1.0,), 2.0)}", "begin", "datum"]

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hapnet.assembly.build import prepare
-from hapnet.control.coupling import CouplingAccount
+from hapnet.control.coupling import LawState
 from hapnet.couplings.link_delays import delays
 from hapnet.couplings.registry import ideal_stiffness
 from hapnet.errors import InvalidParameter
@@ -66,7 +67,7 @@ def test_of_conditions_over_time_they_are_quantiles_of_the_time() -> None:
 
 def tuned(coupling: str, link: str = DEFAULT, **changes: object) -> dict[str, float]:
     named = {name.replace("__", "."): value for name, value in changes.items()}
-    return dict(prepare(Params().set({"coupling": coupling, "link.up": link, "link.down": link, **named})).tuning)
+    return asdict(prepare(Params().set({"coupling": coupling, "link.up": link, "link.down": link, **named})).tuning)
 
 
 def test_popc_damps_no_more_than_a_device_can_render() -> None:
@@ -120,8 +121,8 @@ def test_a_device_law_differs_from_the_plain_coupling_in_what_it_adds_alone(coup
     """In the default hand neither has anything to add: the same run, but for when data are sent."""
     base = Params().set({"device.servo": "sampled", "duration_s": 4.0, "link.up": "ideal", "link.down": "ideal"})
     plain, law = (simulate(base.set({"coupling": name}), seed=3) for name in ("zoh", coupling))
-    assert isinstance(law.device.coupling, CouplingAccount)
-    assert not isinstance(law.world.coupling, CouplingAccount)
+    assert isinstance(law.device.coupling, LawState)
+    assert not isinstance(law.world.coupling, LawState)
     assert law.summary["motion"]["peak_force_N"] == pytest.approx(plain.summary["motion"]["peak_force_N"], rel=0.02)
     for name in ("free_rms_m", "contact_rms_m"):
         assert law.summary["motion"][name] == pytest.approx(plain.summary["motion"][name], rel=0.02)
@@ -160,4 +161,4 @@ def test_a_real_network_under_the_link_counts_in_what_a_law_is_tuned_for() -> No
     link = LinkProfile.parse("delay 10ms")
     assert delays(link, link, 0.1) == pytest.approx((0.06, 0.12))
     stiff, soft = (prepare(Params().set({"coupling": "pd", "link.path_s": path})).tuning for path in (0.0, 0.3))
-    assert soft["stiffness_N_m"] < 0.6 * stiff["stiffness_N_m"]
+    assert soft.stiffness_N_m < 0.6 * stiff.stiffness_N_m

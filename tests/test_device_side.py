@@ -208,5 +208,5 @@ def test_a_scene_that_cannot_say_how_long_a_step_is_is_named() -> None:
     setup = prepare(Params().set({"scene": "tests.test_device_side:timeless"}), "sampled")
     endpoint = WorldEndpoint(world_session(setup, 7))
     side = world_side(setup, endpoint, np.random.default_rng(0), lambda sample: None)
-    with pytest.raises(HapnetError, match=r"the scene tests\.test_sides:timeless failed: next_step_s\(\) .*NaN"):
+    with pytest.raises(HapnetError, match=r"the scene tests\.test_device_side:timeless failed: next_step_s\(\) .*NaN"):
         side.next_step_ns()

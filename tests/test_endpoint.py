@@ -9,7 +9,7 @@ from hapnet.control.deadband import Deadband
 from hapnet.control.ledger import Ledger
 from hapnet.control.limits import Silence
 from hapnet.control.pspm import SetPositionModulator
-from hapnet.control.set_position_coupling import Coupling
+from hapnet.control.set_position_coupling import SetPositionCoupling, SetPositionSteps
 from hapnet.control.smoothing import Pipeline
 from hapnet.side.endpoint import BACKLOG, ControlHalf, DeviceEndpoint, WorldControl
 from hapnet.wire import messages
@@ -67,7 +67,7 @@ class Side:
         return peer
 
     def start(self) -> None:
-        self.endpoint.start(LawServo(self.law, period=1e-3, position=(0.0,), bound=0.0, force_limit=1.0))
+        self.endpoint.start(LawServo(self.law, period=1e-3, position=(0.0,), initial_energy=0.0, force_limit=1.0))
 
     def tick(self) -> Stream | None:
         self.now_ns += MS
@@ -200,10 +200,10 @@ def test_a_world_is_seen_before_pspm_and_after() -> None:
     A spring of 500 N/m, the mass 10 mm away: 25 mJ before PSPM lets it go to where the mass is, nothing after.
     """
     modulator = SetPositionModulator(stiffness=500.0, position=(0.0,), ceiling=0.1)
-    coupling = Coupling(modulator, stages=Pipeline([]), silence=Silence("hold", 1e9))
+    coupling = SetPositionCoupling(modulator, stages=Pipeline([]), silence=Silence("hold", 1e9))
     ledger = coupling.ledger = Watching()
     world = WorldControl(PositionStream(1))
-    world.start(coupling)
+    world.start(SetPositionSteps(coupling))
     world.pair(restarted=False)
     world.on_sample((0.01,), 0, 0)
     world.step(5 * MS, 5e-3, (0.01,), 0.001, 0.03, 0.0)
@@ -215,9 +215,9 @@ def test_a_world_is_seen_before_pspm_and_after() -> None:
 def test_what_pspm_throws_away_hides_no_energy_from_nothing() -> None:
     """25 mJ are in the spring that nobody put in; PSPM throws 30 mJ of credit away: after it, nothing is seen."""
     modulator = SetPositionModulator(stiffness=500.0, position=(0.0,), ceiling=0.1)
-    coupling = Coupling(modulator, stages=Pipeline([]), silence=Silence("hold", 1e9))
+    coupling = SetPositionCoupling(modulator, stages=Pipeline([]), silence=Silence("hold", 1e9))
     world = WorldControl(PositionStream(1))
-    world.start(coupling)
+    world.start(SetPositionSteps(coupling))
     world.pair(restarted=False)
     world.on_sample((0.01,), 0, 0)
     world.credit(30_000_000)

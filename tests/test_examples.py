@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import json
 import re
 import signal
 import subprocess
@@ -42,8 +43,8 @@ def numbers(pattern: str, text: str) -> list[tuple[float, ...]]:
     return [tuple(map(float, match.groups())) for match in found]
 
 
-def test_there_are_five() -> None:
-    assert set(EXAMPLES) == {"own_device", "own_world", "two_hosts", "link_study", "asyncio_program"}
+def test_there_are_six() -> None:
+    assert set(EXAMPLES) == {"own_device", "own_world", "own_law", "two_hosts", "link_study", "asyncio_program"}
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
@@ -94,6 +95,37 @@ def test_own_world(tmp_path: Path) -> None:
         assert felt_N == pytest.approx(K * (x - p), abs=0.05)
     ((out, bound, end),) = numbers("passive: True; at most # of d² = # mJ ever came out; margin # mJ at the end", said)
     assert 0.0 <= out < bound == 100.0 < end
+
+
+def test_own_law_over_zenoh(tmp_path: Path) -> None:
+    """Two processes. 100 N/m, softened by 40 + 10 ms each way: 100/(1 + 0.1/0.1); a law of one's own claims nothing."""
+    link = ("--delay", "40ms", "--jitter", "10ms", "--duration", "3", "--seed", "1")
+    argv = ["run", "--coupling", "examples.own_law:MINE", *link, "--json", "-", "--out", str(tmp_path / "run")]
+    done = subprocess.run(
+        [sys.executable, "-m", "hapnet", *argv],
+        cwd=tmp_path,
+        env=ENVIRONMENT,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 0, done.stderr
+    summary = json.loads(done.stdout)
+    assert summary["coupling"] == "examples.own_law:MINE"
+    assert summary["tuning"] == pytest.approx({"stiffness_N_m": 50.0, "damping_Ns_m": 1.5}, rel=0.05)
+    assert summary["motion"]["peak_force_N"] > 0.2
+    for way in ("up", "down"):
+        assert summary["links"][way]["delivered"] >= 50
+
+
+def test_own_law() -> None:
+    assert "came out" in run("own_law", cwd=ROOT)
+
+
+@pytest.mark.parametrize(("name", "says"), [("examples.own_law:Tuning", "type is none"), ("nowhere:X", "No module")])
+def test_a_law_that_is_none_is_refused_with_its_name(name: str, says: str) -> None:
+    with pytest.raises(hapnet.InvalidParameter, match=rf"coupling is '{name}'; allowed: one of pspm, .*{says}"):
+        hapnet.simulate(hapnet.Params(coupling=name), seed=1)
 
 
 def test_own_world_on_the_command_line(tmp_path: Path) -> None:

@@ -175,7 +175,7 @@ def test_a_stale_position_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_wave_that_counts_twice_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ReplayWindow, "first", lambda self, number: True)
+    monkeypatch.setattr(ReplayWindow, "accept", lambda self, number: True)
     assert "dropped: False" in found("wave")
 
 

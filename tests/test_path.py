@@ -24,7 +24,7 @@ AHEAD = {"device": 5_000_000_000, "world": 987_654_321_000_000}
 PERIODS = {"device": 5 * MS, "world": 30 * MS}
 
 
-class Coupling:
+class SetPositionCoupling:
     """A coupling of which nothing is asked but to take what comes."""
 
     def receive(self, datum: Vector, sent_s: float) -> None:
@@ -44,7 +44,7 @@ class Side(ControlHalf, WireHalf):
         session = Session(role=role, dof=1, name=role, incarnation=incarnation)
         ControlHalf.__init__(self, session.positions)
         WireHalf.__init__(self, session, self)
-        self._coupling: Any = Coupling()
+        self._coupling: Any = SetPositionCoupling()
 
     def speak(self, now_ns: int) -> bytes:
         self._take()

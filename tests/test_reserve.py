@@ -13,7 +13,7 @@ from hapnet.checks import Vector
 from hapnet.control.limits import Silence
 from hapnet.control.pspm import SetPositionModulator
 from hapnet.control.reserve import ForceGuard, Holding, longest, ramp, reserve
-from hapnet.control.set_position_coupling import Coupling
+from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.control.set_position_servo import SampledServo
 from hapnet.control.smoothing import Pipeline
 from tests.conftest import random_spd
@@ -135,7 +135,7 @@ def test_a_sampled_servo_never_overdraws_its_account_nor_steps_too_far(seed: int
         stiffness=float(np.linalg.eigvalsh(K)[-1]), damping=B, speed=speed, period=period, hold=period,
         limit=limit, step=step,
     )  # fmt: skip
-    coupling = Coupling(
+    coupling = SetPositionCoupling(
         SetPositionModulator(
             stiffness=K, position=np.zeros(n), ceiling=ceiling, shuffle="all" if seed % 2 else "harvested",
             force_limit=None if limit == math.inf else 0.9 * limit, reserve=min(needed, ceiling / 2.0),
@@ -183,7 +183,7 @@ def test_an_empty_account_needs_a_microjoule_to_render_a_force_again(credited_J:
     holds 3 N, which takes 3 mJ, after 44 ticks. With nothing the set-position comes along, and there is no force.
     """
     guard = ForceGuard(limit=3.0, reach=1e-3)
-    coupling = Coupling(
+    coupling = SetPositionCoupling(
         SetPositionModulator(stiffness=600.0, position=[0.0], ceiling=0.05, energy=0.0, force_limit=2.7),
         stages=Pipeline(), silence=Silence("hold", 1.0),
     )  # fmt: skip

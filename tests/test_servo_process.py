@@ -314,7 +314,7 @@ def test_what_fails_outside_is_told_and_ends_nothing_else(running: Running) -> N
         raise broken
 
     servo = running.servo
-    servo._outlet = dataclasses.replace(servo._outlet, send=send)
+    servo._callbacks = dataclasses.replace(servo._callbacks, send=send)
     running.paired()
     until(lambda: bool(running.errors))
     assert running.errors[0] is broken

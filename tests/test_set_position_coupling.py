@@ -9,7 +9,7 @@ import pytest
 
 from hapnet.control.limits import OnSilence, Silence
 from hapnet.control.pspm import SetPositionModulator
-from hapnet.control.set_position_coupling import Coupling
+from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.control.smoothing import Pipeline, SmoothingFilter
 from hapnet.control.zoh import ZeroOrderHold
 from hapnet.mechanics.spring import Spring
@@ -18,9 +18,9 @@ from tests.conftest import random_spd
 
 def coupling(
     *, ceiling: float = 0.05, smoothing: float = 0.0, policy: OnSilence = "hold", longest: float = math.inf
-) -> Coupling:
+) -> SetPositionCoupling:
     """K = 100 N/m, from rest at 0."""
-    return Coupling(
+    return SetPositionCoupling(
         SetPositionModulator(stiffness=100.0, position=[0.0], ceiling=ceiling),
         stages=Pipeline([SmoothingFilter(smoothing)] if smoothing else []),
         silence=Silence(policy, 0.02),
@@ -138,7 +138,9 @@ def test_a_release_forgets_what_came_before_it() -> None:
 
 
 def test_switched_off_it_follows_at_any_price() -> None:
-    c = Coupling(ZeroOrderHold(Spring(100.0, 1), (0.0,), 0.05), stages=Pipeline(), silence=Silence("hold", 1.0))
+    c = SetPositionCoupling(
+        ZeroOrderHold(Spring(100.0, 1), (0.0,), 0.05), stages=Pipeline(), silence=Silence("hold", 1.0)
+    )
     c.receive((1.0,), 1.0)
     c.credit(0.3)
     result = c.update(0.005, (0.0,), 0.2)
@@ -161,7 +163,7 @@ def test_the_ledger_balances_whatever_happens(seed: int) -> None:
         ceiling=float(rng.uniform(0.0, 0.05)),
         shuffle=shuffle,  # type: ignore[arg-type]
     )
-    c = Coupling(
+    c = SetPositionCoupling(
         modulator, stages=Pipeline(), silence=Silence("release", 0.02), longest_step=float(rng.choice([0.01, math.inf]))
     )
     x = np.zeros(n)
@@ -203,13 +205,13 @@ def test_what_is_shared_with_a_peer_that_begins_with_nothing_is_sent_and_leaves_
 
 def test_without_pspm_nothing_is_shared() -> None:
     zoh = ZeroOrderHold(Spring(100.0, 1), (0.0,), 0.05)
-    c = Coupling(zoh, stages=Pipeline([]), silence=Silence("hold", 0.1))
+    c = SetPositionCoupling(zoh, stages=Pipeline([]), silence=Silence("hold", 0.1))
     assert (c.on_peer_changed(), c.ledger.sent, c.account) == (0.0, 0.0, 0.05)
 
 
 def test_of_the_last_energy_each_new_peer_gets_a_little() -> None:
     """A hundredth of 0.1 mJ is 1 uJ; after a hundred peers 37 % are left (0.99^100), a nanojoule is far away."""
-    c = Coupling(
+    c = SetPositionCoupling(
         SetPositionModulator(stiffness=100.0, position=[0.0], ceiling=0.05, reserve=1e-4),
         stages=Pipeline(), silence=Silence("hold", 1.0), kept_for_peers=1e-4,
     )  # fmt: skip

@@ -16,7 +16,7 @@ import pytest
 
 from hapnet.checks import Vector
 from hapnet.control.pspm import Modulation
-from hapnet.control.set_position_coupling import Coupling
+from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.couplings import held_torque
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
@@ -139,11 +139,11 @@ class Watch:
     """What each side harvested by its own balance, D - Pbar of every update, and what the hand put in [J]."""
 
     def __init__(self, patch: pytest.MonkeyPatch) -> None:
-        self.harvested: dict[Coupling, float] = {}
+        self.harvested: dict[SetPositionCoupling, float] = {}
         self.hand = 0.0
-        update, run = Coupling.update, SimulatedDevice.run
+        update, run = SetPositionCoupling.update, SimulatedDevice.run
 
-        def watched_update(coupling: Coupling, dt: float, x: Vector, dissipated: float) -> Modulation:
+        def watched_update(coupling: SetPositionCoupling, dt: float, x: Vector, dissipated: float) -> Modulation:
             result = update(coupling, dt, x, dissipated)
             gain = max(0.0, dissipated - result.jump)
             self.harvested[coupling] = self.harvested.get(coupling, 0.0) + gain
@@ -154,7 +154,7 @@ class Watch:
             self.hand += sum(max(0.0, tick[0]) for tick in lived)
             return lived
 
-        patch.setattr(Coupling, "update", watched_update)
+        patch.setattr(SetPositionCoupling, "update", watched_update)
         patch.setattr(SimulatedDevice, "run", watched_run)
 
 

@@ -525,21 +525,21 @@ def test_the_position_drifts_by_every_contact_and_more_on_a_slow_link() -> None:
 
 def test_the_rule_damps_critically_and_what_the_user_gives_overrides_it() -> None:
     tuning = prepare(Params().set({"coupling": "tdpa"})).tuning
-    assert tuning["stiffness_N_m"] == 100.0
-    assert tuning["damping_Ns_m"] == pytest.approx(2.0 * math.sqrt(100.0 * 0.02))
-    assert tuning["damping_cap_Ns_m"] == 5.0
+    assert tuning.stiffness_N_m == 100.0
+    assert tuning.damping_Ns_m == pytest.approx(2.0 * math.sqrt(100.0 * 0.02))
+    assert tuning.damping_cap_Ns_m == 5.0
     heavy = prepare(Params().set({"coupling": "tdpa", "world.mass": 2.0, "device.mass": 0.003})).tuning
-    assert heavy["damping_Ns_m"] == 5.0
-    assert heavy["damping_cap_Ns_m"] == pytest.approx(3.0)
+    assert heavy.damping_Ns_m == 5.0
+    assert heavy.damping_cap_Ns_m == pytest.approx(3.0)
     axes = prepare(Params().set({"coupling": "tdpa", "dof": 3, "world.mass": (0.01, 0.03, 0.02)})).tuning
-    assert axes["damping_Ns_m"] == pytest.approx(2.0 * math.sqrt(100.0 * 0.03))
+    assert axes.damping_Ns_m == pytest.approx(2.0 * math.sqrt(100.0 * 0.03))
     rotated = ((0.02, 0.01, 0.0), (0.01, 0.02, 0.0), (0.0, 0.0, 0.01))  # 0.03 kg along (1, 1, 0)
     matrix = prepare(Params().set({"coupling": "tdpa", "dof": 3, "world.mass": rotated})).tuning
-    assert matrix["damping_Ns_m"] == pytest.approx(2.0 * math.sqrt(100.0 * 0.03))
+    assert matrix.damping_Ns_m == pytest.approx(2.0 * math.sqrt(100.0 * 0.03))
     own = prepare(
         Params().set({"coupling": "tdpa", "tdpa.stiffness": 50.0, "tdpa.damping": 1.0, "tdpa.damping_cap": 2.0})
     ).tuning
-    assert (own["stiffness_N_m"], own["damping_Ns_m"], own["damping_cap_Ns_m"]) == (50.0, 1.0, 2.0)
+    assert (own.stiffness_N_m, own.damping_Ns_m, own.damping_cap_Ns_m) == (50.0, 1.0, 2.0)
 
 
 # -- long ------------------------------------------------------------------------------------------------------------

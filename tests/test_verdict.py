@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import random
+from dataclasses import asdict
 from typing import Any
 
 import pytest
@@ -188,14 +189,14 @@ def test_what_is_claimed_of_a_coupling_on_a_link(coupling: str, changes: dict[st
     params = Params().set({"coupling": coupling, **changes})
     tuning = prepare(params, "continuous").tuning
     assert COUPLINGS[coupling].covers(params, tuning, True) == claimed
-    failed = but({"coupling": coupling, "tuning": dict(tuning), "theorem.margin_J": -0.5})
+    failed = but({"coupling": coupling, "tuning": asdict(tuning), "theorem.margin_J": -0.5})
     assert broken(failed, params, virtual=True) == claimed
     if coupling == "pd":
         assert not broken(failed, params, virtual=False)  # nobody vouches for a real network's delay
 
 
 def test_a_debt_that_is_claimed_to_be_possible_is_no_broken_claim() -> None:
-    tuning = {"debt_limit_J": 0.02}
+    tuning = asdict(prepare(Params().set({"coupling": "tdpa", "tdpa.debt_limit_J": 0.02})).tuning)
     for margin, failed in ((-0.039, False), (-0.041, True)):
         summary = but({"coupling": "tdpa", "tuning": tuning, "theorem.margin_J": margin})
         assert judge(summary)["passive"] is False

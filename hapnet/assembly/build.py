@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -11,26 +10,20 @@ from typing import Any, cast
 
 import numpy as np
 
-from hapnet import checks
 from hapnet.assembly.operators import LIVE as LIVE
 from hapnet.assembly.operators import operator
 from hapnet.assembly.units import check_units
 from hapnet.assembly.user_device import OwnDevice
 from hapnet.checks import Vector
-from hapnet.control.coupling import LawServo, WorldCouplingAccount
-from hapnet.control.limits import OnSilence, Silence
-from hapnet.control.reserve import ForceGuard, Holding
-from hapnet.control.set_position_coupling import Coupling
-from hapnet.control.set_position_servo import ContinuousServo, Harvest, SampledServo
-from hapnet.control.smoothing import Pipeline, SmoothingFilter, Stage, VelocityPredictor
+from hapnet.control.coupling import DeviceCoupling, WorldCoupling
+from hapnet.control.set_position_servo import ContinuousServo, Harvest
 from hapnet.couplings import held_torque
 from hapnet.couplings.deadband import deadband
 from hapnet.couplings.link_delays import delays
-from hapnet.couplings.registry import COUPLINGS, CouplingSpec
-from hapnet.couplings.tuning import Tuning
+from hapnet.couplings.registry import coupling
+from hapnet.couplings.spec import CouplingSpec, CouplingStart
 from hapnet.errors import InvalidParameter
-from hapnet.mechanics.spring import Spring, shared_spring
-from hapnet.params import DeviceParams, Params, WorldParams
+from hapnet.params import Params
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.live_hand import LiveHand
@@ -59,10 +52,6 @@ _SET_POSITIONS_ONLY = {"smoothing_s": 0.0, "predict_s": 0.0, "on_silence": "hold
 """What works on received set-positions, and its value where a law takes something else."""
 
 
-_KEPT_FOR_PEERS = 0.002
-"""This share of its ceiling the world keeps for devices that start again: an empty account renders no force at all."""
-
-
 @dataclass(frozen=True)
 class Setup:
     """Parameters, checked as a whole, with what follows from them."""
@@ -71,9 +60,8 @@ class Setup:
     scene: Scene
     servo: str
     harvest: Harvest
-    kind: CouplingSpec
-    """The coupling."""
-    tuning: Tuning
+    coupling: CouplingSpec[Any]
+    tuning: Any
     """What the coupling's own rule makes of the link."""
     up: LinkProfile
     down: LinkProfile
@@ -84,6 +72,11 @@ class Setup:
     @property
     def dof(self) -> int:
         return self.scene.dof
+
+    @property
+    def tuned(self) -> dict[str, Any]:
+        """The tuning by its fields' names, as recordings and summaries tell it."""
+        return dataclasses.asdict(self.tuning)
 
 
 def prepare(params: Params, default_servo: str = "sampled") -> Setup:
@@ -96,11 +89,11 @@ def prepare(params: Params, default_servo: str = "sampled") -> Setup:
     scene, warnings = _scene(params)
     check_units(params, scene.dof)
     device = params.device
-    kind = COUPLINGS[params.coupling]
+    spec = coupling(params.coupling)
     servo = device.servo
     if servo == "auto":
-        servo = default_servo if kind.device is None else "sampled"
-    elif servo == "continuous" and kind.device is not None:
+        servo = default_servo if spec.continuous is not None else "sampled"
+    elif servo == "continuous" and spec.continuous is None:
         raise InvalidParameter("device.servo", servo, f"sampled with the coupling {params.coupling}")
     harvest = cast(
         Harvest, ("range" if servo == "continuous" else "measured") if device.harvest == "auto" else device.harvest
@@ -114,8 +107,8 @@ def prepare(params: Params, default_servo: str = "sampled") -> Setup:
         raise InvalidParameter("device.watchdog_s", device.watchdog_s, "0 (off), or a period of the servo or more")
     if harvest == "range" and device.trusted_damping:
         raise InvalidParameter("device.trusted_damping", device.trusted_damping, "0 with the range harvest")
-    for name, side, law in (("device", device, kind.device), ("world", params.world, kind.world)):
-        for field_name, plain in _SET_POSITIONS_ONLY.items() if law is not None else ():
+    for name, side in (("device", device), ("world", params.world)):
+        for field_name, plain in _SET_POSITIONS_ONLY.items() if name not in spec.set_positions else ():
             if (value := getattr(side, field_name)) != plain:
                 raise InvalidParameter(f"{name}.{field_name}", value, f"{plain} with the coupling {params.coupling}")
         if side.on_silence == "release" and not side.step_limit_N:
@@ -124,14 +117,14 @@ def prepare(params: Params, default_servo: str = "sampled") -> Setup:
             )
     if params.hardware != "simulated" and servo != "sampled":
         raise InvalidParameter("device.servo", servo, "sampled with a device of your own")
-    if servo == "sampled" and kind.limited:
+    if servo == "sampled" and spec.limited:
         known = device if params.hardware == "simulated" else dataclasses.replace(device, mass=held_torque.UNKNOWN_MASS)
         warnings.extend(held_torque.check(known, harvest, scene.dof))
     up, down = link_profile("link.up", params.link.up), link_profile("link.down", params.link.down)
-    tuning = kind.tune(params, delays(up, down, params.link.path_s))
-    warnings.extend(kind.warn(params, tuning))
+    tuning = spec.tune(params, delays(up, down, params.link.path_s))
+    warnings.extend(spec.warn(params, tuning))
     timelines = (_timeline(params.link.up_timeline), _timeline(params.link.down_timeline))
-    return Setup(params, scene, servo, harvest, kind, tuning, up, down, *timelines, tuple(warnings))
+    return Setup(params, scene, servo, harvest, spec, tuning, up, down, *timelines, tuple(warnings))
 
 
 def link_profile(name: str, words: str) -> LinkProfile:
@@ -184,12 +177,12 @@ def device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Writ
         raise InvalidParameter("operator", params.operator, f"a hand with {setup.dof} axes, as the scene has")
     drive = _drive(setup, clock, write)
     if setup.servo == "continuous":
-        make = _continuous_servo(setup)
+        make = _continuous(setup)
         with _named("device"):
             make(simulated.position, 0.0, False)  # so that what is wrong is said now and not at pairing
         side: DeviceSide = ContinuousDeviceSide(endpoint, simulated, make, drive)
     else:
-        hold = _sampled_servo(setup)
+        hold = _held(setup)
         with _named("device"):
             hold(simulated.position, False)
         side = SampledDeviceSide(endpoint, simulated, hold, drive)
@@ -222,7 +215,7 @@ def _own_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write:
         greatest_speed=device.greatest_speed or params.device.greatest_speed,
         mass=device.smallest_mass or held_torque.UNKNOWN_MASS,
     )
-    hold = _sampled_servo(dataclasses.replace(setup, params=dataclasses.replace(params, device=own)))
+    hold = _held(dataclasses.replace(setup, params=dataclasses.replace(params, device=own)))
     with _named("device"):
         hold((0.0,) * setup.dof, False)
     return SampledDeviceSide(
@@ -242,23 +235,33 @@ def world_side(setup: Setup, endpoint: WorldControl, rng: np.random.Generator, w
         mass = PassiveIntegrator(world.mass, world.damping, world.stiffness, setup.scene.start)
     mass.adopt(setup.scene.contacts)
 
-    def make_coupling(position: Vector, kinetic: float, empty: bool = False) -> Coupling | WorldCouplingAccount:
-        if setup.kind.world is not None:
-            law = setup.kind.world(setup.params, setup.tuning, position)
-            return WorldCouplingAccount(law, 0.0 if empty else world.ceiling_J)
-        spring = shared_spring(world.stiffness, setup.dof)
-        kept = world.ceiling_J * _KEPT_FOR_PEERS
-        return Coupling(
-            setup.kind.modulator(world, spring, position, None, 0.0 if empty else world.ceiling_J, kept),
-            stages=_stages(world),
-            silence=Silence(cast(OnSilence, world.on_silence), world.silence_after_s),
-            longest_step=_longest_step(setup, world, spring),
-            kinetic=kinetic,
-            kept_for_peers=kept,
-        )
+    def make_coupling(position: Vector, kinetic: float, empty: bool = False) -> WorldCoupling:
+        energy = 0.0 if empty else world.ceiling_J
+        return setup.coupling.world(CouplingStart(setup.params, setup.tuning, position, energy, kinetic))
 
     make_coupling(mass.position, 0.0)  # so that what is wrong is said now and not at pairing
     return WorldSide(endpoint, mass, setup.scene, make_coupling, rng=rng, write=write, name=setup.params.scene)
+
+
+def _continuous(setup: Setup) -> Callable[[Vector, float, bool], ContinuousServo]:
+    make_servo, params = setup.coupling.continuous, setup.params
+    assert make_servo is not None, "refused by prepare"
+
+    def make(position: Vector, kinetic: float, empty: bool = False) -> ContinuousServo:
+        energy = 0.0 if empty else params.device.ceiling_J
+        return make_servo(CouplingStart(params, setup.tuning, position, energy, kinetic, setup.harvest))
+
+    return make
+
+
+def _held(setup: Setup) -> Callable[[Vector, bool], DeviceCoupling]:
+    params = setup.params
+
+    def make(position: Vector, empty: bool = False) -> DeviceCoupling:
+        energy = 0.0 if empty else params.device.ceiling_J
+        return setup.coupling.device(CouplingStart(params, setup.tuning, position, energy, harvest=setup.harvest))
+
+    return make
 
 
 def _session(setup: Setup, role: Role, name: str, incarnation: int) -> Session:
@@ -273,7 +276,7 @@ def _session(setup: Setup, role: Role, name: str, incarnation: int) -> Session:
             "scene": setup.params.scene,
             "coupling": setup.params.coupling,
             RESERVOIR: side.ceiling_J,
-            **{SHARED + name: setup.tuning[name] for name in setup.kind.shared},
+            **{SHARED + name: getattr(setup.tuning, name) for name in setup.coupling.shared},
         },
         settings=SessionSettings(
             accept_stale=wire.accept_stale,
@@ -282,88 +285,9 @@ def _session(setup: Setup, role: Role, name: str, incarnation: int) -> Session:
             hello_period_ns=round(wire.hello_period_s / NANO),
             spacing_ns=round(wire.energy_spacing_s / NANO),
             silence_ns=round(side.silence_after_s / NANO),
-            expects=setup.kind.world_sends if role == "device" else setup.kind.device_sends,
+            expects=setup.coupling.world_sends if role == "device" else setup.coupling.device_sends,
         ),
     )
-
-
-def _continuous_servo(setup: Setup) -> Callable[[Vector, float, bool], ContinuousServo]:
-    device = setup.params.device
-    damping = checks.diagonal("device.damping", device.damping, setup.dof)
-
-    def make(position: Vector, kinetic: float, empty: bool = False) -> ContinuousServo:
-        return ContinuousServo(
-            _device_coupling(setup, position, kinetic, empty), damping=damping, period=device.pspm_period_s
-        )
-
-    return make
-
-
-def _sampled_servo(setup: Setup) -> Callable[[Vector, bool], SampledServo | LawServo]:
-    device = setup.params.device
-    damping = checks.diagonal("device.damping", device.damping, setup.dof)
-
-    held = _held(setup)
-
-    def make(position: Vector, empty: bool = False) -> SampledServo | LawServo:
-        if setup.kind.device is not None:
-            return LawServo(
-                setup.kind.device(setup.params, setup.tuning, position),
-                period=device.pspm_period_s,
-                position=position,
-                bound=0.0 if empty else device.ceiling_J,
-                force_limit=device.force_limit_N or math.inf,
-            )
-        guard, holding = held or (ForceGuard(limit=device.force_limit_N or math.inf), None)
-        return SampledServo(
-            _device_coupling(setup, position, 0.0, empty, 0.0 if holding is None else holding.reserve),
-            damping=damping,
-            period=device.pspm_period_s,
-            position=position,
-            harvest=setup.harvest,
-            trusted_damping=(device.trusted_damping,) * setup.dof,
-            guard=guard,
-            holding=holding,
-            resolution=device.resolution_m,
-        )
-
-    return make
-
-
-def _held(setup: Setup) -> tuple[ForceGuard, Holding] | None:
-    """What keeps a held torque to its limits and to its account; None: nothing keeps this coupling to them."""
-    if not setup.kind.limited:
-        return None
-    return held_torque.guard(setup.params.device, setup.harvest, setup.dof)
-
-
-def _device_coupling(setup: Setup, position: Vector, kinetic: float, empty: bool, reserve: float = 0.0) -> Coupling:
-    device = setup.params.device
-    limit = device.force_limit_N * device.spring_share or None
-    spring = shared_spring(device.stiffness, setup.dof, limit)
-    return Coupling(
-        setup.kind.modulator(device, spring, position, limit, 0.0 if empty else device.ceiling_J, reserve),
-        stages=_stages(device),
-        silence=Silence(cast(OnSilence, device.on_silence), device.silence_after_s),
-        longest_step=_longest_step(setup, device, spring),
-        kinetic=kinetic,
-    )
-
-
-def _longest_step(setup: Setup, side: DeviceParams | WorldParams, spring: Spring) -> float:
-    """How far ybar may move in an update [m], so that the spring's force steps by no more than its limit."""
-    if not setup.kind.limited or not side.step_limit_N:
-        return math.inf
-    return side.step_limit_N / spring.ellipsoid.largest
-
-
-def _stages(side: DeviceParams | WorldParams) -> Pipeline:
-    stages: list[Stage] = []
-    if side.predict_s:
-        stages.append(VelocityPredictor(side.predict_s))
-    if side.smoothing_s:
-        stages.append(SmoothingFilter(side.smoothing_s))
-    return Pipeline(stages)
 
 
 def _scene(params: Params) -> tuple[Scene, list[str]]:

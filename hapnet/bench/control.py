@@ -14,7 +14,7 @@ from hapnet.checks import Array, Vector
 from hapnet.control.limits import Silence
 from hapnet.control.pspm import SetPositionModulator
 from hapnet.control.reserve import ForceGuard
-from hapnet.control.set_position_coupling import Coupling
+from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.control.set_position_servo import SampledServo
 from hapnet.control.smoothing import Pipeline
 from hapnet.side.endpoint import DeviceEndpoint
@@ -28,7 +28,7 @@ def device_tick(options: Options) -> Row:
     """A tick of `DeviceEndpoint` with three axes when PSPM does not run: PD, force limit, harvest and ledger."""
     origin = (0.0, 0.0, 0.0)
     modulator = SetPositionModulator(stiffness=_K, position=origin, force_limit=3.0)
-    coupling = Coupling(modulator, stages=Pipeline([]), silence=Silence("hold", _NEVER_S))
+    coupling = SetPositionCoupling(modulator, stages=Pipeline([]), silence=Silence("hold", _NEVER_S))
     servo = SampledServo(coupling, damping=(_B,) * 3, period=_NEVER_S, position=origin, guard=ForceGuard(limit=3.3))
     endpoint = DeviceEndpoint(Session(role="device", dof=3, name="bench", incarnation=1))
     endpoint.start(servo)

@@ -13,7 +13,7 @@ import typer
 from hapnet.commands import complete, output
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
-from hapnet.params import Params
+from hapnet.params import COUPLING_NAMES, Params
 from netem.profile import PRESETS
 from netem.units import format_path
 
@@ -52,7 +52,7 @@ class CompareOptions:
         typer.Option(
             help="Again for more, or with commas; all by default.",
             rich_help_panel=_LINKS,
-            autocompletion=complete.choices("coupling"),
+            autocompletion=complete.words(*COUPLING_NAMES),
         ),
     ] = None
     link: Annotated[
@@ -187,6 +187,7 @@ def plan_of(params: Params, given: CompareOptions) -> Plan:
     InvalidParameter, netem.NetemError : in one line, what is wrong and what is allowed.
     """
     from hapnet.commands.batch import seed_range
+    from hapnet.couplings.registry import coupling
     from hapnet.simulation.simulation import Simulation
     from hapnet.study.compare import Plan, Variant
 
@@ -195,19 +196,17 @@ def plan_of(params: Params, given: CompareOptions) -> Plan:
     for name, flag in _OWN.items():
         if params.get(name) != BASE.get(name):
             raise InvalidParameter(name, params.get(name), f"what {flag} says, in a comparison")
-    known = complete.choices("coupling")()
     chosen = [name.strip() for names in given.coupling or () for name in names.split(",")]
     for name in chosen:
-        if name not in known:
-            raise InvalidParameter("--coupling", name, "one of " + ", ".join(known))
+        coupling(name)
     plan = Plan(
         params,
-        tuple(dict.fromkeys(chosen or known)),
+        tuple(dict.fromkeys(chosen or COUPLING_NAMES)),
         links_of(given.link, given.trace or ()),
         tuple(dict.fromkeys(given.operator or OPERATORS)),
         tuple(seed_range(given.seeds)),
         (0.0,) if given.deadband is None else tuple(dict.fromkeys(deadbands(given.deadband))),
-        (Variant((chosen or known)[0], NOTICED),) if given.deadband is None else (),
+        (Variant((chosen or COUPLING_NAMES)[0], NOTICED),) if given.deadband is None else (),
     )
     first = plan.cases()[0]
     for link in plan.links:

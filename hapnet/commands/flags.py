@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from hapnet.commands import complete
+from hapnet.params import COUPLING_NAMES
 
 _LINK = "Link, emulated"
 _ZENOH = "Zenoh"
@@ -30,8 +31,10 @@ Hardware = Annotated[
 Coupling = Annotated[
     str | None,
     typer.Option(
-        help="pspm; to compare with: zoh (a plain virtual coupling), popc, tdpa, eba, wave, digital-wave, pd.",
-        autocompletion=complete.choices("coupling"),
+        metavar="NAME",
+        help="pspm; to compare with: zoh (a plain virtual coupling), popc, tdpa, eba, wave, digital-wave, pd, or "
+        "MODULE:NAME of your own.",
+        autocompletion=complete.words(*COUPLING_NAMES),
     ),
 ]
 ServoKind = Annotated[

@@ -1,21 +1,27 @@
-"""Couplings other than set-position modulation, behind one small interface: what a law does at each end.
+"""What every coupling is, whatever its law: what a device's servo and a world's steps ask of it.
 
-At the device a law says which force to hold, tick by tick. At the world a step of the virtual mass M is
+A coupling has two ends. The device's is asked at each tick which force to hold, the world's how each step of the
+virtual mass is made. Either end tells the other samples of its own kind, and may shuffle energy to it. What of an end
+is seen by the rest of a side, its account and its set-position, is its `CouplingState`.
+
+Most laws need less: `DeviceLaw` and `WorldLaw` below, which `LawServo` and `LawSteps` make into the two ends. There a
+step of the virtual mass M is
 
     (2M/T + g) vhat = 2M/T v + p + f                    g: drag [Ns/m], p: push [N], f: of the environment [N]
 
-and a law says g and p of each step: so its reaction to the mass may be implicit, and a step may take any time T. What
-either end tells the other is a datum of the law's own kind, which travels in a message of its own.
+and a law says g and p of each step: so its reaction to the mass may be implicit, and a step may take any time T.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from operator import mul, sub
-from typing import NamedTuple, Protocol
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 from hapnet.checks import Vector
 from hapnet.control.ledger import Ledger
-from hapnet.control.set_position_servo import TICK_SLACK_S
+
+TICK_SLACK_S = 1e-9  # s: a clock of whole nanoseconds may call a period a nanosecond short
 
 
 class Motion(NamedTuple):
@@ -43,8 +49,32 @@ CouplingSample = Vector | Motion | Port | Wave
 """What one side tells the other: a bare vector is a position [m]."""
 
 
-class Law(Protocol):
-    """What both ends have. A law starts at rest at the position that it is made with."""
+def vector_of(sample: CouplingSample) -> Vector:
+    """The vector of a sample: position, port's value or wave."""
+    match sample:
+        case Motion(vector, _) | Port(vector, _) | Wave(vector, _):
+            return vector
+        case _:
+            return sample
+
+
+class Update(NamedTuple):
+    """What an update of either end brings: what to tell the other side, and energy to shuffle to it [J]."""
+
+    sample: CouplingSample
+    shuffled: float = 0.0
+
+
+class CouplingState(Protocol):
+    """What a side's runtime, record and summary know of a coupling's end."""
+
+    ledger: Ledger
+    energy_min: float
+    """The least that the reservoir held [J]."""
+    deficit_max: float
+    discarded: float
+    account: float
+    """The reservoir's content as the ledger counts it [J]."""
 
     @property
     def set_position(self) -> Vector:
@@ -53,8 +83,107 @@ class Law(Protocol):
         Its distance is to the position what the force is to the coupling's stiffness: a deadband takes it for that.
         """
 
-    def receive(self, datum: CouplingSample) -> None:
-        """One datum came from the other side; it is never called twice for one, nor for those of an earlier peer."""
+    @property
+    def target(self) -> Vector:
+        """Where its spring would be tied if the energy were there [m]."""
+
+    @property
+    def reservoir(self) -> float: ...
+    @property
+    def deficit(self) -> float: ...
+
+    def potential(self, x: Vector) -> float:
+        """What its spring holds at x [J]."""
+
+    def receive(self, sample: CouplingSample, sent_s: float) -> None:
+        """A sample came, sent at `sent_s` on the other side's clock [s]; never twice, nor of an earlier peer."""
+
+    def credit(self, energy: float) -> None:
+        """Shuffled energy came [J]; the next update uses it, once."""
+
+    def on_peer_changed(self) -> float:
+        """Another peer, whose counts begin anew, takes the first one's place; the energy to shuffle to it [J]."""
+
+
+class DeviceCoupling(Protocol):
+    """A device's end whose force is held from tick to tick; its account is at the actuator's port."""
+
+    force: Vector
+    """Held now [N]. Whoever knows better what the actuators really give sets it, before the next tick."""
+    trusted_damping: Vector
+
+    @property
+    def harvest(self) -> str:
+        """ "measured": what a held force dissipates is measured; "range": bounded by (10)."""
+
+    @property
+    def coupling(self) -> CouplingState: ...
+    @property
+    def account(self) -> float:
+        """The reservoir's content with the harvest of the running interval [J]."""
+
+    @property
+    def quantisation(self) -> float | None:
+        """How far the true slack can lie below the measured one, by whole counts of encoders [J]; None: unknown."""
+
+    def figures(self) -> dict[str, Any]:
+        """What the summary says of held forces, by the summary's keys; empty if it keeps no such account."""
+
+    def tick(self, dt: float, x: Vector, v: Vector, *, release: bool = False) -> Update | None:
+        """A tick `dt` seconds after the last at x [m] and v [m/s]; sets `force`; what to tell, if it is time.
+
+        `release`: the servo was away, no force is rendered until it is on time again.
+        """
+
+    def stop(self) -> None:
+        """No force from now until the next tick."""
+
+
+class Step(Protocol):
+    """A step of the virtual mass that is over."""
+
+    @property
+    def velocity(self) -> Vector: ...
+    @property
+    def position(self) -> Vector: ...
+
+
+S = TypeVar("S", bound=Step, covariant=True)
+
+
+class Mass(Protocol[S]):
+    """The virtual mass, as the world's end of a coupling moves it: see hapnet/plant/integrator.py."""
+
+    @property
+    def velocity(self) -> Vector: ...
+    def step(self, dt: float, set_position: Vector, contacts: Any) -> S:
+        """A step with the mass's own spring and damper, tied to `set_position`."""
+
+    def push(self, dt: float, drag: float, push: Vector, contacts: Any) -> S:
+        """A step with the drag [Ns/m] and the push [N] of a law."""
+
+
+class WorldCoupling(Protocol):
+    """The world's end."""
+
+    @property
+    def coupling(self) -> CouplingState: ...
+    def advance(self, mass: Mass[S], dt: float, contacts: Any) -> S:
+        """The step that took `dt` seconds [s]: moves the mass."""
+
+    def update(self, dt: float, x: Vector, dissipated: float) -> Update:
+        """The onset of the next step, x(k) [m] and D(k-1) [J]: what has arrived by now acts in it."""
+
+
+class Law(Protocol):
+    """What both ends of a law have. It starts at rest at the position that it is made with."""
+
+    @property
+    def set_position(self) -> Vector:
+        """As `CouplingState.set_position`."""
+
+    def receive(self, sample: CouplingSample) -> None:
+        """As `CouplingState.receive`."""
 
     def on_peer_changed(self) -> None:
         """Another peer, whose counts begin anew, takes the first one's place."""
@@ -95,18 +224,21 @@ class WorldLaw(Law, Protocol):
         """What to tell the device now, after each step."""
 
 
-class CouplingAccount:
-    """A law's account, and what a recording shows of it: to the rest of a side what `Coupling` is with PSPM.
+L = TypeVar("L", bound=Law)
+
+
+class LawState(Generic[L]):
+    """A law's `CouplingState`: it has no reservoir, but the same share of d^2 as PSPM, so that counts compare.
 
     Parameters
     ----------
-    law : this end's. bound : this side's share of d^2 [J], the same as PSPM's reservoir starts with.
+    law : this end's. initial_energy : this side's share of d^2 [J].
     """
 
-    def __init__(self, law: Law, bound: float) -> None:
+    def __init__(self, law: L, initial_energy: float) -> None:
         self.law = law
-        self.ledger = Ledger(0.0, bound)
-        self.account = self.reservoir = self.energy_min = bound
+        self.ledger = Ledger(0.0, initial_energy)
+        self.account = self.reservoir = self.energy_min = initial_energy
         self.deficit = self.deficit_max = self.discarded = 0.0
 
     @property
@@ -121,41 +253,51 @@ class CouplingAccount:
         """Nothing: a law's springs are its own affair [J]."""
         return 0.0
 
+    def receive(self, sample: CouplingSample, sent_s: float) -> None:
+        self.law.receive(sample)
+
     def credit(self, energy: float) -> None:
         """Shuffled energy has no use here; nobody sends any [J]."""
 
     def on_peer_changed(self) -> float:
-        """Another peer; what it gets of a reservoir: nothing [J]."""
+        """Tells the law; there is no reservoir to share [J]."""
         self.law.on_peer_changed()
         return 0.0
 
-    def receive(self, datum: CouplingSample, sent_s: float) -> None:
-        """A datum arrived."""
-        self.law.receive(datum)
 
-
-class WorldCouplingAccount(CouplingAccount):
-    """The world's."""
-
-    def __init__(self, law: WorldLaw, bound: float) -> None:
-        super().__init__(law, bound)
-        self.law: WorldLaw = law
-
-    def update(self, dt: float, x: Vector, dissipated: float) -> CouplingSample:
-        """The onset of a step: what arrived by now acts in it; what to tell the device."""
-        self.law.begin()
-        return self.law.next_sample()
-
-
-class LawServo:
-    """A law's servo: to the device's side what `SampledServo` is with PSPM. Its account is at the actuator's port.
+class LawSteps:
+    """The world's end of a law: a `WorldCoupling`.
 
     Parameters
     ----------
-    law : the device's end.
-    period : a datum is sent this often [s].
+    law : the world's. initial_energy : this side's share of d^2 [J].
+    """
+
+    def __init__(self, law: WorldLaw, initial_energy: float) -> None:
+        self.law = law
+        self.coupling = LawState(law, initial_energy)
+
+    def advance(self, mass: Mass[S], dt: float, contacts: Sequence[Any]) -> S:
+        drag, push = self.law.impedance(dt)
+        done = mass.push(dt, drag, push, contacts)
+        self.law.moved(dt, done.velocity, done.position, mass.velocity)
+        return done
+
+    def update(self, dt: float, x: Vector, dissipated: float) -> Update:
+        """The onset of a step; what to tell the device of the last one."""
+        self.law.begin()
+        return Update(self.law.next_sample())
+
+
+class LawServo:
+    """The device's end of a law: a `DeviceCoupling`.
+
+    Parameters
+    ----------
+    law : the device's.
+    period : a sample is sent this often [s].
     position : the first measured position [m].
-    bound : this side's share of d^2 [J].
+    initial_energy : this side's share of d^2 [J].
     force_limit : longest force the actuator may be asked for [N]; the law is told what was really held.
     """
 
@@ -163,9 +305,11 @@ class LawServo:
     quantisation: float | None = None
     """Unknown: how far encoders blur a law's account."""
 
-    def __init__(self, law: DeviceLaw, *, period: float, position: Vector, bound: float, force_limit: float) -> None:
+    def __init__(
+        self, law: DeviceLaw, *, period: float, position: Vector, initial_energy: float, force_limit: float
+    ) -> None:
         self.law = law
-        self.coupling = CouplingAccount(law, bound)
+        self.coupling = LawState(law, initial_energy)
         self.trusted_damping = self.force = (0.0,) * len(position)
         self._due = period - TICK_SLACK_S
         self._elapsed = 0.0
@@ -177,8 +321,10 @@ class LawServo:
         """The reservoir's content, which never changes [J]."""
         return self.coupling.account
 
-    def tick(self, dt: float, x: Vector, v: Vector, *, release: bool = False) -> CouplingSample | None:
-        """A tick `dt` seconds after the last at x [m] and v [m/s]; sets `force`; the datum to send, if one is due."""
+    def figures(self) -> dict[str, Any]:
+        return {}
+
+    def tick(self, dt: float, x: Vector, v: Vector, *, release: bool = False) -> Update | None:
         ledger, held = self.coupling.ledger, self.force
         ledger.put_in(-sum(map(mul, held, map(sub, x, self._position))))
         self._position = x
@@ -192,10 +338,9 @@ class LawServo:
         if self._elapsed < self._due:
             return None
         self._elapsed = 0.0
-        return self.law.next_sample(x, v)
+        return Update(self.law.next_sample(x, v))
 
     def stop(self) -> None:
-        """No force from now until the next tick."""
         self.force = (0.0,) * len(self.force)
 
 

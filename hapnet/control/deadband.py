@@ -26,8 +26,7 @@ from math import dist, hypot
 from typing import Literal
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import CouplingSample, Motion, Port, Wave
-from hapnet.control.set_position_servo import TICK_SLACK_S
+from hapnet.control.coupling import TICK_SLACK_S, CouplingSample, Motion, Port, Wave, vector_of
 from hapnet.errors import InvalidParameter
 
 LONGEST_S = 0.1
@@ -96,7 +95,7 @@ class Deadband:
             self.held_back += 1
             return None
         self._sent_s, self._waiting = now_s, None
-        self._value = datum[0] if isinstance(datum, Motion | Port | Wave) else datum
+        self._value = vector_of(datum)
         if isinstance(datum, Motion):
             self._velocity = datum.velocity
         return datum

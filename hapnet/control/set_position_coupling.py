@@ -1,16 +1,17 @@
 """The way of a set-position on one side: reception, stages, silence, step limit, modulator, ledger.
 
-The device's servo (set_position_servo.py) and the virtual world's steps both drive one `Coupling`; only the energy that
-they harvest differs.
+The device's servo (set_position_servo.py) and the virtual world's steps both drive one `SetPositionCoupling`; only the
+energy that they harvest differs.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Protocol
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
 
 from hapnet.checks import Vector
+from hapnet.control.coupling import CouplingSample, Mass, S, Update, vector_of
 from hapnet.control.ledger import Ledger
 from hapnet.control.limits import Silence, step_towards
 from hapnet.control.pspm import Modulation
@@ -36,7 +37,7 @@ class Modulator(Protocol):
     def split_reservoir(self, most: float = ...) -> float: ...
 
 
-class Coupling:
+class SetPositionCoupling:
     """One side's coupling between its position x and what the other side sends.
 
     Parameters
@@ -97,9 +98,9 @@ class Coupling:
         """What a measured, negative D left unpaid [J]."""
         return self.modulator.deficit
 
-    def receive(self, y: Vector, sent_s: float) -> None:
+    def receive(self, sample: CouplingSample, sent_s: float) -> None:
         """A set-position arrived [m]; `sent_s` is the sender's time [s]."""
-        self._received = y
+        self._received = vector_of(sample)
         self._sent_s = sent_s
         self.has_datum = True
 
@@ -170,3 +171,22 @@ class Coupling:
             self.deficit_max = result.deficit
         self.discarded += result.discarded
         return result
+
+
+class SetPositionSteps:
+    """The world's end: a `WorldCoupling` whose mass has its own spring, tied to ybar.
+
+    Parameters
+    ----------
+    coupling : the set-position's way.
+    """
+
+    def __init__(self, coupling: SetPositionCoupling) -> None:
+        self.coupling = coupling
+
+    def advance(self, mass: Mass[S], dt: float, contacts: Sequence[Any]) -> S:
+        return mass.step(dt, self.coupling.set_position, contacts)
+
+    def update(self, dt: float, x: Vector, dissipated: float) -> Update:
+        """PSPM at the onset of a step; the device is told x."""
+        return Update(x, self.coupling.update(dt, x, dissipated).sent)

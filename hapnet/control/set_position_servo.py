@@ -11,13 +11,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from operator import mul, sub
-from typing import Literal
+from typing import Any, Literal
 
 from hapnet.checks import Vector
+from hapnet.control.coupling import TICK_SLACK_S, Update
 from hapnet.control.harvest import MeasuredHarvest, dissipated_by_range
-from hapnet.control.pspm import Modulation
 from hapnet.control.reserve import ForceGuard, Holding
-from hapnet.control.set_position_coupling import Coupling
+from hapnet.control.set_position_coupling import SetPositionCoupling
 
 Harvest = Literal["range", "measured"]
 HARVESTS: tuple[Harvest, ...] = ("range", "measured")
@@ -25,8 +25,6 @@ HARVESTS: tuple[Harvest, ...] = ("range", "measured")
 Passage = Callable[[], tuple[Vector, Vector, float | None]]
 """Gives the extremes of the position since it was last called [m], both ends included, and what the damper dissipated
 since then [J] if the actuators' limit kept it from acting in full; None if it did act in full."""
-
-TICK_SLACK_S = 1e-9  # s: a clock of whole nanoseconds may call a period a nanosecond short
 
 
 class ContinuousServo:
@@ -39,7 +37,7 @@ class ContinuousServo:
     period : PSPM runs at least this often [s], and at once on the tick after data.
     """
 
-    def __init__(self, coupling: Coupling, *, damping: Vector, period: float) -> None:
+    def __init__(self, coupling: SetPositionCoupling, *, damping: Vector, period: float) -> None:
         self.coupling = coupling
         self.damping = damping
         self._due = period - TICK_SLACK_S
@@ -47,8 +45,8 @@ class ContinuousServo:
 
     def tick(
         self, dt: float, x: Vector, passage: Passage, work: float, kinetic: float, *, release: bool = False
-    ) -> Modulation | None:
-        """A tick `dt` seconds after the last; what PSPM did, if it ran. `release`: let the spring go (ybar = x).
+    ) -> Update | None:
+        """A tick `dt` seconds after the last; what to tell, if PSPM ran. `release`: let the spring go (ybar = x).
 
         The ledger is at the human's port: `work` is what the hand put in over the tick [J], `kinetic` the device's
         kinetic energy now [J].
@@ -63,7 +61,7 @@ class ContinuousServo:
         result = coupling.release(x, dissipated) if release else coupling.update(elapsed, x, dissipated)
         self._elapsed = 0.0
         coupling.ledger.observe(kinetic + coupling.potential(x), coupling.account)
-        return result
+        return Update(x, result.sent)
 
     def resting(self, dt: float) -> int:
         """How many ticks `dt` seconds apart PSPM has nothing to do in, if no data come: `rest` is all of each."""
@@ -102,7 +100,7 @@ class SampledServo:
 
     def __init__(
         self,
-        coupling: Coupling,
+        coupling: SetPositionCoupling,
         *,
         damping: Vector,
         period: float,
@@ -159,6 +157,19 @@ class SampledServo:
         blur: float = r / 2.0 * (path + boundary) + r * r / 8.0 * self.coupling.spring.curvature_bound()
         return blur
 
+    def figures(self) -> dict[str, Any]:
+        """What is known of the held forces, by the summary's keys; empty where `holding` is not known."""
+        if self.holding is None:
+            return {}
+        return {
+            "reserve_J": self.holding.reserve,
+            "overrun_leak_J": self.overrun_leak,
+            "overrun_risk_J": self.overrun_risk,
+            "speed_max_mps": self.speed_max,
+            "speed_limit_mps": self.holding.speed,
+            "guarded_ticks": self.guarded,
+        }
+
     @property
     def account(self) -> float:
         """The reservoir's content with the harvest of the running interval [J]: what the ledger counts."""
@@ -182,10 +193,10 @@ class SampledServo:
         """What the reservoir can do without, the force held on [J]."""
         return self._stored - self._guard.needed(self._commanded)
 
-    def tick(self, dt: float, x: Vector, v: Vector, *, release: bool = False) -> Modulation | None:
+    def tick(self, dt: float, x: Vector, v: Vector, *, release: bool = False) -> Update | None:
         """A tick `dt` seconds after the last at measured position x [m] and velocity v [m/s].
 
-        Sets `force`, to zero if told to `release` (ybar = x); returns what PSPM did, if it ran. What was harvested up
+        Sets `force`, to zero if told to `release` (ybar = x); returns what to tell, if PSPM ran. What was harvested up
         to a release is measured in any case: (10) knows nothing of a torque held for so long.
         """
         coupling, measured = self.coupling, self._measured
@@ -205,13 +216,14 @@ class SampledServo:
             self._high = tuple(map(max, self._high, x))
         ledger.observe(potential, account)
         self._elapsed += dt
-        result = None
+        told = None
         if coupling.has_datum or self._elapsed >= self._due or release:
             if release:
                 result = coupling.release(x, self._measured_now(x))
             else:
                 keep = self._guard.needed_after(self._commanded)
                 result = coupling.update(self._elapsed, x, self._dissipated(x), keep)
+            told = Update(x, result.sent)
             self._potential = coupling.potential(x)
             self._elapsed = 0.0
             self._low = self._high = x
@@ -220,7 +232,7 @@ class SampledServo:
             self.stop()
         else:
             self._render(x, v)
-        return result
+        return told
 
     def _watch(self, dt: float, x: Vector, way: float) -> None:
         """How fast it went, and what a torque that was held for too long gave out."""

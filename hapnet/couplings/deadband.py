@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from hapnet.control.deadband import LONGEST_S, LONGEST_WAVE_S, Deadband
-from hapnet.couplings.registry import COUPLINGS
+from hapnet.couplings.registry import coupling
 from hapnet.params import Params
 from hapnet.wire.messages import Role, Wave
 
@@ -15,8 +15,8 @@ def deadband(params: Params, role: Role) -> Deadband | None:
     """What decides which data this side sends; None: it sends all."""
     if params.wire.deadband == 0.0:
         return None
-    kind = COUPLINGS[params.coupling]
-    sends = kind.device_sends if role == "device" else kind.world_sends
+    spec = coupling(params.coupling)
+    sends = spec.device_sends if role == "device" else spec.world_sends
     silence_s = min(params.device.silence_after_s, params.world.silence_after_s)
     return Deadband(
         params.wire.deadband,

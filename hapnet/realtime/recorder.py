@@ -155,7 +155,7 @@ def described(setup: Setup, role: Role, seed: int, link: LinkProfile) -> dict[st
         "clock": _boot_id(),
         "scene": setup.scene.name,
         "coupling": setup.params.coupling,
-        "tuning": dict(setup.tuning),
+        "tuning": setup.tuned,
         "surfaces": [surface._asdict() for surface in setup.scene.surfaces],
         "links": {"up" if role == "device" else "down": str(link)},
     }

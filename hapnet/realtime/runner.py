@@ -382,7 +382,7 @@ class RealtimeSide:
         elapsed = None if origin_ns is None else (end_ns - origin_ns) * NANO
         summary = combine(
             own["device"], own["world"], links,
-            seed=self.seed, duration_s=elapsed, coupling=self.setup.params.coupling, tuning=self.setup.tuning,
+            seed=self.seed, duration_s=elapsed, coupling=self.setup.params.coupling, tuning=self.setup.tuned,
             path=paths.of_side(self.role, self.wire.session.path.figures()),
         )  # fmt: skip
         summary["wall_clock"] = {"elapsed_s": (self._clock() - self._started_ns) * NANO}

@@ -40,7 +40,7 @@ class ServoChild:
         self._pipe = pipe
         self._coupling = params.coupling
         prepared = prepare(params, "sampled")
-        waiting = backlog(prepared.kind.world_sends)
+        waiting = backlog(prepared.coupling.world_sends)
         self._control = DeviceControl(PositionStream(setup["incarnation"]), waiting)
         self.side = device_side(prepared, self._control, time.monotonic_ns, self._write)
         self.servo = Servo(

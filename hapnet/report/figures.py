@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hapnet.couplings.registry import COUPLINGS, jointly_passive
+from hapnet.couplings.registry import jointly_passive
+from hapnet.couplings.registry import known as known_coupling
 from hapnet.metrics.passivity import total_margin
 from hapnet.recording.samples import Columns, Recording
 from hapnet.report.style import MM, STYLE
@@ -82,7 +83,8 @@ def _positions(panel: Axes, recording: Recording, axis: int) -> None:
     if modulated is not None:
         name = "device's" if device is not None else "world's"
         y = modulated["set_position_m"][:, axis] * 1e3
-        how = " (modulated)" if _coupling(recording) == "pspm" else " (as received)" if _received(recording) else ""
+        received = " (as received)" if _received(recording) else ""
+        how = " (modulated)" if has_reservoirs(_coupling(recording)) else received
         _curve(panel, modulated, y, f"{name} set-position{how}", drawstyle="steps-post", **_THIRD)
     panel.set_ylabel(f"position{_along(recording, axis)} [mm]")
 
@@ -239,8 +241,8 @@ def _coupling(recording: Recording) -> Any:
 
 def _received(recording: Recording) -> bool:
     """Is a received position, as it came, what the spring is tied to? It is where the world has no law of its own."""
-    kind = COUPLINGS.get(str(_coupling(recording)))
-    return kind is not None and kind.world is None
+    spec = known_coupling(_coupling(recording))
+    return spec is not None and "world" in spec.set_positions
 
 
 def _stride(columns: Columns) -> int:

@@ -10,7 +10,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from hapnet.couplings.registry import COUPLINGS
+from hapnet.couplings.registry import COUPLINGS, known
 from hapnet.recording.samples import Recording
 from hapnet.report import tables
 from hapnet.report.html import Html, element, join, table
@@ -115,9 +115,11 @@ def _head(summary: Mapping[str, Any], title: str, sources: Sequence[Source]) -> 
     if has_reservoirs(coupling):
         meaning = _HALF if alone else _WHAT_IT_MEANS[found]
     else:
-        kind = COUPLINGS[coupling]
-        judged = "" if alone else f"{_MEASURED[found]} "
-        meaning = f"{judged}What is claimed of this coupling ({kind.title}; {kind.source}): {kind.claim}."
+        judged, spec = "" if alone else f"{_MEASURED[found]} ", known(coupling)
+        claim = "Nothing is claimed of this coupling: it is the user's own."
+        if spec is not None:
+            claim = f"What is claimed of this coupling ({spec.title}; {spec.source}): {spec.claim}."
+        meaning = judged + claim
     return element(
         "header",
         element("p", "hapnet report", class_="kicker"),

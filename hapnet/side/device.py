@@ -5,13 +5,13 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import CouplingAccount, LawServo
+from hapnet.control.coupling import CouplingState, DeviceCoupling
 from hapnet.control.harvest import MeasuredHarvest
 from hapnet.control.ledger import Ledger
-from hapnet.control.set_position_coupling import Coupling
-from hapnet.control.set_position_servo import ContinuousServo, SampledServo
+from hapnet.control.set_position_servo import ContinuousServo
 from hapnet.errors import HapnetError
 from hapnet.plant.device import Device, SimulatedDevice, TickResult
 from hapnet.plant.live_hand import LiveHand
@@ -79,7 +79,7 @@ class DeviceSide(ABC):
         self._expected_ns = 0  # the time up to which a simulated device has lived
 
     @property
-    def coupling(self) -> Coupling | CouplingAccount:
+    def coupling(self) -> CouplingState:
         return self.endpoint.coupling
 
     @property
@@ -105,10 +105,9 @@ class DeviceSide(ABC):
         """Is the device simulated, with the hand that holds it?"""
         return isinstance(self.device, SimulatedDevice)
 
-    @property
-    def sampled_servo(self) -> SampledServo | None:
-        """The servo that holds its torque from tick to tick, if this is one and has started."""
-        return None
+    def held_forces(self) -> dict[str, Any]:
+        """What the summary says of forces held from tick to tick, by its keys; empty where there are none."""
+        return {}
 
     def tick(self, now_ns: int) -> bytes | None:
         """One servo tick; the position message to send, if there is one. Before pairing the device gets no force."""
@@ -207,7 +206,7 @@ class ContinuousDeviceSide(DeviceSide):
     def _start(self, x: Vector) -> None:
         device = self._simulated
         servo = self._servo = self._make_servo(x, device.kinetic, self.endpoint.restarted)
-        self.endpoint.start(servo)
+        self.endpoint.start_continuous(servo)
         spring = servo.coupling.spring
         device.couple(spring.K, servo.damping, x, spring.force_limit)
         device.passage()
@@ -276,7 +275,7 @@ class SampledDeviceSide(DeviceSide):
         self,
         endpoint: DeviceControl,
         device: Device,
-        make_servo: Callable[[Vector, bool], SampledServo | LawServo],
+        make_servo: Callable[[Vector, bool], DeviceCoupling],
         drive: Drive,
         declared: OperatingRange | None = None,
     ) -> None:
@@ -300,10 +299,8 @@ class SampledDeviceSide(DeviceSide):
     def quantisation(self) -> float | None:
         return self._servo.quantisation if self.origin_ns is not None else None
 
-    @property
-    def sampled_servo(self) -> SampledServo | None:
-        servo = None if self.origin_ns is None else self._servo
-        return servo if isinstance(servo, SampledServo) else None
+    def held_forces(self) -> dict[str, Any]:
+        return {} if self.origin_ns is None else self._servo.figures()
 
     def stop(self) -> None:
         super().stop()

@@ -10,15 +10,21 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
 from typing import Protocol
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import CouplingAccount, CouplingSample, LawServo, Motion, Port, Wave, WorldCouplingAccount
+from hapnet.control.coupling import (
+    CouplingSample,
+    CouplingState,
+    DeviceCoupling,
+    Motion,
+    Port,
+    Update,
+    Wave,
+    WorldCoupling,
+)
 from hapnet.control.deadband import Deadband
-from hapnet.control.pspm import Modulation
-from hapnet.control.set_position_coupling import Coupling
-from hapnet.control.set_position_servo import ContinuousServo, Passage, SampledServo
+from hapnet.control.set_position_servo import ContinuousServo, Passage
 from hapnet.wire import messages
 from hapnet.wire.events import EnergyCredited, Event, Paired, PositionReceived, SampleReceived
 from hapnet.wire.handshake import EARLIER
@@ -76,13 +82,13 @@ class ControlHalf:
         self._positions = positions
         self._pairs = 0
         self._pair = 1  # the one that control knows; the next peer's clock and place have nothing to do with its
-        self._coupling: Coupling | CouplingAccount | None = None
+        self._coupling: CouplingState | None = None
         self._arrived: deque[tuple[CouplingSample, int, int, int]] = deque(maxlen=backlog)  # sent, came, pair
         self._credits: deque[int] = deque()
         self._shuffled: deque[float] = deque()
 
     @property
-    def coupling(self) -> Coupling | CouplingAccount:
+    def coupling(self) -> CouplingState:
         """The coupling; it exists once control has started."""
         assert self._coupling is not None, "control has not started"
         return self._coupling
@@ -120,7 +126,7 @@ class ControlHalf:
         """The newest datum that control has not taken yet."""
         return self._arrived[-1][0] if self._arrived else None
 
-    def _take(self) -> Coupling | CouplingAccount:
+    def _take(self) -> CouplingState:
         """Give the coupling what has arrived since the last tick, and another peer its share of the reservoir.
 
         What an earlier peer said is not for it any more.
@@ -129,19 +135,18 @@ class ControlHalf:
         assert coupling is not None, "control has not started"
         if self._pair < self._pairs:
             self._renew(coupling, self._pairs)
-        receive: Callable[..., None] = coupling.receive
         while self._arrived:
             datum, sent_ns, came_ns, pair = self._arrived.popleft()
             if pair > self._pair:  # made since this began
                 self._renew(coupling, pair)
             if pair == self._pair:
-                receive(datum, sent_ns * NANO)
+                coupling.receive(datum, sent_ns * NANO)
                 self._positions.echo(sent_ns, came_ns)
         while self._credits:
             coupling.credit(self._credits.popleft() * NANO)
         return coupling
 
-    def _renew(self, coupling: Coupling | CouplingAccount, pair: int) -> None:
+    def _renew(self, coupling: CouplingState, pair: int) -> None:
         self._pair = pair
         self._positions.echo(0, 0)
         if self.deadband is not None:
@@ -149,24 +154,21 @@ class ControlHalf:
         if (energy := coupling.on_peer_changed()) > 0.0:
             self._shuffled.append(energy)
 
-    def _send(self, now_ns: int, x: Vector, result: Modulation | CouplingSample) -> bytes | None:
-        """After a PSPM instant: hand on the surplus; the position message (x(t_k)) to put on the link.
+    def _send(self, now_ns: int, update: Update) -> bytes | None:
+        """After an update: hand on what it shuffles; the message of its sample to put on the link.
 
-        Under another law: the message of its datum. None if the deadband holds it back; energy it never does.
+        None if the deadband holds the sample back; energy it never does.
         """
-        positions = self._positions
-        datum: CouplingSample | None
-        if not isinstance(result, Modulation):
-            datum = result
-        else:
-            if result.sent > 0.0:
-                self._shuffled.append(result.sent)
-            datum = x
+        sample, shuffled = update
+        if shuffled > 0.0:
+            self._shuffled.append(shuffled)
         if self.deadband is not None:
-            datum = self.deadband.offer(now_ns * NANO, datum, self.coupling.set_position)
-        match datum:
-            case None:
+            offered = self.deadband.offer(now_ns * NANO, sample, self.coupling.set_position)
+            if offered is None:
                 return None
+            sample = offered
+        positions = self._positions
+        match sample:
             case Motion(position, velocity):
                 return positions.motion(now_ns, position, velocity)
             case Port(value, energy):
@@ -174,7 +176,7 @@ class ControlHalf:
             case Wave(value, span):
                 return positions.wave(now_ns, value, max(1, round(span / NANO)))
             case _:
-                return positions.position(now_ns, datum)
+                return positions.position(now_ns, sample)
 
 
 class WireHalf:
@@ -236,9 +238,14 @@ class WireHalf:
 class DeviceControl(ControlHalf):
     """The device's servo."""
 
-    def start(self, servo: ContinuousServo | SampledServo | LawServo) -> None:
-        """Begin to render: `servo` is at rest at the device's position (ybar = x)."""
-        self._tick: Callable[..., Modulation | CouplingSample | None] = servo.tick
+    def start(self, servo: DeviceCoupling) -> None:
+        """Begin to hold forces: `servo` is at rest at the device's position (ybar = x)."""
+        self._held = servo
+        self._coupling = servo.coupling
+
+    def start_continuous(self, servo: ContinuousServo) -> None:
+        """Begin to render within the tick: `servo` is at rest at the device's position (ybar = x)."""
+        self._continuous = servo
         self._coupling = servo.coupling
 
     def tick_sampled(self, now_ns: int, dt: float, x: Vector, v: Vector, *, release: bool = False) -> bytes | None:
@@ -248,8 +255,8 @@ class DeviceControl(ControlHalf):
         """
         if self._arrived or self._credits:
             self._take()
-        result = self._tick(dt, x, v, release=release)
-        return None if result is None else self._send(now_ns, x, result)
+        update = self._held.tick(dt, x, v, release=release)
+        return None if update is None else self._send(now_ns, update)
 
     @property
     def has_news(self) -> bool:
@@ -273,17 +280,17 @@ class DeviceControl(ControlHalf):
         """
         if self._arrived or self._credits:
             self._take()
-        result = self._tick(dt, x, passage, work, kinetic, release=release)
-        return None if result is None else self._send(now_ns, x, result)
+        update = self._continuous.tick(dt, x, passage, work, kinetic, release=release)
+        return None if update is None else self._send(now_ns, update)
 
 
 class WorldControl(ControlHalf):
     """The virtual world's loop: PSPM at the onset of every integration step."""
 
-    def start(self, coupling: Coupling | WorldCouplingAccount) -> None:
+    def start(self, coupling: WorldCoupling) -> None:
         """Begin to step: the coupling is at rest at the virtual mass's position."""
-        self._coupling = coupling
-        self._update: Callable[[float, Vector, float], Modulation | CouplingSample] = coupling.update
+        self._world = coupling
+        self._coupling = coupling.coupling
 
     def step(self, now_ns: int, dt: float, x: Vector, kinetic: float, work: float, dissipated: float) -> bytes | None:
         """The onset of step k: PSPM with the newest set-position; `coupling.set_position` is then ybar_k.
@@ -302,9 +309,9 @@ class WorldControl(ControlHalf):
         ledger = coupling.ledger
         ledger.put_in(work)
         ledger.observe(kinetic + coupling.potential(x), coupling.account)
-        result = self._update(dt, x, dissipated)
+        update = self._world.update(dt, x, dissipated)
         ledger.observe(kinetic + coupling.potential(x), coupling.account)
-        return self._send(now_ns, x, result)
+        return self._send(now_ns, update)
 
 
 class DeviceEndpoint(WireHalf, DeviceControl):

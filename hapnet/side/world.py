@@ -7,8 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import CouplingAccount, Motion, Port, Wave, WorldCouplingAccount
-from hapnet.control.set_position_coupling import Coupling
+from hapnet.control.coupling import CouplingState, Wave, WorldCoupling, vector_of
 from hapnet.errors import HapnetError
 from hapnet.loading import cause
 from hapnet.plant.integrator import PassiveIntegrator
@@ -33,7 +32,7 @@ class WorldSide:
         endpoint: WorldControl,
         mass: PassiveIntegrator,
         scene: Scene,
-        make_coupling: Callable[[Vector, float, bool], Coupling | WorldCouplingAccount],
+        make_coupling: Callable[[Vector, float, bool], WorldCoupling],
         *,
         rng: np.random.Generator,
         write: Write,
@@ -55,7 +54,7 @@ class WorldSide:
         self._last_ns = 0
 
     @property
-    def coupling(self) -> Coupling | CouplingAccount:
+    def coupling(self) -> CouplingState:
         return self.endpoint.coupling
 
     def step(self, now_ns: int) -> bytes | None:
@@ -71,9 +70,9 @@ class WorldSide:
                 if (datum := endpoint.arrived) is None:
                     return None
                 if not isinstance(datum, Wave):  # which tells no position
-                    at = datum[0] if isinstance(datum, Motion | Port) else datum
-                    mass.place(self.scene.towards(at))
-            endpoint.start(self._make_coupling(mass.position, mass.kinetic_J, endpoint.restarted))
+                    mass.place(self.scene.towards(vector_of(datum)))
+            self._world = self._make_coupling(mass.position, mass.kinetic_J, endpoint.restarted)
+            endpoint.start(self._world)
             self.origin_ns = self._last_ns = now_ns
             return endpoint.step(now_ns, 0.0, mass.position, mass.kinetic_J, 0.0, 0.0)
         dt = (now_ns - self._last_ns) * NANO
@@ -81,12 +80,7 @@ class WorldSide:
         if self.paused:
             return endpoint.step(now_ns, dt, mass.position, mass.kinetic_J, 0.0, 0.0)
         coupling = endpoint.coupling
-        if isinstance(coupling, WorldCouplingAccount):
-            drag, push = coupling.law.impedance(dt)
-            done = mass.push(dt, drag, push, self.scene.contacts)
-            coupling.law.moved(dt, done.velocity, done.position, mass.velocity)
-        else:
-            done = mass.step(dt, coupling.set_position, self.scene.contacts)
+        done = self._world.advance(mass, dt, self.scene.contacts)
         message = endpoint.step(now_ns, dt, done.position, mass.kinetic_J, done.work_J, done.dissipated_J)
         self.steps += 1
         self.stepped_s += dt

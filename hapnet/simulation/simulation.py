@@ -166,7 +166,7 @@ class Simulation:
             "surfaces": [surface._asdict() for surface in setup.scene.surfaces],
             "scene": setup.scene.name,
             "coupling": setup.params.coupling,
-            "tuning": dict(setup.tuning),
+            "tuning": setup.tuned,
             "links": {"up": str(setup.up), "down": str(setup.down)},
             "versions": versions(),
         }
@@ -227,7 +227,7 @@ class Simulation:
             hand_two_port_J=self.hand.lowest,
             two_port_end_J=self.two_port.now,
             two_port_later_J=self.two_port.later,
-            tuning=self.setup.tuning,
+            tuning=self.setup.tuned,
             path=self._path(),
         )
 

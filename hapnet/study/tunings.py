@@ -22,7 +22,7 @@ def tuning(params: Params) -> dict[str, Any]:
     scalar = all(isinstance(side.stiffness, float) for side in (params.device, params.world))
     ideal = ideal_stiffness(params, params.world.wall.stiffness) if scalar else None
     springs = {name: params.get(name) for name in _SPRINGS}
-    return {**springs, **prepare(params).tuning, "ideal_stiffness_N_per_m": ideal}
+    return {**springs, **prepare(params).tuned, "ideal_stiffness_N_per_m": ideal}
 
 
 def tunings(plan: Plan, coupling: str) -> dict[str, dict[str, Any]]:

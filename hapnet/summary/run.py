@@ -65,19 +65,10 @@ def _held(side: DeviceSide) -> Summary:
     result["stopped"] = _stopped(side)
     if side.origin_ns is not None:
         result["force"] = "applied" if side.applied else "commanded"
-    servo = side.sampled_servo
-    if servo is None or servo.holding is None:
-        return result
-    holding = servo.holding
-    return {
-        **result,
-        "reserve_J": _known(holding.reserve),
-        "overrun_leak_J": servo.overrun_leak,
-        "overrun_risk_J": servo.overrun_risk,
-        "speed_max_mps": servo.speed_max,
-        "speed_limit_mps": holding.speed,
-        "guarded_ticks": servo.guarded,
-    }
+    figures = side.held_forces()
+    if figures:
+        figures["reserve_J"] = _known(figures["reserve_J"])
+    return {**result, **figures}
 
 
 def _stopped(side: DeviceSide) -> Summary | None:

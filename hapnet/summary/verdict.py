@@ -16,7 +16,8 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from hapnet.couplings.registry import COUPLINGS, jointly_passive
+from hapnet.couplings import registry
+from hapnet.couplings.registry import jointly_passive
 from hapnet.params import Params
 
 ROUNDING_J = 1e-9
@@ -58,12 +59,13 @@ def broken(summary: Mapping[str, Any] | None, params: Params | None = None, *, v
     """
     if judge(summary)["passive"] is not False:
         return False
-    kind, tuning = COUPLINGS.get(str(get(summary, "coupling"))), get(summary, "tuning")
-    if kind is None or not kind.covers(params or Params(), tuning or {}, virtual):
+    spec = registry.known(get(summary, "coupling"))
+    tuning = None if spec is None else spec.recorded(get(summary, "tuning"))
+    if spec is None or tuning is None or not spec.covers(params or Params(), tuning, virtual):
         return False
     margin = known(get(summary, "theorem", "margin_J"))
     diverged = get(summary, "theorem", "diverged") is True
-    return kind.halves or diverged or (margin is not None and margin < -kind.allowance_J(tuning or {}) - ROUNDING_J)
+    return spec.halves or diverged or (margin is not None and margin < -spec.allowance_J(tuning) - ROUNDING_J)
 
 
 def get(tree: Any, *keys: str) -> Any:
@@ -109,8 +111,8 @@ def has_reservoirs(coupling: Any) -> bool:
 
     Not the couplings that are known to do without.
     """
-    kind = COUPLINGS.get(str(coupling))
-    return kind is None or kind.halves
+    spec = registry.known(coupling)
+    return ":" not in str(coupling) if spec is None else spec.halves
 
 
 def _margin(summary: Any) -> float | None:

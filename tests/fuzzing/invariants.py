@@ -11,7 +11,7 @@ import msgpack
 
 from hapnet.checks import Vector
 from hapnet.control.pspm import Modulation
-from hapnet.control.set_position_coupling import Coupling, Modulator
+from hapnet.control.set_position_coupling import Modulator, SetPositionCoupling
 from hapnet.errors import BadMessage
 from hapnet.side.endpoint import ControlHalf, Endpoint
 from hapnet.wire.events import EnergyCredited, Event, Paired, PositionReceived, SampleReceived
@@ -358,7 +358,7 @@ def _sizes(thing: object, depth: int) -> Iterator[tuple[str, int]]:
 class Audited:
     """A modulator, each of its updates checked against (8), (9), the ceiling and the step limit.
 
-    Stands in the modulator's place in a `Coupling`.
+    Stands in the modulator's place in a `SetPositionCoupling`.
     """
 
     def __init__(self, modulator: Modulator, longest_step: float, ceiling: float) -> None:
@@ -439,7 +439,7 @@ class Audited:
         return linear if linear <= self._knee else potential / self._knee + 0.5 * self._knee
 
 
-def check_coupling(coupling: Coupling, x: Vector, force_limit: float | None) -> None:
+def check_coupling(coupling: SetPositionCoupling, x: Vector, force_limit: float | None) -> None:
     """Control after a tick or a step: finite, its half of the theorem kept, the spring within its limit."""
     ledger, modulator = coupling.ledger, coupling.modulator
     hold(ledger.slack_min >= SLACK_J, "slack", ledger.slack_min)

@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 
 from hapnet.assembly.build import Setup, device_session, device_side, prepare, world_session, world_side
-from hapnet.control.set_position_coupling import Coupling
+from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.params import Params
 from hapnet.side.device import DeviceSide, SampledDeviceSide
 from hapnet.side.endpoint import DeviceEndpoint, WorldEndpoint, backlog
@@ -100,7 +100,7 @@ class Plant:
         self._due_ns = 0
 
     @property
-    def coupling(self) -> Coupling:
+    def coupling(self) -> SetPositionCoupling:
         return self.endpoint.coupling
 
     @property

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from hapnet.checks import Array
 from hapnet.control.ledger import Ledger
 from hapnet.control.pspm import SetPositionModulator
-from hapnet.control.set_position_coupling import Coupling
+from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.control.zoh import ZeroOrderHold
 from hapnet.simulation.batch.springs import Springs
 
@@ -90,7 +90,7 @@ class Couplings:
     `account` is the reservoir's energy less its deficit, of which never both are there.
     """
 
-    def __init__(self, couplings: list[Coupling]) -> None:
+    def __init__(self, couplings: list[SetPositionCoupling]) -> None:
         first = couplings[0]
         self.springs = Springs(first.spring)
         self.ledgers = Ledgers([coupling.ledger for coupling in couplings])
@@ -105,7 +105,7 @@ class Couplings:
         self.credit = np.array([c._credit for c in couplings])
         self.has_datum = np.array([c.has_datum for c in couplings])
 
-    def land(self, i: int, coupling: Coupling) -> None:
+    def land(self, i: int, coupling: SetPositionCoupling) -> None:
         """Give scenario i's state back, but for the target, which only a recording shows."""
         modulator = coupling.modulator
         assert isinstance(modulator, SetPositionModulator | ZeroOrderHold)

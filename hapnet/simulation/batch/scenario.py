@@ -11,7 +11,7 @@ from operator import itemgetter
 from typing import NamedTuple
 
 from hapnet.checks import Vector
-from hapnet.control.set_position_coupling import Coupling
+from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.params import Params
 from hapnet.plant.operator import Press, Recorded, Rest, Sine
 from hapnet.plant.scene import Scene
@@ -152,7 +152,7 @@ def _state(side: DeviceSide | WorldSide, x: Vector, v: Vector) -> SideState:
     )
 
 
-def modulating(side: DeviceSide | WorldSide) -> Coupling:
+def modulating(side: DeviceSide | WorldSide) -> SetPositionCoupling:
     """The coupling of a side whose coupling is vectorised."""
-    assert isinstance(side.coupling, Coupling)
+    assert isinstance(side.coupling, SetPositionCoupling)
     return side.coupling

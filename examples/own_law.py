@@ -1,0 +1,59 @@
+"""A coupling of your own: a spring to where the other side was last, softer the longer the link delays, and a damper.
+
+hapnet run --coupling examples.own_law:MINE
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from hapnet import CouplingSpec, CouplingStart, Params, held_law, simulate, stepped_law
+
+Vector = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Tuning:
+    stiffness_N_m: float
+    damping_Ns_m: float
+
+
+def tune(params: Params, link: Any) -> Tuning:  # the link's delays, emulated and real
+    return Tuning(100.0 / (1.0 + link.round_trip_bound_s / 0.1), 1.5)
+
+
+class SpringAndDamper:
+    """Either end: `force` and `release` are asked of the device's, `begin`, `impedance` and `moved` of the world's."""
+
+    def __init__(self, start: CouplingStart[Tuning]) -> None:
+        self.K, self.B = start.tuning.stiffness_N_m, start.tuning.damping_Ns_m
+        self.set_position = self.x = start.position
+
+    def receive(self, sample: Any) -> None:
+        self.set_position = sample
+
+    def on_peer_changed(self) -> None: ...
+    def begin(self) -> None: ...
+    def force(self, dt: float, x: Vector, v: Vector, held: Vector) -> Vector:
+        return tuple(-self.K * (a - y) - self.B * u for a, u, y in zip(x, v, self.set_position, strict=True))
+
+    def release(self, dt: float, x: Vector, held: Vector) -> None:
+        self.set_position = x
+
+    def impedance(self, dt: float) -> tuple[float, Vector]:
+        push = tuple(self.K * (y - x) for y, x in zip(self.set_position, self.x, strict=True))
+        return self.B + 0.5 * self.K * dt, push
+
+    def moved(self, dt: float, vhat: Vector, x: Vector, v: Vector) -> None:
+        self.x = x
+
+    def next_sample(self, *at: Vector) -> Vector:
+        return at[0] if at else self.x  # the device's is given x and v
+
+
+ENDS = held_law(SpringAndDamper), stepped_law(SpringAndDamper)
+MINE = CouplingSpec("mine", "spring and damper", "this file", "nowhere", *ENDS, Tuning, tune, shared=("stiffness_N_m",))
+
+if __name__ == "__main__":
+    print(simulate(Params(coupling=f"{__name__}:MINE"), seed=1).summary["verdict"]["reason"])

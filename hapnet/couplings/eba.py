@@ -1,0 +1,51 @@
+"""Energy bounding at the device (hapnet/control/eba.py): its rule and its ends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hapnet.control.coupling import DeviceLaw
+from hapnet.control.eba import EnergyBounding
+from hapnet.couplings.link_delays import Delays
+from hapnet.couplings.set_position import device_spring, plain_world
+from hapnet.couplings.spec import CouplingSpec, CouplingStart, held_law
+from hapnet.errors import InvalidParameter
+from hapnet.params import Params
+
+
+@dataclass(frozen=True)
+class Tuning:
+    damping_Ns_m: float
+
+
+def tune(params: Params, link: Delays) -> Tuning:
+    damping = params.eba.damping or params.device.own_damping
+    if damping == 0.0:
+        allowed = "above 0 with the coupling eba (or eba.damping is), which may render no force without"
+        raise InvalidParameter("device.own_damping", 0.0, allowed)
+    return Tuning(damping)
+
+
+def _device(start: CouplingStart[Tuning]) -> DeviceLaw:
+    device = start.params.device
+    return EnergyBounding(
+        *device_spring(start.params, len(start.position)),
+        start.position,
+        own_damping=start.tuning.damping_Ns_m,
+        period=1.0 / device.servo_hz,
+        resolution=device.resolution_m,
+    )
+
+
+EBA = CouplingSpec(
+    name="eba",
+    title="energy bounding",
+    source="Kim, Ryu 2004",
+    claim="passive at the hand's port, if the device damps as much as is trusted",
+    device=held_law(_device),
+    world=plain_world,
+    tuning=Tuning,
+    tune=tune,
+    set_positions=frozenset({"world"}),
+    scaled=True,
+)

@@ -1,0 +1,83 @@
+"""PD over a constant delay (hapnet/control/pd.py): its rule, where it is passive, and its ends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hapnet.control import pd
+from hapnet.control.deadband import LONGEST_S
+from hapnet.couplings.link_delays import Delays
+from hapnet.couplings.spec import RENDERED_DAMPING, CouplingSpec, CouplingStart, held_law, scalar_stiffness, stepped_law
+from hapnet.params import Params
+from hapnet.wire.messages import Motion
+from netem import LinkProfile
+
+
+@dataclass(frozen=True)
+class Tuning:
+    stiffness_N_m: float
+    damping_Ns_m: float
+    coordination_Ns_m: float
+    extra_damping_Ns_m: float
+
+    @property
+    def gains(self) -> pd.Gains:
+        return pd.Gains(self.stiffness_N_m, self.damping_Ns_m, self.coordination_Ns_m, self.extra_damping_Ns_m)
+
+
+def tune(params: Params, link: Delays) -> Tuning:
+    """K_p no larger than lets K_d, by its rule, be rendered; a K_d of the user's own leaves K_p alone."""
+    device, own = params.device, params.pd
+    K = scalar_stiffness(params)
+    held_back = 2.0 * LONGEST_S if params.wire.deadband else 0.0
+    trip = pd.round_trip(
+        link.round_trip_bound_s + held_back, device.pspm_period_s, params.world.step_max_s, 1.0 / device.servo_hz
+    )
+    K_p, K_d, *_ = pd.Gains(K, own.damping) if own.damping else pd.tuned(K, trip, RENDERED_DAMPING)
+    return Tuning(K_p, K_d, own.coordination, own.extra_damping)
+
+
+def warn(params: Params, tuning: Tuning) -> tuple[str, ...]:
+    gains, device = tuning.gains, params.device
+    need = gains.stiffness / device.servo_hz / 2.0 + gains.drag
+    if device.own_damping > need:
+        return ()
+    return (
+        f"the coupling pd holds its force: with the device's own damping of {device.own_damping:g} Ns/m it is not "
+        f"passive for motions as fast as a tick; above {need:.3g} Ns/m it would be",
+    )
+
+
+def covers(params: Params, tuning: Tuning, virtual: bool) -> bool:
+    """One known delay both ways, gains by the rule, and a device that damps what its held force leaks."""
+    link = params.link
+    profiles = [LinkProfile.named(words) for words in (link.up, link.down)]
+    known = all(profile == LinkProfile(delay_ns=profile.delay_ns) for profile in profiles)
+    by_rule = not params.pd.damping and not params.pd.coordination
+    still = not (link.up_timeline or link.down_timeline)
+    return virtual and known and still and by_rule and not warn(params, tuning)
+
+
+def _device(start: CouplingStart[Tuning]) -> pd.DevicePD:
+    return pd.DevicePD(start.tuning.gains, start.position)
+
+
+def _world(start: CouplingStart[Tuning]) -> pd.WorldPD:
+    return pd.WorldPD(start.tuning.gains, start.position)
+
+
+PD = CouplingSpec(
+    name="pd",
+    title="PD over a constant delay",
+    source="Lee, Spong 2006",
+    claim="passive at both ports, if K_d is K_p times half the round trip or more and nothing is lost",
+    device=held_law(_device),
+    world=stepped_law(_world),
+    tuning=Tuning,
+    tune=tune,
+    shared=("stiffness_N_m", "damping_Ns_m", "coordination_Ns_m"),
+    device_sends=Motion,
+    world_sends=Motion,
+    covers=covers,
+    warn=warn,
+)

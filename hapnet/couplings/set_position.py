@@ -1,0 +1,167 @@
+"""Passive set-position modulation, and the plain virtual coupling: a set-position on either side, a spring to it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import partial
+from typing import cast
+
+from hapnet import checks
+from hapnet.checks import Vector
+from hapnet.control.coupling import DeviceCoupling, WorldCoupling
+from hapnet.control.limits import OnSilence, Silence
+from hapnet.control.pspm import SetPositionModulator, Shuffle
+from hapnet.control.reserve import ForceGuard
+from hapnet.control.set_position_coupling import Modulator, SetPositionCoupling, SetPositionSteps
+from hapnet.control.set_position_servo import ContinuousServo, SampledServo
+from hapnet.control.smoothing import Pipeline, SmoothingFilter, Stage, VelocityPredictor
+from hapnet.control.zoh import ZeroOrderHold
+from hapnet.couplings import held_torque
+from hapnet.couplings.spec import CouplingSpec, CouplingStart, NoTuning, untuned
+from hapnet.mechanics.spring import Spring, shared_spring
+from hapnet.params import DeviceParams, Params, WorldParams
+
+KEPT_FOR_PEERS = 0.002
+"""This share of its ceiling the world keeps for devices that start again: an empty account renders no force at all."""
+
+Side = DeviceParams | WorldParams
+MakeModulator = Callable[[Side, Spring, Vector, float, float], Modulator]
+"""The side's parameters, spring, position [m], energy at the start [J], reserve [J]."""
+
+BOTH_SIDES = frozenset({"device", "world"})
+
+
+def _pspm(side: Side, spring: Spring, position: Vector, energy: float, reserve: float) -> Modulator:
+    return SetPositionModulator(
+        stiffness=side.stiffness,
+        position=position,
+        ceiling=side.ceiling_J,
+        shuffle=cast(Shuffle, side.shuffle),
+        force_limit=spring.force_limit,
+        energy=energy,
+        reserve=min(reserve, side.ceiling_J * held_torque.RESERVED_SHARE),
+    )
+
+
+def _plain(side: Side, spring: Spring, position: Vector, energy: float, reserve: float) -> Modulator:
+    return ZeroOrderHold(spring, position, energy)
+
+
+def _coupling(
+    start: CouplingStart[NoTuning], side: Side, spring: Spring, modulator: Modulator, longest: float, kept: float = 0.0
+) -> SetPositionCoupling:
+    stages: list[Stage] = []
+    if side.predict_s:
+        stages.append(VelocityPredictor(side.predict_s))
+    if side.smoothing_s:
+        stages.append(SmoothingFilter(side.smoothing_s))
+    return SetPositionCoupling(
+        modulator,
+        stages=Pipeline(stages),
+        silence=Silence(cast(OnSilence, side.on_silence), side.silence_after_s),
+        longest_step=longest,
+        kinetic=start.kinetic,
+        kept_for_peers=kept,
+    )
+
+
+def _longest_step(side: Side, spring: Spring, limited: bool) -> float:
+    """How far ybar may move in an update [m], so that the spring's force steps by no more than its limit."""
+    if not limited or not side.step_limit_N:
+        return math.inf
+    return side.step_limit_N / spring.ellipsoid.largest
+
+
+def device_spring(params: Params, dof: int) -> tuple[Spring, Vector]:
+    """The device's spring, which saturates below the force limit, and its damper's diagonal."""
+    device = params.device
+    limit = device.force_limit_N * device.spring_share or None
+    return shared_spring(device.stiffness, dof, limit), checks.diagonal("device.damping", device.damping, dof)
+
+
+def _at_device(
+    start: CouplingStart[NoTuning], make: MakeModulator, limited: bool, reserve: float = 0.0
+) -> tuple[SetPositionCoupling, Vector]:
+    device = start.params.device
+    spring, damping = device_spring(start.params, len(start.position))
+    modulator = make(device, spring, start.position, start.initial_energy, reserve)
+    return _coupling(start, device, spring, modulator, _longest_step(device, spring, limited)), damping
+
+
+def _continuous(start: CouplingStart[NoTuning], make: MakeModulator, limited: bool) -> ContinuousServo:
+    coupling, damping = _at_device(start, make, limited)
+    return ContinuousServo(coupling, damping=damping, period=start.params.device.pspm_period_s)
+
+
+def _sampled(start: CouplingStart[NoTuning], make: MakeModulator, limited: bool) -> DeviceCoupling:
+    device, dof = start.params.device, len(start.position)
+    guard, holding = ForceGuard(limit=device.force_limit_N or math.inf), None
+    if limited:
+        guard, holding = held_torque.guard(device, start.harvest, dof)
+    coupling, damping = _at_device(start, make, limited, 0.0 if holding is None else holding.reserve)
+    return SampledServo(
+        coupling,
+        damping=damping,
+        period=device.pspm_period_s,
+        position=start.position,
+        harvest=start.harvest,
+        trusted_damping=(device.trusted_damping,) * dof,
+        guard=guard,
+        holding=holding,
+        resolution=device.resolution_m,
+    )
+
+
+def _world(start: CouplingStart[NoTuning], make: MakeModulator, limited: bool) -> WorldCoupling:
+    world = start.params.world
+    spring = shared_spring(world.stiffness, len(start.position))
+    kept = world.ceiling_J * KEPT_FOR_PEERS
+    modulator = make(world, spring, start.position, start.initial_energy, kept)
+    return SetPositionSteps(_coupling(start, world, spring, modulator, _longest_step(world, spring, limited), kept))
+
+
+def plain_world(start: CouplingStart[object]) -> WorldCoupling:
+    """The world's end of couplings that have a law at the device only."""
+    return _world(cast(CouplingStart[NoTuning], start), _plain, limited=False)
+
+
+def _covers(params: Params, tuning: NoTuning, virtual: bool) -> bool:
+    """Any link; but the range harvest of a held force counts on the device's own damping, as the start has warned."""
+    device = params.device
+    sampled = device.servo == "sampled" or (device.servo == "auto" and not virtual)
+    return not (sampled and device.harvest == "range")
+
+
+PSPM = CouplingSpec(
+    name="pspm",
+    title="passive set-position modulation",
+    source="Lee, Huang 2009",
+    claim="passive at both ports, whatever the link does",
+    device=partial(_sampled, make=_pspm, limited=True),
+    world=partial(_world, make=_pspm, limited=True),
+    continuous=partial(_continuous, make=_pspm, limited=True),
+    tuning=NoTuning,
+    tune=untuned,
+    set_positions=BOTH_SIDES,
+    limited=True,
+    scaled=True,
+    halves=True,
+    joint=False,
+    covers=_covers,
+)
+
+ZOH = CouplingSpec(
+    name="zoh",
+    title="virtual coupling, held",
+    source="Colgate, Stanley, Brown 1995",
+    claim="passive without delay, positions fresh every tick, if the device damps by more than K T/2 + B",
+    device=partial(_sampled, make=_plain, limited=False),
+    world=partial(_world, make=_plain, limited=False),
+    continuous=partial(_continuous, make=_plain, limited=False),
+    tuning=NoTuning,
+    tune=untuned,
+    set_positions=BOTH_SIDES,
+    scaled=True,
+    joint=False,
+)

@@ -1,0 +1,86 @@
+"""Two-port time-domain passivity (hapnet/control/tdpa.py): its rule and its ends."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from hapnet.control.tdpa import TdpaDevice, TdpaWorld
+from hapnet.couplings.link_delays import Delays
+from hapnet.couplings.spec import RENDERED_DAMPING, CouplingSpec, CouplingStart, held_law, scalar_stiffness, stepped_law
+from hapnet.params import Params
+from hapnet.wire.messages import Port
+
+
+@dataclass(frozen=True)
+class Tuning:
+    stiffness_N_m: float
+    damping_Ns_m: float
+    velocity_floor_m_s: float
+    force_floor_N: float
+    damping_cap_Ns_m: float
+    speed_limit_m_s: float
+    debt_limit_J: float
+    recovery_s: float
+
+
+def tune(params: Params, link: Delays) -> Tuning:
+    """The coupling damps the virtual mass critically, its heaviest axis. alpha is at most what the device renders, and
+    what stops it within a tick, m/T: a held damper that is stronger drives it. The link's delays do not matter.
+    """
+    chosen, device = params.tdpa, params.device
+    K = chosen.stiffness or scalar_stiffness(params)
+    mass = np.asarray(params.world.mass)
+    heaviest = float(np.linalg.norm(mass, 2) if mass.ndim == 2 else mass.max())
+    return Tuning(
+        stiffness_N_m=K,
+        damping_Ns_m=chosen.damping or min(2.0 * math.sqrt(K * heaviest), RENDERED_DAMPING),
+        velocity_floor_m_s=chosen.velocity_floor,
+        force_floor_N=chosen.force_floor,
+        damping_cap_Ns_m=chosen.damping_cap or min(RENDERED_DAMPING, device.mass * device.servo_hz),
+        speed_limit_m_s=chosen.speed_limit,
+        debt_limit_J=chosen.debt_limit_J,
+        recovery_s=chosen.recovery_s,
+    )
+
+
+def _device(start: CouplingStart[Tuning]) -> TdpaDevice:
+    tuning = start.tuning
+    return TdpaDevice(
+        position=start.position,
+        velocity_floor=tuning.velocity_floor_m_s,
+        damping_cap=tuning.damping_cap_Ns_m,
+        debt_limit=tuning.debt_limit_J,
+        stiffness=tuning.stiffness_N_m,
+    )
+
+
+def _world(start: CouplingStart[Tuning]) -> TdpaWorld:
+    tuning = start.tuning
+    return TdpaWorld(
+        position=start.position,
+        stiffness=tuning.stiffness_N_m,
+        damping=tuning.damping_Ns_m,
+        force_floor=tuning.force_floor_N,
+        speed_limit=tuning.speed_limit_m_s,
+        debt_limit=tuning.debt_limit_J,
+        recovery=tuning.recovery_s,
+    )
+
+
+TDPA = CouplingSpec(
+    name="tdpa",
+    title="two-port time-domain passivity",
+    source="Ryu, Artigas, Preusche 2010, with drift compensation",
+    claim="passive at both ports, whatever the link does, but for a bounded debt; without compensation it drifts",
+    device=held_law(_device),
+    world=stepped_law(_world),
+    tuning=Tuning,
+    tune=tune,
+    device_sends=Port,
+    world_sends=Port,
+    covers=lambda params, tuning, virtual: True,
+    allowance_J=lambda tuning: 2.0 * tuning.debt_limit_J,
+)

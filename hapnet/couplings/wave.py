@@ -1,0 +1,128 @@
+"""Wave variables, as a delay line and as digital waves (hapnet/control/wave*.py, digital_wave.py): rules and ends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+from hapnet.control.digital_wave import Replay
+from hapnet.control.wave import DelayLine
+from hapnet.control.wave_filter import WaveFilter
+from hapnet.control.wave_port import Line, WaveDevice, WaveWorld
+from hapnet.couplings.link_delays import Delays
+from hapnet.couplings.spec import RENDERED_DAMPING, CouplingSpec, CouplingStart, held_law, scalar_stiffness, stepped_law
+from hapnet.params import Params
+from hapnet.wire.messages import Wave
+
+_LONGEST_JITTER_S = 0.25
+"""Waves that wait for longer do more harm than those that are dropped: so measured on a recorded LTE link."""
+
+
+@dataclass(frozen=True)
+class LineTuning:
+    impedance_Ns_m: float
+    stiffness_N_m: float
+    damping_Ns_m: float
+    smoothing_s: float
+    longest_wait_s: float
+
+
+@dataclass(frozen=True)
+class DigitalTuning:
+    impedance_Ns_m: float
+    stiffness_N_m: float
+    damping_Ns_m: float
+    smoothing_s: float
+    spread_s: float
+
+
+T = TypeVar("T", LineTuning, DigitalTuning)
+
+
+def tune_line(params: Params, link: Delays) -> LineTuning:
+    """The wave impedance b as large as a device can render it.
+
+    In free motion a line of delay d is an inertia b d, in contact a spring b/d (Niemeyer, Slotine 2004): with a
+    virtual world's slow steps on the way d is so long that the spring is what is lacking. The virtual coupling is to
+    be as stiff as makes device.stiffness of both in series; where the line alone is softer, ten times that stiffness.
+    Its damper is b, so that high frequencies are not reflected by a wall.
+    """
+    wave, K = params.wave, scalar_stiffness(params)
+    impedance = wave.impedance or RENDERED_DAMPING
+    delay = link.one_way_s + params.world.step_max_s + _jitter_s(link)
+    compliance = 1.0 / K - delay / impedance
+    return LineTuning(
+        impedance_Ns_m=impedance,
+        stiffness_N_m=wave.stiffness or 1.0 / max(compliance, 0.1 / K),
+        damping_Ns_m=wave.damping or impedance,
+        smoothing_s=wave.smoothing_s,
+        longest_wait_s=params.world.step_max_s + _LONGEST_JITTER_S,
+    )
+
+
+def tune_digital(params: Params, link: Delays) -> DigitalTuning:
+    """As the wave line; what arrives is spread over the longest time between two arrivals."""
+    line = tune_line(params, link)
+    spread = params.world.step_max_s + _jitter_s(link)
+    return DigitalTuning(line.impedance_Ns_m, line.stiffness_N_m, line.damping_Ns_m, line.smoothing_s, spread)
+
+
+def _jitter_s(link: Delays) -> float:
+    """How much later than the fastest message another comes, hardly ever exceeded."""
+    return min(link.round_trip_bound_s - 2.0 * link.one_way_s, _LONGEST_JITTER_S)
+
+
+def _delay_line(start: CouplingStart[LineTuning]) -> Line:
+    return DelayLine(len(start.position), start.tuning.longest_wait_s, hold=start.params.wave.missing == "hold")
+
+
+def _replay(start: CouplingStart[DigitalTuning]) -> Line:
+    return Replay(len(start.position), start.tuning.spread_s)
+
+
+def _device(line: Callable[[CouplingStart[T]], Line]) -> Callable[[CouplingStart[T]], WaveDevice]:
+    def make(start: CouplingStart[T]) -> WaveDevice:
+        tuning, dof = start.tuning, len(start.position)
+        return WaveDevice(tuning.impedance_Ns_m, start.position, WaveFilter(line(start), dof, tuning.smoothing_s))
+
+    return make
+
+
+def _world(line: Callable[[CouplingStart[T]], Line]) -> Callable[[CouplingStart[T]], WaveWorld]:
+    def make(start: CouplingStart[T]) -> WaveWorld:
+        tuning = start.tuning
+        return WaveWorld(tuning.impedance_Ns_m, tuning.stiffness_N_m, tuning.damping_Ns_m, start.position, line(start))
+
+    return make
+
+
+WAVE = CouplingSpec(
+    name="wave",
+    title="wave variables",
+    source="Niemeyer, Slotine 2004",
+    claim="passive at both ports for any constant delay; with zero for what is missing, on any link",
+    device=held_law(_device(_delay_line)),
+    world=stepped_law(_world(_delay_line)),
+    tuning=LineTuning,
+    tune=tune_line,
+    shared=("impedance_Ns_m",),
+    device_sends=Wave,
+    world_sends=Wave,
+    covers=lambda params, tuning, virtual: params.wave.missing == "zero",
+)
+
+DIGITAL_WAVE = CouplingSpec(
+    name="digital-wave",
+    title="digital waves",
+    source="Berestesky, Chopra, Spong 2004",
+    claim="passive at both ports, whatever the link does",
+    device=held_law(_device(_replay)),
+    world=stepped_law(_world(_replay)),
+    tuning=DigitalTuning,
+    tune=tune_digital,
+    shared=("impedance_Ns_m",),
+    device_sends=Wave,
+    world_sends=Wave,
+    covers=lambda params, tuning, virtual: True,
+)
