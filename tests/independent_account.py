@@ -169,7 +169,7 @@ class Witness:
         self._watch_wire(endpoint, self.world, self.device, lambda: len(self.steps))
 
     def _watch_wire(self, endpoint: Any, here: Crossing, there: Crossing, now: Callable[[], int]) -> None:
-        credit, give = endpoint.credit, endpoint.session.give
+        credit, give = endpoint.credit, endpoint.session.shuffle
 
         def watched_credit(credited_nJ: int) -> None:
             here.credit(credited_nJ)
@@ -180,7 +180,7 @@ class Witness:
             here.shuffle(now(), energy)
             give(energy)
 
-        endpoint.credit, endpoint.session.give = watched_credit, watched_give
+        endpoint.credit, endpoint.session.shuffle = watched_credit, watched_give
 
     @staticmethod
     def _put(values: list[Vector], value: Vector, index: int) -> None:

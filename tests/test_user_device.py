@@ -136,9 +136,9 @@ def test_a_driver_that_fails_while_running_is_named() -> None:
     device = OwnDevice("tests.test_user_device:Unplugged", 1)
     assert isinstance(device.device, Unplugged)
     device.device.plugged = False
-    with pytest.raises(HapnetError, match=r"^the device tests\.test_own_device:Unplugged failed.*OSError: unplugged"):
+    with pytest.raises(HapnetError, match=r"^the device tests\.test_user_device:Unplugged failed.*OSError: unplugged"):
         device.read()
-    with pytest.raises(HapnetError, match=r"^the device tests\.test_own_device:Unplugged failed.*overcurrent"):
+    with pytest.raises(HapnetError, match=r"^the device tests\.test_user_device:Unplugged failed.*overcurrent"):
         device.apply((0.0,))
 
 
@@ -259,7 +259,7 @@ def test_a_device_that_does_not_tell_is_counted_as_commanded() -> None:
 
 
 def test_a_device_that_applies_nonsense_is_named() -> None:
-    with pytest.raises(HapnetError, match=r"^the device tests\.test_own_device:TellingNonsense failed: apply\(\) gave"):
+    with pytest.raises(HapnetError, match=r"^the device tests\.test_user_device:TellingNonsense failed: apply\(\) gave"):
         driven("TellingNonsense")
 
 

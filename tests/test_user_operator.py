@@ -81,7 +81,7 @@ def test_whatever_it_does_wrong_later_names_it(name: str, says: str) -> None:
     hand = OwnOperator(f"tests.test_user_operator:{name}", 2, HAND)
     assert hand.impedance is HAND
     assert hand.reference(0.009) == (0.0, 0.0)
-    with pytest.raises(HapnetError, match=rf"the operator tests\.test_own_operator:{name} failed: {says}"):
+    with pytest.raises(HapnetError, match=rf"the operator tests\.test_user_operator:{name} failed: {says}"):
         hand.reference(0.01)
 
 
@@ -89,7 +89,7 @@ def test_whatever_it_does_wrong_later_names_it(name: str, says: str) -> None:
     ("name", "says"), [("LostAtOnce", "inf"), ("Handless", "no impedance"), ("Nobody", "Nobody"), ("HAND", "TypeError")]
 )
 def test_what_is_wrong_at_once_is_a_parameter(name: str, says: str) -> None:
-    with pytest.raises(InvalidParameter, match=rf"operator is 'tests\.test_own_operator:{name}'; .*{says}"):
+    with pytest.raises(InvalidParameter, match=rf"operator is 'tests\.test_user_operator:{name}'; .*{says}"):
         OwnOperator(f"tests.test_user_operator:{name}", 1, HAND)
 
 
@@ -106,5 +106,5 @@ def test_a_guard_changes_nothing() -> None:
 
 def test_a_simulation_ends_with_the_operators_name() -> None:
     params = Params().set({"duration_s": 1.0, "scene": "free", "dof": 2})
-    with pytest.raises(HapnetError, match=r"the operator tests\.test_own_operator:Raising failed"):
+    with pytest.raises(HapnetError, match=r"the operator tests\.test_user_operator:Raising failed"):
         simulate(params.set({"operator": "tests.test_user_operator:Raising"}), seed=1)
