@@ -259,7 +259,9 @@ def test_a_device_that_does_not_tell_is_counted_as_commanded() -> None:
 
 
 def test_a_device_that_applies_nonsense_is_named() -> None:
-    with pytest.raises(HapnetError, match=r"^the device tests\.test_user_device:TellingNonsense failed: apply\(\) gave"):
+    with pytest.raises(
+        HapnetError, match=r"^the device tests\.test_user_device:TellingNonsense failed: apply\(\) gave"
+    ):
         driven("TellingNonsense")
 
 

@@ -7,6 +7,7 @@ never blocks Zenoh's threads: what does not fit is lost. Whoever sets RUST_LOG g
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import json
 import os
 import re
@@ -36,6 +37,7 @@ _DENIED = re.compile(  # puts only as a cached result: else it is what Zenoh wor
     r" \(ingress\) on (?P<key>\S+)/"
 )
 _MOST_NAMES = 256
+_PIPE_BYTES = 2**20
 
 
 class Log:
@@ -101,6 +103,8 @@ def heeded(settings: ZenohSettings) -> Iterator[Refusals]:
     sys.stdout.flush()
     before, (source, sink) = os.dup(1), os.pipe()
     os.set_blocking(sink, False)
+    with contextlib.suppress(AttributeError, OSError):  # Linux only: room for a reader that is held up
+        fcntl.fcntl(sink, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
     os.dup2(sink, 1)
     os.close(sink)
     stdout, sys.stdout = sys.stdout, os.fdopen(os.dup(before), "w", encoding="utf-8", errors="backslashreplace")
