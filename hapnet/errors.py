@@ -28,11 +28,18 @@ class InvalidParameter(HapnetError, ValueError):
 
 
 class ProtocolError(HapnetError):
-    """A message or a peer does not follow the protocol."""
+    """Something does not follow the protocol."""
+
+
+class LocalProtocolError(ProtocolError):
+    """This side's own program asks for what the protocol does not allow: a defect here, never a peer's doing."""
 
 
 class BadMessage(ProtocolError):
-    """A received message cannot be accepted; it is counted under `kind` and dropped."""
+    """A received message does not follow the protocol, by its sender's fault or the network's.
+
+    It is counted under `kind` and dropped. (h11 calls such an error remote.)
+    """
 
     def __init__(self, kind: str, detail: str) -> None:
         self.kind, self.detail = kind, detail
@@ -40,10 +47,6 @@ class BadMessage(ProtocolError):
 
     def __reduce__(self) -> tuple[type[BadMessage], tuple[str, str]]:
         return type(self), (self.kind, self.detail)
-
-
-class PeerRefused(ProtocolError):
-    """The two sides do not fit (version, degrees of freedom, role): the reason is the message."""
 
 
 class RecordingError(HapnetError):

@@ -156,14 +156,14 @@ def test_a_total_taken_for_an_amount_is_noticed(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_a_list_that_grows_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    check = Handshake._check_sender
+    is_peer = Handshake._is_peer
 
-    def leaky(self: Handshake, sender: int) -> None:
-        self.__dict__.setdefault("_replay_window", []).append(sender)
-        check(self, sender)
+    def leaky(self: Handshake, sender: int) -> bool:
+        self.__dict__.setdefault("_seen", []).append(sender)
+        return is_peer(self, sender)
 
-    monkeypatch.setattr(Handshake, "_check_sender", leaky)
-    assert "_replay_window holds" in found("device")
+    monkeypatch.setattr(Handshake, "_is_peer", leaky)
+    assert "_seen holds" in found("device")
 
 
 def test_a_stale_position_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -200,7 +200,7 @@ def test_an_exception_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     def fragile(self: Handshake, sender: int) -> None:
         assert sender != self.identity.incarnation
 
-    monkeypatch.setattr(Handshake, "_check_sender", fragile)
+    monkeypatch.setattr(Handshake, "_never_a_peer", fragile)
     words = found("world")
     assert "AssertionError" in words
     assert "Traceback" in words

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Iterator
 
 import pytest
 
-from hapnet.errors import BadMessage
+from hapnet.errors import BadMessage, LocalProtocolError
+from hapnet.wire.control_sender import HELLO_PERIOD_NS
 from hapnet.wire.events import Event, Mismatch, Paired
-from hapnet.wire.handshake import COUPLING, HELLO_PERIOD_NS, MAX_PEERS, Handshake
+from hapnet.wire.handshake import COUPLING, MAX_PEERS, Handshake
 from hapnet.wire.messages import Bye, Hello, Identity, Refuse, Role, Scalar, Welcome
+from hapnet.wire.pairing import TRANSITIONS, Action, Input, State, transition
 
 MS = 1_000_000
 ME = Identity(1, "device", 2, "pen", {COUPLING: "pspm"})
@@ -27,7 +30,7 @@ def welcome(number: int, incarnation: int = 2, role: Role = "world", dof: int = 
 
 def taken(handshake: Handshake, message: Welcome, now_ns: int) -> bool:
     try:
-        return any(isinstance(event, Paired) for event in handshake.welcome(message, now_ns))
+        return any(isinstance(event, Paired) for event in handshake.receive(message, now_ns))
     except BadMessage as error:
         if error.kind != "stale":
             raise
@@ -58,10 +61,10 @@ def test_after_a_pairing_or_its_end_only_later_hellos_count(number: int, pairs: 
     handshake = after_hellos(3)
     assert taken(handshake, welcome(3), 600 * MS)
     if ended:
-        handshake.bye(Bye(2, 1, 0, "the end"), 700 * MS)
+        handshake.receive(Bye(2, 1, 0, "the end"), 700 * MS)
     else:
         with pytest.raises(BadMessage):
-            handshake.check_peer(9, 700 * MS)
+            handshake.on_data(9, 700 * MS)
     (said,) = handshake.poll(800 * MS)
     assert isinstance(said, Hello)
     assert said.number == 4
@@ -73,9 +76,9 @@ def test_a_hello_said_before_the_pair_ended_is_too_old_after_it() -> None:
     handshake = after_hellos(3)
     assert taken(handshake, welcome(3), 600 * MS)
     with pytest.raises(BadMessage):
-        handshake.check_peer(9, 700 * MS)  # a stranger speaks, so the fourth is said
+        handshake.on_data(9, 700 * MS)  # a stranger speaks, so the fourth is said
     assert [said.number for said in handshake.poll(700 * MS) if isinstance(said, Hello)] == [4]
-    handshake.bye(Bye(2, 1, 0, "the end"), 800 * MS)
+    handshake.receive(Bye(2, 1, 0, "the end"), 800 * MS)
     assert not taken(handshake, welcome(4, incarnation=3), 900 * MS)
     assert [said.number for said in handshake.poll(1000 * MS) if isinstance(said, Hello)] == [5]
     assert taken(handshake, welcome(5, incarnation=3), 1100 * MS)
@@ -95,16 +98,16 @@ def test_another_coupling_is_refused_whoever_asks() -> None:
     handshake = after_hellos(1)
     hello = Hello(2, 1, "world", 2, "wall", {COUPLING: "zoh"})
     why = ["wall runs the coupling zoh, pen runs pspm"]
-    assert list(refused(handshake, handshake.hello(hello, 300 * MS), 300 * MS)) == why
+    assert list(refused(handshake, handshake.receive(hello, 300 * MS), 300 * MS)) == why
     answer = welcome(1, incarnation=3, coupling="zoh")
-    assert list(refused(handshake, handshake.welcome(answer, 400 * MS), 500 * MS)) == why
+    assert list(refused(handshake, handshake.receive(answer, 400 * MS), 500 * MS)) == why
     assert handshake.peer is None
 
 
 @pytest.mark.parametrize("theirs", [{COUPLING: "pspm"}, {COUPLING: None}, {}])
 def test_the_same_coupling_fits_and_so_does_none(theirs: dict[str, Scalar]) -> None:
     handshake = after_hellos(1)
-    assert handshake.hello(Hello(2, 1, "world", 2, "wall", theirs), 300 * MS) == ()
+    assert handshake.receive(Hello(2, 1, "world", 2, "wall", theirs), 300 * MS) == ()
     assert any(isinstance(said, Welcome) for said in handshake.poll(300 * MS))
 
 
@@ -116,12 +119,77 @@ def test_after_so_many_peers_a_side_pairs_no_more() -> None:
         now_ns += HELLO_PERIOD_NS
         number += sum(isinstance(said, Hello) for said in handshake.poll(now_ns))
         assert taken(handshake, welcome(number, incarnation), now_ns), incarnation
-        handshake.bye(Bye(incarnation, 1, 0, "the end"), now_ns)
+        handshake.receive(Bye(incarnation, 1, 0, "the end"), now_ns)
     assert handshake.pairs == limit == 4096
     now_ns += HELLO_PERIOD_NS
     number += sum(isinstance(said, Hello) for said in handshake.poll(now_ns))
-    late = handshake.welcome(welcome(number, limit + 2), now_ns)
+    late = handshake.receive(welcome(number, limit + 2), now_ns)
     assert list(refused(handshake, late, now_ns + HELLO_PERIOD_NS)) == ["this side has seen 4096 peers; restart it"]
     assert handshake.peer is None
     with pytest.raises(BadMessage, match="was the peer once"):
-        handshake.hello(Hello(2, 1, "world", 2, "wall", {}), now_ns)  # the first of them is not forgotten
+        handshake.receive(Hello(2, 1, "world", 2, "wall", {}), now_ns)  # the first of them is not forgotten
+
+
+# -- the table ---------------------------------------------------------------------------------------------------------
+
+FROM_PEER = {state for state in Input if state.name.endswith("_OF_PEER")} | {Input.FORGED_HELLO}
+TIME = {Input.PEER_HEARD, Input.PEER_SILENT}
+STRANGERS = set(Input) - FROM_PEER - TIME
+"""What may happen whether there is a peer or not."""
+
+
+def test_every_state_answers_all_that_can_come_in_it() -> None:
+    assert set(TRANSITIONS[State.SEARCHING]) == STRANGERS
+    assert set(TRANSITIONS[State.PAIRED]) == set(TRANSITIONS[State.SILENT]) == set(Input)
+    assert TRANSITIONS[State.LEFT] == {}
+
+
+def test_what_the_rows_must_keep() -> None:
+    """The laws that the module's docstring tells, of every row."""
+    for state, rows in TRANSITIONS.items():
+        for happened, row in rows.items():
+            where = state, happened
+            assert (Action.PAIR in row.actions) == (happened is Input.WELCOME and state is not State.PAIRED), where
+            assert (Action.END_PAIR in row.actions) == (row.state is State.SEARCHING is not state), where
+            assert row.drop is None or row.state is state, where  # a dropped message changes no state
+            if happened in (Input.OWN, Input.RETIRED, Input.MISADDRESSED, Input.OTHER_CANDIDATE):
+                assert row.drop is not None, where
+            if state is State.PAIRED and happened in STRANGERS - {Input.RETIRED, Input.UNFIT_HELLO}:
+                assert row.actions == (), where  # nobody disturbs a peer that is heard
+
+
+def test_what_this_program_does_wrong_is_no_fault_of_a_peer() -> None:
+    with pytest.raises(LocalProtocolError, match=r"BYE_OF_PEER in state SEARCHING; allowed: CLOSE, OWN, "):
+        transition(State.SEARCHING, Input.BYE_OF_PEER)
+    handshake = after_hellos(1)
+    handshake.close(300 * MS, 0, "the end")
+    for late in (lambda: handshake.close(400 * MS, 0, "again"), lambda: handshake.receive(welcome(1), 400 * MS)):
+        with pytest.raises(LocalProtocolError, match="in state LEFT; allowed: nothing any more") as caught:
+            late()
+        assert not isinstance(caught.value, BadMessage)
+    assert not issubclass(BadMessage, LocalProtocolError)
+
+
+MESSAGES = (
+    *(Hello(who, 1, role, 2, "wall", {}) for who in (1, 2, 3, 4, 5) for role in ("device", "world")),
+    *(welcome(number, who, dof=dof) for number in (1, 2) for who in (1, 2, 3, 4, 5) for dof in (1, 2)),
+    *(Refuse(who, to, "no") for who in (1, 2, 3, 4, 5) for to in (1, 9)),
+    *(Bye(who, 1, 0, "the end") for who in (1, 2, 3, 4, 5)),
+)
+
+
+@pytest.mark.parametrize("state", [State.SEARCHING, State.PAIRED, State.SILENT])
+def test_to_look_at_a_message_changes_nothing(state: State) -> None:
+    """2 is the peer, 3 the candidate, 4 was the peer once, 5 a stranger, 1 this side itself; private, so as to look."""
+    heard = state is State.PAIRED
+    handshake = Handshake(ME, lambda now_ns: heard, HELLO_PERIOD_NS)
+    for k, who in enumerate((4, 2) if state is not State.SEARCHING else (4,)):
+        handshake.poll(k * HELLO_PERIOD_NS)
+        handshake.receive(welcome(k + 1, who), k * HELLO_PERIOD_NS)
+        if who == 4:
+            handshake.receive(Bye(4, 1, 0, "the end"), k * HELLO_PERIOD_NS)
+    handshake._candidate, handshake._candidate_ns = 3, 200 * MS
+    before = pickle.dumps((vars(handshake.control), handshake.peer, handshake._retired, handshake._candidate))
+    happened = {handshake._classify(message, 300 * MS)[0] for message in MESSAGES}
+    assert pickle.dumps((vars(handshake.control), handshake.peer, handshake._retired, handshake._candidate)) == before
+    assert happened >= {Input.OWN, Input.RETIRED, Input.OTHER_CANDIDATE, Input.MISADDRESSED, Input.BYE}

@@ -11,6 +11,7 @@ from hapnet.control import deadband
 from hapnet.params import Params
 from hapnet.transport import keys, probe, zenoh
 from hapnet.wire import (
+    control_sender,
     energy_channel,
     handshake,
     messages,
@@ -27,15 +28,15 @@ PAGE = (Path(messages.__file__).parent / "README.md").read_text("utf-8")
 MS = 1_000_000
 
 CODE: dict[str, float] = {
-    "hello period [ms]": handshake.HELLO_PERIOD_NS / MS,
-    "least time between two hellos that strangers call for [ms]": handshake.PROMPT_NS / MS,
+    "hello period [ms]": control_sender.HELLO_PERIOD_NS / MS,
+    "least time between two hellos that strangers call for [ms]": control_sender.PROMPT_NS / MS,
     "a peer is living for [ms]": peer_monitor.LIVING_NS / MS,
-    "a suitor is waited for [ms]": handshake.SUITOR_NS / MS,
+    "a candidate is waited for [ms]": handshake.CANDIDATE_NS / MS,
     "silence that is told [ms]": session.SILENCE_NS / MS,
-    "replies (welcomes, refusals) at once": handshake.MAX_REPLIES,
-    "time between two rounds of replies [ms]": handshake.REPLY_SPACING_NS / MS,
-    "copies of a bye": handshake.BYE_COPIES,
-    "time between them [ms]": handshake.BYE_SPACING_NS / MS,
+    "replies (welcomes, refusals) at once": control_sender.MAX_REPLIES,
+    "time between two rounds of replies [ms]": control_sender.REPLY_SPACING_NS / MS,
+    "copies of a bye": control_sender.BYE_COPIES,
+    "time between them [ms]": control_sender.BYE_SPACING_NS / MS,
     "peers in one process's life": handshake.MAX_PEERS,
     "least time between two messages with new energy [ms]": energy_channel.SPACING_NS / MS,
     "an acknowledgement waits [ms]": energy_channel.ACK_DELAY_NS / MS,

@@ -8,6 +8,7 @@ import msgpack
 import pytest
 
 from hapnet.errors import InvalidParameter
+from hapnet.wire.control_sender import MAX_REPLIES
 from hapnet.wire.events import (
     EnergyCredited,
     Event,
@@ -20,7 +21,6 @@ from hapnet.wire.events import (
     PositionReceived,
     SampleReceived,
 )
-from hapnet.wire.handshake import MAX_REPLIES
 from hapnet.wire.messages import (
     Bye,
     Energy,

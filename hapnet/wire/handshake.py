@@ -1,55 +1,65 @@
-"""Who the peer is: hello, welcome, refuse, bye.
+"""Who the peer is: hello, welcome, refuse, bye. The states and what each input does are in `hapnet.wire.pairing`.
 
 An incarnation, 64 random bits, is one start of a process. The rules:
 
-* A side says hello every period until it is paired. A hello is numbered and is answered by a welcome that repeats its
-  number, or by a refusal.
+* A side says hello every period until it is paired. A hello is numbered. The answer is a welcome that repeats its
+  number, or a refusal.
 * A side is paired by a welcome to one of its own hellos, never by a hello: the network may deliver the hello of a
   process that died long ago, but a welcome proves that its sender was alive after the hello with that number left.
-* A stranger (neither the peer nor retired) that says anything is sent a hello, and if it answers it is the peer: the
-  old one has restarted. Its welcome must repeat a hello later than the current pairing. So what dead processes left in
-  the network can never displace a living peer.
-* Nor can a living stranger: while the peer is heard, a stranger is a rival (two devices under one name), which is
-  dropped and not answered, but for the refusal of a hello that does not fit; what it refuses is dropped as well. It
-  goes on saying hello, and its turn comes when the peer is silent.
-* Of several that look for a peer at once one is the suitor, the first; the others are rivals until it has become the
-  peer, or was not heard for `SUITOR_NS`. Were all welcomed, each would think itself the peer, with a full reservoir.
-* A peer that was displaced, left or refused is retired for as long as this side runs, and told so when it speaks: its
-  totals go on where they were, so to pair with it anew, from zero, would credit them twice. There are at most
-  `MAX_PEERS`; a side that has seen more pairs with nobody else, which is the safe way to have bounded memory.
+* A stranger (neither the peer nor retired) that says anything is sent a hello. If it answers, it becomes the peer: the
+  old one has restarted. Its welcome must repeat a hello that is later than the current pairing. So what dead processes
+  left in the network can never displace a living peer.
+* Nor can a living stranger: while the peer is heard, strangers (such as a second device under the same name) are
+  dropped and not answered; only a hello that does not fit is refused. A stranger goes on saying hello, and its turn
+  comes when the peer is silent.
+* Of several that look for a peer at once the first is the candidate. The others are dropped until it has become the
+  peer, or was not heard for `CANDIDATE_NS`. If all were welcomed, each would take itself for the peer and start with a
+  full reservoir.
+* A peer that was displaced, left or refused is retired for as long as this side runs, and is told so when it speaks:
+  its totals go on where they were, so to pair with it anew, from zero, would credit them twice. A side that has seen
+  `MAX_PEERS` pairs with nobody else: so the list is bounded and never forgets.
+
+Each message passes three steps: `_classify` says which input it is and changes nothing, the table decides, and
+`_act` does what the table says.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 from hapnet.errors import BadMessage
+from hapnet.wire.control_sender import ControlMessage, ControlSender
 from hapnet.wire.events import Event, Mismatch, Paired, PeerLeft, PeerRefused
 from hapnet.wire.fields import MAX_TEXT
 from hapnet.wire.messages import Bye, Hello, Identity, OtherVersion, Refuse, Welcome
+from hapnet.wire.pairing import Action, Input, State, transition
 
-HELLO_PERIOD_NS = 100_000_000
-PROMPT_NS = 20_000_000  # least time between two hellos, when strangers call for them
-REPLY_SPACING_NS = 10_000_000  # however fast strangers speak: at most MAX_REPLIES in this time
-MAX_REPLIES = 8
-SUITOR_NS = 500_000_000  # more than two hellos of a side that looks for a peer are apart
-TOLD_SPACING_NS = 100_000_000  # least time between two events that say that somebody does not fit
+CANDIDATE_NS = 500_000_000  # several hello periods: one that still looks for a peer is heard meanwhile
+REPORT_SPACING_NS = 100_000_000  # least time between two reports that somebody does not fit
 MAX_PEERS = 4096
-BYE_COPIES = 3
-BYE_SPACING_NS = 20_000_000
 
 COUPLING = "coupling"
 """Entry of `about`: the coupling that a side runs. Both must run the same."""
 SHARED = "shared."
-"""What begins so in `about` is a number of the coupling's that both sides must have the same."""
+"""An entry of `about` that begins so is a number of the coupling that must be equal on both sides."""
 
 RESERVOIR = "reservoir_J"
-"""Entry of `about`: what the reservoir of a side holds when it starts, unless it takes another one's place [J]."""
+"""Entry of `about`: the energy in a side's reservoir when it starts, unless it takes the place of another side [J]."""
 
 EARLIER = "earlier"
 """Entry of a welcome's `about`: how many others its sender was paired with before this one; absent if none."""
 
-ControlMessage = Hello | Welcome | Refuse | Bye
+
+class Said(NamedTuple):
+    """What the actions need of the message that caused them; of what a message does not have, the default."""
+
+    sender: int
+    addressee: int = 0
+    number: int = 0
+    identity: Identity | None = None
+    reason: str = ""
+    """In a refusal or a bye the sender's; of a hello or a welcome, why it does not fit."""
 
 
 class Handshake:
@@ -60,96 +70,47 @@ class Handshake:
 
     def __init__(self, identity: Identity, living: Callable[[int], bool], hello_period_ns: int) -> None:
         self.identity = identity
-        self._living = living
+        self.state = State.SEARCHING
         self.peer: Identity | None = None
         self.pairs = 0
-        self._period_ns = hello_period_ns
+        self.control = ControlSender(identity, hello_period_ns)
+        self._living = living
         self._retired: set[int] = set()
-        self._hellos = 0
-        self._stale_hellos = 0  # welcomes to these are older than the current state
-        self._hello_ns: int | None = 0
-        self._prompt_ns = 0  # no hello before that
-        self._replies: dict[int, Welcome | Refuse] = {}
-        self._reply_ns = 0
-        self._suitor: int | None = None  # who alone may become the peer
-        self._suitor_ns = 0
-        self._bye: Bye | None = None
-        self._byes_left = 0
-        self._bye_ns = 0
-        self._told: dict[type[Event], tuple[int, str, int]] = {}
+        self._stale_hellos = 0  # welcomes to these are older than the present peer, or the end of the last
+        self._candidate: int | None = None
+        self._candidate_ns = 0  # when it was heard last
+        self._reported: dict[type[Event], tuple[int, str, int]] = {}
 
-    def check_peer(self, sender: int, now_ns: int) -> None:
-        """Return if `sender` is the peer; else raise BadMessage (stranger, retired, own), and see to the sender."""
-        if self.peer is not None and self.peer.incarnation == sender:
-            return
-        self._check_sender(sender)
-        self._check_peer_is_silent(sender, now_ns)
-        self._call(now_ns)
-        if self.peer is None:
-            raise BadMessage("unpaired", f"incarnation {sender:#x} is not the peer yet")
-        raise BadMessage("stranger", f"incarnation {sender:#x} is not the peer's")
+    def receive(self, message: ControlMessage, now_ns: int) -> tuple[Event, ...]:
+        """What a control message brings.
 
-    def hello(self, message: Hello, now_ns: int) -> tuple[Event, ...]:
-        self._check_sender(message.incarnation)
-        if reason := self._misfit(_identity(message)):
-            return self._refuse(message.incarnation, reason, now_ns)
-        self._check_no_rival(message.incarnation, now_ns)
-        me = self.identity
-        number = message.number
-        earlier = self._earlier_peers(message.incarnation)
-        about = {**me.about, EARLIER: earlier} if earlier else me.about
-        self._reply(Welcome(me.incarnation, message.incarnation, number, me.role, me.dof, me.name, about))
-        if self.peer is None or self.peer.incarnation != message.incarnation:
-            self._call(now_ns)
-        return ()
+        Raises
+        ------
+        BadMessage : it does not count, by a fault of the network or of its sender.
+        LocalProtocolError : this side has said bye.
+        """
+        self._observe(now_ns)
+        return self._act(*self._classify(message, now_ns), now_ns)
 
-    def welcome(self, message: Welcome, now_ns: int) -> tuple[Event, ...]:
-        self.check_addressee(message.addressee)
-        if self.peer is not None and self.peer.incarnation == message.incarnation:
-            return ()
-        self._check_sender(message.incarnation)
-        self._check_no_rival(message.incarnation, now_ns)
-        if not self._stale_hellos < message.number <= self._hellos:
-            self._call(now_ns)
-            raise BadMessage("stale", f"welcome to hello {message.number}; the last pairing was after it, or never")
-        identity = _identity(message)
-        if reason := self._misfit(identity):
-            return self._refuse(message.incarnation, reason, now_ns)
-        if len(self._retired) >= MAX_PEERS:
-            return self._refuse(message.incarnation, f"this side has seen {MAX_PEERS} peers; restart it", now_ns)
-        if self.peer is not None:
-            self._reply(self._refusal(self.peer.incarnation, f"replaced by {identity.name}"))
-            self._retire(self.peer, now_ns)
-        self.peer = identity
-        self._suitor = None
-        self.pairs += 1
-        self._stale_hellos = self._hellos
-        self._hello_ns = None
-        return (Paired(identity, self.pairs),)
+    def on_data(self, sender: int, now_ns: int) -> None:
+        """Energy or a stream's message of `sender` came. Return if that is the peer; else answer it and raise.
 
-    def refuse(self, message: Refuse, now_ns: int) -> tuple[Event, ...]:
-        self._check_not_own(message.incarnation)
-        self.check_addressee(message.addressee)
-        by_peer = self.peer is not None and self.peer.incarnation == message.incarnation
-        if self.peer is not None and by_peer:
-            self._retire(self.peer, now_ns)
-        else:
-            self._check_peer_is_silent(message.incarnation, now_ns)
-            self._check_no_other_suitor(message.incarnation, now_ns)
-        return self._tell(PeerRefused(message.reason, by_peer), message.incarnation, now_ns)
-
-    def bye(self, message: Bye, now_ns: int) -> tuple[Event, ...]:
-        if self.peer is None or self.peer.incarnation != message.incarnation:
-            kind = "retired" if message.incarnation in self._retired else "stranger"
-            raise BadMessage(kind, f"bye of {message.incarnation:#x}, which is not the peer")
-        self._retire(self.peer, now_ns)
-        return (PeerLeft(message.reason),)
+        Raises
+        ------
+        BadMessage : `sender` is a stranger, retired, or this side itself.
+        """
+        if not self._is_peer(sender):
+            self._observe(now_ns)
+            self._act(self._never_a_peer(sender) or Input.DATA, Said(sender), now_ns)
 
     def other_version(self, error: OtherVersion, now_ns: int) -> tuple[Event, ...]:
         """A frame of another version: a hello is refused in words, the rest ignored."""
-        if error.message_kind != Hello.KIND or error.incarnation == self.identity.incarnation:
+        sender = error.incarnation
+        if error.message_kind != Hello.KIND or sender == self.identity.incarnation:
             return ()
-        return self._refuse(error.incarnation, error.detail, now_ns)
+        self._observe(now_ns)
+        happened = Input.FORGED_HELLO if self._is_peer(sender) else Input.UNFIT_HELLO
+        return self._act(happened, Said(sender, reason=error.detail), now_ns)
 
     def check_addressee(self, addressee: int) -> None:
         """Raise BadMessage (addressee) unless that is this incarnation."""
@@ -157,74 +118,96 @@ class Handshake:
             raise BadMessage("addressee", f"meant for incarnation {addressee:#x}")
 
     def close(self, now_ns: int, acked_nJ: int, reason: str) -> None:
-        """Say bye a few times and nothing else any more."""
+        """Say bye a few times and nothing else any more.
+
+        Raises
+        ------
+        LocalProtocolError : this side has said bye already.
+        """
+        self.state = transition(self.state, Input.CLOSE).state
         addressee = self.peer.incarnation if self.peer is not None else 0
-        self._bye = Bye(self.identity.incarnation, addressee, acked_nJ, reason)
-        self._byes_left, self._bye_ns = BYE_COPIES, now_ns
+        self.control.say_bye(Bye(self.identity.incarnation, addressee, acked_nJ, reason), now_ns)
 
     def poll(self, now_ns: int) -> list[ControlMessage]:
         """The messages to send now."""
-        if self._bye is not None:
-            if not self._byes_left or now_ns < self._bye_ns:
-                return []
-            self._byes_left -= 1
-            self._bye_ns = now_ns + BYE_SPACING_NS
-            return [self._bye]
-        out: list[ControlMessage] = []
-        if self._replies and now_ns >= self._reply_ns:
-            out.extend(self._replies.values())
-            self._replies.clear()
-            self._reply_ns = now_ns + REPLY_SPACING_NS
-        if self._hello_ns is not None and now_ns >= self._hello_ns:
-            me = self.identity
-            self._hellos += 1
-            out.append(Hello(me.incarnation, self._hellos, me.role, me.dof, me.name, me.about))
-            self._prompt_ns = now_ns + PROMPT_NS
-            self._hello_ns = now_ns + self._period_ns if self.peer is None else None
-        return out
+        return self.control.poll(now_ns, searching=self.state is State.SEARCHING)
 
     @property
     def next_due_ns(self) -> int | None:
         """When to poll next; a time that has passed means now."""
-        if self._bye is not None:
-            return self._bye_ns if self._byes_left else None
-        if not self._replies:
-            return self._hello_ns
-        return self._reply_ns if self._hello_ns is None else min(self._reply_ns, self._hello_ns)
+        return self.control.next_due_ns
 
-    def _check_not_own(self, sender: int) -> None:
+    # -- which input a message is: nothing here changes anything ---------------------------------------------------
+
+    def _classify(self, message: ControlMessage, now_ns: int) -> tuple[Input, Said]:
+        sender = message.incarnation
+        match message:
+            case Hello():
+                identity = _identity(message)
+                reason = self._misfit(identity)
+                said = Said(sender, number=message.number, identity=identity, reason=reason)
+                return self._classify_hello(said, now_ns), said
+            case Welcome():
+                identity = _identity(message)
+                reason = self._misfit(identity) or self._no_more_peers()
+                said = Said(sender, message.addressee, message.number, identity, reason)
+                return self._classify_welcome(said, now_ns), said
+            case Refuse():
+                said = Said(sender, message.addressee, reason=message.reason)
+                return self._classify_refusal(said, now_ns), said
+            case Bye():
+                return self._classify_bye(sender), Said(sender, reason=message.reason)
+
+    def _classify_hello(self, said: Said, now_ns: int) -> Input:
+        if (never := self._never_a_peer(said.sender)) is not None:
+            return never
+        if self._is_peer(said.sender):
+            return Input.FORGED_HELLO if said.reason else Input.HELLO_OF_PEER
+        if said.reason:
+            return Input.UNFIT_HELLO
+        return Input.OTHER_CANDIDATE if self._is_other_candidate(said.sender, now_ns) else Input.HELLO
+
+    def _classify_welcome(self, said: Said, now_ns: int) -> Input:
+        if said.addressee != self.identity.incarnation:
+            return Input.MISADDRESSED
+        if self._is_peer(said.sender):
+            return Input.WELCOME_OF_PEER
+        if (never := self._never_a_peer(said.sender)) is not None:
+            return never
+        if self._is_other_candidate(said.sender, now_ns):
+            return Input.OTHER_CANDIDATE
+        if not self._stale_hellos < said.number <= self.control.hellos:
+            return Input.STALE_WELCOME
+        return Input.UNFIT_WELCOME if said.reason else Input.WELCOME
+
+    def _classify_refusal(self, said: Said, now_ns: int) -> Input:
+        if said.sender == self.identity.incarnation:
+            return Input.OWN
+        if said.addressee != self.identity.incarnation:
+            return Input.MISADDRESSED
+        if self._is_peer(said.sender):
+            return Input.REFUSAL_OF_PEER
+        return Input.OTHER_CANDIDATE if self._is_other_candidate(said.sender, now_ns) else Input.REFUSAL
+
+    def _classify_bye(self, sender: int) -> Input:
+        if self._is_peer(sender):
+            return Input.BYE_OF_PEER
+        return Input.BYE_OF_RETIRED if sender in self._retired else Input.BYE
+
+    def _is_peer(self, sender: int) -> bool:
+        return self.peer is not None and self.peer.incarnation == sender
+
+    def _never_a_peer(self, sender: int) -> Input | None:
+        """The input, if `sender` can never be the peer, whatever it says."""
         if sender == self.identity.incarnation:
-            raise BadMessage("own", "this side's own incarnation came back")
+            return Input.OWN
+        return Input.RETIRED if sender in self._retired else None
 
-    def _check_sender(self, sender: int) -> None:
-        """Raise BadMessage (own, retired) for one that can be no peer, ever."""
-        self._check_not_own(sender)
-        if sender in self._retired:
-            self._reply(self._refusal(sender, "this incarnation was retired; restart it"))
-            raise BadMessage("retired", f"incarnation {sender:#x} was the peer once")
+    def _is_other_candidate(self, sender: int, now_ns: int) -> bool:
+        return self._candidate not in (None, sender) and now_ns - self._candidate_ns <= CANDIDATE_NS
 
-    def _check_peer_is_silent(self, sender: int, now_ns: int) -> None:
-        if self.peer is not None and self.peer.incarnation != sender and self._living(now_ns):
-            raise BadMessage("rival", f"incarnation {sender:#x} wants the place of a peer that is alive")
-
-    def _check_no_rival(self, sender: int, now_ns: int) -> None:
-        """Return if `sender` is the peer, or the one that may become it: the suitor, which it is from then on."""
-        if self.peer is not None and self.peer.incarnation == sender:
-            return
-        self._check_peer_is_silent(sender, now_ns)
-        self._check_no_other_suitor(sender, now_ns)
-        self._suitor, self._suitor_ns = sender, now_ns
-
-    def _check_no_other_suitor(self, sender: int, now_ns: int) -> None:
-        if self._suitor not in (None, sender) and now_ns - self._suitor_ns <= SUITOR_NS:
-            raise BadMessage("rival", f"incarnation {sender:#x} speaks while another one is about to be the peer")
-
-    def _earlier_peers(self, incarnation: int) -> int:
-        """How many others this side was paired with before `incarnation`."""
-        current = self.peer is not None and self.peer.incarnation != incarnation
-        return len(self._retired) - (incarnation in self._retired) + current
-
-    def _misfit(self, peer: Identity) -> str | None:
+    def _misfit(self, peer: Identity) -> str:
+        """Why `peer` and this side cannot be a pair; empty if they can."""
         me = self.identity
         if peer.role == me.role:
             return f"both sides are a {me.role}: {peer.name} and {me.name}"
@@ -233,44 +216,94 @@ class Handshake:
         mine, theirs = me.about.get(COUPLING), peer.about.get(COUPLING)
         if mine is not None and theirs is not None and mine != theirs:
             return f"{peer.name} runs the coupling {theirs}, {me.name} runs {mine}"
-        for key in me.about:
-            if key.startswith(SHARED) and key in peer.about and me.about[key] != peer.about[key]:
+        for key, value in me.about.items():
+            if key.startswith(SHARED) and key in peer.about and value != peer.about[key]:
                 name = key.removeprefix(SHARED)
-                return (
-                    f"{peer.name} has {name} {peer.about[key]}, {me.name} has {me.about[key]}: both must have the same"
-                )
-        return None
+                return f"{peer.name} has {name} {peer.about[key]}, {me.name} has {value}: both must have the same"
+        return ""
 
-    def _call(self, now_ns: int) -> None:
-        due_ns = max(now_ns, self._prompt_ns)
-        self._hello_ns = due_ns if self._hello_ns is None else min(self._hello_ns, due_ns)
+    def _no_more_peers(self) -> str:
+        return f"this side has seen {MAX_PEERS} peers; restart it" if len(self._retired) >= MAX_PEERS else ""
 
-    def _retire(self, peer: Identity, now_ns: int) -> None:
-        self._retired.add(peer.incarnation)
+    # -- what the table decides is done ----------------------------------------------------------------------------
+
+    def _observe(self, now_ns: int) -> None:
+        """Follow the time: the peer may have fallen silent, or be heard again."""
+        if self.peer is not None:
+            heard = Input.PEER_HEARD if self._living(now_ns) else Input.PEER_SILENT
+            self.state = transition(self.state, heard).state
+
+    def _act(self, happened: Input, said: Said, now_ns: int) -> tuple[Event, ...]:
+        row = transition(self.state, happened)
+        self.state = row.state
+        events: tuple[Event, ...] = ()
+        for action in row.actions:
+            events += self._do(action, said, now_ns)
+        if row.drop is not None:
+            kind, detail = row.drop.value
+            raise BadMessage(kind, detail.format_map(said._asdict()))
+        return events
+
+    def _do(self, action: Action, said: Said, now_ns: int) -> tuple[Event, ...]:
+        match action:
+            case Action.MAKE_CANDIDATE:
+                self._candidate, self._candidate_ns = said.sender, now_ns
+            case Action.SEND_WELCOME:
+                self._send_welcome(said)
+            case Action.SEND_REFUSAL:
+                self._send_refusal(said.sender, said.reason)
+                return self._report(Mismatch(said.reason[:MAX_TEXT]), said.sender, now_ns)
+            case Action.REFUSE_RETIRED:
+                self._send_refusal(said.sender, "this incarnation was retired; restart it")
+            case Action.SEND_HELLO:
+                self.control.say_hello(now_ns)
+            case Action.PAIR:
+                return self._pair(said)
+            case Action.END_PAIR:
+                self._retire_peer()
+                self.control.say_hello(now_ns)
+            case Action.REPORT_REFUSAL:
+                return self._report(PeerRefused(said.reason), said.sender, now_ns)
+            case Action.REPORT_END_BY_REFUSAL:
+                return self._report(PeerRefused(said.reason, by_peer=True), said.sender, now_ns)
+            case Action.REPORT_BYE:
+                return (PeerLeft(said.reason),)
+        return ()
+
+    def _pair(self, said: Said) -> tuple[Event, ...]:
+        identity = said.identity
+        assert identity is not None  # only a welcome pairs
+        if self.peer is not None:
+            self._send_refusal(self.peer.incarnation, f"replaced by {identity.name}")
+        self._retire_peer()
+        self.peer = identity
+        self._candidate = None
+        self.pairs += 1
+        self.control.stop_hellos()
+        return (Paired(identity, self.pairs),)
+
+    def _retire_peer(self) -> None:
+        if self.peer is not None:
+            self._retired.add(self.peer.incarnation)
         self.peer = None
-        self._stale_hellos = self._hellos
-        self._call(now_ns)
+        self._stale_hellos = self.control.hellos
 
-    def _reply(self, message: Welcome | Refuse) -> None:
-        if message.addressee in self._replies or len(self._replies) < MAX_REPLIES:
-            self._replies[message.addressee] = message
+    def _send_welcome(self, said: Said) -> None:
+        me = self.identity
+        others = len(self._retired) + (self.peer is not None and not self._is_peer(said.sender))
+        about = {**me.about, EARLIER: others} if others else me.about
+        self.control.reply(Welcome(me.incarnation, said.sender, said.number, me.role, me.dof, me.name, about))
 
-    def _refusal(self, incarnation: int, reason: str) -> Refuse:
-        return Refuse(self.identity.incarnation, incarnation, reason[:MAX_TEXT])
+    def _send_refusal(self, incarnation: int, reason: str) -> None:
+        self.control.reply(Refuse(self.identity.incarnation, incarnation, reason[:MAX_TEXT]))
 
-    def _refuse(self, incarnation: int, reason: str, now_ns: int) -> tuple[Event, ...]:
-        if self.peer is not None and self.peer.incarnation == incarnation:
-            return ()  # the peer did fit: this is a forgery, and a refusal would end the pair
-        self._reply(self._refusal(incarnation, reason))
-        return self._tell(Mismatch(reason[:MAX_TEXT]), incarnation, now_ns)
-
-    def _tell(self, event: Mismatch | PeerRefused, incarnation: int, now_ns: int) -> tuple[Event, ...]:
-        """The event, unless the last of its type said the same of the same peer, or was just now."""
-        if (last := self._told.get(type(event))) is not None:
-            *what, told_ns = last
-            if what == [incarnation, event.reason] or now_ns - told_ns < TOLD_SPACING_NS:
+    def _report(self, event: Mismatch | PeerRefused, incarnation: int, now_ns: int) -> tuple[Event, ...]:
+        """The event, unless the last of its type said the same of the same sender, or was just now."""
+        if (last := self._reported.get(type(event))) is not None:
+            *what, reported_ns = last
+            if what == [incarnation, event.reason] or now_ns - reported_ns < REPORT_SPACING_NS:
                 return ()
-        self._told[type(event)] = (incarnation, event.reason, now_ns)
+        self._reported[type(event)] = (incarnation, event.reason, now_ns)
         return (event,)
 
 

@@ -21,10 +21,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from hapnet.errors import BadMessage, InvalidParameter
+from hapnet.wire.control_sender import HELLO_PERIOD_NS
 from hapnet.wire.energy_channel import ACK_DELAY_NS, SPACING_NS, EnergyChannel, Totals
 from hapnet.wire.events import EnergyCredited, Event, PositionReceived, SampleReceived
 from hapnet.wire.fields import MAX_TEXT
-from hapnet.wire.handshake import EARLIER, HELLO_PERIOD_NS, RESERVOIR, Handshake
+from hapnet.wire.handshake import EARLIER, RESERVOIR, Handshake
 from hapnet.wire.messages import (
     Bye,
     Channel,
@@ -270,22 +271,18 @@ class Session:
             case Position() | Motion() | Port() | Wave():
                 return self._on_stream(message, now_ns)
             case Energy():
-                self._handshake.check_peer(message.incarnation, now_ns)
+                self._handshake.on_data(message.incarnation, now_ns)
                 self._handshake.check_addressee(message.addressee)
                 return self._credited(self._channel.receive(message.total_nJ, message.acked_nJ, now_ns))
-            case Hello():
-                return self._handshake.hello(message, now_ns)
-            case Welcome():
-                return self._handshake.welcome(message, now_ns)
-            case Refuse():
-                return self._handshake.refuse(message, now_ns)
             case Bye():
                 return self._on_bye(message, now_ns)
+            case Hello() | Welcome() | Refuse():
+                return self._handshake.receive(message, now_ns)
 
     def _on_stream(self, message: Stream, now_ns: int) -> tuple[Event, ...]:
         peer = self._handshake.peer
         if peer is None or peer.incarnation != message.incarnation:
-            self._handshake.check_peer(message.incarnation, now_ns)
+            self._handshake.on_data(message.incarnation, now_ns)
         if type(message) is not self._expects:
             raise BadMessage("stream", f"a {_word(message)}; allowed: a {_word(self._expects)}, by the coupling here")
         value = message[3]  # of every kind, the one whose dimension is to be that of the session
@@ -328,7 +325,7 @@ class Session:
         mine = message.addressee == self.identity.incarnation
         if mine and peer is not None and peer.incarnation == message.incarnation:
             self._channel.acknowledge(message.acked_nJ, now_ns)
-        return self._handshake.bye(message, now_ns)
+        return self._handshake.receive(message, now_ns)
 
     def _credited(self, credited_nJ: int) -> tuple[Event, ...]:
         return (EnergyCredited(credited_nJ),) if credited_nJ else ()

@@ -222,8 +222,8 @@ class Watch:
     def receive(self, now_ns: int, data: bytes) -> tuple[Event, ...]:
         """Hand a datagram to the endpoint and check everything."""
         session = self.session
-        peer, replies = session.peer, session._handshake._replies
-        before = None if peer is None else replies.get(peer.incarnation)
+        peer, reply_to = session.peer, session._handshake.control.reply_to
+        before = None if peer is None else reply_to(peer.incarnation)
         try:
             message = decode(data)
         except BadMessage:
@@ -239,7 +239,7 @@ class Watch:
         if message is not None:
             self._check_fate(now_ns, message, peer, bool(dropped), events)
         if peer is not None and session.peer is peer:
-            reply = replies.get(peer.incarnation)
+            reply = reply_to(peer.incarnation)
             hold(
                 reply is before or not isinstance(reply, Refuse),
                 "it refuses its own peer, that is ends the pair:",

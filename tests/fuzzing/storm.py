@@ -343,7 +343,7 @@ def _endpoint(target: str, rng: random.Random, count: int, progress: list[bytes]
     def overhear(frame: bytes) -> None:
         mutator.overhear(frame)
         if frame[1:3] == bytes((2, HELLO)):
-            mutator.hellos = rig.session._handshake._hellos
+            mutator.hellos = rig.session._handshake.control.hellos
 
     rig.overheard = overhear
     rig.run(500 * MS)
@@ -397,7 +397,7 @@ def _stream(target: str, rng: random.Random, count: int, progress: list[bytes]) 
             now_ns += 1_000 * MS
         for _, data in watch.poll(now_ns):
             honest.receive(now_ns, data)
-        mutator.hellos = session._handshake._hellos
+        mutator.hellos = session._handshake.control.hellos
         said = [data for _, data in honest.poll(now_ns)[0]]
         if index % 10 == 0:
             said.append(_sample(kind, honest, now_ns, tuple(rng.uniform(-1.0, 1.0) for _ in range(dof)), index))

@@ -1,0 +1,87 @@
+"""What a side says on its control key, and when: hellos, bounded replies, and byes at the end."""
+
+from __future__ import annotations
+
+from hapnet.wire.messages import Bye, Hello, Identity, Refuse, Welcome
+
+HELLO_PERIOD_NS = 100_000_000
+PROMPT_NS = 20_000_000  # least time between two hellos, when strangers call for them
+REPLY_SPACING_NS = 10_000_000  # however fast strangers speak: at most MAX_REPLIES in this time
+MAX_REPLIES = 8
+BYE_COPIES = 3
+BYE_SPACING_NS = 20_000_000
+
+ControlMessage = Hello | Welcome | Refuse | Bye
+
+
+class ControlSender:
+    """The messages of one side's handshake that wait to be sent.
+
+    Attributes
+    ----------
+    hellos : the number of the last hello that was sent; 0 before the first.
+    """
+
+    def __init__(self, identity: Identity, hello_period_ns: int) -> None:
+        self.hellos = 0
+        self._identity = identity
+        self._period_ns = hello_period_ns
+        self._hello_ns: int | None = 0
+        self._prompt_ns = 0  # no hello before that
+        self._replies: dict[int, Welcome | Refuse] = {}
+        self._reply_ns = 0
+        self._bye: Bye | None = None
+        self._byes_left = 0
+        self._bye_ns = 0
+
+    def say_hello(self, now_ns: int) -> None:
+        """Say hello as soon as the last one is `PROMPT_NS` old."""
+        due_ns = max(now_ns, self._prompt_ns)
+        self._hello_ns = due_ns if self._hello_ns is None else min(self._hello_ns, due_ns)
+
+    def stop_hellos(self) -> None:
+        """Say none until `say_hello`."""
+        self._hello_ns = None
+
+    def reply(self, message: Welcome | Refuse) -> None:
+        """Send `message` in place of what waits for its addressee. Of too many addressees the last get no reply."""
+        if message.addressee in self._replies or len(self._replies) < MAX_REPLIES:
+            self._replies[message.addressee] = message
+
+    def reply_to(self, incarnation: int) -> Welcome | Refuse | None:
+        """The reply that waits for `incarnation`."""
+        return self._replies.get(incarnation)
+
+    def say_bye(self, bye: Bye, now_ns: int) -> None:
+        """Send `bye` a few times, and nothing else from now on."""
+        self._bye, self._byes_left, self._bye_ns = bye, BYE_COPIES, now_ns
+
+    def poll(self, now_ns: int, *, searching: bool) -> list[ControlMessage]:
+        """The messages to send now. `searching`: hellos go on at their period; else one is enough."""
+        if self._bye is not None:
+            if not self._byes_left or now_ns < self._bye_ns:
+                return []
+            self._byes_left -= 1
+            self._bye_ns = now_ns + BYE_SPACING_NS
+            return [self._bye]
+        out: list[ControlMessage] = []
+        if self._replies and now_ns >= self._reply_ns:
+            out.extend(self._replies.values())
+            self._replies.clear()
+            self._reply_ns = now_ns + REPLY_SPACING_NS
+        if self._hello_ns is not None and now_ns >= self._hello_ns:
+            me = self._identity
+            self.hellos += 1
+            out.append(Hello(me.incarnation, self.hellos, me.role, me.dof, me.name, me.about))
+            self._prompt_ns = now_ns + PROMPT_NS
+            self._hello_ns = now_ns + self._period_ns if searching else None
+        return out
+
+    @property
+    def next_due_ns(self) -> int | None:
+        """When to poll next; a time that has passed means now, None that nothing is planned."""
+        if self._bye is not None:
+            return self._bye_ns if self._byes_left else None
+        if not self._replies:
+            return self._hello_ns
+        return self._reply_ns if self._hello_ns is None else min(self._reply_ns, self._hello_ns)

@@ -1,0 +1,168 @@
+"""The handshake's states and what each input does in them: one table, `TRANSITIONS`.
+
+A side decides here and acts in `hapnet.wire.handshake`. An input says what happened, as far as it matters for pairing:
+the kind of message, who sent it and whether it fits. A row says which state follows, what to do, and why the message
+is dropped, if it is. A pair that has no row cannot be caused by a peer: it is an error of this side's own program and
+raises `LocalProtocolError`. What a peer does wrong is a row with a reason to drop, and becomes a `BadMessage`. (h11
+tells local and remote errors apart in the same way.)
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import NamedTuple
+
+from hapnet.errors import LocalProtocolError
+
+
+class State(Enum):
+    """Where a side is in finding and keeping its peer."""
+
+    SEARCHING = "there is no peer; this side says hello"
+    PAIRED = "there is a peer, and it was heard lately"
+    SILENT = "there is a peer, but it was not heard lately: another may take its place"
+    LEFT = "this side has said bye"
+
+
+class Input(Enum):
+    """What a state answers to.
+
+    The candidate is the one stranger that this side has answered and that alone may become the peer next.
+    """
+
+    PEER_HEARD = "time: the peer was heard lately"
+    PEER_SILENT = "time: the peer was not heard lately"
+    CLOSE = "this side ends"
+
+    OWN = "a message of this side's own incarnation"
+    RETIRED = "a hello, a welcome, energy or a stream's message of a retired incarnation"
+    MISADDRESSED = "a welcome or a refusal to another incarnation"
+    OTHER_CANDIDATE = "a hello, a welcome or a refusal of a stranger, while another one is the candidate"
+
+    HELLO_OF_PEER = "the peer's hello"
+    HELLO = "a hello that fits"
+    UNFIT_HELLO = "a hello that does not fit"
+    FORGED_HELLO = "a hello in the peer's name that does not fit: the peer did"
+    WELCOME_OF_PEER = "the peer's welcome"
+    WELCOME = "a welcome that fits and answers a recent hello"
+    STALE_WELCOME = "a welcome to a hello that this side never said, or said before the last change of its peer"
+    UNFIT_WELCOME = "a welcome that answers a recent hello, but does not fit"
+    REFUSAL_OF_PEER = "the peer's refusal"
+    REFUSAL = "a stranger's refusal"
+    BYE_OF_PEER = "the peer's bye"
+    BYE_OF_RETIRED = "the bye of a retired incarnation"
+    BYE = "a stranger's bye"
+    DATA = "energy or a stream's message of a stranger"
+
+
+class Action(Enum):
+    """What is to be done, to the sender of the message where nothing else is said."""
+
+    MAKE_CANDIDATE = "the sender is the candidate from now on"
+    SEND_WELCOME = "answer with a welcome"
+    SEND_REFUSAL = "answer with a refusal that says why, and report the mismatch"
+    REFUSE_RETIRED = "answer with a refusal: an incarnation that was the peer once never is again"
+    SEND_HELLO = "say hello soon"
+    PAIR = "the sender is the peer from now on; the one before is retired, and told so"
+    END_PAIR = "the peer is retired; say hello soon"
+    REPORT_REFUSAL = "report that a stranger refuses this side"
+    REPORT_END_BY_REFUSAL = "report that the peer refused this side"
+    REPORT_BYE = "report that the peer has left"
+
+
+class Drop(Enum):
+    """Why a message is dropped: the kind under which it is counted, and the words for people."""
+
+    OWN = "own", "this side's own incarnation came back"
+    RETIRED = "retired", "incarnation {sender:#x} was the peer once"
+    MISADDRESSED = "addressee", "meant for incarnation {addressee:#x}"
+    PEER_IS_HEARD = "rival", "incarnation {sender:#x} wants the place of a peer that is alive"
+    OTHER_CANDIDATE = "rival", "incarnation {sender:#x} speaks while another one is about to be the peer"
+    STALE_WELCOME = "stale", "welcome to hello {number}; the last pairing was after it, or it was never said"
+    UNPAIRED = "unpaired", "incarnation {sender:#x} is not the peer yet"
+    STRANGER = "stranger", "incarnation {sender:#x} is not the peer's"
+    BYE_OF_RETIRED = "retired", "bye of {sender:#x}, which is not the peer any more"
+    BYE_OF_STRANGER = "stranger", "bye of {sender:#x}, which is not the peer"
+
+
+class Transition(NamedTuple):
+    """A row: the state that follows, what to do, and why to drop the message (None: it counts)."""
+
+    state: State
+    actions: tuple[Action, ...] = ()
+    drop: Drop | None = None
+
+
+def _row(state: State, *actions: Action, drop: Drop | None = None) -> Transition:
+    return Transition(state, actions, drop)
+
+
+def _in_any(state: State) -> dict[Input, Transition]:
+    """What every state but the last answers in the same way."""
+    return {
+        Input.CLOSE: _row(State.LEFT),
+        Input.OWN: _row(state, drop=Drop.OWN),
+        Input.RETIRED: _row(state, Action.REFUSE_RETIRED, drop=Drop.RETIRED),
+        Input.MISADDRESSED: _row(state, drop=Drop.MISADDRESSED),
+        Input.UNFIT_HELLO: _row(state, Action.SEND_REFUSAL),
+        Input.BYE_OF_RETIRED: _row(state, drop=Drop.BYE_OF_RETIRED),
+        Input.BYE: _row(state, drop=Drop.BYE_OF_STRANGER),
+    }
+
+
+def _with_peer(state: State) -> dict[Input, Transition]:
+    """What a side with a peer answers, heard or not."""
+    return _in_any(state) | {
+        Input.PEER_HEARD: _row(State.PAIRED),
+        Input.PEER_SILENT: _row(State.SILENT),
+        Input.HELLO_OF_PEER: _row(state, Action.SEND_WELCOME),
+        Input.FORGED_HELLO: _row(state),
+        Input.WELCOME_OF_PEER: _row(state),
+        Input.REFUSAL_OF_PEER: _row(State.SEARCHING, Action.END_PAIR, Action.REPORT_END_BY_REFUSAL),
+        Input.BYE_OF_PEER: _row(State.SEARCHING, Action.END_PAIR, Action.REPORT_BYE),
+    }
+
+
+def _open_to_strangers(state: State, no_peer: Drop) -> dict[Input, Transition]:
+    """What a side answers to strangers while no peer is heard."""
+    return {
+        Input.OTHER_CANDIDATE: _row(state, drop=Drop.OTHER_CANDIDATE),
+        Input.HELLO: _row(state, Action.MAKE_CANDIDATE, Action.SEND_WELCOME, Action.SEND_HELLO),
+        Input.WELCOME: _row(State.PAIRED, Action.PAIR),
+        Input.STALE_WELCOME: _row(state, Action.MAKE_CANDIDATE, Action.SEND_HELLO, drop=Drop.STALE_WELCOME),
+        Input.UNFIT_WELCOME: _row(state, Action.MAKE_CANDIDATE, Action.SEND_REFUSAL),
+        Input.REFUSAL: _row(state, Action.REPORT_REFUSAL),
+        Input.DATA: _row(state, Action.SEND_HELLO, drop=no_peer),
+    }
+
+
+def _closed_to_strangers(state: State) -> dict[Input, Transition]:
+    """Nobody takes the place of a peer that is heard."""
+    rivals = _open_to_strangers(state, Drop.PEER_IS_HEARD)
+    return dict.fromkeys(rivals, _row(state, drop=Drop.PEER_IS_HEARD))
+
+
+TRANSITIONS: dict[State, dict[Input, Transition]] = {
+    State.SEARCHING: _in_any(State.SEARCHING) | _open_to_strangers(State.SEARCHING, Drop.UNPAIRED),
+    State.PAIRED: _with_peer(State.PAIRED) | _closed_to_strangers(State.PAIRED),
+    State.SILENT: _with_peer(State.SILENT) | _open_to_strangers(State.SILENT, Drop.STRANGER),
+    State.LEFT: {},
+}
+"""The whole table. What a state has no row for cannot come from a peer."""
+
+
+def transition(state: State, happened: Input) -> Transition:
+    """The row of `happened` in `state`.
+
+    Raises
+    ------
+    LocalProtocolError : there is none: this side's own program asks for what cannot be.
+    """
+    row = TRANSITIONS[state].get(happened)
+    if row is None:
+        raise LocalProtocolError(f"{happened.name} in state {state.name}; allowed: {_names(TRANSITIONS[state])}")
+    return row
+
+
+def _names(rows: dict[Input, Transition]) -> str:
+    return ", ".join(happened.name for happened in rows) or "nothing any more"
