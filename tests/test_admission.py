@@ -42,9 +42,9 @@ def test_time_that_goes_back_gives_nothing() -> None:
 @pytest.mark.parametrize("value", [0.0, -1.0, nan, inf, 1e10])
 def test_bad_settings(value: float) -> None:
     with pytest.raises(InvalidParameter):
-        Admission(power_W=value)
+        Admission(power_W=value, burst_J=1.0)
     with pytest.raises(InvalidParameter):
-        Admission(burst_J=value)
+        Admission(power_W=1.0, burst_J=value)
 
 
 def test_a_bucket_has_a_lid() -> None:

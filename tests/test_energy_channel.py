@@ -19,7 +19,7 @@ MS = 1_000_000
 
 
 def channel(power_W: float = 1e6, burst_J: float = 1e6) -> EnergyChannel:
-    return EnergyChannel(Admission(power_W, burst_J))
+    return EnergyChannel(Admission(power_W, burst_J), spacing_ns=10 * MS)
 
 
 def smoothed(c: EnergyChannel) -> int | None:

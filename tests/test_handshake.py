@@ -8,20 +8,20 @@ from collections.abc import Iterator
 import pytest
 
 from hapnet.errors import BadMessage, LocalProtocolError
-from hapnet.wire.control_sender import HELLO_PERIOD_NS
 from hapnet.wire.events import Event, Mismatch, Paired
 from hapnet.wire.handshake import COUPLING, MAX_PEERS, Handshake
 from hapnet.wire.messages import Bye, Hello, Identity, Refuse, Role, Scalar, Welcome
 from hapnet.wire.pairing import TRANSITIONS, Action, Input, State, transition
 
 MS = 1_000_000
+PERIOD_NS = 100 * MS
 ME = Identity(1, "device", 2, "pen", {COUPLING: "pspm"})
 
 
 def side(**about: Scalar) -> Handshake:
     """A side whose peer, if it has one, is never heard."""
     me = Identity(1, "device", 2, "pen", {**ME.about, **about})
-    return Handshake(me, lambda now_ns: False, HELLO_PERIOD_NS)
+    return Handshake(me, lambda now_ns: False, PERIOD_NS)
 
 
 def welcome(number: int, incarnation: int = 2, role: Role = "world", dof: int = 2, **about: Scalar) -> Welcome:
@@ -40,7 +40,7 @@ def taken(handshake: Handshake, message: Welcome, now_ns: int) -> bool:
 def after_hellos(count: int) -> Handshake:
     handshake = side()
     for k in range(count):
-        (said,) = handshake.poll(k * HELLO_PERIOD_NS)
+        (said,) = handshake.poll(k * PERIOD_NS)
         assert isinstance(said, Hello)
         assert said.number == k + 1
     return handshake
@@ -116,15 +116,15 @@ def test_after_so_many_peers_a_side_pairs_no_more() -> None:
     handshake = side()
     now_ns, number, limit = 0, 0, MAX_PEERS
     for incarnation in range(2, limit + 2):
-        now_ns += HELLO_PERIOD_NS
+        now_ns += PERIOD_NS
         number += sum(isinstance(said, Hello) for said in handshake.poll(now_ns))
         assert taken(handshake, welcome(number, incarnation), now_ns), incarnation
         handshake.receive(Bye(incarnation, 1, 0, "the end"), now_ns)
     assert handshake.pairs == limit == 4096
-    now_ns += HELLO_PERIOD_NS
+    now_ns += PERIOD_NS
     number += sum(isinstance(said, Hello) for said in handshake.poll(now_ns))
     late = handshake.receive(welcome(number, limit + 2), now_ns)
-    assert list(refused(handshake, late, now_ns + HELLO_PERIOD_NS)) == ["this side has seen 4096 peers; restart it"]
+    assert list(refused(handshake, late, now_ns + PERIOD_NS)) == ["this side has seen 4096 peers; restart it"]
     assert handshake.peer is None
     with pytest.raises(BadMessage, match="was the peer once"):
         handshake.receive(Hello(2, 1, "world", 2, "wall", {}), now_ns)  # the first of them is not forgotten
@@ -182,12 +182,12 @@ MESSAGES = (
 def test_to_look_at_a_message_changes_nothing(state: State) -> None:
     """2 is the peer, 3 the candidate, 4 was the peer once, 5 a stranger, 1 this side itself; private, so as to look."""
     heard = state is State.PAIRED
-    handshake = Handshake(ME, lambda now_ns: heard, HELLO_PERIOD_NS)
+    handshake = Handshake(ME, lambda now_ns: heard, PERIOD_NS)
     for k, who in enumerate((4, 2) if state is not State.SEARCHING else (4,)):
-        handshake.poll(k * HELLO_PERIOD_NS)
-        handshake.receive(welcome(k + 1, who), k * HELLO_PERIOD_NS)
+        handshake.poll(k * PERIOD_NS)
+        handshake.receive(welcome(k + 1, who), k * PERIOD_NS)
         if who == 4:
-            handshake.receive(Bye(4, 1, 0, "the end"), k * HELLO_PERIOD_NS)
+            handshake.receive(Bye(4, 1, 0, "the end"), k * PERIOD_NS)
     handshake._candidate, handshake._candidate_ns = 3, 200 * MS
     before = pickle.dumps((vars(handshake.control), handshake.peer, handshake._retired, handshake._candidate))
     happened = {handshake._classify(message, 300 * MS)[0] for message in MESSAGES}

@@ -19,33 +19,32 @@ from hapnet.wire import (
     peer_monitor,
     replay_window,
     rto,
-    session,
-    token_bucket,
 )
 from hapnet.wire.session import SessionSettings
 
 PAGE = (Path(messages.__file__).parent / "README.md").read_text("utf-8")
 MS = 1_000_000
+DEFAULT = SessionSettings()
 
 CODE: dict[str, float] = {
-    "hello period [ms]": control_sender.HELLO_PERIOD_NS / MS,
+    "hello period [ms]": DEFAULT.hello_period_ns / MS,
     "least time between two hellos that strangers call for [ms]": control_sender.PROMPT_NS / MS,
     "a peer is living for [ms]": peer_monitor.LIVING_NS / MS,
     "a candidate is waited for [ms]": handshake.CANDIDATE_NS / MS,
-    "silence that is told [ms]": session.SILENCE_NS / MS,
+    "silence that is told [ms]": DEFAULT.silence_ns / MS,
     "replies (welcomes, refusals) at once": control_sender.MAX_REPLIES,
     "time between two rounds of replies [ms]": control_sender.REPLY_SPACING_NS / MS,
     "copies of a bye": control_sender.BYE_COPIES,
     "time between them [ms]": control_sender.BYE_SPACING_NS / MS,
     "peers in one process's life": handshake.MAX_PEERS,
-    "least time between two messages with new energy [ms]": energy_channel.SPACING_NS / MS,
+    "least time between two messages with new energy [ms]": DEFAULT.spacing_ns / MS,
     "an acknowledgement waits [ms]": energy_channel.ACK_DELAY_NS / MS,
     "retransmission timer, first value [ms]": rto.INITIAL_NS / MS,
     "retransmission timer, floor [ms]": rto.FLOOR_NS / MS,
     "retransmission timer, ceiling [ms]": rto.CEILING_NS / MS,
     "retransmission timer, granularity [ms]": rto.GRANULARITY_NS / MS,
-    "bucket, power [W]": token_bucket.DEFAULT_POWER_W,
-    "bucket, burst [J]": token_bucket.DEFAULT_BURST_J,
+    "bucket, power [W]": DEFAULT.admission_W,
+    "bucket, burst [J]": DEFAULT.admission_burst_J,
     "frame, longest [bytes]": messages.MAX_FRAME_BYTES,
     "waves, window": replay_window.WINDOW,
     "numbers ahead at once": numbering.MOST_AT_ONCE,
@@ -86,12 +85,9 @@ def test_what_may_be_set_is_a_parameter_with_that_default() -> None:
     assert found >= 7
 
 
-def test_a_session_of_its_own_has_the_programs_defaults() -> None:
-    """So that there is one default, which the page can tell."""
-    wire, own = Params().wire, SessionSettings()
-    assert (own.admission_W, own.admission_burst_J) == (wire.admission_W, wire.admission_burst_J)
-    assert (own.hello_period_ns, own.spacing_ns) == (wire.hello_period_s * 1e9, wire.energy_spacing_s * 1e9)
-    assert own.silence_ns == Params().device.silence_after_s * 1e9 == Params().world.silence_after_s * 1e9
+def test_both_sides_count_the_same_silence() -> None:
+    """A session of its own has one default for it, the parameters have one a side."""
+    assert Params().device.silence_after_s == Params().world.silence_after_s
 
 
 def test_the_limits_in_the_text_are_the_codes() -> None:

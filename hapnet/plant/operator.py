@@ -20,16 +20,19 @@ from numpy.typing import NDArray
 from hapnet import checks
 from hapnet.checks import Array, Vector
 from hapnet.errors import InvalidParameter
+from hapnet.params import OperatorParams
 from hapnet.plant.operating_range import check_motion
+
+_HAND = OperatorParams()
 
 
 @dataclass(frozen=True)
 class Impedance:
     """The hand's mass [kg], damping [Ns/m] and stiffness [N/m], the same on each axis."""
 
-    mass: float = 0.554
-    damping: float = 6.45
-    stiffness: float = 135.0
+    mass: float = _HAND.mass
+    damping: float = _HAND.damping
+    stiffness: float = _HAND.stiffness
 
     def __post_init__(self) -> None:
         checks.non_negative("operator.mass", self.mass)
@@ -210,8 +213,8 @@ def read_motion(
     dof: int,
     impedance: Impedance,
     *,
-    press_depth: float = 0.008,
-    hover: float = 0.006,
+    press_depth: float = _HAND.press_depth_m,
+    hover: float = _HAND.hover_m,
     reach: float = math.inf,
 ) -> Recorded:
     """A recorded hand from CSV: columns `time_s`, `x_m` and, as far as there are, `y_m`, `z_m`.

@@ -21,13 +21,12 @@ from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
 from hapnet.loading import cause, load
+from hapnet.params import WorldParams
 from hapnet.plant.contact import Contacts, Wall, check_number
 
-# Section 4 of the paper, its lost digits reconstructed: K_w, B_w, and the range of T_k.
-WALL_STIFFNESS = 3000.0
-WALL_DAMPING = 10.0
-STEP_MIN_S = 0.010
-STEP_MAX_S = 0.050
+_WORLD = WorldParams()
+WALL_STIFFNESS, WALL_DAMPING = _WORLD.wall.stiffness, _WORLD.wall.damping
+STEP_MIN_S, STEP_MAX_S = _WORLD.step_min_s, _WORLD.step_max_s
 
 
 class Surface(NamedTuple):
@@ -107,7 +106,7 @@ def free(*, dof: int = 1, step_min_s: float = STEP_MIN_S, step_max_s: float = ST
 def wall(
     *,
     dof: int = 1,
-    position: float = 0.02,
+    position: float = _WORLD.wall.position_m,
     stiffness: float = WALL_STIFFNESS,
     damping: float = WALL_DAMPING,
     step_min_s: float = STEP_MIN_S,
@@ -122,7 +121,7 @@ def wall(
 def box(
     *,
     dof: int = 3,
-    size: float = 0.03,
+    size: float = _WORLD.wall.half_width_m,
     stiffness: float = WALL_STIFFNESS,
     damping: float = WALL_DAMPING,
     step_min_s: float = STEP_MIN_S,

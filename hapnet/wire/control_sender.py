@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from hapnet.wire.messages import Bye, Hello, Identity, Refuse, Welcome
 
-HELLO_PERIOD_NS = 100_000_000
 PROMPT_NS = 20_000_000  # least time between two hellos, when strangers call for them
 REPLY_SPACING_NS = 10_000_000  # however fast strangers speak: at most MAX_REPLIES in this time
 MAX_REPLIES = 8

@@ -28,8 +28,7 @@ from hapnet.wire.fields import MAX_TOTAL_NJ
 from hapnet.wire.rto import CEILING_NS, RtoEstimator
 from hapnet.wire.token_bucket import Admission
 
-SPACING_NS = 10_000_000
-ACK_DELAY_NS = 10_000_000  # the spacing: while energy flows both ways every acknowledgement finds a ride
+ACK_DELAY_NS = 10_000_000  # the usual spacing: while energy flows both ways every acknowledgement finds a ride
 ADMISSION_STEP_NS = 10_000_000
 MAX_TIMED = 256  # messages whose round trip is being measured: at the default spacing more than the longest timeout
 
@@ -40,16 +39,16 @@ class EnergyChannel:
     Parameters
     ----------
     admission : the bucket that credits pass.
-    residue_J : a fraction of a nanojoule [J] taken over from the channel before.
     spacing_ns, ack_delay_ns : see the rules above.
+    residue_J : a fraction of a nanojoule [J] taken over from the channel before.
     """
 
     def __init__(
         self,
         admission: Admission,
         *,
+        spacing_ns: int,
         residue_J: float = 0.0,
-        spacing_ns: int = SPACING_NS,
         ack_delay_ns: int = ACK_DELAY_NS,
     ) -> None:
         self.sent_nJ = 0

@@ -21,8 +21,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from hapnet.errors import BadMessage, InvalidParameter
-from hapnet.wire.control_sender import HELLO_PERIOD_NS
-from hapnet.wire.energy_channel import ACK_DELAY_NS, SPACING_NS, EnergyChannel, Totals
+from hapnet.params import DeviceParams, WireParams
+from hapnet.wire.energy_channel import EnergyChannel, Totals
 from hapnet.wire.events import EnergyCredited, Event, PositionReceived, SampleReceived
 from hapnet.wire.fields import MAX_TEXT
 from hapnet.wire.handshake import EARLIER, RESERVOIR, Handshake
@@ -51,9 +51,9 @@ from hapnet.wire.path import Path
 from hapnet.wire.peer_monitor import Outages, PeerMonitor
 from hapnet.wire.replay_window import ReplayWindow
 from hapnet.wire.stream import PositionStream as PositionStream
-from hapnet.wire.token_bucket import DEFAULT_BURST_J, DEFAULT_POWER_W, Admission
+from hapnet.wire.token_bucket import Admission
 
-SILENCE_NS = 500_000_000
+_DEFAULT = WireParams()
 
 
 class Outgoing(NamedTuple):
@@ -65,29 +65,27 @@ class Outgoing(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class SessionSettings:
-    """What a session may be told.
+    """What a session may be told. The defaults are those of the parameters.
 
     accept_stale : hand out positions older than one already received (the theory of set-positions allows it); else the
         newest wins, as it does of motions and ports in any case.
     admission_W, admission_burst_J : what the peer may hand in at length [W] and at once [J].
     hello_period_ns : time between two hellos while unpaired.
     spacing_ns : least time between two messages with new energy.
-    ack_delay_ns : how long an acknowledgement waits for a message to ride on.
     silence_ns : how long no new position may come before the peer counts as silent, and another may take its place.
     expects : the kind of message that the peer's stream is made of. Waves are handed out late too, but once.
     """
 
-    accept_stale: bool = False
-    admission_W: float = DEFAULT_POWER_W
-    admission_burst_J: float = DEFAULT_BURST_J
-    hello_period_ns: int = HELLO_PERIOD_NS
-    spacing_ns: int = SPACING_NS
-    ack_delay_ns: int = ACK_DELAY_NS
-    silence_ns: int = SILENCE_NS
+    accept_stale: bool = _DEFAULT.accept_stale
+    admission_W: float = _DEFAULT.admission_W
+    admission_burst_J: float = _DEFAULT.admission_burst_J
+    hello_period_ns: int = round(_DEFAULT.hello_period_s * 1e9)
+    spacing_ns: int = round(_DEFAULT.energy_spacing_s * 1e9)
+    silence_ns: int = round(DeviceParams().silence_after_s * 1e9)
     expects: type[Stream] = Position
 
     def __post_init__(self) -> None:
-        for name in ("hello_period_ns", "spacing_ns", "ack_delay_ns"):
+        for name in ("hello_period_ns", "spacing_ns"):
             value = getattr(self, name)
             if not 1_000_000 <= value <= 10_000_000_000:
                 raise InvalidParameter(name, value, "1 ms to 10 s, in ns")
@@ -343,8 +341,7 @@ class Session:
         self._channel = self._open_channel(self._channel.residue_J)
 
     def _open_channel(self, residue_J: float) -> EnergyChannel:
-        spacing_ns, ack_delay_ns = self.settings.spacing_ns, self.settings.ack_delay_ns
-        return EnergyChannel(self._admission, residue_J=residue_J, spacing_ns=spacing_ns, ack_delay_ns=ack_delay_ns)
+        return EnergyChannel(self._admission, spacing_ns=self.settings.spacing_ns, residue_J=residue_J)
 
 
 def _word(stream: Stream | type[Stream]) -> str:

@@ -10,8 +10,6 @@ from math import isfinite
 
 from hapnet.errors import InvalidParameter
 
-DEFAULT_POWER_W = 5.0
-DEFAULT_BURST_J = 0.5
 REPEATED_NS = 2_000_000_000
 """A sender repeats a total that is not acknowledged within that, and 1.5 s is its timer's longest [ns]."""
 
@@ -31,10 +29,10 @@ class Admission:
     InvalidParameter : outside these.
     """
 
-    def __init__(self, power_W: float = DEFAULT_POWER_W, burst_J: float = DEFAULT_BURST_J) -> None:
-        for name, value in (("admission.power", power_W), ("admission.burst", burst_J)):
+    def __init__(self, power_W: float, burst_J: float) -> None:
+        for name, value, unit in (("admission_W", power_W, "W"), ("admission_burst_J", burst_J, "J")):
             if not (isfinite(value) and 1e-9 <= value <= 1e9):
-                raise InvalidParameter(name, value, "1e-9 to 1e9 (W, J)")
+                raise InvalidParameter(name, value, f"1e-9 to 1e9 {unit}")
         self._rate_nW = round(power_W * 1e9)
         self._burst_aJ = round(burst_J * 1e9) * _AJ_PER_NJ
         self._level_aJ = self._burst_aJ
