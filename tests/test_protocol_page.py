@@ -20,6 +20,7 @@ from hapnet.wire import (
     replay_window,
     rto,
 )
+from hapnet.wire.messages import Bye, Energy, Hello, Message, Motion, Port, Position, Refuse, Wave, Welcome
 from hapnet.wire.session import SessionSettings
 
 PAGE = (Path(messages.__file__).parent / "README.md").read_text("utf-8")
@@ -104,3 +105,15 @@ def test_the_limits_in_the_text_are_the_codes() -> None:
     assert f"any payload of 1 to {probe.LONGEST} bytes" in text
     for kind in (*zenoh.KINDS, probe.PROBE, zenoh.TELEMETRY):
         assert kind in text
+
+
+@pytest.mark.parametrize(
+    "message", [Position, Energy, Hello, Welcome, Refuse, Bye, Motion, Port, Wave], ids=lambda m: m.__name__.lower()
+)
+def test_the_page_names_the_elements_of_each_frame_in_their_order(message: type[Message]) -> None:
+    frames = PAGE.partition("| kind | elements 4 and following |")[2].partition("\n\n")[0]
+    (row,) = re.findall(rf"^\| {message.__name__.lower()} \| (.*) \|$", frames, re.MULTILINE)
+    own = [name for name in messages.field_names(message)[1:] if name != "more"]  # every frame may have further entries
+    assert [name for name in re.findall(r"`(\w+)`", re.sub(r"array of `dof`", "", row)) if name in own] == own
+    kinds = PAGE.partition("| kind | message |")[2].partition("\n\n")[0]
+    assert re.search(rf"^\| {message.KIND} \| {message.__name__.lower()} \| {message.CHANNEL} \|", kinds, re.MULTILINE)

@@ -20,8 +20,8 @@ class Options:
     realtime : SCHED_FIFO for the servo, and for the bare loop beside it. beside : busy processes beside the traffic.
     """
 
-    seconds: float = 3.0
-    rounds: int = 3
+    seconds: float
+    rounds: int
     realtime: bool = False
     beside: int = 0
 

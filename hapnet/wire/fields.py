@@ -1,11 +1,13 @@
-"""What each element of a frame may be. A check raises BadMessage or returns.
+"""What each element of a frame may be: types for the messages' fields, each with the check that a receiver makes.
 
-msgpack itself bounds integers to -2^63 .. 2^64 - 1.
+A check returns, or raises BadMessage. msgpack itself bounds integers to -2^63 .. 2^64 - 1.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import isfinite
+from typing import Annotated, Any, Literal, get_type_hints
 
 from hapnet.errors import BadMessage
 
@@ -88,3 +90,24 @@ def more(value: object) -> None:
         raise BadMessage("range", f"{len(value)} further entries; allowed: up to {MAX_MORE}")
     for key in value:
         text(key)
+
+
+Role = Literal["device", "world"]
+Scalar = str | int | float | bool | None
+
+U64 = Annotated[int, natural]
+Nanojoules = Annotated[int, total]
+Span = Annotated[int, span]
+Coordinates = Annotated[tuple[float, ...], coordinates]
+Text = Annotated[str, text]
+RoleName = Annotated[Role, role]
+Dof = Annotated[int, dof]
+About = Annotated[dict[str, Scalar], about]
+More = Annotated[dict[str, Any], more]
+"""What a frame's map of further entries says."""
+
+
+def checks_of(message: type, names: tuple[str, ...]) -> tuple[Callable[[object], object], ...]:
+    """The checks of these fields of a message's class, as their types name them."""
+    types = get_type_hints(message, include_extras=True)
+    return tuple(types[name].__metadata__[0] for name in names)

@@ -17,7 +17,21 @@ import msgpack
 
 from hapnet.errors import BadMessage
 from hapnet.wire import fields
-from hapnet.wire.fields import MAX_COORDINATE, MAX_DOF
+from hapnet.wire.fields import (
+    MAX_COORDINATE,
+    MAX_DOF,
+    U64,
+    About,
+    Coordinates,
+    Dof,
+    More,
+    Nanojoules,
+    RoleName,
+    Span,
+    Text,
+)
+from hapnet.wire.fields import Role as Role
+from hapnet.wire.fields import Scalar as Scalar
 
 VERSION = 2
 MAX_FRAME_BYTES = 4096
@@ -25,20 +39,16 @@ MAX_ARRAY = MAX_DOF + 1  # msgpack allots what an array announces: 4 kB of neste
 
 _POSITION_KIND = 1
 
-Role = Literal["device", "world"]
-Scalar = str | int | float | bool | None
 Channel = Literal["position", "energy", "control"]
-More = dict[str, Any]
-"""What a frame's map of further entries says; None where a message has it: nothing."""
 
 
 class _PositionFields(NamedTuple):
-    incarnation: int
-    sequence: int
-    sent_ns: int
-    position: tuple[float, ...]
-    echo_ns: int = 0
-    came_ns: int = 0
+    incarnation: U64
+    sequence: U64
+    sent_ns: U64
+    position: Coordinates
+    echo_ns: U64 = 0
+    came_ns: U64 = 0
     more: More | None = None
 
 
@@ -58,10 +68,10 @@ class Position(_PositionFields):
 
 
 class _EnergyFields(NamedTuple):
-    incarnation: int
-    addressee: int
-    total_nJ: int
-    acked_nJ: int
+    incarnation: U64
+    addressee: U64
+    total_nJ: Nanojoules
+    acked_nJ: Nanojoules
     more: More | None = None
 
 
@@ -77,13 +87,13 @@ class Energy(_EnergyFields):
 
 
 class _MotionFields(NamedTuple):
-    incarnation: int
-    sequence: int
-    sent_ns: int
-    position: tuple[float, ...]
-    velocity: tuple[float, ...]
-    echo_ns: int = 0
-    came_ns: int = 0
+    incarnation: U64
+    sequence: U64
+    sent_ns: U64
+    position: Coordinates
+    velocity: Coordinates
+    echo_ns: U64 = 0
+    came_ns: U64 = 0
     more: More | None = None
 
 
@@ -96,13 +106,13 @@ class Motion(_MotionFields):
 
 
 class _PortFields(NamedTuple):
-    incarnation: int
-    sequence: int
-    sent_ns: int
-    value: tuple[float, ...]
-    energy_nJ: int
-    echo_ns: int = 0
-    came_ns: int = 0
+    incarnation: U64
+    sequence: U64
+    sent_ns: U64
+    value: Coordinates
+    energy_nJ: Nanojoules
+    echo_ns: U64 = 0
+    came_ns: U64 = 0
     more: More | None = None
 
 
@@ -118,13 +128,13 @@ class Port(_PortFields):
 
 
 class _WaveFields(NamedTuple):
-    incarnation: int
-    sequence: int
-    sent_ns: int
-    wave: tuple[float, ...]
-    span_ns: int
-    echo_ns: int = 0
-    came_ns: int = 0
+    incarnation: U64
+    sequence: U64
+    sent_ns: U64
+    wave: Coordinates
+    span_ns: Span
+    echo_ns: U64 = 0
+    came_ns: U64 = 0
     more: More | None = None
 
 
@@ -157,12 +167,12 @@ class Hello:
 
     KIND: ClassVar[int] = 3
     CHANNEL: ClassVar[Channel] = "control"
-    incarnation: int
-    number: int
-    role: Role
-    dof: int
-    name: str
-    about: dict[str, Scalar]
+    incarnation: U64
+    number: U64
+    role: RoleName
+    dof: Dof
+    name: Text
+    about: About
     more: More | None = None
 
 
@@ -172,13 +182,13 @@ class Welcome:
 
     KIND: ClassVar[int] = 4
     CHANNEL: ClassVar[Channel] = "control"
-    incarnation: int
-    addressee: int
-    number: int
-    role: Role
-    dof: int
-    name: str
-    about: dict[str, Scalar]
+    incarnation: U64
+    addressee: U64
+    number: U64
+    role: RoleName
+    dof: Dof
+    name: Text
+    about: About
     more: More | None = None
 
 
@@ -188,9 +198,9 @@ class Refuse:
 
     KIND: ClassVar[int] = 5
     CHANNEL: ClassVar[Channel] = "control"
-    incarnation: int
-    addressee: int
-    reason: str
+    incarnation: U64
+    addressee: U64
+    reason: Text
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,10 +209,10 @@ class Bye:
 
     KIND: ClassVar[int] = 6
     CHANNEL: ClassVar[Channel] = "control"
-    incarnation: int
-    addressee: int
-    acked_nJ: int
-    reason: str
+    incarnation: U64
+    addressee: U64
+    acked_nJ: Nanojoules
+    reason: Text
     more: More | None = None
 
 
@@ -273,6 +283,32 @@ def echo_of(echo_ns: int, came_ns: int) -> bytes:
     return _TWO(_U64, echo_ns, _U64, came_ns)
 
 
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    """How the frames of one kind look, by the fields of its class.
+
+    make : the class. checks : of each element after the incarnation, with its place in the frame.
+    least, most : the frame's number of elements.
+    """
+
+    make: Callable[..., Any]
+    checks: tuple[tuple[int, Callable[[object], object]], ...]
+    least: int
+    most: int
+
+    @classmethod
+    def of(cls, message: type[Message]) -> _Layout:
+        names = field_names(message)
+        own = tuple(name for name in names if name != "more")
+        checks = tuple(enumerate(fields.checks_of(message, own), 2))
+        return cls(message, checks[1:], len(own) + 2, len(names) + 2)
+
+
+def field_names(message: type[Message]) -> tuple[str, ...]:
+    """The fields of a message in the order of its frame, which begins with version and kind."""
+    return message._fields if issubclass(message, tuple) else message.__slots__
+
+
 def decode(data: bytes) -> Message:
     """The message in `data`.
 
@@ -322,40 +358,25 @@ def examined(frame: Any) -> Message:
     if version != VERSION and kind != Refuse.KIND:
         detail = f"peer speaks protocol {version}, this side speaks {VERSION}"
         raise OtherVersion("version", detail, message_kind=kind, incarnation=incarnation)
-    layout = _INDEXED.get(kind)
+    layout = _LAYOUTS.get(kind)
     if layout is None:
-        raise BadMessage("kind", f"message kind {kind}; allowed: 1 to {max(_INDEXED)}")
-    cls, checks = layout
-    least, most = len(checks) + 3, len(checks) + (3 if kind == Refuse.KIND else 4)
-    if not least <= len(frame) <= most:
-        raise BadMessage("length", f"{cls.__name__} of {len(frame)} elements; allowed: {least} to {most}")
-    for index, check in checks:
+        raise BadMessage("kind", f"message kind {kind}; allowed: 1 to {max(_LAYOUTS)}")
+    if not layout.least <= len(frame) <= layout.most:
+        name = layout.make.__name__
+        raise BadMessage("length", f"{name} of {len(frame)} elements; allowed: {layout.least} to {layout.most}")
+    for index, check in layout.checks:
         check(frame[index])
-    if len(frame) > least:
-        fields.more(frame[least])
-        frame = (*frame[:least], frame[least] or None)
-    message: Message = cls(*frame[2:])
+    if len(frame) > layout.least:
+        fields.more(frame[-1])
+        frame = (*frame[:-1], frame[-1] or None)
+    message: Message = layout.make(*frame[2:])
     if type(message) is Motion and len(message.position) != len(message.velocity):
         raise BadMessage("dimension", f"{len(message.position)} coordinates with {len(message.velocity)} velocities")
     return message
 
 
-_STAMPS = (fields.natural, fields.natural)
-_IDENTITY = (fields.role, fields.dof, fields.text, fields.about)
-_LAYOUTS: dict[int, tuple[Callable[..., Any], tuple[Callable[[object], object], ...]]] = {
-    Position.KIND: (Position, (*_STAMPS, fields.coordinates, *_STAMPS)),
-    Energy.KIND: (Energy, (fields.natural, fields.total, fields.total)),
-    Hello.KIND: (Hello, (fields.natural, *_IDENTITY)),
-    Welcome.KIND: (Welcome, (fields.natural, fields.natural, *_IDENTITY)),
-    Refuse.KIND: (Refuse, (fields.natural, fields.text)),
-    Bye.KIND: (Bye, (fields.natural, fields.total, fields.text)),
-    Motion.KIND: (Motion, (*_STAMPS, fields.coordinates, fields.coordinates, *_STAMPS)),
-    Port.KIND: (Port, (*_STAMPS, fields.coordinates, fields.total, *_STAMPS)),
-    Wave.KIND: (Wave, (*_STAMPS, fields.coordinates, fields.span, *_STAMPS)),
-}
-_INDEXED = {kind: (cls, tuple(enumerate(checks, 3))) for kind, (cls, checks) in _LAYOUTS.items()}
-"""The same with each check's place in the frame."""
 _STREAM = (Position, Motion, Port, Wave)
+_LAYOUTS = {cls.KIND: _Layout.of(cls) for cls in (*_STREAM, Energy, Hello, Welcome, Refuse, Bye)}
 _AROUND = 7
 """Elements of a stream's message beside its values."""
 _ARRAY, _U64 = 0x90, 0xCF
