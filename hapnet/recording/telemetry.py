@@ -1,22 +1,25 @@
-"""What a side publishes for who watches it: its newest sample many times a second, its status twice.
+"""What a side publishes for those who watch it: its newest sample many times a second, its status twice.
 
 Each message is one msgpack array whose first element is the version and whose second says what it holds: ``device`` or
 ``world`` (the fields of a `DeviceSample` or `WorldSample` in order), ``event`` (those of an `Event`) or ``status`` (a
-`Status`, one map). Nothing depends on telemetry: it is dropped first and never repeated, and who cannot read a message
-counts it.
+`Status`, one map). The checks of what is read are made from these classes' types. Nothing depends on telemetry: it is
+dropped first and never repeated, and a watcher counts the messages that it cannot read.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeAlias, get_args
+from typing import Any, TypeAlias, get_args, get_origin, get_type_hints
 
 import msgpack
 
+from hapnet.checks import Vector
 from hapnet.errors import BadMessage
 from hapnet.recording.samples import VECTORS, DeviceSample, Event, Sample, WorldSample, plain
+from hapnet.wire.fields import MAX_DOF
 from hapnet.wire.messages import Role
 
 VERSION = 2
@@ -25,9 +28,7 @@ LONGEST = 64 * 1024
 """No message is longer [bytes]."""
 
 _SAMPLES: dict[str, type[DeviceSample] | type[WorldSample]] = {"device": DeviceSample, "world": WorldSample}
-_MOST_AXES = 64
 _LATEST_NS = 2**63 - 1  # of an array's times
-_OPTIONAL = frozenset({"operator_force_N", "operator_target_m"})
 
 
 @dataclass(frozen=True)
@@ -98,25 +99,38 @@ def _sample(kind: type[DeviceSample] | type[WorldSample], fields: list[Any]) -> 
     if len(fields) != len(names):
         raise BadMessage("telemetry", f"{len(fields)} fields of a {kind.__name__}, which has {len(names)}")
     for name, value in zip(names, fields, strict=True):
-        if name == "time_ns":
-            fits = type(value) is int and value <= _LATEST_NS
-        elif name in VECTORS:
-            fits = (value is None and name in _OPTIONAL) or (
-                isinstance(value, tuple) and 0 < len(value) <= _MOST_AXES and all(type(v) is float for v in value)
-            )
-        else:
-            fits = type(value) is float
-        if not fits:
+        if not _FITS[kind][name](value):
             raise BadMessage("telemetry", f"{name} of a {kind.__name__} is {value!r:.60}")
     if len({len(value) for name, value in zip(names, fields, strict=True) if name in VECTORS and value}) > 1:
         raise BadMessage("telemetry", f"vectors of a {kind.__name__} with different numbers of axes")
     return kind._make(fields)
 
 
-_STATUS_TYPES: dict[str, Any] = {
-    "role": str, "time_ns": int, "incarnation": int, "paired": bool, "paused": bool, "recording": str, "about": dict,
-    "link": dict, "path": dict,
+def _is_time(value: object) -> bool:
+    return type(value) is int and value <= _LATEST_NS
+
+
+def _is_number(value: object) -> bool:
+    return type(value) is float
+
+
+def _is_vector(value: object) -> bool:
+    return isinstance(value, tuple) and 0 < len(value) <= MAX_DOF and all(type(v) is float for v in value)
+
+
+def _is_vector_or_none(value: object) -> bool:
+    return value is None or _is_vector(value)
+
+
+_OF_TYPE: dict[Any, Callable[[object], bool]] = {
+    int: _is_time, float: _is_number, Vector: _is_vector, Vector | None: _is_vector_or_none,
 }  # fmt: skip
+_FITS = {
+    kind: {name: _OF_TYPE[hint] for name, hint in get_type_hints(kind).items()} for kind in (DeviceSample, WorldSample)
+}
+_STATUS_TYPES: dict[str, Any] = {
+    name: str if hint is Role else get_origin(hint) or hint for name, hint in get_type_hints(Status).items()
+}
 
 
 def _status(fields: dict[str, Any]) -> Status:
@@ -144,7 +158,7 @@ def _is_about(about: dict[str, Any]) -> bool:
 def _is_surface(surface: object) -> bool:
     match surface:
         case {"axis": int(axis), "solid": 1 | -1, "position_m": float(place) | int(place)}:
-            return 0 <= axis < _MOST_AXES and abs(place) < math.inf
+            return 0 <= axis < MAX_DOF and abs(place) < math.inf
     return False
 
 

@@ -65,6 +65,7 @@ class Position(_PositionFields):
     __slots__ = ()
     KIND: ClassVar[int] = _POSITION_KIND
     CHANNEL: ClassVar[Channel] = "position"
+    vector = _PositionFields.position
 
 
 class _EnergyFields(NamedTuple):
@@ -103,6 +104,7 @@ class Motion(_MotionFields):
     __slots__ = ()
     KIND: ClassVar[int] = 7
     CHANNEL: ClassVar[Channel] = "position"
+    vector = _MotionFields.position
 
 
 class _PortFields(NamedTuple):
@@ -125,6 +127,7 @@ class Port(_PortFields):
     __slots__ = ()
     KIND: ClassVar[int] = 8
     CHANNEL: ClassVar[Channel] = "position"
+    vector = _PortFields.value
 
 
 class _WaveFields(NamedTuple):
@@ -144,10 +147,12 @@ class Wave(_WaveFields):
     __slots__ = ()
     KIND: ClassVar[int] = 9
     CHANNEL: ClassVar[Channel] = "position"
+    vector = _WaveFields.wave
 
 
 Stream = Position | Motion | Port | Wave
-"""What a side sends all the time, one kind of these a coupling and role."""
+"""What a side sends all the time: one of these kinds, by its coupling and role. `vector` is the element that has one
+number an axis, whatever the kind calls it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -283,9 +283,8 @@ class Session:
             self._handshake.on_data(message.incarnation, now_ns)
         if type(message) is not self._expects:
             raise BadMessage("stream", f"a {_word(message)}; allowed: a {_word(self._expects)}, by the coupling here")
-        value = message[3]  # of every kind, the one whose dimension is to be that of the session
-        if len(value) != self.identity.dof:
-            raise BadMessage("dimension", f"{len(value)} coordinates; allowed: {self.identity.dof}")
+        if len(message.vector) != self.identity.dof:
+            raise BadMessage("dimension", f"{len(message.vector)} coordinates; allowed: {self.identity.dof}")
         liveness = self._monitor
         numbers = liveness.numbers
         sequence, sent_ns, newest = message.sequence, message.sent_ns, numbers.newest
