@@ -80,7 +80,7 @@ def run(
     """
     chosen = params.over(Params(), model.named("device", "world"), links)
     if params.show_params:
-        return _show(chosen)
+        return _show(params.shown(chosen))
     json_target(json_to)
     from hapnet.commands import run as command
 
@@ -104,7 +104,7 @@ def simulate(
     """The same in virtual time: one process, deterministic under a seed, much faster than real time."""
     chosen = params.over(Params(), model.named("device", "world"), links)
     if params.show_params:
-        return _show(chosen)
+        return _show(params.shown(chosen))
     json_target(json_to)
     from hapnet.commands import batch
     from hapnet.commands import simulate as command
@@ -138,7 +138,7 @@ def play(
 
     chosen = command.led(chosen)
     if params.show_params:
-        return _show(chosen)
+        return _show(params.shown(chosen))
     return command.main(chosen, seed, out, page, realtime=realtime)
 
 
@@ -200,7 +200,7 @@ def reproduce(
         base = base.set({"device.smoothing_s": command.SMOOTHING_S})
     chosen = params.over(base, {"duration_s": duration})
     if params.show_params:
-        return _show(chosen)
+        return _show(params.shown(chosen))
     json_target(json_to)
     return command.main(figure, chosen, seed, json_to, out)
 
@@ -220,7 +220,7 @@ def replay(
         int | None, typer.Option(min=0, help="Of everything random.", show_default="the recording's")
     ] = None,
     links: LinkOptions,
-    params: Annotated[ParamsOptions, Without("show_params")],
+    params: Annotated[ParamsOptions, Without("show_params", "schema")],
     json_to: flags.Json = None,
     out: flags.Out = None,
 ) -> int:
@@ -273,7 +273,7 @@ def compare(
     """
     chosen = params.over(compare_command.BASE, model.named())
     if params.show_params:
-        return _show(chosen)
+        return _show(params.shown(chosen))
     json_target(json_to)
     return compare_command.main(chosen, options, json_to, out)
 
@@ -376,15 +376,15 @@ def _side(
 ) -> int:
     chosen = params.over(Params(link=NO_LINK, duration_s=0.0), model.named(role), links)
     if params.show_params:
-        return _show(chosen)
+        return _show(params.shown(chosen))
     json_target(given.json_to)
     from hapnet.commands import side
 
     return side.main(chosen, side.SideOptions(role=role, zenoh=side.zenoh_settings(zenoh), **vars(given)))
 
 
-def _show(params: Params) -> int:
-    print(params.toml(), end="")
+def _show(text: str) -> int:
+    print(text, end="")
     return 0
 
 

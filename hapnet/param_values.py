@@ -6,10 +6,47 @@ import dataclasses
 import json
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
 from hapnet.errors import InvalidParameter
+
+
+@dataclass(frozen=True)
+class Range:
+    """The numbers that a parameter may be; of a matrix, when it is given as a scalar."""
+
+    above: float | None = None
+    at_least: float | None = None
+    at_most: float | None = None
+
+    def __contains__(self, value: float) -> bool:
+        return (
+            (self.above is None or value > self.above)
+            and (self.at_least is None or value >= self.at_least)
+            and (self.at_most is None or value <= self.at_most)
+        )
+
+    def __str__(self) -> str:
+        if self.at_least is not None:
+            return f"{self.at_least:g} or above" if self.at_most is None else f"{self.at_least:g} to {self.at_most:g}"
+        return f"a number above {self.above:g}" + ("" if self.at_most is None else f", at most {self.at_most:g}")
+
+
+Allowed = tuple[str, ...] | Range
+"""The words or the numbers that a parameter may be."""
+
+
+def check_allowed(name: str, value: object, allowed: Allowed) -> None:
+    """Raise InvalidParameter unless `value` is one of the words or numbers; a vector or matrix always passes."""
+    if not isinstance(allowed, Range):
+        if value not in allowed:
+            raise InvalidParameter(name, value, "one of " + ", ".join(allowed))
+    elif isinstance(value, float | int):
+        if not math.isfinite(value):
+            raise InvalidParameter(name, value, "a finite number")
+        if value not in allowed:
+            raise InvalidParameter(name, value, str(allowed))
 
 
 def leaves(node: Any, prefix: str = "") -> Iterator[tuple[str, Any, dataclasses.Field[Any]]]:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-import math
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -16,7 +15,7 @@ from types import MappingProxyType
 from typing import Any
 
 from hapnet.errors import InvalidParameter
-from hapnet.param_values import converted, flatten, leaves, replaced, toml_value
+from hapnet.param_values import Allowed, Range, check_allowed, converted, flatten, leaves, replaced, toml_value
 
 COUPLING_NAMES = ("pspm", "zoh", "popc", "tdpa", "eba", "wave", "digital-wave", "pd")
 
@@ -24,31 +23,10 @@ Matrix = float | tuple[float, ...] | tuple[tuple[float, ...], ...]
 """A scalar, one number an axis, or rows of a matrix."""
 
 
-@dataclass(frozen=True)
-class _Range:
-    """The numbers that a parameter may be; of a matrix, when it is given as a scalar."""
-
-    above: float | None = None
-    at_least: float | None = None
-    at_most: float | None = None
-
-    def __contains__(self, value: float) -> bool:
-        return (
-            (self.above is None or value > self.above)
-            and (self.at_least is None or value >= self.at_least)
-            and (self.at_most is None or value <= self.at_most)
-        )
-
-    def __str__(self) -> str:
-        if self.at_least is not None:
-            return f"{self.at_least:g} or above" if self.at_most is None else f"{self.at_least:g} to {self.at_most:g}"
-        return f"a number above {self.above:g}" + ("" if self.at_most is None else f", at most {self.at_most:g}")
+_ANY, _NOT_NEGATIVE, _POSITIVE = Range(), Range(at_least=0.0), Range(above=0.0)
 
 
-_ANY, _NOT_NEGATIVE, _POSITIVE = _Range(), _Range(at_least=0.0), _Range(above=0.0)
-
-
-def _p(default: object, doc: str, allowed: tuple[str, ...] | _Range = _ANY) -> Any:
+def _p(default: object, doc: str, allowed: Allowed = _ANY) -> Any:
     return field(default=default, metadata={"doc": doc, "allowed": allowed})
 
 
@@ -58,7 +36,7 @@ class DeviceParams:
 
     servo: str = _p("auto", "auto: continuous in simulate and reproduce, else sampled",
                     ("auto", "continuous", "sampled"))  # fmt: skip
-    servo_hz: float = _p(1000.0, "servo rate [Hz]", _Range(at_least=10.0, at_most=20_000.0))
+    servo_hz: float = _p(1000.0, "servo rate [Hz]", Range(at_least=10.0, at_most=20_000.0))
     watchdog_s: float = _p(
         0.02, "a servo that was away for longer renders no force until it is on time again [s]; 0: off", _NOT_NEGATIVE
     )
@@ -71,7 +49,7 @@ class DeviceParams:
                       ("auto", "range", "measured"))  # fmt: skip
     force_limit_N: float = _p(3.3, "longest force of the actuators [N]; 0: no limit", _NOT_NEGATIVE)
     spring_share: float = _p(0.9, "share of the force limit at which the spring saturates, the rest left to the damper",
-                             _Range(above=0.0, at_most=1.0))  # fmt: skip
+                             Range(above=0.0, at_most=1.0))  # fmt: skip
     step_limit_N: float = _p(
         0.5, "largest step of the force [N]: a tick if held, else an update; 0: none", _NOT_NEGATIVE
     )
@@ -86,13 +64,13 @@ class DeviceParams:
         0.0, "lower bound of the device's own damping to harvest, measured harvest only [Ns/m]", _NOT_NEGATIVE
     )
     resolution_m: float = _p(
-        0.0, "encoder resolution, sampled servo only [m]; 0: exact", _Range(at_least=0.0, at_most=0.01)
+        0.0, "encoder resolution, sampled servo only [m]; 0: exact", Range(at_least=0.0, at_most=0.01)
     )
     workspace_m: Matrix = _p(
-        2.0, "how far the device reaches from its origin, or on each axis, either way [m]", _Range(0.0, 1e-3, 10.0)
+        2.0, "how far the device reaches from its origin, or on each axis, either way [m]", Range(0.0, 1e-3, 10.0)
     )
     stiffness_range: Matrix = _p((1.0, 1e5), "least and greatest stiffness that the device renders [N/m]")
-    substeps: int = _p(4, "integration substeps of the simulated device a tick", _Range(at_least=1, at_most=1000))
+    substeps: int = _p(4, "integration substeps of the simulated device a tick", Range(at_least=1, at_most=1000))
 
 
 @dataclass(frozen=True)
@@ -148,7 +126,7 @@ class WorldParams:
 class PopcParams:
     """Passivity observer and controller at the device's port (Hannaford, Ryu 2002)."""
 
-    velocity_floor: float = _p(0.002, "slower than this the controller cannot damp [m/s]", _Range(0.0, at_most=1.0))
+    velocity_floor: float = _p(0.002, "slower than this the controller cannot damp [m/s]", Range(0.0, at_most=1.0))
     damping_cap: float = _p(0.0, "most damping that it may inject [Ns/m]; 0: by rule", _NOT_NEGATIVE)
 
 
@@ -159,11 +137,11 @@ class TdpaParams:
     stiffness: float = _p(0.0, "virtual coupling of the world's end [N/m]; 0: device.stiffness", _NOT_NEGATIVE)
     damping: float = _p(0.0, "its damping [Ns/m]; 0: by rule", _NOT_NEGATIVE)
     velocity_floor: float = _p(
-        0.002, "slower than this the device's controller cannot damp [m/s]", _Range(0.0, at_most=1.0)
+        0.002, "slower than this the device's controller cannot damp [m/s]", Range(0.0, at_most=1.0)
     )
     force_floor: float = _p(0.05, "with less force than this the world's controller cannot yield [N]", _POSITIVE)
     damping_cap: float = _p(0.0, "most damping at the device [Ns/m]; 0: by rule", _NOT_NEGATIVE)
-    speed_limit: float = _p(0.25, "of the world's set-position [m/s]", _Range(0.0, at_most=100.0))
+    speed_limit: float = _p(0.25, "of the world's set-position [m/s]", Range(0.0, at_most=100.0))
     debt_limit_J: float = _p(0.02, "a side that owes this much gives nothing more [J]", _POSITIVE)
     recovery_s: float = _p(
         0.02, "drift is made up for so fast, as far as the energy goes [s]; 0: never, as first published", _NOT_NEGATIVE
@@ -217,20 +195,20 @@ class WireParams:
     """The protocol's timing and admission."""
 
     hello_period_s: float = _p(
-        0.1, "between greetings until the peer has answered [s]", _Range(at_least=0.001, at_most=10.0)
+        0.1, "between greetings until the peer has answered [s]", Range(at_least=0.001, at_most=10.0)
     )
     energy_spacing_s: float = _p(
-        0.010, "least time between two energy messages with news [s]", _Range(at_least=0.001, at_most=10.0)
+        0.010, "least time between two energy messages with news [s]", Range(at_least=0.001, at_most=10.0)
     )
-    admission_W: float = _p(5.0, "most shuffled power that is credited [W]", _Range(at_least=1e-9, at_most=1e9))
+    admission_W: float = _p(5.0, "most shuffled power that is credited [W]", Range(at_least=1e-9, at_most=1e9))
     admission_burst_J: float = _p(
-        0.5, "shuffled energy credited at once before that limit counts [J]", _Range(at_least=1e-9, at_most=1e9)
+        0.5, "shuffled energy credited at once before that limit counts [J]", Range(at_least=1e-9, at_most=1e9)
     )
     accept_stale: bool = _p(False, "let set-positions through that arrive after newer ones")
     deadband: float = _p(
         0.0,
         "perceptual deadband: what changes the force by less than this fraction is not sent (Weber); 0: all is",
-        _Range(at_least=0.0, at_most=1.0),
+        Range(at_least=0.0, at_most=1.0),
     )
 
 
@@ -245,12 +223,12 @@ class Params:
     hardware: str = _p("simulated", "the device: simulated, or module:Class of your own")
     coupling: str = _p("pspm", f"pspm; to compare with: {', '.join(COUPLING_NAMES[1:])}, or module:NAME of your own")
     dof: int = _p(0, "degrees of freedom; 0: the scene's own", _NOT_NEGATIVE)
-    duration_s: float = _p(10.0, "from pairing [s]; 0: until stopped", _Range(at_least=0.0, at_most=1e9))
+    duration_s: float = _p(10.0, "from pairing [s]; 0: until stopped", Range(at_least=0.0, at_most=1e9))
     record_hz: float = _p(200.0, "recorded samples a second of the device [Hz]", _POSITIVE)
     telemetry_hz: float = _p(
         60.0,
         "samples a second that each side publishes for hapnet view [Hz]; 0: none",
-        _Range(at_least=0.0, at_most=1000.0),
+        Range(at_least=0.0, at_most=1000.0),
     )
     device: DeviceParams = field(default_factory=DeviceParams)
     operator_hand: OperatorParams = field(default_factory=OperatorParams)
@@ -265,15 +243,7 @@ class Params:
 
     def __post_init__(self) -> None:
         for name, value, spec in leaves(self):
-            allowed = spec.metadata["allowed"]
-            if isinstance(allowed, tuple):
-                if value not in allowed:
-                    raise InvalidParameter(name, value, "one of " + ", ".join(allowed))
-            elif isinstance(value, float | int):
-                if not math.isfinite(value):
-                    raise InvalidParameter(name, value, "a finite number")
-                if value not in allowed:
-                    raise InvalidParameter(name, value, str(allowed))
+            check_allowed(name, value, spec.metadata["allowed"])
         if self.world.step_min_s > self.world.step_max_s:
             raise InvalidParameter("world.step_min_s", self.world.step_min_s, "at most world.step_max_s")
 
@@ -348,7 +318,7 @@ class Params:
         """Dotted name, value as TOML has it, and meaning with unit of every parameter."""
         for name, value, spec in leaves(self):
             allowed = spec.metadata["allowed"]
-            choice = f" ({' | '.join(allowed)})" if isinstance(allowed, tuple) else ""
+            choice = "" if isinstance(allowed, Range) else f" ({' | '.join(allowed)})"
             yield name, toml_value(value), f"{spec.metadata['doc']}{choice}"
 
     def toml(self) -> str:

@@ -350,6 +350,13 @@ def test_shown_parameters_read_back_the_same(capsys: Capture, tmp_path: Path) ->
         assert capsys.readouterr().out == shown
 
 
+def test_the_schema_of_parameters_is_printed_and_asked_for_with_them(capsys: Capture) -> None:
+    assert cli.main(["simulate", "--show-params", "--schema", "--dof", "2"]) == 0
+    assert json.loads(capsys.readouterr().out)["properties"]["dof"]["default"] == 2
+    assert cli.main(["simulate", "--schema"]) == 2
+    assert capsys.readouterr().err == "hapnet: --schema is 'given alone'; allowed: with --show-params\n"
+
+
 def test_what_overrides_what(capsys: Capture, tmp_path: Path) -> None:
     """The file, then named options and link flags, then --set."""
     file = tmp_path / "p.toml"

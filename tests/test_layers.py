@@ -16,7 +16,7 @@ OUTSIDE_WORLD = {"time", "asyncio", "threading", "random", "socket", "zenoh"}
 PURE_NETEM = {"netem/profile.py", "netem/models.py", "netem/link.py"}
 LONGEST = 420
 
-BASE = {"errors", "checks", "params", "param_values", "loading", "versions", "histogram"}
+BASE = {"errors", "checks", "params", "param_values", "param_schema", "loading", "versions", "histogram"}
 BELOW_ASSEMBLY = {"mechanics", "control", "plant", "wire", "recording", "side", "couplings", "metrics"}
 MAY_IMPORT = {  # a package, and what it may know beside itself and the base
     "mechanics": set(),

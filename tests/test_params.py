@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pytest
 
 from hapnet.errors import InvalidParameter
+from hapnet.param_schema import schema
 from hapnet.params import Params
 
 
@@ -90,3 +92,53 @@ def test_a_file_that_is_no_toml(tmp_path: Path) -> None:
     file.write_text("not = [toml", encoding="utf-8")
     with pytest.raises(InvalidParameter, match="TOML"):
         Params().load(file)
+
+
+# -- the schema for editors --------------------------------------------------------------------------------------------
+
+VALUES = (-1, 0, 1e-12, 0.5, 15, 10**12, "hold", "fast", True, [[1.0, 0.0], [0.0, 1.0]], [])
+COUPLED = {"world.step_min_s", "world.step_max_s"}
+"""Each is bounded by the other too, which a schema cannot say."""
+
+
+def test_the_schema_takes_what_the_program_takes() -> None:
+    """Of every parameter the same values, but that a schema takes no empty list; `jsonschema` is the judge."""
+    jsonschema = pytest.importorskip("jsonschema", reason="the judge of schemas is not installed")
+    judge = jsonschema.Draft7Validator(schema(Params()))
+    judge.check_schema(judge.schema)
+    tried = 0
+    for name in Params().flat():
+        for value in VALUES:
+            if name in COUPLED and value != -1:
+                continue
+            *path, last = name.split(".")
+            table: dict[str, object] = {last: value}
+            for section in reversed(path):
+                table = {section: table}
+            assert judge.is_valid(table) == (value != [] and taken(name, value)), (name, value)
+            tried += 1
+    assert tried > 900
+
+
+def taken(name: str, value: object) -> bool:
+    try:
+        Params().set({name: value})
+    except InvalidParameter:
+        return False
+    return True
+
+
+def test_the_schema_knows_what_is_shown_and_nothing_else() -> None:
+    jsonschema = pytest.importorskip("jsonschema", reason="the judge of schemas is not installed")
+    chosen = Params().set({"device.stiffness": [[100.0, 5.0], [5.0, 80.0]], "scene": "box"})
+    shown = tomllib.loads(chosen.toml())
+    for params in (Params(), chosen):
+        judge = jsonschema.Draft7Validator(schema(params))
+        assert judge.is_valid(shown)
+        assert not judge.is_valid(shown | {"stiffnes": 1.0})
+        assert not judge.is_valid(shown | {"wire": {"admision_W": 1.0}})
+    described = schema(chosen)["properties"]["wire"]["properties"]["admission_W"]
+    assert described == {
+        "description": "most shuffled power that is credited [W]",
+        "default": 5.0, "type": "number", "minimum": 1e-9, "maximum": 1e9,
+    }  # fmt: skip

@@ -65,6 +65,10 @@ Assign = Annotated[
     ),
 ]
 Show = Annotated[bool, typer.Option("--show-params", help="Print all parameters and end.", rich_help_panel=_PARAMS)]
+Schema = Annotated[
+    bool,
+    typer.Option("--schema", help="With --show-params: as a JSON schema, for editors.", rich_help_panel=_PARAMS),
+]
 Json = Annotated[str | None, typer.Option("--json", metavar="FILE|-", help="Summary as JSON; -: alone on stdout.")]
 Out = Annotated[
     Path | None, typer.Option(help="Directory for all that is written.", show_default="runs/<UTC time>-<seed>")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -128,6 +129,7 @@ class ParamsOptions:
     params_file: flags.ParamsFile = None
     assign: flags.Assign = None
     show_params: flags.Show = False
+    schema: flags.Schema = False
 
     def over(self, base: Params, named: Mapping[str, object] | None = None, links: LinkOptions | None = None) -> Params:
         """Defaults, then the file, then `named` (None: not given), then the link flags, then `--set`.
@@ -145,7 +147,17 @@ class ParamsOptions:
         params = params.set_words(self.assign or ())
         for words in (params.link.up, params.link.down):
             LinkProfile.named(words)
+        if self.schema and not self.show_params:
+            raise InvalidParameter("--schema", "given alone", "with --show-params")
         return params
+
+    def shown(self, params: Params) -> str:
+        """What `--show-params` prints: TOML that `--params` reads, or the schema of such a file."""
+        if not self.schema:
+            return params.toml()
+        from hapnet.param_schema import schema
+
+        return json.dumps(schema(params), indent=2, ensure_ascii=False) + "\n"
 
 
 @dataclass(frozen=True)
