@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 from hapnet.errors import BadMessage, InvalidParameter
 from hapnet.wire.energy_channel import EnergyChannel
 from hapnet.wire.rto import CEILING_NS, FLOOR_NS, INITIAL_NS
-from hapnet.wire.token_bucket import Admission
+from hapnet.wire.token_bucket import TokenBucket
 
 MS = 1_000_000
 
 
 def channel(power_W: float = 1e6, burst_J: float = 1e6) -> EnergyChannel:
-    return EnergyChannel(Admission(power_W, burst_J), spacing_ns=10 * MS)
+    return EnergyChannel(TokenBucket(power_W, burst_J), spacing_ns=10 * MS)
 
 
 def smoothed(c: EnergyChannel) -> int | None:

@@ -122,11 +122,11 @@ def test_what_an_echo_says_wrongly_is_not_believed() -> None:
         (1990 * MS, 78 * MS),  # come after it was sent
         (1990 * MS, 60 * MS),  # held for longer than it was away: 10 - 17 ms
     ):
-        path.echoed(now, sent, echo, came)
+        path.on_echo(now, sent, echo, came)
     assert path.figures().round_trip_min_ns is None
-    path.echoed(now, sent, 1980 * MS, 70 * MS)
+    path.on_echo(now, sent, 1980 * MS, 70 * MS)
     assert path.figures().round_trip_min_ns == 13 * MS
-    path.echoed(70_000 * MS, sent, 1980 * MS, 70 * MS)  # more than a minute
+    path.on_echo(70_000 * MS, sent, 1980 * MS, 70 * MS)  # more than a minute
     assert path.figures().round_trip_p99_ns == 13 * MS
 
 
@@ -166,11 +166,11 @@ def test_what_a_side_echoes_is_what_its_control_has_used() -> None:
 def test_the_figures_of_a_while_are_the_difference() -> None:
     path, other = Path(), Path()
     for k in range(100):
-        path.echoed(1000 + 10 * k + k, 50, 1000 + 10 * k, 50)
+        path.on_echo(1000 + 10 * k + k, 50, 1000 + 10 * k, 50)
     before = path.counts()
     for k in range(100, 200):
         for one in (path, other):
-            one.echoed(1000 + 10 * k + k, 50, 1000 + 10 * k, 50)
+            one.on_echo(1000 + 10 * k + k, 50, 1000 + 10 * k, 50)
     assert path.figures(before).round_trip_p50_ns == other.figures().round_trip_p50_ns
     assert path.figures().round_trip_p50_ns < other.figures().round_trip_p50_ns  # type: ignore[operator]
     assert path.figures(path.counts()).round_trip_p50_ns is None

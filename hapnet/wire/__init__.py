@@ -1,1 +1,1 @@
-"""The protocol: bytes and the time in, events and bytes out. No clock, no I/O, no randomness of its own."""
+"""The protocol: bytes and the time go in, events and bytes come out. No clock, no I/O, no random numbers."""

@@ -1,17 +1,18 @@
 """The acknowledged stream of nanojoules between one pair of incarnations, both directions.
 
-As TCP numbers bytes, this channel numbers nanojoules. Every message says how much was sent in all and how much was
-credited in all, so a later message repairs the loss of every earlier one, and neither loss, repetition nor reordering
-can create or lose energy. The rules:
+As TCP numbers bytes, this channel numbers nanojoules. Every message states the total sent and the total credited. So a
+later message repairs the loss of every earlier one, and neither loss, repetition nor reordering can create or lose
+energy. The rules:
 
-* New energy leaves at once if the last message is `spacing_ns` old, else when it is.
-* While something is unacknowledged it is repeated on the RFC 6298 timer, which every message restarts, and every
-  acknowledgement that advances, but for no longer than the timer's ceiling.
-* A message with `total_nJ` > 0 asks for an acknowledgement, which rides on a message of the other direction if one
-  leaves within `ack_delay_ns` and else goes alone, with `total_nJ` = 0. That is stale by the ordinary rule (below what
-  was credited) and never answered, so two quiet sides stay quiet.
-* Crediting passes the admission bucket. What it keeps waiting is credited by `admit` as tokens come. No more waits than
-  they pay until the sender repeats its total: a total that has leapt, by a flipped bit or a forger, is soon forgotten.
+* New energy is sent at once, but not sooner than `spacing_ns` after the last message.
+* What is not acknowledged is repeated when the timer of RFC 6298 expires. Every message restarts the timer, and so does
+  every acknowledgement that advances, but never beyond the timer's ceiling.
+* A message with `total_nJ` > 0 asks for an acknowledgement. It is sent with the next message of the other direction if
+  there is one within `ack_delay_ns`; otherwise it is sent alone, with `total_nJ` = 0. Such a message is stale by the
+  ordinary rule (0 is not above what was credited) and is never answered, so two quiet sides stay quiet.
+* Credits pass a token bucket. Energy that finds no tokens waits, and `admit` credits it as tokens come. No more waits
+  than the tokens can pay until the sender repeats its total: a total that is too high, by a flipped bit or a forger, is
+  soon forgotten.
 
 At every instant `sent_nJ == acked_nJ + in_flight_nJ + abandoned_nJ` here, and, since acknowledging follows crediting
 follows sending, `acked_nJ (here) <= credited_nJ (peer) <= sent_nJ (here)`.
@@ -26,26 +27,26 @@ from math import floor
 from hapnet.errors import BadMessage, InvalidParameter
 from hapnet.wire.fields import MAX_TOTAL_NJ
 from hapnet.wire.rto import CEILING_NS, RtoEstimator
-from hapnet.wire.token_bucket import Admission
+from hapnet.wire.token_bucket import TokenBucket
 
-ACK_DELAY_NS = 10_000_000  # the usual spacing: while energy flows both ways every acknowledgement finds a ride
+ACK_DELAY_NS = 10_000_000  # the usual spacing: while energy flows both ways, none is sent alone
 ADMISSION_STEP_NS = 10_000_000
-MAX_TIMED = 256  # messages whose round trip is being measured: at the default spacing more than the longest timeout
+MAX_TIMED = 256  # messages whose round trip is being measured: 2.5 s of them, above any timeout
 
 
 class EnergyChannel:
-    """One side of the stream. Nothing here is ever reset: a new pair gets a new channel.
+    """One side of the stream, for one pair. Nothing is ever reset: a new pair gets a new channel.
 
     Parameters
     ----------
-    admission : the bucket that credits pass.
+    admission : the token bucket that credits pass.
     spacing_ns, ack_delay_ns : see the rules above.
-    residue_J : a fraction of a nanojoule [J] taken over from the channel before.
+    residue_J : the fraction of a nanojoule that the channel before could not send [J].
     """
 
     def __init__(
         self,
-        admission: Admission,
+        admission: TokenBucket,
         *,
         spacing_ns: int,
         residue_J: float = 0.0,
@@ -60,14 +61,16 @@ class EnergyChannel:
         self._admission = admission
         self._most_waiting_nJ = admission.most_waiting_nJ
         self._spacing_ns, self._ack_delay_ns = spacing_ns, ack_delay_ns
-        self._told_nJ = 0  # highest total that was put in a message
-        self._claimed_nJ = 0  # highest total that the peer put in one
-        self._timed: deque[tuple[int, int]] = deque(maxlen=MAX_TIMED)  # (total, when) of messages sent only once
+        self._told_nJ = 0  # the highest total that was announced in a message
+        self._claimed_nJ = 0  # the highest total that the peer has announced
+        self._timed: deque[tuple[int, int]] = deque(
+            maxlen=MAX_TIMED
+        )  # (total, time of sending) of messages sent only once
         self._spaced_ns = 0  # new energy may leave from then on
         self._retransmit_ns: int | None = None
         self._ack_ns: int | None = None
         self._closed = False
-        self._asked: tuple[int, int] | None = None  # when energy was told first, and what was acknowledged then
+        self._asked: tuple[int, int] | None = None  # when announced, and what was acknowledged then
 
     @property
     def in_flight_nJ(self) -> int:
@@ -75,7 +78,7 @@ class EnergyChannel:
         return self.sent_nJ - self.acked_nJ - self.abandoned_nJ
 
     def send(self, energy_J: float) -> None:
-        """Hand `energy_J` [J] over for the peer. `residue_J`, in [0, 1e-9], holds what makes no whole nanojoule yet.
+        """Send `energy_J` [J] to the peer. `residue_J`, in [0, 1e-9], keeps what makes no whole nanojoule yet.
 
         Raises
         ------
@@ -93,11 +96,11 @@ class EnergyChannel:
         self.residue_J = held_J - whole_nJ / 1e9
 
     def receive(self, total_nJ: int, acked_nJ: int, now_ns: int) -> int:
-        """A message of the peer; returns what is credited now [nJ].
+        """Take a message of the peer in; returns what is credited now [nJ].
 
         Raises
         ------
-        BadMessage : it acknowledges energy that was never announced. Nothing has changed then.
+        BadMessage : it acknowledges energy that was never announced. Nothing is changed then.
         """
         self.acknowledge(acked_nJ, now_ns)
         if total_nJ > 0:
@@ -117,16 +120,16 @@ class EnergyChannel:
             total_nJ, sent_ns = self._timed.popleft()
         if total_nJ == acked_nJ:
             self.rto.sample(now_ns - sent_ns)
-        else:  # credited in part: what is on its way would measure the peer's bucket, not the path
+        else:  # credited in part: the messages under way would measure the peer's bucket, not the path
             self._timed.clear()
-        if self._told_nJ > acked_nJ:  # crediting that takes long must not keep us from repeating what is claimed
+        if self._told_nJ > acked_nJ:  # the peer credits slowly; it must still hear the total again
             last_ns = self._spaced_ns - self._spacing_ns
             self._retransmit_ns = min(now_ns + self.rto.rto_ns, last_ns + CEILING_NS)
         else:
             self._retransmit_ns = None
 
     def admit(self, now_ns: int) -> int:
-        """Credit what waits, as far as the bucket allows; returns it [nJ]."""
+        """Credit what waits, as far as the bucket allows; returns what was credited [nJ]."""
         waiting_nJ = self._claimed_nJ - self.credited_nJ
         if self._closed or waiting_nJ == 0:
             return 0
@@ -176,18 +179,18 @@ class EnergyChannel:
         return due
 
     def unanswered_ns(self, heard_ns: int | None) -> int:
-        """From the first message that waits for an acknowledgement until `heard_ns`; 0: none does.
+        """How long the oldest message without an acknowledgement had waited at `heard_ns`; 0: there is none.
 
-        heard_ns : when the peer's last position came, so that its silence does not count.
+        heard_ns : when the peer's last position came, so that the peer's silence does not count.
         """
         if self._asked is None or heard_ns is None or not self._asked[1] == self.acked_nJ < self.sent_nJ:
             return 0
         return max(0, heard_ns - self._asked[0])
 
     def abandon(self) -> int:
-        """End the pair: what is in flight is given up, never resent; returns it [nJ]. Nothing is credited any more.
+        """End the pair: what is in flight is given up and never resent; returns it [nJ]. Nothing is credited any more.
 
-        The peer may have credited a part whose acknowledgement was lost: abandoned is an upper bound of what is gone.
+        The peer may have credited a part whose acknowledgement was lost: what is abandoned bounds what is lost.
         """
         self._closed = True
         given_up_nJ = self.in_flight_nJ
@@ -201,7 +204,7 @@ class EnergyChannel:
 
 @dataclass(slots=True)
 class Totals:
-    """Of the channels whose pairs are over [nJ]."""
+    """The sums over the channels of pairs that have ended [nJ]."""
 
     sent: int = 0
     acked: int = 0

@@ -1,4 +1,4 @@
-"""What a session reports to its runtime, one immutable class an event."""
+"""What a session reports to its runtime: one immutable class for each kind of event."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hapnet.wire.messages import Identity, Motion, Port, Wave
 
 @dataclass(frozen=True, slots=True)
 class Paired:
-    """`peer` is there and has heard of this side. `number` counts this session's pairs from 1: above 1, a restart."""
+    """`peer` has answered this side, and the two are a pair. `number` counts this session's pairs from 1."""
 
     peer: Identity
     number: int
@@ -25,20 +25,20 @@ class PositionReceived(NamedTuple):
 
 
 class SampleReceived(NamedTuple):
-    """What a coupling sends in place of set-positions."""
+    """A message that a coupling sends in place of a set-position."""
 
     message: Motion | Port | Wave
 
 
 class EnergyCredited(NamedTuple):
-    """Shuffled energy that arrived and was admitted [nJ], reported once."""
+    """Shuffled energy that arrived and was credited [nJ], reported once."""
 
     credited_nJ: int
 
 
 @dataclass(frozen=True, slots=True)
 class PeerRefused:
-    """Somebody will not pair with this incarnation, ever, and why. by_peer: it was this side's peer, and is no more."""
+    """Somebody refuses this incarnation for good, and why. by_peer : it was the peer, and the pair ends."""
 
     reason: str
     by_peer: bool = False
@@ -46,7 +46,7 @@ class PeerRefused:
 
 @dataclass(frozen=True, slots=True)
 class Mismatch:
-    """This side refused a peer, and why."""
+    """This side refused somebody, and why."""
 
     reason: str
 
@@ -60,16 +60,18 @@ class PeerLeft:
 
 @dataclass(frozen=True, slots=True)
 class PeerSilent:
-    """Nothing new has come from the peer for longer than the silence that counts; the last did at `since_ns`."""
+    """The peer has been silent for longer than is allowed: its last new message came at `since_ns`."""
 
     since_ns: int
 
 
 @dataclass(frozen=True, slots=True)
 class PeerHeard:
-    """A silence is over: it lasted `silence_ns`, the last `recovery_ns` of it with some word of the other side.
+    """A silence is over.
 
-    `missing` : positions that did not come meanwhile, by their numbers; 0 if the peer is another than before.
+    silence_ns : how long it lasted.
+    recovery_ns : the time from the other side's first message, of any kind, to its first position.
+    missing : the positions that did not come meanwhile, by their numbers; 0 if there is another peer now.
     """
 
     silence_ns: int

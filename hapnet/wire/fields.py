@@ -17,14 +17,14 @@ MAX_ABOUT = 32
 MAX_MORE = 32
 MAX_COORDINATE = 1e6  # m or rad; keeps every square and product of the control layer finite
 MAX_TOTAL_NJ = 2**63  # exclusive: totals fit a signed 64-bit integer
-MAX_SPAN_NS = 10**10  # of a wave: nobody sends so seldom
+MAX_SPAN_NS = 10**10  # of a wave: every side sends far more often
 
 
 def natural(value: object) -> int:
     if type(value) is not int:
-        raise BadMessage("type", f"a {type(value).__name__} where an integer belongs")
+        raise BadMessage("type", f"{_kind(value)}; allowed: an integer")
     if value < 0:
-        raise BadMessage("range", f"{value}; allowed: not negative")
+        raise BadMessage("range", f"{value}; allowed: 0 or above")
     return value
 
 
@@ -40,19 +40,19 @@ def span(value: object) -> None:
 
 def coordinates(value: object) -> None:
     if type(value) is not tuple:
-        raise BadMessage("type", f"a {type(value).__name__} where an array of floats belongs")
+        raise BadMessage("type", f"{_kind(value)}; allowed: an array of floats")
     if not 1 <= len(value) <= MAX_DOF:
-        raise BadMessage("dimension", f"a position of {len(value)} coordinates; allowed: 1 to {MAX_DOF}")
+        raise BadMessage("dimension", f"{len(value)} coordinates; allowed: 1 to {MAX_DOF}")
     for x in value:
         if type(x) is not float:
-            raise BadMessage("type", f"a {type(x).__name__} where a float coordinate belongs")
+            raise BadMessage("type", f"a coordinate is {_kind(x)}; allowed: a float")
         if not -MAX_COORDINATE <= x <= MAX_COORDINATE:  # false for NaN as well
             raise BadMessage("range", f"coordinate {x}; allowed: finite, within +-{MAX_COORDINATE:g}")
 
 
 def text(value: object) -> None:
     if type(value) is not str:
-        raise BadMessage("type", f"a {type(value).__name__} where text belongs")
+        raise BadMessage("type", f"{_kind(value)}; allowed: text")
     if len(value) > MAX_TEXT or not value.isprintable():
         raise BadMessage("range", f"text of {len(value)} characters; allowed: up to {MAX_TEXT}, all printable")
 
@@ -70,7 +70,7 @@ def dof(value: object) -> None:
 
 def about(value: object) -> None:
     if type(value) is not dict:
-        raise BadMessage("type", f"a {type(value).__name__} where a map belongs")
+        raise BadMessage("type", f"{_kind(value)}; allowed: a map")
     if len(value) > MAX_ABOUT:
         raise BadMessage("range", f"about has {len(value)} entries; allowed: up to {MAX_ABOUT}")
     for key, entry in value.items():
@@ -83,13 +83,17 @@ def about(value: object) -> None:
 
 
 def more(value: object) -> None:
-    """The map at a frame's end: its entries may be anything, as those that nobody here knows are ignored."""
+    """The map at a frame's end. An entry may be anything: a receiver ignores those that it does not know."""
     if type(value) is not dict:
-        raise BadMessage("type", f"a {type(value).__name__} where the map of further entries belongs")
+        raise BadMessage("type", f"{_kind(value)}; allowed: the map of further entries")
     if len(value) > MAX_MORE:
         raise BadMessage("range", f"{len(value)} further entries; allowed: up to {MAX_MORE}")
     for key in value:
         text(key)
+
+
+def _kind(value: object) -> str:
+    return f"of type {type(value).__name__}"
 
 
 Role = Literal["device", "world"]

@@ -1,9 +1,9 @@
 """The messages of the protocol and their frames: `encode` and `decode` (README.md beside this file is the reference).
 
-A frame is a msgpack array whose first element is the protocol version and whose second is the kind of message. The
-rest are the fields of the message's class in their order, and at the end a map of further entries, which may be absent
-and of which a receiver ignores what it does not know; a refusal alone has none. `decode` takes whatever a network
-brings: the result is a message whose every field was checked, or `BadMessage`.
+A frame is a msgpack array. Its first element is the protocol version, its second the kind of message, and the others
+are the fields of the message's class in their order. A field's type says what a receiver checks. The last element is a
+map of further entries. It may be absent, and a receiver ignores the entries that it does not know; a refusal has none.
+`decode` takes whatever a network brings: the result is a message whose every field was checked, or `BadMessage`.
 """
 
 from __future__ import annotations
@@ -55,11 +55,11 @@ class _PositionFields(NamedTuple):
 class Position(_PositionFields):
     """A set-position, `position` in m (or rad), numbered and stamped with its sender's own clock. Best effort.
 
-    echo_ns : the newest stamp of the addressee's that the sender has used, and came_ns : when that had come, on the
-    sender's clock; both 0 before there is one. All kinds of stream have them. With the time of arrival they give the
-    round trip, as the four stamps of NTP do (RFC 5905, section 8).
+    echo_ns : the addressee's newest stamp that the sender has used.
+    came_ns : when the message with that stamp came, on the sender's clock; both are 0 before there is one.
 
-    A named tuple and no dataclass, as it is made hundreds of times a second.
+    Each kind of stream has these two. With the time of arrival they give the round trip, like the four stamps of NTP
+    (RFC 5905, section 8). The class is a named tuple, as hundreds of messages are made in a second.
     """
 
     __slots__ = ()
@@ -77,9 +77,9 @@ class _EnergyFields(NamedTuple):
 
 
 class Energy(_EnergyFields):
-    """All the energy sent to `addressee` so far, and all that was credited from it, in nJ.
+    """The total energy sent to `addressee` so far, and the total credited to it, in nJ.
 
-    `total_nJ` 0 marks an acknowledgement alone, which is never answered. A named tuple as `Position` is.
+    `total_nJ` 0 marks a mere acknowledgement, which is never answered.
     """
 
     __slots__ = ()
@@ -99,7 +99,7 @@ class _MotionFields(NamedTuple):
 
 
 class Motion(_MotionFields):
-    """A position [m or rad] with its velocity [m/s or rad/s]; else as `Position`, in whose place it is sent."""
+    """A position [m or rad] with its velocity [m/s or rad/s], sent in place of a `Position`."""
 
     __slots__ = ()
     KIND: ClassVar[int] = 7
@@ -119,9 +119,9 @@ class _PortFields(NamedTuple):
 
 
 class Port(_PortFields):
-    """What one port shows the other, the device's position [m] or the world's force [N], and the energy that went in.
+    """What one port shows the other: the device's position [m] or the world's force [N], and the energy that went in.
 
-    `energy_nJ` is all that ever went into the channel at the sender's port, for the peer to take out.
+    `energy_nJ` is the total that went into the channel at the sender's port. The peer may take it out.
     """
 
     __slots__ = ()
@@ -142,7 +142,7 @@ class _WaveFields(NamedTuple):
 
 
 class Wave(_WaveFields):
-    """A wave variable [sqrt(W)], the mean over the `span_ns` of its sender's time that it stands for."""
+    """A wave variable [sqrt(W)]: the mean over `span_ns` of the sender's time."""
 
     __slots__ = ()
     KIND: ClassVar[int] = 9
@@ -157,7 +157,7 @@ number an axis, whatever the kind calls it."""
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Who a side is: one process start (`incarnation`), what it plays and how many degrees of freedom it has."""
+    """Who a side is: one start of a process (`incarnation`), its role and its number of degrees of freedom."""
 
     incarnation: int
     role: Role
@@ -210,7 +210,7 @@ class Refuse:
 
 @dataclass(frozen=True, slots=True)
 class Bye:
-    """The sender ends. `acked_nJ` is final: what it credited from `addressee` (0: nobody), and will ever have."""
+    """The sender ends. `acked_nJ` is the final total of what it credited to `addressee` (0: nobody)."""
 
     KIND: ClassVar[int] = 6
     CHANNEL: ClassVar[Channel] = "control"
@@ -225,7 +225,7 @@ Message = Stream | Energy | Hello | Welcome | Refuse | Bye
 
 
 class OtherVersion(BadMessage):
-    """A frame of another protocol version; what every version shares is readable: its kind and its sender."""
+    """A frame of another protocol version. Its kind and its sender can be read, as in every version."""
 
     def __init__(self, kind: str, detail: str, *, message_kind: int = 0, incarnation: int = 0) -> None:
         self.message_kind, self.incarnation = message_kind, incarnation
@@ -233,7 +233,7 @@ class OtherVersion(BadMessage):
 
 
 def encode(message: Message) -> bytes:
-    """The frame of `message`. Fields are taken as they are: coordinates must be floats, not integers."""
+    """The frame of `message`. Its fields are not checked: coordinates must be floats, not integers."""
     elements = message if isinstance(message, tuple) else tuple(getattr(message, name) for name in message.__slots__)
     more: tuple[Any, ...] = ()
     if not isinstance(message, Refuse):
@@ -254,14 +254,14 @@ def encode_stream(
     echo: bytes,
     pack: Callable[..., bytes] = msgpack.packb,
 ) -> bytes:
-    """`encode` of a message of a stream, without making one, and in parts.
+    """`encode` for a message of a stream, from its parts.
 
-    Integers take nine bytes however small they are, as they may: so a position's length depends on its dimension only,
-    and what a link with a rate makes of it does not depend on the clock.
+    Integers take nine bytes even if they are small, as msgpack allows. So the length of a position depends on its
+    dimension only, and its delay on a link with a rate does not depend on the clock.
 
-    start : made by `start_of`, once for all. values : what the kind has between `sent_ns` and `echo_ns`.
-    echo : made by `echo_of`, once for as many messages as say the same.
-    pack : of a `msgpack.Packer` that the calling thread keeps for it, which is faster than a new one each time.
+    start : made by `start_of`, once. values : the elements between `sent_ns` and `echo_ns`.
+    echo : made by `echo_of`, once for all messages with the same echo.
+    pack : of a `msgpack.Packer` that the calling thread keeps, which is faster than a new one each time.
     """
     return start + _TWO(_U64, sequence, _U64, sent_ns) + b"".join(map(pack, values)) + echo
 
@@ -274,17 +274,17 @@ def encode_position(
     echo: bytes,
     pack: Callable[..., bytes] = msgpack.packb,
 ) -> bytes:
-    """`encode_stream` of a `Position`: a servo does this all day."""
+    """`encode_stream` for a `Position`, which a servo sends at every update."""
     return start + _TWO(_U64, sequence, _U64, sent_ns) + pack(position) + echo
 
 
 def start_of(kind: int, incarnation: int, values: int) -> bytes:
-    """How the messages of a stream begin that have so many `values`."""
+    """The beginning of the messages of a stream, which have so many `values`."""
     return _START(_ARRAY + _AROUND + values, VERSION, kind, _U64, incarnation)
 
 
 def echo_of(echo_ns: int, came_ns: int) -> bytes:
-    """Both stamps as `encode_stream` takes them."""
+    """The two stamps of the echo, as `encode_stream` takes them."""
     return _TWO(_U64, echo_ns, _U64, came_ns)
 
 
@@ -319,7 +319,7 @@ def decode(data: bytes) -> Message:
 
     Raises
     ------
-    BadMessage : for anything else, `kind` being one of size, malformed, version, kind, length, type, range, dimension.
+    BadMessage : it is none. `kind` is one of size, malformed, version, kind, length, type, range, dimension.
     """
     if len(data) > MAX_FRAME_BYTES:
         raise BadMessage("size", f"a frame of {len(data)} bytes; allowed: up to {MAX_FRAME_BYTES}")
@@ -333,7 +333,7 @@ def decode(data: bytes) -> Message:
 
 
 def _is_position(frame: Any) -> bool:
-    """Is that a position as it should be? Nearly every frame is, and its way to the servo should be short."""
+    """Is that a valid position? Nearly every frame is one, and should reach the servo soon: `examined` takes longer."""
     if type(frame) is not tuple or len(frame) != 8:
         return False
     version, kind, incarnation, sequence, sent_ns, position, echo_ns, came_ns = frame
@@ -354,7 +354,7 @@ def _is_position(frame: Any) -> bool:
 
 
 def examined(frame: Any) -> Message:
-    """The message that a frame holds, or what is wrong with it, element by element."""
+    """The message that a frame holds, checked element by element."""
     if type(frame) is not tuple or len(frame) < 3 or type(frame[0]) is not int or type(frame[1]) is not int:
         raise BadMessage("malformed", "not an array that begins with version, kind and incarnation")
     version, kind, incarnation = frame[:3]
@@ -383,10 +383,10 @@ def examined(frame: Any) -> Message:
 _STREAM = (Position, Motion, Port, Wave)
 _LAYOUTS = {cls.KIND: _Layout.of(cls) for cls in (*_STREAM, Energy, Hello, Welcome, Refuse, Bye)}
 _AROUND = 7
-"""Elements of a stream's message beside its values."""
+"""The number of elements in a stream's message beside its values."""
 _ARRAY, _U64 = 0x90, 0xCF
 """msgpack's first bytes of an array of up to 15 elements, and of an integer of 8 bytes."""
 _START, _TWO = Struct(">BBBBQ").pack, Struct(">BQBQ").pack
-_new = tuple.__new__  # of what was checked: half the time
+_new = tuple.__new__  # takes half the time, and the fields are checked already
 _pack: Callable[..., bytes] = msgpack.packb
 _unpack: Callable[..., Any] = msgpack.unpackb

@@ -1,18 +1,18 @@
 """Which message of the peer's stream is new, which is late, and which is no part of it.
 
-An honest sender's numbers and time stamps rise together. So of a message whose number is higher than the newest and
-whose stamp is earlier, or the other way round, and the newest one is forged or damaged. Nor has an honest sender a
-number that no servo can have come to. Such a message is doubtful: it is dropped, but it may be the first of another
-run. Of two runs the one that goes on is believed:
+An honest sender's numbers and time stamps rise together. If a message has a higher number than the newest and an
+earlier stamp, or the other way round, then one of the two is forged or damaged. The same holds for a number that no
+servo can have reached by then. Such a message is doubtful. It is dropped, but it may be the first of another run of
+numbers. Of two runs the one that goes on is believed:
 
-* `RUN` doubtful messages in a row, numbers and stamps rising, with none between that goes on with the first run, are
-  the peer: the first run was forged. One forged message is none, and copies of old ones are never doubtful: their
-  numbers and stamps are both lower.
-* A message that comes much earlier than any before it could is taken, and so is a run that took over ahead of the
-  first: the path may have become shorter. But until `PROOF` messages have gone on with it, the run that it displaced
-  takes its place back if that goes on, by the same rule. So a forged number far ahead blinds nobody.
-* Nor does one that comes first of all: until `PROOF` messages have gone on with it, late ones are another run if
-  `LATE_RUN` of them come in a row, over `LATE_RUN_NS`.
+* `RUN` doubtful messages in a row, with rising numbers and stamps and no message of the first run between them, are the
+  peer's: the first run was forged. One forged message is no run. Copies of old messages are never doubtful, since
+  their numbers and stamps are both lower.
+* A message that comes much too early to be true is used, as the path may have become shorter. But until `PROOF`
+  messages have continued its run, the run that it displaced returns if it goes on, by the same rule. This also holds
+  for a run that took over ahead of the first. So a forged number far ahead silences nobody.
+* Neither does a forged number in the very first message: until `PROOF` messages have continued its run, late messages
+  are another run if `LATE_RUN` of them come in a row, over `LATE_RUN_NS`.
 """
 
 from __future__ import annotations
@@ -20,29 +20,30 @@ from __future__ import annotations
 from enum import Enum
 
 LEAST_PERIOD_NS, MOST_AT_ONCE = 50_000, 2_000
-"""No sender's messages are closer together at length, nor do more of them come before their time."""
+"""A sender's messages are this far apart in the long run, and at most so many come ahead of that."""
 
 RUN = 2
-"""So many messages that go on with each other are a run. A world says something every 50 ms, and everybody every 0.1 s
-but for what is lost: a run is known within 0.2 s."""
+"""So many messages that continue each other are a run. Every side sends a message at least every 0.1 s, a world every
+50 ms: so a run is known within 0.2 s, unless messages are lost."""
 
 PROOF = 20
+"""After so many messages a run is beyond doubt."""
 
 LATE_RUN, LATE_RUN_NS = 10, 100_000_000
-"""What an honest sender's late messages are not: so many in order, in such a time, and nothing new between them."""
+"""An honest sender's late messages never come so many in order, over such a time, with nothing new between them."""
 
 EARLY_NS = 60_000_000
-"""A message this much earlier than the least delay so far, and twice the mean above that, came before its time."""
+"""A message is too early to be true if it beats the least delay so far by this and twice the mean above it."""
 
 WARM = 32
-"""So many messages must have come before their least delay means anything."""
+"""The least delay means something once so many messages have come."""
 
 WINDOW_NS = 10_000_000_000
-"""The least delay is that of the last one to two of these, as clocks drift."""
+"""The least delay is that of the last one to two such windows, since clocks drift."""
 
 
 class Place(Enum):
-    """What a message is to the run so far."""
+    """How a message relates to the run so far."""
 
     NEW = "newer than all before"
     AGAIN = "the first of another run, which is believed from here on"
@@ -56,23 +57,24 @@ class Numbering:
     Attributes
     ----------
     newest : the highest number of the run; -1 before the first message.
-    least_ns : the least difference, lately, of the time of arrival and the sender's stamp: the clocks' plus a delay.
+    least_ns : the least difference, lately, of the time of arrival and the sender's stamp. It contains the difference
+        of the clocks.
     """
 
     def __init__(self) -> None:
         self.newest = -1
         self.least_ns = 0
-        self._stamp_ns: int | None = None  # of the newest; None: not known
+        self._stamp_ns: int | None = None  # the newest message's; None: not known
         self._heard_ns = 0
         self._mean_ns = self._before_ns = self._lately_ns = self._roll_ns = 0
         self._count = 0
-        self._other: tuple[int, int, int] | None = None  # number, stamp and arrival of the doubtful one before
-        self._others = self._others_ns = 0  # how many such in a row, and since when
-        self._displaced: int | None = None  # where the run ended that this one has displaced
+        self._other: tuple[int, int, int] | None = None  # number, stamp and arrival of the last doubtful message
+        self._others = self._others_ns = 0  # how many doubtful ones came in a row, and since when
+        self._displaced: int | None = None  # the last number of the run that this one has displaced
         self._proof = 0
 
     def place(self, now_ns: int, number: int, sent_ns: int) -> Place:
-        """What the message is that came now; the run goes on with it, if it is `NEW` or `AGAIN`."""
+        """How the message relates to the run. If it is `NEW` or `AGAIN`, it is the newest from now on."""
         newest, stamp_ns = self.newest, self._stamp_ns
         if newest < 0:
             self._measure_anew(now_ns, now_ns - sent_ns)
@@ -93,7 +95,7 @@ class Numbering:
         return Place.AGAIN
 
     def resume(self, now_ns: int, newest: int) -> None:
-        """The run has come to that number by now; nothing is known of its stamp."""
+        """The run has reached this number, beyond doubt; its stamp is not known."""
         self.newest, self._heard_ns, self._stamp_ns, self._proof = newest, now_ns, None, PROOF
 
     def _measure_anew(self, now_ns: int, offset_ns: int) -> None:
@@ -126,7 +128,7 @@ class Numbering:
         self.newest, self._stamp_ns, self._heard_ns = number, sent_ns, now_ns
 
     def _is_run(self, now_ns: int, number: int, sent_ns: int, *, sure: bool) -> bool:
-        """Has this message, with those like it before, become a run? `sure`: an honest sender's would be no such."""
+        """Is this message, with the doubtful ones before it, a run? `sure`: no honest sender's looks like it."""
         before, self._other = self._other, (number, sent_ns, now_ns)
         if before is not None and before[0] < number <= before[0] + _most(now_ns - before[2]) and before[1] < sent_ns:
             self._others += 1
@@ -136,5 +138,5 @@ class Numbering:
 
 
 def _most(waited_ns: int) -> int:
-    """How far a sender's number can have gone on in that time."""
+    """By how much a sender's number can have risen in that time."""
     return MOST_AT_ONCE + waited_ns // LEAST_PERIOD_NS

@@ -1,16 +1,17 @@
-"""The path between two sides as their streams show it: round trip, jitter, loss, stalls, age. No clock is common.
+"""The path between two sides as their streams show it: round trip, jitter, loss, stalls, age. No common clock.
 
-A message says when it was sent (`sent_ns`, its sender's clock), which stamp of this side its sender has used last
-(`echo_ns`) and when that had come (`came_ns`, its clock again). Arrived at `now_ns`, it has measured a round trip of
+A message says when it was sent (`sent_ns`, on its sender's clock), which stamp of this side its sender has used last
+(`echo_ns`), and when that stamp had come (`came_ns`, on the sender's clock). If it arrives at `now_ns`, it has measured
+a round trip of
 
     (now_ns - echo_ns) - (sent_ns - came_ns)                                   (RFC 5905, section 8)
 
-of which the clocks' difference is no part, nor is the time for which the other side held the stamp. How that splits
-into a way there and a way back cannot be known. What is known of the way here is its variation: now_ns - sent_ns less
-the least such difference lately. So ages are told with half of the least round trip for a way without variation.
+This contains neither the difference of the clocks nor the time for which the other side held the stamp. How it splits
+into the way there and the way back cannot be known. Of the way to this side only the variation is known: now_ns -
+sent_ns, less the least such difference lately. So an age is that variation and half of the least round trip.
 
-Numbers tell what was lost, as in RFC 3550 (section 6.4.1): all numbers between the first and the newest, less what has
-come of them, late or not. What is measured is from stamp to arrival: a link emulated above the network is part of it.
+The numbers show what was lost, as in RFC 3550 (section 6.4.1): all numbers between the first and the newest, less those
+that came, late or not. All of it is measured from stamp to arrival, so an emulated link is part of the path.
 """
 
 from __future__ import annotations
@@ -21,19 +22,19 @@ from hapnet.histogram import Histogram
 from hapnet.wire.numbering import Place
 
 STALL_NS = 100_000_000
-"""So much longer than their sender's pause nothing new has come: what 3GPP TR 22.847 allows at the most, at once."""
+"""A stall: nothing new came for this much longer than the sender paused. 3GPP TR 22.847 allows no longer delay."""
 
 LONGEST_NS = 60_000_000_000
-"""No round trip is longer: an echo that says so is wrong."""
+"""No round trip is longer: an echo that claims it is wrong."""
 
 
 @dataclass(frozen=True, slots=True)
 class PathFigures:
     """A side's path, or its last seconds; times in ns, None before anything is known.
 
-    jitter : how much longer messages to this side took than the least lately.
-    age : how old what this side uses was at its oldest, just before the next took its place: half of the least round
-        trip is assumed for the way of a message without jitter.
+    jitter : how much longer the messages to this side took than the fastest lately.
+    age : the age of what this side used, at its oldest: just before the next took its place. A message without jitter
+        is assumed to take half of the least round trip.
     """
 
     round_trip_min_ns: int | None
@@ -48,12 +49,12 @@ class PathFigures:
     lost: int
     """Those of them that have not come."""
     stalls: int
-    """How many times nothing new came for `STALL_NS` longer than the sender paused."""
+    """How often nothing new came for `STALL_NS` longer than the sender paused."""
     longest_stall_ns: int
 
 
 class Counts:
-    """All that is counted of a path; what is known of a part of the time is the difference of two."""
+    """All that is counted of a path. The difference of two such counts describes the time between them."""
 
     def __init__(self) -> None:
         self.trips, self.jitter, self.ages = Histogram(), Histogram(), Histogram()
@@ -81,7 +82,7 @@ class Path:
         self.begin(0)
 
     def begin(self, now_ns: int) -> None:
-        """A pair begins: another peer has another clock, and no stamp of this side's before now."""
+        """A pair begins: the peer has another clock, and knows no earlier stamp of this side."""
         self._since_ns = now_ns
         self._last: tuple[int, int] | None = None  # arrival and stamp of the newest
 
@@ -103,8 +104,8 @@ class Path:
                     counts.longest_stall_ns = stall_ns
         self._last = now_ns, sent_ns
 
-    def echoed(self, now_ns: int, sent_ns: int, echo_ns: int, came_ns: int) -> None:
-        """It brought a stamp of this side's back."""
+    def on_echo(self, now_ns: int, sent_ns: int, echo_ns: int, came_ns: int) -> None:
+        """The message brought a stamp of this side back."""
         if not (self._since_ns <= echo_ns <= now_ns and came_ns <= sent_ns):
             return
         trip_ns = now_ns - echo_ns - sent_ns + came_ns
@@ -115,13 +116,13 @@ class Path:
             self._least_trip_ns = trip_ns
 
     def counts(self) -> Counts:
-        """What has been counted so far, for `figures` of what comes after."""
+        """The counts so far, for `figures` of the time from now on."""
         return self._all.copy()
 
     def figures(self, since: Counts | None = None) -> PathFigures:
-        """Of all that was heard, or since then; the least round trip and the longest stall are of all.
+        """The figures of all messages, or of those since then. The least round trip and the longest stall are of all.
 
-        It needs no lock: what comes in meanwhile may be counted in a part of the figures only.
+        This needs no lock: a message that comes meanwhile may be counted in only some of the figures.
         """
         return self._figures(self._all if since is None else self._all.since(since))
 

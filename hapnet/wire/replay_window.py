@@ -1,4 +1,4 @@
-"""Which numbers were seen already: what must be used once at the most, but may come late."""
+"""Which numbers were seen already, for messages that may come late but must be used once at most."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ WINDOW = 1024
 
 
 class ReplayWindow:
-    """The anti-replay window of RFC 6479 and its like: a bit a number, for the newest `WINDOW` of them."""
+    """An anti-replay window as in RFC 6479: one bit for each of the newest `WINDOW` numbers."""
 
     def __init__(self) -> None:
         self._newest = -1
         self._bits = 0
 
     def accept(self, number: int) -> bool:
-        """Is this the first time that `number` is seen? What lies behind the window counts as seen."""
+        """Take `number` in: was it not seen before? A number behind the window counts as seen."""
         if number > self._newest:
             ahead = min(number - self._newest, WINDOW)
             self._bits = (self._bits << ahead | 1) & ((1 << WINDOW) - 1)
@@ -26,9 +26,9 @@ class ReplayWindow:
         return True
 
     def restart(self, number: int) -> None:
-        """Another run of numbers is believed, which goes on with this one; what comes before it counts as seen.
+        """The peer's numbers go on from here after all (see `Numbering`); those before this one count as seen.
 
-        Within the window nothing needs to be forgotten, and is not.
+        While they are within the window it already says which were seen, and stays as it is.
         """
         if self._newest - number >= WINDOW:
             self._newest, self._bits = number - 1, (1 << WINDOW) - 1

@@ -1,9 +1,9 @@
 """When to retransmit: the estimator of RFC 6298, in integer nanoseconds.
 
-Two constants deviate from the RFC. Its floor and its first value are both 1 s (its equations 2.4 and 2.1), chosen for
-bulk transfers that share a congested path; a message here is some 40 bytes and flows at a bounded rate beside a
-position stream many times as heavy, and a second without energy can be felt. Its optional ceiling is at least 60 s
-(2.5); here a link that comes back after an outage has to be noticed soon.
+Three constants deviate from the RFC. There the floor and the first value are 1 s (equations 2.4 and 2.1), for bulk
+transfers that share a congested path. Here a message has some 40 bytes, messages come at a bounded rate, the stream of
+positions beside them is many times as heavy, and a second without energy can be felt. There the optional ceiling is at
+least 60 s (2.5); here a side must notice soon that a link has come back after an outage.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from hapnet.errors import InvalidParameter
 FLOOR_NS = 20_000_000  # RFC 6298: 1 s
 INITIAL_NS = 250_000_000  # RFC 6298: 1 s
 CEILING_NS = 1_500_000_000  # RFC 6298: none, or at least 60 s
-GRANULARITY_NS = 1_000_000  # the coarsest timer a runtime may have: an event loop counts in whole milliseconds
+GRANULARITY_NS = 1_000_000  # of the coarsest timer that a runtime may have: an event loop counts whole milliseconds
 
 
 class RtoEstimator:
@@ -41,7 +41,7 @@ class RtoEstimator:
         return min(self._base_ns << self._backed_off, self._ceiling_ns)
 
     def sample(self, rtt_ns: int) -> None:
-        """Take one round trip in; clears the back-off."""
+        """Learn from one round trip; clears the back-off."""
         rtt_ns = max(0, rtt_ns)
         if self.srtt_ns is None:
             self.srtt_ns, self.rttvar_ns = rtt_ns, rtt_ns // 2  # (2.2)

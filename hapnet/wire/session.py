@@ -3,15 +3,15 @@
 Bytes and the time go in, events and bytes come out; there is no clock and no I/O here. A runtime
 
 * hands every datagram that arrives, on whatever key, to `receive`, and acts on the events;
-* calls `poll` after that, after `give` and `close`, and when `next_due_ns` says so, and sends what comes out;
-* calls `position` whenever there is a set-position to send. This one method may run in another thread than all the
-  rest: it shares nothing with them that changes.
+* calls `poll` after that, after `shuffle` and `close`, and when `next_due_ns` says so, and sends what comes out;
+* calls `position` whenever there is a set-position to send. Only this method may run in another thread: it shares
+  nothing that changes with the others.
 
 Network input never raises: a bad message is counted in `dropped` by its kind and changes nothing.
 
 The account over all pairs is exact at every instant: `sent_nJ == acked_nJ + in_flight_nJ + abandoned_nJ` here, and for
-each pair `acked_nJ (here) <= credited_nJ (peer) <= sent_nJ (here)`. What is abandoned may have been credited if only
-its acknowledgement was lost; a peer that leaves with a bye says how much exactly.
+each pair `acked_nJ (here) <= credited_nJ (peer) <= sent_nJ (here)`. Abandoned energy may have been credited if only its
+acknowledgement was lost; a peer that leaves with a bye says exactly how much it credited.
 """
 
 from __future__ import annotations
@@ -51,13 +51,13 @@ from hapnet.wire.path import Path
 from hapnet.wire.peer_monitor import Outages, PeerMonitor
 from hapnet.wire.replay_window import ReplayWindow
 from hapnet.wire.stream import PositionStream as PositionStream
-from hapnet.wire.token_bucket import Admission
+from hapnet.wire.token_bucket import TokenBucket
 
 _DEFAULT = WireParams()
 
 
 class Outgoing(NamedTuple):
-    """A frame to send, and the last part of the key expression that it goes on."""
+    """A frame to send, and the last part of its key expression."""
 
     kind: Channel
     data: bytes
@@ -65,15 +65,15 @@ class Outgoing(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class SessionSettings:
-    """What a session may be told. The defaults are those of the parameters.
+    """The settings of a session. The defaults are those of the parameters.
 
-    accept_stale : hand out positions older than one already received (the theory of set-positions allows it); else the
-        newest wins, as it does of motions and ports in any case.
-    admission_W, admission_burst_J : what the peer may hand in at length [W] and at once [J].
+    accept_stale : hand out positions that are older than one already received (the theory of set-positions allows it).
+        Otherwise the newest wins, as motions and ports always do.
+    admission_W, admission_burst_J : the energy credited to the peer in the long run [W] and at once [J].
     hello_period_ns : time between two hellos while unpaired.
     spacing_ns : least time between two messages with new energy.
-    silence_ns : how long no new position may come before the peer counts as silent, and another may take its place.
-    expects : the kind of message that the peer's stream is made of. Waves are handed out late too, but once.
+    silence_ns : after this time without a new position the peer counts as silent.
+    expects : the kind of message in the peer's stream. Waves are handed out even if they are late, but once each.
     """
 
     accept_stale: bool = _DEFAULT.accept_stale
@@ -94,12 +94,12 @@ class SessionSettings:
 
 
 class Session:
-    """One side, from its process's start to its end.
+    """One side, from the start of its process to its end.
 
     Parameters
     ----------
-    role, dof, name, about : this side's identity, told to the peer. `about` is small: what this side runs.
-    incarnation : 64 random bits, not 0, drawn at the process's start.
+    role, dof, name, about : this side's identity, sent to the peer. `about` is small: what this side runs.
+    incarnation : 64 random bits, not 0, drawn when the process starts.
     settings : see `SessionSettings`.
 
     Raises
@@ -122,22 +122,22 @@ class Session:
         self.settings = settings or SessionSettings()
         self.dropped: Counter[str] = Counter()
         self.dropped_for: dict[str, str] = {}
-        """What was wrong with the last dropped message of each kind."""
+        """What was wrong with the last message that was dropped, for each kind in `dropped`."""
         self.closed = False
         self._expects = self.settings.expects
         self._replay_window = ReplayWindow()
         self.path = Path()
-        """What the peer's stream shows of the way between the sides."""
+        """What the peer's stream shows of the path between the sides."""
         self._monitor = PeerMonitor(self.settings.silence_ns)
         self._handshake = Handshake(self.identity, self._monitor.living, self.settings.hello_period_ns)
-        self._admission = Admission(self.settings.admission_W, self.settings.admission_burst_J)
+        self._admission = TokenBucket(self.settings.admission_W, self.settings.admission_burst_J)
         self._past = Totals()
         self._channel = self._open_channel(0.0)
         self.positions = PositionStream(incarnation)
         self.position = self.positions.position
         """(now_ns, position) -> the next frame for the position key; see `PositionStream`."""
         self.peers_J = 0.0
-        """What the reservoirs of all this side's peers held when they started, by their own word [J]."""
+        """The energy in the first peer's reservoir at its start, as it says; the peers after it start with none [J]."""
 
     @property
     def peer(self) -> Identity | None:
@@ -145,7 +145,7 @@ class Session:
         return self._handshake.peer
 
     def shuffle(self, energy_J: float) -> None:
-        """Shuffle `energy_J` [J] to the peer. While there is none it is abandoned, which is safe, and counted.
+        """Send `energy_J` [J] to the peer. While there is none it is abandoned, which is safe, and counted.
 
         Raises
         ------
@@ -156,7 +156,7 @@ class Session:
             self._channel.abandon()
 
     def receive(self, now_ns: int, data: bytes) -> tuple[Event, ...]:
-        """What the datagram `data` brings. Never raises for its content."""
+        """What the datagram `data` brings. It never raises, whatever the content."""
         if self.closed:
             self.dropped["closed"] += 1
             return ()
@@ -181,17 +181,17 @@ class Session:
         self.dropped_for[error.kind] = error.detail
 
     def watch(self, now_ns: int) -> tuple[Event, ...]:
-        """Has the peer fallen silent? To be asked now and then; each silence is told once."""
+        """Has the peer fallen silent? To be asked now and then; each silence is reported once."""
         if self.closed or self.peer is None or (silent := self._monitor.watch(now_ns)) is None:
             return ()
         return (silent,)
 
     def outages(self, now_ns: int) -> Outages:
-        """What this side had to do without."""
+        """The peer's silences and losses so far."""
         return self._monitor.outages(now_ns)
 
     def poll(self, now_ns: int) -> tuple[list[Outgoing], tuple[Event, ...]]:
-        """What to send now, and what the passing of time itself brought (energy that became admissible)."""
+        """What to send now, and the energy that is credited now because it had to wait for the token bucket."""
         events = self._credited(self._channel.admit(now_ns))
         outgoing: list[Outgoing] = []
         peer = self._handshake.peer
@@ -209,7 +209,7 @@ class Session:
         return min(handshake, channel)
 
     def close(self, now_ns: int, reason: str) -> None:
-        """Part from the peer: some byes remain to be polled, then nothing is due any more.
+        """End the pair and this side: some byes remain to be polled, then nothing is due any more.
 
         What is in flight is abandoned: wait for `settled` first, as long as there is time.
         """
@@ -230,37 +230,37 @@ class Session:
 
     @property
     def sent_nJ(self) -> int:
-        """Everything given, in whole nJ, over all pairs and none."""
+        """All energy sent, in whole nJ: over all pairs, and while there was none."""
         return self._past.sent + self._channel.sent_nJ
 
     @property
     def acked_nJ(self) -> int:
-        """What the peers acknowledged."""
+        """The energy that the peers have acknowledged."""
         return self._past.acked + self._channel.acked_nJ
 
     @property
     def credited_nJ(self) -> int:
-        """What the peers sent and this side credited: the sum of all `EnergyCredited`."""
+        """The energy that this side has credited to its peers: the sum of all `EnergyCredited`."""
         return self._past.credited + self._channel.credited_nJ
 
     @property
     def abandoned_nJ(self) -> int:
-        """What was given without a peer, or not acknowledged when the pair ended."""
+        """The energy that was sent without a peer, or was not acknowledged when the pair ended."""
         return self._past.abandoned + self._channel.abandoned_nJ
 
     @property
     def in_flight_nJ(self) -> int:
-        """What was sent and is neither acknowledged nor abandoned."""
+        """The energy that was sent and is neither acknowledged nor abandoned."""
         return self._channel.in_flight_nJ
 
     @property
     def unanswered_ns(self) -> int:
-        """For how long positions came, and no acknowledgement of the energy that is to be acknowledged; 0: none is."""
+        """For how long positions came but no acknowledgement of the energy in flight; 0: none is in flight."""
         return self._channel.unanswered_ns(self._monitor.heard_ns)
 
     @property
     def residue_J(self) -> float:
-        """What was given and makes no whole nanojoule yet: all that was given is sent_nJ plus this."""
+        """The energy that makes no whole nanojoule yet: all that was shuffled is sent_nJ and this."""
         return self._channel.residue_J
 
     def _dispatch(self, message: Message, now_ns: int) -> tuple[Event, ...]:
@@ -285,34 +285,34 @@ class Session:
             raise BadMessage("stream", f"a {_word(message)}; allowed: a {_word(self._expects)}, by the coupling here")
         if len(message.vector) != self.identity.dof:
             raise BadMessage("dimension", f"{len(message.vector)} coordinates; allowed: {self.identity.dof}")
-        liveness = self._monitor
-        numbers = liveness.numbers
+        monitor = self._monitor
+        numbers = monitor.numbers
         sequence, sent_ns, newest = message.sequence, message.sent_ns, numbers.newest
         place = numbers.place(now_ns, sequence, sent_ns)
         if place is Place.DOUBTFUL:
-            detail = f"{_word(message)} {sequence} does not go on from {newest}: no sender makes such a number then"
+            detail = f"{_word(message)} {sequence} does not follow {newest}: no honest sender has that number then"
             raise BadMessage("leap", detail)
         since = 1 if newest < 0 else sequence - newest
         self.path.on_position(now_ns, sent_ns, since, numbers.least_ns, place)
         if message.echo_ns:
-            self.path.echoed(now_ns, sent_ns, message.echo_ns, message.came_ns)
+            self.path.on_echo(now_ns, sent_ns, message.echo_ns, message.came_ns)
         received = (
             PositionReceived(sequence, sent_ns, message.position)
             if isinstance(message, Position)
             else SampleReceived(message)
         )
         if place is not Place.LATE:
-            heard = liveness.on_position(now_ns, since)
+            heard = monitor.on_position(now_ns, since)
             if type(message) is Wave:
                 if place is Place.AGAIN:
                     self._replay_window.restart(sequence)
                 if not self._replay_window.accept(sequence):
                     raise BadMessage("stale", f"wave {sequence} again")
             return (received,) if heard is None else (received, heard)
-        liveness.on_any_message(now_ns)
+        monitor.on_any_message(now_ns)
         if type(message) is Wave:
             if not self._replay_window.accept(sequence):
-                raise BadMessage("stale", f"wave {sequence} again, or long after later ones")
+                raise BadMessage("stale", f"wave {sequence} again, or long after later waves")
         elif type(message) is not Position or not self.settings.accept_stale:
             raise BadMessage("stale", f"{_word(message)} {sequence} after a later one")
         return (received,)
@@ -334,7 +334,7 @@ class Session:
             self._replay_window = ReplayWindow()
             reservoir_J = peer.about.get(RESERVOIR)
             if self.incarnations == 1 and isinstance(reservoir_J, float) and reservoir_J > 0.0:
-                self.peers_J = reservoir_J  # those after it were told to start with none
+                self.peers_J = reservoir_J  # the peers after it start with none
         self._channel.abandon()
         self._past.add(self._channel)
         self._channel = self._open_channel(self._channel.residue_J)
@@ -356,7 +356,7 @@ def _printable(text: str) -> str:
 
 
 def _check_identity(identity: Identity) -> None:
-    """A side must be able to read its own hello (of any number: the largest is tried)."""
+    """A side must be able to read its own hello and welcome, whatever their numbers: the largest are tried."""
     try:
         me = identity
         about = {**me.about, EARLIER: 2**63}

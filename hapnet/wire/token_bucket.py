@@ -1,7 +1,7 @@
-"""How much energy a peer may hand in: a token bucket in watts, with a burst in joules.
+"""How much energy is credited to a peer: a token bucket in watts, with a burst in joules.
 
-A limit per update would be none, since every message of the peer triggers an update. The bucket belongs to the session
-and not to the pair, so that a peer does not earn a fresh burst by restarting.
+A limit per update would limit nothing, since every message of the peer causes an update. The bucket belongs to the
+session and not to the pair, so that a peer earns no fresh burst by restarting.
 """
 
 from __future__ import annotations
@@ -11,18 +11,18 @@ from math import isfinite
 from hapnet.errors import InvalidParameter
 
 REPEATED_NS = 2_000_000_000
-"""A sender repeats a total that is not acknowledged within that, and 1.5 s is its timer's longest [ns]."""
+"""Within this time a sender repeats a total that is not acknowledged: its timer is at most 1.5 s [ns]."""
 
 _AJ_PER_NJ = 1_000_000_000
 
 
-class Admission:
-    """Token bucket that starts full. The level is kept in whole attojoules: 1 nW for 1 ns.
+class TokenBucket:
+    """A token bucket that starts full. The level is kept in whole attojoules: 1 nW for 1 ns.
 
     Parameters
     ----------
-    power_W : what flows in at length [W], 1e-9 to 1e9.
-    burst_J : what may come at once [J], 1e-9 to 1e9.
+    power_W : the power that is credited in the long run [W], 1e-9 to 1e9.
+    burst_J : the energy that is credited at once [J], 1e-9 to 1e9.
 
     Raises
     ------
@@ -40,7 +40,7 @@ class Admission:
 
     @property
     def most_waiting_nJ(self) -> int:
-        """How much may wait for tokens: what they pay until the sender says it again, whatever its timer."""
+        """How much may wait for tokens: what they can pay until the sender repeats its total, whatever its timer."""
         return (self._burst_aJ + self._rate_nW * REPEATED_NS) // _AJ_PER_NJ
 
     def take(self, wanted_nJ: int, now_ns: int) -> int:
@@ -55,7 +55,7 @@ class Admission:
         return taken_nJ
 
     def due_ns(self, wanted_nJ: int, step_ns: int) -> int:
-        """When to take again: all of `wanted_nJ` is there, or what comes in `step_ns`, if that is sooner."""
+        """When to take again: with tokens for all of `wanted_nJ`, or for `step_ns` of power if that is sooner."""
         step_nJ = max(1, self._rate_nW * step_ns // _AJ_PER_NJ)
         lacking_aJ = min(wanted_nJ * _AJ_PER_NJ, self._burst_aJ, step_nJ * _AJ_PER_NJ) - self._level_aJ
         return (self._filled_ns or 0) + max(0, -(-lacking_aJ // self._rate_nW))
