@@ -1,4 +1,4 @@
-"""Parameters as text and tables: nested values under dotted names, and words made into values of the right type."""
+"""Parameters as text and tables: nested values under dotted names, text made into typed values, and ranges."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hapnet.errors import InvalidParameter
 
 @dataclass(frozen=True)
 class Range:
-    """The numbers that a parameter may be; of a matrix, when it is given as a scalar."""
+    """The numbers that a parameter may be. For a matrix this holds if it is given as one number."""
 
     above: float | None = None
     at_least: float | None = None
@@ -63,12 +63,12 @@ def leaves(node: Any, prefix: str = "") -> Iterator[tuple[str, Any, dataclasses.
 
 
 def toml_value(value: object) -> str:
-    """JSON is TOML for the values here, but for pairs of surrogates (so no escapes beyond ASCII) and the bare DEL."""
+    """The value as TOML, by way of JSON: they differ in surrogates, so none is written, and in the bare DEL."""
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def flatten(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """What a table and its tables hold, under dotted names."""
+    """(dotted name, value) of all that a table and its tables hold."""
     for name, value in table.items():
         if isinstance(value, Mapping):
             yield from flatten(value, f"{prefix}{name}.")
@@ -77,13 +77,13 @@ def flatten(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, A
 
 
 def replaced(node: Any, tree: Mapping[str, Any]) -> Any:
-    """A copy of a section with what `tree` has of it."""
+    """A copy of a section with the values that `tree` has for it."""
     changes = {name: replaced(getattr(node, name), v) if isinstance(v, dict) else v for name, v in tree.items()}
     return dataclasses.replace(node, **changes)
 
 
 def converted(name: str, value: object, default: Any, spec: dataclasses.Field[Any]) -> object:
-    """`value` in the type of its parameter, whose default and field are given; InvalidParameter if it has none."""
+    """`value` in the type of its parameter, whose default and field are given; else InvalidParameter."""
     matrix = spec.type == "Matrix"
     words = {str: "text", bool: "true or false", int: "a whole number", float: "a number"}[
         float if matrix else type(default)

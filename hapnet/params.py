@@ -1,6 +1,8 @@
-"""Every physical and timing parameter, its default, unit and meaning; read from TOML and `--set`, recorded with a run.
+"""Every physical and timing parameter with its default, unit and meaning. They are read from TOML and `--set`, and
+recorded with a run.
 
-Defaults are Section 4's of the paper, with the digits that its printing lost reconstructed (marked "rec.").
+This is the one place for defaults: whoever needs one elsewhere takes it from here. They are those of the paper's
+Section 4; digits that its printing lost are reconstructed (marked "rec.").
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ from hapnet.param_values import Allowed, Range, check_allowed, converted, flatte
 COUPLING_NAMES = ("pspm", "zoh", "popc", "tdpa", "eba", "wave", "digital-wave", "pd")
 
 Matrix = float | tuple[float, ...] | tuple[tuple[float, ...], ...]
-"""A scalar, one number an axis, or rows of a matrix."""
+"""A scalar, one number for each axis, or the rows of a matrix."""
 
 
 _ANY, _NOT_NEGATIVE, _POSITIVE = Range(), Range(at_least=0.0), Range(above=0.0)
@@ -38,57 +40,63 @@ class DeviceParams:
                     ("auto", "continuous", "sampled"))  # fmt: skip
     servo_hz: float = _p(1000.0, "servo rate [Hz]", Range(at_least=10.0, at_most=20_000.0))
     watchdog_s: float = _p(
-        0.02, "a servo that was away for longer renders no force until it is on time again [s]; 0: off", _NOT_NEGATIVE
+        0.02, "a servo that is late by more renders no force until it is on time again [s]; 0: off", _NOT_NEGATIVE
     )
     pspm_period_s: float = _p(0.005, "PSPM runs at least this often, and on new data [s]", _POSITIVE)
-    stiffness: Matrix = _p(100.0, "K [N/m], scalar, per axis or matrix (rec.)", _POSITIVE)
-    damping: Matrix = _p(0.1, "B [Ns/m], scalar or per axis", _POSITIVE)
+    stiffness: Matrix = _p(100.0, "K [N/m]: a number, one per axis, or a matrix (rec.)", _POSITIVE)
+    damping: Matrix = _p(0.1, "B [Ns/m]: a number, or one per axis", _POSITIVE)
     ceiling_J: float = _p(0.05, "the reservoir's ceiling [J]", _NOT_NEGATIVE)
-    shuffle: str = _p("harvested", "what of the surplus is sent", ("harvested", "all"))
+    shuffle: str = _p("harvested", "which part of the surplus energy is sent", ("harvested", "all"))
     harvest: str = _p("auto", "auto: range with the continuous servo, measured with the sampled one",
                       ("auto", "range", "measured"))  # fmt: skip
-    force_limit_N: float = _p(3.3, "longest force of the actuators [N]; 0: no limit", _NOT_NEGATIVE)
-    spring_share: float = _p(0.9, "share of the force limit at which the spring saturates, the rest left to the damper",
+    force_limit_N: float = _p(3.3, "greatest force of the actuators [N]; 0: no limit", _NOT_NEGATIVE)
+    spring_share: float = _p(0.9, "share of the force limit at which the spring saturates; the rest is the damper's",
                              Range(above=0.0, at_most=1.0))  # fmt: skip
     step_limit_N: float = _p(
-        0.5, "largest step of the force [N]: a tick if held, else an update; 0: none", _NOT_NEGATIVE
+        0.5, "largest step of the force [N], in a tick if it is held, else in an update; 0: no limit", _NOT_NEGATIVE
     )
     smoothing_s: float = _p(0.0, "time constant of the smoothing filter before PSPM [s]; 0: none", _NOT_NEGATIVE)
     predict_s: float = _p(0.0, "horizon of the velocity predictor before PSPM [s]; 0: none", _NOT_NEGATIVE)
-    on_silence: str = _p("hold", "what y does when nothing arrives", ("hold", "release"))
-    silence_after_s: float = _p(0.5, "the silence that counts [s]", _POSITIVE)
-    greatest_speed: float = _p(1.0, "of the handle [m/s]: it decides what a held torque can give out", _POSITIVE)
+    on_silence: str = _p(
+        "hold", "the set-position when nothing arrives: hold it, or release the spring", ("hold", "release")
+    )
+    silence_after_s: float = _p(0.5, "after this time without a new message the peer is silent [s]", _POSITIVE)
+    greatest_speed: float = _p(
+        1.0, "greatest speed of the handle [m/s]: it bounds the energy that a held torque can put out", _POSITIVE
+    )
     mass: float = _p(0.045, "apparent mass of the simulated device [kg]", _POSITIVE)
     own_damping: float = _p(0.3, "own damping of the simulated device [Ns/m]", _NOT_NEGATIVE)
     trusted_damping: float = _p(
-        0.0, "lower bound of the device's own damping to harvest, measured harvest only [Ns/m]", _NOT_NEGATIVE
+        0.0, "lower bound of the device's own damping, for measured harvest only [Ns/m]", _NOT_NEGATIVE
     )
     resolution_m: float = _p(
         0.0, "encoder resolution, sampled servo only [m]; 0: exact", Range(at_least=0.0, at_most=0.01)
     )
     workspace_m: Matrix = _p(
-        2.0, "how far the device reaches from its origin, or on each axis, either way [m]", Range(0.0, 1e-3, 10.0)
+        2.0,
+        "how far the device reaches from its origin, either way: a number, or one per axis [m]",
+        Range(0.0, 1e-3, 10.0),
     )
     stiffness_range: Matrix = _p((1.0, 1e5), "least and greatest stiffness that the device renders [N/m]")
-    substeps: int = _p(4, "integration substeps of the simulated device a tick", Range(at_least=1, at_most=1000))
+    substeps: int = _p(4, "integration substeps of the simulated device in a tick", Range(at_least=1, at_most=1000))
 
 
 @dataclass(frozen=True)
 class OperatorParams:
     """The simulated hand: its impedance and its motion."""
 
-    mass: float = _p(0.554, "of hand and arm [kg]", _NOT_NEGATIVE)
-    damping: float = _p(6.45, "[Ns/m]", _NOT_NEGATIVE)
-    stiffness: float = _p(135.0, "[N/m]", _NOT_NEGATIVE)
-    amplitude_m: float = _p(0.03, "of the sine [m]", _NOT_NEGATIVE)
-    frequency_hz: float = _p(0.5, "of the sine [Hz]", _NOT_NEGATIVE)
+    mass: float = _p(0.554, "mass of hand and arm [kg]", _NOT_NEGATIVE)
+    damping: float = _p(6.45, "damping of hand and arm [Ns/m]", _NOT_NEGATIVE)
+    stiffness: float = _p(135.0, "stiffness of hand and arm [N/m]", _NOT_NEGATIVE)
+    amplitude_m: float = _p(0.03, "amplitude of the sine [m]", _NOT_NEGATIVE)
+    frequency_hz: float = _p(0.5, "frequency of the sine [Hz]", _NOT_NEGATIVE)
     start_m: float = _p(0.0, "where the press begins, along the wall's normal [m]")
-    goal_m: float = _p(0.04, "where the press wants to go, along the wall's normal [m]")
-    reach_s: float = _p(1.0, "duration of a way of the press [s]", _POSITIVE)
+    goal_m: float = _p(0.04, "where the press aims, along the wall's normal [m]")
+    reach_s: float = _p(1.0, "duration of the press's way in, and of its way out [s]", _POSITIVE)
     hold_s: float = _p(1.5, "how long the press is held [s]", _NOT_NEGATIVE)
     wait_s: float = _p(0.5, "pause between presses [s]", _NOT_NEGATIVE)
-    press_depth_m: float = _p(0.008, "how deep a recorded pen wants to be at full pressure [m]", _NOT_NEGATIVE)
-    hover_m: float = _p(0.006, "how high a recorded pen hovers when lifted [m]", _NOT_NEGATIVE)
+    press_depth_m: float = _p(0.008, "depth at which a recorded pen aims at full pressure [m]", _NOT_NEGATIVE)
+    hover_m: float = _p(0.006, "height of a recorded pen when it is lifted [m]", _NOT_NEGATIVE)
 
 
 @dataclass(frozen=True)
@@ -97,8 +105,8 @@ class WallParams:
 
     stiffness: float = _p(3000.0, "K_w [N/m] (rec.)", _POSITIVE)
     damping: float = _p(10.0, "B_w [Ns/m] (rec.)", _NOT_NEGATIVE)
-    position_m: float = _p(0.02, "where the wall of scene wall stands on the first axis [m]")
-    half_width_m: float = _p(0.03, "half the inner width of scene box [m]", _POSITIVE)
+    position_m: float = _p(0.02, "position of the wall in scene wall, on the first axis [m]")
+    half_width_m: float = _p(0.03, "half the inner width of the box in scene box [m]", _POSITIVE)
 
 
 @dataclass(frozen=True)
@@ -109,16 +117,20 @@ class WorldParams:
     stiffness: Matrix = _p(500.0, "K' [N/m] (rec.); K'/K scales the force that is felt", _POSITIVE)
     damping: Matrix = _p(14.0, "B' [Ns/m]", _POSITIVE)
     ceiling_J: float = _p(0.05, "the reservoir's ceiling [J]", _NOT_NEGATIVE)
-    shuffle: str = _p("harvested", "what of the surplus is sent", ("harvested", "all"))
+    shuffle: str = _p("harvested", "which part of the surplus energy is sent", ("harvested", "all"))
     step_min_s: float = _p(0.010, "shortest integration step T_k [s] (rec.)", _POSITIVE)
-    step_max_s: float = _p(0.050, "longest integration step T_k, uniform between [s] (rec.)", _POSITIVE)
+    step_max_s: float = _p(
+        0.050, "longest integration step T_k [s]; steps are uniform between the two (rec.)", _POSITIVE
+    )
     step_limit_N: float = _p(
-        25.0, "largest step of the virtual coupling's force an update [N]; 0: no limit", _NOT_NEGATIVE
+        25.0, "largest step of the virtual coupling's force in an update [N]; 0: no limit", _NOT_NEGATIVE
     )
     smoothing_s: float = _p(0.0, "time constant of the smoothing filter before PSPM [s]; 0: none", _NOT_NEGATIVE)
     predict_s: float = _p(0.0, "horizon of the velocity predictor before PSPM [s]; 0: none", _NOT_NEGATIVE)
-    on_silence: str = _p("hold", "what y does when nothing arrives", ("hold", "release"))
-    silence_after_s: float = _p(0.5, "the silence that counts [s]", _POSITIVE)
+    on_silence: str = _p(
+        "hold", "the set-position when nothing arrives: hold it, or release the spring", ("hold", "release")
+    )
+    silence_after_s: float = _p(0.5, "after this time without a new message the peer is silent [s]", _POSITIVE)
     wall: WallParams = field(default_factory=WallParams)
 
 
@@ -127,24 +139,28 @@ class PopcParams:
     """Passivity observer and controller at the device's port (Hannaford, Ryu 2002)."""
 
     velocity_floor: float = _p(0.002, "slower than this the controller cannot damp [m/s]", Range(0.0, at_most=1.0))
-    damping_cap: float = _p(0.0, "most damping that it may inject [Ns/m]; 0: by rule", _NOT_NEGATIVE)
+    damping_cap: float = _p(0.0, "most damping that it may inject [Ns/m]; 0: by a rule", _NOT_NEGATIVE)
 
 
 @dataclass(frozen=True)
 class TdpaParams:
     """Two-port time-domain passivity (Ryu, Artigas, Preusche 2010), with drift compensation."""
 
-    stiffness: float = _p(0.0, "virtual coupling of the world's end [N/m]; 0: device.stiffness", _NOT_NEGATIVE)
-    damping: float = _p(0.0, "its damping [Ns/m]; 0: by rule", _NOT_NEGATIVE)
+    stiffness: float = _p(
+        0.0, "stiffness of the virtual coupling at the world [N/m]; 0: device.stiffness", _NOT_NEGATIVE
+    )
+    damping: float = _p(0.0, "damping of that coupling [Ns/m]; 0: by a rule", _NOT_NEGATIVE)
     velocity_floor: float = _p(
         0.002, "slower than this the device's controller cannot damp [m/s]", Range(0.0, at_most=1.0)
     )
     force_floor: float = _p(0.05, "with less force than this the world's controller cannot yield [N]", _POSITIVE)
-    damping_cap: float = _p(0.0, "most damping at the device [Ns/m]; 0: by rule", _NOT_NEGATIVE)
-    speed_limit: float = _p(0.25, "of the world's set-position [m/s]", Range(0.0, at_most=100.0))
-    debt_limit_J: float = _p(0.02, "a side that owes this much gives nothing more [J]", _POSITIVE)
+    damping_cap: float = _p(0.0, "most damping at the device [Ns/m]; 0: by a rule", _NOT_NEGATIVE)
+    speed_limit: float = _p(0.25, "greatest speed of the world's set-position [m/s]", Range(0.0, at_most=100.0))
+    debt_limit_J: float = _p(0.02, "a side that owes this much energy puts nothing more out [J]", _POSITIVE)
     recovery_s: float = _p(
-        0.02, "drift is made up for so fast, as far as the energy goes [s]; 0: never, as first published", _NOT_NEGATIVE
+        0.02,
+        "time constant of the drift compensation, as far as there is energy [s]; 0: none, as first published",
+        _NOT_NEGATIVE,
     )
 
 
@@ -159,12 +175,12 @@ class EbaParams:
 class WaveParams:
     """Wave variables (Niemeyer, Slotine 2004), and digital waves (Berestesky, Chopra, Spong 2004)."""
 
-    impedance: float = _p(0.0, "wave impedance b [Ns/m]; 0: by rule", _NOT_NEGATIVE)
-    stiffness: float = _p(0.0, "virtual coupling of the world's end [N/m]; 0: by rule", _NOT_NEGATIVE)
-    damping: float = _p(0.0, "its damping [Ns/m]; 0: by rule", _NOT_NEGATIVE)
+    impedance: float = _p(0.0, "wave impedance b [Ns/m]; 0: by a rule", _NOT_NEGATIVE)
+    stiffness: float = _p(0.0, "stiffness of the virtual coupling at the world [N/m]; 0: by a rule", _NOT_NEGATIVE)
+    damping: float = _p(0.0, "damping of that coupling [Ns/m]; 0: by a rule", _NOT_NEGATIVE)
     smoothing_s: float = _p(0.005, "time constant of the filter of the device's incoming waves [s]; 0: none",
                             _NOT_NEGATIVE)  # fmt: skip
-    missing: str = _p("zero", "what stands for a wave that has not come; hold, the last one, is not passive",
+    missing: str = _p("zero", "what replaces a wave that has not come; hold, the last one, is not passive",
                       ("zero", "hold"))  # fmt: skip
 
 
@@ -172,21 +188,21 @@ class WaveParams:
 class PdParams:
     """PD over a constant delay (Lee, Spong 2006)."""
 
-    damping: float = _p(0.0, "K_d, which pays for the delay [Ns/m]; 0: by rule", _NOT_NEGATIVE)
-    coordination: float = _p(0.0, "K_v, of the difference of velocities [Ns/m]", _NOT_NEGATIVE)
-    extra_damping: float = _p(0.0, "P_e [Ns/m]", _NOT_NEGATIVE)
+    damping: float = _p(0.0, "K_d, which dissipates what the delay generates [Ns/m]; 0: by a rule", _NOT_NEGATIVE)
+    coordination: float = _p(0.0, "K_v, on the difference of the velocities [Ns/m]", _NOT_NEGATIVE)
+    extra_damping: float = _p(0.0, "P_e, on each side's own velocity [Ns/m]", _NOT_NEGATIVE)
 
 
 @dataclass(frozen=True)
 class LinkParams:
-    """The emulated link, in tc-netem's words; each side shapes what it sends."""
+    """The emulated link, in tc-netem's words. Each side shapes what it sends."""
 
-    up: str = _p("delay 40ms 10ms loss 2%", "from the device to the world")
-    down: str = _p("delay 40ms 10ms loss 2%", "from the world to the device")
-    up_timeline: str = _p("", "changes of the uplink while it runs, from pairing: at 5s: down; at 9s: up")
-    down_timeline: str = _p("", "changes of the downlink while it runs")
+    up: str = _p("delay 40ms 10ms loss 2%", "link from the device to the world")
+    down: str = _p("delay 40ms 10ms loss 2%", "link from the world to the device")
+    up_timeline: str = _p("", "changes of the uplink, in time from pairing, such as at 5s: down; at 9s: up")
+    down_timeline: str = _p("", "changes of the downlink, likewise")
     path_s: float = _p(
-        0.0, "round trip of the real network under it, for couplings that are tuned to a delay [s]", _NOT_NEGATIVE
+        0.0, "round trip of the real network below, for couplings that are tuned to a delay [s]", _NOT_NEGATIVE
     )
 
 
@@ -195,19 +211,21 @@ class WireParams:
     """The protocol's timing and admission."""
 
     hello_period_s: float = _p(
-        0.1, "between greetings until the peer has answered [s]", Range(at_least=0.001, at_most=10.0)
+        0.1, "time between two hellos until the peer has answered [s]", Range(at_least=0.001, at_most=10.0)
     )
     energy_spacing_s: float = _p(
-        0.010, "least time between two energy messages with news [s]", Range(at_least=0.001, at_most=10.0)
+        0.010, "least time between two messages with new energy [s]", Range(at_least=0.001, at_most=10.0)
     )
-    admission_W: float = _p(5.0, "most shuffled power that is credited [W]", Range(at_least=1e-9, at_most=1e9))
+    admission_W: float = _p(
+        5.0, "shuffled power that is credited at most in the long run [W]", Range(at_least=1e-9, at_most=1e9)
+    )
     admission_burst_J: float = _p(
-        0.5, "shuffled energy credited at once before that limit counts [J]", Range(at_least=1e-9, at_most=1e9)
+        0.5, "shuffled energy that is credited at once at most [J]", Range(at_least=1e-9, at_most=1e9)
     )
-    accept_stale: bool = _p(False, "let set-positions through that arrive after newer ones")
+    accept_stale: bool = _p(False, "use set-positions that arrive after newer ones too")
     deadband: float = _p(
         0.0,
-        "perceptual deadband: what changes the force by less than this fraction is not sent (Weber); 0: all is",
+        "perceptual deadband (Weber): what changes the force by less than this fraction is not sent; 0: all is sent",
         Range(at_least=0.0, at_most=1.0),
     )
 
@@ -217,17 +235,15 @@ class Params:
     """All parameters of a run."""
 
     scene: str = _p("wall", "free, wall, box, paper, or module:Class")
-    operator: str = _p(
-        "press", "rest, sine, press, a recording's path (.csv, .mcap), module:Class; mouse: led live by hapnet play"
-    )
-    hardware: str = _p("simulated", "the device: simulated, or module:Class of your own")
-    coupling: str = _p("pspm", f"pspm; to compare with: {', '.join(COUPLING_NAMES[1:])}, or module:NAME of your own")
+    operator: str = _p("press", "rest, sine, press, a recording's path (.csv, .mcap), module:Class; mouse: hapnet play")
+    hardware: str = _p("simulated", "the device: simulated, or your own as module:Class")
+    coupling: str = _p("pspm", f"pspm; for comparison {', '.join(COUPLING_NAMES[1:])}, or your own as module:NAME")
     dof: int = _p(0, "degrees of freedom; 0: the scene's own", _NOT_NEGATIVE)
-    duration_s: float = _p(10.0, "from pairing [s]; 0: until stopped", Range(at_least=0.0, at_most=1e9))
-    record_hz: float = _p(200.0, "recorded samples a second of the device [Hz]", _POSITIVE)
+    duration_s: float = _p(10.0, "duration from pairing [s]; 0: until stopped", Range(at_least=0.0, at_most=1e9))
+    record_hz: float = _p(200.0, "recorded samples of the device per second [Hz]", _POSITIVE)
     telemetry_hz: float = _p(
         60.0,
-        "samples a second that each side publishes for hapnet view [Hz]; 0: none",
+        "samples per second that each side publishes for hapnet view [Hz]; 0: none",
         Range(at_least=0.0, at_most=1000.0),
     )
     device: DeviceParams = field(default_factory=DeviceParams)
@@ -255,7 +271,7 @@ class Params:
         return value
 
     def set(self, changes: Mapping[str, object]) -> Params:
-        """A copy with parameters changed, given by dotted names; values as TOML has them, or text from `--set`.
+        """A copy with these parameters changed. Names are dotted; values are as TOML has them, or text from `--set`.
 
         Raises
         ------
@@ -272,7 +288,7 @@ class Params:
         return changed
 
     def typed(self, changes: Mapping[str, object]) -> dict[str, Any]:
-        """The values that `set` would give, each of its parameter's type, but perhaps not allowed.
+        """The values that `set` would use: each is of its parameter's type, but it may be out of range.
 
         Raises
         ------
@@ -299,7 +315,7 @@ class Params:
         return self.set(changes)
 
     def load(self, file: Path) -> Params:
-        """A copy changed by a TOML file; raises InvalidParameter if it cannot be read or names no parameter."""
+        """A copy changed by a TOML file; raises InvalidParameter if it cannot be read or has an unknown name."""
         try:
             table = tomllib.loads(file.read_text(encoding="utf-8"))
         except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
@@ -322,7 +338,7 @@ class Params:
             yield name, toml_value(value), f"{spec.metadata['doc']}{choice}"
 
     def toml(self) -> str:
-        """All parameters as TOML with their meaning: what `--show-params` prints and `--params` reads."""
+        """All parameters as TOML with their meanings: `--show-params` prints it and `--params` reads it."""
         lines: list[str] = []
         section = ""
         for name, value, meaning in self.described():
@@ -337,4 +353,4 @@ class Params:
 RELAXED_HAND: Mapping[str, float] = MappingProxyType(
     {"operator_hand.mass": 0.1, "operator_hand.damping": 0.5, "operator_hand.stiffness": 40.0}
 )
-"""A hand that holds the handle loosely [kg, Ns/m, N/m]: it is shaken by what a firm one would damp."""
+"""A hand that holds the handle loosely [kg, Ns/m, N/m]: it does not damp the vibrations that a firm one damps."""

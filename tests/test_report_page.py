@@ -266,7 +266,7 @@ def test_that_virtual_time_records_no_events_is_told() -> None:
 def test_settings_with_units_and_meaning_and_what_differs_from_the_defaults(simulated: Recording) -> None:
     rows = {row.name: row for row in settings(simulated)}
     assert list(rows) == list(Params().flat())
-    assert rows["device.stiffness"][1:] == ("80.0", "100.0", "K [N/m], scalar, per axis or matrix (rec.)")
+    assert rows["device.stiffness"][1:] == ("80.0", "100.0", "K [N/m]: a number, one per axis, or a matrix (rec.)")
     assert rows["device.damping"].default == ""
     assert {row.name for row in rows.values() if row.default} == {"device.stiffness", "duration_s", "link.up"}
     found = page_of(simulated)
