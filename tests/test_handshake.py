@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import pickle
 from collections.abc import Iterator
 
@@ -9,7 +10,7 @@ import pytest
 
 from hapnet.errors import BadMessage, LocalProtocolError
 from hapnet.wire.events import Event, Mismatch, Paired
-from hapnet.wire.handshake import COUPLING, MAX_PEERS, Handshake
+from hapnet.wire.handshake import COUPLING, EARLIER, MAX_PEERS, Handshake
 from hapnet.wire.messages import Bye, Hello, Identity, Refuse, Role, Scalar, Welcome
 from hapnet.wire.pairing import TRANSITIONS, Action, Input, State, transition
 
@@ -128,6 +129,86 @@ def test_after_so_many_peers_a_side_pairs_no_more() -> None:
     assert handshake.peer is None
     with pytest.raises(BadMessage, match="was the peer once"):
         handshake.receive(Hello(2, 1, "world", 2, "wall", {}), now_ns)  # the first of them is not forgotten
+
+
+def said_to(handshake: Handshake, incarnation: int, now_ns: int) -> list[Welcome | Refuse]:
+    replies = [said for said in handshake.poll(now_ns) if isinstance(said, Welcome | Refuse)]
+    return [reply for reply in replies if reply.addressee == incarnation]
+
+
+def hello(incarnation: int, dof: int = 2) -> Hello:
+    return Hello(incarnation, 1, "world", dof, "wall", {})
+
+
+def after_a_pair(*, ended: bool) -> Handshake:
+    """It was paired with 2 at 300 ms, which is silent, or which has left."""
+    handshake = after_hellos(3)
+    assert taken(handshake, welcome(3), 300 * MS)
+    if ended:
+        handshake.receive(Bye(2, 1, 0, "the end"), 300 * MS)
+    return handshake
+
+
+def test_a_retired_incarnation_is_told_to_start_anew() -> None:
+    handshake = after_a_pair(ended=True)
+    with pytest.raises(BadMessage, match="was the peer once"):
+        handshake.receive(hello(2), 310 * MS)
+    assert said_to(handshake, 2, 320 * MS) == [Refuse(1, 2, "this incarnation was retired; restart it")]
+
+
+def test_a_forged_hello_in_the_peers_name_is_not_answered() -> None:
+    """A refusal would end the pair."""
+    handshake = after_a_pair(ended=False)
+    assert handshake.receive(hello(2, dof=3), 310 * MS) == ()
+    assert said_to(handshake, 2, 320 * MS) == []
+
+
+def test_a_pair_leaves_no_candidate_and_no_hello_behind() -> None:
+    handshake = after_hellos(3)
+    handshake.receive(hello(2), 280 * MS)
+    assert taken(handshake, welcome(3), 300 * MS)
+    handshake.poll(300 * MS)
+    assert handshake.next_due_ns is None
+    handshake.receive(Bye(2, 1, 0, "the end"), 310 * MS)
+    handshake.receive(hello(3), 320 * MS)  # at once: 2 is no candidate any more
+    assert isinstance(said_to(handshake, 3, 330 * MS)[0], Welcome)
+
+
+@pytest.mark.parametrize("message", [hello(3), welcome(99, 3), welcome(4, 3, dof=3)], ids=["hello", "stale", "unfit"])
+def test_who_says_hello_or_welcome_first_is_the_candidate(message: Hello | Welcome) -> None:
+    """Another one waits until that was not heard for 500 ms."""
+    handshake = after_a_pair(ended=True)
+    handshake.poll(330 * MS)  # the fourth hello
+    with contextlib.suppress(BadMessage):  # the welcome to a hello that was never said
+        handshake.receive(message, 340 * MS)
+    for now_ms in (341, 840):
+        with pytest.raises(BadMessage, match="another one is about to be the peer"):
+            handshake.receive(hello(5), now_ms * MS)
+    handshake.receive(hello(5), 841 * MS)
+    assert isinstance(said_to(handshake, 5, 900 * MS)[0], Welcome)
+
+
+def test_a_stale_welcome_is_answered_with_a_hello() -> None:
+    handshake = after_a_pair(ended=False)
+    assert handshake.next_due_ns is None
+    assert not taken(handshake, welcome(3, 3), 400 * MS)
+    assert [said.number for said in handshake.poll(400 * MS) if isinstance(said, Hello)] == [4]
+
+
+@pytest.mark.parametrize(("ended", "who"), [(False, 3), (True, 3), (False, 2)])
+def test_a_welcome_says_how_many_others_there_were(ended: bool, who: int) -> None:
+    """The peer that is to be displaced is one of them; the addressee itself is not."""
+    handshake = after_a_pair(ended=ended)
+    handshake.receive(hello(who), 400 * MS)
+    (answer,) = said_to(handshake, who, 420 * MS)
+    assert isinstance(answer, Welcome)
+    assert answer.about.get(EARLIER) == (None if who == 2 else 1)
+
+
+def test_misfits_are_reported_every_100_ms_at_most() -> None:
+    handshake = after_hellos(1)
+    reported = [ms for ms in range(0, 250, 10) if handshake.receive(hello(2 + ms, dof=3), (50 + ms) * MS)]
+    assert reported == [0, 100, 200]
 
 
 # -- the table ---------------------------------------------------------------------------------------------------------
