@@ -92,16 +92,20 @@ class Handshake:
         self._observe(now_ns)
         return self._act(*self._classify(message, now_ns), now_ns)
 
-    def on_data(self, sender: int, now_ns: int) -> None:
-        """Energy or a stream's message of `sender` came. Return if that is the peer; else answer it and raise.
+    def on_data(self, sender: int, now_ns: int, addressee: int | None = None) -> None:
+        """Energy or a stream's message of `sender` came. Return if it is the peer's and counts; else answer and raise.
+
+        addressee : of energy. A stream's message has none.
 
         Raises
         ------
-        BadMessage : `sender` is a stranger, retired, or this side itself.
+        BadMessage : `sender` is a stranger, retired, or this side itself; or the energy is for another incarnation.
         """
         if not self._is_peer(sender):
             self._observe(now_ns)
             self._act(self._never_a_peer(sender) or Input.DATA, Said(sender), now_ns)
+        elif addressee not in (None, self.identity.incarnation):
+            self._act(Input.MISADDRESSED, Said(sender, addressee or 0), now_ns)
 
     def other_version(self, error: OtherVersion, now_ns: int) -> tuple[Event, ...]:
         """A frame of another version: a hello is refused in words, the rest ignored."""
@@ -111,11 +115,6 @@ class Handshake:
         self._observe(now_ns)
         happened = Input.FORGED_HELLO if self._is_peer(sender) else Input.UNFIT_HELLO
         return self._act(happened, Said(sender, reason=error.detail), now_ns)
-
-    def check_addressee(self, addressee: int) -> None:
-        """Raise BadMessage (addressee) unless that is this incarnation."""
-        if addressee != self.identity.incarnation:
-            raise BadMessage("addressee", f"meant for incarnation {addressee:#x}")
 
     def close(self, now_ns: int, acked_nJ: int, reason: str) -> None:
         """Say bye a few times and nothing else any more.

@@ -36,7 +36,7 @@ class Input(Enum):
 
     OWN = "a message of this side's own incarnation"
     RETIRED = "a hello, a welcome, energy or a stream's message of a retired incarnation"
-    MISADDRESSED = "a welcome or a refusal to another incarnation"
+    MISADDRESSED = "a welcome, a refusal or the peer's energy to another incarnation"
     OTHER_CANDIDATE = "a hello, a welcome or a refusal of a stranger, while another one is the candidate"
 
     HELLO_OF_PEER = "the peer's hello"

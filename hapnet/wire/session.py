@@ -269,8 +269,7 @@ class Session:
             case Position() | Motion() | Port() | Wave():
                 return self._on_stream(message, now_ns)
             case Energy():
-                self._handshake.on_data(message.incarnation, now_ns)
-                self._handshake.check_addressee(message.addressee)
+                self._handshake.on_data(message.incarnation, now_ns, message.addressee)
                 return self._credited(self._channel.receive(message.total_nJ, message.acked_nJ, now_ns))
             case Bye():
                 return self._on_bye(message, now_ns)
