@@ -39,8 +39,8 @@ def seed_range(words: str) -> range:
 def main(params: Params, seeds: range, json_to: str | None, workers: int) -> int:
     """Simulate every seed in so many `workers` (0: what pays); print a table, write one object a scenario."""
     from hapnet.assembly.build import prepare
-    from hapnet.simulation.batch.processes import usable_cores
     from hapnet.simulation.batch.run import simulate_batch
+    from hapnet.simulation.processes import usable_cores
 
     if params.duration_s <= 0.0:
         raise InvalidParameter("duration_s", params.duration_s, "above 0 in virtual time")

@@ -108,7 +108,7 @@ class CompareOptions:
 
 def main(params: Params, given: CompareOptions, json_to: str | None, out: Path | None) -> int:
     """Compare, and show it; 0 even if cases failed, as long as one did not: the tables say it. 4 if a claim failed."""
-    from hapnet.simulation.batch.processes import usable_cores
+    from hapnet.simulation.processes import usable_cores
     from hapnet.study import compare, tables, tunings
     from hapnet.study.case import kept
 

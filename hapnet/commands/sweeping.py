@@ -13,12 +13,11 @@ from hapnet.commands import output
 from hapnet.commands.progress import Progress
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
-from hapnet.simulation.batch.processes import usable_cores
+from hapnet.simulation.processes import usable_cores
 from hapnet.study import export
-from hapnet.study.backend import Backend
+from hapnet.study.backend import Backend, local_workers
 from hapnet.study.case import check
 from hapnet.study.journal import NAME, Journal
-from hapnet.study.pool import LocalPool
 from hapnet.study.runner import Sweep
 from hapnet.study.spec import SEED, Case, Spec, Values, params_of, value_words
 from hapnet.study.task import reason
@@ -179,7 +178,7 @@ def _check(words: Console, spec: Spec, cases: list[Case]) -> None:
 
 def _backend(words: Console, how: Options, cases: int) -> Backend:
     if how.dask is None:
-        return LocalPool(min(how.workers or usable_cores(), cases))
+        return local_workers(min(how.workers or usable_cores(), cases))
     from hapnet.study.cluster import DaskCluster
 
     cluster = DaskCluster(how.dask)

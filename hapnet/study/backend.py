@@ -1,24 +1,17 @@
-"""Where tasks run: what the runner of a sweep wants of this machine's processes, or of a cluster."""
+"""Where tasks run: the processes of this machine, or a cluster. The runner of a study knows no more of them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Protocol
 
-from hapnet.study.task import CaseResult, Task
+from hapnet.simulation.processes import Outcome, Progress, WorkerPool
+from hapnet.study.task import CaseResult, Task, run
 
-
-@dataclass(frozen=True)
-class Outcome:
-    """A task that is over: the results of its cases or, if its worker died over it, the reason."""
-
-    task: Task
-    results: list[CaseResult] | None
-    lost: str = ""
+TaskOutcome = Outcome[Task, list[CaseResult]]
 
 
 class Backend(Protocol):
-    """Workers. `close` ends those that it started, with whatever they are doing."""
+    """Workers. `close` ends those that this process started, with whatever they are doing."""
 
     @property
     def workers(self) -> int:
@@ -30,7 +23,16 @@ class Backend(Protocol):
 
     def submit(self, task: Task) -> None: ...
 
-    def wait(self, limit_s: float) -> list[Outcome]:
-        """The tasks that have ended since the last call; waits for one so long."""
+    def wait(self, limit_s: float) -> list[TaskOutcome]:
+        """The tasks that have ended since the last call; waits up to `limit_s` for one."""
 
     def close(self) -> None: ...
+
+
+def local_workers(count: int) -> Backend:
+    """`count` processes of this machine."""
+    return WorkerPool(_work, count)
+
+
+def _work(task: Task, progress: Progress) -> list[CaseResult]:
+    return run(task)

@@ -12,7 +12,8 @@ from typing import Any
 
 from hapnet.errors import HapnetError, InvalidParameter, MissingLibrary
 from hapnet.loading import cause
-from hapnet.study.backend import Outcome
+from hapnet.simulation.processes import Outcome, WorkerDied
+from hapnet.study.backend import TaskOutcome
 from hapnet.study.task import Task, run
 from hapnet.versions import versions
 from netem.versions import DISTRIBUTION
@@ -82,7 +83,7 @@ class DaskCluster:
         self._tasks[future.key] = future, task
         future.add_done_callback(self._ended.put)
 
-    def wait(self, limit_s: float) -> list[Outcome]:
+    def wait(self, limit_s: float) -> list[TaskOutcome]:
         outcomes = []
         try:
             outcomes.append(self._outcome(self._ended.get(timeout=limit_s)))
@@ -99,7 +100,7 @@ class DaskCluster:
         with suppress(Exception):
             self._client.close(timeout=REACH_S)
 
-    def _outcome(self, future: Any) -> Outcome | None:
+    def _outcome(self, future: Any) -> TaskOutcome | None:
         """None where a worker died with a result that nobody had fetched: the scheduler has it computed again."""
         task = self._tasks[future.key][1]
         outcome = None
@@ -107,9 +108,9 @@ class DaskCluster:
             with suppress(Exception):  # it was there a moment ago
                 outcome = Outcome(task, future.result(timeout=REACH_S))
         elif future.status == "error":
-            outcome = Outcome(task, None, _lost(future.exception(timeout=REACH_S)))
+            outcome = Outcome(task, None, WorkerDied(_lost(future.exception(timeout=REACH_S))))
         elif future.status == "cancelled":
-            outcome = Outcome(task, None, "its Dask task was cancelled")
+            outcome = Outcome(task, None, WorkerDied("its Dask task was cancelled"))
         self._alive()
         if outcome is None:
             future.add_done_callback(self._ended.put)

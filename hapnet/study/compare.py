@@ -11,7 +11,7 @@ import numpy as np
 
 from hapnet.metrics import METRICS
 from hapnet.params import RELAXED_HAND, Params
-from hapnet.simulation.batch.processes import Progress, in_processes, usable_cores
+from hapnet.simulation.processes import Progress, in_processes, usable_cores
 from hapnet.study.case import Measures, measure
 from hapnet.summary.verdict import ROUNDING_J
 

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable
 from math import ceil
 
-from hapnet.study.backend import Backend, Outcome
+from hapnet.study.backend import Backend, TaskOutcome
 from hapnet.study.case import DEADBAND
 from hapnet.study.journal import Journal
 from hapnet.study.spec import LINK, Case
@@ -103,13 +103,13 @@ class Sweep:
         share = ceil(len(self._pending) / (2 * max(1, self._backend.workers)))
         return max(1, min(share, int(TASK_S / max(self._case_s, 1e-6))))
 
-    def _take(self, outcome: Outcome) -> None:
-        task, results = outcome.task, outcome.results
+    def _take(self, outcome: TaskOutcome) -> None:
+        task, results = outcome.task, outcome.result
         if results is None:
             if task.attempt + 1 < ATTEMPTS:
                 self._alone.extend((case, task.attempt + 1) for case in task.cases)
                 return
-            results = [CaseResult(case.number, {}, f"{outcome.lost}, {ATTEMPTS} times") for case in task.cases]
+            results = [CaseResult(case.number, {}, f"{outcome.error}, {ATTEMPTS} times") for case in task.cases]
         else:
             mean_s = sum(result.wall_s or 0.0 for result in results) / len(results)
             self._case_s = mean_s if self._case_s is None else self._case_s + _WEIGHT * (mean_s - self._case_s)

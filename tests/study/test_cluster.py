@@ -15,9 +15,9 @@ import pytest
 
 from hapnet.errors import HapnetError, InvalidParameter, MissingLibrary
 from hapnet.study import cluster as module
+from hapnet.study.backend import local_workers
 from hapnet.study.case import Measures
 from hapnet.study.cluster import DaskCluster
-from hapnet.study.pool import LocalPool
 from hapnet.study.runner import Sweep
 from hapnet.study.spec import Case
 from netem.versions import DISTRIBUTION
@@ -51,7 +51,7 @@ def swept(directory: Path, text: str, address: str | None) -> list[tuple[Case, M
     """Each case's number, seed, values, measures and error."""
     directory.mkdir()
     journal = journal_of(directory, text)
-    backend = LocalPool(2) if address is None else DaskCluster(address)
+    backend = local_workers(2) if address is None else DaskCluster(address)
     try:
         Sweep(journal, backend, lambda done: None).run()
     finally:
@@ -91,7 +91,7 @@ def test_a_scheduler_that_goes_away_ends_it_and_it_can_go_on(tmp_path: Path) -> 
             Sweep(journal, backend, progress).run()
         backend.close()
     assert 0 < journal.count()[1] < 40
-    local = LocalPool(2)
+    local = local_workers(2)
     Sweep(journal, local, lambda done: None).run()
     local.close()
     assert journal.count() == (40, 40, 0)

@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 from hapnet.errors import HapnetError
+from hapnet.simulation.processes import Outcome, WorkerDied
 from hapnet.study import task as task_module
-from hapnet.study.backend import Outcome
+from hapnet.study.backend import TaskOutcome
 from hapnet.study.journal import Journal
 from hapnet.study.runner import ATTEMPTS, COMMIT_S, TASK_S, Sweep
 from hapnet.study.spec import Case
@@ -44,11 +45,11 @@ class Pretended:
             self.beside_suspects.append(len(self._running))
         self.most = max(self.most, len(self._running))
 
-    def wait(self, limit_s: float) -> list[Outcome]:
+    def wait(self, limit_s: float) -> list[TaskOutcome]:
         task = self._running.pop(0)
         self.now_s += sum(map(self._case_s, task.cases)) / self.workers
         if any(case.number in self._deadly for case in task.cases):
-            return [Outcome(task, None, "its worker died")]
+            return [Outcome(task, None, WorkerDied("its worker died"))]
         return [Outcome(task, [CaseResult(c.number, {"m": 1.0}, None, self._case_s(c), "w") for c in task.cases])]
 
     def close(self) -> None: ...

@@ -18,7 +18,8 @@ import pytest
 
 from hapnet import cli
 from hapnet.errors import HapnetError
-from hapnet.study.backend import Backend, Outcome
+from hapnet.simulation.processes import Outcome
+from hapnet.study.backend import Backend, TaskOutcome
 from hapnet.study.export import TIMING
 from hapnet.study.journal import NAME, Journal
 from hapnet.study.spec import Spec
@@ -248,14 +249,14 @@ def test_a_sweep_that_cannot_go_on_writes_what_it_has(
         def submit(self, task: Task) -> None:
             self.task: Task | None = task
 
-        def wait(self, limit_s: float) -> list[Outcome]:
+        def wait(self, limit_s: float) -> list[TaskOutcome]:
             if self.task is None or self.task.cases[0].number:
                 raise HapnetError("the scheduler is gone")
             return [Outcome(self.task, run(self.task))]
 
         def close(self) -> None: ...
 
-    monkeypatch.setattr("hapnet.commands.sweeping.LocalPool", lambda workers: Gone())
+    monkeypatch.setattr("hapnet.commands.sweeping.local_workers", lambda workers: Gone())
     spec_file(directory, SHORT)
     assert cli.main(["sweep", "study.toml", "--workers", "1"]) == 2
     assert capsys.readouterr().err == (

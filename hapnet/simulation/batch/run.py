@@ -11,9 +11,9 @@ from hapnet.assembly.memory import require_room
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
 from hapnet.simulation.batch.cruise import Cruise
-from hapnet.simulation.batch.processes import Progress, in_processes
 from hapnet.simulation.batch.scenario import BatchRun, Scenario
 from hapnet.simulation.garbage_collector import collector_paused
+from hapnet.simulation.processes import Progress, in_processes
 
 SMALLEST = 32
 """With fewer scenarios of a kind, one at a time is faster."""

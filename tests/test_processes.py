@@ -7,18 +7,23 @@ import re
 import signal
 import subprocess
 import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
 
-from hapnet.errors import HapnetError
-from hapnet.study import export, pool
-from hapnet.study.pool import LocalPool
+from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.simulation import processes
+from hapnet.simulation.processes import WorkerPool, in_processes
+from hapnet.study import export
+from hapnet.study.backend import local_workers
 from hapnet.study.runner import Sweep
 from hapnet.study.task import Task, run
 from tests.conftest import ENVIRONMENT
 from tests.processes import until
 from tests.study.sweeps import TOUCHY, journal_of, known
+
+Told = Callable[[float], None]
 
 AXES = """
 [[vary]]
@@ -33,11 +38,12 @@ WHY = "its worker was killed by SIGKILL, out of memory perhaps, 2 times"
 def test_a_case_that_kills_its_worker_is_a_row_that_says_so(tmp_path: Path) -> None:
     """And all others have their results, the same as without workers."""
     journal = journal_of(tmp_path, TOUCHY + AXES)
-    workers = LocalPool(2)
+    workers = local_workers(2)
+    assert isinstance(workers, WorkerPool)
     Sweep(journal, workers, lambda done: None).run()
-    processes = [worker.process for worker in workers._workers]
+    started = [worker.process for worker in workers._workers]
     workers.close()
-    assert not any(process.is_alive() for process in processes)
+    assert not any(process.is_alive() for process in started)
     rows = list(journal.rows())
     assert [row.error for row in rows if row.case.values["world.wall.stiffness"] == 666.0] == [WHY]
     spared = tuple(row.case for row in rows if row.error != WHY)
@@ -51,7 +57,8 @@ def test_a_case_that_kills_its_worker_is_a_row_that_says_so(tmp_path: Path) -> N
 @pytest.mark.slow
 def test_a_worker_killed_from_outside_costs_no_case(tmp_path: Path) -> None:
     journal = journal_of(tmp_path, TOUCHY + "[vary]\nseed = '0:40'")
-    workers = LocalPool(1)
+    workers = local_workers(1)
+    assert isinstance(workers, WorkerPool)
     killed: list[int] = []
 
     def progress(done: int) -> None:
@@ -70,7 +77,7 @@ def test_a_worker_killed_from_outside_costs_no_case(tmp_path: Path) -> None:
 def test_workers_never_hear_ctrl_c() -> None:
     """Held back from the first instruction on, in a process that has started no other before; then ignored."""
     code = (
-        "from pathlib import Path; from hapnet.study.pool import LocalPool; pool = LocalPool(2)\n"
+        "from pathlib import Path; from hapnet.study.backend import local_workers; pool = local_workers(2)\n"
         "def show(): [print(Path(f'/proc/{w.process.pid}/status').read_text()) for w in pool._workers]\n"
         "show()\n"
         "while not all(worker.ready for worker in pool._workers): pool.wait(0.1)\n"
@@ -87,8 +94,8 @@ def test_workers_never_hear_ctrl_c() -> None:
 
 
 def test_processes_that_do_not_start_are_an_error_not_a_loop(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pool, "_serve", os._exit)  # its argument is no exit code: it fails
-    workers = LocalPool(2)
+    monkeypatch.setattr(processes, "_serve", os._exit)  # takes no such arguments: it fails
+    workers = local_workers(2)
 
     def wait() -> bool:
         assert workers.wait(0.1) == []
@@ -97,3 +104,47 @@ def test_processes_that_do_not_start_are_an_error_not_a_loop(monkeypatch: pytest
     with pytest.raises(HapnetError, match="worker processes do not start: ended by itself with exit code 1"):
         until(wait)
     workers.close()
+
+
+def at_work(cases: Sequence[str], progress: Told) -> list[str]:
+    """What some words make of a share of work."""
+    if "die" in cases:
+        os.kill(os.getpid(), signal.SIGKILL)
+    if "refuse" in cases:
+        raise InvalidParameter("word", "refuse", "another")
+    for k in range(len(cases)):
+        progress((k + 1) / len(cases))
+    return [f"{word}!" for word in cases]
+
+
+def test_shares_come_back_in_their_order_and_progress_ends_at_one() -> None:
+    told: list[float] = []
+    assert in_processes(at_work, [["a", "b", "c"], ["d"]], told.append) == [["a!", "b!", "c!"], ["d!"]]
+    assert told[-1] == 1.0
+    assert all(0.0 <= share <= 1.0 for share in told)
+
+
+@pytest.mark.parametrize(
+    ("word", "error", "said"),
+    [
+        (
+            "die",
+            HapnetError,
+            "^a part of the runs is missing: its worker was killed by SIGKILL, out of memory perhaps$",
+        ),
+        ("refuse", InvalidParameter, "^word is 'refuse'; allowed: another$"),
+    ],
+)
+def test_a_share_that_is_lost_is_an_error_and_no_endless_wait(word: str, error: type[Exception], said: str) -> None:
+    with pytest.raises(error, match=said):
+        in_processes(at_work, [[word]])
+
+
+def test_an_error_that_cannot_leave_its_process_leaves_its_words() -> None:
+    class Local(Exception):
+        """Of a function: another process cannot import it."""
+
+    told = processes._picklable(Local("of two\nlines"))
+    assert (type(told), str(told)) == (HapnetError, "Local: of two lines")
+    refused = InvalidParameter("word", 1, "another")
+    assert processes._picklable(refused) is refused
