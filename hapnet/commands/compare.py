@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -18,7 +19,10 @@ from netem.profile import PRESETS
 from netem.units import format_path
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from hapnet.study.compare import Case, Outcome, Plan
+    from hapnet.study.journal import Journal
 
 LINKS = {"ideal": "ideal", "lan": "lan", "4g": "4g", "intercontinental": "wan-intercontinental"}
 """The links by default, each with its profile; these names may be given for their profiles."""
@@ -102,15 +106,17 @@ class CompareOptions:
             show_default="the slowest link, the last operator, the first seed",
         ),
     ] = None
-    files: Annotated[bool, typer.Option("--files/--no-files", help="Write compare.json and figures.")] = True
+    files: Annotated[bool, typer.Option("--files/--no-files", help="Write compare.json, figures and a journal.")] = True
+    fresh: Annotated[
+        bool, typer.Option("--fresh", help="Throw away what is in --out of an earlier comparison, and begin anew.")
+    ] = False
     metrics: Annotated[bool, typer.Option("--metrics", help="Print what each metric means and end.")] = False
 
 
 def main(params: Params, given: CompareOptions, json_to: str | None, out: Path | None) -> int:
     """Compare, and show it; 0 even if cases failed, as long as one did not: the tables say it. 4 if a claim failed."""
-    from hapnet.simulation.processes import usable_cores
-    from hapnet.study import compare, tables, tunings
-    from hapnet.study.case import kept
+    from hapnet.study import tables
+    from hapnet.study.journal import Journal
 
     words = output.console(json_to)
     if given.metrics:
@@ -118,21 +124,47 @@ def main(params: Params, given: CompareOptions, json_to: str | None, out: Path |
         return 0
     plan = plan_of(params, given)
     drawn = drawn_case(plan, given.case)
-    cases = plan.cases()
-    directory = output.run_directory(out, "compare") if given.files else None
+    spec = plan.spec
+    with ExitStack() as stack:
+        if given.files:
+            directory = output.run_directory(out, "compare")
+        else:
+            directory = Path(stack.enter_context(TemporaryDirectory(prefix="hapnet-compare-")))
+        journal = Journal.create_or_resume(directory, spec, spec.cases(), fresh=given.fresh)
+        stack.callback(journal.close)
+        return _compare(words, plan, drawn, journal, directory, given, json_to)
+
+
+def _compare(
+    words: Console,
+    plan: Plan,
+    drawn: Case,
+    journal: Journal,
+    directory: Path,
+    given: CompareOptions,
+    json_to: str | None,
+) -> int:
+    from hapnet.commands.studies import run_missing
+    from hapnet.simulation.processes import usable_cores
+    from hapnet.study import compare, tables, tunings
+    from hapnet.study.backend import local_workers
+    from hapnet.study.case import kept
+
+    journal.forget_failed()
+    workers = given.workers or usable_cores()
+    ran = run_missing(words, journal, "comparing", lambda cases: local_workers(min(workers, cases)))
+    if ran.stopped is not None:
+        return ran.stop(f"with --out {directory} the same command goes on" if given.files else "nothing is kept")
+    outcomes = plan.outcomes(journal.rows())
+    if all(one.error is not None for one in outcomes):
+        raise InvalidParameter("--coupling", list(plan.couplings), f"cases that run; none did: {outcomes[0].error}")
+    found = compare.groups(plan, outcomes)
+    whole = tables.as_dict(plan, outcomes, found)
+    whole["wall_clock"] = {"cases": len(outcomes), "seconds": ran.lasted_s, "workers": workers}
     written = output.Written()
-    began = time.perf_counter()
-    with Progress(words, "comparing", len(cases), "cases") as bar:
-        outcomes = compare.run(cases, given.workers, lambda share: bar.update(share * len(cases)))
-        if all(one.error is not None for one in outcomes):
-            raise InvalidParameter("--coupling", list(plan.couplings), f"cases that run; none did: {outcomes[0].error}")
-        lasted_s = time.perf_counter() - began
-        found = compare.groups(plan, outcomes)
-        whole = tables.as_dict(plan, outcomes, found)
-        whole["wall_clock"] = {"cases": len(cases), "seconds": lasted_s, "workers": given.workers or usable_cores()}
-        there = []
-        if directory is not None:
-            bar.stage("drawing")
+    there = []
+    if given.files:
+        with Progress(words, "drawing"):
             there = _write(directory, plan, drawn, outcomes, whole, written)
     for table in tables.tables(plan, found, words.width):
         words.print(table, soft_wrap=False)
@@ -141,7 +173,8 @@ def main(params: Params, given: CompareOptions, json_to: str | None, out: Path |
         words.print(chosen, soft_wrap=False)
     for line in tables.failures(outcomes):
         words.print(line, style="red", markup=False)
-    words.print(f"{len(cases)} cases in {lasted_s:.0f} s")
+    before = f", {ran.before} of them before" if ran.before else ""
+    words.print(f"{len(outcomes)} cases{before}, in {ran.lasted_s:.0f} s")
     if there:
         words.print(f"{', '.join(there)} in {directory}", markup=False)
     for one in outcomes:

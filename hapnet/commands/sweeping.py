@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import time
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from hapnet.commands import output
 from hapnet.commands.progress import Progress
+from hapnet.commands.studies import run_missing
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
 from hapnet.simulation.processes import usable_cores
@@ -18,14 +18,12 @@ from hapnet.study import export
 from hapnet.study.backend import Backend, local_workers
 from hapnet.study.case import check
 from hapnet.study.journal import NAME, Journal
-from hapnet.study.runner import Sweep
 from hapnet.study.spec import SEED, Case, Spec, Values, params_of, value_words
 from hapnet.study.task import reason
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-INTERRUPTED = 130
 _SHOWN = 3  # cases that --dry-run shows of each end
 _REASONS = 3
 
@@ -98,37 +96,19 @@ def plot(
 def _run(
     words: Console, journal: Journal, directory: Path, how: Options, endings: tuple[str, ...], json_to: str | None
 ) -> int:
-    if journal.other_version is not None:
-        text = f"hapnet {journal.other_version} began this sweep: its results are kept, and may differ from new ones"
-        output.show_warnings(words, (text,))
     again = journal.forget_failed() if how.retry_failed else 0
     total, before, _ = journal.count()
     if before or again:
         words.print(f"{before} of {total} cases are done{f', {again} failed and are run again' * bool(again)}")
-    began = time.monotonic()
-    stopped: KeyboardInterrupt | HapnetError | None = None
-    if before < total:
-        backend: Backend | None = None
-        try:
-            backend = _backend(words, how, total - before)
-            with Progress(words, "sweeping", total, "cases") as progress:
-                Sweep(journal, backend, progress.update).run()
-        except (KeyboardInterrupt, HapnetError) as ended:
-            if backend is None and isinstance(ended, HapnetError):
-                raise  # nothing has begun
-            stopped = ended
-        finally:
-            if backend is not None:
-                backend.close()
-    lasted_s = time.monotonic() - began
+    ran = run_missing(words, journal, "sweeping", lambda cases: _backend(words, how, cases))
     written = output.Written()
     columns = export.table(journal)
     files: list[Path] = []
     with written.part():
         files = export.write(columns, directory, endings)
-    total, done, failed = journal.count()
-    if done > before:
-        words.print(f"{done - before} cases in {lasted_s:.1f} s: {(done - before) / lasted_s:.1f} a second")
+    done, failed, new = ran.done, ran.failed, ran.done - before
+    if new:
+        words.print(f"{new} cases in {ran.lasted_s:.1f} s: {new / ran.lasted_s:.1f} a second")
     broken = sum(value == 0.0 for value in columns.get("claim_kept", ()))
     if broken:
         written.broken.append(
@@ -143,14 +123,10 @@ def _run(
         figure = f"; a figure: hapnet sweep plot {directory}" * (done > failed)
         words.print(f"results: {', '.join(map(str, files))}{figure}", markup=False)
     with written.part():
-        about = {"cases": total, "done": done, "failed": failed, "run": done - before, "wall_s": lasted_s}
+        about = {"cases": total, "done": done, "failed": failed, "run": new, "wall_s": ran.lasted_s}
         output.write_json({**about, "errors": dict(reasons), "files": [str(file) for file in files]}, json_to)
-    if stopped is not None:
-        line = f"{done} of {total} cases are done; the same command goes on"
-        if isinstance(stopped, HapnetError):
-            raise HapnetError(f"{stopped}: {line}") from stopped
-        output.complain(f"stopped: {line}")
-        return INTERRUPTED
+    if ran.stopped is not None:
+        return ran.stop("the same command goes on")
     return written.code(output.INCOMPLETE if failed else 0)
 
 

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from hapnet.metrics import METRICS
 from hapnet.params import RELAXED_HAND, Params
-from hapnet.simulation.processes import Progress, in_processes, usable_cores
-from hapnet.study.case import Measures, measure
+from hapnet.study.case import DEADBAND, Measures
+from hapnet.study.journal import Row
+from hapnet.study.spec import LINK, SEED, Spec, Values
 from hapnet.summary.verdict import ROUNDING_J
 
+NAME = "compare"
 LIGHT = "@light"
 """After an operator's name: with a relaxed hand. A firm one damps what a bad coupling does."""
 
@@ -89,53 +91,66 @@ class Plan:
 
     def case(self, variant: Variant, link: str, operator: str, seed: int) -> Case:
         """One of them. Raises InvalidParameter if its parameters do not go together."""
-        name = operator.removesuffix(LIGHT)
-        up, down = self.links[link]
-        changes: dict[str, object] = {} if name == operator else dict(RELAXED_HAND)
-        changes |= {"coupling": variant.coupling, "operator": name, "link.up": up, "link.down": down}
-        changes["wire.deadband"] = variant.deadband
+        values = self._values(variant, link, operator)
+        ways = values.pop(LINK)
+        changes = values | {f"link.{way}": words for way, words in ways.items()}
         return Case(variant, link, operator, seed, self.params.set(changes))
 
+    @property
+    def spec(self) -> Spec:
+        """The same cases as the spec of a sweep: a product for each hand and each set of variants."""
+        sets = [(list(self.couplings), list(self.deadbands)), *(([one.coupling], [one.deadband]) for one in self.extra)]
+        hands = [[one for one in self.operators if one.endswith(LIGHT) is light] for light in (False, True)]
+        links = [{"up": up, "down": down} for up, down in self.links.values()]
+        products: tuple[dict[str, list[Any]], ...] = tuple(
+            {
+                "coupling": couplings,
+                DEADBAND: deadbands,
+                "operator": [one.removesuffix(LIGHT) for one in operators],
+                **{name: [value] for name, value in self._hand(operators[0]).items()},
+                LINK: links,
+                SEED: list(self.seeds),
+            }
+            for couplings, deadbands in sets
+            for operators in hands
+            if operators
+        )
+        plain = Params().flat()
+        varied = {"link.up", "link.down"}.union(*products)
+        fixed = {
+            name: value for name, value in self.params.flat().items() if name not in varied and value != plain[name]
+        }
+        return Spec(NAME, fixed, products)
 
-def run(cases: Sequence[Case], workers: int = 0, progress: Progress | None = None) -> list[Outcome]:
-    """What the cases show, in their order: the same whatever the number of `workers` (0: one a core).
+    def outcomes(self, rows: Iterable[Row]) -> list[Outcome]:
+        """What the cases showed, in their order, by the journal's rows of `spec`; every case must have been run."""
+        spec, found = self.spec, {row.case.key: row for row in rows}
+        digests: dict[tuple[Variant, str, str], str] = {}
+        outcomes = []
+        for case in self.cases():
+            about = case.variant, case.link, case.operator
+            if about not in digests:
+                digests[about] = spec.digest(self._values(*about))
+            row = found[f"{digests[about]}-{case.seed}"]
+            outcomes.append(Outcome(case, row.measures if row.error is None else None, row.error))
+        return outcomes
 
-    `progress` is told the share that is done, 0 to 1. With more than one worker the caller's main module must be
-    importable.
-    """
-    workers = min(workers or usable_cores(), len(cases))
-    if workers <= 1:
-        return _measured(cases, progress or (lambda share: None))
-    shares = _shares(cases, workers)
-    parts = in_processes(_measured, [[cases[k] for k in share] for share in shares], progress)
-    found = {k: one for share, part in zip(shares, parts, strict=True) for k, one in zip(share, part, strict=True)}
-    return [found[k] for k in range(len(cases))]
+    def _values(self, variant: Variant, link: str, operator: str) -> Values:
+        up, down = self.links[link]
+        return {
+            "coupling": variant.coupling,
+            DEADBAND: variant.deadband,
+            "operator": operator.removesuffix(LIGHT),
+            **self._hand(operator),
+            LINK: {"up": up, "down": down},
+        }
 
-
-def _shares(cases: Sequence[Case], workers: int) -> list[list[int]]:
-    """Which cases each worker gets: what differs only in its link stays together."""
-    together: dict[tuple[str, str, int], list[int]] = {}
-    for k, case in enumerate(cases):
-        together.setdefault((case.variant.coupling, case.operator, case.seed), []).append(k)
-    groups = list(together.values())
-    workers = min(workers, len(groups))
-    return [[k for group in groups[worker::workers] for k in group] for worker in range(workers)]
-
-
-def _measured(cases: Sequence[Case], progress: Progress) -> list[Outcome]:
-    done = []
-    for case in cases:
-        done.append(outcome(case))
-        progress(len(done) / len(cases))
-    return done
-
-
-def outcome(case: Case) -> Outcome:
-    """Measure; whatever goes wrong in one case is told in its place."""
-    try:
-        return Outcome(case, measure(case.params, case.seed))
-    except Exception as error:
-        return Outcome(case, None, " ".join(f"{error}".split()) or type(error).__name__)
+    def _hand(self, operator: str) -> Values:
+        """The hand of an operator, where not all of them have the same."""
+        if not any(one.endswith(LIGHT) for one in self.operators):
+            return {}
+        light = operator.endswith(LIGHT)
+        return {name: value if light else self.params.get(name) for name, value in RELAXED_HAND.items()}
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,9 @@ COMMIT_S = 0.5
 ATTEMPTS = 2
 """A case whose worker dies is tried again, alone; then it is the one."""
 
+TOGETHER = 8
+"""So many more cases a task takes at most, if they are measured against the same run over an ideal link."""
+
 _WAIT_S = 0.2
 _WEIGHT = 0.3  # of the newest task in the mean time of a case
 
@@ -88,20 +91,25 @@ class Sweep:
                 case, attempt = self._alone.popleft()
                 task = Task(self._journal.fixed, (case,), attempt)
             elif self._pending:
-                cases = tuple(self._pending.popleft() for _ in range(self._size()))
-                task = Task(self._journal.fixed, cases)
+                task = Task(self._journal.fixed, self._next())
             else:
                 return
             self._backend.submit(task)
             self._running += 1
             self._suspects += task.attempt > 0
 
-    def _size(self) -> int:
-        """Cases of the next task: for `TASK_S`, fewer near the end, so that all workers end together."""
-        if self._case_s is None:
-            return 1
+    def _next(self) -> tuple[Case, ...]:
+        """Cases of the next task: for `TASK_S`, fewer near the end, so that all workers end together.
+
+        Those that are measured against the same run stay together, as that run is made once by each worker.
+        """
         share = ceil(len(self._pending) / (2 * max(1, self._backend.workers)))
-        return max(1, min(share, int(TASK_S / max(self._case_s, 1e-6))))
+        size = 1 if self._case_s is None else max(1, min(share, int(TASK_S / max(self._case_s, 1e-6))))
+        cases = [self._pending.popleft() for _ in range(size)]
+        reference = _reference(cases[-1])
+        while len(cases) < min(share, size + TOGETHER) and self._pending and _reference(self._pending[0]) == reference:
+            cases.append(self._pending.popleft())
+        return tuple(cases)
 
     def _take(self, outcome: TaskOutcome) -> None:
         task, results = outcome.task, outcome.result

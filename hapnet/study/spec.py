@@ -142,6 +142,10 @@ class Spec:
                 found.setdefault(key, Case(len(found), values, seed, key))
         return list(found.values())
 
+    def digest(self, values: Values) -> str:
+        """What the keys of the cases with these `values` begin with; the seed follows."""
+        return self._digest(flat_of(self.fixed, values))
+
     def _values(self, every: Values) -> Values:
         """Of all that varies in any product, as parameters have them: 100 is 100.0 where that is a number."""
         up, down = every["link.up"], every["link.down"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import signal
 import statistics
 from collections.abc import Callable
@@ -19,11 +20,17 @@ from hapnet.commands import compare as command
 from hapnet.errors import HapnetError
 from hapnet.metrics import METRICS
 from hapnet.params import Params
-from hapnet.study import compare, tables, tunings
-from hapnet.study.case import Measures
+from hapnet.simulation.processes import usable_cores
+from hapnet.study import backend, compare, tables, task, tunings
+from hapnet.study.backend import Backend, local_workers
+from hapnet.study.case import Measures, measure
 from hapnet.study.compare import Case, Outcome, Plan, Variant
+from hapnet.study.journal import Journal, Row
+from hapnet.study.runner import Sweep
+from hapnet.study.spec import params_of
 from tests.conftest import DATA
 from tests.processes import started
+from tests.study.sweeps import Here
 
 Capture = pytest.CaptureFixture[str]
 
@@ -69,35 +76,64 @@ def test_each_coupling_is_tried_with_each_deadband() -> None:
 # -- running ---------------------------------------------------------------------------------------------------------
 
 
-def test_the_same_from_any_number_of_workers() -> None:
-    cases = plan().cases()
-    told: list[float] = []
-    alone = compare.run(cases, 1, told.append)
-    assert told[-1] == 1.0
-    assert [one.case for one in alone] == cases
+def compared(asked: Plan, directory: Path, backend: Backend) -> list[Outcome]:
+    """As the command does."""
+    spec = asked.spec
+    journal = Journal.create_or_resume(directory, spec, spec.cases())
+    Sweep(journal, backend, lambda done: None).run()
+    backend.close()
+    found = asked.outcomes(journal.rows())
+    journal.close()
+    return found
+
+
+def test_the_cases_are_those_of_a_sweep(tmp_path: Path) -> None:
+    """The same parameters after their way through the journal, where each case finds its own row."""
+    base = QUICK.set({"operator_hand.mass": 0.3, "device.stiffness": [[100.0, 5.0], [5.0, 80.0]]})
+    for params, operators in ((base, ("press", "sine@light")), (base, ("press", "sine")), (QUICK, ("press@light",))):
+        asked = Plan(params, ("pspm", "zoh"), LINKS, operators, (0, 3), (0.0,), (Variant("zoh", 0.1),))
+        fixed, cases = json.loads(json.dumps(asked.spec.fixed)), asked.spec.cases()
+        rows = [Row(one, True, known(margin_J=float(one.number)), None, None, None) for one in cases]
+        found = asked.outcomes(rows)
+        assert len(cases) == len(found) == 3 * 2 * len(operators) * 2
+        for one in found:
+            assert one.measures is not None
+            case = cases[int(one.measures["margin_J"] or 0.0)]
+            assert params_of(fixed, json.loads(json.dumps(case.values))) == one.case.params
+            assert case.seed == one.case.seed
+
+
+def test_the_same_from_any_number_of_workers(tmp_path: Path) -> None:
+    asked = plan(seeds=1)
+    alone = compared(asked, tmp_path, Here())
+    assert [one.case for one in alone] == asked.cases()
     assert all(one.error is None for one in alone)
-    assert compare.run(cases, 2) == alone
-    assert compare.run(cases[3:4], 1) == alone[3:4]
+    (tmp_path / "two").mkdir()
+    assert compared(asked, tmp_path / "two", local_workers(2)) == alone
+    for one in alone[3:5]:
+        assert one.measures == measure(one.case.params, one.case.seed)
 
 
-def test_a_case_that_fails_is_told_and_the_rest_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
-    def measure(params: Params, seed: int) -> Measures:
+def test_a_case_that_fails_is_told_and_the_rest_is_measured(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def pretended(params: Params, seed: int) -> Measures:
         if params.coupling == "zoh" and seed == 1:
             raise ZeroDivisionError("somebody's\n own scene")
         if params.coupling == "zoh" and seed == 2:
-            raise HapnetError
+            raise HapnetError("no way")
         return known()
 
-    monkeypatch.setattr(compare, "measure", measure)
+    monkeypatch.setattr(task, "measure", pretended)
     asked = plan(seeds=3)
-    found = compare.run(asked.cases(), 1)
-    assert {one.error for one in found if one.measures is None} == {"somebody's own scene", "HapnetError"}
+    found = compared(asked, tmp_path, Here())
+    assert {one.error for one in found if one.measures is None} == {
+        "ZeroDivisionError: somebody's own scene", "no way"
+    }  # fmt: skip
     assert sum(one.measures is not None for one in found) == 16
     groups = {(one.variant.coupling, one.link): one for one in compare.groups(asked, found) if one.operator is None}
     assert (groups["zoh", "far"].cases, groups["zoh", "far"].failed, groups["zoh", "far"].passive) == (6, 4, 2)
     assert groups["pspm", "far"].failed == 0
     lines = tables.failures(found, most=3)
-    assert lines[0] == "failed: zoh over near, press, seed 1: somebody's own scene"
+    assert lines[0] == "failed: zoh over near, press, seed 1: ZeroDivisionError: somebody's own scene"
     assert lines[-1] == "and 5 more"
 
 
@@ -173,7 +209,8 @@ def test_what_is_written(tmp_path: Path, capsys: Capture) -> None:
     assert cli.main([*asked, "--json", "-"]) == 0
     whole = json.loads(capsys.readouterr().out)
     assert whole == json.loads((out / "compare.json").read_text("utf-8"))
-    assert {file.name for file in out.iterdir()} == {"compare.json", "traces.png", "tradeoff.png"}
+    written = {"compare.json", "traces.png", "tradeoff.png"}
+    assert {file.name for file in out.iterdir()} == {*written, "journal.sqlite", "lock"}
     assert all((out / name).read_bytes().startswith(b"\x89PNG") for name in ("traces.png", "tradeoff.png"))
     couplings = whole["settings"]["couplings"]
     assert {"pspm", "zoh"} <= set(couplings)
@@ -188,6 +225,36 @@ def test_what_is_written(tmp_path: Path, capsys: Capture) -> None:
     again |= json.loads((tmp_path / "again.json").read_text("utf-8"))
     again["wall_clock"] = whole["wall_clock"]
     assert again == whole
+
+
+def test_the_same_command_goes_on_and_another_is_refused(
+    here: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    """Cases with a result are not run again; those that failed are."""
+    ran: list[str] = []
+
+    def pretended(params: Params, seed: int) -> Measures:
+        ran.append(params.coupling)
+        if len(ran) == 2:
+            raise HapnetError("this time")
+        if len(ran) == 4:
+            raise KeyboardInterrupt
+        return known()
+
+    monkeypatch.setattr(task, "measure", pretended)
+    monkeypatch.setattr(command, "_write", lambda *given: [])
+    out = tmp_path / "out"
+    asked = ("compare", "--link", "lan", "--coupling", "zoh,eba,pd", *QUICKLY, "--out", str(out))
+    assert cli.main([*asked]) == 130
+    told = capsys.readouterr().err
+    assert told == f"hapnet: stopped: 3 of 4 cases are done; with --out {out} the same command goes on\n"
+    assert cli.main([*asked]) == 0
+    assert "4 cases, 2 of them before, in " in capsys.readouterr().out
+    assert len(ran) == 6
+    assert cli.main([*asked, "--seeds", "0:2"]) == 2
+    assert "is of another spec: 4 cases are new, 0 are gone, 4 are the same" in capsys.readouterr().err
+    assert cli.main([*asked, "--seeds", "0:2", "--fresh"]) == 0
+    assert len(ran) == 14
 
 
 def test_a_recorded_link_is_one_more() -> None:
@@ -226,20 +293,26 @@ def test_what_makes_no_comparison_is_one_line(flags: tuple[str, ...], said: str,
     assert said in err
 
 
-def test_nothing_but_failures_is_an_error(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+@pytest.fixture
+def here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The command's cases run in this process."""
+    monkeypatch.setattr(backend, "local_workers", lambda count: Here())
+
+
+def test_nothing_but_failures_is_an_error(here: None, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
     def fails(params: Params, seed: int) -> Measures:
         raise HapnetError("no way")
 
-    monkeypatch.setattr(compare, "measure", fails)
+    monkeypatch.setattr(task, "measure", fails)
     assert cli.main(["compare", *QUICKLY, "--no-files"]) == 2
     assert "no way" in capsys.readouterr().err
 
 
-def test_a_claim_that_was_not_kept_ends_with_4(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+def test_a_claim_that_was_not_kept_ends_with_4(here: None, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
     def measured(params: Params, seed: int) -> Measures:
         return known(margin_J=-0.1, claim_kept=float(params.coupling == "zoh"))
 
-    monkeypatch.setattr(compare, "measure", measured)
+    monkeypatch.setattr(task, "measure", measured)
     words = ["compare", "--link", "lan", *QUICKLY, "--no-files"]
     assert cli.main([*words, "--coupling", "zoh"]) == 0
     assert cli.main([*words, "--coupling", "pspm,zoh"]) == 4
@@ -268,14 +341,15 @@ def test_ctrl_c_ends_it_and_its_workers(tmp_path: Path, monkeypatch: pytest.Monk
         program.until_line("comparing")
         os.killpg(pid, signal.SIGINT)
         code, _, err = program.end()
-        assert (code, err) == (130, "")
+        assert code == 130
+        assert re.fullmatch(r"hapnet: stopped: 0 of 144 .* with --out runs/\S+-compare the same command goes on\n", err)
         program.until_gone()
 
 
 @pytest.mark.slow
-def test_pspm_is_passive_in_the_whole_default_set() -> None:
+def test_pspm_is_passive_in_the_whole_default_set(tmp_path: Path) -> None:
     asked = Plan(command.BASE, ("pspm",), command.links_of(None, ()), command.OPERATORS, (0, 1, 2))
-    for one in compare.run(asked.cases()):
+    for one in compared(asked, tmp_path, local_workers(usable_cores())):
         assert one.error is None
         assert one.measures is not None
         margins = [one.measures[name] for name in ("margin_J", "hand_margin_J", "actuator_margin_J")]

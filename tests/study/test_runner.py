@@ -13,7 +13,7 @@ from hapnet.simulation.processes import Outcome, WorkerDied
 from hapnet.study import task as task_module
 from hapnet.study.backend import TaskOutcome
 from hapnet.study.journal import Journal
-from hapnet.study.runner import ATTEMPTS, COMMIT_S, TASK_S, Sweep
+from hapnet.study.runner import ATTEMPTS, COMMIT_S, TASK_S, TOGETHER, Sweep
 from hapnet.study.spec import Case
 from hapnet.study.task import CaseResult, Task, run
 from tests.study.sweeps import SHORT, TOUCHY, journal_of
@@ -56,6 +56,7 @@ class Pretended:
 
 
 SWEEPS = journal_of.__module__
+MANY_LINKS = f"[vary]\nlink = {[f'delay {k}ms' for k in range(1, 101)]}"
 MANY = "[vary]\nseed = '0:1000'"
 
 
@@ -89,6 +90,24 @@ def test_tasks_take_about_the_same_time_whatever_a_case_takes(tmp_path: Path, ca
     elif case_s == 0.1:
         assert sizes.count(int(TASK_S / case_s)) > 0.8 * len(sizes)
     assert sizes[-1] <= max(1, sizes[len(sizes) // 2] // 2)  # all workers end together
+
+
+def test_cases_that_share_a_reference_run_stay_together(tmp_path: Path) -> None:
+    """All four links of a seed, though a task would be shorter else; but no task grows without end."""
+    links = "[vary]\nseed = '0:40'\nlink = ['lan', '4g', 'dsl', 'wifi']"
+    journal = journal_of(tmp_path, links)
+    backend = Pretended(2, lambda case: 1.2)
+    Sweep(journal, backend, lambda done: None, lambda: backend.now_s).run()
+    journal.close()
+    seeds = [{case.seed for case in task.cases} for task in backend.tasks]
+    assert all(len(one) == 1 for one in seeds)
+    assert len(seeds) <= 40 + 6  # all but some of the last, which are cut so that both workers end together
+    (tmp_path / "many").mkdir()
+    many = journal_of(tmp_path / "many", MANY_LINKS)
+    backend = Pretended(2, lambda case: 1.2)
+    Sweep(many, backend, lambda done: None, lambda: backend.now_s).run()
+    many.close()
+    assert max(len(task.cases) for task in backend.tasks) == 1 + TOGETHER
 
 
 def test_tasks_follow_when_cases_become_longer(tmp_path: Path) -> None:
