@@ -70,6 +70,7 @@ def run(
     params: ParamsOptions,
     json_to: flags.Json = None,
     out: flags.Out = None,
+    verbose: flags.Verbose = False,
     realtime: flags.Realtime = False,
 ) -> int:
     """Both processes on this machine, over Zenoh: a hand presses a virtual wall over a link that delays and loses.
@@ -84,7 +85,7 @@ def run(
     json_target(json_to)
     from hapnet.commands import run as command
 
-    return command.main(chosen, seed, json_to, out, realtime=realtime)
+    return command.main(chosen, seed, json_to, out, realtime=realtime, verbose=verbose)
 
 
 @app.command()
@@ -97,6 +98,7 @@ def simulate(
     params: ParamsOptions,
     json_to: flags.Json = None,
     out: flags.Out = None,
+    verbose: flags.Verbose = False,
     files: Annotated[bool, typer.Option("--files/--no-files", help="Write recording, figure and summary.")] = True,
     seeds: Annotated[str | None, typer.Option(metavar="A:B", help="Many seeds, A to B - 1: a table, no files.")] = None,
     workers: Annotated[int, typer.Option(min=0, help="Processes for many seeds; 0: one a core.")] = 0,
@@ -111,7 +113,7 @@ def simulate(
 
     if seeds is not None:
         return batch.main(chosen, batch.seed_range(seeds), json_to, workers)
-    return command.main(chosen, seed, json_to, out, files=files)
+    return command.main(chosen, seed, json_to, out, files=files, verbose=verbose)
 
 
 @app.command()
@@ -191,6 +193,7 @@ def reproduce(
     params: ParamsOptions,
     json_to: flags.Json = None,
     out: flags.Out = None,
+    verbose: flags.Verbose = False,
 ) -> int:
     """The paper's Figures 4, 5 and 6, simulated with Section 4's numbers (its lost digits reconstructed)."""
     from hapnet.commands import reproduce as command
@@ -202,7 +205,7 @@ def reproduce(
     if params.show_params:
         return _show(params.shown(chosen))
     json_target(json_to)
-    return command.main(figure, chosen, seed, json_to, out)
+    return command.main(figure, chosen, seed, json_to, out, verbose=verbose)
 
 
 @app.command()
@@ -223,6 +226,7 @@ def replay(
     params: Annotated[ParamsOptions, Without("show_params", "schema")],
     json_to: flags.Json = None,
     out: flags.Out = None,
+    verbose: flags.Verbose = False,
 ) -> int:
     """A recorded run again, in virtual time: as it was, or the same hand through another link or coupling.
 
@@ -234,7 +238,7 @@ def replay(
     def chosen(base: Params) -> Params:
         return params.over(links.for_all_of(base), model.named(), links)
 
-    return command.main(files, chosen, seed, json_to, out)
+    return command.main(files, chosen, seed, json_to, out, verbose=verbose)
 
 
 @app.command()
@@ -244,12 +248,13 @@ def report(
     ],
     json_to: flags.Json = None,
     out: Annotated[Path | None, typer.Option(help="Directory for what is written.", show_default="beside FILE")] = None,
+    verbose: flags.Verbose = False,
 ) -> int:
     """One or two recordings as a page (HTML), figures and a summary; a torn one is repaired into a copy beside it."""
     json_target(json_to)
     from hapnet.commands import report as command
 
-    return command.main(files, json_to, out)
+    return command.main(files, json_to, out, verbose=verbose)
 
 
 @app.command()

@@ -457,6 +457,24 @@ def test_out_gets_everything_and_report_reads_it(tmp_path: Path, empty_directory
     assert (out / "run.png").stat().st_size > 10_000
 
 
+def test_five_lines_and_all_tables_on_demand(tmp_path: Path, capsys: Capture) -> None:
+    short = ("--duration", "0.5", "--out", str(tmp_path))
+    begin = ["passive: ", "tracking error (rms): ", "largest force: ", "path: round trip ", "files: "]
+    assert cli.main(["simulate", *short]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line[: len(start)] for line, start in zip(lines, begin, strict=True)] == begin
+    assert lines[-1].startswith(f"files: run.mcap, figure.png, summary.json in {tmp_path}; ")
+    assert cli.main(["report", str(tmp_path / "run.mcap")]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line[: len(start)] for line, start in zip(lines, begin, strict=True)] == begin
+    for command in (["simulate", *short, "-v"], ["report", str(tmp_path / "run.mcap"), "--verbose"]):
+        assert cli.main(command) == 0
+        out = capsys.readouterr().out
+        assert out.startswith("passive: ")
+        assert all(f"\n{title}" in out for title in ("both ports", "sides", "shuffled energy", "path, ", "motion"))
+        assert "[J]" not in out
+
+
 def test_default_directory_names_time_and_seed(empty_directory: Path) -> None:
     assert cli.main(["simulate", "--duration", "0.1", "--seed", "42"]) == 0
     (made,) = (empty_directory / "runs").iterdir()

@@ -16,7 +16,7 @@ from rich.console import Console
 
 from hapnet.errors import RecordingError
 from hapnet.recording.samples import DeviceSample, Event, MemoryRecorder, Recording, WorldSample
-from hapnet.report import figure, save_figure, summary_text, verdict
+from hapnet.report import brief_text, figure, save_figure, summary_text, verdict
 
 ALONE = "passivity not known: of both ports together only, and the world's account is not here"
 APART = "passivity not known: of both ports together only, and both were not seen at the same time"
@@ -304,15 +304,15 @@ def test_the_summary_as_a_table() -> None:
     assert rows["given out, most [mJ]"] == ["30", "40"]
     assert rows["margin at the end [mJ]"] == ["70", "-"]
     assert rows["reservoir, least [mJ]"] == ["1.2", "-"]
-    assert rows["sent [J]"] == ["1.123456789", "-"]
-    assert rows["credited [J]"] == ["0.000000005", "-"]
+    assert rows["sent [mJ]"] == ["1123", "-"]
+    assert rows["credited [mJ]"] == ["5e-06", "-"]
     assert rows["slack, least [mJ]"] == ["0", "0"]
     assert rows["deficit, largest [mJ]"] == ["0", "-"]
     assert rows["true slack, least [mJ]"] == ["3", "-"]
     assert "quantisation [mJ]" not in rows
     assert rows["servo late p99 [µs]"] == ["61.2", "-"]
     assert rows["step mean [ms]"] == ["-", "30"]
-    assert rows["energy in flight [J]"] == ["0.000000789", "0.000000000"]
+    assert rows["energy in flight [mJ]"] == ["0.000789", "0"]
     assert rows["asked"] == [LINK, "-"]
     assert rows["delay p50 [ms]"] == ["40.2", "-"]
     assert rows["lost [%]"] == ["2.25", "-"]
@@ -332,7 +332,8 @@ def test_no_rows_of_what_a_coupling_does_not_have(coupling: str) -> None:
     summary = {"coupling": coupling, "device": {**side, "abandoned_nJ": 0, "incarnations": 1}, "world": side}
     summary["energy"] = {"up": {"sent_nJ": 0, "abandoned_nJ": 0}, "down": None}
     rows = cells(printed(summary))
-    shuffled = {"sent [J]", "credited [J]", "discarded [J]", "abandoned [J]", "energy sent [J]", "energy abandoned [J]"}
+    shuffled = {f"{name} [mJ]" for name in ("sent", "credited", "discarded", "abandoned", "energy sent")}
+    shuffled.add("energy abandoned [mJ]")
     assert shuffled & set(rows) == (shuffled if coupling == "pspm" else set())
     assert ("given out, most [mJ]" in rows) == (coupling != "wave")
     assert rows["pairs"] == ["1", "-"]
@@ -340,6 +341,33 @@ def test_no_rows_of_what_a_coupling_does_not_have(coupling: str) -> None:
 
 def test_a_summary_that_knows_nothing_is_its_verdict_alone() -> None:
     assert printed({"theorem": None, "links": None}).strip() == NOTHING
+
+
+def test_what_matters_most_in_four_lines() -> None:
+    summary: dict[str, Any] = {
+        "theorem": {"margin_J": 0.0312, "bound_J": 0.1},
+        "motion": {"free_rms_m": 0.00234, "contact_rms_m": 0.0104, "peak_force_N": 3.217, "contacts": 1,
+                   "peak_penetration_m": 0.0018},
+        "path": {"round_trip_p50_ms": 83.04, "round_trip_p99_ms": 110.2, "up": {"sent": 400, "lost": 9}, "down": None},
+    }  # fmt: skip
+    assert brief_lines(summary) == [
+        "passive: at most 68.8 of d² = 100 mJ ever came out",
+        "tracking error (rms): 2.34 mm free, 10.4 mm in contact",
+        "largest force: 3.217 N, 1 contact, 1.8 mm deep at most",
+        "path: round trip 83.04 ms (99 %: 110.2), 2.25 % lost up",
+    ]
+    summary["motion"] |= {"free_rms_m": None, "contacts": 0}
+    assert brief_lines(summary)[1:3] == ["tracking error (rms): 10.4 mm in contact", "largest force: 3.217 N"]
+    assert brief_lines({}) == [
+        NOTHING,
+        *(f"{name}: not known" for name in ("tracking error (rms)", "largest force", "path")),
+    ]
+
+
+def brief_lines(summary: dict[str, Any]) -> list[str]:
+    out = io.StringIO()
+    Console(file=out, width=100).print(brief_text(summary))
+    return out.getvalue().splitlines()
 
 
 def test_a_figure_that_cannot_be_written(tmp_path: Path) -> None:

@@ -73,6 +73,7 @@ Json = Annotated[str | None, typer.Option("--json", metavar="FILE|-", help="Summ
 Out = Annotated[
     Path | None, typer.Option(help="Directory for all that is written.", show_default="runs/<UTC time>-<seed>")
 ]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="All tables of the summary, not only its main lines.")]
 Realtime = Annotated[
     bool,
     typer.Option(

@@ -213,6 +213,7 @@ class SideFlags:
     once: flags.Once = False
     log_to: flags.Log = None
     progress: flags.Progress = False
+    verbose: flags.Verbose = False
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -173,8 +173,14 @@ def show_warnings(out: Console, warnings: tuple[str, ...]) -> None:
         out.print(f"warning: {warning}", style="yellow", markup=False)
 
 
-def show_summary(out: Console, summary: dict[str, Any]) -> None:
-    """The summary as a table."""
+def show_summary(out: Console, summary: Mapping[str, Any], *, verbose: bool) -> None:
+    """The verdict with what matters most in three lines or, if `verbose`, in all tables."""
     from hapnet import report
 
-    out.print(report.summary_text(summary))
+    out.print(report.summary_text(summary) if verbose else report.brief_text(summary))
+
+
+def show_files(out: Console, names: Iterable[str], directory: Path, more: str = "") -> None:
+    """The last line of a run: which of the files `names` are in `directory`."""
+    if there := [name for name in names if (directory / name).exists()]:
+        out.print(f"files: {', '.join(there)} in {directory}{more}", markup=False)

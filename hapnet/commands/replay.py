@@ -24,6 +24,8 @@ def main(
     seed: int | None,
     json_to: str | None,
     out: Path | None,
+    *,
+    verbose: bool,
 ) -> int:
     """Simulate with the recording's parameters and seed; write recording, figures and summary, and compare.
 
@@ -70,12 +72,12 @@ def main(
             raise OutputError(str(error)) from None
     with written.part():
         output.write_json(summary, str(directory / "summary.json"))
-    output.show_summary(words, summary)
+    output.show_summary(words, summary, verbose=verbose)
     written.judge(summary, params, virtual=True)
     words.print(table(compared))
     words.print(verdict(compared))
     if not written.missing:
-        words.print(f"recording, figures and summary in {directory}")
+        output.show_files(words, (target.name, "figure.png", "replay.png", "summary.json"), directory)
     with written.part():
         output.write_json(summary, json_to)
     return written.code()

@@ -23,10 +23,8 @@ if TYPE_CHECKING:
     from hapnet.report import Source
 
 
-def main(files: list[Path], json_to: str | None, out: Path | None) -> int:
+def main(files: list[Path], json_to: str | None, out: Path | None, *, verbose: bool) -> int:
     """Read, repair what is torn, summarise, draw."""
-    from hapnet import report
-
     if not 1 <= len(files) <= 2:
         raise InvalidParameter("FILE", [str(file) for file in files], "one recording, or the device's and the world's")
     words = output.console(json_to)
@@ -50,10 +48,9 @@ def main(files: list[Path], json_to: str | None, out: Path | None) -> int:
     shown = _legible(replace(whole, summary=summary))
     names = {"run": f"{stem}.png", "link": f"{stem}-link.png", "servo": f"{stem}-servo.png"}
     there = write(shown, sources, directory, f"{stem}.html", names, written)
-    words.print(report.summary_text(shown.summary or {}))
+    output.show_summary(words, shown.summary or {}, verbose=verbose)
     written.judge(summary, asked(recordings), virtual=whole.meta.get("clock") == "virtual")
-    if there:
-        words.print(f"{', '.join(there)} in {directory}", markup=False)
+    output.show_files(words, there, directory)
     with written.part():
         output.write_json(summary, json_to)
     return written.code()

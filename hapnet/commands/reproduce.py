@@ -29,7 +29,7 @@ SECTION_4 = {"scene": "wall", "operator": "press", "link.up": "", "link.down": "
 SMOOTHING_S = 0.015
 
 
-def main(figure: str, params: Params, seed: int, json_to: str | None, out: Path | None) -> int:
+def main(figure: str, params: Params, seed: int, json_to: str | None, out: Path | None, *, verbose: bool) -> int:
     """Simulate Section 4, draw the figure, print the summary."""
     from hapnet import report
     from hapnet.recording.mcap import save
@@ -51,10 +51,11 @@ def main(figure: str, params: Params, seed: int, json_to: str | None, out: Path 
     result.summary["reconstructed"] = True
     output.write_json(result.summary, str(directory / f"{figure}.json"))
     output.show_warnings(words, result.warnings)
-    output.show_summary(words, result.summary)
+    output.show_summary(words, result.summary, verbose=verbose)
     written = output.Written()
     written.judge(result.summary, params, virtual=True)
-    words.print(f"{figure}.png, {figure}.mcap and {figure}.json in {directory} (the paper's lost digits reconstructed)")
+    names = (f"{figure}.png", f"{figure}.mcap", f"{figure}.json")
+    output.show_files(words, names, directory, " (the paper's lost digits reconstructed)")
     output.write_json(result.summary, json_to)
     return written.code()
 

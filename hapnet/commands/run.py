@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from hapnet.report import Source
 
 
-def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, realtime: bool) -> int:
+def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, realtime: bool, verbose: bool) -> int:
     """Start both processes, wait for them, write the run's report, figure and summary."""
     setup = prepare(params, "sampled")
     check_sides(setup)
@@ -51,9 +51,8 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, re
             """A notice, for people and for the log; the device's clock says how far the run is."""
             nonlocal running
             if notice["kind"] != "progress":
-                # the report has the path
                 text = repeats.line(role, notice["kind"], notice["text"], notice["monotonic_ns"])
-                if notice["kind"] not in ("waiting", "path") and text is not None:
+                if text is not None and (verbose or not _expected(notice)):
                     words.print(f"{role}: {text}", markup=False)
                 with written.part():
                     output.write_line(log.fileno(), line, str(directory / "log.jsonl"))
@@ -78,14 +77,19 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, re
     if recording is not None:
         with Progress(words, "drawing"):
             write(recording, sources, directory, "report.html", {"run": "figure.png"}, written)
-    output.show_summary(words, summary)
+    output.show_summary(words, summary, verbose=verbose)
     written.judge(summary, params, virtual=False)
     files = ("device.mcap", "world.mcap", "report.html", "figure.png", "summary.json", "log.jsonl")
-    there = [file for file in files if (directory / file).exists()]
-    words.print(f"{', '.join(there)} in {directory}")
+    output.show_files(words, files, directory)
     with written.part():
         output.write_json(summary, json_to)
     return written.code(code)
+
+
+def _expected(notice: dict[str, Any]) -> bool:
+    """Is it what every run has? Both sides wait for each other and are paired once; the summary has the path."""
+    first = notice["kind"] == "paired" and notice.get("values", {}).get("pair") == 1
+    return first or notice["kind"] in ("waiting", "path")
 
 
 async def _run(pair: Pair) -> int:

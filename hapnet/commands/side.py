@@ -53,6 +53,8 @@ class SideOptions:
     """Notices as JSON lines: to a file, or for "-" on standard output instead of words for people."""
     progress: bool
     """Of these also how far the run is."""
+    verbose: bool = False
+    """All tables of the summary, for people."""
 
 
 def zenoh_settings(options: ZenohOptions) -> ZenohSettings:
@@ -109,7 +111,9 @@ def _main(params: Params, options: SideOptions, refusals: Refusals) -> int:
         log.close()
     written.missing += filter(None, (side.unrecorded, log.failure, stopped(summary)))
     if words is not None:
-        output.show_summary(words, summary)
+        output.show_summary(words, summary, verbose=options.verbose)
+        if options.record is not None:
+            output.show_files(words, [options.record.name], options.record.parent)
     if not started_by_run:  # which judges both together
         written.judge(summary, params, virtual=False)
     with written.part():

@@ -10,7 +10,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 
 
-def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, files: bool) -> int:
+def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, files: bool, verbose: bool) -> int:
     """Simulate, write recording, figure and summary, print the summary."""
     from hapnet.recording.mcap import save
     from hapnet.simulation.simulation import Simulation
@@ -33,13 +33,11 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, fi
                 output.save_figure(result.recording, directory / "figure.png")
             with written.part():
                 output.write_json(result.summary, str(directory / "summary.json"))
-    output.show_summary(words, result.summary)
+    output.show_summary(words, result.summary, verbose=verbose)
     written.judge(result.summary, params, virtual=True)
     if directory is not None and not written.missing:
-        file = directory / "run.mcap"
-        words.print(
-            f"recording, figure and summary in {directory}; a page of it all: hapnet report {file}", markup=False
-        )
+        page = f"; a page of it all: hapnet report {directory / 'run.mcap'}"
+        output.show_files(words, ("run.mcap", "figure.png", "summary.json"), directory, page)
     with written.part():
         output.write_json(result.summary, json_to)
     return written.code()

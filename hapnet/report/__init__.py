@@ -5,12 +5,13 @@ from hapnet.report.files import png, save, save_figure
 from hapnet.report.histograms import lateness_histogram, link_histogram
 from hapnet.report.page import Source, page
 from hapnet.report.pictures import Picture, pictures
-from hapnet.report.tables import summary_text
+from hapnet.report.tables import brief_text, summary_text
 from hapnet.report.words import legible, verdict
 
 __all__ = [
     "Picture",
     "Source",
+    "brief_text",
     "figure",
     "lateness_histogram",
     "legible",

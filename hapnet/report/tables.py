@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from hapnet.couplings.registry import jointly_passive
 from hapnet.report.words import (
-    exact_joule,
     get,
     has_reservoirs,
     known,
@@ -16,6 +15,7 @@ from hapnet.report.words import (
     millijoule,
     number,
     outcome,
+    shuffled,
     text,
     tuning,
     verdict,
@@ -23,6 +23,7 @@ from hapnet.report.words import (
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
+    from rich.text import Text
 
 _WAYS = ("up", "down")
 _Row = tuple[str, str, tuple[str, ...], Callable[[Any], str]]  # label, unit, where in the summary, into words
@@ -38,17 +39,17 @@ _SIDES: tuple[_Row, ...] = (
     ("given out while the servo was away", "mJ", ("overrun_leak_J",), millijoule),
     ("greatest speed", "m/s", ("speed_max_mps",), number),
     ("force in the account", "", ("force",), text),
-    ("sent", "J", ("sent_nJ",), exact_joule),
-    ("credited", "J", ("credited_nJ",), exact_joule),
-    ("discarded", "J", ("discarded_nJ",), exact_joule),
-    ("abandoned", "J", ("abandoned_nJ",), exact_joule),
+    ("sent", "mJ", ("sent_nJ",), shuffled),
+    ("credited", "mJ", ("credited_nJ",), shuffled),
+    ("discarded", "mJ", ("discarded_nJ",), shuffled),
+    ("abandoned", "mJ", ("abandoned_nJ",), shuffled),
     ("quantisation", "mJ", ("quantisation_J",), millijoule),
     ("pairs", "", ("incarnations",), number),
     ("initial energy of its peers", "mJ", ("peers_J",), milli),
     ("silences", "", ("outages", "count"), number),
     ("longest silence", "s", ("outages", "longest_s"), number),
     ("slowest recovery", "ms", ("outages", "recovery_max_s"), milli),
-    ("positions lost or overtaken", "", ("missing",), number),
+    ("positions not used (late or lost)", "", ("missing",), number),
     ("servo ticks", "", ("servo", "ticks"), number),
     ("servo late p50", "µs", ("servo", "late_p50_us"), number),
     ("servo late p99", "µs", ("servo", "late_p99_us"), number),
@@ -66,10 +67,10 @@ _BOTH: tuple[_Row, ...] = (
 )
 _OF_RESERVOIRS = {"sent", "credited", "discarded", "abandoned"}
 _ENERGY: tuple[_Row, ...] = (
-    ("energy sent", "J", ("sent_nJ",), exact_joule),
-    ("energy credited", "J", ("credited_nJ",), exact_joule),
-    ("energy in flight", "J", ("in_flight_nJ",), exact_joule),
-    ("energy abandoned", "J", ("abandoned_nJ",), exact_joule),
+    ("energy sent", "mJ", ("sent_nJ",), shuffled),
+    ("energy credited", "mJ", ("credited_nJ",), shuffled),
+    ("energy in flight", "mJ", ("in_flight_nJ",), shuffled),
+    ("energy abandoned", "mJ", ("abandoned_nJ",), shuffled),
 )
 _LINKS: tuple[_Row, ...] = (
     ("asked", "", ("profile",), text),
@@ -162,6 +163,32 @@ def motion(summary: Mapping[str, Any]) -> Table:
     return Table("motion", ("",), [*_rows(_MOTION, [get(summary, "motion")])])
 
 
+def brief(summary: Mapping[str, Any]) -> list[str]:
+    """What matters most, in a line each: how well the proxy followed the hand, how hard it pushed, over which path."""
+    free, touched, force, depth, contacts = (
+        known(get(summary, "motion", name))
+        for name in ("free_rms_m", "contact_rms_m", "peak_force_N", "peak_penetration_m", "contacts")
+    )
+    errors = {"free": free, "in contact": touched}
+    told = ", ".join(f"{milli(value)} mm {where}" for where, value in errors.items() if value is not None)
+    pushed = [] if force is None else [f"{number(force)} N"]
+    pushed += [f"{number(contacts)} contact{'s' * (contacts != 1)}"] if contacts else []
+    pushed += [f"{milli(depth)} mm deep at most"] if contacts and depth is not None else []
+    return [
+        f"tracking error (rms): {told or 'not known'}",
+        f"largest force: {', '.join(pushed) or 'not known'}",
+        f"path: {_path_words(summary)}",
+    ]
+
+
+def brief_text(summary: Mapping[str, Any]) -> RenderableType:
+    """The verdict, and `brief`: for people who have just run it."""
+    from rich.console import Group
+    from rich.text import Text
+
+    return Group(_verdict_text(summary), *map(Text, brief(summary)))
+
+
 def summary_text(summary: Mapping[str, Any]) -> RenderableType:
     """The summary object for people: its verdict and all tables; ``-`` where a value is unknown."""
     from rich import box
@@ -182,13 +209,29 @@ def summary_text(summary: Mapping[str, Any]) -> RenderableType:
 
     tables = (both_ports(summary), sides(summary), energy(summary), path(summary), links(summary), motion(summary))
     return Group(
-        Text(
-            verdict(summary),
-            style={"bad": "bold red", "unknown": "bold yellow", "good": "bold green"}[outcome(summary)],
-        ),
+        _verdict_text(summary),
         Text(_about(summary)),
         *(drawn(table) for table in tables if table.rows),
     )
+
+
+def _verdict_text(summary: Mapping[str, Any]) -> Text:
+    from rich.text import Text
+
+    styles = {"bad": "bold red", "unknown": "bold yellow", "good": "bold green"}
+    return Text(verdict(summary), style=styles[outcome(summary)])
+
+
+def _path_words(summary: Mapping[str, Any]) -> str:
+    """The round trip, and what each direction lost; the emulated links included."""
+    median, late = (known(get(summary, "path", f"round_trip_{quantile}_ms")) for quantile in ("p50", "p99"))
+    said = [] if median is None else [f"round trip {number(median)} ms"]
+    if said and late is not None:
+        said[0] += f" (99 %: {number(late)})"
+    for way in _WAYS:
+        lost = _share(get(summary, "path", way), "lost", "sent")
+        said += [] if lost is None else [f"{lost} % lost {way}"]
+    return ", ".join(said) or "not known"
 
 
 def _ways(summary: Mapping[str, Any], what: str) -> list[Any]:

@@ -67,9 +67,6 @@ def millijoule(value: Any) -> str:
     return milli(0 if known(value) is not None and abs(value) < DEFICIT_J else value)
 
 
-def exact_joule(value_nJ: Any) -> str:
-    """Whole nanojoules in joules, to the last digit."""
-    if not isinstance(value_nJ, int):
-        return text(value_nJ)
-    whole, rest = divmod(abs(value_nJ), 1_000_000_000)
-    return f"{'-' if value_nJ < 0 else ''}{whole}.{rest:09d}"
+def shuffled(energy_nJ: Any) -> str:
+    """Nanojoules, as the wire counts them, in millijoules."""
+    return text(energy_nJ) if known(energy_nJ) is None else number(energy_nJ * 1e-6 if energy_nJ else 0)
