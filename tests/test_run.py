@@ -130,7 +130,7 @@ def test_a_deadband_sends_less_and_shuffles_all_the_same(more: tuple[str, ...], 
 def test_a_signal_stops_a_run_cleanly(number: signal.Signals, code: int, more: tuple[str, ...], tmp_path: Path) -> None:
     out = tmp_path / "run"
     words = ("--duration", 60, "--operator", "sine", "--json", tmp_path / "s.json", "--out", out, *more)
-    with started("run", *words) as program:
+    with started("run", "-v", *words) as program:
         program.until_line("device: paired")
         program.until("samples on disk", lambda: size(out / "device.mcap") > 20_000)
         program.process.send_signal(number)
@@ -165,7 +165,7 @@ def test_ctrl_c_while_the_processes_start_leaves_no_traceback(tmp_path: Path) ->
 def test_a_run_whose_child_is_killed_says_so(tmp_path: Path) -> None:
     """The other process is ended too, and what was recorded can be read."""
     out = tmp_path / "run"
-    with started("run", "--duration", 60, "--out", out) as program:
+    with started("run", "-v", "--duration", 60, "--out", out) as program:
         program.until_line("device: paired")
         program.until("samples on disk", lambda: size(out / "device.mcap") > 10_000)
         os.kill(child_of(program.process.pid, "device"), signal.SIGKILL)
@@ -207,7 +207,9 @@ def test_a_device_of_ones_own_is_made_once_and_named_when_it_fails(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("driver.py").write_text(DRIVER, "utf-8")
-    with started("run", "--device", "driver:Arm", "--set", "world.wall.half_width_m=0.05", "--out", "r") as program:
+    with started(
+        "run", "-v", "--device", "driver:Arm", "--set", "world.wall.half_width_m=0.05", "--out", "r"
+    ) as program:
         program.until_line("device: paired")
         assert program.out[0].startswith("warning: world.wall.half_width_m")  # said before anything runs
         code, stdout, stderr = program.end()
