@@ -11,15 +11,8 @@ from hapnet.couplings.registry import COUPLINGS
 from hapnet.params import Params
 from hapnet.recording.samples import Recording
 from hapnet.simulation.simulation import Simulation, simulate
-from hapnet.summary.run import (
-    Summary,
-    combine,
-    device_summary,
-    from_recording,
-    merge,
-    of_recordings,
-    versions,
-)
+from hapnet.summary.recorded import from_recording, of_recordings
+from hapnet.summary.run import Summary, combine, device_summary, merge, versions
 
 SIDE_KEYS = {"ledger", "reservoir_min_J", "sent_nJ", "credited_nJ", "discarded_nJ", "abandoned_nJ", "incarnations"}
 LINK_KEYS = {"profile", "offered", "delivered", "lost", "reordered", "delay_p50_ms", "delay_p99_ms"}

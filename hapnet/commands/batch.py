@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,8 @@ from hapnet.commands import output
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
+from hapnet.summary.structure import SIDES, WAYS, SidePart, Summary, Way
+from hapnet.wire.messages import Role
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -90,34 +92,40 @@ def _table(runs: list[BatchRun]) -> Table:
     from rich.table import Table
 
     table = Table("", "median", "least", "most")
-    for name, path, scale in _figures():
-        known = [x for x in (_at(run.summary, path) for run in runs) if x is not None]
+    for name, value, scale in _figures():
+        known = [float(x) for x in (value(run.summary) for run in runs) if x is not None]
         if known:
             table.add_row(escape(name), *(_words(x * scale) for x in (median(known), min(known), max(known))))
     return table
 
 
-def _figures() -> Iterator[tuple[str, tuple[str, ...], float]]:
+def _figures() -> Iterator[tuple[str, Callable[[Summary], float | None], float]]:
     """What the table shows, where a summary has it, and by what to multiply that."""
-    yield "came out of both ports, most [mJ]", ("theorem", "energy_out_J"), 1e3
-    yield "margin at the end [mJ]", ("theorem", "margin_end_J"), 1e3
-    for side in ("device", "world"):
-        yield f"{side} gave out, most [mJ]", (side, "ledger", "energy_out_J"), 1e3
-        yield f"{side} slack [mJ]", (side, "ledger", "slack_J"), 1e3
-        yield f"{side} reservoir minimum [mJ]", (side, "reservoir_min_J"), 1e3
-    for way in ("up", "down"):
-        yield f"sent {way} [mJ]", ("energy", way, "sent_nJ"), 1e-6
-        yield f"credited {way} [mJ]", ("energy", way, "credited_nJ"), 1e-6
-        yield f"lost {way}", ("links", way, "lost"), 1.0
+    yield "came out of both ports, most [mJ]", lambda of: of["theorem"]["energy_out_J"], 1e3
+    yield "margin at the end [mJ]", lambda of: of["theorem"]["margin_end_J"], 1e3
+    for side in SIDES:
+        yield from _of_side(side)
+    for way in WAYS:
+        yield from _of_way(way)
+
+
+def _of_side(side: Role) -> Iterator[tuple[str, Callable[[Summary], float | None], float]]:
+    def part(of: Summary) -> SidePart:
+        found = of[side]
+        assert found is not None, "a simulated run has both sides"
+        return found
+
+    yield f"{side} gave out, most [mJ]", lambda of: part(of)["ledger"]["energy_out_J"], 1e3
+    yield f"{side} slack [mJ]", lambda of: part(of)["ledger"]["slack_J"], 1e3
+    yield f"{side} reservoir minimum [mJ]", lambda of: part(of)["reservoir_min_J"], 1e3
+
+
+def _of_way(way: Way) -> Iterator[tuple[str, Callable[[Summary], float | None], float]]:
+    yield f"sent {way} [mJ]", lambda of: of["energy"][way]["sent_nJ"], 1e-6
+    yield f"credited {way} [mJ]", lambda of: of["energy"][way]["credited_nJ"], 1e-6
+    yield f"lost {way}", lambda of: None if (link := of["links"][way]) is None else link["lost"], 1.0
 
 
 def _words(value: float) -> str:
     """Four digits, down to the tolerance; what is less is rounding, and shown as nothing."""
     return f"{round(value, 6) + 0.0:.4g}"
-
-
-def _at(summary: dict[str, Any], path: tuple[str, ...]) -> float | None:
-    value: Any = summary
-    for name in path:
-        value = value[name]
-    return None if value is None else float(value)

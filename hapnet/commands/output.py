@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -85,9 +85,7 @@ class Written:
 
         if verdict.broken(summary, params, virtual=virtual):
             why = verdict.judge(summary)["reason"]
-            self.broken.append(
-                f"the coupling {verdict.get(summary, 'coupling')} did not keep passivity, as it claims: {why}"
-            )
+            self.broken.append(f"the coupling {summary.get('coupling')} did not keep passivity, as it claims: {why}")
 
     @contextmanager
     def part(self) -> Iterator[None]:
@@ -126,7 +124,7 @@ def run_directory(out: Path | None, which: int | str | None) -> Path:
     return path
 
 
-def write_json(value: dict[str, Any] | list[dict[str, Any]], json_to: str | None) -> None:
+def write_json(value: Mapping[str, Any] | Sequence[Mapping[str, Any]], json_to: str | None) -> None:
     """`--json`: to a file, to standard output for "-", nowhere for None. Raises OutputError if it cannot be written."""
     if json_to is None:
         return

@@ -17,7 +17,7 @@ from hapnet.param_values import flatten
 from hapnet.params import Params
 from hapnet.recording.mcap import read_recording, repair
 from hapnet.recording.samples import Event, Recording, join
-from hapnet.summary.run import of_recordings
+from hapnet.summary.recorded import of_recordings
 
 if TYPE_CHECKING:
     from hapnet.report import Source

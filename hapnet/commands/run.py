@@ -7,7 +7,7 @@ import signal
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from hapnet.params import Params
 from hapnet.recording.mcap import read_recording
 from hapnet.recording.samples import Recording, join
 from hapnet.side.endpoint import DeviceEndpoint, WorldEndpoint
-from hapnet.summary.run import merge
+from hapnet.summary.run import Summary, merge
 
 if TYPE_CHECKING:
     from hapnet.report import Source
@@ -104,9 +104,9 @@ async def _run(pair: Pair) -> int:
 
 def _result(
     pair: Pair, setup: Setup, seed: int, written: output.Written
-) -> tuple[dict[str, Any], Recording | None, list[Source]]:
+) -> tuple[Summary, Recording | None, list[Source]]:
     """The summary of both sides, and what they recorded."""
-    sides = pair.parts["device"], pair.parts["world"]
+    sides = cast(Summary, pair.parts["device"]), cast(Summary, pair.parts["world"])
     try:
         parts = {(file := pair.recording(role)): read_recording(file) for role in ("device", "world")}
         recording = join(*parts.values())

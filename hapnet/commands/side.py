@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast, get_args
+from typing import cast, get_args
 
 from hapnet import checks
 from hapnet.assembly.build import LIVE, prepare
@@ -21,6 +21,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 from hapnet.realtime.runner import RealtimeSide
 from hapnet.side.notices import Notice
+from hapnet.summary.structure import Summary
 from hapnet.summary.verdict import stopped
 from hapnet.transport.config import Mode, ZenohSettings, zenoh_warnings
 from hapnet.transport.refusals import Refusals, heeded
@@ -121,7 +122,7 @@ def _main(params: Params, options: SideOptions, refusals: Refusals) -> int:
     return written.code(code)
 
 
-async def _run(side: RealtimeSide, duration_s: float, log: Log) -> tuple[dict[str, Any], int]:
+async def _run(side: RealtimeSide, duration_s: float, log: Log) -> tuple[Summary, int]:
     stop = asyncio.Event()
     caught: list[signal.Signals] = []
     told = catch(stop, caught, again=side.hurry)

@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+from typing import TypedDict
+
 import numpy as np
 from numpy.typing import NDArray
 
 from hapnet.recording.samples import Columns, Recording
 
 
-def motion(recording: Recording) -> dict[str, float | int | None]:
+class Motion(TypedDict):
+    """How the proxy followed the hand, and how hard it pushed: see `motion`. None where the recording cannot tell."""
+
+    free_rms_m: float | None
+    contact_rms_m: float | None
+    peak_force_N: float | None
+    peak_penetration_m: float | None
+    contacts: int | None
+
+
+def motion(recording: Recording) -> Motion:
     """Position errors, peaks and the number of contacts; a value is None where the recording cannot tell it.
 
     The position error is the Euclidean distance between the device and the proxy [m], the proxy interpolated linearly
@@ -24,9 +36,13 @@ def motion(recording: Recording) -> dict[str, float | int | None]:
     contacts : how many separate visits to a wall there were, one that was under way at the start included.
     """
     device, world = recording.device, recording.world
-    result: dict[str, float | int | None] = dict.fromkeys(
-        ("free_rms_m", "contact_rms_m", "peak_force_N", "peak_penetration_m", "contacts")
-    )
+    result: Motion = {
+        "free_rms_m": None,
+        "contact_rms_m": None,
+        "peak_force_N": None,
+        "peak_penetration_m": None,
+        "contacts": None,
+    }
     if device is not None:
         result["peak_force_N"] = _finite(np.linalg.norm(device["force_N"], axis=1).max())
     if world is not None:

@@ -15,7 +15,7 @@ from hapnet.realtime.world_thread import Stepper
 from hapnet.recording.samples import Sample
 from hapnet.side.device import Clock, DeviceSide
 from hapnet.side.endpoint import DeviceEndpoint, WireHalf, WorldEndpoint
-from hapnet.summary.run import Summary, device_summary, with_wire, world_summary
+from hapnet.summary.run import SidePart, device_summary, with_wire, world_summary
 from hapnet.wire.session import Session
 
 UNPAIRED_STEP_NS = 1_000_000
@@ -59,7 +59,7 @@ class Control(Protocol):
     def lead(self, position: Vector) -> None:
         """Where a live hand is to go [m], shape (n,)."""
 
-    def summary(self, now_ns: int) -> Summary:
+    def summary(self, now_ns: int) -> SidePart:
         """This side's part of the summary as of `now_ns`, complete once it has stopped."""
 
 
@@ -103,7 +103,7 @@ class ThreadedDevice:
         assert self.side.live_hand is not None
         self.side.live_hand.lead(position)
 
-    def summary(self, now_ns: int) -> Summary:
+    def summary(self, now_ns: int) -> SidePart:
         part = device_summary(self.side, self._coupling, servo_timing(self._servo, self.side))
         return with_wire(part, self.wire.session, now_ns)
 
@@ -150,7 +150,7 @@ class ThreadedWorld:
     def lead(self, position: Vector) -> None:
         raise AssertionError("a world has no hand")
 
-    def summary(self, now_ns: int) -> Summary:
+    def summary(self, now_ns: int) -> SidePart:
         return with_wire(world_summary(self.side, self._coupling), self.wire.session, now_ns)
 
     def _step(self, now_ns: int) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import secrets
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -73,7 +73,7 @@ class Recorder:
         except RecordingError as error:
             self._give_up(error)
 
-    def close(self, summary: dict[str, Any] | None, unrecorded: int) -> None:
+    def close(self, summary: Mapping[str, Any] | None, unrecorded: int) -> None:
         """End it with the summary; once. `unrecorded` : samples that were lost before they came here."""
         if self._writer is None:
             return
@@ -132,7 +132,7 @@ class Recordings:
         if self._recorder is not None:
             self._recorder.drain(now_ns, meta)
 
-    def end(self, summary: dict[str, Any] | None, lost: int) -> None:
+    def end(self, summary: Mapping[str, Any] | None, lost: int) -> None:
         """End the recording that is being made, if there is one.
 
         lost : samples that did not come here, of all recordings so far.

@@ -249,7 +249,7 @@ class RealtimeSide:
         """
         self._drain()
         summary = self.summary()
-        known = summary[self.role]["ledger"]["margin_J"] is not None  # a servo's process tells it at its end only
+        known = (part := summary[self.role]) is not None and part["ledger"]["margin_J"] is not None
         self._recordings.end(summary if known else None, self.control.unrecorded)
         if path is not None:
             self._recordings.begin(path)
@@ -416,5 +416,5 @@ class RealtimeSide:
             recording=str(self._recordings.path or ""),
             about=self._meta(),
             link=self._meter.read(stats),
-            path=self._path_shown.read(),
+            path=dict(self._path_shown.read()),
         )

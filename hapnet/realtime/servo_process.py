@@ -23,7 +23,7 @@ from hapnet.realtime.controllers import ControlCallbacks
 from hapnet.realtime.servo_pipe import Pipe, PipeClosed, kind_of, socket_pair
 from hapnet.recording.samples import DeviceSample, Event
 from hapnet.side.endpoint import WireHalf
-from hapnet.summary.run import Summary, unknown_device, with_wire
+from hapnet.summary.run import SidePart, unknown_device, with_wire
 from hapnet.wire.session import Session
 
 START_LIMIT_S = 30.0
@@ -58,7 +58,7 @@ class ServoProcess:
         self._life = threading.Lock()  # held while the process is started and while it is ended
         self._process: subprocess.Popen[bytes] | None = None
         self._stopping = False
-        self._part: Summary = unknown_device()
+        self._part: SidePart = unknown_device()
         self._reader = threading.Thread(target=self._read, name="servo-pipe", daemon=True)
 
     # -- the control half, as the wire half sees it -------------------------------------------------------------------
@@ -131,7 +131,7 @@ class ServoProcess:
     def lead(self, position: Vector) -> None:
         self._deliver("lead", position)
 
-    def summary(self, now_ns: int) -> Summary:
+    def summary(self, now_ns: int) -> SidePart:
         return with_wire(self._part, self.wire.session, now_ns)
 
     def _open(self) -> None:

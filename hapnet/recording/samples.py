@@ -102,7 +102,7 @@ class Recording:
     device: Columns | None
     world: Columns | None
     events: list[Event]
-    summary: dict[str, Any] | None
+    summary: Mapping[str, Any] | None
     torn: bool = False
 
     def samples(self) -> list[Sample]:
@@ -168,7 +168,7 @@ def join(a: Recording, b: Recording) -> Recording:
 
 
 def from_samples(
-    meta: dict[str, Any], samples: Iterable[Sample], summary: dict[str, Any] | None, torn: bool
+    meta: dict[str, Any], samples: Iterable[Sample], summary: Mapping[str, Any] | None, torn: bool
 ) -> Recording:
     """`samples` as columns; ``meta["origin_ns"]``, where it is missing, becomes the first sample's time."""
     device, world, events = list[DeviceSample](), list[WorldSample](), list[Event]()

@@ -14,8 +14,9 @@ from hapnet.couplings.registry import known as known_coupling
 from hapnet.metrics.passivity import total_margin
 from hapnet.recording.samples import Columns, Recording
 from hapnet.report.style import MM, STYLE
-from hapnet.report.words import get, has_reservoirs, known, millijoule, verdict
-from hapnet.summary.run import from_recording
+from hapnet.report.words import get, has_reservoirs, millijoule, verdict
+from hapnet.summary.recorded import from_recording
+from hapnet.summary.structure import WAYS, read
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -135,9 +136,9 @@ def _margins(panel: Axes, recording: Recording) -> None:
 
 def _margin_words(recording: Recording) -> str:
     """The most that ever came out, and what was left of the margin."""
-    names = {"energy_out_J": "{} mJ came out", "margin_end_J": "{} mJ at the end"}
-    told = {words: known(get(recording.summary, "theorem", name)) for name, words in names.items()}
-    said = [words.format(millijoule(value)) for words, value in told.items() if value is not None]
+    theorem = read(recording.summary)["theorem"]
+    told = {"came out": theorem["energy_out_J"], "at the end": theorem["margin_end_J"]}
+    said = [f"{millijoule(value)} mJ {words}" for words, value in told.items() if value is not None]
     return f" ({', '.join(said)})" if said else ""
 
 
@@ -236,7 +237,7 @@ def _written(recording: Recording) -> bool:
 
 
 def _coupling(recording: Recording) -> Any:
-    return get(recording.summary, "coupling") or get(recording.meta, "coupling")
+    return read(recording.summary)["coupling"] or get(recording.meta, "coupling")
 
 
 def _received(recording: Recording) -> bool:
@@ -256,12 +257,14 @@ def _along(recording: Recording, axis: int) -> str:
 
 
 def _title(recording: Recording) -> str:
-    summary, meta = recording.summary or {}, recording.meta
-    up, down = (get(summary, "links", way, "profile") or get(meta, "links", way) for way in ("up", "down"))
+    summary, meta = read(recording.summary), recording.meta
+    links = summary["links"]
+    up, down = (None if (link := links[way]) is None else link["profile"] for way in WAYS)
+    up, down = up or get(meta, "links", "up"), down or get(meta, "links", "down")
     asked = {"link": up} if up == down else {"uplink": up, "downlink": down}
     words = [f"{name}: {str(profile)[:_TITLE]}" for name, profile in asked.items() if profile is not None]
-    for name in ("coupling", "seed"):
-        value = summary.get(name, meta.get(name))
+    for name, told in (("coupling", summary["coupling"]), ("seed", summary["seed"])):
+        value = meta.get(name) if told is None else told
         words += [] if value is None else [f"{name}\N{NO-BREAK SPACE}{str(value)[:_TITLE]}"]
     about = (line.replace("\N{NO-BREAK SPACE}", " ") for line in textwrap.wrap(", ".join(words), 100))
     return "\n".join([*about, *textwrap.wrap(verdict(_told(recording)), 100)])

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapnet.report.style import MM, STYLE
-from hapnet.report.words import get, known, number
+from hapnet.report.words import number
+from hapnet.summary.structure import WAYS, read
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,12 +25,13 @@ _WIDE = 20.0  # times the median: a delay that is longer needs a logarithmic axi
 _SUB_BINS = 8  # an octave of the servo's lateness has 32 bins; these are made of four each
 
 
-def link_histogram(summary: Mapping[str, Any]) -> Figure | None:
+def link_histogram(tree: object) -> Figure | None:
     """The delays of both links, a panel each, 180 mm wide; None if no link counted any."""
     from matplotlib import rc_context
 
-    links = {way: get(summary, "links", way) for way in ("up", "down")}
-    bins = {way: _bins(get(link, "delay_histogram_ms")) for way, link in links.items()}
+    counted = read(tree)["links"]
+    links = {way: link for way in WAYS if (link := counted[way]) is not None}
+    bins = {way: _bins(link["delay_histogram_ms"]) for way, link in links.items()}
     found = {way: part for way, part in bins.items() if len(part) > 1}
     if not found:
         return None
@@ -40,8 +42,9 @@ def link_histogram(summary: Mapping[str, Any]) -> Figure | None:
         panels = fig.subplots(len(found), 1, sharex=True, squeeze=False)[:, 0]
         for panel, (way, part) in zip(panels, found.items(), strict=True):
             _delays(panel, part, _COLORS[way], logarithmic=wide)
-            _marks(panel, {name: get(links[way], f"delay_{name}_ms") for name in ("p50", "p99")}, "ms")
-            words = textwrap.wrap(f"{way}link: {get(links[way], 'profile') or 'nothing emulated'}"[:_TITLE], _LINE)
+            link = links[way]
+            _marks(panel, {"p50": link["delay_p50_ms"], "p99": link["delay_p99_ms"]}, "ms")
+            words = textwrap.wrap(f"{way}link: {link['profile'] or 'nothing emulated'}"[:_TITLE], _LINE)
             panel.set_title("\n".join(words), loc="left", fontsize=8, parse_math=False)
         if not wide:
             shortest = min(part[0, 0] for part in found.values())
@@ -51,13 +54,14 @@ def link_histogram(summary: Mapping[str, Any]) -> Figure | None:
     return fig
 
 
-def lateness_histogram(summary: Mapping[str, Any]) -> Figure | None:
+def lateness_histogram(tree: object) -> Figure | None:
     """How late the servo's ticks were, on logarithmic axes; None if that was not recorded."""
     from matplotlib import rc_context
 
-    servo = get(summary, "device", "servo")
-    bins = _bins(get(servo, "late_histogram_us"))
-    if not len(bins):
+    device = read(tree)["device"]
+    servo = None if device is None else device["servo"]
+    bins = _bins(None if servo is None else servo["late_histogram_us"])
+    if servo is None or not len(bins):
         return None
     late_ns = np.maximum(bins[:, 0] * 1e3, 1.0)
     low, high = np.floor(np.log2(late_ns.min())), np.floor(np.log2(late_ns.max())) + 1
@@ -71,7 +75,8 @@ def lateness_histogram(summary: Mapping[str, Any]) -> Figure | None:
         _stairs(panel, counts, edges * 1e-3, _COLORS["up"])
         panel.set_ylim(0.5, 2.0 * counts.max())
         panel.xaxis.set_major_formatter(_plain_ticks)
-        _marks(panel, {name: get(servo, f"late_{name}_us") for name in ("p50", "p99", "max")}, "µs")
+        late = {"p50": servo["late_p50_us"], "p99": servo["late_p99_us"], "max": servo["late_max_us"]}
+        _marks(panel, late, "µs")
     return fig
 
 
@@ -109,10 +114,10 @@ def _median(bins: NDArray[np.float64]) -> float:
     return float(bins[np.searchsorted(np.cumsum(bins[:, 1]), bins[:, 1].sum() / 2.0), 0])
 
 
-def _marks(panel: Axes, values: Mapping[str, Any], unit: str) -> None:
+def _marks(panel: Axes, values: Mapping[str, float | None], unit: str) -> None:
     panel.set_axisbelow(True)
     for (name, value), style in zip(values.items(), ("--", ":", "-."), strict=False):
-        if known(value) is not None:
+        if value is not None:
             panel.axvline(value, color="black", linestyle=style, linewidth=0.9, label=f"{name} {number(value)} {unit}")
     if panel.get_legend_handles_labels()[0]:
         panel.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, fontsize=8, borderaxespad=0.1)

@@ -17,6 +17,7 @@ from hapnet.report.html import Html, element, join, table
 from hapnet.report.pictures import Picture
 from hapnet.report.settings import Setting, commands, of_side, settings
 from hapnet.report.words import get, has_reservoirs, number, outcome, tuning, verdict
+from hapnet.summary.structure import WAYS, Summary, Way, read
 
 FOLDED = 12
 """A longer list of events is folded."""
@@ -65,7 +66,7 @@ def page(recording: Recording, drawn: Mapping[str, Picture], sources: Sequence[S
 
     What a recording says is text here, whatever it is: `legible` should have gone over it.
     """
-    summary = recording.summary or {}
+    summary = read(recording.summary)
     hand = _of_device(recording, "operator")
     title = f"Scene {get(recording.meta, 'scene') or 'unknown'}{f', hand {hand}' if hand else ''}"
     body = element(
@@ -108,10 +109,10 @@ _ENERGY = (
 )
 
 
-def _head(summary: Mapping[str, Any], title: str, sources: Sequence[Source]) -> Html:
-    line, coupling = verdict(summary), str(get(summary, "coupling"))
+def _head(summary: Summary, title: str, sources: Sequence[Source]) -> Html:
+    line, coupling = verdict(summary), str(summary["coupling"])
     found = outcome(summary)
-    alone = found == "unknown" and None in (get(summary, "device"), get(summary, "world"))
+    alone = found == "unknown" and None in (summary["device"], summary["world"])
     if has_reservoirs(coupling):
         meaning = _HALF if alone else _WHAT_IT_MEANS[found]
     else:
@@ -136,18 +137,18 @@ def _torn(source: Source) -> str:
 
 
 def _facts(recording: Recording, sources: Sequence[Source]) -> Html:
-    summary, meta = recording.summary or {}, recording.meta
-    coupling = str(get(summary, "coupling"))
-    duration = get(summary, "duration_s")
+    summary, meta = read(recording.summary), recording.meta
+    coupling = str(summary["coupling"])
+    duration = summary["duration_s"]
     facts = {
         "scene": get(meta, "scene"),
         "hand": _of_device(recording, "operator"),
         "device": _of_device(recording, "hardware"),
         "coupling": f"{COUPLINGS[coupling].title} ({coupling})" if coupling in COUPLINGS else coupling,
         "tuned to": tuning(summary),
-        **{f"{way}link": _link(recording, way) for way in ("up", "down")},
+        **{f"{way}link": _link(recording, way) for way in WAYS},
         "duration": None if duration is None else f"{number(duration)} s",
-        "seed": get(summary, "seed"),
+        "seed": summary["seed"],
         "clock": "virtual time" if get(meta, "clock") == "virtual" else "real time",
         "file written": ", ".join(dict.fromkeys(source.written for source in sources if source.written)),
     }
@@ -156,11 +157,12 @@ def _facts(recording: Recording, sources: Sequence[Source]) -> Html:
     return element("dl", *items)
 
 
-def _link(recording: Recording, way: str) -> str | None:
+def _link(recording: Recording, way: Way) -> str | None:
     side = of_side(recording, "device" if way == "up" else "world")
     asked = get(side, "links", way)
     if asked is None:
-        asked = get(recording.summary, "links", way, "profile")
+        link = read(recording.summary)["links"][way]
+        asked = None if link is None else link["profile"]
     timeline = get(side, "params", "link", f"{way}_timeline")
     return None if asked is None else f"{asked or 'nothing emulated'}{f'; {timeline}' if timeline else ''}"
 
@@ -215,7 +217,7 @@ def _commands(recording: Recording, sources: Sequence[Source]) -> Html:
 
 def _versions(recording: Recording) -> Html:
     told = {
-        side: get(of_side(recording, side), "versions") or get(recording.summary, "versions")
+        side: get(of_side(recording, side), "versions") or read(recording.summary)["versions"]
         for side in ("device", "world")
     }
     same = told["device"] == told["world"]

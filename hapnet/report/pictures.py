@@ -8,7 +8,8 @@ from hapnet.recording.samples import Recording
 from hapnet.report.figures import figure
 from hapnet.report.files import png
 from hapnet.report.histograms import lateness_histogram, link_histogram
-from hapnet.report.words import get, has_reservoirs, number, verdict
+from hapnet.report.words import has_reservoirs, number, verdict
+from hapnet.summary.structure import WAYS, read
 
 
 @dataclass(frozen=True)
@@ -23,20 +24,22 @@ class Picture:
 
 def pictures(recording: Recording) -> dict[str, Picture]:
     """By name: ``run``, and where they were counted ``link`` and ``servo``."""
-    summary = recording.summary or {}
-    full = has_reservoirs(get(summary, "coupling"))
+    summary = read(recording.summary)
+    full = has_reservoirs(summary["coupling"])
     panels = f"positions of device and proxy, forces, {'energy reservoirs, ' if full else ''}passivity margin"
     caption = _RUN.format(reservoirs=_RESERVOIRS if full else "")
     found = [Picture("run", png(figure(recording)), caption, f"Against time: {panels}. {verdict(summary)}.")]
     if (links := link_histogram(summary)) is not None:
         ways = [
-            f"{way}link p50 {number(get(link, 'delay_p50_ms'))} ms, p99 {number(get(link, 'delay_p99_ms'))} ms"
-            for way in ("up", "down")
-            if (link := get(summary, "links", way)) is not None
+            f"{way}link p50 {number(link['delay_p50_ms'])} ms, p99 {number(link['delay_p99_ms'])} ms"
+            for way in WAYS
+            if (link := summary["links"][way]) is not None
         ]
         found.append(Picture("link", png(links), _LINK, f"Histogram of delays: {'; '.join(ways)}."))
-    if (lateness := lateness_histogram(summary)) is not None:
-        late = (get(summary, "device", "servo", f"late_{name}_us") for name in ("p50", "p99", "max"))
+    lateness, device = lateness_histogram(summary), summary["device"]
+    if lateness is not None and device is not None:
+        servo = device["servo"]
+        late = (servo["late_p50_us"], servo["late_p99_us"], servo["late_max_us"])
         told = "Histogram of lateness: p50 {} µs, p99 {} µs, most {} µs.".format(*map(number, late))
         found.append(Picture("servo", png(lateness), _SERVO, told))
     return {picture.name: picture for picture in found}

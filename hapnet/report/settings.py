@@ -14,6 +14,7 @@ from hapnet.param_values import flatten
 from hapnet.params import Params
 from hapnet.recording.samples import Recording
 from hapnet.report.words import get, known
+from hapnet.summary.structure import read
 
 
 class Setting(NamedTuple):
@@ -86,7 +87,7 @@ def _params(recording: Recording) -> Params | None:
     if "world" in parts:
         flat |= {k: v for k, v in _flat(parts["world"]).items() if k.startswith(("world.", "link.down"))}
     if not known(flat.get("duration_s")):
-        flat["duration_s"] = round(known(get(recording.summary, "duration_s")) or Params().duration_s, 3)
+        flat["duration_s"] = round(read(recording.summary)["duration_s"] or Params().duration_s, 3)
     try:
         return Params().set(flat)
     except InvalidParameter:
@@ -95,7 +96,7 @@ def _params(recording: Recording) -> Params | None:
 
 def _line(command: str, recording: Recording, params: Params) -> str:
     words = ["hapnet", command]
-    if isinstance(seed := get(recording.summary, "seed"), int):
+    if isinstance(seed := read(recording.summary)["seed"], int):
         words += ["--seed", str(seed)]
     default = {name: value for name, value, _ in Params().described()}
     for name, written, _ in params.described():

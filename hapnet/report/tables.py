@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 from hapnet.couplings.registry import jointly_passive
 from hapnet.report.words import (
-    get,
     has_reservoirs,
-    known,
     milli,
     millijoule,
     number,
@@ -20,87 +18,109 @@ from hapnet.report.words import (
     tuning,
     verdict,
 )
+from hapnet.summary.structure import (
+    SIDES,
+    WAYS,
+    Flow,
+    LinkPart,
+    Motion,
+    Path,
+    PathWay,
+    SidePart,
+    Summary,
+    Theorem,
+    read,
+)
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.text import Text
 
-_WAYS = ("up", "down")
-_Row = tuple[str, str, tuple[str, ...], Callable[[Any], str]]  # label, unit, where in the summary, into words
+Part = TypeVar("Part")
 
-_SIDES: tuple[_Row, ...] = (
-    ("given out, most", "mJ", ("ledger", "energy_out_J"), millijoule),
-    ("margin at the end", "mJ", ("ledger", "margin_end_J"), millijoule),
-    ("slack, least", "mJ", ("ledger", "slack_J"), millijoule),
-    ("true slack, least", "mJ", ("true_slack_J",), millijoule),
-    ("reservoir, least", "mJ", ("reservoir_min_J",), millijoule),
-    ("deficit, largest", "mJ", ("deficit_max_J",), millijoule),
-    ("reserve", "mJ", ("reserve_J",), millijoule),
-    ("given out while the servo was away", "mJ", ("overrun_leak_J",), millijoule),
-    ("greatest speed", "m/s", ("speed_max_mps",), number),
-    ("force in the account", "", ("force",), text),
-    ("sent", "mJ", ("sent_nJ",), shuffled),
-    ("credited", "mJ", ("credited_nJ",), shuffled),
-    ("discarded", "mJ", ("discarded_nJ",), shuffled),
-    ("abandoned", "mJ", ("abandoned_nJ",), shuffled),
-    ("quantisation", "mJ", ("quantisation_J",), millijoule),
-    ("pairs", "", ("incarnations",), number),
-    ("initial energy of its peers", "mJ", ("peers_J",), milli),
-    ("silences", "", ("outages", "count"), number),
-    ("longest silence", "s", ("outages", "longest_s"), number),
-    ("slowest recovery", "ms", ("outages", "recovery_max_s"), milli),
-    ("positions not used (late or lost)", "", ("missing",), number),
-    ("servo ticks", "", ("servo", "ticks"), number),
-    ("servo late p50", "µs", ("servo", "late_p50_us"), number),
-    ("servo late p99", "µs", ("servo", "late_p99_us"), number),
-    ("servo skipped", "", ("servo", "skipped"), number),
-    ("steps", "", ("step", "count"), number),
-    ("step mean", "ms", ("step", "mean_s"), milli),
-    ("step longest", "ms", ("step", "max_s"), milli),
+
+class _Row(NamedTuple, Generic[Part]):
+    """How a part of the summary shows one of its values, and in which unit."""
+
+    label: str
+    unit: str
+    value: Callable[[Part], object]
+    words: Callable[[Any], str]
+
+
+_SIDES: tuple[_Row[SidePart], ...] = (
+    _Row("given out, most", "mJ", lambda of: of["ledger"]["energy_out_J"], millijoule),
+    _Row("margin at the end", "mJ", lambda of: of["ledger"]["margin_end_J"], millijoule),
+    _Row("slack, least", "mJ", lambda of: of["ledger"]["slack_J"], millijoule),
+    _Row("true slack, least", "mJ", lambda of: of["true_slack_J"], millijoule),
+    _Row("reservoir, least", "mJ", lambda of: of["reservoir_min_J"], millijoule),
+    _Row("deficit, largest", "mJ", lambda of: of["deficit_max_J"], millijoule),
+    _Row("reserve", "mJ", lambda of: of["reserve_J"], millijoule),
+    _Row("given out while the servo was away", "mJ", lambda of: of["overrun_leak_J"], millijoule),
+    _Row("greatest speed", "m/s", lambda of: of["speed_max_mps"], number),
+    _Row("force in the account", "", lambda of: of["force"], text),
+    _Row("sent", "mJ", lambda of: of["sent_nJ"], shuffled),
+    _Row("credited", "mJ", lambda of: of["credited_nJ"], shuffled),
+    _Row("discarded", "mJ", lambda of: of["discarded_nJ"], shuffled),
+    _Row("abandoned", "mJ", lambda of: of["abandoned_nJ"], shuffled),
+    _Row("quantisation", "mJ", lambda of: of["quantisation_J"], millijoule),
+    _Row("pairs", "", lambda of: of["incarnations"], number),
+    _Row("initial energy of its peers", "mJ", lambda of: of["peers_J"], milli),
+    _Row("silences", "", lambda of: of["outages"]["count"], number),
+    _Row("longest silence", "s", lambda of: of["outages"]["longest_s"], number),
+    _Row("slowest recovery", "ms", lambda of: of["outages"]["recovery_max_s"], milli),
+    _Row("positions not used (late or lost)", "", lambda of: of["missing"], number),
+    _Row("servo ticks", "", lambda of: of["servo"]["ticks"], number),
+    _Row("servo late p50", "µs", lambda of: of["servo"]["late_p50_us"], number),
+    _Row("servo late p99", "µs", lambda of: of["servo"]["late_p99_us"], number),
+    _Row("servo skipped", "", lambda of: of["servo"]["skipped"], number),
+    _Row("steps", "", lambda of: of["step"]["count"], number),
+    _Row("step mean", "ms", lambda of: of["step"]["mean_s"], milli),
+    _Row("step longest", "ms", lambda of: of["step"]["max_s"], milli),
 )
 _OF_ONE_PORT = {"given out, most", "margin at the end"}  # they say nothing where both are passive together only
-_BOTH: tuple[_Row, ...] = (
-    ("bound d²", "mJ", ("bound_J",), millijoule),
-    ("energy that came out, most", "mJ", ("energy_out_J",), millijoule),
-    ("margin at the end", "mJ", ("margin_end_J",), millijoule),
-    ("margin after 1 s, least", "mJ", ("margin_later_J",), millijoule),
+_BOTH: tuple[_Row[Theorem], ...] = (
+    _Row("bound d²", "mJ", lambda of: of["bound_J"], millijoule),
+    _Row("energy that came out, most", "mJ", lambda of: of["energy_out_J"], millijoule),
+    _Row("margin at the end", "mJ", lambda of: of["margin_end_J"], millijoule),
+    _Row("margin after 1 s, least", "mJ", lambda of: of["margin_later_J"], millijoule),
 )
 _OF_RESERVOIRS = {"sent", "credited", "discarded", "abandoned"}
-_ENERGY: tuple[_Row, ...] = (
-    ("energy sent", "mJ", ("sent_nJ",), shuffled),
-    ("energy credited", "mJ", ("credited_nJ",), shuffled),
-    ("energy in flight", "mJ", ("in_flight_nJ",), shuffled),
-    ("energy abandoned", "mJ", ("abandoned_nJ",), shuffled),
+_ENERGY: tuple[_Row[Flow], ...] = (
+    _Row("energy sent", "mJ", lambda of: of["sent_nJ"], shuffled),
+    _Row("energy credited", "mJ", lambda of: of["credited_nJ"], shuffled),
+    _Row("energy in flight", "mJ", lambda of: of["in_flight_nJ"], shuffled),
+    _Row("energy abandoned", "mJ", lambda of: of["abandoned_nJ"], shuffled),
 )
-_LINKS: tuple[_Row, ...] = (
-    ("asked", "", ("profile",), text),
-    ("delay p50", "ms", ("delay_p50_ms",), number),
-    ("delay p99", "ms", ("delay_p99_ms",), number),
-    ("released late, most", "ms", ("late_max_ms",), number),
-    ("packets offered", "", ("offered",), number),
-    ("delivered", "", ("delivered",), number),
-    ("resent", "", ("resent",), number),
-    ("recovered by it", "", ("recovered",), number),
-    ("lost while down", "", ("lost_down",), number),
-    ("dropped, queue full", "", ("dropped_limit",), number),
-    ("reordered", "", ("reordered",), number),
+_LINKS: tuple[_Row[LinkPart], ...] = (
+    _Row("asked", "", lambda of: of["profile"], text),
+    _Row("delay p50", "ms", lambda of: of["delay_p50_ms"], number),
+    _Row("delay p99", "ms", lambda of: of["delay_p99_ms"], number),
+    _Row("released late, most", "ms", lambda of: of["late_max_ms"], number),
+    _Row("packets offered", "", lambda of: of["offered"], number),
+    _Row("delivered", "", lambda of: of["delivered"], number),
+    _Row("resent", "", lambda of: of["resent"], number),
+    _Row("recovered by it", "", lambda of: of["recovered"], number),
+    _Row("lost while down", "", lambda of: of["lost_down"], number),
+    _Row("dropped, queue full", "", lambda of: of["dropped_limit"], number),
+    _Row("reordered", "", lambda of: of["reordered"], number),
 )
-_PATH: tuple[_Row, ...] = (
-    ("messages numbered", "", ("sent",), number),
-    ("not come", "", ("lost",), number),
-    ("jitter p50", "ms", ("jitter_p50_ms",), number),
-    ("jitter p99", "ms", ("jitter_p99_ms",), number),
-    ("age of what is used p50", "ms", ("age_p50_ms",), number),
-    ("age of what is used p99", "ms", ("age_p99_ms",), number),
-    ("stalls", "", ("stalls",), number),
-    ("longest stall", "ms", ("longest_stall_ms",), number),
+_PATH: tuple[_Row[PathWay], ...] = (
+    _Row("messages numbered", "", lambda of: of["sent"], number),
+    _Row("not come", "", lambda of: of["lost"], number),
+    _Row("jitter p50", "ms", lambda of: of["jitter_p50_ms"], number),
+    _Row("jitter p99", "ms", lambda of: of["jitter_p99_ms"], number),
+    _Row("age of what is used p50", "ms", lambda of: of["age_p50_ms"], number),
+    _Row("age of what is used p99", "ms", lambda of: of["age_p99_ms"], number),
+    _Row("stalls", "", lambda of: of["stalls"], number),
+    _Row("longest stall", "ms", lambda of: of["longest_stall_ms"], number),
 )
-_MOTION: tuple[_Row, ...] = (
-    ("position error, free (rms)", "mm", ("free_rms_m",), milli),
-    ("position error, in contact (rms)", "mm", ("contact_rms_m",), milli),
-    ("penetration, largest", "mm", ("peak_penetration_m",), milli),
-    ("force, largest", "N", ("peak_force_N",), number),
-    ("contacts", "", ("contacts",), number),
+_MOTION: tuple[_Row[Motion], ...] = (
+    _Row("position error, free (rms)", "mm", lambda of: of["free_rms_m"], milli),
+    _Row("position error, in contact (rms)", "mm", lambda of: of["contact_rms_m"], milli),
+    _Row("penetration, largest", "mm", lambda of: of["peak_penetration_m"], milli),
+    _Row("force, largest", "N", lambda of: of["peak_force_N"], number),
+    _Row("contacts", "", lambda of: of["contacts"], number),
 )
 
 
@@ -113,63 +133,59 @@ class Table:
     rows: list[tuple[str, ...]] = field(default_factory=list)
 
 
-def sides(summary: Mapping[str, Any]) -> Table:
+def sides(summary: Summary) -> Table:
     """What each side knows of itself."""
-    columns, coupling = ("device", "world"), get(summary, "coupling")
-    untold = set() if has_reservoirs(coupling) else set(_OF_RESERVOIRS)
-    if jointly_passive(coupling):
+    untold = set() if has_reservoirs(summary["coupling"]) else set(_OF_RESERVOIRS)
+    if jointly_passive(str(summary["coupling"])):
         untold |= _OF_ONE_PORT
-    rows = tuple(row for row in _SIDES if row[0] not in untold)
-    return Table("sides", columns, [*_rows(rows, [get(summary, side) for side in columns])])
+    rows = tuple(row for row in _SIDES if row.label not in untold)
+    return Table("sides", SIDES, [*_rows(rows, [summary[side] for side in SIDES])])
 
 
-def both_ports(summary: Mapping[str, Any]) -> Table:
+def both_ports(summary: Summary) -> Table:
     """How far both ports together were from giving out more than d^2."""
-    return Table("both ports", ("",), [*_rows(_BOTH, [get(summary, "theorem")])])
+    return Table("both ports", ("",), [*_rows(_BOTH, [summary["theorem"]])])
 
 
-def energy(summary: Mapping[str, Any]) -> Table:
+def energy(summary: Summary) -> Table:
     """The account of the shuffled energy; no rows if the coupling shuffles none."""
-    rows = [*_rows(_ENERGY, _ways(summary, "energy"))] if has_reservoirs(get(summary, "coupling")) else []
-    return Table("shuffled energy (up: from the device)", _WAYS, rows)
+    ways = [summary["energy"][way] for way in WAYS]
+    rows = [*_rows(_ENERGY, ways)] if has_reservoirs(summary["coupling"]) else []
+    return Table("shuffled energy (up: from the device)", WAYS, rows)
 
 
-def links(summary: Mapping[str, Any]) -> Table:
+def links(summary: Summary) -> Table:
     """What the emulated links did; the network's part is in `path`."""
-    ways = _ways(summary, "links")
+    ways = [summary["links"][way] for way in WAYS]
     rows = [*_rows(_LINKS, ways)]
-    lost = [_share(way, "lost", "offered") for way in ways]
+    lost = [None if way is None else _share(way["lost"], way["offered"]) for way in ways]
     if any(lost):
         rows.append(("lost [%]", *map(text, lost)))
-    return Table("emulated links (up: from the device)", _WAYS, rows)
+    return Table("emulated links (up: from the device)", WAYS, rows)
 
 
-def path(summary: Mapping[str, Any]) -> Table:
+def path(summary: Summary) -> Table:
     """What the streams showed of the way between the sides, the network and the emulated links together."""
-    ways = _ways(summary, "path")
-    rows = [*_rows(_PATH, ways)]
-    lost = [_share(way, "lost", "sent") for way in ways]
+    found = summary["path"]
+    rows = [*_rows(_PATH, [found[way] for way in WAYS])]
+    lost = _lost(found)
     if any(lost):
         rows.insert(2, ("lost [%]", *map(text, lost)))
-    for quantile in ("min", "p50", "p99"):
-        trip = known(get(summary, "path", f"round_trip_{quantile}_ms"))
-        if trip is not None:
-            rows.append((f"round trip {quantile} [ms]", "", number(trip)))
-    return Table("path, measured end to end (up: from the device)", _WAYS, rows)
+    trips = {"min": found["round_trip_min_ms"], "p50": found["round_trip_p50_ms"], "p99": found["round_trip_p99_ms"]}
+    rows += [(f"round trip {name} [ms]", "", number(trip)) for name, trip in trips.items() if trip is not None]
+    return Table("path, measured end to end (up: from the device)", WAYS, rows)
 
 
-def motion(summary: Mapping[str, Any]) -> Table:
+def motion(summary: Summary) -> Table:
     """How the proxy followed the hand."""
-    return Table("motion", ("",), [*_rows(_MOTION, [get(summary, "motion")])])
+    return Table("motion", ("",), [*_rows(_MOTION, [summary["motion"]])])
 
 
-def brief(summary: Mapping[str, Any]) -> list[str]:
+def brief(summary: Summary) -> list[str]:
     """What matters most, in a line each: how well the proxy followed the hand, how hard it pushed, over which path."""
-    free, touched, force, depth, contacts = (
-        known(get(summary, "motion", name))
-        for name in ("free_rms_m", "contact_rms_m", "peak_force_N", "peak_penetration_m", "contacts")
-    )
-    errors = {"free": free, "in contact": touched}
+    moved = summary["motion"]
+    force, depth, contacts = moved["peak_force_N"], moved["peak_penetration_m"], moved["contacts"]
+    errors = {"free": moved["free_rms_m"], "in contact": moved["contact_rms_m"]}
     told = ", ".join(f"{milli(value)} mm {where}" for where, value in errors.items() if value is not None)
     pushed = [] if force is None else [f"{number(force)} N"]
     pushed += [f"{number(contacts)} contact{'s' * (contacts != 1)}"] if contacts else []
@@ -177,20 +193,21 @@ def brief(summary: Mapping[str, Any]) -> list[str]:
     return [
         f"tracking error (rms): {told or 'not known'}",
         f"largest force: {', '.join(pushed) or 'not known'}",
-        f"path: {_path_words(summary)}",
+        f"path: {_path_words(summary['path'])}",
     ]
 
 
-def brief_text(summary: Mapping[str, Any]) -> RenderableType:
-    """The verdict, and `brief`: for people who have just run it."""
+def brief_text(tree: object) -> RenderableType:
+    """The verdict, and `brief`: for people who have just run it. `tree` : a summary, whatever is missing in it."""
     from rich.console import Group
     from rich.text import Text
 
-    return Group(_verdict_text(summary), *map(Text, brief(summary)))
+    summary = read(tree)
+    return Group(_verdict_text(tree), *map(Text, brief(summary)))
 
 
-def summary_text(summary: Mapping[str, Any]) -> RenderableType:
-    """The summary object for people: its verdict and all tables; ``-`` where a value is unknown."""
+def summary_text(tree: object) -> RenderableType:
+    """The summary for people: its verdict and all tables; ``-`` where a value is unknown. `tree` : as `brief_text`."""
     from rich import box
     from rich.console import Group
     from rich.table import Table as RichTable
@@ -207,55 +224,54 @@ def summary_text(summary: Mapping[str, Any]) -> RenderableType:
             out.add_row(*map(Text, row))  # not markup, whatever it says
         return out
 
+    summary = read(tree)
     tables = (both_ports(summary), sides(summary), energy(summary), path(summary), links(summary), motion(summary))
     return Group(
-        _verdict_text(summary),
+        _verdict_text(tree),
         Text(_about(summary)),
         *(drawn(table) for table in tables if table.rows),
     )
 
 
-def _verdict_text(summary: Mapping[str, Any]) -> Text:
+def _verdict_text(tree: object) -> Text:
     from rich.text import Text
 
     styles = {"bad": "bold red", "unknown": "bold yellow", "good": "bold green"}
-    return Text(verdict(summary), style=styles[outcome(summary)])
+    return Text(verdict(tree), style=styles[outcome(tree)])
 
 
-def _path_words(summary: Mapping[str, Any]) -> str:
+def _path_words(found: Path) -> str:
     """The round trip, and what each direction lost; the emulated links included."""
-    median, late = (known(get(summary, "path", f"round_trip_{quantile}_ms")) for quantile in ("p50", "p99"))
+    median, late = found["round_trip_p50_ms"], found["round_trip_p99_ms"]
     said = [] if median is None else [f"round trip {number(median)} ms"]
     if said and late is not None:
         said[0] += f" (99 %: {number(late)})"
-    for way in _WAYS:
-        lost = _share(get(summary, "path", way), "lost", "sent")
-        said += [] if lost is None else [f"{lost} % lost {way}"]
+    said += [f"{lost} % lost {way}" for way, lost in zip(WAYS, _lost(found), strict=True) if lost is not None]
     return ", ".join(said) or "not known"
 
 
-def _ways(summary: Mapping[str, Any], what: str) -> list[Any]:
-    return [get(summary, what, way) for way in _WAYS]
+def _lost(found: Path) -> list[str | None]:
+    """What was lost on the path, a way each, in %."""
+    return [None if way is None else _share(way["lost"], way["sent"]) for way in (found["up"], found["down"])]
 
 
-def _rows(rows: tuple[_Row, ...], columns: list[Any]) -> Iterator[tuple[str, ...]]:
-    for label, unit, path, convert in rows:
-        values = [get(column, *path) for column in columns]
+def _rows(rows: tuple[_Row[Part], ...], columns: Sequence[Part | None]) -> Iterator[tuple[str, ...]]:
+    for label, unit, value_of, words in rows:
+        values = [None if column is None else value_of(column) for column in columns]
         if any(value is not None for value in values):
-            yield (f"{label} [{unit}]" if unit else label, *map(convert, values))
+            yield (f"{label} [{unit}]" if unit else label, *map(words, values))
 
 
-def _share(way: Any, part: str, whole: str) -> str | None:
-    some, all_of_it = known(get(way, part)), known(get(way, whole))
-    return None if some is None or not all_of_it else f"{100 * some / all_of_it:.2f}"
+def _share(part: int | None, whole: int | None) -> str | None:
+    return None if part is None or not whole else f"{100 * part / whole:.2f}"
 
 
-def _about(summary: Mapping[str, Any]) -> str:
-    duration = get(summary, "duration_s")
+def _about(summary: Summary) -> str:
+    duration = summary["duration_s"]
     values = {
-        "coupling": get(summary, "coupling"),
+        "coupling": summary["coupling"],
         "tuned to": tuning(summary),
-        "seed": get(summary, "seed"),
+        "seed": summary["seed"],
         "duration": None if duration is None else f"{number(duration)} s",
     }
     return ", ".join(f"{name} {value}" for name, value in values.items() if value is not None)

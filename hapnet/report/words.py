@@ -5,22 +5,29 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from hapnet.summary.structure import Summary
+from hapnet.summary.structure import known as known
 from hapnet.summary.verdict import DEFICIT_J, judge
-from hapnet.summary.verdict import get as get
 from hapnet.summary.verdict import has_reservoirs as has_reservoirs
-from hapnet.summary.verdict import known as known
 
 _WORDS = {True: "passive", False: "NOT passive", None: "passivity not known"}
 _TEXT_LIMIT = 2000
 
 
-def verdict(summary: Mapping[str, Any] | None) -> str:
+def get(tree: Any, *keys: str) -> Any:
+    """`tree[key][key]...`, or None where the branch ends early: of what a recording says of itself, whatever it is."""
+    for key in keys:
+        tree = tree.get(key) if isinstance(tree, Mapping) else None
+    return tree
+
+
+def verdict(summary: object) -> str:
     """One line: whether the two ports stayed passive, and why, or by how much of the bound d^2."""
     found = judge(summary)
     return f"{_WORDS[found['passive']]}: {found['reason']}"
 
 
-def outcome(summary: Mapping[str, Any] | None) -> str:
+def outcome(summary: object) -> str:
     """Its verdict: good, bad or unknown."""
     return {True: "good", False: "bad", None: "unknown"}[judge(summary)["passive"]]
 
@@ -39,11 +46,9 @@ def legible(value: Any) -> Any:
     return [legible(item) for item in value] if isinstance(value, list) else value
 
 
-def tuning(summary: Any) -> str | None:
+def tuning(summary: Summary) -> str | None:
     """What the coupling's own rule chose, if it had anything to choose."""
-    chosen = get(summary, "tuning")
-    chosen = chosen.items() if isinstance(chosen, Mapping) else ()
-    return ", ".join(f"{name} {number(value)}" for name, value in chosen) or None
+    return ", ".join(f"{name} {number(value)}" for name, value in summary["tuning"].items()) or None
 
 
 def text(value: Any) -> str:

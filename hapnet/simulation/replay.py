@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -21,7 +21,9 @@ from hapnet.recording.hand import begins_late, fingerprint, hand_times, knows_ha
 from hapnet.recording.link_events import KIND, played
 from hapnet.recording.mcap import read_recording
 from hapnet.recording.samples import Columns, Recording, join
-from hapnet.summary.run import Summary, of_recordings
+from hapnet.summary.recorded import of_recordings
+from hapnet.summary.run import Summary
+from hapnet.summary.structure import SIDES
 from netem import Timeline
 
 _WORLDS = ("scene", "world.", "link.down")
@@ -94,7 +96,8 @@ def read_original(files: Sequence[Path]) -> Original:
     if not isinstance(seed, int) or seed < 0:
         raise InvalidParameter("seed of the recording", seed, "a whole number, 0 or above")
     try:
-        summary = of_recordings(files, parts) | {"motion": motion(recording)}
+        summary = of_recordings(files, parts)
+        summary["motion"] = motion(recording)
         key_figures(summary)
     except (KeyError, TypeError, AttributeError):
         raise RecordingError("this recording cannot be replayed: its summary does not fit") from None
@@ -121,18 +124,17 @@ def compare(original: Original, replay: Recording, summary: Summary) -> dict[str
 def key_figures(summary: Summary) -> dict[str, float | int | None]:
     """What a run is judged by."""
     sides = {
-        f"{side}_margin_J": None if summary[side] is None else summary[side]["ledger"]["margin_J"]
-        for side in ("device", "world")
+        f"{side}_margin_J": None if (part := summary[side]) is None else part["ledger"]["margin_J"] for side in SIDES
     }
     known = [margin for margin in sides.values() if margin is not None]
     # of two processes no more is known than the sum of what each had least, so that is taken of both runs
     margin = sum(known) if len(known) == 2 else None
-    theorem = summary["theorem"]
-    if jointly_passive(summary["coupling"]):
+    theorem, moved = summary["theorem"], cast("dict[str, float | int | None]", summary["motion"])
+    if jointly_passive(str(summary["coupling"])):
         margin = theorem["margin_J"]
     bound, end = theorem["bound_J"], theorem.get("margin_end_J")
     out = None if margin is None or bound is None else max(0.0, bound - margin)
-    return {"energy_out_J": out, "margin_end_J": end, "margin_J": margin, **sides, **summary["motion"]}
+    return {"energy_out_J": out, "margin_end_J": end, "margin_J": margin, **sides, **moved}
 
 
 def _parameters(recording: Recording) -> dict[str, Any]:

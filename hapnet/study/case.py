@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -16,7 +17,7 @@ from hapnet.plant.contact import Wall
 from hapnet.recording.samples import Recording
 from hapnet.side.device import SampledDeviceSide
 from hapnet.simulation.simulation import Result, Simulation
-from hapnet.summary.run import Summary
+from hapnet.summary.structure import LinkPart, SidePart, Summary
 from hapnet.summary.verdict import ROUNDING_J, broken
 
 Measures = dict[str, float | None]
@@ -83,20 +84,24 @@ def measures(run: Run, ideal: Recording) -> Measures:
     """What a run shows. `ideal` : the recording of the same one over an ideal link."""
     result, recording, walls = run.result, run.recording, run.walls
     summary = result.summary
-    theorem, motion, links = summary["theorem"], summary["motion"], summary["links"]
-    device = recording.device
+    theorem, motion, (up, down) = summary["theorem"], summary["motion"], _links(summary)
+    bound, device = theorem["bound_J"], recording.device
+    (device_part, _) = _sides(summary)
+    hand_bound = device_part["ledger"]["bound_J"]
     assert device is not None, "a simulated run has both sides"
-    delays = [links[way]["delay_p50_ms"] for way in ("up", "down")]
-    delay_ms = None if None in delays else sum(delays)
+    assert bound is not None
+    assert hand_bound is not None
+    up_ms, down_ms = up["delay_p50_ms"], down["delay_p50_ms"]
+    delay_ms = None if up_ms is None or down_ms is None else up_ms + down_ms
     felt_s = None if delay_ms is None else first_felt_s(recording, walls, delay_ms / 1e3)
     error = force_error(recording, ideal)
-    up, down = (links[way]["offered"] / summary["duration_s"] for way in ("up", "down"))
+    per_s = [(way["offered"] or 0) / (summary["duration_s"] or math.inf) for way in (up, down)]
     found = {
-        "margin_J": theorem["bound_J"] + result.hand.lowest,
+        "margin_J": bound + result.hand.lowest,
         "energy_out_J": max(0.0, -result.hand.lowest),
-        "margin_end_J": theorem["bound_J"] + result.hand.now,
-        "margin_later_J": None if result.hand.later is None else theorem["bound_J"] + result.hand.later,
-        "hand_margin_J": summary["device"]["ledger"]["bound_J"] + result.hand.device_lowest,
+        "margin_end_J": bound + result.hand.now,
+        "margin_later_J": None if result.hand.later is None else bound + result.hand.later,
+        "hand_margin_J": hand_bound + result.hand.device_lowest,
         "actuator_margin_J": theorem["margin_J"] if isinstance(result.device, SampledDeviceSide) else None,
         "free_rms_mm": _times(1e3, motion["free_rms_m"]),
         "contact_rms_mm": _times(1e3, motion["contact_rms_m"]),
@@ -107,9 +112,9 @@ def measures(run: Run, ideal: Recording) -> Measures:
         "drift_mm_per_min": _times(60e3, drift(recording, walls)),
         "first_contact_ms": _times(1e3, felt_s),
         "peak_force_N": motion["peak_force_N"],
-        "packets_per_s": up + down,
-        "packets_up_per_s": up,
-        "packets_down_per_s": down,
+        "packets_per_s": sum(per_s),
+        "packets_up_per_s": per_s[0],
+        "packets_down_per_s": per_s[1],
         "claim_kept": float(not broken(summary, run.params, virtual=True)),
         "slack_J": _slack(summary),
     }
@@ -145,12 +150,27 @@ def _stiffness_percent(run: Run, round_trip_s: float) -> float | None:
     return 100.0 * rendered / ideal_stiffness(params, wall.stiffness)
 
 
+def _sides(summary: Summary) -> tuple[SidePart, SidePart]:
+    device, world = summary["device"], summary["world"]
+    assert device is not None
+    assert world is not None
+    return device, world
+
+
+def _links(summary: Summary) -> tuple[LinkPart, LinkPart]:
+    up, down = summary["links"]["up"], summary["links"]["down"]
+    assert up is not None
+    assert down is not None
+    return up, down
+
+
 def _slack(summary: Summary) -> float | None:
     """Of a coupling without reservoirs the theorem's halves say nothing."""
-    sides = [summary[side] for side in ("device", "world")]
+    sides = _sides(summary)
+    slacks = [side["ledger"]["slack_J"] for side in sides]
     if any(side["reservoir_min_J"] is None for side in sides):
         return None
-    return float(min(side["ledger"]["slack_J"] for side in sides))
+    return min(slack for slack in slacks if slack is not None)
 
 
 def _times(factor: float, value: float | None) -> float | None:

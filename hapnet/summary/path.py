@@ -2,33 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
 from hapnet.side.notices import Notice
+from hapnet.summary import structure
+from hapnet.summary.structure import PathWay, Way
 from hapnet.wire.messages import Role
 from hapnet.wire.path import Path, PathFigures
 
-ROUND_TRIP = ("round_trip_min_ms", "round_trip_p50_ms", "round_trip_p99_ms")
-WAYS: dict[Role, str] = {"device": "down", "world": "up"}
+Section = structure.Path
+
+RoundTrip = Literal["round_trip_min_ms", "round_trip_p50_ms", "round_trip_p99_ms"]
+ROUND_TRIP: tuple[RoundTrip, ...] = ("round_trip_min_ms", "round_trip_p50_ms", "round_trip_p99_ms")
+WAYS: dict[Role, Way] = {"device": "down", "world": "up"}
 """The direction that a role hears."""
 
 TOLD_EVERY_NS = 10_000_000_000
 
-Section = dict[str, Any]
-
 
 def unknown() -> Section:
     """The same keys, None."""
-    return dict.fromkeys((*ROUND_TRIP, "up", "down"))
+    return structure.unknown(Section)
 
 
 def of_side(role: Role, figures: PathFigures) -> Section:
     """What one side knows: the round trip, and the way to it."""
-    trips = (figures.round_trip_min_ns, figures.round_trip_p50_ns, figures.round_trip_p99_ns)
     if not figures.sent:
         return unknown()
-    way = {
+    way: PathWay = {
         "sent": figures.sent,
         "lost": figures.lost,
         "loss": figures.lost / figures.sent,
@@ -39,10 +40,15 @@ def of_side(role: Role, figures: PathFigures) -> Section:
         "stalls": figures.stalls,
         "longest_stall_ms": _ms(figures.longest_stall_ns),
     }
-    return {**unknown(), **dict(zip(ROUND_TRIP, map(_ms, trips), strict=True)), WAYS[role]: way}
+    median, late = _ms(figures.round_trip_p50_ns), _ms(figures.round_trip_p99_ns)
+    whole = unknown() | {
+        "round_trip_min_ms": _ms(figures.round_trip_min_ns), "round_trip_p50_ms": median, "round_trip_p99_ms": late
+    }  # fmt: skip
+    whole[WAYS[role]] = way
+    return whole
 
 
-def of_both(device: Mapping[str, Any] | None, world: Mapping[str, Any] | None) -> Section:
+def of_both(device: Section | None, world: Section | None) -> Section:
     """Both sides' knowledge: each of the way to it; of the round trip the device's, if it knows any."""
     sides = [side for side in (device, world) if side is not None]
     whole = unknown()
@@ -83,18 +89,18 @@ class PathTeller:
         if first or not (text := words(section, self._meter.role)):
             return None
         way = section[WAYS[self._meter.role]]
-        values = {key: section[key] for key in ROUND_TRIP} | way
+        values: dict[str, Any] = {**{key: section[key] for key in ROUND_TRIP}, **(way or {})}
         return Notice("path", text, now_ns, values={key: value for key, value in values.items() if value is not None})
 
 
-def words(section: Mapping[str, Any], role: Role) -> str:
+def words(section: Section, role: Role) -> str:
     """In a line, what this side knows; "" as long as that is nothing."""
     way = section[WAYS[role]]
     if way is None or section["round_trip_p50_ms"] is None:
         return ""
     other = "world" if role == "device" else "device"
     trips = f"round trip {section['round_trip_p50_ms']:.1f} ms (99 %: {section['round_trip_p99_ms']:.1f})"
-    heard = f"from the {other} {100 * way['loss']:.1f} % lost, jitter {way['jitter_p99_ms']:.1f} ms (99 %)"
+    heard = f"from the {other} {100 * (way['loss'] or 0.0):.1f} % lost, jitter {way['jitter_p99_ms']:.1f} ms (99 %)"
     if way["age_p99_ms"] is not None:
         heard += f", what is used up to {way['age_p99_ms']:.0f} ms old"
     stalls = f", {way['stalls']} stall{'s' * (way['stalls'] > 1)}" if way["stalls"] else ""

@@ -1,38 +1,37 @@
-"""The summary of a run, for machines: one nested dictionary with stable keys; None where something is unknown."""
+"""The summary of a run, for machines: see `hapnet.summary.structure`. Its keys are stable."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields
-from pathlib import Path
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Mapping, Sequence
+from typing import Any, cast
 
 from hapnet.couplings.registry import jointly_passive
-from hapnet.errors import RecordingError
 from hapnet.metrics.passivity import least_total_margin
-from hapnet.recording.samples import Columns, Recording, join, plain
+from hapnet.recording.samples import Recording, plain
 from hapnet.side.device import DeviceSide
 from hapnet.side.endpoint import NANO, ControlHalf
 from hapnet.side.world import WorldSide
 from hapnet.summary import path as paths
+from hapnet.summary.structure import (
+    Energy,
+    Environment,
+    Flow,
+    Hand,
+    Ledger,
+    Links,
+    Motion,
+    Path,
+    Servo,
+    Stopped,
+    Theorem,
+    unknown,
+)
+from hapnet.summary.structure import SidePart as SidePart
+from hapnet.summary.structure import Summary as Summary
 from hapnet.summary.verdict import START_S, excess_nJ, has_reservoirs, judge, restarted
 from hapnet.versions import versions as versions
 from hapnet.wire.session import Session
-from netem import LinkStats
-
-Summary = dict[str, Any]
-
-_LEDGER = ("margin_J", "slack_J", "bound_J", "work_J", "energy_out_J", "margin_end_J", "diverged")
-
-_UNKNOWN_SERVO = dict.fromkeys((
-    "ticks", "late_p50_us", "late_p99_us", "late_max_us", "late_period", "skipped", "overruns", "longest_ms", "unsent",
-    "late_histogram_us",
-))  # fmt: skip
-
 
 _HELD = (
     "reserve_J",
@@ -48,10 +47,10 @@ _HELD = (
 """What is known of a held torque, of the hand where it is simulated, and of a force that was stopped."""
 
 
-def device_summary(side: DeviceSide, coupling_name: str, servo: Mapping[str, Any] | None = None) -> Summary:
+def device_summary(side: DeviceSide, coupling_name: str, servo: Mapping[str, Any] | None = None) -> SidePart:
     """The device's part, as its control half knows it. `servo`: timing of the servo, in real time."""
     result = _control_summary(side.endpoint, coupling_name)
-    result["servo"] = {**_UNKNOWN_SERVO, "ticks": side.ticks, **(servo or {})}
+    result["servo"] = cast(Servo, {**unknown(Servo), "ticks": side.ticks, **(servo or {})})
     result["quantisation_J"] = side.quantisation
     slack = None if jointly_passive(coupling_name) else side.true_slack
     result["true_slack_J"] = None if slack is None else _known(slack)
@@ -59,8 +58,8 @@ def device_summary(side: DeviceSide, coupling_name: str, servo: Mapping[str, Any
     return result
 
 
-def _held(side: DeviceSide) -> Summary:
-    result: Summary = dict.fromkeys(_HELD)
+def _held(side: DeviceSide) -> SidePart:
+    result = _nothing_held()
     result["hand_work_J"] = side.hand_work if side.simulated else None
     result["stopped"] = _stopped(side)
     if side.origin_ns is not None:
@@ -71,7 +70,11 @@ def _held(side: DeviceSide) -> Summary:
     return {**result, **figures}
 
 
-def _stopped(side: DeviceSide) -> Summary | None:
+def _nothing_held() -> SidePart:
+    return cast(SidePart, dict.fromkeys(_HELD))
+
+
+def _stopped(side: DeviceSide) -> Stopped | None:
     """When and why the device's force was stopped for good."""
     if side.stopped is None or side.origin_ns is None:
         return None
@@ -79,14 +82,21 @@ def _stopped(side: DeviceSide) -> Summary | None:
     return {"after_s": round((at_ns - side.origin_ns) * NANO, 3), "why": why}
 
 
-def unknown_device() -> Summary:
+def unknown_device() -> SidePart:
     """The device's part where its servo left no word: the same keys, None."""
-    ledger = dict.fromkeys(_LEDGER)
-    rest = dict.fromkeys(("reservoir_min_J", "deficit_max_J", "discarded_nJ", "quantisation_J", "true_slack_J"))
-    return {"ledger": ledger, **rest, **dict.fromkeys(_HELD), "servo": dict(_UNKNOWN_SERVO)}
+    return {
+        "ledger": unknown(Ledger),
+        "reservoir_min_J": None,
+        "deficit_max_J": None,
+        "discarded_nJ": None,
+        "quantisation_J": None,
+        "true_slack_J": None,
+        **_nothing_held(),
+        "servo": unknown(Servo),
+    }
 
 
-def world_summary(side: WorldSide, coupling_name: str) -> Summary:
+def world_summary(side: WorldSide, coupling_name: str) -> SidePart:
     """The world's part, as its control half knows it."""
     result = _control_summary(side.endpoint, coupling_name)
     mean = side.stepped_s / side.steps if side.steps else None
@@ -94,7 +104,7 @@ def world_summary(side: WorldSide, coupling_name: str) -> Summary:
     return result
 
 
-def with_wire(control: Summary, session: Session, now_ns: int) -> Summary:
+def with_wire(control: SidePart, session: Session, now_ns: int) -> SidePart:
     """A side's part, whole, at `now_ns`: what its control half knows and what its wire half does."""
     outages = session.outages(now_ns)
     return {
@@ -120,8 +130,8 @@ def with_wire(control: Summary, session: Session, now_ns: int) -> Summary:
 
 
 def combine(
-    device: Summary | None,
-    world: Summary | None,
+    device: SidePart | None,
+    world: SidePart | None,
     links: Mapping[str, Mapping[str, Any] | None],
     *,
     seed: int | None,
@@ -135,7 +145,7 @@ def combine(
     total_later_J: float | None = None,
     tuning: Mapping[str, float] | None = None,
     torn: Sequence[str] = (),
-    path: Mapping[str, Any] | None = None,
+    path: Path | None = None,
 ) -> Summary:
     """One summary of both sides. `tuning`: what the coupling's own rule made of the link. `path`: see path.py.
 
@@ -156,16 +166,17 @@ def combine(
     sides = [side for side in (device, world) if side is not None]
     margins = [side["ledger"]["margin_J"] for side in sides]
     bound = _bound(device, world)
-    energy = {"up": _flow(device, world), "down": _flow(world, device)}
-    again = restarted({"device": device, "world": world})
+    energy: Energy = {"up": _flow(device, world), "down": _flow(world, device)}
+    flows = energy["up"], energy["down"]
+    again = restarted(device, world)
     margin = end = later = None
     if bound is not None and two_port_J is not None:
         margin = bound + two_port_J
         end, later = (None if at is None else bound + at for at in (two_port_end_J, two_port_later_J))
-    elif len(sides) == 2 and None not in margins and not again and not any(map(excess_nJ, energy.values())):
-        margin, later = sum(margins), total_later_J
+    elif len(sides) == 2 and None not in margins and not again and not any(map(excess_nJ, flows)):
+        margin, later = sum(margin for margin in margins if margin is not None), total_later_J
         ends = [side["ledger"].get("margin_end_J") for side in sides]
-        end = None if None in ends else sum(ends)
+        end = None if None in ends else sum(end for end in ends if end is not None)
         if jointly_passive(coupling):
             told = [value for value in (total_margin_J, bound) if value is not None]
             margin = None if total_margin_J is None else min(told)
@@ -181,15 +192,15 @@ def combine(
     hand_margin = None if bound is None or hand_two_port_J is None else bound + hand_two_port_J
     hand = {"work_J": None if device is None else device.get("hand_work_J"), "margin_J": hand_margin}
     return judged({
-        "theorem": {**plain(theorem), "diverged": diverged},
-        "hand": plain(hand),
+        "theorem": cast(Theorem, {**plain(theorem), "diverged": diverged}),
+        "hand": cast(Hand, plain(hand)),
         "environment": _environment(world),
         "device": device,
         "world": world,
         "energy": energy,
-        "path": paths.unknown() if path is None else dict(path),
-        "links": dict(links),
-        "motion": dict.fromkeys(("free_rms_m", "contact_rms_m", "peak_force_N", "peak_penetration_m", "contacts")),
+        "path": unknown(Path) if path is None else path.copy(),
+        "links": cast(Links, dict(links)),
+        "motion": unknown(Motion),
         "seed": seed,
         "duration_s": duration_s,
         "coupling": coupling,
@@ -202,16 +213,17 @@ def combine(
 
 def judged(summary: Summary) -> Summary:
     """`summary` with its verdict, which is to be given anew when something is added that it is judged by."""
-    return {"verdict": None} | summary | {"verdict": judge(summary)}
+    rest = {name: value for name, value in summary.items() if name != "verdict"}
+    return cast(Summary, {"verdict": judge(summary), **rest})
 
 
-def _environment(world: Summary | None) -> dict[str, float | None]:
+def _environment(world: SidePart | None) -> Environment:
     """The environment's port: what it put in, and the least slack of that half of the theorem [J]."""
-    ledger = {} if world is None else world["ledger"]
-    return {name: ledger.get(name) for name in ("work_J", "slack_J")}
+    ledger = unknown(Ledger) if world is None else world["ledger"]
+    return {"work_J": ledger.get("work_J"), "slack_J": ledger.get("slack_J")}
 
 
-def _bound(device: Summary | None, world: Summary | None) -> float | None:
+def _bound(device: SidePart | None, world: SidePart | None) -> float | None:
     """d^2 over all incarnations: what each side knows of itself, or its peer of it and of those in its place before."""
     initial = []
     for side, peer in ((device, world), (world, device)):
@@ -232,17 +244,17 @@ def merge(device: Summary, world: Summary, *, seed: int | None = None, recording
         {"up": device["links"]["up"], "down": world["links"]["down"]},
         seed=device["seed"] if seed is None else seed,
         duration_s=device["duration_s"],
-        coupling=device["coupling"],
+        coupling=str(device["coupling"]),
         tuning=device.get("tuning"),
         torn=[side for part in (device, world) for side in part.get("torn") or ()],
-        **_recorded(recording),
+        **recorded_margins(recording),
         path=paths.of_both(device.get("path"), world.get("path")),
     )
     whole["wall_clock"] = {"device": device["wall_clock"], "world": world["wall_clock"]}
     return whole
 
 
-def _recorded(recording: Recording | None) -> dict[str, Any]:
+def recorded_margins(recording: Recording | None) -> dict[str, Any]:
     """What is recorded of both ports together, as `combine` takes it."""
     if recording is None:
         return {}
@@ -252,8 +264,8 @@ def _recorded(recording: Recording | None) -> dict[str, Any]:
     }
 
 
-def _control_summary(control: ControlHalf, coupling_name: str) -> Summary:
-    ledger: dict[str, float | bool | None] = dict.fromkeys(_LEDGER)
+def _control_summary(control: ControlHalf, coupling_name: str) -> SidePart:
+    ledger = unknown(Ledger)
     minimum = deficit = None
     discarded = 0.0
     if control.started:
@@ -281,7 +293,7 @@ def _control_summary(control: ControlHalf, coupling_name: str) -> Summary:
     }
 
 
-def _flow(sender: Summary | None, receiver: Summary | None) -> dict[str, int | None]:
+def _flow(sender: SidePart | None, receiver: SidePart | None) -> Flow:
     """Shuffled energy one way [nJ]: sent = credited + in flight + abandoned.
 
     A sender that leaves gives up what is not acknowledged; what of that was credited nevertheless, the receiver knows.
@@ -292,109 +304,11 @@ def _flow(sender: Summary | None, receiver: Summary | None) -> dict[str, int | N
     sent, abandoned = sender["sent_nJ"], sender["abandoned_nJ"]
     credited = None if receiver is None else receiver["credited_nJ"]
     in_flight = sender["in_flight_nJ"]
-    if None not in (credited, abandoned) and not restarted({"device": sender, "world": receiver}):
+    if sent is not None and credited is not None and abandoned is not None and not restarted(sender, receiver):
         abandoned = min(abandoned, sent - credited)
         in_flight = sent - credited - abandoned
     return {"sent_nJ": sent, "credited_nJ": credited, "in_flight_nJ": in_flight, "abandoned_nJ": abandoned}
 
 
-def from_recording(recording: Recording) -> Summary:
-    """The summary of a recording whose writer was killed: what its samples tell, at their rate; None for the rest."""
-    meta = recording.meta
-    coupling = meta.get("coupling", "pspm")
-    device = None if recording.device is None else _device_columns(recording.device, coupling)
-    world = None if recording.world is None else _world_columns(recording.world, coupling)
-    ends = [columns["time_s"][-1] for columns in (recording.device, recording.world) if columns is not None]
-    asked = meta.get("links")
-    asked = asked if isinstance(asked, Mapping) else {}
-    tuning = meta.get("tuning")
-    unknown = dict.fromkeys(field.name for field in fields(LinkStats))
-    links = {way: {**unknown, "profile": asked[way]} if way in asked else None for way in ("up", "down")}
-    return combine(
-        device,
-        world,
-        links,
-        seed=meta.get("seed"),
-        duration_s=float(max(ends)) if ends else None,
-        coupling=coupling,
-        tuning=tuning if isinstance(tuning, Mapping) else None,
-        torn=[side for side in ("device", "world") if getattr(recording, side) is not None],
-        **_recorded(recording),
-    )
-
-
-def _device_columns(columns: Columns, coupling_name: str) -> Summary:
-    result = _side_columns(columns, coupling_name)
-    if has_reservoirs(coupling_name):
-        result["deficit_max_J"] = _extreme(columns["deficit_J"], np.max)
-    return {**unknown_device(), **result}
-
-
-def _world_columns(columns: Columns, coupling_name: str) -> Summary:
-    result, steps = _side_columns(columns, coupling_name), columns["step_s"]  # one sample a step
-    result["step"] = {"count": len(steps), "mean_s": _known(steps.mean()), "max_s": _known(steps.max())}
-    return result
-
-
-def _side_columns(columns: Columns, coupling_name: str) -> Summary:
-    """The keys that both sides have."""
-    slack = None if jointly_passive(coupling_name) else _extreme(columns["slack_J"], np.min)
-    return {
-        "ledger": dict.fromkeys(_LEDGER)
-        | {
-            "margin_J": _extreme(columns["margin_J"], np.min),
-            "slack_J": slack,
-            "margin_end_J": _extreme(columns["margin_J"], lambda values: values[-1]),
-        },
-        "reservoir_min_J": _extreme(columns["reservoir_J"], np.min) if has_reservoirs(coupling_name) else None,
-        "deficit_max_J": None,
-        "sent_nJ": _nanojoules(columns["sent_J"][-1]),
-        "credited_nJ": _nanojoules(columns["credited_J"][-1]),
-        **dict.fromkeys(
-            (
-                "acked_nJ",
-                "unanswered_s",
-                "in_flight_nJ",
-                "discarded_nJ",
-                "abandoned_nJ",
-                "incarnations",
-                "peers_J",
-            )
-        ),
-        "outages": dict.fromkeys(("count", "longest_s", "total_s", "recovery_max_s")),
-        **dict.fromkeys(("received", "missing", "dropped")),
-    }
-
-
-def _extreme(values: NDArray[np.float64], pick: Callable[[NDArray[np.float64]], float]) -> float | None:
-    """Of those that are known."""
-    known = values[np.isfinite(values)]
-    return float(pick(known)) if len(known) else None
-
-
 def _known(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
-
-
-def _nanojoules(energy_J: float) -> int | None:
-    return round(float(energy_J) * 1e9) if math.isfinite(energy_J) else None
-
-
-def of_recordings(files: Sequence[Path], recordings: Sequence[Recording]) -> Summary:
-    """The summary of a run from its one or two recordings: what the processes said at their end, or what is recorded.
-
-    Raises
-    ------
-    RecordingError : what a file says of itself is no summary.
-    """
-    parts = [recording.summary or from_recording(recording) for recording in recordings]
-    for file, part in zip(files, parts, strict=True):
-        if not isinstance(part, dict):
-            raise RecordingError(f"{file} is not a recording: its summary does not fit")
-    if len(parts) == 1:
-        return judged(parts[0])
-    try:
-        device, world = sorted(parts, key=lambda part: part["device"] is None)
-        return merge(device, world, recording=join(*recordings))
-    except (KeyError, TypeError) as error:
-        raise RecordingError(f"these are not recordings that fit each other: their summaries lack {error}") from None

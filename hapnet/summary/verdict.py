@@ -1,6 +1,6 @@
 """Was a run passive? The rules by which its summary is judged, and whether a coupling kept what is claimed of it.
 
-`judge` reads nothing but a summary. What an older one does not have counts as unknown, and says nothing for or against.
+`judge` reads nothing but a summary. What an older one does not have is unknown: it speaks neither for nor against.
 
 Not passive: more energy came out of both ports than d^2 (of one port, where only that is known); a half of Theorem 1
 below zero; energy credited that was never sent. Not known: what could be judged was kept, but part of the account is
@@ -12,13 +12,13 @@ answers).
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 from hapnet.couplings import registry
 from hapnet.couplings.registry import jointly_passive
 from hapnet.params import Params
+from hapnet.summary.structure import SIDES, Flow, SidePart, Summary, Verdict, Way, read
+from hapnet.wire.messages import Role
 
 ROUNDING_J = 1e-9
 """An energy is called negative below minus this [J]: what minutes of double precision may add up to."""
@@ -32,81 +32,61 @@ UNANSWERED_S = 5.0
 START_S = 1.0
 """The least margin is told from then on too [s]: at the start it is d^2, whatever comes later."""
 
-SIDES = ("device", "world")
-_WAYS = (("up", "device", "world"), ("down", "world", "device"))  # of the energy, from and to
-
-Verdict = dict[str, Any]
-"""``passive``: True, False or None, not known; ``reason``: why, in words."""
+_WAYS: tuple[tuple[Way, Role, Role], ...] = (("up", "device", "world"), ("down", "world", "device"))  # from, to
 
 
-def judge(summary: Mapping[str, Any] | None) -> Verdict:
-    """The verdict on the run that `summary` is of, of both sides or of one."""
+def judge(tree: object) -> Verdict:
+    """The verdict on the run of which `tree` is the summary, of both sides or of one; see `structure.read`."""
+    summary = _with_margin(read(tree), tree)
     if against := list(_against(summary)):
         return {"passive": False, "reason": "; ".join(against)}
     if doubts := list(_doubts(summary)):
         return {"passive": None, "reason": "; ".join(doubts)}
     said = [_kept(summary)]
-    if get(summary, "device", "force") == "commanded":
+    if (device := summary["device"]) is not None and device["force"] == "commanded":
         said.append("as commanded: the device does not tell what it applied")
     return {"passive": True, "reason": "; ".join(said)}
 
 
-def broken(summary: Mapping[str, Any] | None, params: Params | None = None, *, virtual: bool = False) -> bool:
+def broken(tree: object, params: Params | None = None, *, virtual: bool = False) -> bool:
     """Did a coupling that claims to be passive here not keep it? That is an exit code of its own.
 
     params : of the run; None: not known, then a claim counts that needs no more than the link to be any. virtual : in
     virtual time, so that the link is the emulated one and nothing else.
     """
-    if judge(summary)["passive"] is not False:
+    if judge(tree)["passive"] is not False:
         return False
-    spec = registry.known(get(summary, "coupling"))
-    tuning = None if spec is None else spec.recorded(get(summary, "tuning"))
+    summary = read(tree)
+    spec, margin = registry.known(summary["coupling"]), summary["theorem"]["margin_J"]
+    tuning = None if spec is None else spec.recorded(summary["tuning"])
     if spec is None or tuning is None or not spec.covers(params or Params(), tuning, virtual):
         return False
-    margin = known(get(summary, "theorem", "margin_J"))
-    diverged = get(summary, "theorem", "diverged") is True
-    return spec.halves or diverged or (margin is not None and margin < -spec.allowance_J(tuning) - ROUNDING_J)
+    below = margin is not None and margin < -spec.allowance_J(tuning) - ROUNDING_J
+    return spec.halves or summary["theorem"]["diverged"] is True or below
 
 
-def get(tree: Any, *keys: str) -> Any:
-    """`tree[key][key]...`, or None where the branch ends early."""
-    for key in keys:
-        tree = tree.get(key) if isinstance(tree, Mapping) else None
-    return tree
-
-
-def known(value: Any) -> float | None:
-    """`value` if it is a finite number."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or (isinstance(value, int) and abs(value) > 2**63):
-        return None
-    return value if math.isfinite(value) else None
-
-
-def excess_nJ(energy: Any) -> int:
-    """What was credited one way beyond what was sent [nJ]; `energy` : that way's entry of the summary."""
-    sent, credited, abandoned = (known(get(energy, f"{name}_nJ")) for name in ("sent", "credited", "abandoned"))
+def excess_nJ(energy: Flow) -> int:
+    """What was credited one way beyond what was sent [nJ]."""
+    sent, credited, abandoned = energy["sent_nJ"], energy["credited_nJ"], energy["abandoned_nJ"]
     beyond = 0 if sent is None or credited is None else credited - sent
     return int(max(beyond, 0 if abandoned is None else -abandoned, 0))
 
 
-def stopped(summary: Any) -> str | None:
+def stopped(tree: object) -> str | None:
     """One line, if the device's force was stopped on the way; None if not."""
-    after_s, why = (get(summary, "device", "stopped", part) for part in ("after_s", "why"))
-    return None if why is None else f"the device's force was stopped after {after_s} s: {why}"
+    device = read(tree)["device"]
+    stop = None if device is None else device["stopped"]
+    if stop is None or stop["why"] is None:
+        return None
+    return f"the device's force was stopped after {stop['after_s']} s: {stop['why']}"
 
 
-def restarted(summary: Any) -> bool:
-    """Has a side had more than one peer?"""
-    return any((known(get(summary, side, "incarnations")) or 0) > 1 for side in SIDES)
+def restarted(*sides: SidePart | None) -> bool:
+    """Has one of these had more than one peer?"""
+    return any((side.get("incarnations") or 0) > 1 for side in sides if side is not None)
 
 
-def _torn(summary: Any) -> list[str]:
-    """The sides of which only samples are known."""
-    torn = get(summary, "torn")
-    return [side for side in SIDES if isinstance(torn, list | tuple) and side in torn]
-
-
-def has_reservoirs(coupling: Any) -> bool:
+def has_reservoirs(coupling: object) -> bool:
     """Does it shuffle energy between reservoirs, so that each side has a half of Theorem 1 to keep?
 
     Not the couplings that are known to do without.
@@ -115,21 +95,48 @@ def has_reservoirs(coupling: Any) -> bool:
     return ":" not in str(coupling) if spec is None else spec.halves
 
 
-def _margin(summary: Any) -> float | None:
-    """Of both ports [J]; where nobody summed their halves up, their sum, if that says something."""
-    margin = known(get(summary, "theorem", "margin_J"))
-    halves = [known(get(summary, side, "ledger", "margin_J")) for side in SIDES]
-    told = isinstance(get(summary, "theorem"), Mapping) and "margin_J" in summary["theorem"]
-    if margin is not None or told or None in halves or jointly_passive(get(summary, "coupling")):
-        return margin
-    return sum(half for half in halves if half is not None)
+def _with_margin(summary: Summary, tree: object) -> Summary:
+    """The margin of both ports: where nobody has summed their halves up, as an older version did, their sum."""
+    told = tree.get("theorem") if isinstance(tree, Mapping) else None
+    if isinstance(told, Mapping) and "margin_J" in told:
+        return summary
+    halves = [_half(summary, side) for side in SIDES]
+    if None not in halves and not jointly_passive(_coupling(summary)):
+        summary["theorem"]["margin_J"] = sum(half for half in halves if half is not None)
+    return summary
 
 
-def _against(summary: Any) -> Iterator[str]:
+def _coupling(summary: Summary) -> str:
+    return str(summary["coupling"])
+
+
+def _half(summary: Summary, side: Role) -> float | None:
+    """The margin of one side alone [J]."""
+    part = summary[side]
+    return None if part is None else part["ledger"]["margin_J"]
+
+
+def _parts(summary: Summary) -> Iterator[tuple[Role, SidePart]]:
+    """The sides of which something is known."""
+    for side in SIDES:
+        if (part := summary[side]) is not None:
+            yield side, part
+
+
+def _torn(summary: Summary) -> list[Role]:
+    """The sides of which only samples are known."""
+    return [side for side in SIDES if side in summary["torn"]]
+
+
+def _restarted(summary: Summary) -> bool:
+    return restarted(summary["device"], summary["world"])
+
+
+def _against(summary: Summary) -> Iterator[str]:
     """Why it was not passive."""
-    margin, bound = _margin(summary), known(get(summary, "theorem", "bound_J"))
-    halves = has_reservoirs(get(summary, "coupling"))
-    if get(summary, "theorem", "diverged") is True:
+    margin, bound = summary["theorem"]["margin_J"], summary["theorem"]["bound_J"]
+    halves, jointly = has_reservoirs(_coupling(summary)), jointly_passive(_coupling(summary))
+    if summary["theorem"]["diverged"] is True:
         yield "it diverged: the energy account is no finite number any more"
     if margin is not None and margin < -ROUNDING_J:
         yield (
@@ -139,8 +146,8 @@ def _against(summary: Any) -> Iterator[str]:
             f"margin {_milli(margin)} mJ"
         )
     for side in SIDES:
-        own = known(get(summary, side, "ledger", "margin_J"))
-        alone = margin is None and not jointly_passive(get(summary, "coupling"))
+        own = _half(summary, side)
+        alone = margin is None and not jointly
         if own is not None and own < -ROUNDING_J and (alone or halves):
             yield f"the {side}'s half: margin {_milli(own)} mJ"
     if halves:
@@ -148,96 +155,95 @@ def _against(summary: Any) -> Iterator[str]:
     yield from _true_ports(summary, bound)
     torn = _torn(summary)
     for way, sender, receiver in _WAYS:
-        beyond = excess_nJ(get(summary, "energy", way))
-        if beyond and not restarted(summary) and sender not in torn:
+        beyond = excess_nJ(summary["energy"][way])
+        if beyond and not _restarted(summary) and sender not in torn:
             yield f"the {receiver} credited {_milli(beyond * 1e-9)} mJ that the {sender} never sent"
 
 
-def _halves(summary: Any) -> Iterator[str]:
+def _halves(summary: Summary) -> Iterator[str]:
     """Sides whose half of Theorem 1 was not kept: by their own account or, in a simulation, with the true positions."""
-    for side in SIDES:
-        slack = known(get(summary, side, "ledger", "slack_J"))
-        true = known(get(summary, side, "true_slack_J"))
-        blur = known(get(summary, side, "quantisation_J")) or 0.0
+    for side, part in _parts(summary):
+        slack, true, blur = part["ledger"]["slack_J"], part["true_slack_J"], part["quantisation_J"] or 0.0
         if slack is not None and slack < -ROUNDING_J:
             yield f"the {side}'s half of the theorem fails by {_milli(-slack)} mJ"
         elif true is not None and true < -ROUNDING_J - blur:
             yield f"with the true positions the {side}'s half of the theorem fails by {_milli(-true)} mJ"
 
 
-def _true_ports(summary: Any, bound: float | None) -> Iterator[str]:
+def _true_ports(summary: Summary, bound: float | None) -> Iterator[str]:
     """Of a simulated device its hand's port is known too, whatever the device says of its actuator."""
-    least = known(get(summary, "hand", "margin_J"))
-    works = [known(get(summary, port, "work_J")) for port in ("hand", "environment")]
-    if least is None and bound is not None and works[0] is not None and works[1] is not None:
-        least = None if restarted(summary) else bound + works[0] + works[1]
+    least, by_hand, by_world = summary["hand"]["margin_J"], summary["hand"]["work_J"], summary["environment"]["work_J"]
+    if least is None and bound is not None and by_hand is not None and by_world is not None:
+        least = None if _restarted(summary) else bound + by_hand + by_world
     if least is not None and least < -ROUNDING_J:
         yield f"at the hand and the walls: margin {_milli(least)} mJ"
 
 
-def _doubts(summary: Any) -> Iterator[str]:
+def _doubts(summary: Summary) -> Iterator[str]:
     """What keeps it from being known whether it was passive."""
-    accounts = {side: known(get(summary, side, "ledger", "margin_J")) for side in SIDES}
-    margin = _margin(summary)
+    margin = summary["theorem"]["margin_J"]
     yield from (f"the {side}'s recording is torn: the rest of its account is missing" for side in _torn(summary))
     if margin is None:
-        yield from _missing(summary, [side for side, value in accounts.items() if value is not None])
-    device = get(summary, "device")
-    for side in SIDES:
-        deficit = known(get(summary, side, "deficit_max_J"))
+        yield from _missing(summary, [side for side in SIDES if _half(summary, side) is not None])
+    for side, part in _parts(summary):
+        deficit, silent_s = part["deficit_max_J"], part["unanswered_s"]
         if deficit is not None and deficit > DEFICIT_J:
             yield f"the {side} gave out {_milli(deficit)} mJ that its reservoir did not have"
-        silent_s = known(get(summary, side, "unanswered_s"))
         if silent_s is not None and silent_s > UNANSWERED_S:
             yield f"the {side}'s energy stream is dead: nothing of it was acknowledged for {silent_s:.1f} s"
     if (line := stopped(summary)) is not None:
         yield line
-    leak = known(get(device, "overrun_leak_J"))
+    if (device := summary["device"]) is not None:
+        yield from _doubts_of_device(device, margin)
+
+
+def _doubts_of_device(device: SidePart, margin: float | None) -> Iterator[str]:
+    """What its servo and its encoders keep from being known. `margin` : of both ports [J]."""
+    leak, risk = device["overrun_leak_J"], device["overrun_risk_J"]
     if leak is not None and leak > 0.0:
         yield f"while the servo was away for longer than watchdog_s, {_milli(leak)} mJ came out beyond the reserve"
-    risk = known(get(device, "overrun_risk_J"))
     if margin is not None and risk is not None and risk > max(margin, ROUNDING_J):
         yield f"while the servo was away, {_milli(risk)} mJ may have come out unseen, more than the margin"
-    speed, limit = known(get(device, "speed_max_mps")), known(get(device, "speed_limit_mps"))
+    speed, limit = device["speed_max_mps"], device["speed_limit_mps"]
     if speed is not None and limit is not None and speed > limit:
         yield f"the device moved at {speed:.3g} m/s, and declares at most {limit:.3g} m/s"
-    true, blur = known(get(device, "true_slack_J")), known(get(device, "quantisation_J"))
+    true, blur = device["true_slack_J"], device["quantisation_J"]
     if blur is not None and true is not None:
         blur = max(0.0, -true)  # a simulation knows what the encoders really hid
     if margin is not None and blur is not None and blur > max(margin, ROUNDING_J):
         yield f"the encoders blur the account by up to {_milli(blur)} mJ, more than the margin of {_milli(margin)} mJ"
 
 
-def _missing(summary: Any, accounts: list[str]) -> Iterator[str]:
+def _missing(summary: Summary, accounts: list[Role]) -> Iterator[str]:
     """Why both ports together have no margin, though `accounts` are there."""
+    jointly = jointly_passive(_coupling(summary))
     if not accounts:
         yield "there is no energy account"
-    elif restarted(summary):
+    elif _restarted(summary):
         yield "a side was started anew: what went in and out at the one before is not known"
     elif len(accounts) == 1:
         other = SIDES[1 - SIDES.index(accounts[0])]
-        if jointly_passive(get(summary, "coupling")):
+        if jointly:
             yield f"of both ports together only, and the {other}'s account is not here"
         else:
-            yield f"the {other}'s account is not here; the {accounts[0]}'s half held{_of_half(summary, accounts[0])}"
-    elif jointly_passive(get(summary, "coupling")):
+            yield f"the {other}'s account is not here; the {accounts[0]}'s half held{_of_half(summary[accounts[0]])}"
+    elif jointly:
         yield "of both ports together only, and both were not seen at the same time"
     elif not _torn(summary):
         yield "the accounts of both sides do not fit each other"
 
 
-def _of_half(summary: Any, side: str) -> str:
-    margin, bound = (known(get(summary, side, "ledger", name)) for name in ("margin_J", "bound_J"))
-    if margin is None or bound is None:
+def _of_half(side: SidePart | None) -> str:
+    if side is None or (margin := side["ledger"]["margin_J"]) is None or (bound := side["ledger"]["bound_J"]) is None:
         return ""
     return f", at most {_milli(max(0.0, bound - margin))} of its {_milli(bound)} mJ ever came out"
 
 
-def _kept(summary: Any) -> str:
+def _kept(summary: Summary) -> str:
     """How far it was from not being passive."""
-    names = ("bound_J", "energy_out_J", "margin_end_J", "margin_later_J")
-    bound, out, end, later = (known(get(summary, "theorem", name)) for name in names)
-    margin = _margin(summary)
+    theorem = summary["theorem"]
+    margin, bound, out = theorem["margin_J"], theorem["bound_J"], theorem["energy_out_J"]
+    end, later = theorem["margin_end_J"], theorem["margin_later_J"]
     if out is None and margin is not None and bound is not None:
         out = max(0.0, bound - margin)
     of = "" if bound is None else f" of d² = {_milli(bound)}"

@@ -13,7 +13,8 @@ import viser
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError
 from hapnet.recording.telemetry import Status
-from hapnet.summary.verdict import Verdict, judge
+from hapnet.summary.structure import Verdict
+from hapnet.summary.verdict import judge
 from hapnet.view.controls import Controls, Way
 from hapnet.view.history import Snapshot
 from hapnet.view.link_form import LinkForm, put, tell

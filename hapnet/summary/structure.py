@@ -1,0 +1,281 @@
+"""What a run's summary is made of: typed dictionaries whose keys are those of the JSON. None where a value is unknown.
+
+Summaries also come from files: of an older version, torn, or of anybody's making. `read` makes of whatever it is given
+a summary that has every key, so that nobody else has to look twice.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from functools import cache
+from types import NoneType
+from typing import Any, Literal, TypedDict, TypeVar, cast, get_args, get_origin, get_type_hints, is_typeddict
+
+from hapnet.metrics.position import Motion as Motion
+from hapnet.wire.messages import Role
+
+Way = Literal["up", "down"]
+"""From the device, and from the world."""
+
+SIDES: tuple[Role, Role] = ("device", "world")
+WAYS: tuple[Way, Way] = ("up", "down")
+
+Number = float | None
+Count = int | None
+Shape = TypeVar("Shape")
+
+
+class Verdict(TypedDict):
+    """`passive` : None where it is not known. `reason` : why, in words."""
+
+    passive: bool | None
+    reason: str
+
+
+class Theorem(TypedDict):
+    """Both ports together [J]: see theorem 1. `bound_J` is d^2, `energy_out_J` the most that ever came out."""
+
+    margin_J: Number
+    bound_J: Number
+    energy_out_J: Number
+    margin_end_J: Number
+    margin_later_J: Number
+    diverged: bool | None
+
+
+class Hand(TypedDict):
+    """The port of the simulated hand [J]."""
+
+    work_J: Number
+    margin_J: Number
+
+
+class Environment(TypedDict):
+    """The port of the environment [J]."""
+
+    work_J: Number
+    slack_J: Number
+
+
+class Ledger(TypedDict):
+    """One side's half of the theorem [J]."""
+
+    margin_J: Number
+    slack_J: Number
+    bound_J: Number
+    work_J: Number
+    energy_out_J: Number
+    margin_end_J: Number
+    diverged: bool | None
+
+
+class Outages(TypedDict):
+    """When one side heard nothing of the other."""
+
+    count: Count
+    longest_s: Number
+    total_s: Number
+    recovery_max_s: Number
+
+
+class Servo(TypedDict):
+    """Timing of the servo; in virtual time only its ticks."""
+
+    ticks: Count
+    late_p50_us: Number
+    late_p99_us: Number
+    late_max_us: Number
+    late_period: Count
+    skipped: Count
+    overruns: Count
+    longest_ms: Number
+    unsent: Count
+    late_histogram_us: Any
+
+
+class Step(TypedDict):
+    """The world's steps."""
+
+    count: Count
+    mean_s: Number
+    max_s: Number
+
+
+class Stopped(TypedDict):
+    """When and why the device's force was stopped for good."""
+
+    after_s: Number
+    why: str | None
+
+
+class SidePart(TypedDict, total=False):
+    """What one side knows of itself. The device alone has the entries from `servo` on, the world alone has `step`."""
+
+    ledger: Ledger
+    reservoir_min_J: Number
+    deficit_max_J: Number
+    discarded_nJ: Count
+    sent_nJ: Count
+    credited_nJ: Count
+    acked_nJ: Count
+    unanswered_s: Number
+    in_flight_nJ: Count
+    abandoned_nJ: Count
+    incarnations: Count
+    peers_J: Number
+    outages: Outages
+    received: Count
+    missing: Count
+    dropped: dict[str, int] | None
+    step: Step
+    servo: Servo
+    quantisation_J: Number
+    true_slack_J: Number
+    reserve_J: Number
+    overrun_leak_J: Number
+    overrun_risk_J: Number
+    speed_max_mps: Number
+    speed_limit_mps: Number
+    guarded_ticks: Count
+    force: str | None
+    hand_work_J: Number
+    stopped: Stopped | None
+
+
+class Flow(TypedDict):
+    """Shuffled energy one way [nJ]: sent = credited + in flight + abandoned."""
+
+    sent_nJ: Count
+    credited_nJ: Count
+    in_flight_nJ: Count
+    abandoned_nJ: Count
+
+
+class Energy(TypedDict):
+    """Shuffled energy, both ways."""
+
+    up: Flow
+    down: Flow
+
+
+class PathWay(TypedDict):
+    """What was measured of one direction, end to end."""
+
+    sent: Count
+    lost: Count
+    loss: Number
+    jitter_p50_ms: Number
+    jitter_p99_ms: Number
+    age_p50_ms: Number
+    age_p99_ms: Number
+    stalls: Count
+    longest_stall_ms: Number
+
+
+class Path(TypedDict):
+    """What the streams showed of the way between the sides, the network and the emulated links together."""
+
+    round_trip_min_ms: Number
+    round_trip_p50_ms: Number
+    round_trip_p99_ms: Number
+    up: PathWay | None
+    down: PathWay | None
+
+
+class LinkPart(TypedDict, total=False):
+    """What an emulated link did: the entries of `netem.LinkStats`."""
+
+    profile: str | None
+    offered: Count
+    delivered: Count
+    lost: Count
+    resent: Count
+    recovered: Count
+    lost_down: Count
+    dropped_limit: Count
+    reordered: Count
+    delay_p50_ms: Number
+    delay_p99_ms: Number
+    late_max_ms: Number
+    delay_histogram_ms: Any
+
+
+class Links(TypedDict):
+    """The emulated links; None where a side did not say."""
+
+    up: LinkPart | None
+    down: LinkPart | None
+
+
+class Summary(TypedDict, total=False):
+    """The summary of a run, in the order of its JSON."""
+
+    verdict: Verdict
+    theorem: Theorem
+    hand: Hand
+    environment: Environment
+    device: SidePart | None
+    world: SidePart | None
+    energy: Energy
+    path: Path
+    links: Links
+    motion: Motion
+    seed: Count
+    duration_s: Number
+    coupling: str | None
+    tuning: dict[str, Any]
+    torn: list[Any]
+    versions: dict[str, Any]
+    wall_clock: dict[str, Any]
+    replay: dict[str, Any]
+    reconstructed: bool | None
+
+
+def known(value: object) -> float | None:
+    """`value` if it is a finite number."""
+    if type(value) is float:
+        return value if math.isfinite(value) else None
+    if isinstance(value, bool) or not isinstance(value, int | float) or (isinstance(value, int) and abs(value) > 2**63):
+        return None
+    return value if math.isfinite(value) else None
+
+
+def unknown(shape: type[Shape]) -> Shape:
+    """All keys of a typed dictionary, and nothing known: None, and so in what is within it."""
+    reader: Callable[[object], Any] = _reader_of(cast(Any, shape))
+    return cast(Shape, reader({}))
+
+
+def read(tree: object) -> Summary:
+    """A summary with every key, of whatever `tree` is: what is missing, or is no such value, is unknown."""
+    return cast(Summary, _reader_of(Summary)(tree))
+
+
+@cache
+def _reader_of(shape: Any) -> Callable[[object], dict[str, Any]]:
+    """What makes a typed dictionary of anything."""
+    readers = tuple((name, _reader(hint)) for name, hint in get_type_hints(shape).items())
+
+    def reader(tree: object) -> dict[str, Any]:
+        entries: Mapping[Any, Any] = tree if isinstance(tree, dict | Mapping) else {}
+        return {name: reader(entries.get(name)) for name, reader in readers}
+
+    return reader
+
+
+def _reader(hint: Any) -> Callable[[Any], Any]:
+    """What makes a value of the type `hint` of anything."""
+    optional = NoneType in get_args(hint)
+    kind = next(kind for kind in get_args(hint) if kind is not NoneType) if optional else hint
+    if is_typeddict(kind):
+        whole = _reader_of(kind)
+        return (lambda value: whole(value) if isinstance(value, dict | Mapping) else None) if optional else whole
+    if kind in (int, float):
+        return known
+    if kind is Any:
+        return lambda value: value
+    kind = get_origin(kind) or kind
+    if optional:
+        return lambda value: value if isinstance(value, kind) else None
+    return lambda value: value if isinstance(value, kind) else kind()
