@@ -6,7 +6,7 @@ import json
 import math
 from typing import Any, get_type_hints, is_typeddict
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapnet.params import Params
@@ -30,6 +30,7 @@ def fits(shape: Any, value: Any) -> bool:
     )
 
 
+@settings(max_examples=60)
 @given(TREES)
 def test_anything_becomes_a_summary_that_can_be_judged_and_shown(tree: Any) -> None:
     summary = read(tree)
