@@ -67,7 +67,7 @@ def _held(side: DeviceSide) -> SidePart:
     figures = side.held_forces()
     if figures:
         figures["reserve_J"] = _known(figures["reserve_J"])
-    return {**result, **figures}
+    return cast(SidePart, {**result, **figures})
 
 
 def _nothing_held() -> SidePart:
