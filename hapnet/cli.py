@@ -272,9 +272,9 @@ def compare(
         Path | None, typer.Option(help="Directory for all that is written.", show_default="runs/<UTC time>-compare")
     ] = None,
 ) -> int:
-    """Every coupling over the same links, with the same hands and seeds, in virtual time: who is passive, who clear.
+    """Every coupling over the same links, hands and seeds, in virtual time: which are passive, how transparent.
 
-    Prints a table a link; writes all cases as JSON, the traces of one and a figure of all.
+    Prints one table per link. Writes all cases as JSON, the traces of one case and a figure of all of them.
     """
     chosen = params.over(compare_command.BASE, model.named())
     if params.show_params:

@@ -39,7 +39,7 @@ def seed_range(words: str) -> range:
 
 
 def main(params: Params, seeds: range, json_to: str | None, workers: int) -> int:
-    """Simulate every seed in so many `workers` (0: what pays); print a table, write one object a scenario."""
+    """Simulate every seed in `workers` processes (0: as many as pay off); print a table, write one object each."""
     from hapnet.assembly.build import prepare
     from hapnet.simulation.batch.run import simulate_batch
     from hapnet.simulation.processes import usable_cores
@@ -127,5 +127,5 @@ def _of_way(way: Way) -> Iterator[tuple[str, Callable[[Summary], float | None], 
 
 
 def _words(value: float) -> str:
-    """Four digits, down to the tolerance; what is less is rounding, and shown as nothing."""
+    """With four digits down to the tolerance; what is smaller is rounding, and shown as 0."""
     return f"{round(value, 6) + 0.0:.4g}"

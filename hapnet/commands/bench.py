@@ -71,7 +71,7 @@ def _show(rows: list[Row], directory: Path, words: Console) -> None:
 
 
 def _measure(chosen: dict[str, Measure], options: Options, words: Console) -> Iterator[Row]:
-    """One row after another; a bar on a terminal, a line each elsewhere."""
+    """Measure one row after another; show a bar on a terminal, one line per row elsewhere."""
     with Progress(words, "measuring", len(chosen), "", background=False) as progress:
         for number, (name, measure) in enumerate(chosen.items()):
             progress.update(number, f"{number + 1}/{len(chosen)} {name}")

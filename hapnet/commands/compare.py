@@ -49,7 +49,7 @@ _LINKS = "What is compared"
 
 @dataclass(frozen=True)
 class CompareOptions:
-    """What is compared, and what is shown of it."""
+    """What is compared, and what is shown."""
 
     coupling: Annotated[
         list[str] | None,
@@ -114,7 +114,7 @@ class CompareOptions:
 
 
 def main(params: Params, given: CompareOptions, json_to: str | None, out: Path | None) -> int:
-    """Compare, and show it; 0 even if cases failed, as long as one did not: the tables say it. 4 if a claim failed."""
+    """Compare, and show it. 0 even if some cases failed, which the tables say; 4 if a claim was not kept."""
     from hapnet.study import tables
     from hapnet.study.journal import Journal
 
@@ -213,7 +213,7 @@ def _write(
 
 
 def plan_of(params: Params, given: CompareOptions) -> Plan:
-    """The flags as a plan, each of its parts tried once.
+    """The flags as a plan; each of its parts is tried once.
 
     Raises
     ------

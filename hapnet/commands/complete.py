@@ -1,4 +1,4 @@
-"""What the shell offers after TAB as values of flags; typer keeps of it what begins with the word on the line."""
+"""The values of flags that the shell offers after TAB; typer keeps those that begin with the word on the line."""
 
 from __future__ import annotations
 
@@ -16,15 +16,16 @@ OPERATORS = ("rest", "sine", "press")
 FIGURES = ("fig4", "fig5", "fig6")
 MODES = ("peer", "client", "router")
 MOTIONS = (".csv", ".mcap")
-"""Files that an operator can be made of."""
+"""Files that can be an operator's motion."""
 
 _UNQUOTED = frozenset("._-+=@%/,")  # of names that no shell takes apart
 
 
 def glue() -> bool:
-    """Words on bash's line that hold an ``=``, whole again; whether the last one is such a word.
+    """Join the words of bash's line that hold an ``=``; is the last one such a word?
 
-    bash takes words apart there, so of the last it wants to be told only what comes behind the ``=``: `behind`.
+    bash splits words at ``=``, and then wants only what follows it: see `behind`. click joins ``--flag=value`` itself,
+    but not the ``NAME=VALUE`` of ``--set``.
     """
     words = os.environ.get("COMP_WORDS", "").split("\n")[: int(os.environ.get("COMP_CWORD", "0")) + 1]
     line, glued = words[:1], False
@@ -39,7 +40,7 @@ def glue() -> bool:
 
 
 def behind(offered: str) -> str:
-    """Of each line offered what is behind its last ``=``, if there is anything."""
+    """What follows the last ``=`` of each offered line, if there is anything."""
     return "\n".join(filter(None, (line.rpartition("=")[2] for line in offered.splitlines())))
 
 
@@ -71,7 +72,7 @@ def operators(incomplete: str) -> list[str]:
 
 
 def assignments(incomplete: str) -> list[tuple[str, str]]:
-    """``NAME=`` of every parameter; of one that is written out also ``NAME=`` with its default and what else it allows.
+    """``NAME=`` of every parameter; if only one fits, also ``NAME=VALUE`` with its default and its other choices.
 
     So there are always two that begin alike: the shell adds no space after the ``=``.
     """
@@ -86,7 +87,7 @@ def assignments(incomplete: str) -> list[tuple[str, str]]:
 
 
 def rows(incomplete: str) -> list[str]:
-    """Rows of the benchmark, after a comma one more."""
+    """Rows of the benchmark; after a comma another one."""
     from hapnet.bench.registry import ROWS
 
     before, comma, _ = incomplete.rpartition(",")
@@ -94,7 +95,7 @@ def rows(incomplete: str) -> list[str]:
 
 
 def files(incomplete: str, endings: tuple[str, ...]) -> list[str]:
-    """Paths that begin so: files with one of these endings, and directories; of a single directory, what is in it."""
+    """Paths that begin so: files with one of these endings, and directories. A single directory is opened."""
     found: list[str] = []
     for _ in range(20):
         directory, slash, start = incomplete.rpartition("/")
@@ -133,6 +134,6 @@ def _plain(name: str) -> bool:
 
 
 def _word(value: object) -> str:
-    """A value as `--set` takes it; nothing where a shell would want quotes."""
+    """A value as `--set` takes it; empty if a shell would need quotes."""
     text = str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)
     return text if _plain(text) else ""

@@ -1,4 +1,4 @@
-"""What `hapnet play` asks of the two sides while they run: a JSON object a line, on their standard input.
+"""Commands from `hapnet play` to the two running sides: one JSON object per line, on their standard input.
 
 ``{"do": "lead", "position": [x, ...]}``, ``{"do": "link", "words": "..."}``, ``{"do": "pause", "on": true}`` and
 ``{"do": "record", "path": "..." or null}``; ``{"do": "hurry"}`` before it is told to stop. Not on the network: only who
@@ -19,8 +19,8 @@ from hapnet.realtime.runner import RealtimeSide
 from netem.errors import NetemError
 
 
-async def obey(side: RealtimeSide, complain: Callable[[str], None]) -> None:
-    """Do what standard input says, until it ends; a line that makes no sense is complained of and changes nothing."""
+async def run_console(side: RealtimeSide, complain: Callable[[str], None]) -> None:
+    """Run the commands on standard input until it ends. A bad line is reported and changes nothing."""
     reader = asyncio.StreamReader()
     await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
     async for line in reader:

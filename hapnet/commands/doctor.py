@@ -1,4 +1,4 @@
-"""`hapnet doctor`: what this machine allows, a line each, with what to do about it."""
+"""`hapnet doctor`: what this machine allows, one line each, with what to do about it."""
 
 from __future__ import annotations
 

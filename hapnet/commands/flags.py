@@ -48,7 +48,7 @@ ServoKind = Annotated[
 ServoRate = Annotated[float | None, typer.Option("--servo-hz", help="Rate of the servo; 1000 by default.")]
 Duration = Annotated[float | None, typer.Option(help="Seconds from pairing; 0: until Ctrl-C (not in virtual time).")]
 Dof = Annotated[int | None, typer.Option(help="Degrees of freedom, 1 to 3; the scene's own by default.")]
-Seed = Annotated[int, typer.Option(min=0, help="Of everything random.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of everything random.")]
 OwnSeed = Annotated[int | None, typer.Option("--seed", min=0, help="Of this side's link and steps; drawn by default.")]
 ParamsFile = Annotated[
     Path | None,
@@ -164,7 +164,7 @@ Cfg = Annotated[
 TlsCa = Annotated[
     Path | None,
     typer.Option(
-        "--tls-ca", metavar="FILE", help="Who signed the other side's certificate.", rich_help_panel=_SECURITY
+        "--tls-ca", metavar="FILE", help="The signer of the other side's certificate.", rich_help_panel=_SECURITY
     ),
 ]
 TlsCert = Annotated[
@@ -177,7 +177,7 @@ TlsKey = Annotated[
 MutualTls = Annotated[
     bool,
     typer.Option(
-        "--mutual-tls", help="Who dials needs a certificate too, signed by --tls-ca.", rich_help_panel=_SECURITY
+        "--mutual-tls", help="The dialling side needs a certificate too, signed by --tls-ca.", rich_help_panel=_SECURITY
     ),
 ]
 User = Annotated[
@@ -205,7 +205,7 @@ Name = Annotated[str, typer.Option(help="Name of the device, the same on both si
 Record = Annotated[Path | None, typer.Option(help="Record this side to an MCAP file.")]
 Log = Annotated[
     str | None,
-    typer.Option("--log", metavar="FILE|-", help="What happens, a JSON object a line; -: instead of words, on stdout."),
+    typer.Option("--log", metavar="FILE|-", help="Events, one JSON object per line; -: instead of words, on stdout."),
 ]
 Once = Annotated[bool, typer.Option("--once", help="End when the other side has left, or is gone for 10 s.")]
 Progress = Annotated[bool, typer.Option("--progress", hidden=True)]

@@ -1,4 +1,4 @@
-"""What a side has to say, as lines: words for people on the console, one JSON object a line for programs."""
+"""A side's notices: words for people on the console, one JSON object per line for programs."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Log:
         logging.getLogger("hapnet").addHandler(self._handler)
 
     def tell(self, notice: Notice) -> None:
-        """One notice more, for programs and for people."""
+        """Log a notice, for programs and for people."""
         if notice.kind == "progress" and not self._progress:
             return
         self.write(notice)
@@ -72,7 +72,7 @@ class Log:
             self._say(replace(notice, text=text))
 
     def write(self, notice: Notice) -> None:
-        """One notice more, for programs only."""
+        """Log a notice, for programs only."""
         if self._file is None:
             return
         line = json.dumps(record(notice, self._role, self._time(notice.at_ns)), ensure_ascii=False)
@@ -93,7 +93,7 @@ class Log:
         return datetime.fromtimestamp((at_ns + self._offset_ns) * 1e-9, UTC)
 
     def close(self) -> None:
-        """No more notices."""
+        """Close the log."""
         for _, text in self._repeats.rest():
             self._say(Notice("repeats", text, time.monotonic_ns()))
         logging.getLogger("hapnet").removeHandler(self._handler)
@@ -122,7 +122,7 @@ def check_target(log_to: str | None, json_to: str | None) -> None:
 
 
 class _Handler(logging.Handler):
-    """What the library's parts log, as notices."""
+    """Makes notices of what the library logs."""
 
     def __init__(self, tell: Callable[[Notice], None]) -> None:
         super().__init__(logging.WARNING)

@@ -62,13 +62,13 @@ class _Patient:
 
 
 def silence(stream: IO[str]) -> None:
-    """What is written to `stream` from now on goes nowhere; else the interpreter's exit would fail at what is left."""
+    """Discard what is written to `stream` from now on; otherwise the interpreter would fail at its exit."""
     with suppress(OSError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 class Written:
-    """What a run leaves behind: each part is written whatever became of the others, and what is missing is counted.
+    """The files of a run. Each part is written even if another one failed, and what is missing is kept.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class Written:
         self.broken: list[str] = []
 
     def judge(self, summary: Mapping[str, Any], params: Params | None, *, virtual: bool) -> None:
-        """See whether the coupling of a run kept what it claims; the arguments are those of `verdict.broken`."""
+        """Check whether the coupling of a run kept its claim; the arguments are those of `verdict.broken`."""
         from hapnet.summary import verdict
 
         if verdict.broken(summary, params, virtual=virtual):
@@ -89,14 +89,14 @@ class Written:
 
     @contextmanager
     def part(self) -> Iterator[None]:
-        """Inside, one part is written; that it cannot be is no error yet."""
+        """Write one part inside; a failure is kept for the end."""
         try:
             yield
         except (OutputError, RecordingError) as error:
             self.missing.append(str(error))
 
     def code(self, code: int = 0) -> int:
-        """The exit code of a run that otherwise ends with `code`; says in a line each what is missing and broken."""
+        """The exit code of a run that otherwise ends with `code`; says what is missing and broken, one line each."""
         for lines in (self.missing, self.broken):
             if lines:
                 complain("; ".join(dict.fromkeys(lines)))
@@ -166,13 +166,13 @@ def save_figure(recording: Recording, path: Path) -> Path:
 
 
 def show_warnings(out: Console, warnings: tuple[str, ...]) -> None:
-    """A line each, before what they warn of begins."""
+    """Show each warning, before the run begins."""
     for warning in warnings:
         out.print(f"warning: {warning}", style="yellow", markup=False)
 
 
 def show_summary(out: Console, summary: Mapping[str, Any], *, verbose: bool) -> None:
-    """The verdict with what matters most in three lines or, if `verbose`, in all tables."""
+    """The verdict and what matters most in three lines or, if `verbose`, all tables."""
     from hapnet import report
 
     out.print(report.summary_text(summary) if verbose else report.brief_text(summary))

@@ -29,7 +29,7 @@ class Pair:
     Parameters
     ----------
     params, seed : of both. directory : where the parameters go, and what they write.
-    heed : told each notice: role, line as it was written, and what it says.
+    on_notice : called with each notice: role, line as it was written, and its content.
     record : both record, as device.mcap and world.mcap in `directory`. console : both take commands (`tell`).
     realtime : of the device. session, address : under which they meet, and where the world listens; None: drawn.
 
@@ -44,7 +44,7 @@ class Pair:
         params: Params,
         seed: int,
         directory: Path,
-        heed: Callable[[str, bytes, dict[str, Any]], None],
+        on_notice: Callable[[str, bytes, dict[str, Any]], None],
         *,
         record: bool = True,
         console: bool = False,
@@ -56,7 +56,7 @@ class Pair:
         self._session = session or f"run-{secrets.token_hex(4)}"
         self.parts: dict[str, dict[str, Any]] = {}
         self.errors: dict[str, list[str]] = {}
-        self._params, self._seed, self._directory, self._heed = params, seed, directory, heed
+        self._params, self._seed, self._directory, self._on_notice = params, seed, directory, on_notice
         self._record, self._console, self._realtime = record, console, realtime
         self._children: dict[str, asyncio.subprocess.Process] = {}
         self._reports: dict[str, asyncio.Task[bytes]] = {}
@@ -72,7 +72,7 @@ class Pair:
             self._children[role] = await self._start(role, flag)
 
     async def run(self, stop: asyncio.Event) -> None:
-        """Wait until both have ended: of themselves, since one failed, or since `stop` was set.
+        """Wait until both have ended: normally, because one failed, or because `stop` was set.
 
         Raises
         ------
@@ -143,7 +143,7 @@ class Pair:
         assert child.stderr is not None
         errors = asyncio.create_task(child.stderr.read())
         async for line, notice in _notices(child):
-            self._heed(role, line, notice)
+            self._on_notice(role, line, notice)
         said = (await errors).decode(errors="replace").strip().splitlines()
         await child.wait()
         self.errors[role] = [line.removeprefix("hapnet: ") for line in said if line.startswith("hapnet: ")]
@@ -153,7 +153,7 @@ class Pair:
             self.parts[role] = json.loads(await self._reports[role])
 
     def _failed(self, role: str) -> bool:
-        """Has the process ended otherwise than it should?"""
+        """Has the process failed?"""
         told = (128 + signal.SIGTERM, -signal.SIGTERM) if self._told else ()
         return self._children[role].returncode not in (None, 0, output.INCOMPLETE, *told)
 
@@ -165,7 +165,7 @@ class Pair:
 
 
 async def _read(pipe: int) -> bytes:
-    """All that comes through a pipe, which is closed then."""
+    """Everything that comes through a pipe until it is closed."""
     reader = asyncio.StreamReader()
     await asyncio.get_running_loop().connect_read_pipe(
         lambda: asyncio.StreamReaderProtocol(reader), os.fdopen(pipe, "rb", buffering=0)
@@ -174,7 +174,7 @@ async def _read(pipe: int) -> bytes:
 
 
 async def _notices(child: asyncio.subprocess.Process) -> AsyncIterator[tuple[bytes, dict[str, Any]]]:
-    """The lines that a process logs, as they are and what they say."""
+    """The lines that a process logs: each as it is, and its content."""
     assert child.stdout is not None
     async for line in child.stdout:
         with contextlib.suppress(json.JSONDecodeError):

@@ -77,7 +77,7 @@ async def _run(stage: Stage) -> int:
 
 
 class Stage:
-    """Pairs of processes, one after another, under the page's `Controls`: an episode each, with an account of its own.
+    """Pairs of processes, one after another, under the page's `Controls`. Each pair starts with a fresh energy account.
 
     What changes the link, the hand or a recording reaches the running pair; what changes the coupling ends it and
     begins another.
@@ -102,7 +102,7 @@ class Stage:
         self._overran = False
 
     async def run(self, stop: asyncio.Event) -> None:
-        """An episode after another until `stop` is set.
+        """Run one episode after another until `stop` is set.
 
         Raises
         ------
@@ -117,7 +117,7 @@ class Stage:
             given = self._params.link
             with tempfile.TemporaryDirectory(prefix="hapnet-") as directory:
                 pair = Pair(
-                    self._params, self._seed, Path(directory), self._heed, record=False, console=True,
+                    self._params, self._seed, Path(directory), self._on_notice, record=False, console=True,
                     realtime=self._realtime, session=SESSION, address=self._address,
                 )  # fmt: skip
                 await pair.start()
@@ -211,8 +211,8 @@ class Stage:
             for role in ("device", "world"):
                 self._pair.tell(role, **command(role))
 
-    def _heed(self, role: str, line: bytes, notice: dict[str, Any]) -> None:
-        """What goes wrong is said; of a servo that comes late, as it does beside a browser, the first time only."""
+    def _on_notice(self, role: str, line: bytes, notice: dict[str, Any]) -> None:
+        """Show what goes wrong; of late servo ticks, which are common beside a browser, only the first."""
         kind, text = notice["kind"], notice["text"]
         if notice["level"] == "info" or self._over.is_set() or (kind == "overrun" and self._overran):
             return

@@ -1,4 +1,4 @@
-"""How far a command is, for people: a bar with the time left on a terminal, a line now and then elsewhere."""
+"""The progress of a command: a bar with the time left on a terminal, a line at intervals elsewhere."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Progress:
             self._thread.join()
 
     def stage(self, doing: str, total: float | None = None, unit: str = "s") -> None:
-        """From now on this is being done, and nothing of it yet."""
+        """Begin another stage, of which nothing is done yet."""
         with self._lock:
             self._doing, self._total, self._unit = doing, total, unit
             self._done = 0.0
@@ -105,7 +105,7 @@ class Progress:
                 self._words.print(": ".join(filter(None, (self._doing, ", ".join(known)))), markup=False)
 
     def erase(self) -> None:
-        """The terminal as it was, at once; for who ends the process here."""
+        """Clear the line and restore the cursor at once, before the process ends."""
         self._over.set()
         free = self._lock.acquire(timeout=_REDRAW_S)  # nobody is drawing now, unless the terminal takes nothing
         with suppress(OSError):
@@ -166,7 +166,7 @@ class Progress:
 
 
 def erase() -> None:
-    """Erase what is drawn, for who ends the process without leaving the ``with`` blocks."""
+    """Erase all bars, before the process ends without leaving their ``with`` blocks."""
     for progress in tuple(_drawn):
         progress.erase()
 

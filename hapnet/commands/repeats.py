@@ -1,11 +1,11 @@
-"""What happens again and again is told a few times, and then counted: for people; a log for programs has it all."""
+"""A notice that repeats is shown a few times to people, then only counted; a log for programs has every one."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 TOLD = 3
-"""So often in `EVERY_NS` a thing of one kind is told."""
+"""A kind of notice is shown this often within `EVERY_NS`."""
 
 EVERY_NS = 10_000_000_000
 
@@ -22,13 +22,13 @@ class _Kind:
 
 
 class Repeats:
-    """Decides which notices people see; `who` tells apart whose they are."""
+    """Decides which notices people see; `who` says whose they are."""
 
     def __init__(self) -> None:
         self._kinds: dict[tuple[str, str], _Kind] = {}
 
     def line(self, who: str, kind: str, text: str, now_ns: int) -> str | None:
-        """The line to show for a notice, with how many were not shown before it; None: it is one too many."""
+        """The line to show for a notice, with the number of those not shown before it; None: do not show it."""
         if kind not in REPEATING:
             return text
         found = self._kinds.get((who, kind))
@@ -44,7 +44,7 @@ class Repeats:
         return None
 
     def rest(self) -> list[tuple[str, str]]:
-        """At the end: who, and a line on what was not shown of each kind."""
+        """At the end: for each kind with notices not shown, whose they are and a line about them."""
         untold = [(who, kind) for (who, _), kind in self._kinds.items() if kind.untold]
         self._kinds.clear()
         return [(who, f"{kind.text} (the last of {kind.untold} more like this)") for who, kind in untold]

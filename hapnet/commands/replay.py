@@ -84,7 +84,7 @@ def main(
 
 
 def table(compared: dict[str, Any]) -> Table:
-    """Original and replay side by side, in the units of people; - where a value is unknown."""
+    """Original and replay side by side, in readable units; - where a value is unknown."""
     from rich import box
     from rich.table import Table
 

@@ -57,7 +57,7 @@ def main(files: list[Path], json_to: str | None, out: Path | None, *, verbose: b
 
 
 def asked(recordings: Sequence[Recording]) -> Params | None:
-    """The parameters of the run, the device's word first; None if this version cannot read them."""
+    """The parameters of the run, preferably the device's; None if this version cannot read them."""
     for recording in sorted(recordings, key=lambda one: one.device is None):
         tree = recording.meta.get("params")
         if isinstance(tree, Mapping):
@@ -93,7 +93,7 @@ def write(
 
 
 def source_of(file: Path, recording: Recording) -> Source:
-    """What a report says of the file that a recording was read from."""
+    """What a report says about the file of a recording."""
     from hapnet.report import Source, legible
 
     sides = [side for side in ("device", "world") if getattr(recording, side) is not None]
@@ -103,7 +103,7 @@ def source_of(file: Path, recording: Recording) -> Source:
 
 
 def _legible(recording: Recording) -> Recording:
-    """All that a recording says, fit to be shown, whoever wrote it."""
+    """A recording whose texts are safe to show, whoever wrote them."""
     from hapnet.report import legible
 
     events = [Event(event.time_ns, legible(event.kind), legible(event.text)) for event in recording.events]

@@ -47,8 +47,8 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, re
         running = False
         repeats = Repeats()
 
-        def heed(role: str, line: bytes, notice: dict[str, Any]) -> None:
-            """A notice, for people and for the log; the device's clock says how far the run is."""
+        def on_notice(role: str, line: bytes, notice: dict[str, Any]) -> None:
+            """Show a notice and log it; the device's clock says how far the run is."""
             nonlocal running
             if notice["kind"] != "progress":
                 text = repeats.line(role, notice["kind"], notice["text"], notice["monotonic_ns"])
@@ -62,7 +62,7 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, re
                     progress.stage("running", params.duration_s or None)
                 progress.update(float(notice["text"]))
 
-        pair = Pair(params, seed, directory, heed, realtime=realtime)
+        pair = Pair(params, seed, directory, on_notice, realtime=realtime)
         code = asyncio.run(_run(pair))
     for role, text in repeats.rest():
         words.print(f"{role}: {text}", markup=False)
@@ -87,7 +87,7 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, re
 
 
 def _expected(notice: dict[str, Any]) -> bool:
-    """Is it what every run has? Both sides wait for each other and are paired once; the summary has the path."""
+    """Is it in every run? Both sides wait for each other and are paired once; the summary shows the path."""
     first = notice["kind"] == "paired" and notice.get("values", {}).get("pair") == 1
     return first or notice["kind"] in ("waiting", "path")
 

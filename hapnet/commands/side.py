@@ -14,7 +14,7 @@ from typing import cast, get_args
 from hapnet import checks
 from hapnet.assembly.build import LIVE, prepare
 from hapnet.commands import output
-from hapnet.commands.console import obey
+from hapnet.commands.console import run_console
 from hapnet.commands.log import Log, check_target
 from hapnet.commands.options import ZenohOptions
 from hapnet.errors import InvalidParameter
@@ -38,7 +38,7 @@ PARENT_EVERY_S = 0.2
 
 @dataclass(frozen=True)
 class SideOptions:
-    """What one side is told beside its parameters."""
+    """The options of one side beside its parameters."""
 
     role: Role
     zenoh: ZenohSettings
@@ -133,7 +133,7 @@ async def _run(side: RealtimeSide, duration_s: float, log: Log) -> tuple[Summary
         def complain(text: str) -> None:
             log.tell(Notice("console", text, time.monotonic_ns(), "warning"))
 
-        beside.append(asyncio.create_task(obey(side, complain)))
+        beside.append(asyncio.create_task(run_console(side, complain)))
     try:
         summary = await side.run(stop, duration_s)
     finally:
@@ -143,7 +143,7 @@ async def _run(side: RealtimeSide, duration_s: float, log: Log) -> tuple[Summary
 
 
 async def _outlive(parent: int, told: Callable[[signal.Signals], None]) -> None:
-    """End as if told to when `parent` has died: nobody else would end this side, and it may hold a device."""
+    """End as on SIGTERM when `parent` has died: nobody else would end this side, and it may drive a device."""
     while os.getppid() == parent:
         await asyncio.sleep(PARENT_EVERY_S)
     told(signal.SIGTERM)
@@ -171,5 +171,5 @@ def catch(
 
 
 def exit_code(caught: list[signal.Signals]) -> int:
-    """0, or as a shell says that a signal ended a program: 128 and its number."""
+    """0, or 128 + N after signal N, as shells do."""
     return 128 + caught[0] if caught else 0

@@ -74,9 +74,9 @@ def run(
     """Run every combination of parameters, links and seeds that SPEC.toml lists, in virtual time.
 
     The same command goes on where the one before was stopped or killed: only cases without a result are run. A case
-    that fails is a row that says why.
+    that fails gets a row that says why.
 
-    Writes results.csv (and results.parquet), sorted by case, and journal.sqlite, from which it goes on.
+    Writes results.csv (and results.parquet), sorted by case, and journal.sqlite, from which a later run goes on.
     """
     json_target(json_to)
     from hapnet.commands import sweeping
@@ -87,7 +87,7 @@ def run(
 
 @app.command(short_help="Draw the results of a sweep as a heat map.")
 def plot(
-    directory: Annotated[Path, typer.Argument(metavar="DIRECTORY", help="That the sweep has written.")],
+    directory: Annotated[Path, typer.Argument(metavar="DIRECTORY", help="A directory that a sweep has written.")],
     x: Annotated[
         str | None, typer.Option(metavar="NAME", help="What varies to the right; alone: a line with quartiles.")
     ] = None,

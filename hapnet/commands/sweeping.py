@@ -75,7 +75,7 @@ def plot(
     stat: str | None,
     out: Path | None,
 ) -> int:
-    """Draw, and say where the figure is."""
+    """Draw the figure, and say where it is."""
     from hapnet.report.files import save_figure
     from hapnet.study.grid import grid
     from hapnet.study.heatmap import draw
@@ -131,7 +131,7 @@ def _run(
 
 
 def _check(words: Console, spec: Spec, cases: list[Case]) -> None:
-    """Say what is wrong with cases before any is run; raises HapnetError if none can run."""
+    """Check the cases before any is run, and say what is wrong; raises HapnetError if none can run."""
     sets: dict[str, list[Case]] = {}
     for case in cases:
         sets.setdefault(case.parameters, []).append(case)
@@ -187,5 +187,5 @@ def _assigned(flag: str, given: list[str]) -> dict[str, str]:
 
 
 def _units() -> dict[str, str]:
-    """Of the parameters, where their meaning tells one."""
+    """The units of the parameters that have one."""
     return {name: unit[1] for name, _, meaning in Params().described() if (unit := re.search(r"\[([^]]+)\]", meaning))}

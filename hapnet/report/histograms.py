@@ -1,4 +1,4 @@
-"""How long the links took, and how late the servo was: histograms as they were counted on the spot."""
+"""How long the links took, and how late the servo was: histograms as they were counted during the run."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _SUB_BINS = 8  # an octave of the servo's lateness has 32 bins; these are made o
 
 
 def link_histogram(tree: object) -> Figure | None:
-    """The delays of both links, a panel each, 180 mm wide; None if no link counted any."""
+    """The delays of both links, one panel each, 180 mm wide; None if no link counted any."""
     from matplotlib import rc_context
 
     counted = read(tree)["links"]
@@ -100,7 +100,7 @@ def _stairs(panel: Axes, counts: NDArray[np.float64], edges: NDArray[np.float64]
 
 
 def _bins(histogram: Any) -> NDArray[np.float64]:
-    """(edge, count) a row; none if it is no histogram, or nothing was counted."""
+    """Rows of (edge, count); no rows if it is not a histogram, or nothing was counted."""
     nothing = np.zeros((0, 2))
     try:
         bins = np.array(histogram or nothing, dtype=float).reshape(-1, 2)

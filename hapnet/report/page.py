@@ -49,7 +49,7 @@ _NO_EVENTS = "A run in virtual time records no events; the summary counts its si
 
 @dataclass(frozen=True)
 class Source:
-    """A file that a report is of.
+    """A file that a report is made from.
 
     repaired : the copy that was made of it, if it was torn. written : when that last happened, in UTC.
     """
@@ -241,7 +241,7 @@ def _files(sources: Sequence[Source]) -> Html:
 
 
 def _section(title: str, *parts: Html) -> Html:
-    """Nothing if there is nothing in it."""
+    """A section of the page; nothing if it is empty."""
     return element("section", element("h2", title), *parts) if any(parts) else Html()
 
 
@@ -261,5 +261,5 @@ def _picture(picture: Picture | None) -> Html:
 
 
 def _of_device(recording: Recording, name: str) -> Any:
-    """A parameter that only the device's process goes by."""
+    """A parameter that only the device's process uses."""
     return None if recording.device is None else get(of_side(recording, "device"), "params", name)

@@ -1,4 +1,4 @@
-"""The pictures of a report, each with what to say to who cannot see it and to who sees it for the first time."""
+"""The pictures of a report, each with a caption and a text for those who cannot see it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Picture:
 
 
 def pictures(recording: Recording) -> dict[str, Picture]:
-    """By name: ``run``, and where they were counted ``link`` and ``servo``."""
+    """Pictures by name: ``run``, and ``link`` and ``servo`` if these were counted."""
     summary = read(recording.summary)
     full = has_reservoirs(summary["coupling"])
     panels = f"positions of device and proxy, forces, {'energy reservoirs, ' if full else ''}passivity margin"

@@ -18,7 +18,7 @@ from hapnet.summary.structure import read
 
 
 class Setting(NamedTuple):
-    """A parameter as it was. `default` is empty where it was left at that, or where there is none of that name."""
+    """A parameter's value. `default` is empty if it has its default, or if there is no such parameter."""
 
     name: str
     value: str
@@ -27,7 +27,7 @@ class Setting(NamedTuple):
 
 
 class Command(NamedTuple):
-    """What to type, and what that does."""
+    """A command to type, and what it does."""
 
     purpose: str
     line: str
@@ -48,7 +48,7 @@ def settings(recording: Recording) -> list[Setting]:
 
 
 def commands(recording: Recording, files: Sequence[Path]) -> list[Command]:
-    """How to make it again: by its settings and, where a device was recorded (in these files), by its hand."""
+    """How to repeat the run: with its settings and, if a device was recorded (in these files), with its hand."""
     found = []
     if (params := _params(recording)) is not None:
         virtual = recording.meta.get("clock") == "virtual"

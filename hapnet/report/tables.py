@@ -126,7 +126,7 @@ _MOTION: tuple[_Row[Motion], ...] = (
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of a label and a value a column, in words; a row of which nothing is known is left out."""
+    """Rows of a label and one value per column, in words; rows without any value are left out."""
 
     title: str
     columns: tuple[str, ...]
@@ -182,7 +182,7 @@ def motion(summary: Summary) -> Table:
 
 
 def brief(summary: Summary) -> list[str]:
-    """What matters most, in a line each: how well the proxy followed the hand, how hard it pushed, over which path."""
+    """What matters most, one line each: tracking error, largest force, path."""
     moved = summary["motion"]
     force, depth, contacts = moved["peak_force_N"], moved["peak_penetration_m"], moved["contacts"]
     errors = {"free": moved["free_rms_m"], "in contact": moved["contact_rms_m"]}
@@ -251,7 +251,7 @@ def _path_words(found: Path) -> str:
 
 
 def _lost(found: Path) -> list[str | None]:
-    """What was lost on the path, a way each, in %."""
+    """What was lost on the path in each direction, in %."""
     return [None if way is None else _share(way["lost"], way["sent"]) for way in (found["up"], found["down"])]
 
 

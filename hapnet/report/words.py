@@ -33,7 +33,7 @@ def outcome(summary: object) -> str:
 
 
 def legible(value: Any) -> Any:
-    """`value`, in its texts a replacement for all that does not print, and none too long: for data from elsewhere."""
+    """`value` with printable texts of limited length: for data from elsewhere."""
     if isinstance(value, str):
         short = value if len(value) <= _TEXT_LIMIT else value[: _TEXT_LIMIT - 1] + "…"
         return (
@@ -56,7 +56,7 @@ def text(value: Any) -> str:
 
 
 def number(value: Any) -> str:
-    """Four digits, whole numbers whole."""
+    """With four digits; whole numbers without a point."""
     if known(value) is None or isinstance(value, int):
         return text(value)
     return f"{value:.0f}" if 1e4 <= abs(value) < 1e15 else f"{value:.4g}"
@@ -68,7 +68,7 @@ def milli(value: Any) -> str:
 
 
 def millijoule(value: Any) -> str:
-    """As `milli`; what is pure rounding is 0."""
+    """As `milli`; pure rounding is shown as 0."""
     return milli(0 if known(value) is not None and abs(value) < DEFICIT_J else value)
 
 

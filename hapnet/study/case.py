@@ -24,10 +24,10 @@ Measures = dict[str, float | None]
 """Values by the names of their metrics; None where a run cannot tell."""
 
 DEADBAND = "wire.deadband"
-"""What the run over an ideal link, which a run is measured against, does without, as without the link."""
+"""The reference run over an ideal link has no deadband either."""
 
 _REFERENCES = 4
-"""Runs over an ideal link that are kept, a few megabytes each: cases that differ in links only follow each other."""
+"""Reference runs that are kept, a few megabytes each: cases that differ only in their link follow each other."""
 
 
 def was_passive(measures: Measures) -> bool:
@@ -57,7 +57,7 @@ class Run:
 def measure(params: Params, seed: int) -> Measures:
     """Simulate, and measure every metric. Each tick is recorded, whatever `params.record_hz` says.
 
-    The servo that is left open ("auto") is the sampled one, as of hardware: couplings side by side have the same.
+    "auto" stands for the sampled servo, as on hardware, so that all couplings of a comparison have the same.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def measure(params: Params, seed: int) -> Measures:
 
 
 def check(params: Params) -> tuple[str, ...]:
-    """The warnings of a run, which is not made; raises what `measure` does for parameters that do not make one."""
+    """The warnings of a run, without running it. Raises what `measure` raises for parameters that do not fit."""
     return Simulation(_studied(params)).setup.warnings
 
 
@@ -129,13 +129,13 @@ def _studied(params: Params) -> Params:
 
 @lru_cache(maxsize=_REFERENCES)
 def _reference(ideal: Params, seed: int) -> tuple[Measures, Recording]:
-    """What a run over an ideal link shows, and its recording."""
+    """The reference run over an ideal link: its measures and its recording."""
     run = simulated(ideal, seed)
     return measures(run, run.recording), run.recording
 
 
 def _ideal(params: Params) -> Params:
-    """The same with a link that does nothing, over which everything is sent."""
+    """The same over an ideal link, and without a deadband."""
     nothing = {"link.up": "", "link.down": "", "link.up_timeline": "", "link.down_timeline": ""}
     return params.set({**nothing, DEADBAND: 0.0})
 
@@ -165,7 +165,7 @@ def _links(summary: Summary) -> tuple[LinkPart, LinkPart]:
 
 
 def _slack(summary: Summary) -> float | None:
-    """Of a coupling without reservoirs the theorem's halves say nothing."""
+    """The least slack of both sides; None for a coupling without reservoirs, of which it says nothing."""
     sides = _sides(summary)
     slacks = [side["ledger"]["slack_J"] for side in sides]
     if any(side["reservoir_min_J"] is None for side in sides):

@@ -29,7 +29,7 @@ class DaskCluster:
 
     Raises
     ------
-    InvalidParameter : that is no address. MissingLibrary : dask.distributed is not installed.
+    InvalidParameter : `address` is not an address. MissingLibrary : dask.distributed is not installed.
     HapnetError : nobody answers there, no worker is there, or one has another hapnet; from `wait` and `submit`, when
         the scheduler is gone.
     """
@@ -74,7 +74,7 @@ class DaskCluster:
 
     @property
     def threaded(self) -> bool:
-        """Does a worker have several threads? Of these Python runs one at a time."""
+        """Does a worker have several threads? Python runs only one of them at a time."""
         return any(threads > 1 for threads in self._threads.values())
 
     def submit(self, task: Task) -> None:
@@ -101,7 +101,7 @@ class DaskCluster:
             self._client.close(timeout=REACH_S)
 
     def _outcome(self, future: Any) -> TaskOutcome | None:
-        """None where a worker died with a result that nobody had fetched: the scheduler has it computed again."""
+        """None if a worker died before its result was fetched: the scheduler then computes it again."""
         task = self._tasks[future.key][1]
         outcome = None
         if future.status == "finished":
@@ -119,7 +119,7 @@ class DaskCluster:
         return outcome
 
     def _check(self) -> None:
-        """The workers of now, of which those that are new must have this hapnet."""
+        """Update the list of workers, and check that new ones have this hapnet."""
         before, self._threads = set(self._threads), dict(self._ask(self._client.nthreads))
         self._looked_s = time.monotonic()
         if not (new := sorted(set(self._threads) - before)):

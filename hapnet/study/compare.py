@@ -18,7 +18,7 @@ from hapnet.summary.verdict import ROUNDING_J
 
 NAME = "compare"
 LIGHT = "@light"
-"""After an operator's name: with a relaxed hand. A firm one damps what a bad coupling does."""
+"""Suffix of an operator's name: with a relaxed hand. A firm hand damps what a bad coupling does."""
 
 
 class Variant(NamedTuple):
@@ -47,7 +47,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a case showed, or in one line why it failed."""
+    """What a case measured or, in one line, why it failed."""
 
     case: Case
     measures: Measures | None
@@ -60,7 +60,7 @@ class Plan:
 
     Parameters
     ----------
-    params : of all cases, but for what follows.
+    params : of all cases, except for what follows.
     links : names, each with the words of the uplink and of the downlink.
     operators : as `Params.operator`, followed by `LIGHT` for a relaxed hand.
     deadbands : each coupling is tried with each. extra : variants of these couplings beside those.
@@ -76,12 +76,12 @@ class Plan:
 
     @property
     def variants(self) -> list[Variant]:
-        """In the order of the couplings; what is extra beside its own."""
+        """Variants in the order of the couplings, the extra ones beside theirs."""
         every = [Variant(coupling, deadband) for coupling in self.couplings for deadband in self.deadbands]
         return sorted({*every, *self.extra}, key=lambda one: (self.couplings.index(one.coupling), one.deadband))
 
     def cases(self) -> list[Case]:
-        """Every case; those that differ in their link only stand together, as they share a run over an ideal link."""
+        """Every case. Those that differ only in their link stand together, as they share a reference run."""
         alike = [[one for one in self.variants if one.coupling == coupling] for coupling in self.couplings]
         return [
             self.case(variant, link, operator, seed)
@@ -192,7 +192,7 @@ class Group:
 
 
 def groups(plan: Plan, outcomes: Sequence[Outcome]) -> list[Group]:
-    """By link and variant: over all operators first and then, if there are several, for each."""
+    """One group per link and variant: over all operators first and then, if there are several, for each operator."""
     each: tuple[str | None, ...] = plan.operators if len(plan.operators) > 1 else ()
     return [
         _group(variant, link, operator, outcomes)
@@ -219,7 +219,7 @@ def _group(variant: Variant, link: str, operator: str | None, outcomes: Sequence
 
 
 def _positive(known: Sequence[Measures], margin: str) -> int:
-    """How many are not negative, but for rounding."""
+    """How many margins are not negative, up to rounding."""
     return sum((value := measures[margin]) is not None and value >= -ROUNDING_J for measures in known)
 
 

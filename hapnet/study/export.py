@@ -1,4 +1,4 @@
-"""The results of a sweep as a table: a row a case, sorted by case, as CSV and Parquet."""
+"""The results of a sweep as a table: one row per case, sorted by case, as CSV and Parquet."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from hapnet.study.spec import LINK, SEED, flat_of, link_words, value_words
 NAME = "results"
 FORMATS = ("auto", "csv", "parquet", "both")
 TIMING = ("wall_s", "worker")
-"""The columns, the last ones, in which two runs of the same sweep differ."""
+"""The last columns: the only ones in which two runs of the same sweep differ."""
 _WORDS = (LINK, "error", "worker")
 
 Table = dict[str, list[Any]]
@@ -40,7 +40,7 @@ def formats(word: str) -> tuple[str, ...]:
 
 
 def table(journal: Journal) -> Table:
-    """Case, what varies, seed, link, metrics, error, `TIMING`; of the cases that were run."""
+    """The cases that were run: number, what varies, seed, link, metrics, error, `TIMING`."""
     rows = [row for row in journal.rows() if row.done]
     metrics = dict.fromkeys(name for row in rows for name in row.measures)
     varied = [name for name in journal.varied if name != LINK]
@@ -90,7 +90,7 @@ def _parquet(columns: Table, path: Path) -> None:
 
 
 def _type(name: str, values: list[Any]) -> str:
-    """Arrow's name of a column's type; a metric of which nothing is known is a number."""
+    """Arrow's name for the type of a column; a metric without any value is a number."""
     kinds = {type(value) for value in values} - {type(None)}
     if name in _WORDS or not kinds <= {bool, int, float}:
         return "string"

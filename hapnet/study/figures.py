@@ -168,12 +168,12 @@ def _points(panel: Axes, mark: dict[str, Any], outcomes: Sequence[Outcome], metr
 
 
 def _out_mJ(outcomes: Sequence[Outcome]) -> list[float]:
-    """The most energy that came out, of each case that tells it."""
+    """The most energy that came out, for each case in which it is known."""
     return [1e3 * out for one in outcomes if one.measures and (out := one.measures["energy_out_J"]) is not None]
 
 
 def _bound_mJ(outcomes: Sequence[Outcome]) -> float:
-    """d^2, the same for all."""
+    """d^2, which is the same for all cases."""
     known = (one.measures for one in outcomes if one.measures)
     bounds = [
         1e3 * (margin + out)

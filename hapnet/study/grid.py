@@ -101,7 +101,7 @@ def grid(
 
     Raises
     ------
-    InvalidParameter : a name or value that the sweep has not. HapnetError : there is nothing to draw.
+    InvalidParameter : the sweep has no such name or value. HapnetError : there is nothing to draw.
     """
     names = [*journal.varied, SEED]
     for flag, name in (("--x", x), ("--y", y), *(("--where", name) for name in where)):
@@ -133,7 +133,7 @@ def grid(
 
 
 def axis(name: str, rows: Iterable[Row], units: Mapping[str, str]) -> Axis:
-    """What there is of `name` in these rows."""
+    """The axis of `name`: the values that these rows have."""
     found = {_key(value): value for value in (_value(row, name) for row in rows)}
     values = tuple(found.values())
     drawn = Axis(name, units.get(name, ""), values)
@@ -151,7 +151,7 @@ def statistic(name: str) -> Callable[[Any], float]:
 
 
 def usual_statistic(metric: str) -> str:
-    """Of what tells of passivity the worst run counts, as one that fails is one too many; else the median."""
+    """The worst run for metrics of passivity, as one failure is too many; the median for all others."""
     least = metric == "claim_kept" or ("margin" in metric and metric.endswith("_J"))
     return "max" if metric == USUAL else "min" if least else "median"
 
@@ -159,7 +159,7 @@ def usual_statistic(metric: str) -> str:
 def metric_label(metric: str, figures: Collection[float]) -> tuple[str, float]:
     """A metric's label with its unit, and by what to multiply figures of this size: thousandths for small ones.
 
-    A metric of another version's journal, which is not known here, stands under its bare name.
+    A metric that only another version knows has its bare name.
     """
     known = METRICS.get(metric)
     if known is None:
@@ -191,14 +191,14 @@ def _key(value: Any) -> str:
 
 
 def _words(name: str, value: Any) -> str:
-    """A value as it stands at an axis; of a number four digits, whole ones whole."""
+    """A value as an axis shows it; numbers with four digits, whole ones without a point."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return value_words(name, value)
     return f"{value:.0f}" if value == round(value) and abs(value) < 1e6 else f"{value:.4g}"
 
 
 def _is(name: str, value: Any, words: str) -> bool:
-    """Is the value meant by these words, as an axis or a table has them?"""
+    """Do these words, as an axis or a table shows them, mean this value?"""
     return words.strip() in (_words(name, value), value_words(name, value))
 
 

@@ -179,7 +179,7 @@ def _draw_line(
 
 
 def _colours(values: NDArray[np.float64]) -> tuple[Normalize, str]:
-    """Two colours that meet at zero where there are figures on both sides of it."""
+    """Two colours that meet at zero, if there are values on both sides of it."""
     from matplotlib.colors import Normalize, TwoSlopeNorm
 
     known = values[np.isfinite(values)]
@@ -205,7 +205,7 @@ def _scale_ticks(norm: Normalize) -> list[float] | None:
 
 
 def _ticks(panel: Axes, axis: Axis, which: str) -> None:
-    """A tick a cell; of many numbers every second, third, ..."""
+    """One tick per cell; of many cells every second, third, ..."""
     every = max(1, -(-len(axis.values) // _TICKS[which])) if axis.numeric else 1
     width = _LABEL if which == "y" else max(8, 84 // len(axis.values))
     words = ["\n".join(textwrap.wrap(word, width, max_lines=_LINES, placeholder=" …")) for word in axis.words[::every]]

@@ -41,7 +41,7 @@ CREATE TABLE results (number INTEGER PRIMARY KEY REFERENCES cases, measures TEXT
 
 @dataclass(frozen=True)
 class Row:
-    """A case with what became of it; `done` is False where it was not run yet."""
+    """A case and its result; `done` is False if it was not run yet."""
 
     case: Case
     done: bool
@@ -133,7 +133,7 @@ class Journal:
             self._db.executemany("INSERT OR REPLACE INTO results VALUES (?, ?, ?, ?, ?)", rows)
 
     def forget_failed(self) -> int:
-        """Cases that failed are to be run again; how many."""
+        """Delete the results of failed cases, so that these are run again; how many."""
         with _readable(self.path), self._db:
             return self._db.execute("DELETE FROM results WHERE error IS NOT NULL").rowcount
 
@@ -145,7 +145,7 @@ class Journal:
 
     @property
     def other_version(self) -> str | None:
-        """hapnet's version that began this sweep, if it is not the one that runs now."""
+        """The version of hapnet that began this sweep, if it is another one than now."""
         before = self.versions.get(DISTRIBUTION)
         return None if before == versions()[DISTRIBUTION] else str(before)
 
@@ -180,12 +180,12 @@ def _begin(connection: sqlite3.Connection, spec: Spec, cases: Sequence[Case]) ->
 
 
 def _fingerprint(cases: Sequence[Case]) -> str:
-    """Of the cases, in whatever order and words the spec gives them."""
+    """A digest of the cases; their order and wording in the spec do not matter."""
     return hashlib.sha256("\n".join(sorted(case.key for case in cases)).encode()).hexdigest()
 
 
 def _open(path: Path, mode: str) -> sqlite3.Connection:
-    """SQLite's rollback journal, synced in full: unlike its write-ahead log it does on network file systems too."""
+    """With SQLite's rollback journal, fully synced: unlike its write-ahead log it works on network file systems."""
     return sqlite3.connect(f"{path.absolute().as_uri()}?mode={mode}", uri=True, timeout=_WAIT_S)
 
 
@@ -202,7 +202,7 @@ def _readable(path: Path) -> Iterator[None]:
 
 
 def _lock(directory: Path) -> int:
-    """Held by one process at a time, and let go by the system when that process ends."""
+    """Lock the directory: one process holds the lock, and the system releases it when that process ends."""
     path = directory / "lock"
     try:
         lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)

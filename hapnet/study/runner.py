@@ -1,4 +1,4 @@
-"""Running what a journal lacks: cases into tasks, tasks to workers, results into the journal."""
+"""Runs the cases that have no result: groups them into tasks, gives these to workers, writes results to the journal."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from hapnet.study.spec import LINK, Case
 from hapnet.study.task import CaseResult, Task
 
 TASK_S = 1.5
-"""How long a task should take: long beside what it costs to hand out, short beside what may be lost with a worker."""
+"""How long a task should take [s]: long against the cost of handing it out, short against what a dead worker loses."""
 COMMIT_S = 0.5
 """Results wait for the disk so long at most."""
 ATTEMPTS = 2
-"""A case whose worker dies is tried again, alone; then it is the one."""
+"""A case whose worker dies is tried again, alone. If the worker dies again, this case is the cause."""
 
 TOGETHER = 8
 """So many more cases a task takes at most, if they are measured against the same run over an ideal link."""
@@ -28,9 +28,9 @@ _WEIGHT = 0.3  # of the newest task in the mean time of a case
 
 
 def _reference(case: Case) -> tuple[str, ...]:
-    """The same for cases that are measured against the same run over an ideal link: they are run one after the other.
+    """Equal for cases that share a reference run over an ideal link.
 
-    So that run is made once for them all.
+    Such cases are run one after the other, so that the reference run is made only once.
     """
     values = [repr(value) for name, value in case.values.items() if name.partition(".")[0] != LINK and name != DEADBAND]
     return *values, str(case.seed)
@@ -41,7 +41,7 @@ class Sweep:
 
     Parameters
     ----------
-    progress : told the number of cases that have a result, often. clock : seconds.
+    progress : called often with the number of cases that have a result. clock : in seconds.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class Sweep:
         self.done = journal.count()[1]
 
     def run(self) -> None:
-        """Run them all. Whatever ends this, what is known of finished cases is in the journal.
+        """Run them all. However this ends, the results of all finished cases are in the journal.
 
         Raises
         ------

@@ -61,7 +61,7 @@ class Case:
 
     @property
     def parameters(self) -> str:
-        """The same for cases that differ in their seeds only."""
+        """Equal for cases that differ only in their seeds."""
         return self.key.rpartition("-")[0]
 
 
@@ -82,7 +82,7 @@ class Spec:
 
         Raises
         ------
-        InvalidParameter : it cannot be read, or says in some place what it may not; the message names the place.
+        InvalidParameter : it cannot be read, or an entry is not allowed; the message names the entry.
         """
         try:
             table = tomllib.loads(file.read_text(encoding="utf-8"))
@@ -118,7 +118,7 @@ class Spec:
         return sum(math.prod(len(values) for values in axes.values()) for axes in self.products)
 
     def cases(self) -> list[Case]:
-        """Every combination once; the last of what varies changes fastest. Not each of them need make a run.
+        """Every combination once; the last axis changes fastest. Some combinations may not be valid runs.
 
         Raises
         ------
@@ -168,7 +168,7 @@ def params_of(fixed: Values, values: Values) -> Params:
 
 
 def flat_of(fixed: Values, values: Values) -> Values:
-    """The same by dotted names, also of a case that they do not make a run of; raises as `Params.typed` does."""
+    """The same by dotted names, even if the case is not a valid run; raises as `Params.typed` does."""
     return {**_DEFAULTS, **_PLAIN.typed({**_spelled(fixed), **_spelled(values)})}
 
 
@@ -179,7 +179,7 @@ def link_words(up: str, down: str) -> str:
 
 
 def value_words(name: str, value: Any) -> str:
-    """What varies in words, for tables and figures."""
+    """A varying value in words, for tables and figures."""
     if name == LINK:
         return link_words(value["up"], value["down"]) if isinstance(value, Mapping) else link_words(value, value)
     return value if isinstance(value, str) else json.dumps(value)
@@ -309,7 +309,7 @@ def _link(value: object) -> None:
 
 
 def _profile(name: str, words: str) -> str:
-    """A link in tc's words, the same for two ways of saying it."""
+    """A link in tc's words; equal links give equal words."""
     try:
         return str(LinkProfile.named(words))
     except NetemError as error:

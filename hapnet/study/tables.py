@@ -21,7 +21,7 @@ WIDE = 160
 
 
 class _Column(NamedTuple):
-    """How a table shows a metric: its heading, what to multiply with, digits after the point, digits when small."""
+    """How a table shows a metric: its heading, the factor to multiply by, and the digits after the point."""
 
     metric: str
     heading: str
@@ -60,7 +60,7 @@ _NOTE = (
 
 
 def tables(plan: Plan, found: Sequence[Group], width: int) -> list[Table]:
-    """A table a link, couplings as rows: medians, and the quartiles where there is room for them."""
+    """One table per link with couplings as rows: medians, and quartiles where there is room for them."""
     wide = width >= WIDE
     made = []
     for link, (up, down) in plan.links.items():
@@ -72,13 +72,13 @@ def tables(plan: Plan, found: Sequence[Group], width: int) -> list[Table]:
 
 
 def note(plan: Plan) -> str:
-    """What stands beneath the tables."""
+    """The note beneath the tables."""
     seeds = f"{len(plan.seeds)} seeds" if len(plan.seeds) > 1 else f"seed {plan.seeds[0]}"
     return _NOTE.format(operators=", ".join(plan.operators), seeds=seeds)
 
 
 def failures(outcomes: Sequence[Outcome], most: int = 5) -> list[str]:
-    """A line for each case that failed, for the first of them."""
+    """A line for each case that failed, for the first `most` of them."""
     failed = [one for one in outcomes if one.error is not None]
     lines = [f"failed: {one.case}: {one.error}" for one in failed[:most]]
     return lines + ([f"and {len(failed) - most} more"] if len(failed) > most else [])
@@ -95,7 +95,7 @@ def definitions() -> Table:
 
 
 def as_dict(plan: Plan, outcomes: Sequence[Outcome], found: Sequence[Group]) -> dict[str, Any]:
-    """Everything that is the same whenever the same is compared: settings, units, tunings, groups and every case."""
+    """Everything that is equal in two equal comparisons: settings, units, tunings, groups and every case."""
     whole = {
         "settings": {
             "couplings": plan.couplings,
@@ -144,7 +144,7 @@ def _cell(group: Group, column: _Column, *, wide: bool) -> str:
 
 
 def _number(value: float, digits: int) -> str:
-    """Fixed digits, fewer of a large number; no minus before a zero."""
+    """A fixed number of digits, fewer for a large number; no minus before a zero."""
     size = abs(value)
     shown = f"{value:.{0 if size >= 100.0 else min(digits, 1) if size >= 10.0 else digits}f}"
     return shown.removeprefix("-") if float(shown) == 0.0 else shown

@@ -1,4 +1,4 @@
-"""What one worker is given at a time, wherever it runs: some cases, one after the other."""
+"""One worker's task, wherever it runs: a few cases, one after the other."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class CaseResult:
 
 
 def run(task: Task) -> list[CaseResult]:
-    """Run the cases of `task`. Whatever goes wrong in one is that one's result."""
+    """Run the cases of `task`. What goes wrong in a case becomes the result of that case."""
     worker = f"{socket.gethostname()}:{os.getpid()}"
     return [_run(task.fixed, case, worker) for case in task.cases]
 
@@ -59,7 +59,7 @@ def reason(wrong: Exception) -> str:
 
 
 def _known(value: float | None) -> float | None:
-    """A plain number, whatever numpy calls it; None for what is none."""
+    """A plain Python number; None for what is not finite."""
     if value is None or not math.isfinite(value):
         return None
     return value if type(value) is int else float(value)

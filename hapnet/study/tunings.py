@@ -18,7 +18,7 @@ _SPRINGS = ("device.stiffness", "device.damping", "world.stiffness", "world.damp
 
 
 def tuning(params: Params) -> dict[str, Any]:
-    """What sets a coupling's feel: springs, dampers, what its rule chose, and what of a wall could be felt at best."""
+    """What sets how a coupling feels: springs, dampers, its rule's choice, and the stiffest wall that can be felt."""
     scalar = all(isinstance(side.stiffness, float) for side in (params.device, params.world))
     ideal = ideal_stiffness(params, params.world.wall.stiffness) if scalar else None
     springs = {name: params.get(name) for name in _SPRINGS}
@@ -26,7 +26,7 @@ def tuning(params: Params) -> dict[str, Any]:
 
 
 def tunings(plan: Plan, coupling: str) -> dict[str, dict[str, Any]]:
-    """Of one coupling, over each link over which it can be at all."""
+    """The tuning of one coupling over each link that it can run over."""
     operator, seed = plan.operators[0], plan.seeds[0]
     found = {}
     for link in plan.links:
@@ -36,7 +36,7 @@ def tunings(plan: Plan, coupling: str) -> dict[str, dict[str, Any]]:
 
 
 def table(plan: Plan) -> Table:
-    """What the rules chose: a row a number, a column a link; once where it is the same over all."""
+    """What the rules chose: one row per number, one column per link; equal values only once."""
     made = Table(
         title="by each law's own rule (once where all links have the same)",
         title_justify="left",

@@ -49,7 +49,7 @@ def of_side(role: Role, figures: PathFigures) -> Section:
 
 
 def of_both(device: Section | None, world: Section | None) -> Section:
-    """Both sides' knowledge: each of the way to it; of the round trip the device's, if it knows any."""
+    """Both sides together: each knows the way to itself; the round trip is the device's, if it knows one."""
     sides = [side for side in (device, world) if side is not None]
     whole = unknown()
     for key in ROUND_TRIP:
@@ -67,21 +67,21 @@ class PathMeter:
         self._path, self._before = path, path.counts()
 
     def read(self) -> Section:
-        """The figures; None where nothing has come."""
+        """The figures; None where nothing has arrived."""
         now = self._path.counts()
         figures, self._before = self._path.figures(self._before), now
         return of_side(self.role, figures)
 
 
 class PathTeller:
-    """Tells now and then what the path has been like."""
+    """Reports the state of the path at intervals."""
 
     def __init__(self, role: Role, path: Path) -> None:
         self._meter = PathMeter(role, path)
         self._next_ns: int | None = None
 
     def look(self, now_ns: int) -> Notice | None:
-        """What to say, if it is time to."""
+        """The notice to give, if it is time for one."""
         if self._next_ns is not None and now_ns < self._next_ns:
             return None
         first, self._next_ns = self._next_ns is None, now_ns + TOLD_EVERY_NS
@@ -94,7 +94,7 @@ class PathTeller:
 
 
 def words(section: Section, role: Role) -> str:
-    """In a line, what this side knows; "" as long as that is nothing."""
+    """What this side knows, in one line; "" while it knows nothing."""
     way = section[WAYS[role]]
     if way is None or section["round_trip_p50_ms"] is None:
         return ""

@@ -83,7 +83,7 @@ def _stopped(side: DeviceSide) -> Stopped | None:
 
 
 def unknown_device() -> SidePart:
-    """The device's part where its servo left no word: the same keys, None."""
+    """The device's part if its servo reported nothing: the same keys, all None."""
     return {
         "ledger": unknown(Ledger),
         "reservoir_min_J": None,
@@ -105,7 +105,7 @@ def world_summary(side: WorldSide, coupling_name: str) -> SidePart:
 
 
 def with_wire(control: SidePart, session: Session, now_ns: int) -> SidePart:
-    """A side's part, whole, at `now_ns`: what its control half knows and what its wire half does."""
+    """The whole part of a side at `now_ns`: what its control half and its wire half know."""
     outages = session.outages(now_ns)
     return {
         **control,
@@ -212,7 +212,7 @@ def combine(
 
 
 def judged(summary: Summary) -> Summary:
-    """`summary` with its verdict, which is to be given anew when something is added that it is judged by."""
+    """`summary` with its verdict. Call it again after adding something that the verdict depends on."""
     rest = {name: value for name, value in summary.items() if name != "verdict"}
     return cast(Summary, {"verdict": judge(summary), **rest})
 
@@ -224,7 +224,7 @@ def _environment(world: SidePart | None) -> Environment:
 
 
 def _bound(device: SidePart | None, world: SidePart | None) -> float | None:
-    """d^2 over all incarnations: what each side knows of itself, or its peer of it and of those in its place before."""
+    """d^2 over all incarnations, by each side's own word or by its peer's, who also knows its predecessors."""
     initial = []
     for side, peer in ((device, world), (world, device)):
         own = None if side is None else side["ledger"]["bound_J"]

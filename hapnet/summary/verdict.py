@@ -49,7 +49,7 @@ def judge(tree: object) -> Verdict:
 
 
 def broken(tree: object, params: Params | None = None, *, virtual: bool = False) -> bool:
-    """Did a coupling that claims to be passive here not keep it? That is an exit code of its own.
+    """Was a coupling not passive that claims to be so here? Then the exit code is 4.
 
     params : of the run; None: not known, then a claim counts that needs no more than the link to be any. virtual : in
     virtual time, so that the link is the emulated one and nothing else.
@@ -73,7 +73,7 @@ def excess_nJ(energy: Flow) -> int:
 
 
 def stopped(tree: object) -> str | None:
-    """One line, if the device's force was stopped on the way; None if not."""
+    """One line if the device's force was stopped during the run; None if not."""
     device = read(tree)["device"]
     stop = None if device is None else device["stopped"]
     if stop is None or stop["why"] is None:
@@ -82,7 +82,7 @@ def stopped(tree: object) -> str | None:
 
 
 def restarted(*sides: SidePart | None) -> bool:
-    """Has one of these had more than one peer?"""
+    """Has one of these sides had more than one peer?"""
     return any((side.get("incarnations") or 0) > 1 for side in sides if side is not None)
 
 
@@ -180,7 +180,7 @@ def _true_ports(summary: Summary, bound: float | None) -> Iterator[str]:
 
 
 def _doubts(summary: Summary) -> Iterator[str]:
-    """What keeps it from being known whether it was passive."""
+    """Why it is not known whether it was passive."""
     margin = summary["theorem"]["margin_J"]
     yield from (f"the {side}'s recording is torn: the rest of its account is missing" for side in _torn(summary))
     if margin is None:
@@ -198,7 +198,7 @@ def _doubts(summary: Summary) -> Iterator[str]:
 
 
 def _doubts_of_device(device: SidePart, margin: float | None) -> Iterator[str]:
-    """What its servo and its encoders keep from being known. `margin` : of both ports [J]."""
+    """Doubts that come from its servo and its encoders. `margin` : of both ports [J]."""
     leak, risk = device["overrun_leak_J"], device["overrun_risk_J"]
     if leak is not None and leak > 0.0:
         yield f"while the servo was away for longer than watchdog_s, {_milli(leak)} mJ came out beyond the reserve"
@@ -255,7 +255,7 @@ def _kept(summary: Summary) -> str:
 
 
 def _milli(energy_J: float | None) -> str:
-    """In mJ, four digits; what is pure rounding is 0."""
+    """In mJ with four digits; pure rounding is shown as 0."""
     if energy_J is None or abs(energy_J) < DEFICIT_J:
         return "0"
     value = energy_J * 1e3

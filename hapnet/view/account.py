@@ -17,7 +17,7 @@ _ROUNDING_nJ = 2  # a side's own total counts what makes no whole nanojoule yet
 
 
 class Account:
-    """Since both sides began, or one of them anew: the samples of both, in the order in which they come."""
+    """The samples of both sides in order of arrival, since both began or one was restarted."""
 
     def __init__(self) -> None:
         self.margin_J: float | None = None
@@ -37,7 +37,7 @@ class Account:
         self._beyond: dict[Role, float] = {}
 
     def begin(self, role: Role) -> None:
-        """That side's process is another one: what went before is forgotten, and not known if the other one goes on."""
+        """That side was restarted: forget the samples before. If the other side goes on, the account is not known."""
         if self._anew - {role}:
             self._anew.clear()  # both began: a new pair
         else:
@@ -48,7 +48,7 @@ class Account:
         self._newest = newest
 
     def take(self, role: Role, sample: DeviceSample | WorldSample) -> None:
-        """A newer sample of that side."""
+        """Take a newer sample of that side."""
         other: Role = "world" if role == "device" else "device"
         self._newest[role] = sample
         self._slack[role] = min(self._slack.get(role, sample.slack_J), sample.slack_J)
@@ -67,7 +67,7 @@ class Account:
             self.later_J = min(self.later_J, total)
 
     def _compare(self, role: Role, other: Role, sample: DeviceSample | WorldSample) -> None:
-        """What this side has sent by now, with what was credited of it a while ago; and what it has credited."""
+        """What this side has sent, how much of it was credited recently, and what it has credited itself."""
         claim = self._claims.get(role)
         if claim is not None and sample.time_ns - claim[1] >= SKEW_NS:
             self._beyond[role] = max(self._beyond.get(role, 0.0), claim[0] - sample.sent_J)
@@ -77,7 +77,7 @@ class Account:
             self._claims[other] = sample.credited_J, theirs.time_ns
 
     def summary(self, coupling: object) -> dict[str, Any] | None:
-        """As a summary has it, as far as samples tell; None before both sides told something."""
+        """The account as a summary has it, as far as samples tell; None until both sides have sent one."""
         if self.least_J is None:
             return None
         pairs = 2 if self._anew else 1

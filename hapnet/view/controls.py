@@ -42,10 +42,10 @@ class Controls(Protocol):
         """Time constant of the device's smoothing filter [s]; 0: none."""
 
     def pause(self, on: bool) -> None:
-        """Hold both sides still, or let them go on."""
+        """Pause both sides, or resume."""
 
     def reset(self) -> None:
-        """Begin anew with the same settings."""
+        """Start a new pair with the same settings."""
 
     def record(self, on: bool) -> None:
-        """Begin or end a recording."""
+        """Start or stop a recording."""

@@ -1,4 +1,4 @@
-"""What the page knows of a running pair: the last seconds of both sides, and how they are."""
+"""What the page knows of a running pair: the last seconds and the state of both sides."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class History:
         self._taken = 0
 
     def take(self, message: Message) -> None:
-        """One more message, from any thread."""
+        """Take a message, from any thread."""
         with self._lock:
             if isinstance(message, DeviceSample):
                 row = (*message.position_m, *message.set_position_m, *message.force_N)
@@ -99,7 +99,7 @@ class History:
                 self._events = [*self._events, message][-MOST_EVENTS:]
 
     def snapshot(self) -> Snapshot:
-        """What is known now; the arrays are copies."""
+        """A snapshot of what is known now; the arrays are copies."""
         with self._lock:
             device, world = self._rings["device"], self._rings["world"]
             statuses = self._status["device"], self._status["world"]

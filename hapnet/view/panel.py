@@ -100,7 +100,7 @@ class ControlPanel:
                 self._up.send(event.client)
 
     def update(self, snapshot: Snapshot) -> None:
-        """Follow what the sides say of themselves; what a user just changed is not turned back by older news."""
+        """Follow what the sides report; what a user has just changed is not undone by an older report."""
         device, world = snapshot.device_status, snapshot.world_status
         if device is not None:
             if self._is_new("paused", (device.incarnation, device.paused)):
@@ -162,7 +162,7 @@ class ControlPanel:
                 put(box, not box.value)
 
     def _do(self, act: Callable[[], None], anew: bool, client: viser.ClientHandle | None) -> bool:
-        """One at a time; False: it could not be done, and was told."""
+        """Run one action at a time; False: it failed, and the page says so."""
         with self._busy:
             try:
                 if anew:
@@ -176,7 +176,7 @@ class ControlPanel:
 
 
 def verdict(snapshot: Snapshot) -> Verdict | None:
-    """Whether the bound held so far in this episode; None: there is nothing yet to judge it by."""
+    """The verdict on this episode so far; None: there is nothing yet to judge by."""
     return None if snapshot.account is None else judge(snapshot.account)
 
 
@@ -226,13 +226,13 @@ def _link(status: Status | None, key: str, factor: float, digits: int) -> str:
 
 
 def _round_trip(*sides: Status | None) -> float | None:
-    """Measured, the network and the emulated links together [ms]."""
+    """The measured round trip, over the network and the emulated links together [ms]."""
     known = (side.path.get("round_trip_p50_ms") for side in sides if side is not None)
     return next((value for value in known if value is not None), None)
 
 
 def _lost(status: Status | None, way: str) -> float | None:
-    """What has not come of what the other side has numbered [%]."""
+    """The share of the other side's messages that did not arrive [%]."""
     heard = None if status is None else status.path.get(way)
     return None if heard is None else 100.0 * float(heard["loss"])
 

@@ -91,7 +91,7 @@ class Scene:
             self._let_drag(lead)
 
     def show_target(self, position: Vector | None) -> None:
-        """Where the hand wants to be; None: unknown, nothing is shown."""
+        """The position that the hand wants; None: unknown, not shown."""
         self._ghost.visible = position is not None
         if position is not None:
             self._ghost.position = _spot(position)

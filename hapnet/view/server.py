@@ -55,11 +55,11 @@ class PageServer:
 
     @property
     def watched(self) -> bool:
-        """Whether a browser shows the page now."""
+        """Does a browser show the page now?"""
         return bool(self._server.get_clients())
 
     def close(self) -> None:
-        """Stop drawing and serving; twice is once."""
+        """Stop drawing and serving; calling it twice does no harm."""
         if self._stop.is_set():
             return
         self._stop.set()
@@ -109,7 +109,7 @@ def serve(
 
 
 def _free_port(host: str, port: int) -> int:
-    """The first free port from `port` on. viser looks for itself, but where there is none it waits for ever."""
+    """The first free port from `port` on. viser looks by itself, but waits for ever if there is none."""
     if not 0 <= port <= 65535:
         raise InvalidParameter("port", port, "0 to 65535")
     for candidate in range(port, min(port + PORTS, 65536)):
@@ -127,7 +127,7 @@ def _free_port(host: str, port: int) -> int:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """viser greets and takes leave on the terminal, whatever it is told."""
+    """Suppress what viser prints on the terminal when it starts and stops."""
     console = rich.get_console()
     before, console.quiet = console.quiet, True
     try:

@@ -1,4 +1,4 @@
-"""Hears what a pair publishes, over Zenoh, and takes no part in it."""
+"""Receives what a pair publishes over Zenoh, and takes no part in it."""
 
 from __future__ import annotations
 
@@ -69,20 +69,20 @@ class Watcher:
 
     @property
     def pair(self) -> tuple[str, str] | None:
-        """(session, name) of the pair that is watched; None: nothing is heard."""
+        """(session, name) of the pair that is watched; None: nothing was received yet."""
         return self._pair if time.monotonic() - self._heard_s < GONE_S else None
 
     @property
     def where(self) -> str:
-        """How the pair is to be reached, in words."""
+        """How the pair is reached, in words."""
         return where(self._config)
 
     def open(self) -> None:
-        """Begin to listen, for as long as it takes; returns at once."""
+        """Start listening in the background; returns at once."""
         self._thread.start()
 
     def close(self) -> None:
-        """Listen no more."""
+        """Stop listening."""
         self._stopping.set()
         if self._thread.ident is not None:
             self._thread.join()
@@ -100,7 +100,7 @@ class Watcher:
             self._stopping.wait(LOOK_S)
 
     def _keep(self, session: zenoh.Session) -> None:
-        """Until the session is lost, or to no avail."""
+        """Listen until the session is lost, or could not be opened."""
         alone_s = 0.0
         while not self._stopping.wait(LOOK_S) and not session.is_closed():
             alone_s = 0.0 if session.info.transports() else alone_s + LOOK_S
