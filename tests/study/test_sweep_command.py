@@ -260,9 +260,9 @@ def test_a_sweep_that_cannot_go_on_writes_what_it_has(
     spec_file(directory, SHORT)
     assert cli.main(["sweep", "study.toml", "--workers", "1"]) == 2
     assert capsys.readouterr().err == (
-        "hapnet: the scheduler is gone: 1 of 40 cases are done; the same command goes on\n"
+        "hapnet: the scheduler is gone: 2 of 40 cases are done; the same command goes on\n"
     )
-    assert [row["case"] for row in rows(Path("runs/sweep-study"))] == ["0"]
+    assert [row["case"] for row in rows(Path("runs/sweep-study"))] == ["0", "10"]  # one task: the same but for the link
 
 
 def test_another_version_warns(directory: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
