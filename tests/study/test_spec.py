@@ -193,7 +193,7 @@ def test_cases_that_differ_in_their_seeds_only_have_the_same_parameters(tmp_path
     ("text", "wrong", "said"),
     [
         ("[vary]\ndevice.stiffness = [1, -2]", [1], "-2.0; allowed: a number above 0"),
-        ("[vary]\ncoupling = ['psmp', 'pspm']", [0], "one of pspm"),
+        ("[vary]\ndevice.on_silence = ['hodl', 'hold']", [0], "one of hold"),
         (
             "[vary]\nworld.step_min_s = [0.01, 0.1]\nworld.step_max_s = [0.2, 0.05]\nlink = ['lan', '4g']",
             [6, 7],
