@@ -440,11 +440,11 @@ class Restarting(Simulation):
         self._put_in_before += endpoint.coupling.ledger.work
         self.ended[role].append(self.running[role])
         if role == "device":
-            self.device_endpoint = DeviceEndpoint(device_session(self.setup, incarnation))
+            self.device_port.wire = self.device_endpoint = DeviceEndpoint(device_session(self.setup, incarnation))
             self.device = device_side(self.setup, self.device_endpoint, lambda: self.now_ns, lambda sample: None)
         else:
             rng = np.random.default_rng(incarnation)
-            self.world_endpoint = WorldEndpoint(world_session(self.setup, incarnation))
+            self.world_port.wire = self.world_endpoint = WorldEndpoint(world_session(self.setup, incarnation))
             self.world = world_side(self.setup, self.world_endpoint, rng, lambda sample: None)
         self._due[2:5] = [self.now_ns] * 3  # both sides' timers, and the world's step
         while not (self.device_endpoint.started and self.world_endpoint.started):

@@ -1,7 +1,6 @@
-"""What a side says, through its emulated link: control's thread sends, the event loop releases and repeats.
+"""A side's link port in real time: control's thread sends, the event loop releases and repeats.
 
-The wire half, the link and the timer that wakes the loop for them have one lock, held for microseconds and never while
-a message is put.
+The port and the timer that wakes the loop for it have one lock, held for microseconds and never while a message is put.
 """
 
 from __future__ import annotations
@@ -11,40 +10,37 @@ import threading
 from collections.abc import Callable
 
 from hapnet.side.device import Clock
-from hapnet.side.endpoint import WireHalf
-from hapnet.side.packet import FRAME_OVERHEAD, Packet
+from hapnet.side.link_port import LinkPort, Pumped, earlier
 from hapnet.wire.events import Event
-from netem import Link, LinkProfile, Timeline, TimelinePlayer
+from netem import LinkProfile, Timeline
 from netem.aio import DeadlineTimer
-from netem.timeline import Entry
 
 
 class LinkDriver:
-    """A side's way out.
+    """Drives a link port by the clock.
 
     Parameters
     ----------
-    wire : the side's wire half. link : shapes all that it says; nobody else uses it.
-    put : puts a message of a kind on the wire. clock : [ns]. period_ns : the servo's, if it is a servo that sends.
+    port : the side's. put : puts a message of a kind on the wire. clock : [ns].
+    period_ns : the servo's, if it is a servo that sends.
 
     Attributes
     ----------
-    lock : whoever else uses the wire half holds it.
+    lock : whoever else uses the port, or its wire half, holds it.
     """
 
     def __init__(
         self,
-        wire: WireHalf,
-        link: Link[Packet],
+        port: LinkPort,
         put: Callable[[str, bytes], object],
         clock: Clock,
         *,
         period_ns: int | None = None,
     ) -> None:
         self.lock = threading.Lock()
-        self._wire, self._link, self._put, self._clock = wire, link, put, clock
+        self.port = port
+        self._put, self._clock = put, clock
         self._period_ns = period_ns
-        self._player: TimelinePlayer | None = None
         self._timer: DeadlineTimer | None = None
         self._sent_ns: int | None = None
         self._asked_ns: int | None = None
@@ -61,22 +57,22 @@ class LinkDriver:
             self._timer.close()
 
     def play(self, timeline: Timeline, origin_ns: int) -> None:
-        """Change the link as the timeline says, counted from `origin_ns`."""
+        """See `LinkPort.play`."""
         with self.lock:
-            self._player = TimelinePlayer(self._link, timeline, origin_ns)
+            self.port.play(timeline, origin_ns)
             self._arm()
 
     def change(self, profile: LinkProfile) -> None:
-        """From now on the link has this profile; what is in flight stays in flight."""
+        """See `LinkPort.change`."""
         with self.lock:
-            self._link.change(profile, self._clock())
+            self.port.change(self._clock(), profile)
             self._arm()
 
     @property
     def pending(self) -> bool:
-        """Is anything on the link or still to be said?"""
+        """Is anything on the link or still to be sent?"""
         with self.lock:
-            return (self._link.next_due_ns, self._wire.session.next_due_ns) != (None, None)
+            return (self.port.link.next_due_ns, self.port.wire.session.next_due_ns) != (None, None)
 
     def send(self, data: bytes) -> None:
         """Offer control's message to the link and put on the wire what is not delayed; on control's own thread.
@@ -84,46 +80,34 @@ class LinkDriver:
         The message comes first: what else is to be done here waits until it has been put.
         """
         now_ns = self._clock()
-        ready = [Packet("position", data)]
         with self.lock:
-            straight = self._link.passes()
-            if not straight:
-                self._link.send(now_ns, ready[0], size=len(data) + FRAME_OVERHEAD)
-                ready = [parcel for _, parcel in self._link.poll(now_ns)]
-        for parcel in ready:
-            self._put(parcel.kind, parcel.data)
+            released = self.port.send(now_ns, data)
+        for packet in released:
+            self._put(packet.kind, packet.data)
         self._sent_ns = now_ns
-        if straight and not self._wire.uncollected:
+        if len(released) == 1 and released[0].data is data and not self.port.wire.uncollected:
             return  # nothing else is due sooner than before
         with self.lock:
-            self._wire.collect()
+            self.port.collect()
             self._arm()
 
     def receive(self, data: bytes) -> tuple[Event, ...]:
         """A message has come in, on any thread; what it means."""
         now_ns = self._clock()
         with self.lock:
-            events = self._wire.receive(now_ns, data)
+            events = self.port.receive(now_ns, data)
             self._arm()
         return events
 
-    def pump(self) -> tuple[tuple[Event, ...], list[tuple[int, Entry]]]:
-        """Send what the protocol has to say and what the link releases, and wait for what is due next; on the loop.
-
-        Returns what the protocol tells, and the link's changes with their times.
-        """
+    def pump(self) -> Pumped:
+        """Put all that is due on the wire, and wait for what is due next; on the loop."""
         now_ns = self._clock()
         with self.lock:
-            changes = [] if self._player is None else self._player.advance(now_ns)
-            outgoing, events = self._wire.poll(now_ns)
-            for message in outgoing:
-                data = message.data
-                self._link.send(now_ns, Packet(message.kind, data), size=len(data) + FRAME_OVERHEAD)
-            released = self._link.poll(now_ns)
+            pumped = self.port.pump(now_ns)
             self._arm()
-        for _, parcel in released:
-            self._put(parcel.kind, parcel.data)
-        return events, changes
+        for packet in pumped.packets:
+            self._put(packet.kind, packet.data)
+        return pumped
 
     def arm(self) -> None:
         """Wake the loop when something is due next."""
@@ -133,10 +117,7 @@ class LinkDriver:
     def _arm(self) -> None:
         if self._timer is None:
             return  # not open yet
-        link_ns, wire_ns = self._link.next_due_ns, self._calm_ns(self._wire.next_due_ns)
-        due_ns = wire_ns if link_ns is None else link_ns if wire_ns is None else min(link_ns, wire_ns)
-        if self._player is not None and (change_ns := self._player.next_due_ns) is not None:
-            due_ns = change_ns if due_ns is None else min(due_ns, change_ns)
+        due_ns = earlier(self.port.release_due_ns, self._calm_ns(self.port.wire.next_due_ns))
         if self._timer.kind == "timerfd":  # may be set from any thread
             self._timer.arm(due_ns)
         elif due_ns != self._timer.due_ns:

@@ -37,8 +37,8 @@ from hapnet.recording.samples import Event as Note
 from hapnet.recording.samples import Sample
 from hapnet.recording.telemetry import Status
 from hapnet.side.endpoint import NANO
+from hapnet.side.link_port import LinkPort
 from hapnet.side.notices import Notice, notice_of
-from hapnet.side.packet import Packet
 from hapnet.summary import path as paths
 from hapnet.summary.run import Summary, combine, versions
 from hapnet.transport.config import ZenohSettings
@@ -120,13 +120,13 @@ class RealtimeSide:
         self.wire = self.control.wire
         self._path_told = paths.PathTeller(role, self.wire.session.path)
         self._path_shown = paths.PathMeter(role, self.wire.session.path)
-        self._link: Link[Packet] = Link(self.profile, seed=entropy[0 if role == "device" else 1])
         self._meter = LinkMeter()
         self._transport = ZenohTransport(
             zenoh, self._on_message, session=session, device=name, role=role, on_change=self._on_link
         )
         period_ns = round(1e9 / setup.params.device.servo_hz) if role == "device" else None
-        self._link_driver = LinkDriver(self.wire, self._link, self._transport.put, self._clock, period_ns=period_ns)
+        port = LinkPort(self.wire, Link(self.profile, seed=entropy[0 if role == "device" else 1]))
+        self._link_driver = LinkDriver(port, self._transport.put, self._clock, period_ns=period_ns)
         if record is not None:
             self._recordings.begin(record)
 
@@ -290,7 +290,7 @@ class RealtimeSide:
 
     def _pump(self) -> None:
         """Send what is due, and tell what has happened."""
-        events, changes = self._link_driver.pump()
+        _, events, changes = self._link_driver.pump()
         self._report(events)
         for at_ns, entry in changes:
             self._link_changed(entry.action, link_events.told(entry), at_ns)
@@ -377,7 +377,7 @@ class RealtimeSide:
             own[self.role] = self.control.summary(end_ns) | {
                 "dropped": self._dropped(), "declared_again": self._transport.declared_again,
             }  # fmt: skip
-            links[self._way] = self._link.stats.as_dict()
+            links[self._way] = self._link_driver.port.link.stats.as_dict()
         origin_ns = self.control.origin_ns
         elapsed = None if origin_ns is None else (end_ns - origin_ns) * NANO
         summary = combine(
@@ -406,7 +406,7 @@ class RealtimeSide:
     def _status(self) -> Status:
         session = self.wire.session
         with self._link_driver.lock:
-            stats, paired = self._link.stats, session.peer is not None
+            stats, paired = self._link_driver.port.link.stats, session.peer is not None
         return Status(
             role=self.role,
             time_ns=self._clock(),

@@ -1,13 +1,14 @@
 """Virtual time: both sides and both links in one process, deterministic under one seed, faster than real time.
 
-The clock jumps to whatever is due next. What is due at the same nanosecond runs in a fixed order: deliveries, protocol
-timers, the world's step, the device's tick.
+Each side has the link port that it has in real time (`hapnet.side.link_port`). The clock jumps to whatever is due next.
+What is due at the same nanosecond runs in a fixed order: changes of the links and deliveries, protocol timers, the
+world's step, the device's tick.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,14 +21,15 @@ from hapnet.params import Params
 from hapnet.recording.hand import fingerprint
 from hapnet.recording.samples import MemoryRecorder, Recording
 from hapnet.side.device import DeviceSide, Write
-from hapnet.side.endpoint import NANO, DeviceEndpoint, WireHalf, WorldEndpoint
-from hapnet.side.packet import FRAME_OVERHEAD, Packet
+from hapnet.side.endpoint import NANO, DeviceEndpoint, WorldEndpoint
+from hapnet.side.link_port import LinkPort
+from hapnet.side.packet import Packet
 from hapnet.side.world import WorldSide
 from hapnet.simulation.garbage_collector import collector_paused
 from hapnet.summary import path
 from hapnet.summary.run import Summary, combine, device_summary, versions, with_wire, world_summary
 from hapnet.summary.verdict import START_S
-from netem import Link, TimelinePlayer
+from netem import Link
 
 PAIRING_LIMIT_NS = 60_000_000_000
 LINGER_NS = 10_000_000_000
@@ -145,9 +147,10 @@ class Simulation:
         self.world = world_side(self.setup, self.world_endpoint, np.random.default_rng(steps), write)
         self.up: Link[Packet] = Link(self.setup.up, seed=up)
         self.down: Link[Packet] = Link(self.setup.down, seed=down)
+        self.device_port = LinkPort(self.device_endpoint, self.up)
+        self.world_port = LinkPort(self.world_endpoint, self.down)
         self._period_ns = round(1e9 / params.device.servo_hz)
         self._due = [_NEVER, _NEVER, 0, 0, 0, self._period_ns]
-        self._players: list[TimelinePlayer] = []
         self._tick_ns = self._period_ns  # of the next tick to make; those before the one that is due may wait
         self._later_ns = _NEVER  # of the tick at which the start is over
 
@@ -203,8 +206,11 @@ class Simulation:
         if not (self.device_endpoint.started and self.world_endpoint.started):
             raise HapnetError(f"the two sides did not find each other within {PAIRING_LIMIT_NS * NANO:.0f} s: "
                               f"uplink {self.up.profile}, downlink {self.down.profile}")  # fmt: skip
-        timelines = ((self.up, self.setup.up_timeline), (self.down, self.setup.down_timeline))
-        self._players = [TimelinePlayer(link, line, self.now_ns) for link, line in timelines if line is not None]
+        ports = ((_UP, self.device_port, self.setup.up_timeline), (_DOWN, self.world_port, self.setup.down_timeline))
+        for source, port, timeline in ports:
+            if timeline is not None:
+                port.play(timeline, self.now_ns)
+                self._due[source] = _or_never(port.release_due_ns)
         self._later_ns = (self.now_ns + round(START_S / NANO)) // self._period_ns * self._period_ns
         return self.now_ns
 
@@ -240,17 +246,12 @@ class Simulation:
         return self.device_endpoint.session.settled and self.world_endpoint.session.settled
 
     def _until(self, end_ns: int) -> None:
-        """Run to `end_ns`, the links changing on their way as their timelines say."""
+        """Run to `end_ns`; on the way, the start is over."""
         if (later_ns := self._later_ns) <= end_ns:
             self._later_ns = _NEVER
-            self._until(later_ns)
+            self._run_to(later_ns)
             for ports in dict.fromkeys((self.two_port, self.hand)):
                 ports.begin()
-        while self._players and (at := min(_or_never(player.next_due_ns) for player in self._players)) <= end_ns:
-            self._run_to(at)
-            for player in self._players:
-                player.advance(at)
-            self._due[_UP], self._due[_DOWN] = _or_never(self.up.next_due_ns), _or_never(self.down.next_due_ns)
         self._run_to(end_ns)
 
     def _run_to(self, end_ns: int) -> None:
@@ -263,82 +264,87 @@ class Simulation:
 
         After each, see when its side, and the links that it touched, are due again.
         """
-        due, up, down = self._due, self.up, self.down
-        device, world = self.device_endpoint, self.world_endpoint
+        due, device, world = self._due, self.device_port, self.world_port
         while (at := min(due)) <= end_ns and (done is None or not done()):
             if at > self.now_ns:
                 self.now_ns = at
             now, source = self.now_ns, due.index(at)
             if source == _TICK:
                 self._tick()
+            elif source == _STEP:
+                self._step()
             elif source == _UP:
-                unchanged = True
-                for _, parcel in up.poll(now):
-                    events = world.receive(now, parcel.data)
-                    unchanged = unchanged and parcel.kind == "position" and len(events) == 1
-                due[_UP] = _or_never(up.next_due_ns)
-                if not unchanged:  # by positions that were taken nothing else becomes due
-                    due[_WORLD_TIMER] = _or_never(world.next_due_ns)
+                packets, _ = device.release(now)
+                due[_UP] = _or_never(device.release_due_ns)
+                self._to_world(packets)
             elif source == _DOWN:
-                for _, parcel in down.poll(now):
-                    device.receive(now, parcel.data)
-                due[_DOWN] = _or_never(down.next_due_ns)
-                due[_DEVICE_TIMER] = _or_never(device.next_due_ns)
-                self._wake()
+                packets, _ = world.release(now)
+                due[_DOWN] = _or_never(world.release_due_ns)
+                self._to_device(packets)
             elif source == _DEVICE_TIMER:
-                self._poll(device, up)
-                due[_UP] = _or_never(up.next_due_ns)
-                due[_DEVICE_TIMER] = _or_never(device.next_due_ns)
+                packets, _ = device.poll(now)
+                due[_UP] = _or_never(device.release_due_ns)
+                due[_DEVICE_TIMER] = _or_never(device.wire.next_due_ns)
                 self._wake()
+                self._to_world(packets)
             else:
-                if source == _STEP:
-                    self._step()
-                else:
-                    self._poll(world, down)
-                due[_DOWN] = _or_never(down.next_due_ns)
-                due[_WORLD_TIMER] = _or_never(world.next_due_ns)
+                packets, _ = world.poll(now)
+                due[_DOWN] = _or_never(world.release_due_ns)
+                due[_WORLD_TIMER] = _or_never(world.wire.next_due_ns)
+                self._to_device(packets)
 
-    def _poll(self, endpoint: WireHalf, link: Link[Packet]) -> None:
-        outgoing, _ = endpoint.poll(self.now_ns)
-        for message in outgoing:
-            self._send(link, message.kind, message.data)
+    def _to_world(self, packets: Iterable[Packet]) -> None:
+        port, unchanged = self.world_port, True
+        for packet in packets:
+            events = port.receive(self.now_ns, packet.data)
+            unchanged = unchanged and packet.kind == "position" and len(events) == 1
+        if not unchanged:  # by positions that were taken nothing else becomes due
+            self._due[_WORLD_TIMER] = _or_never(port.wire.next_due_ns)
 
-    def _send(self, link: Link[Packet], kind: str, data: bytes) -> None:
-        link.send(self.now_ns, Packet(kind, data), len(data) + FRAME_OVERHEAD)
+    def _to_device(self, packets: Iterable[Packet]) -> None:
+        port = self.device_port
+        for packet in packets:
+            port.receive(self.now_ns, packet.data)
+        self._due[_DEVICE_TIMER] = _or_never(port.wire.next_due_ns)
+        self._wake()
 
     def _step(self) -> None:
-        world = self.world
-        message = world.step(self.now_ns)
+        now, world, port, due = self.now_ns, self.world, self.world_port, self._due
+        message = world.step(now)
         if world.origin_ns is None:
-            self._due[_STEP] = self.now_ns + self._period_ns  # not paired yet
+            due[_STEP] = now + self._period_ns  # not paired yet
             return
-        if message is not None:
-            self._send(self.down, "position", message)
-        self.world_endpoint.collect()
-        self._due[_STEP] = self.now_ns + world.next_step_ns()
-        self._rest(self.now_ns)
+        packets = () if message is None else port.send(now, message)
+        port.collect()
+        due[_STEP] = now + world.next_step_ns()
+        due[_DOWN], due[_WORLD_TIMER] = _or_never(port.release_due_ns), _or_never(port.wire.next_due_ns)
+        self._rest(now)
         self.two_port.world(work := world.endpoint.coupling.ledger.work)
         if self.hand is not self.two_port:
             self.hand.world(work)
+        if packets:
+            self._to_device(packets)
 
     def _tick(self) -> None:
         """A tick that may not wait, after those that could."""
-        now, device, due = self.now_ns, self.device, self._due
+        now, device, port, due = self.now_ns, self.device, self.device_port, self._due
         self._rest(now, then_tick=True)
         message = device.tick(now)
+        packets: Sequence[Packet] = ()
         if message is not None:
-            up = self.up
-            up.send(now, Packet("position", message), len(message) + FRAME_OVERHEAD)
-            due[_UP] = _or_never(up.next_due_ns)
-        if self.device_endpoint.has_shuffled:
-            self.device_endpoint.collect()
-            due[_DEVICE_TIMER] = _or_never(self.device_endpoint.next_due_ns)
+            packets = port.send(now, message)
+            due[_UP] = _or_never(port.release_due_ns)
+        if port.wire.uncollected:
+            port.collect()
+            due[_DEVICE_TIMER] = _or_never(port.wire.next_due_ns)
         if device.ledger is not None:
             self.two_port.device(device.ledger.work)
             if self.hand is not self.two_port:
                 self.hand.device(device.hand_work)
         self._tick_ns = now + self._period_ns
         due[_TICK] = self._tick_ns + device.resting * self._period_ns
+        if packets:
+            self._to_world(packets)
 
     def _rest(self, until_ns: int, *, then_tick: bool = False) -> None:
         """Make up for the ticks before `until_ns` that could wait; `then_tick`: the one that could not follows.

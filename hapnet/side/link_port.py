@@ -1,0 +1,109 @@
+"""One side's way through its emulated link, without clock or I/O: what virtual time tests is what real time runs.
+
+A runtime hands in what control and the network bring (`send`, `receive`), calls `pump` when `next_due_ns` says so, and
+puts the packets that come out on the wire, in their order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from hapnet.side.endpoint import WireHalf
+from hapnet.side.packet import FRAME_OVERHEAD, Packet
+from hapnet.wire.events import Event
+from netem import Link, LinkProfile, Timeline, TimelinePlayer
+from netem.timeline import Entry
+
+
+class Pumped(NamedTuple):
+    """What became due.
+
+    packets : to put on the wire. events : what the protocol tells. changes : of the link, with their times [ns].
+    """
+
+    packets: list[Packet]
+    events: tuple[Event, ...]
+    changes: list[tuple[int, Entry]]
+
+
+class LinkPort:
+    """A side's wire half, the link that shapes all that it sends, and the timeline that changes the link.
+
+    What is due at the same time runs in this order: changes of the link, what the link releases, what the protocol has
+    to send. Not thread-safe: two users need a lock.
+
+    Parameters
+    ----------
+    wire : the side's wire half. link : nobody else uses it, but to read its figures.
+    """
+
+    def __init__(self, wire: WireHalf, link: Link[Packet]) -> None:
+        self.wire, self.link = wire, link
+        self._player: TimelinePlayer | None = None
+
+    def play(self, timeline: Timeline, origin_ns: int) -> None:
+        """Change the link as the timeline says, counted from `origin_ns`."""
+        self._player = TimelinePlayer(self.link, timeline, origin_ns)
+
+    def change(self, now_ns: int, profile: LinkProfile) -> None:
+        """From now on the link has this profile; what is in flight keeps its release times."""
+        self.link.change(profile, now_ns)
+
+    def send(self, now_ns: int, data: bytes) -> Sequence[Packet]:
+        """Offer control's message to the link; what the link releases by now, at once if nothing delays it.
+
+        Afterwards `collect` the energy that came with it: the message comes first.
+        """
+        packet = Packet("position", data)
+        if self.link.passes():
+            return (packet,)
+        self.link.send(now_ns, packet, len(data) + FRAME_OVERHEAD)
+        return [released for _, released in self.link.poll(now_ns)]
+
+    def collect(self) -> None:
+        """Give the surplus of control to the session, which sends it in its own time."""
+        self.wire.collect()
+
+    def receive(self, now_ns: int, data: bytes) -> tuple[Event, ...]:
+        """A message has come in; what it means."""
+        return self.wire.receive(now_ns, data)
+
+    def pump(self, now_ns: int) -> Pumped:
+        """All that is due by now: `release`, then `poll`."""
+        packets, changes = self.release(now_ns)
+        events: tuple[Event, ...] = ()
+        if (due_ns := self.wire.next_due_ns) is not None and due_ns <= now_ns:
+            more, events = self.poll(now_ns)
+            packets += more
+        return Pumped(packets, events, changes)
+
+    def release(self, now_ns: int) -> tuple[list[Packet], list[tuple[int, Entry]]]:
+        """Change the link as its timeline says; the packets that it releases by now, and the changes."""
+        changes = [] if self._player is None else self._player.advance(now_ns)
+        return [packet for _, packet in self.link.poll(now_ns)], changes
+
+    def poll(self, now_ns: int) -> tuple[list[Packet], tuple[Event, ...]]:
+        """Offer what the protocol has to send; what the link releases by now, and the events that time alone brings."""
+        outgoing, events = self.wire.poll(now_ns)
+        for message in outgoing:
+            self.link.send(now_ns, Packet(message.kind, message.data), len(message.data) + FRAME_OVERHEAD)
+        return [packet for _, packet in self.link.poll(now_ns)], events
+
+    @property
+    def next_due_ns(self) -> int | None:
+        """When to `pump` next, if nothing else happens; None: nothing is planned. A time that has passed means now."""
+        return earlier(self.release_due_ns, self.wire.next_due_ns)
+
+    @property
+    def release_due_ns(self) -> int | None:
+        """When to `release` next: the link, or its timeline."""
+        due_ns = self.link.next_due_ns
+        return due_ns if self._player is None else earlier(due_ns, self._player.next_due_ns)
+
+
+def earlier(one_ns: int | None, other_ns: int | None) -> int | None:
+    """The earlier of two times; None is never."""
+    if one_ns is None or other_ns is None:
+        return other_ns if one_ns is None else one_ns
+    return min(one_ns, other_ns)
