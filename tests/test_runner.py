@@ -361,7 +361,8 @@ async def test_nothing_is_said_from_a_control_thread(tmp_path: Path, monkeypatch
     world = Running("world", address, params)
     assert isinstance(control, ThreadedDevice)
     threads: dict[str, set[str]] = {}
-    handle, tick, notify = logging.Logger.handle, control.side.tick, device.side._notify
+    reporter = device.side._reporter  # private, as all that is said goes through it
+    handle, tick, notify = logging.Logger.handle, control.side.tick, reporter._notify
 
     def handled(logger: logging.Logger, record: logging.LogRecord) -> None:
         threads.setdefault("logging", set()).add(threading.current_thread().name)
@@ -377,8 +378,7 @@ async def test_nothing_is_said_from_a_control_thread(tmp_path: Path, monkeypatch
         return tick(now_ns)
 
     monkeypatch.setattr(logging.Logger, "handle", handled)
-    monkeypatch.setattr(device.side, "_notify", tell)
-    monkeypatch.setattr(device.side._teller, "_notify", tell)
+    monkeypatch.setattr(reporter, "_notify", tell)
     monkeypatch.setattr(control.side, "tick", late)
     async with running(world, device):
         await device.until(lambda: (tmp_path / "d" / "x.mcap").exists())

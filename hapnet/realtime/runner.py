@@ -2,8 +2,8 @@
 
 Three kinds of thread share a side. The control thread (servo, or the world's stepper) owns the control half and puts a
 position that the link does not delay on the wire itself. Zenoh's receiving thread decodes what arrives into the control
-half's slots. The event loop does what is left: delayed release, retransmission, recording, telemetry. What they share,
-wire half and link, is behind one lock (link_driver.py).
+half's slots. The event loop does what is left: delayed release, retransmission, housekeeping (housekeeping.py) and
+reports (reporter.py, figures.py). What the threads share, wire half and link, is behind one lock (link_driver.py).
 """
 
 from __future__ import annotations
@@ -11,53 +11,42 @@ from __future__ import annotations
 import asyncio
 import secrets
 import time
-from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from hapnet import checks
 from hapnet.assembly.build import LIVE, Setup, link_profile
 from hapnet.checks import Vector
-from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.errors import InvalidParameter
 from hapnet.realtime.controller_choice import control_of
 from hapnet.realtime.controllers import ControlCallbacks
+from hapnet.realtime.figures import Figures
+from hapnet.realtime.housekeeping import Housekeeping
 from hapnet.realtime.link_driver import LinkDriver
-from hapnet.realtime.notifier import Notifier
 from hapnet.realtime.peerless import Alone
-from hapnet.realtime.recorder import Recordings, described
+from hapnet.realtime.reporter import Reporter
 from hapnet.realtime.servo import tuned_interpreter
 from hapnet.realtime.shutdown import LINGER_S, GracefulShutdown
-from hapnet.realtime.telemetry_publisher import LinkMeter, Telemeter
+from hapnet.realtime.telemetry_publisher import Telemeter
 from hapnet.recording import hand, link_events
 from hapnet.recording.samples import Event as Note
 from hapnet.recording.samples import Sample
 from hapnet.recording.telemetry import Status
 from hapnet.side.endpoint import NANO
 from hapnet.side.link_port import LinkPort
-from hapnet.side.notices import Notice, notice_of
-from hapnet.summary import path as paths
-from hapnet.summary.run import Summary, combine, versions
+from hapnet.side.notices import Notice
+from hapnet.summary.run import Summary
 from hapnet.transport.config import ZenohSettings
-from hapnet.transport.diagnosis import UNANSWERED_NS, ConnectionDiagnosis
+from hapnet.transport.diagnosis import ConnectionDiagnosis
 from hapnet.transport.zenoh import TELEMETRY, ZenohTransport
-from hapnet.wire.events import EnergyCredited, Event, Mismatch, PeerRefused, PositionReceived, SampleReceived
+from hapnet.wire.events import EnergyCredited, Event, PositionReceived, SampleReceived
 from hapnet.wire.messages import Role
 from netem import Link, LinkProfile
 
-REFUSE_S = 0.4
-"""How long a device goes on refusing a world that does not fit before it ends: some refusals get lost [s].
-
-A world goes on waiting for a device that fits: else any stranger could end it.
-"""
-
-_HOUSEKEEPING_S = 0.05
-_MOST_NOTES = 1000
-_COLLECT_EVERY = 20  # housekeepings
-_UNTOLD = (PositionReceived, SampleReceived, EnergyCredited)
+_ORDINARY = (PositionReceived, SampleReceived, EnergyCredited)
 """Events that come with the traffic, and that nobody is told."""
 
 
@@ -92,53 +81,45 @@ class RealtimeSide:
         refused: Callable[[int], list[str]] = lambda now_ns: [],
     ) -> None:
         self.setup, self.role = setup, role
-        self.seed = secrets.randbits(32) if seed is None else seed
-        self.profile = setup.up if role == "device" else setup.down
-        self._timeline = setup.up_timeline if role == "device" else setup.down_timeline
-        self._playing = self._down = self._paused = self._hurried = False
-        self._way = "up" if role == "device" else "down"
-        self._clock = time.monotonic_ns
-        self._told, self._refused = notify, refused
-        self._names = (session, name)
-        self._versions = versions()  # a hundred files are read for it: not once the servo runs
-        self._about = described(setup, role, self.seed, self.profile)
+        self._clock = clock = time.monotonic_ns
+        seed = secrets.randbits(32) if seed is None else seed
+        entropy = np.random.SeedSequence(seed).spawn(4)
+        callbacks = ControlCallbacks(self._send, self._keep, self._fail, lambda: self._link_driver.arm())
+        incarnation = secrets.randbits(63) + 1
+        self.control = control = control_of(setup, role, incarnation, callbacks, clock, entropy[2], realtime=realtime)
+        self.wire = control.wire
+        self._transport = ZenohTransport(
+            zenoh, self._on_message, session=session, device=name, role=role, on_change=lambda: self._on_connection()
+        )
+        own, way = (setup.params.device, 0) if role == "device" else (setup.params.world, 1)
+        profile, timeline = (setup.up, setup.up_timeline) if role == "device" else (setup.down, setup.down_timeline)
+        port = LinkPort(control.wire, Link(profile, seed=entropy[way]))
+        period_ns = round(1e9 / setup.params.device.servo_hz) if role == "device" else None
+        self._link_driver = LinkDriver(port, self._transport.put, clock, period_ns=period_ns)
         rate_hz = setup.params.telemetry_hz
         self._telemeter = Telemeter(rate_hz, self._put, self._status) if rate_hz else None
-        self._notes: deque[Note] = deque(maxlen=_MOST_NOTES)
-        on_silence = (setup.params.device if role == "device" else setup.params.world).on_silence
-        self._teller = Notifier(role, on_silence, self._notify)
-        self._alone = Alone(role, once, self._notify, lambda: self._stop.set())
-        self._recordings = Recordings(lambda text: self._teller.tell("recording", text, self._clock()))
+        self._reporter = Reporter(role, own.on_silence, clock, notify, self._telemeter)
+        self._figures = Figures(setup, role, seed, (session, name), control, self._link_driver, self._transport, clock)
+        self._housekeeping = Housekeeping(
+            role, control, self._link_driver, self._transport, self._figures, self._reporter, clock,
+            alone=Alone(role, once, self._reporter.notify, lambda: self._stop.set()),
+            diagnosis=ConnectionDiagnosis(zenoh, clock()),
+            timeline=timeline, refused=refused, fail=self._fail,
+        )  # fmt: skip
         self._failure: BaseException | None = None
-        self._started_ns = self._clock()
-        self._diagnosis = ConnectionDiagnosis(zenoh, self._started_ns)
-        self._stopped_ns: int | None = None
-        entropy = np.random.SeedSequence(self.seed).spawn(4)
-        incarnation = secrets.randbits(63) + 1
-        callbacks = ControlCallbacks(self._send, self._keep_sample, self._fail, lambda: self._link_driver.arm())
-        self.control = control_of(setup, role, incarnation, callbacks, self._clock, entropy[2], realtime=realtime)
-        self.wire = self.control.wire
-        self._path_told = paths.PathTeller(role, self.wire.session.path)
-        self._path_shown = paths.PathMeter(role, self.wire.session.path)
-        self._meter = LinkMeter()
-        self._transport = ZenohTransport(
-            zenoh, self._on_message, session=session, device=name, role=role, on_change=self._on_link
-        )
-        period_ns = round(1e9 / setup.params.device.servo_hz) if role == "device" else None
-        port = LinkPort(self.wire, Link(self.profile, seed=entropy[0 if role == "device" else 1]))
-        self._link_driver = LinkDriver(port, self._transport.put, self._clock, period_ns=period_ns)
+        self._paused = self._hurried = False
         if record is not None:
-            self._recordings.begin(record)
+            self._reporter.recordings.begin(record)
+
+    @property
+    def profile(self) -> LinkProfile:
+        """Of this side's link, as it is now."""
+        return self._link_driver.port.link.profile
 
     # -- threads of their own ----------------------------------------------------------------------------------------
 
-    def _keep_sample(self, sample: Sample) -> None:
-        """For the recording and who watches; from any thread. A note is told as well, by the loop."""
-        if isinstance(sample, Note):
-            self._notes.append(sample)
-        elif self._telemeter is not None:
-            self._telemeter.keep(sample)
-        self._recordings.keep(sample)
+    def _keep(self, sample: Sample) -> None:
+        self._reporter.keep(sample)
 
     def _send(self, data: bytes) -> None:
         """On control's thread."""
@@ -152,9 +133,9 @@ class RealtimeSide:
         self._report(self._link_driver.receive(data))
 
     def _report(self, events: tuple[Event, ...]) -> None:
-        told = [event for event in events if not isinstance(event, _UNTOLD)]
+        told = [event for event in events if not isinstance(event, _ORDINARY)]
         if told:
-            self._loop.call_soon_threadsafe(self._tell, told, self._clock())
+            self._loop.call_soon_threadsafe(self._housekeeping.on_events, told, self._clock())
 
     def _fail(self, error: BaseException) -> None:
         self._failure = self._failure or error
@@ -169,8 +150,7 @@ class RealtimeSide:
         ------
         HapnetError : the peer does not fit, the transport cannot be opened, or the control thread failed.
         """
-        self._loop = asyncio.get_running_loop()
-        self._stop, self._duration_s = stop, duration_s
+        self._loop, self._stop = asyncio.get_running_loop(), stop
         self._link_driver.open(self._loop, self._pump)
         telemetry = None if self._telemeter is None else self._loop.create_task(self._telemeter.run())
         try:
@@ -178,11 +158,11 @@ class RealtimeSide:
                 refused = await asyncio.to_thread(self.control.start)
                 await self._transport.open()  # only now: a peer that is answered is one that control is ready for
                 if refused:
-                    self._teller.tell("realtime", refused, self._clock())
+                    self._reporter.notifier.tell("realtime", refused, self._clock())
                 self._link_driver.arm()
-                await self._keep(stop, duration_s, collect)
+                await self._housekeeping.run(stop, duration_s, collect)
                 await asyncio.to_thread(self.control.stop)
-                self._stopped_ns = self._clock()
+                self._figures.stopped_ns = self._clock()
             if self._failure is not None:
                 with suppress(Exception):  # what has failed may be what says so
                     await self._part("it failed", linger=False)
@@ -195,10 +175,14 @@ class RealtimeSide:
             await self._transport.close()
             self._link_driver.close()
             summary = self.summary()
-            self._drain()
-            self._watch()
-            self._recordings.end(summary, self.control.unrecorded)
+            self._housekeeping.drain()
+            self._housekeeping.watch()
+            self._reporter.recordings.end(summary, self.control.unrecorded)
         return summary
+
+    def summary(self) -> Summary:
+        """This side's summary so far; the other side's part is None."""
+        return self._figures.summary()
 
     def hurry(self) -> None:
         """Part without waiting for what is in flight: that energy is lost, which is safe."""
@@ -207,7 +191,7 @@ class RealtimeSide:
     @property
     def unrecorded(self) -> str | None:
         """What is missing in the recording; None: nothing."""
-        return "; ".join(self._recordings.missing) or None
+        return "; ".join(self._reporter.recordings.missing) or None
 
     # -- while it runs, on the event loop ----------------------------------------------------------------------------
 
@@ -218,15 +202,15 @@ class RealtimeSide:
         ------
         NetemError, InvalidParameter : there is no such link.
         """
-        profile = link_profile(f"link.{self._way}", words)
+        profile = link_profile(f"link.{self._figures.way}", words)
         self._link_driver.change(profile)
-        self._link_changed(profile, link_events.told(profile), self._clock())
+        self._reporter.notify(Notice(link_events.KIND, link_events.told(profile), self._clock()))
 
     def pause(self, paused: bool) -> None:
         """Let what is simulated stand still, or go on; servo, protocol and link go on all the time."""
         self._paused = paused
         self.control.pause(paused)
-        self._notify(Notice("pause", hand.PAUSED if paused else "goes on", self._clock()))
+        self._reporter.notify(Notice("pause", hand.PAUSED if paused else "goes on", self._clock()))
 
     def lead(self, position: Vector) -> None:
         """Where the hand of the operator ``mouse`` is to go [m], shape (n,).
@@ -247,41 +231,16 @@ class RealtimeSide:
         ------
         RecordingError : it cannot be written.
         """
-        self._drain()
+        self._housekeeping.drain()
+        recordings = self._reporter.recordings
         summary = self.summary()
+        # a servo's process tells it at its end only
         known = (part := summary[self.role]) is not None and part["ledger"]["margin_J"] is not None
-        self._recordings.end(summary if known else None, self.control.unrecorded)
+        recordings.end(summary if known else None, self.control.unrecorded)
         if path is not None:
-            self._recordings.begin(path)
-            if self._down:
-                self._recordings.keep(Note(self._clock(), link_events.KIND, link_events.told("down")))
-
-    async def _keep(self, stop: asyncio.Event, duration_s: float, collect: Callable[[], int]) -> None:
-        """Housekeeping until it is time to stop."""
-        rounds = 0
-        stopped = self._loop.create_task(stop.wait())  # one for all rounds: a new one each costs more than the rest
-        while not stop.is_set():
-            origin_ns = self.control.origin_ns
-            if origin_ns is None:
-                self._wait(self._clock())
-            elif duration_s > 0.0 and self._clock() - origin_ns >= duration_s / NANO:
-                break
-            if origin_ns is not None and self._timeline is not None and not self._playing:
-                self._playing = True
-                self._link_driver.play(self._timeline, origin_ns)
-            self._watch()
-            self._drain()
-            rounds += 1
-            if rounds % _COLLECT_EVERY == 0:
-                collect()
-                self._on_link()  # Zenoh's event of a loss may come while it still counts the link
-                if origin_ns is not None:
-                    now_ns = self._clock()
-                    self._teller.progress(now_ns, (now_ns - origin_ns) * NANO)
-                    if (notice := self._path_told.look(now_ns)) is not None:
-                        self._notify(notice)
-            await asyncio.wait((stopped,), timeout=_HOUSEKEEPING_S)
-        stopped.cancel()
+            recordings.begin(path)
+            if not self._link_driver.port.link.is_up:
+                recordings.keep(Note(self._clock(), link_events.KIND, link_events.told("down")))
 
     async def _part(self, reason: str, *, linger: bool) -> None:
         """Control has stopped: let energy in flight be acknowledged, then say goodbye."""
@@ -293,128 +252,10 @@ class RealtimeSide:
         _, events, changes = self._link_driver.pump()
         self._report(events)
         for at_ns, entry in changes:
-            self._link_changed(entry.action, link_events.told(entry), at_ns)
+            self._reporter.notify(Notice(link_events.KIND, link_events.told(entry), at_ns))
 
-    def _link_changed(self, change: link_events.Change, text: str, at_ns: int) -> None:
-        if isinstance(change, LinkProfile):
-            self.profile = change
-            self._about = self._about | {"links": {self._way: str(change)}}
-        else:
-            self._down = change == "down"
-        self._notify(Notice(link_events.KIND, text, at_ns))
-
-    def _notify(self, notice: Notice) -> None:
-        self._told(notice)
-        note = Note(notice.at_ns, notice.kind, notice.text)
-        if notice.kind in (link_events.KIND, "pause"):  # a replay needs them; the session's are kept where told
-            self._recordings.keep(note)
-        if self._telemeter is not None and notice.kind != "progress":
-            self._telemeter.keep(note)
-
-    def _wait(self, now_ns: int) -> None:
-        """There is no peer yet: tell what this side does, and if nobody is there at all, why that may be."""
-        transport = self._transport
-        status, others = transport.status, transport.partners or transport.doubled
-        if not transport.peers and (why := self._diagnosis.answer(now_ns)):
-            status += f" ({why})"
-        elif transport.peers and not others and now_ns - self._started_ns > UNANSWERED_NS:
-            status += " (--session or --name differs, or access control does not let this side in)"
-        self._teller.waiting(now_ns, status, transport.partners)
-
-    def _on_link(self) -> None:
-        """Zenoh has gained or lost a connection."""
-        if self.control.origin_ns is not None and self._stopped_ns is None and self.wire.session.peer is not None:
-            self._teller.link(self._clock(), up=self._transport.peers > 0)
-
-    def _watch(self) -> None:
-        """Has the other side fallen silent, and what was dropped?"""
-        session, now_ns = self.wire.session, self._clock()
-        with self._link_driver.lock:
-            events, counts, why = session.watch(now_ns), self._dropped(), session.dropped_for.copy()
-        self._tell(events, now_ns)
-        self._alone.watch(now_ns, self._transport.partners)
-        self._teller.dropped(now_ns, counts, why)
-        for text in self._refused(now_ns):
-            self._teller.tell("access", text, now_ns)
-        self._teller.keys(now_ns, self._transport.silent if session.peer is not None else [])
-
-    def _is_final(self, event: Event) -> bool:
-        """Does this end a device: a world that does not fit, or that has another one and will never take this again?"""
-        if self.role != "device" or not isinstance(event, Mismatch | PeerRefused):
-            return False
-        return self.control.origin_ns is None or (isinstance(event, PeerRefused) and event.by_peer)
-
-    def _end_unpaired(self, error: HapnetError) -> None:
-        """Unless a world has taken this side after all: anybody may send a refusal."""
-        if self.wire.session.peer is None:
-            self._fail(error)
-
-    def _dropped(self) -> dict[str, int]:
-        """How many messages were dropped, by kind; the lock is held."""
-        flood = self._transport.gate.refused
-        return dict(self.wire.session.dropped) | ({"flood": flood} if flood else {})
-
-    def _tell(self, events: Iterable[Event], now_ns: int) -> None:
-        origin_ns = self.control.origin_ns
-        left_s = self._duration_s - (now_ns - (origin_ns or now_ns)) * NANO if self._duration_s else None
-        for event in events:
-            if self._is_final(event):
-                notice = notice_of(event, now_ns, "world", "")
-                assert notice is not None
-                self._loop.call_later(REFUSE_S, self._end_unpaired, HapnetError(notice.text))
-            elif (notice := self._teller.happened(event, now_ns)) is not None:
-                self._recordings.keep(Note(now_ns, notice.kind, notice.text))
-            self._alone.happened(event, now_ns, left_s)
-
-    # -- recording and summary ---------------------------------------------------------------------------------------
-
-    def summary(self) -> Summary:
-        """This side's summary so far; the other side's part is None."""
-        own: dict[str, Any] = {"device": None, "world": None}
-        links: dict[str, Any] = {"up": None, "down": None}
-        end_ns = self._stopped_ns or self._clock()
-        with self._link_driver.lock:
-            own[self.role] = self.control.summary(end_ns) | {
-                "dropped": self._dropped(), "declared_again": self._transport.declared_again,
-            }  # fmt: skip
-            links[self._way] = self._link_driver.port.link.stats.as_dict()
-        origin_ns = self.control.origin_ns
-        elapsed = None if origin_ns is None else (end_ns - origin_ns) * NANO
-        summary = combine(
-            own["device"], own["world"], links,
-            seed=self.seed, duration_s=elapsed, coupling=self.setup.params.coupling, tuning=self.setup.tuned,
-            path=paths.of_side(self.role, self.wire.session.path.figures()),
-        )  # fmt: skip
-        summary["wall_clock"] = {"elapsed_s": (self._clock() - self._started_ns) * NANO}
-        return summary
-
-    def _drain(self) -> None:
-        """Say what control has noted, and write what was recorded, since the last call."""
-        while self._notes:
-            note = self._notes.popleft()
-            self._teller.tell(note.kind, note.text, note.time_ns)
-        if self.control.origin_ns is not None:
-            self._recordings.drain(self._clock(), self._meta)
-
-    def _meta(self) -> dict[str, Any]:
-        session, name = self._names
-        own = {"origin_ns": self.control.origin_ns, "session": session, "name": name, "versions": self._versions}
-        return self._about | own
-
-    # -- telemetry ---------------------------------------------------------------------------------------------------
+    def _on_connection(self) -> None:
+        self._housekeeping.on_connection()
 
     def _status(self) -> Status:
-        session = self.wire.session
-        with self._link_driver.lock:
-            stats, paired = self._link_driver.port.link.stats, session.peer is not None
-        return Status(
-            role=self.role,
-            time_ns=self._clock(),
-            incarnation=session.identity.incarnation,
-            paired=paired,
-            paused=self._paused,
-            recording=str(self._recordings.path or ""),
-            about=self._meta(),
-            link=self._meter.read(stats),
-            path=dict(self._path_shown.read()),
-        )
+        return self._figures.status(paused=self._paused, recording=str(self._reporter.recordings.path or ""))

@@ -1,0 +1,107 @@
+"""What one side of a run in real time has to show: its summary, its status, and what its recording is of."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from hapnet.assembly.build import Setup
+from hapnet.realtime.controllers import Control
+from hapnet.realtime.link_driver import LinkDriver
+from hapnet.realtime.recorder import described
+from hapnet.realtime.telemetry_publisher import LinkMeter
+from hapnet.recording.telemetry import Status
+from hapnet.side.device import Clock
+from hapnet.side.endpoint import NANO
+from hapnet.summary import path
+from hapnet.summary.run import Summary, combine, versions
+from hapnet.transport.zenoh import ZenohTransport
+from hapnet.wire.messages import Role
+
+
+class Figures:
+    """Reads a side's parts; on the event loop.
+
+    Parameters
+    ----------
+    setup, role, seed : of the side. names : of its session and its device, as in the key expressions.
+    control, driver, transport, clock : its parts.
+
+    Attributes
+    ----------
+    stopped_ns : when control stopped; None: it has not.
+    """
+
+    def __init__(
+        self,
+        setup: Setup,
+        role: Role,
+        seed: int,
+        names: tuple[str, str],
+        control: Control,
+        driver: LinkDriver,
+        transport: ZenohTransport,
+        clock: Clock,
+    ) -> None:
+        self.stopped_ns: int | None = None
+        self._setup, self._role, self._seed = setup, role, seed
+        self._control, self._driver, self._transport, self._clock = control, driver, transport, clock
+        self._started_ns = clock()
+        self._path = path.PathMeter(role, control.wire.session.path)
+        self._link = LinkMeter()
+        self._about = described(setup, role, seed, driver.port.link.profile) | {
+            "session": names[0],
+            "name": names[1],
+            "versions": versions(),  # a hundred files are read for it: not once the servo runs
+        }
+
+    @property
+    def way(self) -> str:
+        """The direction of this side's link: "up" or "down"."""
+        return "up" if self._role == "device" else "down"
+
+    def meta(self) -> dict[str, Any]:
+        """What a recording that begins now is of."""
+        links = {self.way: str(self._driver.port.link.profile)}
+        return self._about | {"links": links, "origin_ns": self._control.origin_ns}
+
+    def dropped(self) -> dict[str, int]:
+        """How many messages were dropped, by kind; the lock is held."""
+        flood = self._transport.gate.refused
+        return dict(self._control.wire.session.dropped) | ({"flood": flood} if flood else {})
+
+    def summary(self) -> Summary:
+        """This side's summary so far; the other side's part is None."""
+        own: dict[str, Any] = {"device": None, "world": None}
+        links: dict[str, Any] = {"up": None, "down": None}
+        end_ns = self.stopped_ns or self._clock()
+        with self._driver.lock:
+            own[self._role] = self._control.summary(end_ns) | {
+                "dropped": self.dropped(), "declared_again": self._transport.declared_again,
+            }  # fmt: skip
+            links[self.way] = self._driver.port.link.stats.as_dict()
+        origin_ns = self._control.origin_ns
+        elapsed = None if origin_ns is None else (end_ns - origin_ns) * NANO
+        summary = combine(
+            own["device"], own["world"], links,
+            seed=self._seed, duration_s=elapsed, coupling=self._setup.params.coupling, tuning=self._setup.tuned,
+            path=path.of_side(self._role, self._control.wire.session.path.figures()),
+        )  # fmt: skip
+        summary["wall_clock"] = {"elapsed_s": (self._clock() - self._started_ns) * NANO}
+        return summary
+
+    def status(self, *, paused: bool, recording: str) -> Status:
+        """For who watches. `recording` : the path of the one that is being made, or empty."""
+        session = self._control.wire.session
+        with self._driver.lock:
+            stats, paired = self._driver.port.link.stats, session.peer is not None
+        return Status(
+            role=self._role,
+            time_ns=self._clock(),
+            incarnation=session.identity.incarnation,
+            paired=paired,
+            paused=paused,
+            recording=recording,
+            about=self.meta(),
+            link=self._link.read(stats),
+            path=dict(self._path.read()),
+        )

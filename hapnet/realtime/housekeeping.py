@@ -1,0 +1,159 @@
+"""What one side looks after while it runs, twenty times a second, on the event loop."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterable
+
+from hapnet.errors import HapnetError
+from hapnet.realtime.controllers import Control
+from hapnet.realtime.figures import Figures
+from hapnet.realtime.link_driver import LinkDriver
+from hapnet.realtime.peerless import Alone
+from hapnet.realtime.reporter import Reporter
+from hapnet.side.device import Clock
+from hapnet.side.endpoint import NANO
+from hapnet.side.notices import notice_of
+from hapnet.summary.path import PathTeller
+from hapnet.transport.diagnosis import UNANSWERED_NS, ConnectionDiagnosis
+from hapnet.transport.zenoh import ZenohTransport
+from hapnet.wire.events import Event, Mismatch, PeerRefused
+from hapnet.wire.messages import Role
+from netem import Timeline
+
+REFUSE_S = 0.4
+"""How long a device goes on refusing a world that does not fit before it ends: some refusals get lost [s].
+
+A world goes on waiting for a device that fits: otherwise any stranger could end it.
+"""
+
+_PERIOD_S = 0.05
+_COLLECT_EVERY = 20  # rounds
+
+
+class Housekeeping:
+    """Waits with a side for its peer, watches over the pair, and ends the side when it is time.
+
+    Parameters
+    ----------
+    role : this side's. control, driver, transport, figures, reporter, clock : its parts.
+    alone : what it does without its peer. diagnosis : why nobody may be there.
+    timeline : of its link, from pairing on.
+    refused : asked, at a time [ns], who was refused since the last time, in words. fail : ends the side with an error.
+    """
+
+    def __init__(
+        self,
+        role: Role,
+        control: Control,
+        driver: LinkDriver,
+        transport: ZenohTransport,
+        figures: Figures,
+        reporter: Reporter,
+        clock: Clock,
+        *,
+        alone: Alone,
+        diagnosis: ConnectionDiagnosis,
+        timeline: Timeline | None,
+        refused: Callable[[int], list[str]],
+        fail: Callable[[BaseException], None],
+    ) -> None:
+        self._role, self._clock = role, clock
+        self._control, self._driver, self._transport = control, driver, transport
+        self._figures, self._reporter = figures, reporter
+        self._alone, self._diagnosis, self._timeline = alone, diagnosis, timeline
+        self._refused, self._fail = refused, fail
+        self._path = PathTeller(role, control.wire.session.path)
+        self._started_ns = clock()
+        self._duration_s = 0.0
+
+    async def run(self, stop: asyncio.Event, duration_s: float, collect: Callable[[], int]) -> None:
+        """Until `stop` is set or `duration_s` seconds after pairing (0: no end). `collect`: Python's garbage."""
+        self._duration_s = duration_s
+        rounds = 0
+        stopped = asyncio.ensure_future(stop.wait())  # one for all rounds: a new one each costs more than the rest
+        while not stop.is_set():
+            origin_ns = self._control.origin_ns
+            if origin_ns is None:
+                self._wait(self._clock())
+            elif duration_s > 0.0 and self._clock() - origin_ns >= duration_s / NANO:
+                break
+            elif self._timeline is not None:
+                self._driver.play(self._timeline, origin_ns)
+                self._timeline = None
+            self.watch()
+            self.drain()
+            rounds += 1
+            if rounds % _COLLECT_EVERY == 0:
+                collect()
+                self._look_around(origin_ns)
+            await asyncio.wait((stopped,), timeout=_PERIOD_S)
+        stopped.cancel()
+
+    def on_connection(self) -> None:
+        """Zenoh has gained or lost a connection."""
+        over = self._figures.stopped_ns is not None
+        if self._control.origin_ns is not None and not over and self._control.wire.session.peer is not None:
+            self._reporter.notifier.link(self._clock(), up=self._transport.peers > 0)
+
+    def watch(self) -> None:
+        """Has the other side fallen silent, and what was dropped?"""
+        session, now_ns, notifier = self._control.wire.session, self._clock(), self._reporter.notifier
+        with self._driver.lock:
+            events, counts, why = session.watch(now_ns), self._figures.dropped(), session.dropped_for.copy()
+        self.on_events(events, now_ns)
+        self._alone.watch(now_ns, self._transport.partners)
+        notifier.dropped(now_ns, counts, why)
+        for text in self._refused(now_ns):
+            notifier.tell("access", text, now_ns)
+        notifier.keys(now_ns, self._transport.silent if session.peer is not None else [])
+
+    def on_events(self, events: Iterable[Event], now_ns: int) -> None:
+        """What the session tells."""
+        origin_ns, duration_s = self._control.origin_ns, self._duration_s
+        left_s = duration_s - (now_ns - (origin_ns or now_ns)) * NANO if duration_s else None
+        for event in events:
+            if self._is_final(event):
+                notice = notice_of(event, now_ns, "world", "")
+                assert notice is not None
+                loop = asyncio.get_running_loop()
+                loop.call_later(REFUSE_S, self._end_unpaired, HapnetError(notice.text))
+            else:
+                self._reporter.happened(event, now_ns)
+            self._alone.happened(event, now_ns, left_s)
+
+    def drain(self) -> None:
+        """Tell what control has noted, and write what was recorded, since the last call."""
+        self._reporter.tell_notes()
+        if self._control.origin_ns is not None:
+            self._reporter.recordings.drain(self._clock(), self._figures.meta)
+
+    def _look_around(self, origin_ns: int | None) -> None:
+        """What is worth a look once a second."""
+        self.on_connection()  # Zenoh's event of a loss may come while it still counts the link
+        if origin_ns is not None:
+            now_ns = self._clock()
+            self._reporter.notifier.progress(now_ns, (now_ns - origin_ns) * NANO)
+            if (notice := self._path.look(now_ns)) is not None:
+                self._reporter.notify(notice)
+
+    def _wait(self, now_ns: int) -> None:
+        """There is no peer yet: say what this side does, and if nobody is there at all, why that may be."""
+        transport = self._transport
+        status, others = transport.status, transport.partners or transport.doubled
+        if not transport.peers and (why := self._diagnosis.answer(now_ns)):
+            status += f" ({why})"
+        elif transport.peers and not others and now_ns - self._started_ns > UNANSWERED_NS:
+            status += " (--session or --name differs, or access control does not let this side in)"
+        self._reporter.notifier.waiting(now_ns, status, transport.partners)
+
+    def _is_final(self, event: Event) -> bool:
+        """Does this end a device: a world that does not fit, or that has another one and will never take this again?"""
+        if self._role != "device" or not isinstance(event, Mismatch | PeerRefused):
+            return False
+        return self._control.origin_ns is None or (isinstance(event, PeerRefused) and event.by_peer)
+
+    def _end_unpaired(self, error: HapnetError) -> None:
+        """Unless a world has taken this side after all: anybody may send a refusal."""
+        if self._control.wire.session.peer is None:
+            self._fail(error)

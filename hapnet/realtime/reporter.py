@@ -1,0 +1,69 @@
+"""Where what one side reports goes: notices to whoever runs it, samples to its recording, both to whoever watches."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+
+from hapnet.realtime.notifier import Notifier
+from hapnet.realtime.recorder import Recordings
+from hapnet.realtime.telemetry_publisher import Telemeter
+from hapnet.recording import link_events
+from hapnet.recording.samples import Event as Note
+from hapnet.recording.samples import Sample
+from hapnet.side.device import Clock
+from hapnet.side.notices import Notice
+from hapnet.wire.events import Event
+from hapnet.wire.messages import Role
+
+_MOST_NOTES = 1000
+
+
+class Reporter:
+    """A side's notices, recordings and telemetry. `keep` is for any thread, all else for the event loop.
+
+    Parameters
+    ----------
+    role : this side's. on_silence : what it does when nothing arrives. clock : [ns].
+    notify : called with each notice. telemeter : None: nobody can watch.
+
+    Attributes
+    ----------
+    notifier : decides what is said of what happens, and when. recordings : of this side.
+    """
+
+    def __init__(
+        self, role: Role, on_silence: str, clock: Clock, notify: Callable[[Notice], None], telemeter: Telemeter | None
+    ) -> None:
+        self.notifier = Notifier(role, on_silence, self.notify)
+        self.recordings = Recordings(lambda text: self.notifier.tell("recording", text, clock()))
+        self._notify, self._telemeter = notify, telemeter
+        self._notes: deque[Note] = deque(maxlen=_MOST_NOTES)
+
+    def keep(self, sample: Sample) -> None:
+        """Control's sample, or a note, which is told as well, by `tell_notes`; from any thread."""
+        if isinstance(sample, Note):
+            self._notes.append(sample)
+        elif self._telemeter is not None:
+            self._telemeter.keep(sample)
+        self.recordings.keep(sample)
+
+    def notify(self, notice: Notice) -> None:
+        """Tell a notice, and record it if a replay needs it; what the session tells is recorded by `happened`."""
+        self._notify(notice)
+        note = Note(notice.at_ns, notice.kind, notice.text)
+        if notice.kind in (link_events.KIND, "pause"):
+            self.recordings.keep(note)
+        if self._telemeter is not None and notice.kind != "progress":
+            self._telemeter.keep(note)
+
+    def happened(self, event: Event, now_ns: int) -> None:
+        """Tell an event of the session, and record what was said of it."""
+        if (notice := self.notifier.happened(event, now_ns)) is not None:
+            self.recordings.keep(Note(now_ns, notice.kind, notice.text))
+
+    def tell_notes(self) -> None:
+        """Tell what control has noted since the last call."""
+        while self._notes:
+            note = self._notes.popleft()
+            self.notifier.tell(note.kind, note.text, note.time_ns)
