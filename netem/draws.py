@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from itertools import chain, islice
+from collections.abc import Callable, Iterator
+from itertools import chain, islice, repeat
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,7 +59,77 @@ class Draws:
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
-def changed(effect: str, profile: LinkProfile, previous: LinkProfile | None) -> bool:
+class Streams:
+    """A link's draws, a stream for each effect. A seed in the profile takes the place of `seed`.
+
+    Attributes
+    ----------
+    next : of the next message: is it lost, is it corrupted, may it go ahead, its delay [ns], its luck (see `Fates`).
+    next_bit : which bit of a corrupted message is flipped, in [0, 1). next_chance : whether a trace of conditions loses
+        the message. next_slot : the time to the next slot [ns], if the profile has slots.
+    """
+
+    next: Callable[[], tuple[bool, bool, bool, int, float]]
+    next_bit: Callable[[], float]
+    next_chance: Callable[[], float]
+    next_slot: Callable[[], int]
+
+    def __init__(self, seed: SeedSequence) -> None:
+        self._seed = seed
+        self._profile: LinkProfile | None = None
+        self._profile_seed: int | None = None
+        self._generators: dict[str, Generator] = {}
+        self._draws: dict[str, Draws] = {}
+
+    def configure(self, profile: LinkProfile, offered: int) -> set[str]:
+        """Draw for `profile` from now on, `offered` messages having had theirs; the effects whose streams begin anew.
+
+        Effects whose settings stay keep their streams; the others continue their own with the new settings.
+        """
+        previous = self._profile
+        if previous is None or profile.seed not in (None, self._profile_seed):
+            previous = None
+            self._profile_seed = profile.seed
+            self._generators = generators(self._seed, profile.seed)
+            self.next_bit = Draws(models.fractions(self._generators["bit"]), 0).each.__next__
+            self.next_chance = Draws(models.fractions(self._generators["csv"]), 0).each.__next__
+        self._profile = profile
+        new = {effect for effect in _FIELDS if _changed(effect, profile, previous)}
+        if previous is None or (profile.resend is None) != (previous.resend is None):
+            new.add("resend")
+        for effect in new - {"slot"}:
+            self._draws[effect] = Draws(_blocks(effect, self._generators[effect], profile), offered)
+        if profile.slot is not None and "slot" in new:
+            self.next_slot = Draws(models.slot_intervals(self._generators["slot"], profile.slot), 0).each.__next__
+        each = [self._draws[effect].each for effect in ("loss", "corrupt", "reorder", "delay", "resend")]
+        self.next = zip(*each, strict=False).__next__
+        return new
+
+    def many(self, taken: int, count: int) -> Fates:
+        """The draws of the next `count` messages, when `taken` have had theirs."""
+        return Fates(*(self._draws[effect].many(taken, count) for effect in ("loss", "reorder", "delay", "resend")))
+
+    def put_back(self, fates: Fates) -> None:
+        """These are the next messages' after all."""
+        lost, ahead, delay_ns, luck = (values.tolist() for values in fates)
+        back = zip(lost, repeat(False), ahead, delay_ns, luck, strict=False)
+        self.next = chain(back, iter(self.next, None)).__next__
+
+
+def _blocks(effect: str, rng: Generator, profile: LinkProfile) -> Iterator[NDArray[Any]]:
+    match effect:
+        case "delay":
+            return models.delays(rng, profile)
+        case "loss":
+            return models.losses(rng, profile.loss)
+        case "corrupt":
+            return models.decisions(rng, profile.corrupt, profile.corrupt_correlation)
+        case "reorder":
+            return models.decisions(rng, profile.reorder, profile.reorder_correlation)
+    return repeat(np.zeros(models.BLOCK)) if profile.resend is None else models.fractions(rng)
+
+
+def _changed(effect: str, profile: LinkProfile, previous: LinkProfile | None) -> bool:
     """Does this effect get other settings?"""
     return previous is None or any(getattr(profile, name) != getattr(previous, name) for name in _FIELDS[effect])
 

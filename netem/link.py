@@ -21,19 +21,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sized
 from heapq import heapify, heappop, heappush
-from itertools import repeat
 from typing import Generic, TypeVar, cast
 
-import numpy as np
-from numpy.random import Generator, SeedSequence
+from numpy.random import SeedSequence
 
 from netem import models
-from netem.draws import Draws, Fates, changed, generators
-from netem.effects import Slot
+from netem.draws import Streams
 from netem.errors import NetemError
+from netem.line import RateLine
 from netem.profile import LinkProfile
 from netem.resend import Resends
-from netem.stats import DelayHistogram, LinkStats
+from netem.slots import Entry, SlotGate
+from netem.stats import Counters, DelayHistogram, LinkStats
 from netem.trace import ConditionTrace, TraceLine
 
 T = TypeVar("T")
@@ -54,6 +53,14 @@ class Link(Generic[T]):
     item with its bytes put through `corrupted`.
 
     Not thread-safe: two users need a lock.
+
+    Attributes
+    ----------
+    For a caller that carries many links at once, takes this one's state and gives it back; nobody else changes them.
+
+    counters : what was counted. streams : the draws. queue : what is in flight, a heap. line : with a rate or a trace.
+    resends : see `netem.resend`. in_order_ns : before that, ordered resends let nothing come through.
+    since_reorder : how many messages were offered since one was sent ahead.
     """
 
     def __init__(
@@ -63,37 +70,24 @@ class Link(Generic[T]):
         start_ns: int | None = None,
         flip: Callable[[T, Callable[[bytes], bytes]], T] | None = None,
     ) -> None:
+        self.counters = Counters()
+        self.streams = Streams(seed if isinstance(seed, SeedSequence) else SeedSequence(seed))
+        self.queue: list[Entry[T]] = []
+        self.since_reorder = 0
+        self.in_order_ns = _LONG_AGO
+        self.line: RateLine | TraceLine | None = None
+        self.resends: Resends | None = None
         self._flip = flip
-        self._seed = seed if isinstance(seed, SeedSequence) else SeedSequence(seed)
-        # (due, order, item, sent, size); order is unique, so items are never compared
-        self._queue: list[tuple[int, int, T, int, int]] = []
-        self._ready: list[tuple[int, int, T, int, int]] = []
-        # what comes to the line later than it was offered: (when, order, item, sent, size, delay)
+        self._ready: list[Entry[T]] = []
+        # what comes to the line later than it was offered: (when, number, item, sent, size, delay)
         self._again: list[tuple[int, int, T, int, int, int]] = []
-        self._offered = self._lost = self._lost_down = self._dropped_limit = 0
-        self._loss_bursts, self._last_lost = 0, -1
-        self._corrupted = self._reordered = self._sent_ahead = self._resent = self._recovered = 0
-        self._latest_ns = 0
-        self._newest = 0
-        self._since_reorder = 0
-        self._last_release_ns = self._in_order_ns = _LONG_AGO
-        self._timed_size: int | None = None  # the last size that was timed, and its transmission time
-        self._size_ns = 0
-        self._slot_ns = _LONG_AGO
-        self._slot_packets = self._slot_bytes = 0
+        self._gate: SlotGate[T] | None = None
+        self._conditions: tuple[ConditionTrace, int] | None = None  # and when it started
+        self._pending_delays = self.counters.delays.pending
         self._up = True
-        self._slotted = self._needs_size = self._awaits_start = self._transparent = False
-        self._lined = self._beside = False
-        self._resends: Resends | None = None
-        self._line: TraceLine | None = None
-        self._conditions: ConditionTrace | None = None
-        self._conditions_start_ns = 0
-        self._words_seed: int | None = None
-        self._delays = DelayHistogram()
-        self._pending_delays = self._delays.pending
-        self._generators: dict[str, Generator] = {}
-        self._configure(profile, None, _LONG_AGO)
-        self._start_traces(None, start_ns)
+        self._awaits_start = False
+        self._configure(profile, _LONG_AGO, _LONG_AGO)
+        self._start_traces(None, start_ns, _LONG_AGO)
 
     @property
     def profile(self) -> LinkProfile:
@@ -113,9 +107,9 @@ class Link(Generic[T]):
         """
         if self._ready:
             return self._ready[0][0]
-        due = self._queue[0][0] if self._queue else None
-        if due is not None and self._profile.slot is not None:
-            due = max(due, self._slot_ns)
+        due = self.queue[0][0] if self.queue else None
+        if due is not None and self._gate is not None:
+            due = max(due, self._gate.opens_ns)
         if self._again and (due is None or self._again[0][0] < due):
             return self._again[0][0]
         return due
@@ -123,40 +117,19 @@ class Link(Generic[T]):
     @property
     def stats(self) -> LinkStats:
         """A snapshot of what the link did so far."""
-        in_flight = len(self._queue) + len(self._ready) + len(self._again)
-        gone = self._lost + self._lost_down + self._dropped_limit
-        return LinkStats(
-            profile=str(self._profile),
-            offered=self._offered,
-            delivered=self._offered - gone - in_flight,
-            lost=self._lost,
-            loss_bursts=self._loss_bursts,
-            resent=self._resent,
-            recovered=self._recovered,
-            lost_down=self._lost_down,
-            dropped_limit=self._dropped_limit,
-            corrupted=self._corrupted,
-            reordered=self._reordered,
-            sent_ahead=self._sent_ahead,
-            in_flight=in_flight,
-            delay_mean_ms=self._delays.mean_ms(),
-            delay_std_ms=self._delays.std_ms(),
-            delay_p50_ms=self._delays.quantile_ms(0.50),
-            delay_p99_ms=self._delays.quantile_ms(0.99),
-            late_max_ms=self._latest_ns * 1e-6,
-            delay_histogram_ms=self._delays.bins_ms(),
-        )
+        return self.counters.snapshot(str(self._profile), len(self.queue) + len(self._ready) + len(self._again))
 
     def passes(self) -> bool:
         """For a link without any effect and with nothing in flight, `send` and `poll` at once.
 
         True: a message has been offered and delivered; hand it on. False: nothing has happened, `send` it.
         """
-        if not self._transparent or self._queue or self._ready or self._again or not self._up:
+        if not self._transparent or self.queue or self._ready or self._again or not self._up:
             return False
-        self._offered = self._newest = self._offered + 1
+        counters = self.counters
+        counters.offered = counters.newest = counters.offered + 1
         if len(self._pending_delays) >= DelayHistogram.PENDING:
-            self._delays.fold()
+            counters.delays.fold()
         self._pending_delays.append(0)
         return True
 
@@ -169,59 +142,55 @@ class Link(Generic[T]):
         """
         if self._needs_size and (size is None or size < 0):
             size = _size_of(item, size)
-        self._offered = order = self._offered + 1
+        counters = self.counters
+        counters.offered = order = counters.offered + 1
         if len(self._pending_delays) >= DelayHistogram.PENDING:  # here and not in `poll`: what is due should not wait
-            self._delays.fold()
-        lost, corrupt, ahead, delay, luck = self._next_draws()
+            counters.delays.fold()
+        lost, corrupt, ahead, delay, luck = self.streams.next()
         if self._awaits_start:
-            self._start_traces(None, now_ns)
+            self._start_traces(None, now_ns, _LONG_AGO)
         if self._conditions is not None:
-            more_delay, chance = self._conditions.at(now_ns - self._conditions_start_ns)
+            conditions, start_ns = self._conditions
+            more_delay, chance = conditions.at(now_ns - start_ns)
             delay += more_delay
-            lost = self._next_chance() < chance or lost
+            lost = self.streams.next_chance() < chance or lost
         if not self._up:
-            self._lost_down += 1
+            counters.lost_down += 1
             return
         offered_ns = now_ns
-        if self._resends is not None:
-            lost, offered_ns = self._resend(self._resends, now_ns, lost, luck)
+        if self.resends is not None:
+            lost, offered_ns = self._resend(self.resends, now_ns, lost, luck)
         if lost:
-            self._lost += 1
-            if self._last_lost != order - 1:
-                self._loss_bursts += 1
-            self._last_lost = order
+            counters.lose(order)
             return
         if corrupt and (self._flip is not None or isinstance(item, bytes)):
-            self._corrupted += 1
-            item = self._corrupt(item, self._next_bit())
-        profile = self._profile
-        if self._slotted or self._again or len(self._queue) >= profile.limit:
+            counters.corrupted += 1
+            item = self._corrupt(item, self.streams.next_bit())
+        profile, queue = self._profile, self.queue
+        if self._gate is not None or self._again or len(queue) >= profile.limit:
             self._settle(now_ns)
-            if len(self._queue) + len(self._again) >= profile.limit:
-                self._dropped_limit += 1
+            if len(queue) + len(self._again) >= profile.limit:
+                counters.dropped_limit += 1
                 return
-        self._since_reorder += 1
-        if ahead and self._since_reorder >= profile.gap and offered_ns == now_ns:
-            self._since_reorder = 0
-            self._sent_ahead += 1
+        self.since_reorder += 1
+        if ahead and self.since_reorder >= profile.gap and offered_ns == now_ns:
+            self.since_reorder = 0
+            counters.sent_ahead += 1
             entry = (now_ns, order, item, now_ns, 0)
-            if self._slotted:
+            if self._gate is not None:
                 self._ready.append(entry)
             else:
-                heappush(self._queue, entry)
+                heappush(queue, entry)
             return
         if self._beside and offered_ns > now_ns:
             heappush(self._again, (offered_ns, order, item, now_ns, cast(int, size), delay))
             return
         due = offered_ns + delay
-        if profile.rate_bit_s and size == self._timed_size:  # as `_cross` does, for the many that are alike
-            last = self._last_release_ns
-            self._last_release_ns = due = (due if due > last else last) + self._size_ns
-        elif self._lined:
-            due = self._cross(due, cast(int, size))
-        heappush(self._queue, (due, order, item, now_ns, size or 0))
-        if self._slotted:
-            self._look_at_slot(now_ns)
+        if self.line is not None:
+            due = self.line.release_ns(due, cast(int, size))
+        heappush(queue, (due, order, item, now_ns, size or 0))
+        if self._gate is not None:
+            self._gate.look(queue, now_ns)
 
     def _resend(self, resends: Resends, now_ns: int, lost: bool, luck: float) -> tuple[bool, int]:
         """(is the message lost for good, when is it offered for the last time, or leaves if it waits for others?)."""
@@ -230,27 +199,14 @@ class Link(Generic[T]):
             if self._conditions is None:
                 taken, lost = resends.taken(luck)
             else:
-                taken, lost = resends.taken_under(luck, self._conditions, now_ns - self._conditions_start_ns)
-            self._resent += taken
-            self._recovered += not lost
+                conditions, start_ns = self._conditions
+                taken, lost = resends.taken_under(luck, conditions, now_ns - start_ns)
+            self.counters.resent += taken
+            self.counters.recovered += not lost
             offered_ns += taken * resends.after_ns
         if resends.ordered:
-            self._in_order_ns = offered_ns = max(offered_ns, self._in_order_ns)
+            self.in_order_ns = offered_ns = max(offered_ns, self.in_order_ns)
         return lost, offered_ns
-
-    def _cross(self, ready_ns: int, size: int) -> int:
-        """When a message has crossed the line that comes to its end at `ready_ns`, behind all that came before."""
-        profile = self._profile
-        if profile.rate_bit_s:
-            if size != self._timed_size:
-                self._timed_size, self._size_ns = size, models.transmission_ns(size, profile)
-            last = self._last_release_ns
-            self._last_release_ns = due = (ready_ns if ready_ns > last else last) + self._size_ns
-        elif self._line is not None:
-            self._last_release_ns = due = self._line.release_ns(ready_ns, size)
-        else:
-            due = ready_ns
-        return due
 
     def _corrupt(self, item: T, draw: float) -> T:
         if self._flip is None:
@@ -263,19 +219,19 @@ class Link(Generic[T]):
         self._settle(now_ns)
         if not self._ready:
             return out
-        pending = self._pending_delays
+        pending, counters = self._pending_delays, self.counters
         for due, order, item, sent, _ in self._ready:
-            if order > self._newest:
-                self._newest = order
+            if order > counters.newest:
+                counters.newest = order
             else:
-                self._reordered += 1
+                counters.reordered += 1
             pending.append(due - sent)
             out.append((due, item))
-        if now_ns - out[0][0] > self._latest_ns:
-            self._latest_ns = now_ns - out[0][0]
+        if now_ns - out[0][0] > counters.late_max_ns:
+            counters.late_max_ns = now_ns - out[0][0]
         self._ready.clear()
         if len(pending) >= 16 * DelayHistogram.PENDING:  # a link that is only emptied, with nobody sending
-            self._delays.fold()
+            counters.delays.fold()
         return out
 
     def change(self, profile: LinkProfile, now_ns: int) -> None:
@@ -287,20 +243,11 @@ class Link(Generic[T]):
         previous = self._profile
         if previous.slot is not None and profile.slot is None:
             # what only a slot held back leaves now
-            self._queue = [(max(due, now_ns), *rest) for due, *rest in self._queue]  # type: ignore[misc]
-            heapify(self._queue)
-        if profile.rate_bit_s or profile.trace is not None:
-            self._last_release_ns = max((entry[0] for entry in self._queue), default=now_ns)
-        self._configure(profile, previous, now_ns)
-        self._start_traces(previous, now_ns)
-
-    def draw(self, taken: int, count: int) -> Fates:
-        """Take the draws of the next `count` messages out of the link, for a caller that carries many links at once.
-
-        `taken` : how many messages' draws were taken so far, by `send` or in this way.
-        """
-        streams = (self._loss_draws, self._reorder_draws, self._delay_draws, self._luck_draws)
-        return Fates(*(draws.many(taken, count) for draws in streams))
+            self.queue = [(max(due, now_ns), *rest) for due, *rest in self.queue]  # type: ignore[misc]
+            heapify(self.queue)
+        free_ns = max((entry[0] for entry in self.queue), default=now_ns)
+        self._configure(profile, now_ns, free_ns)
+        self._start_traces(previous, now_ns, free_ns)
 
     def down(self) -> None:
         """From now on lose whatever is offered; what is in flight arrives."""
@@ -310,44 +257,25 @@ class Link(Generic[T]):
         """Take messages again."""
         self._up = True
 
-    def _configure(self, profile: LinkProfile, previous: LinkProfile | None, now_ns: int) -> None:
-        if previous is None or profile.seed not in (None, self._words_seed):
-            previous = None
-            self._words_seed = profile.seed
-            self._generators = generators(self._seed, profile.seed)
-            self._next_bit = Draws(models.fractions(self._generators["bit"]), 0).each.__next__
-            self._next_chance = Draws(models.fractions(self._generators["csv"]), 0).each.__next__
-        rng, offered = self._generators, self._offered
-        if changed("delay", profile, previous):
-            self._delay_draws = Draws(models.delays(rng["delay"], profile), offered)
-        if changed("loss", profile, previous):
-            self._loss_draws = Draws(models.losses(rng["loss"], profile.loss), offered)
-        if changed("corrupt", profile, previous):
-            blocks = models.decisions(rng["corrupt"], profile.corrupt, profile.corrupt_correlation)
-            self._corrupt_draws = Draws(blocks, offered)
-        if changed("reorder", profile, previous):
-            blocks = models.decisions(rng["reorder"], profile.reorder, profile.reorder_correlation)
-            self._reorder_draws = Draws(blocks, offered)
-        if previous is None or (profile.resend is None) != (previous.resend is None):
-            zeros = repeat(np.zeros(models.BLOCK))
-            self._luck_draws = Draws(zeros if profile.resend is None else models.fractions(rng["resend"]), offered)
-        if profile.slot is not None and changed("slot", profile, previous):
-            self._next_slot = Draws(models.slot_intervals(rng["slot"], profile.slot), 0).each.__next__
-            self._slot_ns, self._slot_packets, self._slot_bytes = now_ns, 0, 0
-        self._next_draws = zip(
-            self._loss_draws.each, self._corrupt_draws.each, self._reorder_draws.each, self._delay_draws.each,
-            self._luck_draws.each, strict=False,
-        ).__next__  # fmt: skip
+    def _configure(self, profile: LinkProfile, now_ns: int, free_ns: int) -> None:
+        """`free_ns`: when the line is free."""
+        new = self.streams.configure(profile, self.counters.offered)
+        if profile.slot is None:
+            self._gate = None
+        elif "slot" in new:
+            self._gate = SlotGate(profile.slot, self.streams.next_slot, now_ns)
+        if profile.rate_bit_s:
+            self.line = RateLine(profile, free_ns)
+        elif profile.trace is None or not isinstance(self.line, TraceLine):
+            self.line = None
         self._profile = profile
-        self._timed_size = None
-        self._resends = None if profile.resend is None else Resends(profile.resend, profile.loss)
-        self._slotted = profile.slot is not None
-        self._lined = bool(profile.rate_bit_s or profile.trace)
-        self._beside = self._lined and profile.resend is not None and not profile.resend.ordered
+        self.resends = None if profile.resend is None else Resends(profile.resend, profile.loss)
+        lined = bool(profile.rate_bit_s or profile.trace)
+        self._beside = lined and profile.resend is not None and not profile.resend.ordered
         self._transparent = profile.limit > 0 and profile == LinkProfile(limit=profile.limit, seed=profile.seed)
-        self._needs_size = bool(self._lined or (profile.slot and profile.slot.bytes))
+        self._needs_size = bool(lined or (profile.slot and profile.slot.bytes))
 
-    def _start_traces(self, previous: LinkProfile | None, start_ns: int | None) -> None:
+    def _start_traces(self, previous: LinkProfile | None, start_ns: int | None, free_ns: int) -> None:
         """Start the traces that `previous` did not have at `start_ns`, or with the next message if that is None."""
         trace, conditions = self._profile.trace, self._profile.csv
         if self._awaits_start:
@@ -355,53 +283,29 @@ class Link(Generic[T]):
         self._awaits_start = start_ns is None and (trace is not None or conditions is not None)
         if start_ns is None:
             return
-        if previous is None or trace != previous.trace:
-            self._line = TraceLine(trace, start_ns, self._last_release_ns) if trace is not None else None
+        if trace is not None and (previous is None or trace != previous.trace):
+            self.line = TraceLine(trace, start_ns, free_ns)
         if previous is None or conditions != previous.csv:
-            self._conditions, self._conditions_start_ns = conditions, start_ns
+            self._conditions = None if conditions is None else (conditions, start_ns)
 
     def _settle(self, now_ns: int) -> None:
-        """Move what is due by now from the queue to `_ready`."""
+        """Move what is due by now from the queue to what is ready."""
+        gate, queue, ready = self._gate, self.queue, self._ready
         while self._again and self._again[0][0] <= now_ns:
             offered_ns, order, item, sent_ns, size, delay = heappop(self._again)
-            if self._slotted:
-                self._run_slots(offered_ns)
-            heappush(self._queue, (self._cross(offered_ns + delay, size), order, item, sent_ns, size))
-            if self._slotted:
-                self._look_at_slot(offered_ns)
-        if self._slotted:
-            self._run_slots(now_ns)
+            if gate is not None:
+                gate.run(queue, ready, offered_ns)
+            due = offered_ns + delay
+            if self.line is not None:
+                due = self.line.release_ns(due, size)
+            heappush(queue, (due, order, item, sent_ns, size))
+            if gate is not None:
+                gate.look(queue, offered_ns)
+        if gate is not None:
+            gate.run(queue, ready, now_ns)
             return
-        queue, ready = self._queue, self._ready
         while queue and queue[0][0] <= now_ns:
             ready.append(heappop(queue))
-
-    def _run_slots(self, now_ns: int) -> None:
-        slot = cast(Slot, self._profile.slot)
-        while self._queue:
-            due = self._queue[0][0]
-            release = max(due, self._slot_ns)
-            if release > now_ns:
-                return
-            if self._slot_ns < due:
-                self._open_slot(release)
-                continue
-            _, order, item, sent, size = heappop(self._queue)
-            self._ready.append((release, order, item, sent, size))
-            self._slot_packets += 1
-            self._slot_bytes += size
-            if self._slot_packets == slot.packets or 0 < slot.bytes <= self._slot_bytes:
-                self._open_slot(release)
-            self._look_at_slot(release)
-
-    def _look_at_slot(self, now_ns: int) -> None:
-        """As the kernel does after each arrival and release: give up a slot too early for the head of the queue."""
-        if self._queue and self._slot_ns < self._queue[0][0]:
-            self._open_slot(now_ns)
-
-    def _open_slot(self, now_ns: int) -> None:
-        self._slot_ns = now_ns + self._next_slot()
-        self._slot_packets = self._slot_bytes = 0
 
 
 def _size_of(item: object, given: int | None) -> int:

@@ -137,6 +137,58 @@ class DelayHistogram:
         return tuple(out)
 
 
+class Counters:
+    """What a link counts; the names are those of `LinkStats`.
+
+    newest : the number of the newest message that was delivered. last_lost : of the last one that was lost.
+    late_max_ns : see `LinkStats.late_max_ms`. delays : of what was delivered.
+    """
+
+    __slots__ = (
+        "corrupted", "delays", "dropped_limit", "last_lost", "late_max_ns", "loss_bursts", "lost", "lost_down",
+        "newest", "offered", "recovered", "reordered", "resent", "sent_ahead",
+    )  # fmt: skip
+
+    def __init__(self) -> None:
+        self.offered = self.lost = self.lost_down = self.dropped_limit = self.corrupted = 0
+        self.loss_bursts, self.last_lost = 0, -1
+        self.reordered = self.sent_ahead = self.resent = self.recovered = 0
+        self.newest = self.late_max_ns = 0
+        self.delays = DelayHistogram()
+
+    def lose(self, order: int) -> None:
+        """The message with this number is lost by the loss model or a trace."""
+        self.lost += 1
+        if self.last_lost != order - 1:
+            self.loss_bursts += 1
+        self.last_lost = order
+
+    def snapshot(self, profile: str, in_flight: int) -> LinkStats:
+        """What the link did so far."""
+        gone = self.lost + self.lost_down + self.dropped_limit
+        return LinkStats(
+            profile=profile,
+            offered=self.offered,
+            delivered=self.offered - gone - in_flight,
+            lost=self.lost,
+            loss_bursts=self.loss_bursts,
+            resent=self.resent,
+            recovered=self.recovered,
+            lost_down=self.lost_down,
+            dropped_limit=self.dropped_limit,
+            corrupted=self.corrupted,
+            reordered=self.reordered,
+            sent_ahead=self.sent_ahead,
+            in_flight=in_flight,
+            delay_mean_ms=self.delays.mean_ms(),
+            delay_std_ms=self.delays.std_ms(),
+            delay_p50_ms=self.delays.quantile_ms(0.50),
+            delay_p99_ms=self.delays.quantile_ms(0.99),
+            late_max_ms=self.late_max_ns * 1e-6,
+            delay_histogram_ms=self.delays.bins_ms(),
+        )
+
+
 def _edge_ms(index: int) -> float:
     """Where the bin begins; what is below the first counts in it."""
     return _FLOOR_NS * 2.0 ** (index / _PER_OCTAVE) * 1e-6 if index else 0.0

@@ -501,7 +501,7 @@ def test_draws_taken_in_arrays_are_those_of_messages_sent(words: str) -> None:
     due = {order: due_ns for due_ns, order in sent.poll(10**12)}
     for order in range(100):
         taken.send(0, order)
-    first, second = taken.draw(100, 600), taken.draw(700, 300)
+    first, second = taken.streams.many(100, 600), taken.streams.many(700, 300)
     lost = [*first.lost.tolist(), *second.lost.tolist()]
     delays = [*first.delay_ns.tolist(), *second.delay_ns.tolist()]
     assert {k + 100: d for k, (d, gone) in enumerate(zip(delays, lost, strict=True)) if not gone} == {

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from heapq import heapify
-from itertools import chain, repeat
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ from hapnet.simulation.batch.resends import Resends
 from hapnet.wire.peer_monitor import PeerMonitor
 from netem import Link, models, stats
 from netem.draws import Fates
+from netem.line import RateLine
 
 _BLOCK = models.BLOCK
 _ROWS = 512
@@ -48,30 +48,30 @@ class Links:
     def __init__(self, links: list[Link[Packet]], shift_ns: Whole, heard: list[PeerMonitor]) -> None:
         count = len(links)
         self._links, self._shift_ns = links, shift_ns
-        self.offered = np.array([link._offered for link in links])
+        self.offered = np.array([link.counters.offered for link in links])
         self._lost = np.zeros(count, dtype=np.int64)
         self._loss_bursts = np.zeros(count, dtype=np.int64)
-        self._last_lost = np.array([link._last_lost for link in links])
+        self._last_lost = np.array([link.counters.last_lost for link in links])
         self._ahead = np.zeros(count, dtype=np.int64)
         self._reordered = np.zeros(count, dtype=np.int64)
         self._resends = Resends(links, shift_ns) if any(link.profile.resend for link in links) else None
         self.stale = np.zeros(count, dtype=np.int64)
         """Positions that arrived after newer ones."""
-        self._newest = np.array([link._newest for link in links])
+        self._newest = np.array([link.counters.newest for link in links])
         self._hearers = Hearers(heard, shift_ns)
-        self._since_reorder = [link._since_reorder for link in links]
+        self._since_reorder = [link.since_reorder for link in links]
         self._any_ahead = any(link.profile.reorder for link in links)
         self._lines = Lines([link.profile for link in links])
         self.timed = self._lines.timed
         """Does the size of a message matter?"""
-        released = [max(link._last_release_ns, _LONG_AGO) for link in links]
+        released = [_free_ns(link) for link in links]
         self._released_ns = np.maximum(np.array(released) - shift_ns, _LONG_AGO)
         nothing = np.zeros(0, dtype=np.bool_)
         self._draws = [Fates(nothing, nothing, nothing.astype(np.int64), nothing.astype(float)) for _ in links]
         self._fates = np.zeros((count, _BLOCK), dtype=np.int64)
         self._block = self.offered - _BLOCK  # how many were offered before the block of draws in `_fates`
         # The log: messages `_base` and later, a column a scenario; what is lost is never due.
-        first = [min((entry[1] for entry in link._queue), default=link._offered + 1) for link in links]
+        first = [min((entry[1] for entry in link.queue), default=link.counters.offered + 1) for link in links]
         self._base = np.array(first)
         self.safe_ns = 0
         """Everything that is sent by then has been."""
@@ -79,7 +79,7 @@ class Links:
         self._due = np.full((rows, count), NEVER, dtype=np.int64)
         self._delay = np.zeros((rows, count), dtype=np.int64)
         self._note = np.full((rows, count), DONE, dtype=np.int64)
-        self._bins = np.zeros((count, len(links[0]._delays._counts)), dtype=np.int64)
+        self._bins = np.zeros((count, len(links[0].counters.delays._counts)), dtype=np.int64)
         self._sums = np.zeros((4, count), dtype=np.int64)
         self._count = np.zeros(count, dtype=np.int64)
         self._least = np.full(count, NEVER, dtype=np.int64)
@@ -155,32 +155,29 @@ class Links:
         link = self._links[i]
         shift = int(self._shift_ns[i])
         offered = int(self.offered[i])
-        link._offered = offered
-        link._lost += int(self._lost[i])
-        link._loss_bursts += int(self._loss_bursts[i])
-        link._last_lost = int(self._last_lost[i])
-        link._sent_ahead += int(self._ahead[i])
-        link._reordered += int(self._reordered[i])
-        link._newest = int(self._newest[i])
+        counters = link.counters
+        counters.offered = offered
+        counters.lost += int(self._lost[i])
+        counters.loss_bursts += int(self._loss_bursts[i])
+        counters.last_lost = int(self._last_lost[i])
+        counters.sent_ahead += int(self._ahead[i])
+        counters.reordered += int(self._reordered[i])
+        counters.newest = int(self._newest[i])
         lost, ahead, delays, luck = self._draws[i]
         done = offered - (int(self._block[i]) + _BLOCK - len(lost))
         if link.profile.reorder:
-            _, link._since_reorder = _ahead(lost[:done], ahead[:done], self._since_reorder[i], link.profile.gap)
-        left = zip(
-            lost[done:].tolist(), repeat(False), ahead[done:].tolist(), delays[done:].tolist(), luck[done:].tolist(),
-            strict=False,
-        )  # fmt: skip
+            _, link.since_reorder = _ahead(lost[:done], ahead[:done], self._since_reorder[i], link.profile.gap)
         if self._resends is not None:
             self._resends.land(i, link)
-        link._next_draws = chain(left, iter(link._next_draws, None)).__next__
-        link._queue.clear()
-        if self._released_ns[i] > _LONG_AGO:
-            link._last_release_ns = int(self._released_ns[i]) + shift
+        link.streams.put_back(Fates(lost[done:], ahead[done:], delays[done:], luck[done:]))
+        link.queue.clear()
+        if isinstance(link.line, RateLine) and self._released_ns[i] > _LONG_AGO:
+            link.line.free_ns = int(self._released_ns[i]) + shift
         for row in (self._note[:, i] > DONE).nonzero()[0].tolist():
             order, due = row + int(self._base[i]), int(self._due[row, i]) + shift
             sent = due - int(self._delay[row, i])
-            link._queue.append((due, order, parcel(order, int(self._note[row, i]), sent), sent, 0))
-        heapify(link._queue)
+            link.queue.append((due, order, parcel(order, int(self._note[row, i]), sent), sent, 0))
+        heapify(link.queue)
         self._land_delays(i, link)
 
     # -- draws -------------------------------------------------------------------------------------------------------
@@ -194,7 +191,7 @@ class Links:
             _, self._since_reorder[i] = _ahead(before.lost, before.ahead, self._since_reorder[i], gap)
         offered = int(self.offered[i])
         begun = offered % _BLOCK  # what is left of the link's own block first
-        fates = self._draws[i] = link.draw(offered, _BLOCK - begun)
+        fates = self._draws[i] = link.streams.many(offered, _BLOCK - begun)
         row = self._fates[i, begun:]
         row[:] = fates.delay_ns
         lost = fates.lost if self._resends is None else self._resends.decide(i, begun, fates)
@@ -243,7 +240,7 @@ class Links:
             total[at] += term.sum(axis=0)
 
     def _land_delays(self, i: int, link: Link[Packet]) -> None:
-        histogram = link._delays
+        histogram = link.counters.delays
         histogram.fold()
         count = int(self._count[i])
         if not count:
@@ -256,6 +253,11 @@ class Links:
         histogram._total_square += (high << 40) + (mixed << 21) + low
         histogram._count += count
         histogram._counts += self._bins[i]
+
+
+def _free_ns(link: Link[Packet]) -> int:
+    """When its line is free; long ago if it has none."""
+    return max(link.line.free_ns, _LONG_AGO) if isinstance(link.line, RateLine) else _LONG_AGO
 
 
 def _ahead(lost: Flags, ahead: Flags, since: int, gap: int) -> tuple[list[int], int]:

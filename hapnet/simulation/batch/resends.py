@@ -28,7 +28,7 @@ class Resends:
         kinds = [link.profile.resend for link in links]
         self._after_ns = np.array([0 if kind is None else kind.after_ns for kind in kinds])
         self._ordered = np.array([kind is not None and kind.ordered for kind in kinds])
-        in_order = [max(link._in_order_ns, _LONG_AGO) for link in links]
+        in_order = [max(link.in_order_ns, _LONG_AGO) for link in links]
         self._in_order_ns = np.maximum(np.array(in_order) - shift_ns, _LONG_AGO)
         self._taken = np.zeros((len(links), models.BLOCK), dtype=np.int64)
         self._resent = np.zeros(len(links), dtype=np.int64)
@@ -36,7 +36,7 @@ class Resends:
 
     def decide(self, i: int, begun: int, fates: Fates) -> NDArray[np.bool_]:
         """Which messages of scenario i's next draws are lost for good; they go into its block from `begun` on."""
-        resends = self._links[i]._resends
+        resends = self._links[i].resends
         if resends is None:
             return fates.lost
         self._taken[i, begun:], lost = resends.taken_by_all(fates.lost, fates.luck)
@@ -55,7 +55,7 @@ class Resends:
 
     def land(self, i: int, link: Link[Any]) -> None:
         """Give scenario i's state back."""
-        link._resent += int(self._resent[i])
-        link._recovered += int(self._recovered[i])
+        link.counters.resent += int(self._resent[i])
+        link.counters.recovered += int(self._recovered[i])
         if self._in_order_ns[i] > _LONG_AGO:
-            link._in_order_ns = int(self._in_order_ns[i] + self._shift_ns[i])
+            link.in_order_ns = int(self._in_order_ns[i] + self._shift_ns[i])

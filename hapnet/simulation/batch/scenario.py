@@ -107,7 +107,7 @@ class Scenario(Simulation):
     def _quiet(self) -> bool:
         endpoints = (self.device_endpoint, self.world_endpoint)
         return all(endpoint.session._handshake.next_due_ns is None for endpoint in endpoints) and not any(
-            entry[2].kind == "control" for link in (self.up, self.down) for entry in link._queue
+            entry[2].kind == "control" for link in (self.up, self.down) for entry in link.queue
         )
 
     def resume(self, step_ns: int, tick_ns: int) -> None:
@@ -139,7 +139,7 @@ def hand_over(endpoint: Endpoint) -> None:
 
 def under_way(link: Link[Packet]) -> Iterator[UnderWay]:
     """What is on the link, once the handshake is over, in the order in which it was sent."""
-    for due_ns, order, parcel, sent_ns, _ in sorted(link._queue, key=itemgetter(1)):
+    for due_ns, order, parcel, sent_ns, _ in sorted(link.queue, key=itemgetter(1)):
         content = decode(parcel.data)
         assert isinstance(content, Position | Energy)
         yield UnderWay(order, due_ns, sent_ns, content)
