@@ -100,7 +100,7 @@ def test_second_order_convergence_to_the_exact_motion(general: bool) -> None:
     errors = []
     for substeps in (1, 2, 4):
         device = SimulatedDevice(Away(2, HAND, tuple(goal)), period=5e-3, substeps=substeps)
-        device._follow = Rest(2, HAND, tuple(goal)).reference
+        device.operator = Rest(2, HAND, tuple(goal))
         device.references = [tuple(goal)]
         device.couple(K, [0.1, 0.2], (0.0, 0.0))
         for _ in range(40):
@@ -159,7 +159,7 @@ def test_a_coupling_takes_the_place_of_a_force_that_was_held(K: Array) -> None:
 def test_actuators_and_encoders_have_their_limits() -> None:
     device = SimulatedDevice(Sine(2, HAND), force_limit=3.3, resolution=5.5e-5)
     device.apply((30.0, 40.0))
-    assert device._torque == pytest.approx((3.3 * 0.6, 3.3 * 0.8))
+    assert device.state.torque == pytest.approx((3.3 * 0.6, 3.3 * 0.8))
     last, _ = device.read()
     for _ in range(300):
         device.advance()

@@ -96,7 +96,7 @@ def stopped(stop_ms: int, words: dict[str, object]) -> tuple[dict[str, Any], flo
     def tick(after_ms: int) -> None:
         nonlocal given
         clock.now_ns += after_ms * MS
-        before, torque = device.position, device._torque
+        before, torque = device.position, device.state.torque
         side.tick(clock.now_ns)
         given += sum(t * (b - a) for t, a, b in zip(torque, before, device.position, strict=True))
 
@@ -151,8 +151,8 @@ def test_a_servo_that_was_away_renders_nothing_until_it_is_on_time_and_the_accou
         clock.now_ns = now_ns
         side.coupling.receive((-0.02,), 0.0)
         side.tick(now_ns)
-        set_position = device.position if device._set_position is None else device._set_position
-        forces.append(abs(device._torque[0]) + abs(100.0 * (device.position[0] - set_position[0])))
+        set_position = device.position if device.state.set_position is None else device.state.set_position
+        forces.append(abs(device.state.torque[0]) + abs(100.0 * (device.position[0] - set_position[0])))
         return forces[-1]
 
     side.tick(0)

@@ -1,4 +1,4 @@
-"""Simulated devices of many scenarios at once, coupled continuously: `hapnet.plant.device`, operation by operation."""
+"""Simulated devices of many scenarios at once, coupled continuously: `hapnet.plant.tick`, operation by operation."""
 
 from __future__ import annotations
 
@@ -55,13 +55,14 @@ class Motion:
         past = max(0, least - 1 - self._base)
         self._base += past
         self._points = np.hstack([self._points, np.array(more).T])[:, past:]
-        kh = device._hand.stiffness
+        model = device.model
+        kh = model.hand.stiffness
         start = self._points[:, :-1]
         rate = (self._points[:, 1:] - start) / device.period
-        hand = kh * start + device._rate_drive * rate
-        step = device._rate_step * rate
+        hand = kh * start + model.rate_drive * rate
+        step = model.rate_step * rate
         self._hands = []
-        for _ in device._substeps:
+        for _ in model.substeps:
             hand = hand + step
             self._hands.append(np.hstack([hand[:, :1], hand]))  # the row of tick k is made of points k - 1 and k
 
@@ -71,49 +72,50 @@ class Devices:
 
     def __init__(self, devices: list[SimulatedDevice], reference: Callable[[float], Vector]) -> None:
         first = devices[0]
-        self._one = first
         self.dof = first.dof
         self.motion = Motion(reference, first)
-        self.ticks = np.array([d._ticks for d in devices])
+        self.ticks = np.array([d.ticks for d in devices])
         self.position = vectors([d.position for d in devices])
         self.velocity = vectors([d.velocity for d in devices])
         self.hand_force = vectors([d.hand_force for d in devices])
-        self.low = vectors([d._low for d in devices])
-        self.high = vectors([d._high for d in devices])
-        self.dissipated = np.array([d._dissipated for d in devices])
-        self.limited = np.array([d._limited for d in devices])
+        self.low = vectors([d.state.low for d in devices])
+        self.high = vectors([d.state.high for d in devices])
+        self.dissipated = np.array([d.state.dissipated for d in devices])
+        self.limited = np.array([d.state.limited for d in devices])
         self._other = tuple(np.empty_like(self.position) for _ in range(4))
         """Room for the state after the next tick: position, velocity, low, high."""
         self._room = [np.empty_like(self.position) for _ in range(5)]
-        self._at_limit = np.array([d._at_limit for d in devices])
+        self._at_limit = np.array([d.state.at_limit for d in devices])
         self._any_at_limit = bool(self._at_limit.any())
-        self._has_limits = first._knee != math.inf
-        self._bench = copy.copy(first)
+        self._model = model = first.model
+        self._has_limits = model.knee != math.inf
+        self._bench = copy.copy(first.state)
         """On which a tick is made again where the damper is limited, one scenario after the other."""
         self._half_mass = 0.5 * first.mass
-        if first._decoupled:
+        if model.decoupled:
             # With one axis they are plain numbers, which broadcast faster.
-            constants = first._decoupled[0] if self.dof == 1 else np.array(first._decoupled).T[:, :, None]
+            constants = model.decoupled[0] if self.dof == 1 else np.array(model.decoupled).T[:, :, None]
             self._k: Array | float
             self._whole: Array | float
             self._inverse: Array | float
             self._B: Array | float
             self._k, self._whole, self._inverse, self._B, _ = constants
-        values, modes = first._coupling.modes
-        self._K, self._mode_values, self._modes = np.array(first._coupling.rows), np.array(values), np.array(modes)
-        self._damping = np.array(first._coupling_damping)
+        values, modes = model.coupling.modes
+        self._K, self._mode_values, self._modes = np.array(model.coupling.rows), np.array(values), np.array(modes)
+        self._damping = np.array(model.damping)
 
     def land(self, i: int, device: SimulatedDevice, set_position: Vector) -> None:
         """Give scenario i's state back."""
-        device._ticks = int(self.ticks[i])
-        device.time = device._ticks * device.period
-        device.references = [self.motion.reference(device._ticks)]
+        device.ticks = int(self.ticks[i])
+        device.time = device.ticks * device.period
+        device.references = [self.motion.reference(device.ticks)]
+        state = device.state
         for name, values in (("position", self.position), ("velocity", self.velocity),
-                             ("hand_force", self.hand_force), ("_low", self.low), ("_high", self.high)):  # fmt: skip
-            setattr(device, name, tuple(values[:, i].tolist()))
-        device._at_limit, device._limited = bool(self._at_limit[i]), bool(self.limited[i])
-        device._dissipated = float(self.dissipated[i])
-        device._set_position = set_position
+                             ("hand_force", self.hand_force), ("low", self.low), ("high", self.high)):  # fmt: skip
+            setattr(state, name, tuple(values[:, i].tolist()))
+        state.at_limit, state.limited = bool(self._at_limit[i]), bool(self.limited[i])
+        state.dissipated = float(self.dissipated[i])
+        state.set_position = set_position
 
     def kinetic(self) -> Array:
         """Of the devices' own mass [J]."""
@@ -129,13 +131,13 @@ class Devices:
         self.ticks += 1
         hands = self.motion.at(self.ticks)
         before = self.position, self.velocity, self.low, self.high, self.dissipated
-        one = self._one
-        work, dissipated, stretch, drag = (self._advance_axes if one._decoupled else self._advance_linear)(hands, ybar)
+        model = self._model
+        work, dissipated, stretch, drag = (self._advance_axes if model.decoupled else self._advance_linear)(hands, ybar)
         self.dissipated = before[-1] + dissipated
         if self._has_limits:
-            beyond = stretch > one._knee_square
-            stretch *= one._largest
-            beyond |= np.sqrt(stretch, out=stretch) + drag > one._longest_force
+            beyond = stretch > model.knee_square
+            stretch *= model.largest
+            beyond |= np.sqrt(stretch, out=stretch) + drag > model.force_limit
             if self._any_at_limit:
                 beyond |= self._at_limit
             which = beyond.nonzero()[0]
@@ -167,9 +169,9 @@ class Devices:
 
         Nothing is allocated: the state moves to the other of two sets of arrays.
         """
-        one = self._one
-        h, kh, inertia = one._h, one._hand.stiffness, one._inertia
-        hand_mass, response, whole, inverse = one._hand_mass, one._response, self._whole, self._inverse
+        model = self._model
+        h, kh, inertia = model.h, model.hand.stiffness, model.inertia
+        hand_mass, response, whole, inverse = model.hand_mass, model.response, self._whole, self._inverse
         x, v, low, high = self.position, self.velocity, self.low, self.high
         self.position, self.velocity, self.low, self.high = self._other
         self._other = x, v, low, high
@@ -212,25 +214,31 @@ class Devices:
 
     def _advance_linear(self, hands: list[Array], ybar: Array) -> tuple[Array, Array, Array, Array]:
         """The same for any K, as one linear map."""
-        one, n, x = self._one, self.dof, self.position
+        model, n, x = self._model, self.dof, self.position
         ends = self.motion.ends(self.ticks)
-        values = one._tick_map @ np.vstack([x, self.velocity, ybar, np.zeros_like(x), ends])
-        steps = len(one._substeps)
+        values = model.tick_map @ np.vstack([x, self.velocity, ybar, np.zeros_like(x), ends])
+        steps = len(model.substeps)
         middle, force, path, drag = values[: 4 * n * steps].reshape(4, steps, n, -1)
         self.low, self.high = np.minimum(self.low, path.min(axis=0)), np.maximum(self.high, path.max(axis=0))
         farthest = np.maximum(self.high - ybar, ybar - self.low)
         self.position, self.velocity, self.hand_force = path[-1].copy(), values[-2 * n : -n].copy(), force[-1].copy()
-        work: Array = (force * middle).sum(axis=(0, 1)) * one._h
-        dissipated: Array = (drag * middle).sum(axis=(0, 1)) * one._h
+        work: Array = (force * middle).sum(axis=(0, 1)) * model.h
+        dissipated: Array = (drag * middle).sum(axis=(0, 1)) * model.h
         longest: Array = np.sqrt((drag * drag).sum(axis=(0, 1)))
-        return work, dissipated, one._largest * _sum(farthest * farthest), longest
+        return work, dissipated, model.largest * _sum(farthest * farthest), longest
 
     def _advance_limited(
         self, at: Index, hands: list[Array], ybar: Array, before: tuple[Array, ...]
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """`SimulatedDevice._advance_limited` with the damper in full: the works, and where it has to be made alone."""
-        one, K, B = self._one, self._K, self._damping[:, None]
-        h, kh, inertia, hand_mass, response = one._h, one._hand.stiffness, one._inertia, one._hand_mass, one._response
+        """`TickModel.limited` with the damper in full: the works, and where it has to be made alone."""
+        model, K, B = self._model, self._K, self._damping[:, None]
+        h, kh, inertia, hand_mass, response = (
+            model.h,
+            model.hand.stiffness,
+            model.inertia,
+            model.hand_mass,
+            model.response,
+        )
         x, v, low, high = (values[:, at] for values in before[:-1])
         e = x - ybar
         pull = _times(K, e)
@@ -251,10 +259,10 @@ class Devices:
             square = _sum(e * pull)
             drag = B * middle
             force = -0.5 * c * (start + pull) - drag
-            alone |= np.sqrt(_sum(force * force)) * _ROUNDING > one._longest_force
+            alone |= np.sqrt(_sum(force * force)) * _ROUNDING > model.force_limit
             dissipated += _sum(drag * middle)
             low, high = np.minimum(low, x), np.maximum(high, x)
-        self._at_limit[at] = square > one._knee_square
+        self._at_limit[at] = square > model.knee_square
         self.position[:, at], self.velocity[:, at], self.hand_force[:, at] = x, v, f
         self.low[:, at], self.high[:, at] = low, high
         self.dissipated[at] = before[-1][at] + dissipated * h
@@ -262,15 +270,15 @@ class Devices:
 
     def _advance_alone(self, k: int, references: list[float], ybar: list[float], before: tuple[Array, ...]) -> float:
         """The tick once more in scenario k, as its device makes it, with the reference at the tick's start and end."""
-        device, n = self._bench, self.dof
-        device.position, device.velocity, device._low, device._high = (tuple(v[:, k].tolist()) for v in before[:-1])
-        device._dissipated, device._limited = float(before[-1][k]), bool(self.limited[k])
-        device._set_position = tuple(ybar)
-        work = device._advance_limited(tuple(references[:n]), tuple(references[n:]))
-        self.position[:, k], self.velocity[:, k] = device.position, device.velocity
-        self.low[:, k], self.high[:, k], self.hand_force[:, k] = device._low, device._high, device.hand_force
-        self.dissipated[k], self.limited[k] = device._dissipated, device._limited
-        self._at_limit[k] = device._at_limit
+        state, n = self._bench, self.dof
+        state.position, state.velocity, state.low, state.high = (tuple(v[:, k].tolist()) for v in before[:-1])
+        state.dissipated, state.limited = float(before[-1][k]), bool(self.limited[k])
+        state.set_position = tuple(ybar)
+        work = self._model.limited(state, tuple(references[:n]), tuple(references[n:]))
+        self.position[:, k], self.velocity[:, k] = state.position, state.velocity
+        self.low[:, k], self.high[:, k], self.hand_force[:, k] = state.low, state.high, state.hand_force
+        self.dissipated[k], self.limited[k] = state.dissipated, state.limited
+        self._at_limit[k] = state.at_limit
         return work
 
     def _saturate(self, push: Array, pull: Array, square: Array) -> tuple[Array, Array, Index]:
@@ -278,8 +286,8 @@ class Devices:
 
         A scenario's fixed point is left alone once it has been reached.
         """
-        one, modes = self._one, self._modes
-        h, knee = one._h, one._knee
+        model, modes = self._model, self._modes
+        h, knee = model.h, model.knee
         values = self._mode_values[:, None]
         a, b = _times(modes, push), _times(modes, pull)
         start = np.sqrt(np.maximum(0.0, square))

@@ -76,7 +76,7 @@ class Fleet:
         shift = self._shift_ns = np.array([scenario.now_ns for scenario in scenarios])
         self.end_ns = np.array([scenario.end_ns for scenario in scenarios]) - shift
         self.later_ns = np.array([min(scenario._later_ns, NEVER) for scenario in scenarios]) - shift
-        self.devices = Devices([side._simulated for side in sides], sides[0]._simulated._follow)
+        self.devices = Devices([side._simulated for side in sides], sides[0]._simulated.operator.reference)
         self.elapsed_s: Array = np.array([side._servo._elapsed for side in sides])
         self.masses = Masses([world.mass for world in worlds], first.setup.scene.contacts)
         self.step_ns: Whole = np.array([scenario._due[_STEP] for scenario in scenarios]) - shift

@@ -13,6 +13,7 @@ from typing import NamedTuple
 from hapnet.checks import Vector
 from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.params import Params
+from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Press, Recorded, Rest, Sine
 from hapnet.plant.scene import Scene
 from hapnet.side.device import ContinuousDeviceSide, DeviceSide, Write
@@ -83,7 +84,8 @@ class Scenario(Simulation):
         return (
             isinstance(side, ContinuousDeviceSide)
             and setup.up_timeline is setup.down_timeline is None
-            and isinstance(getattr(side._simulated._follow, "__self__", None), Rest | Sine | Press | Recorded)
+            and isinstance(side.device, SimulatedDevice)
+            and isinstance(side.device.operator, Rest | Sine | Press | Recorded)
             and type(setup.scene).next_step_s is Scene.next_step_s
             and not any(part.smoothing_s or part.predict_s for part in (params.device, params.world))
             and params.device.on_silence == params.world.on_silence == "hold"
