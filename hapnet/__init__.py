@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from hapnet.couplings.spec import CouplingSpec, CouplingStart, held_law, stepped_law
     from hapnet.errors import HapnetError, InvalidParameter
     from hapnet.params import Params
-    from hapnet.plant.contact import Wall
     from hapnet.plant.integrator import PassiveIntegrator
-    from hapnet.plant.scene import Scene
+    from hapnet.plant.worlds.scene import Scene
+    from hapnet.plant.worlds.walls import Wall
     from hapnet.realtime.runner import RealtimeSide
     from hapnet.side.notices import Notice
     from hapnet.simulation.batch.run import simulate_batch
@@ -49,9 +49,9 @@ _HOMES = {
     "Params": "hapnet.params",
     "PassiveIntegrator": "hapnet.plant.integrator",
     "RealtimeSide": "hapnet.realtime.runner",
-    "Scene": "hapnet.plant.scene",
+    "Scene": "hapnet.plant.worlds.scene",
     "SetPositionModulator": "hapnet.control.pspm",
-    "Wall": "hapnet.plant.contact",
+    "Wall": "hapnet.plant.worlds.walls",
     "ZenohSettings": "hapnet.transport.config",
     "held_law": "hapnet.couplings.spec",
     "prepare": "hapnet.assembly.build",

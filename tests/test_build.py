@@ -18,7 +18,8 @@ from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 from hapnet.plant.operator import Impedance, Rest
-from hapnet.plant.scene import Scene, box_walls
+from hapnet.plant.worlds.box import box_walls
+from hapnet.plant.worlds.scene import Scene
 from hapnet.recording.samples import Sample
 from hapnet.side.device import ContinuousDeviceSide, DeviceSide, SampledDeviceSide
 from hapnet.side.endpoint import DeviceEndpoint, WorldEndpoint

@@ -15,7 +15,7 @@ from hapnet.bench.registry import ROWS
 from hapnet.commands import complete
 from hapnet.commands.reproduce import FIGURES
 from hapnet.params import Params
-from hapnet.plant.scene import SCENES
+from hapnet.plant.worlds.registry import SCENES
 from netem import cli as netem_cli
 from netem.profile import PRESETS
 from tests.conftest import ENVIRONMENT

@@ -8,8 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from hapnet.errors import InvalidParameter
-from hapnet.plant.contact import Contacts, Vector, Wall
 from hapnet.plant.integrator import PassiveIntegrator
+from hapnet.plant.worlds.walls import Contacts, Vector, Wall
 
 Array = NDArray[np.float64]
 
@@ -169,7 +169,7 @@ def test_work_is_never_positive_over_a_closed_visit(faces: int) -> None:
         depth = np.maximum(q - at, 0.0) if faces == 1 else np.maximum(np.abs(q) - at, 0.0)
         stiff = np.where(q > 0, walls[0].stiffness, walls[-1].stiffness)
         U = stiff * depth**2 / 2
-        np.testing.assert_allclose([contacts.potential_J(p) for p in x], U, rtol=1e-10, atol=1e-25)
+        np.testing.assert_allclose([contacts.stored_J(p) for p in x], U, rtol=1e-10, atol=1e-25)
         np.testing.assert_allclose([contacts.penetration(p) for p in x], depth, rtol=0, atol=1e-15)
         work = np.einsum("ki,ki->k", f, vhat) * dts
         # A coordinate is known to a few units in its last place, so U to that times the spring's force.
@@ -190,9 +190,9 @@ def test_undamped_wall_gives_back_what_it_took() -> None:
     contacts = Contacts([Wall((1.0,), 0.01, 3000.0), Wall((-1.0,), 0.01, 5000.0)])
     crossings = 0
     for dt, y in zip(rng.uniform(1e-3, 0.03, 2000).tolist(), rng.normal(0.0, 0.2, 2000).tolist(), strict=True):
-        before, x = contacts.potential_J(integrator.position), integrator.position[0]
+        before, x = contacts.stored_J(integrator.position), integrator.position[0]
         step = integrator.step(dt, (y,), contacts)
-        after = contacts.potential_J(step.position)
+        after = contacts.stored_J(step.position)
         assert step.work_J == pytest.approx(before - after, rel=1e-10, abs=1e-14 * (1 + before + after))
         crossings += x * step.position[0] < 0.0 and before > 0.0 and after > 0.0
     assert crossings > 20
@@ -207,10 +207,10 @@ def test_limits_of_the_numbers() -> None:
                 integrator = PassiveIntegrator(1e-3, 1e-3, 500.0, (0.0,))
                 for dt in (1e-9, 1e-3, 0.05, 1e-9, 0.03) * 3:
                     x = integrator.position
-                    before = contacts.potential_J(x)
+                    before = contacts.stored_J(x)
                     step = integrator.step(dt, (target,), contacts)
                     target = -target
-                    after = contacts.potential_J(step.position)
+                    after = contacts.stored_J(step.position)
                     depth = max(contacts.penetration(x), step.penetration_m)
                     # The end is where free flight (to 0.2 m here) and the wall's push cancel: known to that's rounding.
                     rounding = 2e-16 * 0.2 * 4 * stiffness * depth + 1e-12 * (before + after + abs(step.work_J))
@@ -254,7 +254,7 @@ def test_rotated_box_on_common_eigenvectors() -> None:
     stored = 0.0
     for y in rng.normal(0.0, 0.05, (300, 3)).tolist():
         step = integrator.step(0.02, tuple(y), contacts)
-        after = contacts.potential_J(step.position)
+        after = contacts.stored_J(step.position)
         assert step.work_J <= stored - after + 1e-12 * (1 + stored + after)
         stored = after
 

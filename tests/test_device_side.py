@@ -13,7 +13,7 @@ from hapnet.assembly.build import device_session, device_side, prepare, world_se
 from hapnet.errors import HapnetError
 from hapnet.params import RELAXED_HAND, Params
 from hapnet.plant.device import SimulatedDevice
-from hapnet.plant.scene import Scene
+from hapnet.plant.worlds.scene import Scene
 from hapnet.recording.samples import Event
 from hapnet.side.device import DeviceSide
 from hapnet.side.endpoint import DeviceEndpoint, WorldEndpoint

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from hapnet.errors import InvalidParameter
-from hapnet.plant.contact import Contacts, Wall
 from hapnet.plant.integrator import PassiveIntegrator
+from hapnet.plant.worlds.walls import Contacts, Wall
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from hapnet.metrics import METRICS, motion
 from hapnet.metrics.contact import first_felt_s, pressed_wall, rendered_stiffness
 from hapnet.metrics.drift import drift
 from hapnet.metrics.force import buzz, force_error
-from hapnet.plant.contact import Wall
+from hapnet.plant.worlds.walls import Wall
 from hapnet.recording.samples import DeviceSample, MemoryRecorder, Recording, WorldSample
 
 SECOND = 1_000_000_000

@@ -411,7 +411,7 @@ def test_a_run_that_cannot_begin_to_write_is_refused() -> None:
 PARTS = """
 import time
 from hapnet.plant.operator import Sine
-from hapnet.plant.scene import Scene
+from hapnet.plant.worlds.scene import Scene
 
 class Tired(Sine):
     def reference(self, t):
@@ -427,7 +427,7 @@ class Endless(Scene):
         return super().next_step_s(rng)
 
 def short(*, dof=1):
-    from hapnet.plant.scene import wall
+    from hapnet.plant.worlds.wall import wall
     made = wall(dof=dof)
     return Endless("short", dof, made.walls, 0.01, 0.02)
 """

@@ -27,7 +27,8 @@ from hapnet.params import Params
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.live_hand import LiveHand
-from hapnet.plant.scene import SCENES, Scene, make_scene, scene_parameters
+from hapnet.plant.worlds.protocol import World
+from hapnet.plant.worlds.registry import SCENES, make_scene, scene_parameters
 from hapnet.side.device import Clock, ContinuousDeviceSide, DeviceSide, Drive, SampledDeviceSide, Write
 from hapnet.side.endpoint import NANO, DeviceControl, WorldControl
 from hapnet.side.world import WorldSide
@@ -57,7 +58,7 @@ class Setup:
     """Parameters, checked as a whole, with what follows from them."""
 
     params: Params
-    scene: Scene
+    scene: World
     servo: str
     harvest: Harvest
     coupling: CouplingSpec[Any]
@@ -290,7 +291,7 @@ def _session(setup: Setup, role: Role, name: str, incarnation: int) -> Session:
     )
 
 
-def _scene(params: Params) -> tuple[Scene, list[str]]:
+def _scene(params: Params) -> tuple[World, list[str]]:
     """The scene, and a warning for each parameter that it does not read although it was set."""
     known, named = scene_parameters(params.scene), params.scene in SCENES
     if params.scene == "paper":

@@ -9,14 +9,14 @@ from hapnet.assembly.user_operator import OwnOperator
 from hapnet.params import Params
 from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.operator import Impedance, Operator, Press, Rest, Sine, read_motion
-from hapnet.plant.scene import Scene
+from hapnet.plant.worlds.protocol import World
 from hapnet.recording.hand import is_recording, recorded_hand
 
 LIVE = "mouse"
 """The operator that is led while it runs; in real time only."""
 
 
-def operator(params: Params, scene: Scene) -> Operator:
+def operator(params: Params, scene: World) -> Operator:
     """The hand in this scene. Raises InvalidParameter."""
     name, hand, dof = params.operator, params.operator_hand, scene.dof
     impedance = Impedance(hand.mass, hand.damping, hand.stiffness)

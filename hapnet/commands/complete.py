@@ -61,7 +61,7 @@ def profiles() -> list[tuple[str, str]]:
 
 def scenes() -> list[str]:
     """Built-in scenes."""
-    from hapnet.plant.scene import SCENES
+    from hapnet.plant.worlds.registry import SCENES
 
     return list(SCENES)
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapnet.checks import Array
-from hapnet.plant.contact import Wall
+from hapnet.plant.worlds.walls import Wall
 from hapnet.recording.samples import Columns, Recording
 
 _LEAST_S = 0.1  # of settled contact, for a slope

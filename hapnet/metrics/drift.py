@@ -8,7 +8,7 @@ import numpy as np
 
 from hapnet.checks import Array
 from hapnet.metrics.contact import pressed_wall
-from hapnet.plant.contact import Wall
+from hapnet.plant.worlds.walls import Wall
 from hapnet.recording.samples import Columns, Recording
 
 _TRAVELS_S = (0.1, 0.2, 0.4)

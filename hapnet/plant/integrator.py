@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
-from hapnet.plant.contact import Contacts
+from hapnet.plant.worlds.protocol import Surroundings
 
 # Above this condition number a matrix is refused: |v|^2 in it could round to a negative number.
 _MAX_CONDITION = 1e12
@@ -77,8 +77,8 @@ class PassiveIntegrator:
         self._terms = [[(2.0 * M[i][j], B[i][j], 0.5 * K[i][j]) for j in range(i + 1)] for i in range(n)]
         self._diagonal = all(_is_diagonal(matrix) for matrix in (M, B, K))
         self._factored: tuple[float, float | None] = (0.0, None)
-        self._contacts: Contacts | None = None
-        self._pushed_on: Contacts | None = None  # separate in a push too
+        self._contacts: Surroundings | None = None
+        self._pushed_on: Surroundings | None = None  # separate in a push too
 
     @property
     def position(self) -> Vector:
@@ -101,11 +101,11 @@ class PassiveIntegrator:
         error = tuple(map(sub, self._x, ybar))
         return 0.5 * _dot(error, self._K(error))
 
-    def adopt(self, contacts: Contacts | None) -> None:
+    def adopt(self, contacts: Surroundings | None) -> None:
         """Check `contacts` against this mass, as `step` does when it first meets them; call it to fail early.
 
         Raises InvalidParameter if the dimension differs, the mass is inside a wall (energy from nothing), or two walls
-        act on each other through M, B' and K' (`Contacts.require_separate`).
+        act on each other through M, B' and K' (`Surroundings.require_separate`).
         """
         if contacts is not None:
             if contacts.dof != self._n:
@@ -114,7 +114,7 @@ class PassiveIntegrator:
             self._require_separate(contacts)
         self._contacts = contacts
 
-    def _require_separate(self, contacts: Contacts, drag: float | None = None) -> None:
+    def _require_separate(self, contacts: Surroundings, drag: float | None = None) -> None:
         # n_i' A^-1 n_j is, but for positive factors, a polynomial in T of degree 2 (n - 1): zero at 2n - 1 values of T,
         # it is zero for every step; and with a drag, of which only its ratio to 2M/T counts, for every drag.
         for dt in np.geomspace(1e-4, 1.0, 2 * self._n - 1).tolist():
@@ -132,7 +132,7 @@ class PassiveIntegrator:
         self,
         dt: float,
         set_position: ArrayLike,
-        contacts: Contacts | None = None,
+        contacts: Surroundings | None = None,
         force: ArrayLike | None = None,
     ) -> Step:
         """Advance by `dt`.
@@ -141,7 +141,7 @@ class PassiveIntegrator:
         ----------
         dt : T_k [s], positive; may differ from step to step.
         set_position : (n,) ybar_k [m], held over the step.
-        contacts : walls, whose force is solved together with the step.
+        contacts : what stands around the mass, whose force is solved together with the step.
         force : (n,) further force [N] on the mass, constant over the step.
 
         Raises InvalidParameter; the state is then as before.
@@ -180,7 +180,7 @@ class PassiveIntegrator:
             0.0 if contacts is None else contacts.penetration(x),
         )
 
-    def push(self, dt: float, drag: float, push: ArrayLike, contacts: Contacts | None = None) -> Step:
+    def push(self, dt: float, drag: float, push: ArrayLike, contacts: Surroundings | None = None) -> Step:
         """Advance by `dt` on a coupling of another kind, ``tau = push - drag vhat``, solved together with the contacts.
 
         ``(2M/T + drag) vhat = 2M/T v_k + push + f``; `dissipated_J` of the step is 0, as a coupling's own damping is

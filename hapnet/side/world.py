@@ -11,7 +11,7 @@ from hapnet.control.coupling import CouplingState, Wave, WorldCoupling, vector_o
 from hapnet.errors import HapnetError
 from hapnet.loading import cause
 from hapnet.plant.integrator import PassiveIntegrator
-from hapnet.plant.scene import Scene
+from hapnet.plant.worlds.protocol import World
 from hapnet.recording.samples import WorldSample
 from hapnet.side.device import Write
 from hapnet.side.endpoint import NANO, WorldControl
@@ -31,7 +31,7 @@ class WorldSide:
         self,
         endpoint: WorldControl,
         mass: PassiveIntegrator,
-        scene: Scene,
+        scene: World,
         make_coupling: Callable[[Vector, float, bool], WorldCoupling],
         *,
         rng: np.random.Generator,

@@ -13,7 +13,7 @@ from hapnet.metrics.definitions import METRICS
 from hapnet.metrics.drift import drift
 from hapnet.metrics.force import buzz, force_error
 from hapnet.params import Params
-from hapnet.plant.contact import Wall
+from hapnet.plant.worlds.walls import Wall
 from hapnet.recording.samples import Recording
 from hapnet.side.device import SampledDeviceSide
 from hapnet.simulation.simulation import Result, Simulation

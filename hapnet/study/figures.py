@@ -11,7 +11,7 @@ import numpy as np
 from hapnet.checks import Array
 from hapnet.metrics import METRICS
 from hapnet.metrics.contact import pressed_wall
-from hapnet.plant.contact import Wall
+from hapnet.plant.worlds.walls import Wall
 from hapnet.report.style import MM, STYLE
 from hapnet.study.case import Run, simulated, was_passive
 from hapnet.study.compare import Case, Outcome, Plan, Variant

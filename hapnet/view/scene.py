@@ -37,7 +37,7 @@ _DISTANCE = 24.0
 
 
 class Scene:
-    """Draws a pair of `dof` axes between `surfaces` (`hapnet.plant.scene.Surface` as dicts).
+    """Draws a pair of `dof` axes between `surfaces` (`hapnet.plant.worlds.scene.Surface` as dicts).
 
     One and two axes are seen from the front, three from a little above, with z upwards.
 

@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 
 from hapnet.errors import HapnetError
-from hapnet.plant.scene import WALL_STIFFNESS, Scene, wall
+from hapnet.plant.worlds.scene import Scene
+from hapnet.plant.worlds.wall import wall
+from hapnet.plant.worlds.walls import WALL_STIFFNESS
 from hapnet.simulation.processes import Outcome
 from hapnet.study.backend import TaskOutcome
 from hapnet.study.journal import Journal

@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("viser", reason="the live page's library is not installed")
 
-from hapnet.plant.scene import make_scene
+from hapnet.plant.worlds.registry import make_scene
 from hapnet.view.plots import depth_of, held
 
 

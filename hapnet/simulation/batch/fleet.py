@@ -20,7 +20,7 @@ from hapnet.simulation.batch.couplings import Couplings, Index
 from hapnet.simulation.batch.devices import Devices
 from hapnet.simulation.batch.links import ENERGY, Links
 from hapnet.simulation.batch.masses import Masses
-from hapnet.simulation.batch.scenario import Scenario, hand_over, modulating, under_way
+from hapnet.simulation.batch.scenario import Scenario, hand_over, modulating, under_way, walls
 from hapnet.simulation.batch.sizes import Sizes
 from hapnet.simulation.batch.wires import Wire
 from hapnet.simulation.simulation import _STEP, TwoPort
@@ -78,7 +78,7 @@ class Fleet:
         self.later_ns = np.array([min(scenario._later_ns, NEVER) for scenario in scenarios]) - shift
         self.devices = Devices([side._simulated for side in sides], sides[0]._simulated.operator.reference)
         self.elapsed_s: Array = np.array([side._servo._elapsed for side in sides])
-        self.masses = Masses([world.mass for world in worlds], first.setup.scene.contacts)
+        self.masses = Masses([world.mass for world in worlds], walls(first).contacts)
         self.step_ns: Whole = np.array([scenario._due[_STEP] for scenario in scenarios]) - shift
         self.last_step_ns: Whole = np.array([world._last_ns for world in worlds]) - shift
         self.steps = np.array([world.steps for world in worlds])
@@ -118,7 +118,7 @@ class Fleet:
 
     def draw_steps(self, i: int, count: int) -> Whole:
         """The lengths of scenario i's next steps [ns]; `return_steps` gives back those that are not used."""
-        scene, rng = self.scenarios[i].setup.scene, self.scenarios[i].world._rng
+        scene, rng = walls(self.scenarios[i]), self.scenarios[i].world._rng
         self._before_draw[i] = rng.bit_generator.state
         seconds = np.minimum(scene.max_s, scene.min_s + (scene.max_s - scene.min_s) * rng.random(count))
         return np.maximum(1, np.rint(seconds / NANO).astype(np.int64))

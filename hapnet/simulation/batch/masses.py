@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from hapnet.checks import Array
-from hapnet.plant.contact import Axis, Contacts
 from hapnet.plant.integrator import PassiveIntegrator
+from hapnet.plant.worlds.walls import Axis, Contacts
 from hapnet.simulation.batch.couplings import Index, pick, place, vectors
 
 
@@ -48,7 +48,7 @@ class Masses:
     def _push(self, dt: Array, x: Array, velocity: Array, factors: _Factors) -> tuple[Array, Array]:
         """`Contacts.solve`."""
         force, vhat = np.zeros_like(x), velocity
-        for axis, normal, low, high in self._contacts._spans:
+        for axis, normal, low, high in self._contacts.spans:
             direction = np.array(normal)[:, None]
             q, w = _dot(direction, x), _dot(direction, velocity)
             end = q + dt * w

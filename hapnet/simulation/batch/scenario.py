@@ -15,7 +15,7 @@ from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.params import Params
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Press, Recorded, Rest, Sine
-from hapnet.plant.scene import Scene
+from hapnet.plant.worlds.scene import Scene
 from hapnet.side.device import ContinuousDeviceSide, DeviceSide, Write
 from hapnet.side.endpoint import NANO, Endpoint
 from hapnet.side.packet import Packet
@@ -86,6 +86,7 @@ class Scenario(Simulation):
             and setup.up_timeline is setup.down_timeline is None
             and isinstance(side.device, SimulatedDevice)
             and isinstance(side.device.operator, Rest | Sine | Press | Recorded)
+            and isinstance(setup.scene, Scene)
             and type(setup.scene).next_step_s is Scene.next_step_s
             and not any(part.smoothing_s or part.predict_s for part in (params.device, params.world))
             and params.device.on_silence == params.world.on_silence == "hold"
@@ -152,6 +153,12 @@ def _state(side: DeviceSide | WorldSide, x: Vector, v: Vector) -> SideState:
     return SideState(
         x, v, coupling.set_position, coupling.reservoir, coupling.deficit, ledger.work, ledger.credited, ledger.sent
     )
+
+
+def walls(scenario: Scenario) -> Scene:
+    """The world of a scenario whose world is vectorised."""
+    assert isinstance(scenario.setup.scene, Scene)
+    return scenario.setup.scene
 
 
 def modulating(side: DeviceSide | WorldSide) -> SetPositionCoupling:

@@ -30,6 +30,11 @@ from typing import NamedTuple
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
+from hapnet.params import WallParams
+from hapnet.plant.worlds.protocol import Inverse, Plane
+
+_WALL = WallParams()
+WALL_STIFFNESS, WALL_DAMPING = _WALL.stiffness, _WALL.damping
 
 # Cosine, in the metric of A^-1, up to which two normals count as separate: rounding, and no more.
 _SEPARATE = 1e-12
@@ -153,7 +158,7 @@ def _positive_root(a: float, b: float, c: float) -> float:
 
 
 class Contacts:
-    """Walls that act together on one mass, grouped into the axes that solve apart from one another.
+    """Walls that act together on one mass, grouped into the axes that solve apart from one another: `Surroundings`.
 
     Parameters
     ----------
@@ -173,8 +178,10 @@ class Contacts:
                 raise InvalidParameter(
                     f"walls[{i}].normal", wall.normal, f"{self.dof} numbers, one a degree of freedom"
                 )
+        self.supplied_J = 0.0
+        """Nothing moves."""
         self.axes = self._axes()
-        self._spans = tuple((axis, axis.normal, axis.lower.at, axis.upper.at) for axis in self.axes)
+        self.spans = tuple((axis, axis.normal, axis.lower.at, axis.upper.at) for axis in self.axes)
 
     def _axes(self) -> tuple[Axis, ...]:
         axes: list[Axis] = []
@@ -202,7 +209,7 @@ class Contacts:
     def penetration(self, position: Sequence[float]) -> float:
         """Depth [m] of `position` (n,) in the wall that it is deepest in; 0 outside all of them."""
         deepest = 0.0
-        for _, normal, low, high in self._spans:
+        for _, normal, low, high in self.spans:
             q = sum(map(mul, normal, position))
             if q - high > deepest:
                 deepest = q - high
@@ -210,7 +217,14 @@ class Contacts:
                 deepest = low - q
         return deepest
 
-    def potential_J(self, position: Sequence[float]) -> float:
+    def plane(self, position: Sequence[float]) -> Plane | None:
+        """The wall that `position` (n,) [m] is deepest in; None: it is in none."""
+        wall = max(self.walls, key=lambda wall: wall.penetration(position), default=None)
+        if wall is None or wall.penetration(position) <= 0.0:
+            return None
+        return Plane(wall.normal, wall.offset, wall.stiffness, wall.damping)
+
+    def stored_J(self, position: Sequence[float]) -> float:
         """Energy stored in all springs at `position` (n,) [m]."""
         return sum(axis.potential_J(sum(map(mul, axis.normal, position))) for axis in self.axes)
 
@@ -221,7 +235,7 @@ class Contacts:
                 surface = f"outside walls[{i}] (normal {wall.normal}, offset {wall.offset} m)"
                 raise InvalidParameter("position", tuple(position), surface)
 
-    def require_separate(self, inverse: Callable[[Vector], Sequence[float]]) -> None:
+    def require_separate(self, inverse: Inverse) -> None:
         """Raise InvalidParameter, naming the walls, if ``n_i' A^-1 n_j != 0`` for two axes; `inverse` applies A^-1."""
         responses = [inverse(axis.normal) for axis in self.axes]
         for i, one in enumerate(self.axes):
@@ -241,7 +255,7 @@ class Contacts:
                     )
 
     def solve(
-        self, dt: float, position: Sequence[float], velocity: list[float], inverse: Callable[[Vector], Sequence[float]]
+        self, dt: float, position: Sequence[float], velocity: list[float], inverse: Inverse
     ) -> tuple[list[float], list[float]]:
         """Contact force and mean velocity over a step.
 
@@ -258,7 +272,7 @@ class Contacts:
         """
         force = [0.0] * len(velocity)
         vhat = velocity
-        for axis, normal, low, high in self._spans:
+        for axis, normal, low, high in self.spans:
             q = sum(map(mul, normal, position))
             w = sum(map(mul, normal, velocity))
             if low <= q <= high and low <= q + dt * w <= high:

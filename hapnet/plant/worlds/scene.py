@@ -1,0 +1,91 @@
+"""A world of walls that stand still: which walls stand where, and how long a step takes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import inf
+
+import numpy as np
+
+from hapnet import checks
+from hapnet.checks import Vector
+from hapnet.errors import InvalidParameter
+from hapnet.params import WorldParams
+from hapnet.plant.worlds.protocol import Surface
+from hapnet.plant.worlds.walls import Contacts, Wall, check_number
+
+_WORLD = WorldParams()
+STEP_MIN_S, STEP_MAX_S = _WORLD.step_min_s, _WORLD.step_max_s
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Walls around a virtual mass of `dof` degrees of freedom, and the time that a step of this world takes.
+
+    Parameters
+    ----------
+    name : what the scene is called in summaries and figures.
+    dof : n, 1 or more.
+    walls : see `hapnet.plant.worlds.walls`; none for free space.
+    min_s, max_s : range of the step time T_k [s].
+    start : (n,) where the virtual mass starts [m], outside every wall; the origin by default.
+
+    Raises InvalidParameter.
+    """
+
+    name: str
+    dof: int
+    walls: tuple[Wall, ...] = ()
+    min_s: float = STEP_MIN_S
+    max_s: float = STEP_MAX_S
+    start: Vector = ()
+    contacts: Contacts = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if type(self.dof) is not int or self.dof < 1:
+            raise InvalidParameter("dof", self.dof, "an integer, 1 or more")
+        check_number("step_min_s", self.min_s, "a positive, finite number of seconds", lambda t: 0.0 < t < inf)
+        longer = f"{self.min_s} (step_min_s) or more seconds"
+        check_number("step_max_s", self.max_s, longer, lambda t: self.min_s <= t < inf)
+        start = checks.vector("start", self.start, self.dof) if len(self.start) else (0.0,) * self.dof
+        contacts = Contacts(self.walls, self.dof)
+        contacts.require_outside(start)
+        object.__setattr__(self, "walls", contacts.walls)
+        object.__setattr__(self, "start", start)
+        object.__setattr__(self, "contacts", contacts)
+
+    def next_step_s(self, rng: np.random.Generator) -> float:
+        """Draw how long the next step takes, T_k [s]: uniform in [min_s, max_s]."""
+        return min(self.max_s, self.min_s + (self.max_s - self.min_s) * rng.random())
+
+    def towards(self, position: Vector) -> Vector:
+        """As far on the straight way from `start` to `position` (n,) [m] as the walls let a mass."""
+        share = 1.0
+        for wall in self.walls:
+            before, after = wall.penetration(self.start), wall.penetration(position)
+            if after > 0.0:
+                share = min(share, before / (before - after) * (1.0 - 1e-9))
+        place = tuple([a + share * (b - a) for a, b in zip(self.start, position, strict=True)])
+        return place if all(wall.penetration(place) <= 0.0 for wall in self.walls) else self.start
+
+    @property
+    def surfaces(self) -> tuple[Surface, ...]:
+        """The walls that stand perpendicular to an axis, for drawing; others are left out."""
+        return tuple(
+            Surface(axis, wall.offset * wall.normal[axis], int(wall.normal[axis]))
+            for wall in self.walls
+            for axis in range(self.dof)
+            if abs(wall.normal[axis]) == 1.0
+        )
+
+
+def checked_dof(dof: int) -> int:
+    """`dof` as it is, if a world can have so many axes."""
+    if type(dof) is not int or not 1 <= dof <= 3:
+        raise InvalidParameter("dof", dof, "1, 2 or 3")
+    return dof
+
+
+def along(dof: int, axis: int, side: float) -> Vector:
+    """The unit vector of an axis, in the direction of `side`, +1 or -1."""
+    return tuple(side if i == axis else 0.0 for i in range(dof))

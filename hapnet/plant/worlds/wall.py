@@ -1,0 +1,47 @@
+"""A flat wall, and a sheet of paper to write on: the first of the worlds."""
+
+from __future__ import annotations
+
+from math import isfinite
+
+from hapnet.errors import InvalidParameter
+from hapnet.params import WallParams
+from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene, along, checked_dof
+from hapnet.plant.worlds.walls import WALL_DAMPING, WALL_STIFFNESS, Wall, check_number
+
+
+def free(*, dof: int = 1, step_min_s: float = STEP_MIN_S, step_max_s: float = STEP_MAX_S) -> Scene:
+    """Free space."""
+    return Scene("free", checked_dof(dof), (), step_min_s, step_max_s)
+
+
+def wall(
+    *,
+    dof: int = 1,
+    position: float = WallParams().position_m,
+    stiffness: float = WALL_STIFFNESS,
+    damping: float = WALL_DAMPING,
+    step_min_s: float = STEP_MIN_S,
+    step_max_s: float = STEP_MAX_S,
+) -> Scene:
+    """Section 4's wall: solid where the first coordinate is beyond `position` [m]."""
+    check_number("position", position, "a finite number [m]", isfinite)
+    plane = Wall(along(checked_dof(dof), 0, 1.0), position, stiffness, damping)
+    return Scene("wall", dof, (plane,), step_min_s, step_max_s)
+
+
+def paper(
+    *,
+    dof: int = 3,
+    position: float = 0.0,
+    stiffness: float = WALL_STIFFNESS,
+    damping: float = WALL_DAMPING,
+    step_min_s: float = STEP_MIN_S,
+    step_max_s: float = STEP_MAX_S,
+) -> Scene:
+    """A horizontal surface to write on: free where z is above `position` [m]. The mass starts on it."""
+    if dof != 3:
+        raise InvalidParameter("dof", dof, "3: the paper is written on in x and y and touched in z")
+    check_number("position", position, "a finite number [m]", isfinite)
+    sheet = Wall((0.0, 0.0, -1.0), -position, stiffness, damping)
+    return Scene("paper", dof, (sheet,), step_min_s, step_max_s, (0.0, 0.0, position))
