@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import json
-import logging
 import os
 import time
 from datetime import UTC, datetime
@@ -117,24 +116,6 @@ def test_a_reader_that_has_left_is_no_failure(monkeypatch: pytest.MonkeyPatch) -
     log.close()
     os.close(write)
     assert log.failure is None
-
-
-def test_what_the_library_logs_is_a_notice(tmp_path: Path) -> None:
-    file = tmp_path / "x.jsonl"
-    log = Log("world", None, str(file))
-    logger = logging.getLogger("hapnet.runtime.test")
-    logger.info("not worth a line")
-    logger.warning("%d things\nhappened", 3)
-    try:
-        raise OSError("no cable")
-    except OSError:
-        logger.exception("it failed")
-    log.close()
-    logger.warning("nobody listens any more")
-    warning, error = lines(file)
-    assert (warning["kind"], warning["level"], warning["text"]) == ("log", "warning", "3 things happened")
-    assert warning["values"] == {"logger": "hapnet.runtime.test"}
-    assert (error["level"], error["text"]) == ("error", "it failed: OSError: no cable")
 
 
 def test_standard_output_is_for_one_of_the_two(capsys: pytest.CaptureFixture[str]) -> None:

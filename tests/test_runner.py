@@ -384,8 +384,8 @@ async def test_nothing_is_said_from_a_control_thread(tmp_path: Path, monkeypatch
         await device.until(lambda: (tmp_path / "d" / "x.mcap").exists())
         shutil.rmtree(tmp_path / "d")
         await asyncio.to_thread(device.side._on_message, "control", b"garbage")
-        logging.getLogger("hapnet.test").warning("seen")
-        await device.until(lambda: {"overrun", "dropped", "recording", "paired"} <= set(threads))
+        await asyncio.to_thread(device.side._warn, "something went wrong")
+        await device.until(lambda: {"overrun", "dropped", "recording", "paired", "transport"} <= set(threads))
         await asyncio.gather(device.end(), world.end())
     assert {name for names in threads.values() for name in names} == {threading.main_thread().name}
 

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import json
-import logging
 import os
 import sys
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
@@ -15,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from hapnet.commands.output import write_line
 from hapnet.commands.repeats import Repeats
 from hapnet.errors import HapnetError, InvalidParameter, OutputError
-from hapnet.side.notices import Level, Notice
+from hapnet.side.notices import Notice
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -59,8 +57,6 @@ class Log:
                 self._file = os.open(target, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
         except OSError as error:
             raise HapnetError(f"cannot write the log {target}: {error.strerror or error}") from None
-        self._handler = _Handler(self.tell)
-        logging.getLogger("hapnet").addHandler(self._handler)
 
     def tell(self, notice: Notice) -> None:
         """Log a notice, for programs and for people."""
@@ -96,7 +92,6 @@ class Log:
         """Close the log."""
         for _, text in self._repeats.rest():
             self._say(Notice("repeats", text, time.monotonic_ns()))
-        logging.getLogger("hapnet").removeHandler(self._handler)
         if self._file is not None:
             os.close(self._file)
             self._file = None
@@ -119,18 +114,3 @@ def check_target(log_to: str | None, json_to: str | None) -> None:
     """Raise InvalidParameter if `--log` and `--json` both want standard output."""
     if log_to == "-" and json_to == "-":
         raise InvalidParameter("--log", log_to, "a file, as --json has standard output")
-
-
-class _Handler(logging.Handler):
-    """Makes notices of what the library logs."""
-
-    def __init__(self, tell: Callable[[Notice], None]) -> None:
-        super().__init__(logging.WARNING)
-        self._tell = tell
-
-    def emit(self, record: logging.LogRecord) -> None:
-        level: Level = "error" if record.levelno >= logging.ERROR else "warning"
-        text = record.getMessage()
-        if record.exc_info is not None and record.exc_info[1] is not None:
-            text += f": {type(record.exc_info[1]).__name__}: {record.exc_info[1]}"
-        self._tell(Notice("log", " ".join(text.split()), time.monotonic_ns(), level, {"logger": record.name}))

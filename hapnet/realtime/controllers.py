@@ -12,7 +12,7 @@ from hapnet.assembly.build import Setup, device_side, world_side
 from hapnet.checks import Vector
 from hapnet.realtime.servo import Servo
 from hapnet.realtime.world_thread import Stepper
-from hapnet.recording.samples import Sample
+from hapnet.recording.samples import Event, Sample
 from hapnet.side.device import Clock, DeviceSide
 from hapnet.side.endpoint import DeviceEndpoint, WireHalf, WorldEndpoint
 from hapnet.summary.run import SidePart, device_summary, with_wire, world_summary
@@ -75,7 +75,8 @@ class ThreadedDevice:
         self.wire: WireHalf = endpoint
         self.side = device_side(setup, endpoint, clock, callbacks.write)
         self._coupling = setup.params.coupling
-        self._send, self._wake = callbacks.send, callbacks.wake
+        self._send, self._wake, self._write = callbacks.send, callbacks.wake, callbacks.write
+        self._clock = clock
         self._began = False
         self._servo = Servo(
             round(1e9 / setup.params.device.servo_hz),
@@ -95,6 +96,9 @@ class ThreadedDevice:
 
     def stop(self) -> None:
         self._servo.stop()
+        if self._servo.unsafe is not None:
+            self._write(unsafe(self._clock(), self._servo))
+            self._servo.unsafe = None
 
     def pause(self, paused: bool) -> None:
         self.side.paused = paused
@@ -162,6 +166,11 @@ class ThreadedWorld:
         elif self.wire.uncollected:
             self._wake()
         return self.side.next_step_ns()
+
+
+def unsafe(now_ns: int, servo: Servo) -> Event:
+    """What to say of a servo whose force could not be stopped."""
+    return Event(now_ns, "servo", f"the force could not be set to zero at the end: {servo.unsafe}")
 
 
 def servo_timing(servo: Servo, side: DeviceSide) -> dict[str, Any]:

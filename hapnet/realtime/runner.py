@@ -89,7 +89,13 @@ class RealtimeSide:
         self.control = control = control_of(setup, role, incarnation, callbacks, clock, entropy[2], realtime=realtime)
         self.wire = control.wire
         self._transport = ZenohTransport(
-            zenoh, self._on_message, session=session, device=name, role=role, on_change=lambda: self._on_connection()
+            zenoh,
+            self._on_message,
+            session=session,
+            device=name,
+            role=role,
+            on_change=lambda: self._on_connection(),
+            warn=self._warn,
         )
         own, way = (setup.params.device, 0) if role == "device" else (setup.params.world, 1)
         profile, timeline = (setup.up, setup.up_timeline) if role == "device" else (setup.down, setup.down_timeline)
@@ -136,6 +142,10 @@ class RealtimeSide:
         told = [event for event in events if not isinstance(event, _ORDINARY)]
         if told:
             self._loop.call_soon_threadsafe(self._housekeeping.on_events, told, self._clock())
+
+    def _warn(self, text: str) -> None:
+        """On any thread; told by the loop."""
+        self._reporter.keep(Note(self._clock(), "transport", text))
 
     def _fail(self, error: BaseException) -> None:
         self._failure = self._failure or error

@@ -15,7 +15,6 @@ import atexit
 import contextlib
 import ctypes
 import gc
-import logging
 import os
 import sys
 import threading
@@ -25,8 +24,6 @@ from dataclasses import dataclass
 
 from hapnet.errors import InvalidParameter
 from hapnet.histogram import Histogram as Histogram
-
-_log = logging.getLogger(__name__)
 
 SWITCH_INTERVAL_S = 1e-4
 """Beside a busy Python thread the default of 5 ms let the servo oversleep by 5 ms; 1e-5 s measured worse than both."""
@@ -120,7 +117,8 @@ class Servo:
         self._stopping = threading.Event()
         self._ready = threading.Event()
         self._refusal: str | None = None
-        self._unsafe: str | None = None
+        self.unsafe: str | None = None
+        """What failed in `safe`, once the servo has ended; None: nothing."""
         self._thread = threading.Thread(target=self._main, name="servo", daemon=True)
         self.error: BaseException | None = None
 
@@ -136,8 +134,6 @@ class Servo:
         atexit.register(self.stop)
         self._thread.start()
         self._ready.wait()
-        if self._refusal is not None:
-            _log.warning("%s", self._refusal)
         return self._refusal
 
     def stop(self) -> None:
@@ -153,11 +149,8 @@ class Servo:
         self._late_period = self._grid.skipped = 0
 
     def join(self) -> None:
-        """Wait until the servo has ended; says then if `safe` failed, as the servo's thread logs nothing."""
+        """Wait until the servo has ended."""
         self._thread.join()
-        if self._unsafe is not None:
-            _log.error("the servo's safe() failed: %s", self._unsafe)
-            self._unsafe = None
 
     def stats(self) -> ServoStats:
         """How the deadlines were kept so far; from any thread."""
@@ -186,7 +179,7 @@ class Servo:
             if self._safe is not None:
                 self._safe()
         except BaseException as error:
-            self._unsafe = f"{type(error).__name__}: {error}"
+            self.unsafe = f"{type(error).__name__}: {error}"
             self.error = self.error or error
         if self.error is not None and self._on_error is not None:
             self._on_error(self.error)

@@ -17,7 +17,7 @@ from typing import Any
 from hapnet.assembly.build import device_side, prepare
 from hapnet.errors import HapnetError
 from hapnet.params import Params
-from hapnet.realtime.controllers import servo_timing
+from hapnet.realtime.controllers import servo_timing, unsafe
 from hapnet.realtime.servo import Servo, tuned_interpreter
 from hapnet.realtime.servo_pipe import Pipe, PipeClosed, datum_of
 from hapnet.recording.samples import DeviceSample, Sample
@@ -63,6 +63,8 @@ class ServoChild:
     def end(self) -> None:
         """The servo has ended: the last words."""
         self._flush_samples()
+        if self.servo.unsafe is not None:
+            self._pipe.send(LAST_WORDS_S, "note", tuple(unsafe(time.monotonic_ns(), self.servo)))
         part = device_summary(self.side, self._coupling, servo_timing(self.servo, self.side))
         part["servo"]["unsent"] = self._unsent
         self._pipe.send(LAST_WORDS_S, "end", part, self._unrecorded, self._shuffled + self._control.shuffled())

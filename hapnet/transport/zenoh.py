@@ -18,7 +18,6 @@ from __future__ import annotations
 import asyncio
 import atexit
 import contextlib
-import logging
 import threading
 import time
 from collections.abc import Callable
@@ -34,8 +33,6 @@ from hapnet.transport.keys import WATCH_NS, KeyWatch, key_expressions
 from hapnet.transport.probe import PROBE, answer_probes
 from hapnet.transport.rate_limit import RateLimiter
 from hapnet.wire.messages import Role
-
-_log = logging.getLogger(__name__)
 
 EXIT_TIMEOUT_S = 2.0
 """How long an interpreter that exits without `close` waits for Zenoh to close [s]."""
@@ -70,10 +67,11 @@ class ZenohTransport:
     ----------
     settings : how to reach the other side.
     on_message : called as ``on_message(kind, data)`` on one of Zenoh's threads; must not block.
-        An exception in it is logged once and counted in `callback_errors`.
+        An exception in it is counted in `callback_errors`, and `warn` is told of the first.
     session, device : names in the keys, without any of ``/ # ? $ *``; both sides give the same.
     role : which side this is.
     on_change : called on the loop when a link or the other side came or went.
+    warn : told in words what went wrong, on any thread.
 
     Attributes
     ----------
@@ -98,6 +96,7 @@ class ZenohTransport:
         device: str = "device",
         role: Role = "device",
         on_change: Callable[[], None] | None = None,
+        warn: Callable[[str], None] = lambda text: None,
     ) -> None:
         if role not in _DIRECTION:
             raise InvalidParameter("role", role, "one of " + ", ".join(_DIRECTION))
@@ -109,7 +108,7 @@ class ZenohTransport:
         self._lossy = may_lose(self._config)
         self._watch = KeyWatch(KINDS)
         self._spares: list[zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]] = []
-        self._on_message, self._on_change = on_message, on_change
+        self._on_message, self._on_change, self._warn = on_message, on_change, warn
         self._lock = threading.Lock()
         self._closing = threading.Event()
         self._session: zenoh.Session | None = None
@@ -153,7 +152,7 @@ class ZenohTransport:
             if self._keeper is not None:
                 await asyncio.wait_for(self._closed.wait(), timeout_s)
         except TimeoutError:
-            _log.warning("Zenoh did not close within %g s", timeout_s)
+            self._warn(f"Zenoh did not close within {timeout_s:g} s")
             return False
         return True
 
@@ -274,7 +273,7 @@ class ZenohTransport:
         try:
             self._connect()
         except TransportError as error:
-            _log.warning("Zenoh's session is lost, and %s; trying again", error)
+            self._warn(f"Zenoh's session is lost, and {error}; trying again")
             while not self._closing.wait(REOPEN_EVERY_S):
                 with contextlib.suppress(TransportError):
                     self._connect()
@@ -358,12 +357,13 @@ class ZenohTransport:
                 return
             try:
                 on_message(kind, data)
-            except Exception:
+            except Exception as error:
                 with self._lock:
                     self.callback_errors += 1
                     first = self.callback_errors == 1
                 if first:
-                    _log.exception("on_message failed for a %s message; further failures are only counted", kind)
+                    what = f"{type(error).__name__}: {error}"
+                    self._warn(f"on_message failed for a {kind} message, further failures are only counted: {what}")
 
         return receive
 
