@@ -107,7 +107,7 @@ ONE_AXIS: dict[str, dict[str, object]] = {
     "no limits": {"device.force_limit_N": 0.0, "device.step_limit_N": 0.0, "world.step_limit_N": 0.0, "scene": "free"},
     "zoh": {"coupling": "zoh", "link.up": "delay 80ms 20ms", "link.down": "delay 80ms 20ms"},
     "other rates": {**LIVELY, "device.servo_hz": 700.0, "device.substeps": 3, "world.step_min_s": 0.001},
-    "many under way at take-off, not in their order": {
+    "many under way when it is loaded, not in their order": {
         **LIVELY, "duration_s": 0.4, "link.up": "delay 200ms 150ms loss 20%", "link.down": "delay 200us loss 10%",
         "device.pspm_period_s": 0.001,
     },

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from hapnet.realtime.peerless import GONE_NS, Alone
+from hapnet.realtime.peerless import GONE_NS, PeerAbsence
 from hapnet.side.notices import Notice
 from hapnet.wire.events import Paired, PeerHeard, PeerLeft, PeerSilent
 from hapnet.wire.messages import Identity
@@ -16,7 +16,7 @@ class Side:
     def __init__(self, *, once: bool) -> None:
         self.told: list[Notice] = []
         self.ends = 0
-        self.alone = Alone("world", once, self.told.append, self._end)
+        self.alone = PeerAbsence("world", once, self.told.append, self._end)
 
     def _end(self) -> None:
         self.ends += 1

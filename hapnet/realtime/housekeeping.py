@@ -9,7 +9,7 @@ from hapnet.errors import HapnetError
 from hapnet.realtime.controllers import Control
 from hapnet.realtime.figures import Figures
 from hapnet.realtime.link_driver import LinkDriver
-from hapnet.realtime.peerless import Alone
+from hapnet.realtime.peerless import PeerAbsence
 from hapnet.realtime.reporter import Reporter
 from hapnet.side.device import Clock
 from hapnet.side.endpoint import NANO
@@ -52,7 +52,7 @@ class Housekeeping:
         reporter: Reporter,
         clock: Clock,
         *,
-        alone: Alone,
+        alone: PeerAbsence,
         diagnosis: ConnectionDiagnosis,
         timeline: Timeline | None,
         refused: Callable[[int], list[str]],

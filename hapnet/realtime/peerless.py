@@ -15,7 +15,7 @@ GONE_NS = 10_000_000_000
 _WORTH_TELLING_S = 1.0
 
 
-class Alone:
+class PeerAbsence:
     """What one side does without its peer; on the event loop.
 
     role : this side's. once : end with the first peer. notify : told each notice. end : ends the side.

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from hapnet.realtime.notifier import Notifier
 from hapnet.realtime.recorder import Recordings
-from hapnet.realtime.telemetry_publisher import Telemeter
+from hapnet.realtime.telemetry_publisher import TelemetryPublisher
 from hapnet.recording import link_events
 from hapnet.recording.samples import Event as Note
 from hapnet.recording.samples import Sample
@@ -33,7 +33,12 @@ class Reporter:
     """
 
     def __init__(
-        self, role: Role, on_silence: str, clock: Clock, notify: Callable[[Notice], None], telemeter: Telemeter | None
+        self,
+        role: Role,
+        on_silence: str,
+        clock: Clock,
+        notify: Callable[[Notice], None],
+        telemeter: TelemetryPublisher | None,
     ) -> None:
         self.notifier = Notifier(role, on_silence, self.notify)
         self.recordings = Recordings(lambda text: self.notifier.tell("recording", text, clock()))

@@ -26,11 +26,11 @@ from hapnet.realtime.controllers import ControlCallbacks
 from hapnet.realtime.figures import Figures
 from hapnet.realtime.housekeeping import Housekeeping
 from hapnet.realtime.link_driver import LinkDriver
-from hapnet.realtime.peerless import Alone
+from hapnet.realtime.peerless import PeerAbsence
 from hapnet.realtime.reporter import Reporter
 from hapnet.realtime.servo import tuned_interpreter
 from hapnet.realtime.shutdown import LINGER_S, GracefulShutdown
-from hapnet.realtime.telemetry_publisher import Telemeter
+from hapnet.realtime.telemetry_publisher import TelemetryPublisher
 from hapnet.recording import hand, link_events
 from hapnet.recording.samples import Event as Note
 from hapnet.recording.samples import Sample
@@ -103,12 +103,12 @@ class RealtimeSide:
         period_ns = round(1e9 / setup.params.device.servo_hz) if role == "device" else None
         self._link_driver = LinkDriver(port, self._transport.put, clock, period_ns=period_ns)
         rate_hz = setup.params.telemetry_hz
-        self._telemeter = Telemeter(rate_hz, self._put, self._status) if rate_hz else None
+        self._telemeter = TelemetryPublisher(rate_hz, self._put, self._status) if rate_hz else None
         self._reporter = Reporter(role, own.on_silence, clock, notify, self._telemeter)
         self._figures = Figures(setup, role, seed, (session, name), control, self._link_driver, self._transport, clock)
         self._housekeeping = Housekeeping(
             role, control, self._link_driver, self._transport, self._figures, self._reporter, clock,
-            alone=Alone(role, once, self._reporter.notify, lambda: self._stop.set()),
+            alone=PeerAbsence(role, once, self._reporter.notify, lambda: self._stop.set()),
             diagnosis=ConnectionDiagnosis(zenoh, clock()),
             timeline=timeline, refused=refused, fail=self._fail,
         )  # fmt: skip

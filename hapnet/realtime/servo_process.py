@@ -159,7 +159,7 @@ class ServoProcess:
         self._pay()
 
     def _end_process(self) -> str:
-        """The process is to have ended, of itself or not; how it did, in words."""
+        """End the process if it has not ended yet; how it ended, in words."""
         process = self._process
         assert process is not None
         self._pipe.hang_up()

@@ -15,7 +15,7 @@ STATUS_EVERY_S = 0.5
 _MOST_EVENTS = 100
 
 
-class Telemeter:
+class TelemetryPublisher:
     """Publishes what was kept last, and now and then the status.
 
     It goes last: a turn that comes late by more than a period, since the loop had other things to do, is left out.

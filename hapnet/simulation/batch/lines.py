@@ -17,7 +17,7 @@ from hapnet.wire.numbering import EARLY_NS
 from netem import LinkProfile, models
 
 _HANDSHAKE = 100
-"""Positions that are as much as the handshake's messages that may be under way at take-off, and some to spare."""
+"""Positions that are as much as the handshake's messages that may be under way when it is loaded, and some to spare."""
 
 
 class Lines:

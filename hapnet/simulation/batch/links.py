@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from hapnet.side.packet import Packet
 from hapnet.simulation.batch.channels import NEVER, Whole
 from hapnet.simulation.batch.couplings import Index
-from hapnet.simulation.batch.hearers import Hearers
 from hapnet.simulation.batch.lines import Lines
+from hapnet.simulation.batch.peer_monitors import PeerMonitors
 from hapnet.simulation.batch.resends import Resends
 from hapnet.wire.peer_monitor import PeerMonitor
 from netem import Link, models, stats
@@ -58,7 +58,7 @@ class Links:
         self.stale = np.zeros(count, dtype=np.int64)
         """Positions that arrived after newer ones."""
         self._newest = np.array([link.counters.newest for link in links])
-        self._hearers = Hearers(heard, shift_ns)
+        self._peer_monitors = PeerMonitors(heard, shift_ns)
         self._since_reorder = [link.since_reorder for link in links]
         self._any_ahead = any(link.profile.reorder for link in links)
         self._lines = Lines([link.profile for link in links])
@@ -86,7 +86,7 @@ class Links:
         self._most = np.full(count, -1, dtype=np.int64)
 
     def under_way(self, i: int, order: int, due_ns: int, sent_ns: int, note: int) -> None:
-        """At take-off: a message that is in scenario i's queue."""
+        """When it is loaded: a message that is in scenario i's queue."""
         at = order - int(self._base[i]), i
         self._due[at], self._delay[at], self._note[at] = due_ns, due_ns - sent_ns, note
 
@@ -142,16 +142,16 @@ class Links:
         self._reordered[at] += late.sum(axis=0)
         self._newest[at] = np.maximum(self._newest[at], np.where(counted, order, 0).max(axis=0))
         position = counted & (note >= 0)
-        stale = _overtaken(np.where(note >= 0, due, NEVER)) | (note <= self._hearers.newest[at])
+        stale = _overtaken(np.where(note >= 0, due, NEVER)) | (note <= self._peer_monitors.newest[at])
         self.stale[at] += (stale & position).sum(axis=0)
-        self._hearers.fold(at, due, note, counted, position & ~stale)
+        self._peer_monitors.fold(at, due, note, counted, position & ~stale)
         self._count_delays(at, counted)
         note[counted] = DONE
         self._note[:, at] = note
 
     def land(self, i: int, parcel: Callable[[int, int, int], Packet]) -> None:
         """Give scenario i's state back, folded; `parcel(order, note, sent_ns)` makes what is under way again."""
-        self._hearers.land(i)
+        self._peer_monitors.land(i)
         link = self._links[i]
         shift = int(self._shift_ns[i])
         offered = int(self.offered[i])

@@ -10,7 +10,7 @@ from hapnet.assembly.build import Setup
 from hapnet.assembly.memory import require_room
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
-from hapnet.simulation.batch.cruise import Cruise
+from hapnet.simulation.batch.engine import Engine
 from hapnet.simulation.batch.scenario import BatchRun, Scenario
 from hapnet.simulation.garbage_collector import collector_paused
 from hapnet.simulation.processes import Progress, in_processes
@@ -20,7 +20,7 @@ SMALLEST = 32
 RUN_BYTES = 110_000
 """What a run of a batch takes until the batch is over; measured."""
 LARGEST = 2048
-"""Scenarios that fly together: more do not fit the processor's caches."""
+"""Scenarios that run together: more do not fit the processor's caches."""
 
 
 def simulate_batch(
@@ -89,23 +89,23 @@ def _groups(cases: Sequence[tuple[Params, int]]) -> list[list[int]]:
 
 @collector_paused()
 def _simulate_group(cases: dict[int, tuple[Params, int]], runs: dict[int, BatchRun], done: Progress) -> None:
-    flying: dict[int, Scenario] = {}
+    running: dict[int, Scenario] = {}
     setups: dict[int, Setup] = {}
     for k, (params, seed) in cases.items():
         scenario = Scenario(params, seed, setups.get(id(params)))
         setups[id(params)] = scenario.setup
         try:
-            ready = scenario.take_off()
+            ready = scenario.load()
         except HapnetError as error:
             raise HapnetError(f"seed {seed}: {error}") from error
-        if ready and scenario.can_cruise and len(cases) >= SMALLEST:
-            flying[k] = scenario
+        if ready and scenario.is_vectorised and len(cases) >= SMALLEST:
+            running[k] = scenario
         else:
             runs[k] = scenario.run_on(vectorised=False)
             done(0.0)
-    if flying:
+    if running:
         duration_s = next(iter(cases.values()))[0].duration_s
-        Cruise(list(flying.values())).run(lambda s: done(len(flying) * min(1.0, s / duration_s)))
-        for k, scenario in flying.items():
+        Engine(list(running.values())).run(lambda s: done(len(running) * min(1.0, s / duration_s)))
+        for k, scenario in running.items():
             runs[k] = scenario.run_on(vectorised=True)
         done(0.0)

@@ -1,6 +1,6 @@
 """A scenario of a batch, before it is vectorised and after.
 
-A scenario takes off once both sides have started and their handshake has nothing more to say, and lands at its last
+A scenario is loaded once both sides have started and their handshake has nothing more to say, and ends at its last
 tick. Before and after it is an ordinary `Simulation`, and so is its result.
 """
 
@@ -58,7 +58,7 @@ class BatchRun(NamedTuple):
 
 
 class UnderWay(NamedTuple):
-    """A message on a link at take-off."""
+    """A message on a link when it is loaded."""
 
     order: int
     due_ns: int
@@ -67,7 +67,7 @@ class UnderWay(NamedTuple):
 
 
 class Scenario(Simulation):
-    """A `Simulation` that can hand its middle over to a `Cruise`."""
+    """A `Simulation` that can hand its middle over to an `Engine`."""
 
     end_ns: int
 
@@ -78,7 +78,7 @@ class Scenario(Simulation):
         return path.unknown()
 
     @property
-    def can_cruise(self) -> bool:
+    def is_vectorised(self) -> bool:
         """Is everything in this scenario vectorised?"""
         params, setup, side = self.setup.params, self.setup, self.device
         return (
@@ -96,7 +96,7 @@ class Scenario(Simulation):
             and vectorisable(params, setup.dof, setup.up, setup.down)
         )
 
-    def take_off(self) -> bool:
+    def load(self) -> bool:
         """Run until the handshake is over; False if the run's end came first. Then it stands right after a tick."""
         start_ns = self.pair()
         self.end_ns = start_ns + round(self.setup.params.duration_s / NANO)

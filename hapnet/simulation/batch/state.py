@@ -1,4 +1,4 @@
-"""The state of many scenarios as arrays: gathered from their `Simulation`s at take-off, given back at landing.
+"""The state of many scenarios as arrays: gathered from their `Simulation`s, and given back at their ends.
 
 The batch's clock shows 0 at each scenario's own take-off.
 """
@@ -60,7 +60,7 @@ class Ports:
         port._before, port._open = (None if np.isnan(x[i]) else float(x[i]) for x in (self.before, self.open))
 
 
-class Fleet:
+class BatchState:
     """All that scenarios are made of, side by side."""
 
     def __init__(self, scenarios: Sequence[Scenario]) -> None:

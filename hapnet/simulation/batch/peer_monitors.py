@@ -10,7 +10,7 @@ from hapnet.simulation.batch.couplings import Index
 from hapnet.wire.peer_monitor import PeerMonitor
 
 
-class Hearers:
+class PeerMonitors:
     """One receiver a scenario. shift_ns : what their clocks show when the batch's shows 0."""
 
     def __init__(self, liveness: list[PeerMonitor], shift_ns: Whole) -> None:

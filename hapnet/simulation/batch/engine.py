@@ -19,9 +19,9 @@ from hapnet.checks import Array
 from hapnet.side.endpoint import NANO
 from hapnet.simulation.batch.channels import NEVER, Whole
 from hapnet.simulation.batch.couplings import Index, pick, place
-from hapnet.simulation.batch.fleet import Fleet
 from hapnet.simulation.batch.lines import shortest_ns
 from hapnet.simulation.batch.scenario import Scenario
+from hapnet.simulation.batch.state import BatchState
 
 _LONGEST_LAG = 32  # ticks
 _BLOCK = 256
@@ -30,18 +30,18 @@ Events = tuple[Whole, Callable[[Index, Whole], None]]
 """When the next event of a kind is due in each scenario, and what does it."""
 
 
-class Cruise:
+class Engine:
     """`scenarios` have taken off, have the same parameters but for links and seeds, and land as they end."""
 
     def __init__(self, scenarios: Sequence[Scenario]) -> None:
-        self._fleet = fleet = Fleet(scenarios)
+        self._state = state = BatchState(scenarios)
         self._count = len(scenarios)
-        self._period_ns = fleet.period_ns
-        self._lived_s = max(self._period_ns * NANO, fleet.device_period_s)
-        self._due_s = fleet.servo._due
-        self._damping = np.array(fleet.servo.damping)[:, None]
-        self._landing = fleet.end_ns // self._period_ns
-        self._later = fleet.later_ns // self._period_ns
+        self._period_ns = state.period_ns
+        self._lived_s = max(self._period_ns * NANO, state.device_period_s)
+        self._due_s = state.servo._due
+        self._damping = np.array(state.servo.damping)[:, None]
+        self._landing = state.end_ns // self._period_ns
+        self._later = state.later_ns // self._period_ns
         self._alive = np.ones(self._count, dtype=np.bool_)
         self._all_alive = True
         self._lag = _lag(scenarios, self._period_ns)
@@ -51,7 +51,7 @@ class Cruise:
         self._window = 0
         self._lengths = np.zeros((self._count, _BLOCK), dtype=np.int64)
         self._drawn = np.full(self._count, _BLOCK)
-        device, world = fleet.device_wire, fleet.world_wire
+        device, world = state.device_wire, state.world_wire
         self._on_device: tuple[Events, ...] = (
             (device.mailbox.next_due_ns, device.on_mail),
             (device.channels.next_due_ns, device.on_timer),
@@ -64,7 +64,7 @@ class Cruise:
         self._on_world: tuple[Events, ...] = (
             (world.mailbox.next_due_ns, world.on_mail),
             (world.channels.next_due_ns, world.on_timer),
-            (fleet.step_ns, self._step),
+            (state.step_ns, self._step),
         )
         up, down = self._on_world[0], self._on_device[0]
         self._on_both: tuple[Events, ...] = (up, down, self._on_device[1], *self._on_world[1:])
@@ -75,7 +75,7 @@ class Cruise:
         while self._alive.any():
             later = self._later[self._alive & (self._later > tick)]
             end = min(tick + max(1, self._lag), int(self._landing[self._alive].min()), int(later.min(initial=NEVER)))
-            self._fleet.up.safe_ns = self._fleet.down.safe_ns = tick * self._period_ns - 1
+            self._state.up.safe_ns = self._state.down.safe_ns = tick * self._period_ns - 1
             self._window = tick
             self._fly(tick, end)
             if progress is not None and end // 500 != tick // 500:
@@ -83,14 +83,14 @@ class Cruise:
             tick = end
             begun = (self._alive & (self._later == tick)).nonzero()[0]
             if begun.size:
-                self._fleet.ports.begin(begun)
+                self._state.ports.begin(begun)
             landing = (self._alive & (self._landing <= tick)).nonzero()[0]
             if landing.size:
                 self._land(landing, tick)
 
     def _fly(self, start: int, end: int) -> None:
         """From after tick `start` to after tick `end`."""
-        wire = self._fleet.device_wire
+        wire = self._state.device_wire
         end_ns = end * self._period_ns
         # The first window may begin with credits that wait for its first tick.
         if self._lag and start and wire.defer(self._period_ns, start, end):
@@ -129,15 +129,15 @@ class Cruise:
     # -- the device --------------------------------------------------------------------------------------------------
 
     def _tick(self, tick: int) -> None:
-        fleet, wire = self._fleet, self._fleet.device_wire
-        devices, couplings = fleet.devices, wire.couplings
-        wire.hand_over(*fleet.device_positions.tick(tick))
+        state, wire = self._state, self._state.device_wire
+        devices, couplings = state.devices, wire.couplings
+        wire.hand_over(*state.device_positions.tick(tick))
         work = devices.advance(couplings.set_position)
         kinetic = devices.kinetic()
         potential = couplings.springs.potential(devices.position - couplings.set_position)
         couplings.ledgers.put_in_all(work, kinetic + potential, couplings.account)
-        fleet.elapsed_s += self._lived_s
-        due = fleet.elapsed_s >= self._due_s
+        state.elapsed_s += self._lived_s
+        due = state.elapsed_s >= self._due_s
         due |= couplings.has_datum
         if not self._all_alive:
             due &= self._alive
@@ -148,22 +148,22 @@ class Cruise:
 
     def _modulate(self, at: Index, kinetic: Array, now_ns: int) -> None:
         """PSPM in the devices `at`."""
-        fleet, wire = self._fleet, self._fleet.device_wire
-        devices, couplings = fleet.devices, wire.couplings
+        state, wire = self._state, self._state.device_wire
+        devices, couplings = state.devices, wire.couplings
         x = pick(devices.position, at)
         travel = pick(devices.high, at) - pick(devices.low, at)
         place(devices.low, at, x)
         place(devices.high, at, x)
         by_range = self._damping * travel * travel
         dissipated = by_range[0] if len(by_range) == 1 else by_range.sum(axis=0)
-        dissipated /= fleet.elapsed_s[at]
+        dissipated /= state.elapsed_s[at]
         limited = devices.limited[at]
         if limited.any():
             dissipated[limited] = devices.dissipated[at[limited]]
             devices.limited[at] = False
         devices.dissipated[at] = 0.0
         sent = couplings.update(at, x, dissipated)
-        fleet.elapsed_s[at] = 0.0
+        state.elapsed_s[at] = 0.0
         couplings.ledgers.observe(at, kinetic + couplings.potential(at, x), couplings.account[at])
         wire.on_update(at, np.full(len(at), now_ns), x, sent)
 
@@ -171,11 +171,11 @@ class Cruise:
 
     def _step(self, at: Index, now_ns: Whole) -> None:
         """The running step of each of `at` ends and the next begins."""
-        fleet, wire = self._fleet, self._fleet.world_wire
-        masses, couplings = fleet.masses, wire.couplings
+        state, wire = self._state, self._state.world_wire
+        masses, couplings = state.masses, wire.couplings
         wire.look(at, now_ns)
-        dt = np.multiply(now_ns - fleet.last_step_ns[at], NANO, dtype=np.float64)
-        fleet.last_step_ns[at] = now_ns
+        dt = np.multiply(now_ns - state.last_step_ns[at], NANO, dtype=np.float64)
+        state.last_step_ns[at] = now_ns
         work, dissipated = masses.step(at, dt, pick(couplings.set_position, at))
         x, kinetic = pick(masses.position, at), masses.kinetic(at)
         ledgers = couplings.ledgers
@@ -183,17 +183,17 @@ class Cruise:
         ledgers.observe(at, kinetic + couplings.potential(at, x), couplings.account[at])
         sent = couplings.update(at, x, dissipated)
         ledgers.observe(at, kinetic + couplings.potential(at, x), couplings.account[at])
-        fleet.steps[at] += 1
-        fleet.stepped_s[at] += dt
-        fleet.longest_step_s[at] = np.maximum(fleet.longest_step_s[at], dt)
-        fleet.step_ns[at] = now_ns + self._next_step_ns(at)
+        state.steps[at] += 1
+        state.stepped_s[at] += dt
+        state.longest_step_s[at] = np.maximum(state.longest_step_s[at], dt)
+        state.step_ns[at] = now_ns + self._next_step_ns(at)
         self._observe_ports(at, now_ns)
         wire.on_update(at, now_ns, x, sent)
 
     def _next_step_ns(self, at: Index) -> Whole:
         drawn = self._drawn[at]
         for i in at[drawn == _BLOCK].tolist():
-            self._lengths[i] = self._fleet.draw_steps(i, _BLOCK)
+            self._lengths[i] = self._state.draw_steps(i, _BLOCK)
             self._drawn[i] = 0
         drawn = self._drawn[at]
         self._drawn[at] = drawn + 1
@@ -204,7 +204,7 @@ class Cruise:
 
     def _observe_ports(self, at: Index, now_ns: Whole) -> None:
         """`TwoPort.world`: the devices may be ahead by a window, but only their ticks before this step count."""
-        ports = self._fleet.ports
+        ports = self._state.ports
         device_low, device = ports.device_low[at], ports.device[at]
         if self._works:
             passed = np.clip(-(-now_ns // self._period_ns) - 1 - self._window, 0, len(self._works))
@@ -216,14 +216,14 @@ class Cruise:
             device_low = np.minimum(device_low, np.where(new, works, np.inf).min(axis=0))
             device = np.where(passed > 0, works[np.maximum(passed - 1, 0), np.arange(len(at))], device)
             self._replay_window[at] = np.maximum(self._replay_window[at], passed)
-        work, before = self._fleet.world_wire.couplings.ledgers.work[at], ports.world[at]
+        work, before = self._state.world_wire.couplings.ledgers.work[at], ports.world[at]
         ports.close(at, work)
         lowest = np.minimum(ports.lowest[at], np.minimum(device_low + before, device_low + work))
         ports.lowest[at], ports.world[at], ports.device_low[at] = lowest, work, device
 
     def _fold_works(self) -> None:
         """`TwoPort.device` for the window's ticks."""
-        ports = self._fleet.ports
+        ports = self._state.ports
         ahead = bool(self._replay_window.any())
         for row, work in enumerate(self._works):
             new = np.where(self._replay_window <= row, work, np.inf) if ahead else work
@@ -236,8 +236,8 @@ class Cruise:
     def _land(self, at: Index, tick: int) -> None:
         self._drain(self._on_both, tick * self._period_ns)
         for i, used in zip(at.tolist(), self._drawn[at].tolist(), strict=True):
-            self._fleet.return_steps(i, used)  # those after the last tick are drawn one at a time
-        self._fleet.land(at, tick)
+            self._state.return_steps(i, used)  # those after the last tick are drawn one at a time
+        self._state.land(at, tick)
         self._alive[at] = False
         self._all_alive = False
         for due in (kind[0] for kind in self._on_both):
