@@ -12,6 +12,8 @@ class RateLine:
     profile : with a rate. free_ns : when the line is free; until then it carries others.
     """
 
+    __slots__ = ("_profile", "_size", "_takes_ns", "free_ns")
+
     def __init__(self, profile: LinkProfile, free_ns: int) -> None:
         self.free_ns = free_ns
         self._profile = profile

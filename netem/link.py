@@ -186,8 +186,8 @@ class Link(Generic[T]):
             heappush(self._again, (offered_ns, order, item, now_ns, cast(int, size), delay))
             return
         due = offered_ns + delay
-        if self.line is not None:
-            due = self.line.release_ns(due, cast(int, size))
+        if (line := self.line) is not None:
+            due = line.release_ns(due, size or 0)
         heappush(queue, (due, order, item, now_ns, size or 0))
         if self._gate is not None:
             self._gate.look(queue, now_ns)
