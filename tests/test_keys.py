@@ -72,13 +72,28 @@ def test_a_silent_key_is_declared_again_and_again_until_it_is_heard() -> None:
     assert not watch.silent(now + 2 * SILENT_NS)
 
 
-def test_a_key_is_dead_only_while_others_live() -> None:
+def test_a_key_is_dead_while_others_live_or_were_heard_before() -> None:
     watch, now = KeyWatch(KINDS), 10**12
     watch.connected(now, is_connected=True)
     now += DEAD_NS + 1
-    assert watch.dead(now) == []  # nobody speaks: the other side may be stopped
+    assert watch.dead(now) == []  # nobody ever spoke: somebody else may be connected
     watch.heard("position", now)
     assert watch.dead(now) == ["energy", "control"]
+    assert watch.dead(now + DEAD_NS) == ["energy", "control"]
+    assert watch.dead(now + DEAD_NS + 1) == list(KINDS)
+
+
+def test_where_all_keys_fell_silent_another_session_is_tried_less_and_less_often() -> None:
+    """After 10, 20, 40, 80 and 80 s; a word from the other side begins anew."""
+    watch, now = KeyWatch(KINDS), 10**12
+    for _ in range(2):
+        watch.heard("control", now)
+        for longest_s in (10, 20, 40, 80, 80):
+            watch.connected(now, is_connected=False)
+            watch.connected(now, is_connected=True)
+            now += longest_s * 10**9
+            assert not watch.dead(now)
+            assert watch.dead(now + 1) == list(KINDS)
 
 
 def test_the_expressions_hold_the_three_keys_and_nothing_else() -> None:

@@ -23,7 +23,10 @@ AGAIN_NS = 250_000_000
 """How long a declaration may take to have an effect before the next one."""
 
 DEAD_NS = 10_000_000_000
-"""A key that is silent for longer, while others are heard, cannot be mended by declarations."""
+"""A key that is silent for longer cannot be mended by declarations: what its publisher declared is lost."""
+
+LONGEST_DEAD_NS = 80_000_000_000
+"""Another session is opened no more seldom than so, while somebody is connected and nothing is heard at all."""
 
 _FIRST = ("*", "hapnet", "h$*", "ha$*", "hap$*", "hapn$*", "hapne$*")
 """The first chunk of declaration after declaration. The literal one is for access control, which takes no wider one."""
@@ -43,6 +46,7 @@ class KeyWatch:
         self._heard_ns = dict.fromkeys(self._sent_ns, 0)
         self._since_ns: int | None = None  # connected from then on
         self._again_ns = 0
+        self._patience_ns = DEAD_NS
 
     def sent(self, kind: str, now_ns: int) -> None:
         """Something was put on the key."""
@@ -51,6 +55,7 @@ class KeyWatch:
     def heard(self, kind: str, now_ns: int) -> None:
         """Something came on the key."""
         self._heard_ns[kind] = now_ns
+        self._patience_ns = DEAD_NS
 
     def quiet(self, now_ns: int) -> list[str]:
         """The keys that a keep-alive is due on."""
@@ -78,9 +83,18 @@ class KeyWatch:
         return True
 
     def dead(self, now_ns: int) -> list[str]:
-        """The keys that are dead, as no declaration helps, while others are alive."""
+        """The keys that are dead, as no declaration helps; asked once for each session that is opened for it.
+
+        If all are silent it may be that somebody else is connected. So it counts only if the other side was heard
+        before, and each time less often.
+        """
         silent = self.silent(now_ns, DEAD_NS)
-        return [] if len(silent) == len(self._heard_ns) else silent
+        if len(silent) < len(self._heard_ns):
+            return silent
+        if not any(self._heard_ns.values()) or len(self.silent(now_ns, self._patience_ns)) < len(silent):
+            return []
+        self._patience_ns = min(2 * self._patience_ns, LONGEST_DEAD_NS)
+        return silent
 
 
 def key_expressions(prefix: str) -> list[str]:

@@ -300,7 +300,7 @@ class Watch:
         if not counts:
             return
         known = PositionReceived(*message[1:4]) if isinstance(message, Position) else SampleReceived(message)
-        hold(events[:1] == (known,), message, "gave", events)
+        hold(repr(events[:1]) == repr((known,)), message, "gave", events)  # NaN, in entries that nobody knows
 
     def _wave_counts(self, number: int) -> bool:
         """Each once, none that is far behind the highest; from a run that goes on far behind, all are counted anew."""
