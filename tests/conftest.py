@@ -16,6 +16,22 @@ ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, (str(ROO
 """For processes that a test starts, in a directory of its own perhaps: they run this tree's hapnet."""
 
 
+_REAL_TIME = ("hapnet.realtime", "hapnet.transport", "netem.relay", "netem.zenoh_relay", "tests.faults",
+              "tests.processes", "tests.view")  # fmt: skip
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What runs in real time, or starts processes, is one worker's, one after the other; all else is the other's."""
+    for item in items:
+        if isinstance(item, pytest.Function) and _in_real_time(vars(item.module)):
+            item.add_marker(pytest.mark.xdist_group("real time"))
+
+
+def _in_real_time(names: dict[str, object]) -> bool:
+    homes = (getattr(value, "__module__", None) or getattr(value, "__name__", "") for value in names.values())
+    return any(str(home).startswith(_REAL_TIME) for home in homes) or "subprocess" in names
+
+
 @pytest.fixture
 def handwriting() -> Path:
     """The recorded hand, or a skip where the recorded inputs are not at hand."""

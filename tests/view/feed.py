@@ -36,6 +36,7 @@ class Feed:
         self.coupling = params.coupling
         self.smoothing = params.device.smoothing_s
         self._samples = [s for s in recording.samples() if not isinstance(s, Event)]
+        self._last = {type(s): s for s in self._samples}
         self._history = history
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._play, daemon=True)
@@ -61,6 +62,7 @@ class Feed:
         first, last = self._samples[0].time_ns, self._samples[-1].time_ns
         status_due = time.monotonic_ns()
         began, number, round_ns = status_due - (last - first) * 9 // 10, 0, 0
+        rounds = 0
         while True:
             now = time.monotonic_ns()
             if now >= status_due:
@@ -71,17 +73,21 @@ class Feed:
                 began += 10_000_000
             else:
                 while (at := began + round_ns + self._samples[number].time_ns - first) <= now:
-                    self._history.take(_moved(self._samples[number], at))
+                    self._history.take(self._moved(self._samples[number], at, rounds))
                     number += 1
                     if number == len(self._samples):
-                        number, round_ns = 0, round_ns + last - first + NANO // 60
+                        number, rounds, round_ns = 0, rounds + 1, round_ns + last - first + NANO // 60
             if self._stop.wait(0.01):
                 return
 
-
-def _moved(sample: Sample, time_ns: int) -> Sample:
-    assert isinstance(sample, DeviceSample | WorldSample)
-    return sample._replace(time_ns=time_ns)
+    def _moved(self, sample: Sample, time_ns: int, rounds: int) -> Sample:
+        """At another time; and what was sent and credited in the rounds before is not forgotten."""
+        assert isinstance(sample, DeviceSample | WorldSample)
+        last = self._last[type(sample)]
+        sent_J, credited_J = rounds * last.sent_J, rounds * last.credited_J
+        return sample._replace(
+            time_ns=time_ns, sent_J=sample.sent_J + sent_J, credited_J=sample.credited_J + credited_J
+        )
 
 
 class FakeControls:
