@@ -74,6 +74,18 @@ def check(runs: list[BatchRun], tolerance: float = 0.0, *, vectorised: bool = Tr
         assert not found, (run.seed, found)
 
 
+SLOW = {
+    "no delay", "states, correlated delays", "heavy jitter", "everything shuffled", "other rates", "no limits",
+    "geo and lan", "4g", "box", "zoh", "resends on one way", "paper, coupled axes", "uneven, decoupled",
+}  # fmt: skip
+"""What the default run leaves to the long one."""
+
+
+def cases(table: dict[str, dict[str, object]]) -> list[Any]:
+    """Of a table by names."""
+    return [pytest.param(each, id=name, marks=[pytest.mark.slow] * (name in SLOW)) for name, each in table.items()]
+
+
 ONE_AXIS: dict[str, dict[str, object]] = {
     "default": {},
     "no delay": {"link.up": "", "link.down": ""},
@@ -136,7 +148,7 @@ ONE_AXIS: dict[str, dict[str, object]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("changes", ONE_AXIS.values(), ids=ONE_AXIS)
+@pytest.mark.parametrize("changes", cases(ONE_AXIS))
 def test_one_axis_is_the_same_bit_for_bit(changes: dict[str, object]) -> None:
     check(simulate_batch(Params().set({"duration_s": 1.6, **changes}), SEEDS))
 
@@ -188,7 +200,7 @@ SEVERAL_AXES: dict[str, dict[str, object]] = {
 }
 
 
-@pytest.mark.parametrize("changes", SEVERAL_AXES.values(), ids=SEVERAL_AXES)
+@pytest.mark.parametrize("changes", cases(SEVERAL_AXES))
 def test_several_axes_are_the_same_to_rounding(changes: dict[str, object]) -> None:
     check(simulate_batch(Params().set({"duration_s": 1.2, **changes}), SEEDS), 1e-9)
 

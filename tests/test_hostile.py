@@ -19,7 +19,7 @@ from hapnet.params import Params
 from hapnet.wire.messages import Energy, Position, decode, encode
 from tests.fuzzing.storm import MS, US, Rig
 
-SIDES = ("device", "continuous", "world")
+SIDES = ("device", pytest.param("continuous", marks=pytest.mark.slow), "world")
 DURATION_NS = 2_000 * MS
 EVERY_NS = 200 * US  # five times the servo's rate
 LEVEL_NJ = 2**63 - 1

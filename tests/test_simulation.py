@@ -178,6 +178,7 @@ def compare_shufflings(duration_s: float) -> None:
     assert min(sent["all"]) > 30.0 * max(sent["harvested"])
 
 
+@pytest.mark.slow
 def test_the_default_shuffling_does_not_orbit() -> None:
     compare_shufflings(60.0)
 

@@ -11,7 +11,7 @@ from typing import Any, cast
 import numpy as np
 
 from hapnet.assembly.user_operator import ALLOWED
-from hapnet.couplings.registry import jointly_passive
+from hapnet.couplings.registry import coupling, jointly_passive
 from hapnet.errors import HapnetError, InvalidParameter, RecordingError
 from hapnet.loading import load
 from hapnet.metrics import motion
@@ -93,6 +93,8 @@ def read_original(files: Sequence[Path]) -> Original:
     if not simulated and asked.get("device.servo") == "auto":
         asked["device.servo"] = "sampled"
     params, seed = Params().set(asked), device.meta.get("seed")
+    if ":" not in params.coupling:  # a user's own is loaded when it runs
+        coupling(params.coupling)
     if not isinstance(seed, int) or seed < 0:
         raise InvalidParameter("seed of the recording", seed, "a whole number, 0 or above")
     try:
