@@ -95,8 +95,9 @@ def assert_pressed(left: Recording, recordings: list[Recording], role: Role, kil
         assert world.world is not None
         force = lengths(device.device["force_N"][device.device["time_ns"] <= killed_ns])[-1]
         assert force > 0.0
-        if role == "device" or recording is recordings[0]:
+        if recording is recordings[0]:  # who starts again has next to no energy, and a hand that rests adds none
             assert force > 0.3
+        if role == "device" or recording is recordings[0]:
             assert world.world["penetration_m"][world.world["time_ns"] <= killed_ns][-1] > 0.0
 
 
@@ -123,7 +124,7 @@ def assert_held_or_released(left: Recording, on_silence: str, silent_ns: int, un
         assert force[silence].min() > 0.25 * before
     else:  # the hand, or the mass, comes to rest
         silence = (times > silent_ns + (SILENCE_S + 0.4) / NANO) & (times < until_ns - 1_000_000)
-        assert force[silence].max(initial=0.0) < 0.1 * before
+        assert force[silence].max(initial=0.0) < max(0.1 * before, 1e-9)  # none, if there was none
 
 
 def assert_energy(survivor: Side, last: Side, left: Recording, recordings: list[Recording]) -> None:
