@@ -27,6 +27,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.xdist_group("real time"))
 
 
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """The other worker's tests give way to those in real time."""
+    if "PYTEST_XDIST_WORKER" in os.environ and item.get_closest_marker("xdist_group") is None and os.nice(0) == 0:
+        os.nice(10)
+
+
 def _in_real_time(names: dict[str, object]) -> bool:
     homes = (getattr(value, "__module__", None) or getattr(value, "__name__", "") for value in names.values())
     return any(str(home).startswith(_REAL_TIME) for home in homes) or "subprocess" in names
