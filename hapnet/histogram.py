@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 
 class Histogram:
     """Counts of non-negative integers in a fixed number of bins, 32 to an octave: a quantile is at most 1/32 too high.
@@ -12,9 +14,9 @@ class Histogram:
     _SUB_BITS = 5
     _MAX_BITS = 42
 
-    def __init__(self) -> None:
-        self._counts = [0] * (self._index((1 << self._MAX_BITS) - 1) + 1)
-        self.max = 0
+    def __init__(self, counts: Sequence[int] = (), highest: int = 0) -> None:
+        self._counts = list(counts) or [0] * (self._index((1 << self._MAX_BITS) - 1) + 1)
+        self.max = highest
 
     @classmethod
     def _index(cls, value: int) -> int:
@@ -36,15 +38,16 @@ class Histogram:
 
     def since(self, earlier: Histogram) -> Histogram:
         """What was counted since `earlier`, a `copy` of this one; but `max` is of all."""
-        later = self.copy()
-        later._counts = [now - before for now, before in zip(later._counts, earlier._counts, strict=True)]
-        return later
+        return Histogram([now - before for now, before in zip(self.counts, earlier.counts, strict=True)], self.max)
 
     def copy(self) -> Histogram:
         """The same counts, for itself."""
-        other = Histogram()
-        other._counts, other.max = self._counts.copy(), self.max
-        return other
+        return Histogram(self._counts, self.max)
+
+    @property
+    def counts(self) -> list[int]:
+        """Of each bin, as they are now."""
+        return self._counts.copy()
 
     def bins(self) -> tuple[tuple[int, int], ...]:
         """(highest value, count) of every bin that is not empty, ascending."""

@@ -96,7 +96,7 @@ class Security:
             yield "transport/link/protocols", list(ENCRYPTED)  # a peer found by scouting offers others too
         if self.user is not None:
             yield "transport/auth/usrpwd/user", self.user
-            yield "transport/auth/usrpwd/password", self._password()
+            yield "transport/auth/usrpwd/password", self.known_password()
         if self.users is not None:
             yield "transport/auth/usrpwd/dictionary_file", str(self.users)
 
@@ -109,7 +109,7 @@ class Security:
             if path is not None and path.stat().st_mode & (stat.S_IRGRP | stat.S_IROTH)
         )
 
-    def _password(self) -> str | None:
+    def known_password(self) -> str | None:
         if self.password_file is None:
             return self.password
         return next(iter(_read("--password-file", self.password_file).splitlines()), "").strip()  # as Zenoh reads users
@@ -202,7 +202,7 @@ def _check_users(security: Security) -> None:
     if user is not None:
         if not _NAME.fullmatch(user):
             raise InvalidParameter("--user", user, "a name without spaces and colons, and no # at its start")
-        if not security._password():
+        if not security.known_password():
             words = f"with its password, as --password-file FILE or in the environment as {PASSWORD_VARIABLE}"
             raise InvalidParameter("--user", user, words)
     if security.users is not None:
