@@ -259,7 +259,7 @@ def test_a_closed_terminal_ends_a_side_in_order(role: str) -> None:
     sides: dict[str, list[str]] = {"world": ["-l", address], "device": ["-e", address, *ARM]}
     with contextlib.ExitStack() as stack:
         if role == "run":
-            terminal = Terminal("", "run", *ARM, "--out", ".")
+            terminal = Terminal("", "run", "-v", *ARM, "--out", ".")
         else:
             other = "world" if role == "device" else "device"
             stack.enter_context(started(other, *sides[other]))
@@ -281,7 +281,7 @@ def test_a_closed_terminal_ends_a_side_in_order(role: str) -> None:
 @pytest.mark.slow
 def test_nohup_goes_on_without_its_terminal() -> None:
     """Every write to it fails then: nothing comes of that."""
-    terminal = Terminal("nohup", "run", "--duration", 1.5, "--out", "r", "--json", "s.json")
+    terminal = Terminal("nohup", "run", "-v", "--duration", 1.5, "--out", "r", "--json", "s.json")
     try:
         terminal.until(b"device: paired")
         terminal.close()
