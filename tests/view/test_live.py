@@ -26,7 +26,7 @@ __all__ = ["browser"]
 
 pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium here (Debian: apt install chromium)"),
-    pytest.mark.slow,
+    pytest.mark.soak,  # a pair, and a browser that renders in software, are too much for two cores
 ]
 
 WAIT_S = 90.0
