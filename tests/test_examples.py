@@ -8,6 +8,7 @@ import re
 import signal
 import subprocess
 import sys
+from collections.abc import Sequence
 from ipaddress import ip_address
 from itertools import pairwise
 from pathlib import Path
@@ -31,7 +32,11 @@ NUMBER = r"(-?\d+(?:\.\d+)?)"
 
 def run(name: str, *argv: object, cwd: Path) -> str:
     """What an example prints, started as a user starts it."""
-    command = [sys.executable, str(EXAMPLES[name]), *map(str, argv)]
+    return printed([sys.executable, str(EXAMPLES[name]), *map(str, argv)], cwd)
+
+
+def printed(command: Sequence[str], cwd: Path) -> str:
+    """What a program prints that ends well."""
     done = subprocess.run(command, cwd=cwd, env=ENVIRONMENT, capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
@@ -101,16 +106,8 @@ def test_own_law_over_zenoh(tmp_path: Path) -> None:
     """Two processes. 100 N/m, softened by 40 + 10 ms each way: 100/(1 + 0.1/0.1); a law of one's own claims nothing."""
     link = ("--delay", "40ms", "--jitter", "10ms", "--duration", "3", "--seed", "1")
     argv = ["run", "--coupling", "examples.own_law:MINE", *link, "--json", "-", "--out", str(tmp_path / "run")]
-    done = subprocess.run(
-        [sys.executable, "-m", "hapnet", *argv],
-        cwd=tmp_path,
-        env=ENVIRONMENT,
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
-    assert done.returncode == 0, done.stderr
-    summary = json.loads(done.stdout)
+    stdout = printed([sys.executable, "-m", "hapnet", *argv], tmp_path)
+    summary = json.loads(stdout)
     assert summary["coupling"] == "examples.own_law:MINE"
     assert summary["tuning"] == pytest.approx({"stiffness_N_m": 50.0, "damping_Ns_m": 1.5}, rel=0.05)
     assert summary["motion"]["peak_force_N"] > 0.2
@@ -130,16 +127,8 @@ def test_a_law_that_is_none_is_refused_with_its_name(name: str, says: str) -> No
 
 def test_own_world_on_the_command_line(tmp_path: Path) -> None:
     argv = ["simulate", "--scene", "examples.own_world:corridor", "--dof", "2", "--duration", "1", "--no-files"]
-    done = subprocess.run(
-        [sys.executable, "-m", "hapnet", *argv],
-        cwd=tmp_path,
-        env=ENVIRONMENT,
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
-    assert done.returncode == 0, done.stderr
-    assert "passive" in done.stdout
+    stdout = printed([sys.executable, "-m", "hapnet", *argv], tmp_path)
+    assert "passive" in stdout
 
 
 @pytest.mark.slow

@@ -23,7 +23,7 @@ from hapnet.couplings.link_delays import delays
 from hapnet.couplings.registry import coupling
 from hapnet.couplings.spec import CouplingSpec, CouplingStart
 from hapnet.errors import InvalidParameter
-from hapnet.params import Params
+from hapnet.params import DeviceParams, Params, WorldParams
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.live_hand import LiveHand
@@ -237,30 +237,35 @@ def world_side(setup: Setup, endpoint: WorldControl, rng: np.random.Generator, w
     mass.adopt(setup.scene.contacts)
 
     def make_coupling(position: Vector, kinetic: float, empty: bool = False) -> WorldCoupling:
-        energy = 0.0 if empty else world.ceiling_J
-        return setup.coupling.world(CouplingStart(setup.params, setup.tuning, position, energy, kinetic))
+        return setup.coupling.world(_start(setup, world, position, empty, kinetic))
 
     make_coupling(mass.position, 0.0)  # so that what is wrong is said now and not at pairing
     return WorldSide(endpoint, mass, setup.scene, make_coupling, rng=rng, write=write, name=setup.params.scene)
 
 
+def _start(
+    setup: Setup, side: DeviceParams | WorldParams, position: Vector, empty: bool, kinetic: float = 0.0
+) -> CouplingStart[Any]:
+    """What an end of the coupling is made with; `empty`: the side starts again, so without energy."""
+    energy = 0.0 if empty else side.ceiling_J
+    return CouplingStart(setup.params, setup.tuning, position, energy, kinetic, setup.harvest)
+
+
 def _continuous(setup: Setup) -> Callable[[Vector, float, bool], ContinuousServo]:
-    make_servo, params = setup.coupling.continuous, setup.params
+    make_servo, device = setup.coupling.continuous, setup.params.device
     assert make_servo is not None, "refused by prepare"
 
     def make(position: Vector, kinetic: float, empty: bool = False) -> ContinuousServo:
-        energy = 0.0 if empty else params.device.ceiling_J
-        return make_servo(CouplingStart(params, setup.tuning, position, energy, kinetic, setup.harvest))
+        return make_servo(_start(setup, device, position, empty, kinetic))
 
     return make
 
 
 def _held(setup: Setup) -> Callable[[Vector, bool], DeviceCoupling]:
-    params = setup.params
+    device = setup.params.device
 
     def make(position: Vector, empty: bool = False) -> DeviceCoupling:
-        energy = 0.0 if empty else params.device.ceiling_J
-        return setup.coupling.device(CouplingStart(params, setup.tuning, position, energy, harvest=setup.harvest))
+        return setup.coupling.device(_start(setup, device, position, empty))
 
     return make
 

@@ -49,7 +49,7 @@ def _plain(side: Side, spring: Spring, position: Vector, energy: float, reserve:
 
 
 def _coupling(
-    start: CouplingStart[NoTuning], side: Side, spring: Spring, modulator: Modulator, longest: float, kept: float = 0.0
+    start: CouplingStart[object], side: Side, spring: Spring, modulator: Modulator, longest: float, kept: float = 0.0
 ) -> SetPositionCoupling:
     stages: list[Stage] = []
     if side.predict_s:
@@ -81,7 +81,7 @@ def device_spring(params: Params, dof: int) -> tuple[Spring, Vector]:
 
 
 def _at_device(
-    start: CouplingStart[NoTuning], make: MakeModulator, limited: bool, reserve: float = 0.0
+    start: CouplingStart[object], make: MakeModulator, limited: bool, reserve: float = 0.0
 ) -> tuple[SetPositionCoupling, Vector]:
     device = start.params.device
     spring, damping = device_spring(start.params, len(start.position))
@@ -89,12 +89,12 @@ def _at_device(
     return _coupling(start, device, spring, modulator, _longest_step(device, spring, limited)), damping
 
 
-def _continuous(start: CouplingStart[NoTuning], make: MakeModulator, limited: bool) -> ContinuousServo:
+def _continuous(start: CouplingStart[object], make: MakeModulator, limited: bool) -> ContinuousServo:
     coupling, damping = _at_device(start, make, limited)
     return ContinuousServo(coupling, damping=damping, period=start.params.device.pspm_period_s)
 
 
-def _sampled(start: CouplingStart[NoTuning], make: MakeModulator, limited: bool) -> DeviceCoupling:
+def _sampled(start: CouplingStart[object], make: MakeModulator, limited: bool) -> DeviceCoupling:
     device, dof = start.params.device, len(start.position)
     guard, holding = ForceGuard(limit=device.force_limit_N or math.inf), None
     if limited:
@@ -113,7 +113,7 @@ def _sampled(start: CouplingStart[NoTuning], make: MakeModulator, limited: bool)
     )
 
 
-def _world(start: CouplingStart[NoTuning], make: MakeModulator, limited: bool) -> WorldCoupling:
+def _world(start: CouplingStart[object], make: MakeModulator, limited: bool) -> WorldCoupling:
     world = start.params.world
     spring = shared_spring(world.stiffness, len(start.position))
     kept = world.ceiling_J * KEPT_FOR_PEERS
@@ -121,9 +121,8 @@ def _world(start: CouplingStart[NoTuning], make: MakeModulator, limited: bool) -
     return SetPositionSteps(_coupling(start, world, spring, modulator, _longest_step(world, spring, limited), kept))
 
 
-def plain_world(start: CouplingStart[object]) -> WorldCoupling:
-    """The world's end of couplings that have a law at the device only."""
-    return _world(cast(CouplingStart[NoTuning], start), _plain, limited=False)
+plain_world = partial(_world, make=_plain, limited=False)
+"""The world's end of the plain coupling, and of those that have a law at the device only."""
 
 
 def _covers(params: Params, tuning: NoTuning, virtual: bool) -> bool:
@@ -157,7 +156,7 @@ ZOH = CouplingSpec(
     source="Colgate, Stanley, Brown 1995",
     claim="passive without delay, positions fresh every tick, if the device damps by more than K T/2 + B",
     device=partial(_sampled, make=_plain, limited=False),
-    world=partial(_world, make=_plain, limited=False),
+    world=plain_world,
     continuous=partial(_continuous, make=_plain, limited=False),
     tuning=NoTuning,
     tune=untuned,

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from inspect import signature
 from typing import Any, Generic, Protocol, TypeVar
 
 from hapnet.checks import Vector
@@ -100,9 +101,8 @@ class CouplingSpec(Generic[T]):
 
     def recorded(self, tuning: Mapping[str, Any] | None) -> T | None:
         """The tuning that a summary or a recording tells; None if it does not tell all of it."""
-        names = {field.name for field in fields(self.tuning)}  # type: ignore[arg-type]
         told = tuning or {}
-        return self.tuning(**told) if set(told) == names else None
+        return self.tuning(**told) if set(told) == set(signature(self.tuning).parameters) else None
 
 
 def untuned(params: Params, link: Delays) -> NoTuning:
