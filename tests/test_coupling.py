@@ -24,9 +24,9 @@ class Spring:
         self.releases = 0
         self.renewals = 0
 
-    def receive(self, datum: CouplingSample) -> None:
-        assert not isinstance(datum, Motion | Port | Wave)
-        self.set_position = datum
+    def receive(self, sample: CouplingSample) -> None:
+        assert not isinstance(sample, Motion | Port | Wave)
+        self.set_position = sample
 
     def on_peer_changed(self) -> None:
         self.renewals += 1
@@ -89,7 +89,7 @@ def test_a_hand_that_presses_a_spring_puts_energy_in() -> None:
 
 
 @pytest.mark.parametrize(("dt", "every"), [(T, 5), (T * (1 - 1e-7), 5), (2e-3, 3), (0.5e-3, 10), (7e-3, 1)])
-def test_a_datum_is_due_once_a_period(dt: float, every: int) -> None:
+def test_a_sample_is_due_once_a_period(dt: float, every: int) -> None:
     """At the first tick that is no sooner, clocks of whole nanoseconds allowed for."""
     subject = servo(Spring(1.0, 0.0))
     sent = [k for k in range(1, 31) if subject.tick(dt, (0.1,), (0.2,)) == Update(Motion((0.1,), (0.2,)))]
@@ -136,8 +136,8 @@ class Order:
     def __init__(self) -> None:
         self.asked: list[str] = []
 
-    def receive(self, datum: CouplingSample) -> None:
-        self.asked.append(f"receive {datum}")
+    def receive(self, sample: CouplingSample) -> None:
+        self.asked.append(f"receive {sample}")
 
     def on_peer_changed(self) -> None: ...
 
@@ -150,7 +150,7 @@ class Order:
     def moved(self, dt: float, vhat: Vector, x: Vector, v: Vector) -> None: ...
 
     def next_sample(self) -> CouplingSample:
-        self.asked.append("datum")
+        self.asked.append("sample")
         return Wave((1.0,), 0.5)
 
 
@@ -159,4 +159,4 @@ def test_a_step_begins_with_what_has_arrived_and_then_says_its_own() -> None:
     steps = LawSteps(law, 0.0)
     steps.coupling.receive(Port((1.0,), 2.0), 0.0)
     assert steps.update(0.01, (0.0,), 0.0) == Update(Wave((1.0,), 0.5))
-    assert law.asked == [f"receive {Port((1.0,), 2.0)}", "begin", "datum"]
+    assert law.asked == [f"receive {Port((1.0,), 2.0)}", "begin", "sample"]

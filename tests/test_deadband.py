@@ -25,7 +25,7 @@ def sent(
     band: Deadband, data: list[CouplingSample], opposite: tuple[float, ...] = HERE, period_s: float = 1e-3
 ) -> list[int]:
     """Which of these, a period apart, are sent."""
-    return [i for i, datum in enumerate(data) if band.offer(i * period_s, datum, opposite) is not None]
+    return [i for i, sample in enumerate(data) if band.offer(i * period_s, sample, opposite) is not None]
 
 
 def test_a_position_is_sent_when_its_spring_would_change_by_more_than_the_fraction() -> None:

@@ -29,8 +29,8 @@ class Told:
         self.say: CouplingSample = (0.0,)
         self.heard: list[CouplingSample | str] = []
 
-    def receive(self, datum: CouplingSample) -> None:
-        self.heard.append(datum)
+    def receive(self, sample: CouplingSample) -> None:
+        self.heard.append(sample)
 
     def on_peer_changed(self) -> None:
         self.heard.append("another")
@@ -80,7 +80,7 @@ class Side:
 
 
 @pytest.mark.parametrize(
-    ("datum", "expected"),
+    ("sample", "expected"),
     [
         ((0.5,), messages.Position(7, 0, MS, (0.5,))),
         (Motion((0.5,), (-1.0,)), messages.Motion(7, 0, MS, (0.5,), (-1.0,))),
@@ -92,16 +92,16 @@ class Side:
         (Wave((0.25,), 1e-12), messages.Wave(7, 0, MS, (0.25,), 1)),  # a span of nothing is none
     ],
 )
-def test_a_datum_becomes_its_message(datum: CouplingSample, expected: Stream) -> None:
+def test_a_sample_becomes_its_message(sample: CouplingSample, expected: Stream) -> None:
     side = Side()
     side.start()
-    side.law.say = datum
+    side.law.say = sample
     message = side.tick()
     assert message == expected
     assert type(message) is type(expected)
 
 
-def test_a_message_becomes_its_datum() -> None:
+def test_a_message_becomes_its_sample() -> None:
     for kind, expected in (
         (messages.Motion, Motion((0.5,), (2.0,))),
         (messages.Port, Port((0.5,), 3e-9)),

@@ -27,8 +27,8 @@ PERIODS = {"device": 5 * MS, "world": 30 * MS}
 class SetPositionCoupling:
     """A coupling of which nothing is asked but to take what comes."""
 
-    def receive(self, datum: Vector, sent_s: float) -> None:
-        self.datum = datum
+    def receive(self, sample: Vector, sent_s: float) -> None:
+        self.sample = sample
 
     def credit(self, energy_J: float) -> None:
         raise AssertionError("nobody sends energy here")

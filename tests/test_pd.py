@@ -121,11 +121,11 @@ class TwoPort:
         self._newest = [-1.0, -1.0]
         self.energy = self.lowest = 0.0
 
-    def _send(self, to: int, now: float, datum: object) -> None:
-        assert isinstance(datum, Motion)
+    def _send(self, to: int, now: float, sample: object) -> None:
+        assert isinstance(sample, Motion)
         due = now + float(self._rng.uniform(*self._delay))
         if self._rng.random() >= self._loss:
-            self._flying[to].append((due, now, datum))
+            self._flying[to].append((due, now, sample))
 
     def _deliver(self, to: int, now: float) -> None:
         for item in sorted(item for item in self._flying[to] if item[0] <= now + 1e-12):

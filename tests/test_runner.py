@@ -265,7 +265,7 @@ async def test_of_sides_that_do_not_fit_the_device_ends_with_the_reason_and_the_
 
 
 async def test_a_world_that_restarts_is_paired_anew() -> None:
-    address, params = free_address(), parameters(operator="sine")
+    address, params = free_address(), parameters(operator="rest")
     device = Running("device", address, params)
     world = Running("world", address, params)
     async with running(device, world):

@@ -1,15 +1,15 @@
-"""A datum's way through a pipe, which knows no named tuples."""
+"""A sample's way through a pipe, which knows no named tuples."""
 
 from __future__ import annotations
 
 import pytest
 
 from hapnet.control.coupling import CouplingSample, Motion, Port, Wave
-from hapnet.realtime.servo_pipe import Pipe, datum_of, kind_of, socket_pair
+from hapnet.realtime.servo_pipe import Pipe, kind_of, sample_of, socket_pair
 
 
 @pytest.mark.parametrize(
-    "datum",
+    "sample",
     [
         (0.1, -0.0, 5e-324),
         (0.5, 1e-3),  # as long as a wave or a port, and none
@@ -18,15 +18,15 @@ from hapnet.realtime.servo_pipe import Pipe, datum_of, kind_of, socket_pair
         Wave((0.25, 0.0, 1.0), 5e-3),
     ],
 )
-def test_a_datum_goes_through_a_pipe(datum: CouplingSample) -> None:
+def test_a_sample_goes_through_a_pipe(sample: CouplingSample) -> None:
     ours, theirs = map(Pipe, socket_pair())
-    assert ours.offer("arrive", kind_of(datum), datum, 1.5)
+    assert ours.offer("arrive", kind_of(sample), sample, 1.5)
     frame = theirs.look()
     assert frame is not None
     word, kind, values, sent_s = frame
-    again = datum_of(kind, values)
+    again = sample_of(kind, values)
     assert (word, sent_s) == ("arrive", 1.5)
-    assert again == datum
-    assert type(again) is type(datum)
+    assert again == sample
+    assert type(again) is type(sample)
     ours.close()
     theirs.close()

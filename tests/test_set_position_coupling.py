@@ -30,7 +30,7 @@ def coupling(
 
 def test_at_the_start_it_is_at_rest() -> None:
     c = coupling()
-    assert (c.set_position, c.target, c.account, c.has_datum) == ((0.0,), (0.0,), 0.05, False)
+    assert (c.set_position, c.target, c.account, c.has_sample) == ((0.0,), (0.0,), 0.05, False)
     assert c.potential((0.02,)) == pytest.approx(0.02)  # 1/2 100 0.02^2
     assert c.ledger.bound == 0.05
 
@@ -39,9 +39,9 @@ def test_a_set_position_is_taken_and_kept() -> None:
     """y = 20 mm costs 20 mJ of 50; it stays asked for when nothing new arrives."""
     c = coupling()
     c.receive((0.02,), 1.0)
-    waiting = [c.has_datum]
+    waiting = [c.has_sample]
     result = c.update(0.005, (0.0,), 0.0)
-    waiting.append(c.has_datum)
+    waiting.append(c.has_sample)
     assert waiting == [True, False]
     assert result.set_position == (0.02,)
     assert result.energy == pytest.approx(0.03)
@@ -63,7 +63,7 @@ def test_energy_is_credited_once() -> None:
     c.update(0.005, (0.0,), 0.0)  # 80 mJ of 100
     c.credit(0.010)
     c.credit(0.005)
-    assert c.has_datum
+    assert c.has_sample
     assert c.ledger.credited == 0.0  # counted when it is used
     assert c.update(0.005, (0.0,), 0.0).energy == pytest.approx(0.035)
     assert c.update(0.005, (0.0,), 0.0).energy == pytest.approx(0.035)
@@ -105,7 +105,7 @@ def test_the_step_of_the_spring_is_limited() -> None:
 
 @pytest.mark.parametrize("longest", [math.inf, 0.001])
 def test_silence_lets_go(longest: float) -> None:
-    """After 20 ms without data y = x, under the step limit; the first datum after that takes hold again."""
+    """After 20 ms without data y = x, under the step limit; the first sample after that takes hold again."""
     c = coupling(policy="release", longest=longest)
     c.receive((0.001,), 1.0)
     positions = [c.update(0.005, (0.01,), 0.0).set_position[0] for _ in range(5)]

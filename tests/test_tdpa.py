@@ -49,9 +49,9 @@ def world(x: Vector = (0.0,), **changes: float) -> TdpaWorld:
 
 
 def told(law: TdpaDevice | TdpaWorld, x: Vector = (0.0,)) -> Port:
-    datum = law.next_sample(x, x) if isinstance(law, TdpaDevice) else law.next_sample()
-    assert isinstance(datum, Port)
-    return datum
+    sample = law.next_sample(x, x) if isinstance(law, TdpaDevice) else law.next_sample()
+    assert isinstance(sample, Port)
+    return sample
 
 
 class Watched(PassivityObserver):
@@ -357,10 +357,10 @@ def test_two_ports_never_give_more_than_what_their_sides_owe_whatever_happens(se
         v = (x1 - x) / TICK
         x = x1
         for arriving, law in ((up, far), (down, hand)):
-            for at, datum in [item for item in arriving if item[0] <= k]:
-                arriving.remove((at, datum))
+            for at, sample in [item for item in arriving if item[0] <= k]:
+                arriving.remove((at, sample))
                 if renewed is None or law is not renewed[1]:
-                    law.receive(datum)
+                    law.receive(sample)
         force = np.array(hand.force(TICK, tuple(x.tolist()), tuple(v.tolist()), tuple(held.tolist())))
         held = force * min(1.0, 1.0 / max(float(np.linalg.norm(force)), 1e-9))  # clipped to 1 N
         if k % 5 == 0 and rng.random() > loss:

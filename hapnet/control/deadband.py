@@ -6,7 +6,7 @@ of a stimulus is noticed when it exceeds a fixed share k of the stimulus, so a s
 
     |s - s_sent| > k |s_sent|                                     s_sent: the last that was sent
 
-Of force people notice 7 to 10 %. What is compared here (derived here), by what a datum says:
+Of force people notice 7 to 10 %. What is compared here (derived here), by what a sample says:
 
 * A position x is no stimulus; the force is that it makes. The receiver's spring K is tied to x_sent, and its other end
   is, delays apart, where this side's own spring is tied, at ybar: the force is K |ybar - x_sent|, and x in place of
@@ -76,32 +76,32 @@ class Deadband:
         self.on_peer_changed()
 
     def on_peer_changed(self) -> None:
-        """Another peer, which knows nothing yet: the next datum is sent."""
+        """Another peer, which knows nothing yet: the next sample is sent."""
         self._sent_s: float | None = None
         self._value: Vector = ()
         self._velocity: Vector = ()
         self._waiting: Wave | None = None
 
-    def offer(self, now_s: float, datum: CouplingSample, opposite: Vector) -> CouplingSample | None:
-        """What to send in place of `datum` at the time `now_s` [s], if anything.
+    def offer(self, now_s: float, sample: CouplingSample, opposite: Vector) -> CouplingSample | None:
+        """What to send in place of `sample` at the time `now_s` [s], if anything.
 
         opposite : ybar, where this side's spring is tied, or else where the other side is taken to be [m].
         """
         due = self._sent_s is None or now_s - self._sent_s >= self._longest_s
-        sent = due or self._noticed(datum, opposite)
-        if isinstance(datum, Wave):
-            datum = self._waiting = _merged(self._waiting, datum)
+        sent = due or self._noticed(sample, opposite)
+        if isinstance(sample, Wave):
+            sample = self._waiting = _merged(self._waiting, sample)
         if not sent:
             self.held_back += 1
             return None
         self._sent_s, self._waiting = now_s, None
-        self._value = vector_of(datum)
-        if isinstance(datum, Motion):
-            self._velocity = datum.velocity
-        return datum
+        self._value = vector_of(sample)
+        if isinstance(sample, Motion):
+            self._velocity = sample.velocity
+        return sample
 
-    def _noticed(self, datum: CouplingSample, opposite: Vector) -> bool:
-        match datum:
+    def _noticed(self, sample: CouplingSample, opposite: Vector) -> bool:
+        match sample:
             case Motion(position, velocity):
                 return self._moved(position, opposite) or self._changed(velocity, self._velocity, LEAST_MPS)
             case Port(value, _) if self._port == "force":
@@ -111,7 +111,7 @@ class Deadband:
             case Wave(value, _):
                 return self._changed(value, self._value, LEAST_WAVE)
             case _:
-                return self._moved(datum, opposite)
+                return self._moved(sample, opposite)
 
     def _moved(self, x: Vector, opposite: Vector) -> bool:
         return dist(x, self._value) > max(self._fraction * dist(opposite, self._value), LEAST_M)

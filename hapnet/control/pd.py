@@ -5,10 +5,10 @@ Each side acts with its own motion and what the other one's was when it was sent
     tau = -K_v (v - v_peer) - (K_d + P_e) v - K_p (x - x_peer)         passive if K_d >= K_p R / 2
 
 Why (the law is the paper's, this is derived here): beside the storage K_p/2 (x_1 - x_2)^2 either side spends K_p v
-times the other side's way since its datum was sent. Where no datum is older than D_1, D_2 that is, summed over time, at
+times the other side's way since its sample was sent. Where no sample is older than D_1, D_2 that is, over time, at
 most K_p (D_1 + D_2)/2 times each side's integral of v^2, which is what K_d dissipates. So for the spring the delay may
-vary below its bound; for K_v it must be constant. A datum that is lost leaves one that is older than the bound: of that
-nothing is said.
+vary below its bound; for K_v it must be constant. A sample that is lost leaves one that is older than the bound:
+of that nothing is said.
 
 R counts the holding of data too. The device's are sent every few ticks; the world's once a step of length T, and it
 acts with what it has for a step. As its velocity over a step is one number, both together cost it T in the mean; the
@@ -72,10 +72,10 @@ class _End:
         """x_peer [m]."""
         return self._peer.position
 
-    def receive(self, datum: CouplingSample) -> None:
+    def receive(self, sample: CouplingSample) -> None:
         """The other side's motion came."""
-        assert isinstance(datum, Motion), "a motion is what either side sends here"
-        self._peer = datum
+        assert isinstance(sample, Motion), "a motion is what either side sends here"
+        self._peer = sample
 
     def on_peer_changed(self) -> None:
         """Another peer: until it tells, it rests where the first one was."""

@@ -68,7 +68,7 @@ class SetPositionCoupling:
         self.ledger = Ledger(kinetic, modulator.account)
         self.target: Vector = modulator.set_position
         """y(k) as asked of the modulator [m]: after the stages and silence, before the step limit."""
-        self.has_datum = False
+        self.has_sample = False
         """Has something arrived that no update has used yet?"""
         self.account = modulator.account
         """The reservoir's content as the ledger counts it [J]: energy less deficit."""
@@ -102,12 +102,12 @@ class SetPositionCoupling:
         """A set-position arrived [m]; `sent_s` is the sender's time [s]."""
         self._received = vector_of(sample)
         self._sent_s = sent_s
-        self.has_datum = True
+        self.has_sample = True
 
     def credit(self, energy: float) -> None:
         """Shuffled energy arrived [J]; the next update uses it, once."""
         self._credit += energy
-        self.has_datum = True
+        self.has_sample = True
 
     def on_peer_changed(self) -> float:
         """Another peer takes the first one's place: half of the reservoir is for it, which begins with none [J].
@@ -158,7 +158,7 @@ class SetPositionCoupling:
     def _modulate(self, y: Vector, x: Vector, dissipated: float, keep: float = 0.0) -> Modulation:
         credit = self._credit
         self._credit = 0.0
-        self.has_datum = False
+        self.has_sample = False
         modulator = self.modulator
         result = modulator.modulate(y, x, dissipated, credit, keep)
         self.ledger.credit(credit)

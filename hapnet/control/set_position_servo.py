@@ -53,7 +53,7 @@ class ContinuousServo:
         """
         self.rest(dt, x, work, kinetic)
         coupling, elapsed = self.coupling, self._elapsed
-        if elapsed < self._due and not coupling.has_datum and not release:
+        if elapsed < self._due and not coupling.has_sample and not release:
             return None
         low, high, dissipated = passage()
         if dissipated is None:
@@ -65,7 +65,7 @@ class ContinuousServo:
 
     def resting(self, dt: float) -> int:
         """How many ticks `dt` seconds apart PSPM has nothing to do in, if no data come: `rest` is all of each."""
-        if self.coupling.has_datum:
+        if self.coupling.has_sample:
             return 0
         ticks, elapsed = 0, self._elapsed + dt
         while elapsed < self._due:
@@ -217,7 +217,7 @@ class SampledServo:
         ledger.observe(potential, account)
         self._elapsed += dt
         told = None
-        if coupling.has_datum or self._elapsed >= self._due or release:
+        if coupling.has_sample or self._elapsed >= self._due or release:
             if release:
                 result = coupling.release(x, self._measured_now(x))
             else:

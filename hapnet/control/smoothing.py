@@ -22,8 +22,8 @@ class Stage(Protocol):
     def step(self, dt: float, y: Vector, sent_s: float | None) -> Vector:
         """The stage's output [m], `dt` seconds after the last one.
 
-        `y` is the newest datum, or the output of the stage before; `sent_s` is the time at which the datum was sent, on
-        its sender's clock, if it is new since the last step, else None.
+        `y` is the newest sample, or the output of the stage before; `sent_s` is the time at which the sample was sent,
+        on its sender's clock, if it is new since the last step, else None.
         """
 
 
@@ -58,7 +58,7 @@ class VelocityPredictor:
 
     Parameters
     ----------
-    horizon : how far to predict beyond the datum's arrival [s], for example the link's delay; 0 or above.
+    horizon : how far to predict beyond the sample's arrival [s], for example the link's delay; 0 or above.
     longest : extrapolation ends here [s], whatever the silence.
     """
 

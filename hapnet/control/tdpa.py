@@ -109,10 +109,10 @@ class TdpaDevice:
         """Where a spring K to the device would make the world's reaction, x - f/K [m]: it tells no position itself."""
         return tuple([x + self._compliance * f for x, f in zip(self._x, self._force, strict=True)])
 
-    def receive(self, datum: CouplingSample) -> None:
-        assert isinstance(datum, Port)
-        self._force = tuple(map(neg, datum.value))
-        self.observer.receive(datum.energy)
+    def receive(self, sample: CouplingSample) -> None:
+        assert isinstance(sample, Port)
+        self._force = tuple(map(neg, sample.value))
+        self.observer.receive(sample.energy)
 
     def on_peer_changed(self) -> None:
         self.observer.on_peer_changed()
@@ -202,10 +202,10 @@ class TdpaWorld:
         """How far y has stayed behind what was commanded [m]."""
         return self._drift
 
-    def receive(self, datum: CouplingSample) -> None:
-        assert isinstance(datum, Port)
-        self._arrived = datum.value
-        self.observer.receive(datum.energy)
+    def receive(self, sample: CouplingSample) -> None:
+        assert isinstance(sample, Port)
+        self._arrived = sample.value
+        self.observer.receive(sample.energy)
 
     def on_peer_changed(self) -> None:
         self.observer.on_peer_changed()

@@ -26,10 +26,10 @@ class VirtualCoupling:
         self._spring = spring
         self._damping = damping
 
-    def receive(self, datum: CouplingSample) -> None:
+    def receive(self, sample: CouplingSample) -> None:
         """A position came [m]."""
-        assert not isinstance(datum, Motion | Port | Wave), "a bare position is what the world sends here"
-        self.set_position = datum
+        assert not isinstance(sample, Motion | Port | Wave), "a bare position is what the world sends here"
+        self.set_position = sample
 
     def on_peer_changed(self) -> None:
         """Positions need no count: another peer's go on where the first one's ended."""

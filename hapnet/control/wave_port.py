@@ -70,9 +70,9 @@ class WaveDevice:
         """The device's own: a wave tells no position."""
         return self._x
 
-    def receive(self, datum: CouplingSample) -> None:
-        assert isinstance(datum, Wave)
-        self._line.push(datum)
+    def receive(self, sample: CouplingSample) -> None:
+        assert isinstance(sample, Wave)
+        self._line.push(sample)
 
     def force(self, dt: float, x: Vector, v: Vector, held: Vector) -> Vector:
         self._account(dt, x, held)
@@ -143,9 +143,9 @@ class WaveWorld:
     def set_position(self) -> Vector:
         return self._y
 
-    def receive(self, datum: CouplingSample) -> None:
-        assert isinstance(datum, Wave)
-        self._line.push(datum)
+    def receive(self, sample: CouplingSample) -> None:
+        assert isinstance(sample, Wave)
+        self._line.push(sample)
 
     def begin(self) -> None:
         """Nothing: what has arrived waits in the line until the step's length is known."""

@@ -19,7 +19,7 @@ from hapnet.errors import HapnetError
 from hapnet.params import Params
 from hapnet.realtime.controllers import servo_timing, unsafe
 from hapnet.realtime.servo import Servo, tuned_interpreter
-from hapnet.realtime.servo_pipe import Pipe, PipeClosed, datum_of
+from hapnet.realtime.servo_pipe import Pipe, PipeClosed, sample_of
 from hapnet.recording.samples import DeviceSample, Sample
 from hapnet.side.endpoint import DeviceControl, backlog
 from hapnet.summary.run import device_summary
@@ -95,7 +95,7 @@ class ServoChild:
             while (frame := self._pipe.look()) is not None:
                 match frame:
                     case ("arrive", kind, values, sent_ns, came_ns):
-                        control.on_sample(datum_of(kind, values), sent_ns, came_ns)
+                        control.on_sample(sample_of(kind, values), sent_ns, came_ns)
                     case ("credit", credited_nJ):
                         control.credit(credited_nJ)
                     case ("pair", restarted):

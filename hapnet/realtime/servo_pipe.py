@@ -26,16 +26,16 @@ _pack = msgpack.packb
 _unpack = msgpack.unpackb
 
 
-def kind_of(datum: CouplingSample) -> int:
-    """msgpack does not tell a named tuple from another: what goes through a pipe beside the datum."""
-    kind: int = _KINDS.index(type(datum))
+def kind_of(sample: CouplingSample) -> int:
+    """msgpack does not tell a named tuple from another: what goes through a pipe beside the sample."""
+    kind: int = _KINDS.index(type(sample))
     return kind
 
 
-def datum_of(kind: int, values: tuple[Any, ...]) -> CouplingSample:
-    """A datum that came through a pipe."""
-    datum: CouplingSample = _KINDS[kind](*values) if kind else values
-    return datum
+def sample_of(kind: int, values: tuple[Any, ...]) -> CouplingSample:
+    """A sample that came through a pipe."""
+    sample: CouplingSample = _KINDS[kind](*values) if kind else values
+    return sample
 
 
 class PipeClosed(Exception):

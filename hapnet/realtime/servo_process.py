@@ -66,10 +66,10 @@ class ServoProcess:
     def pair(self, restarted: bool) -> None:
         self._deliver("pair", restarted)
 
-    def on_sample(self, datum: CouplingSample, sent_ns: int, came_ns: int) -> None:
+    def on_sample(self, sample: CouplingSample, sent_ns: int, came_ns: int) -> None:
         self._pay()
         if not self._owed:  # another peer that is owed to the servo comes before its data
-            self._pipe.offer("arrive", kind_of(datum), datum, sent_ns, came_ns)
+            self._pipe.offer("arrive", kind_of(sample), sample, sent_ns, came_ns)
 
     def credit(self, credited_nJ: int) -> None:
         self._deliver("credit", credited_nJ)

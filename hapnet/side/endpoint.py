@@ -49,8 +49,8 @@ class ControlInbox(Protocol):
         `restarted`: the peer had another one in this side's place before.
         """
 
-    def on_sample(self, datum: CouplingSample, sent_ns: int, came_ns: int) -> None:
-        """A datum came at `came_ns`, mostly a set-position [m]; the newest counts. `sent_ns`: on its sender's clock."""
+    def on_sample(self, sample: CouplingSample, sent_ns: int, came_ns: int) -> None:
+        """A sample, mostly a set-position [m], came at `came_ns`; the newest counts. `sent_ns`: its sender's clock."""
 
     def credit(self, credited_nJ: int) -> None:
         """Shuffled energy came [nJ]."""
@@ -106,8 +106,8 @@ class ControlHalf:
         self._pairs += 1
         self.paired = True
 
-    def on_sample(self, datum: CouplingSample, sent_ns: int, came_ns: int) -> None:
-        self._arrived.append((datum, sent_ns, came_ns, self._pairs))
+    def on_sample(self, sample: CouplingSample, sent_ns: int, came_ns: int) -> None:
+        self._arrived.append((sample, sent_ns, came_ns, self._pairs))
 
     def credit(self, credited_nJ: int) -> None:
         self._credits.append(credited_nJ)
@@ -123,7 +123,7 @@ class ControlHalf:
 
     @property
     def arrived(self) -> CouplingSample | None:
-        """The newest datum that control has not taken yet."""
+        """The newest sample that control has not taken yet."""
         return self._arrived[-1][0] if self._arrived else None
 
     def _take(self) -> CouplingState:
@@ -136,11 +136,11 @@ class ControlHalf:
         if self._pair < self._pairs:
             self._renew(coupling, self._pairs)
         while self._arrived:
-            datum, sent_ns, came_ns, pair = self._arrived.popleft()
+            sample, sent_ns, came_ns, pair = self._arrived.popleft()
             if pair > self._pair:  # made since this began
                 self._renew(coupling, pair)
             if pair == self._pair:
-                coupling.receive(datum, sent_ns * NANO)
+                coupling.receive(sample, sent_ns * NANO)
                 self._positions.echo(sent_ns, came_ns)
         while self._credits:
             coupling.credit(self._credits.popleft() * NANO)

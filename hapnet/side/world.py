@@ -67,10 +67,10 @@ class WorldSide:
             if not endpoint.paired:
                 return None
             if endpoint.restarted:  # with no energy to go there, it begins where the device is, by its first position
-                if (datum := endpoint.arrived) is None:
+                if (sample := endpoint.arrived) is None:
                     return None
-                if not isinstance(datum, Wave):  # which tells no position
-                    mass.place(self.scene.towards(vector_of(datum)))
+                if not isinstance(sample, Wave):  # which tells no position
+                    mass.place(self.scene.towards(vector_of(sample)))
             self._world = self._make_coupling(mass.position, mass.kinetic_J, endpoint.restarted)
             endpoint.start(self._world)
             self.origin_ns = self._last_ns = now_ns

@@ -103,7 +103,7 @@ class Couplings:
         self._least = np.array([-c.deficit_max if c.deficit_max else c.energy_min for c in couplings])
         self.discarded = np.array([c.discarded for c in couplings])
         self.credit = np.array([c._credit for c in couplings])
-        self.has_datum = np.array([c.has_datum for c in couplings])
+        self.has_sample = np.array([c.has_sample for c in couplings])
 
     def land(self, i: int, coupling: SetPositionCoupling) -> None:
         """Give scenario i's state back, but for the target, which only a recording shows."""
@@ -118,7 +118,7 @@ class Couplings:
         coupling._received = tuple(self.received[:, i].tolist())
         coupling.discarded = float(self.discarded[i])
         coupling._credit = float(self.credit[i])
-        coupling.has_datum = bool(self.has_datum[i])
+        coupling.has_sample = bool(self.has_sample[i])
         self.ledgers.land(i, coupling.ledger)
 
     def take(self, at: Index, energy_nJ: NDArray[np.int64]) -> None:
@@ -127,7 +127,7 @@ class Couplings:
         if some.size:
             which = at[some]
             self.credit[which] += energy_nJ[some] * 1e-9
-            self.has_datum[which] = True
+            self.has_sample[which] = True
 
     def potential(self, at: Index, x: Array) -> Array:
         """phi [J] at positions x (n, M)."""
@@ -137,7 +137,7 @@ class Couplings:
         """`Coupling.update` in the scenarios `at`; the energy to send [J], shape (M,)."""
         credit = self.credit[at]
         self.credit[at] = 0.0
-        self.has_datum[at] = False
+        self.has_sample[at] = False
         self.ledgers.credit(at, credit)  # zeros too: they may bring the carry in
         y, before = pick(self.received, at), pick(self.set_position, at)
         if self._longest != math.inf:

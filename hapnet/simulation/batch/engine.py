@@ -138,7 +138,7 @@ class Engine:
         couplings.ledgers.put_in_all(work, kinetic + potential, couplings.account)
         state.elapsed_s += self._lived_s
         due = state.elapsed_s >= self._due_s
-        due |= couplings.has_datum
+        due |= couplings.has_sample
         if not self._all_alive:
             due &= self._alive
         at = due.nonzero()[0]

@@ -88,7 +88,7 @@ class Wire:
         """The coupling's next update uses y (n, M)."""
         if at.size:
             place(self.couplings.received, at, y)
-            self.couplings.has_datum[at] = True
+            self.couplings.has_sample[at] = True
 
     # -- deferred ------------------------------------------------------------------------------------------------------
 
@@ -120,7 +120,7 @@ class Wire:
         credits = self._credits[tick - self._window]
         at = credits.nonzero()[0]
         self.couplings.credit[at] += credits[at]
-        self.couplings.has_datum[at] = True
+        self.couplings.has_sample[at] = True
 
     def on_letter(self, at: Index, now_ns: Whole) -> None:
         """`on_mail`, put off."""
