@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,12 +21,14 @@ ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, (str(ROO
 
 _REAL_TIME = ("hapnet.realtime", "hapnet.transport", "netem.relay", "netem.zenoh_relay", "tests.faults",
               "tests.processes", "tests.view")  # fmt: skip
+_VIRTUAL_TIME = ("tests.study", "tests.test_processes")
 
 
+@pytest.hookimpl(tryfirst=True)  # before the plugin of the workers, which reads the groups then
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """What runs in real time, or starts processes, is one worker's, one after the other; all else is the other's."""
     for item in items:
-        if isinstance(item, pytest.Function) and _in_real_time(vars(item.module)):
+        if isinstance(item, pytest.Function) and _in_real_time(item.module):
             item.add_marker(pytest.mark.xdist_group("real time"))
 
 
@@ -33,9 +38,17 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         os.nice(10)
 
 
-def _in_real_time(names: dict[str, object]) -> bool:
-    homes = (getattr(value, "__module__", None) or getattr(value, "__name__", "") for value in names.values())
-    return any(str(home).startswith(_REAL_TIME) for home in homes) or "subprocess" in names
+def _in_real_time(module: ModuleType) -> bool:
+    """Whether a module of tests uses what runs in real time, and is none that starts processes in virtual time only."""
+    if module.__name__.startswith(_VIRTUAL_TIME):
+        return False
+    homes = (getattr(value, "__module__", None) or getattr(value, "__name__", "") for value in vars(module).values())
+    return any(str(home).startswith(_REAL_TIME) for home in homes)
+
+
+def mostly_slow(values: Iterable[object], first: int) -> list[Any]:
+    """Of parameters: the `first` of them in every run, the rest in the slow one."""
+    return [pytest.param(each, marks=[pytest.mark.slow] * (i >= first)) for i, each in enumerate(values)]
 
 
 @pytest.fixture

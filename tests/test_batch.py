@@ -77,6 +77,7 @@ def check(runs: list[BatchRun], tolerance: float = 0.0, *, vectorised: bool = Tr
 SLOW = {
     "no delay", "states, correlated delays", "heavy jitter", "everything shuffled", "other rates", "no limits",
     "geo and lan", "4g", "box", "zoh", "resends on one way", "paper, coupled axes", "uneven, decoupled",
+    "damper limited", "resends, in order and not", "uneven, damper limited",
 }  # fmt: skip
 """What the default run leaves to the long one."""
 

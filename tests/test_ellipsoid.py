@@ -45,12 +45,12 @@ def cases(count: int) -> list[tuple[Array, Array, float]]:
 
 def test_agrees_with_bisection_on_the_multiplier() -> None:
     active = 0
-    for K, e, radius in cases(1000):
+    for K, e, radius in cases(300):
         p = np.array(Ellipsoid(K).project(tuple(e), radius))
         expected = project_by_bisection(K, e, radius)
         active += bool(np.any(expected != e))
         assert np.linalg.norm(p - expected) <= 1e-8 * np.linalg.norm(expected)
-    assert active > 800
+    assert active > 240
 
 
 def test_kkt_residual() -> None:

@@ -102,6 +102,7 @@ def test_own_world(tmp_path: Path) -> None:
     assert 0.0 <= out < bound == 100.0 < end
 
 
+@pytest.mark.slow
 def test_own_law_over_zenoh(tmp_path: Path) -> None:
     """Two processes. 100 N/m, softened by 40 + 10 ms each way: 100/(1 + 0.1/0.1); a law of one's own claims nothing."""
     link = ("--delay", "40ms", "--jitter", "10ms", "--duration", "3", "--seed", "1")
@@ -154,6 +155,7 @@ def test_a_host_on_its_own_is_told_to_stop() -> None:
         assert world.end() == (1, f"world: tcp/127.0.0.1:{port}\n", "world: nobody came\n")
 
 
+@pytest.mark.slow
 def test_link_study(tmp_path: Path) -> None:
     """Theorem 1 with PSPM at every delay; the plain coupling breaks it, and shakes the hand."""
     said = run("link_study", cwd=tmp_path)

@@ -17,6 +17,7 @@ from hapnet.assembly.build import prepare
 from hapnet.checks import Vector
 from hapnet.params import Params
 from hapnet.wire.messages import Energy, Position, decode, encode
+from tests.conftest import mostly_slow
 from tests.fuzzing.storm import MS, US, Rig
 
 SIDES = ("device", pytest.param("continuous", marks=pytest.mark.slow), "world")
@@ -113,7 +114,7 @@ def admitted(rig: Rig) -> float:
 
 
 @pytest.mark.parametrize("style", STYLES)
-@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize("side", mostly_slow(("device", "continuous", "world"), 1))
 def test_a_hostile_peer_buys_no_more_than_admission_lets_in(side: str, style: Style) -> None:
     done = attack(side, style, STRONG, rising=style is random_)
     rig = done.rig
@@ -133,7 +134,7 @@ def test_with_the_limits_of_a_small_device_and_positions_in_any_order(side: str)
     assert done.longest_step <= section.step_limit_N * (1.0 + 1e-9)
 
 
-@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize("side", mostly_slow(("device", "continuous", "world"), 1))
 def test_without_admission_it_would_buy_more(side: str) -> None:
     """The control: the same attack, admission wide open."""
     guarded, opened = attack(side, pumping, STRONG), attack(side, pumping, STRONG | OPEN)

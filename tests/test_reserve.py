@@ -16,7 +16,7 @@ from hapnet.control.reserve import ForceGuard, Holding, longest, ramp, reserve
 from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.control.set_position_servo import SampledServo
 from hapnet.control.smoothing import Pipeline
-from tests.conftest import random_spd
+from tests.conftest import mostly_slow, random_spd
 
 forces = st.floats(1e-3, 1e3)
 steps = st.one_of(st.just(math.inf), st.floats(1e-2, 1e2))
@@ -39,7 +39,7 @@ def unit(rng: np.random.Generator, n: int) -> np.ndarray:
     return np.asarray(way / np.linalg.norm(way))
 
 
-@pytest.mark.parametrize("seed", range(60))
+@pytest.mark.parametrize("seed", mostly_slow(range(60), 20))
 def test_the_account_pays_for_every_way_that_the_device_can_go(seed: int) -> None:
     """The device always goes with the force, as far as it can: the most that can be given out. Energy comes and goes
     as it likes otherwise, but never less than what the guard says that it needs."""
@@ -68,7 +68,7 @@ def test_the_account_pays_for_every_way_that_the_device_can_go(seed: int) -> Non
     assert 20 < limited < 2000
 
 
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", mostly_slow(range(30), 10))
 def test_the_torque_alone_never_exceeds_the_greatest_speed(seed: int) -> None:
     """A free mass, pushed as hard as it may be, any way, from any velocity up to the greatest."""
     rng = np.random.default_rng(seed)
@@ -99,7 +99,7 @@ def test_the_reserve_by_hand() -> None:
     assert reserve(stiffness=3000.0, step=0.1, **asked) == math.inf  # a millimetre: 3 N, and 0.1 N are allowed
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", mostly_slow(range(40), 20))
 def test_no_stretch_needs_more_than_the_reserve(seed: int) -> None:
     rng = np.random.default_rng(seed)
     K, B, v = (float(10.0 ** rng.uniform(low, high)) for low, high in ((0.0, 5.0), (-2.0, 2.0), (-1.0, 1.0)))
@@ -118,7 +118,7 @@ def test_no_stretch_needs_more_than_the_reserve(seed: int) -> None:
         assert found <= 2.0 * most + v * period * step if step < math.inf else found == pytest.approx(most, rel=1e-3)
 
 
-@pytest.mark.parametrize("seed", range(60))
+@pytest.mark.parametrize("seed", mostly_slow(range(60), 20))
 def test_a_sampled_servo_never_overdraws_its_account_nor_steps_too_far(seed: int) -> None:
     """Any motion within the declared speed, half of the time the worst; set-positions, energy and peers at random.
 

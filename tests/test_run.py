@@ -257,6 +257,7 @@ def test_sides_start_in_either_order(first: str, tmp_path: Path) -> None:
     assert world["world"]["ledger"]["margin_J"] > 0.0
 
 
+@pytest.mark.slow
 def test_a_killed_process_leaves_a_recording_that_report_repairs(tmp_path: Path) -> None:
     address, file = free_address(), tmp_path / "device.mcap"
     with (

@@ -460,9 +460,8 @@ def test_a_part_of_ones_own_that_raises_is_named_in_one_line(words: tuple[str, .
 
 
 @linux
-@pytest.mark.parametrize(
-    "more", [(), pytest.param(("--realtime",), marks=pytest.mark.slow)], ids=["thread", "realtime"]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("more", [(), ("--realtime",)], ids=["thread", "realtime"])
 def test_the_children_of_a_run_that_is_killed_end_in_order(more: tuple[str, ...]) -> None:
     """They would hold the device for ever."""
     with started("run", *ARM, "--duration", 0, "--out", "r", *more) as program:

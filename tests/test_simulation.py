@@ -24,6 +24,7 @@ from hapnet.plant.device import SimulatedDevice, TickResult
 from hapnet.recording.samples import Columns
 from hapnet.side.device import ContinuousDeviceSide, DeviceSide
 from hapnet.simulation.simulation import Result, simulate
+from tests.conftest import mostly_slow
 from tests.theorem_cases import TOLERANCE_J, diagonal, matrix, random_case, random_link, sides
 
 # -- ticks at rest ---------------------------------------------------------------------------------------------------
@@ -65,9 +66,10 @@ def sampled_case(seed: int, changes: dict[str, object]) -> Params:
     )  # fmt: skip
 
 
-def test_the_measured_harvest_closes_the_account_at_the_actuators_port() -> None:
+@pytest.mark.parametrize("seeds", mostly_slow((range(10), range(10, 30)), 1), ids=str)
+def test_the_measured_harvest_closes_the_account_at_the_actuators_port(seeds: range) -> None:
     """No encoder: -1e-9 J to 1e-9 J at any time, for own damping from 0 up, and what the process itself reports."""
-    for seed in range(30):
+    for seed in seeds:
         result = simulate(sampled_case(seed, {"device.shuffle": "all"}), seed)  # nothing discarded: no slack but error
         device, recording = result.summary["device"], result.recording.device
         assert recording is not None
@@ -78,7 +80,7 @@ def test_the_measured_harvest_closes_the_account_at_the_actuators_port() -> None
         assert device["reservoir_min_J"] >= 0.0
 
 
-@pytest.mark.parametrize("trusted", [0.0, 0.3])
+@pytest.mark.parametrize("trusted", mostly_slow([0.3, 0.0], 1))
 def test_encoders_cost_no_more_than_the_recorded_quantisation(trusted: float) -> None:
     """Resolutions of 10 um to 1 mm, chatter, saturation and the trusted share of the own damping included."""
     ratios = []
@@ -100,11 +102,12 @@ def test_encoders_cost_no_more_than_the_recorded_quantisation(trusted: float) ->
     assert below > 5  # or the bound would be tested by nothing
 
 
-def test_the_range_harvest_needs_own_damping_on_a_sampled_servo(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("seeds", mostly_slow((range(3), range(3, 8)), 1), ids=str)
+def test_the_range_harvest_needs_own_damping_on_a_sampled_servo(seeds: range, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without it the program refuses, and with that check off the slack goes below zero; above the sufficient
     condition it does not."""
     lowest = []
-    for seed in range(8):
+    for seed in seeds:
         params = sampled_case(seed, {"device.harvest": "range", "device.own_damping": 0.0, "device.step_limit_N": 0.0})
         with pytest.raises(InvalidParameter, match="range needs more than"):
             simulate(params, seed)

@@ -314,7 +314,8 @@ def test_interrupted_it_keeps_and_writes_what_is_done(directory: Path) -> None:
     assert done(results) == kept
 
 
-@pytest.mark.parametrize("whom", ["all", pytest.param("one", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("whom", ["all", "one"])
 def test_killed_half_way_and_resumed_the_rows_are_the_same(directory: Path, whom: str) -> None:
     """The whole group at once, or the program alone, whose workers then end by themselves."""
     file = spec_file(directory, f"{TOUCHY}[vary]\nworld.wall.stiffness = [1000, {FATAL}, 3000]\nseed = '0:15'")
