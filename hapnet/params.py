@@ -34,7 +34,10 @@ def _p(default: object, doc: str, allowed: Allowed = _ANY) -> Any:
 
 @dataclass(frozen=True)
 class DeviceParams:
-    """The haptic device and its side of the coupling."""
+    """The haptic device and its side of the coupling.
+
+    More than twenty attributes: one for each key of `[device]`.
+    """
 
     servo: str = _p("auto", "auto: continuous in simulate and reproduce, else sampled",
                     ("auto", "continuous", "sampled"))  # fmt: skip

@@ -19,8 +19,8 @@ ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, (str(ROO
 """For processes that a test starts, in a directory of its own perhaps: they run this tree's hapnet."""
 
 
-_REAL_TIME = ("hapnet.realtime", "hapnet.transport", "netem.relay", "netem.zenoh_relay", "tests.faults",
-              "tests.processes", "tests.view")  # fmt: skip
+_REAL_TIME = ("hapnet.bench", "hapnet.realtime", "hapnet.transport", "netem.bench", "netem.relay", "netem.zenoh_relay",
+              "tests.faults", "tests.processes", "tests.view")  # fmt: skip
 _VIRTUAL_TIME = ("tests.study", "tests.test_processes")
 
 

@@ -287,8 +287,9 @@ def test_seeds_are_a_range(words: str, capsys: pytest.CaptureFixture[str]) -> No
     assert "--seeds" in capsys.readouterr().err
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("case", range(60))
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, marks=pytest.mark.slow if case < 15 else pytest.mark.soak) for case in range(60)]
+)
 def test_random_cases(case: int) -> None:
     params = random_case(case, 2.0)
     runs = simulate_batch(params, SEEDS)

@@ -138,8 +138,9 @@ def test_it_runs_in_three_dimensions(coupling: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("more", [(), ("--realtime",)], ids=["thread", "realtime"])
-@pytest.mark.parametrize("coupling", ["popc", "eba", "pd"])
+@pytest.mark.parametrize(
+    ("coupling", "more"), [("popc", ()), ("eba", ()), ("pd", ("--realtime",))], ids=["popc", "eba", "pd-realtime"]
+)
 def test_two_processes_over_zenoh(coupling: str, more: tuple[str, ...], tmp_path: Path) -> None:
     words = ("--coupling", coupling, "--duration", 3, "--seed", 1, "--json", "-", "--out", tmp_path / "run", *more)
     with started("run", *words) as program:

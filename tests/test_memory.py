@@ -17,14 +17,13 @@ from hapnet.recording.samples import Recording, Sample
 from hapnet.simulation import simulation as virtual_time
 from hapnet.simulation.simulation import Simulation
 
-MINUTES = 10
 INDEX_BYTES = 700.0
 TIMES_BYTES = 80.0
 """Of the index too: the two times of a chunk are the samples' own."""
 
 
-@pytest.mark.slow
-def test_memory_is_flat_over_ten_minutes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("minutes", [pytest.param(3, marks=pytest.mark.slow), pytest.param(10, marks=pytest.mark.soak)])
+def test_memory_is_flat(minutes: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Both sides, both links, energy both ways and a recording on disk: after the first minute nothing is added."""
 
     class OnDisk:
@@ -43,7 +42,7 @@ def test_memory_is_flat_over_ten_minutes(tmp_path: Path, monkeypatch: pytest.Mon
             return read_recording(self._path)
 
     monkeypatch.setattr(virtual_time, "MemoryRecorder", OnDisk)
-    words = {"operator": "sine", "device.shuffle": "all", "world.shuffle": "all", "duration_s": 60.0 * MINUTES}
+    words = {"operator": "sine", "device.shuffle": "all", "world.shuffle": "all", "duration_s": 60.0 * minutes}
     simulation = Simulation(Params().set({**words, "link.up": "4g", "link.down": "lossy-wifi"}), seed=1)
     seen: list[tracemalloc.Snapshot] = []
 
@@ -57,12 +56,12 @@ def test_memory_is_flat_over_ten_minutes(tmp_path: Path, monkeypatch: pytest.Mon
         result = simulation.run(look)
     finally:
         tracemalloc.stop()
-    assert len(seen) == MINUTES
+    assert len(seen) == minutes
     assert result.summary["device"]["sent_nJ"] > 1_000_000_000
-    flushes = 60.0 * (MINUTES - 1) * 1e9 / FLUSH_NS
+    flushes = 60.0 * (minutes - 1) * 1e9 / FLUSH_NS
     index, rest = (seen[-1].filter_traces([which]).compare_to(seen[0].filter_traces([which]), "lineno")
                    for which in (Filter(True, "*/mcap/*"), Filter(False, "*/mcap/*")))  # fmt: skip
-    print(f"\nin {MINUTES - 1} min: index {grown(index) / 1e3:.0f} kB, all else {grown(rest) / 1e3:.1f} kB")
+    print(f"\nin {minutes - 1} min: index {grown(index) / 1e3:.0f} kB, all else {grown(rest) / 1e3:.1f} kB")
     assert grown(index) <= INDEX_BYTES * flushes
     assert grown(rest) <= TIMES_BYTES * flushes + 20_000, "\n".join(map(str, rest[:10]))
 

@@ -575,7 +575,9 @@ def test_long_runs_stay_passive(link: str, operator: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("more", [(), ("--realtime",)], ids=["thread", "realtime"])
+@pytest.mark.parametrize(
+    "more", [(), pytest.param(("--realtime",), marks=pytest.mark.soak)], ids=["thread", "realtime"]
+)
 def test_over_zenoh(more: tuple[str, ...], tmp_path: Any) -> None:
     words = ("run", "--coupling", "tdpa", "--duration", 3, "--seed", 1, "--json", "-", "--out", tmp_path / "run")
     with started(*words, *more) as program:

@@ -223,8 +223,9 @@ def test_the_rule() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("coupling", ["wave", "digital-wave"])
-@pytest.mark.parametrize("more", [(), ("--realtime",)], ids=["thread", "realtime"])
+@pytest.mark.parametrize(
+    ("coupling", "more"), [("wave", ("--realtime",)), ("digital-wave", ())], ids=["wave-realtime", "digital-wave"]
+)
 def test_two_processes_over_zenoh(coupling: str, more: tuple[str, ...], tmp_path: Path) -> None:
     out = tmp_path / "run"
     with started(

@@ -86,6 +86,9 @@ class ContinuousServo:
 class SampledServo:
     """PSPM and force of a device whose torque is held from tick to tick; its ledger is at the actuator's port.
 
+    More than twenty attributes: what a held force may cost follows from the limits, the path since the last tick and
+    the account together, and each tick changes all of them.
+
     Parameters
     ----------
     coupling, damping, period : as in `ContinuousServo`.

@@ -156,6 +156,9 @@ class TdpaWorld:
     in turn are no jerks, and steps shorter than the device's period go on between two messages. What y yields is lost
     for good, the known drift, unless `recovery` commands it again; the law as first published has none.
 
+    More than twenty attributes: six parameters, and two positions with their rates, ages and forces, of this end and of
+    the device's newest message.
+
     Parameters
     ----------
     position : (n,) where the mass is [m]; the first position of a device counts as the same place.

@@ -110,7 +110,10 @@ class Stopped(TypedDict):
 
 
 class SidePart(TypedDict, total=False):
-    """What one side knows of itself. The device alone has the entries from `servo` on, the world alone has `step`."""
+    """What one side knows of itself. The device alone has the entries from `servo` on, the world alone has `step`.
+
+    More than twenty attributes: one for each key of the summary's `device` and `world`.
+    """
 
     ledger: Ledger
     reservoir_min_J: Number

@@ -63,6 +63,9 @@ _OTHER: dict[Role, Role] = {"device": "world", "world": "device"}
 class ZenohTransport:
     """One side's connection: `put` sends a message of a kind, `on_message` gets each one that arrives.
 
+    More than twenty attributes: one thread opens, watches and reopens the session while others use it, so that what
+    belongs to a session is replaced in one place, under one lock.
+
     Parameters
     ----------
     settings : how to reach the other side.

@@ -64,8 +64,9 @@ def assert_passive(columns: Columns, *, restarted: bool = False) -> None:
 def assert_credited_was_sent(receiver: Columns, sender: Columns, sender_torn: bool, since_ns: int = 0) -> None:
     """At every instant of a pair of incarnations, what one has credited is at most what the other has sent until then.
 
-    The pair began at `since_ns`; before that each may have had other peers. What is compared ends with the sender's
-    recording, if that was cut off.
+    What it had sent is bounded by its next sample: what it shuffles to a new peer leaves before its next step. The pair
+    began at `since_ns`; before that each may have had other peers. What is compared ends with the sender's recording,
+    if that was cut off.
     """
     base_credited = _at(receiver, "credited_J", np.array([since_ns]))
     base_sent = _at(sender, "sent_J", np.array([since_ns]))
@@ -73,7 +74,8 @@ def assert_credited_was_sent(receiver: Columns, sender: Columns, sender_torn: bo
     times = times[times <= sender["time_ns"][-1]] if sender_torn else times
     if len(times):
         credited = _at(receiver, "credited_J", times) - base_credited
-        sent = _at(sender, "sent_J", times) - base_sent
+        after = np.minimum(np.searchsorted(sender["time_ns"], times), len(sender["time_ns"]) - 1)
+        sent = sender["sent_J"][after] - base_sent
         assert (credited <= sent + 2 * NANO).all()
 
 

@@ -34,12 +34,14 @@ LONGEST_PAUSE_S = 1.0
 @pytest.mark.parametrize(
     ("role", "on_silence", "kills"),
     [
-        pytest.param("device", "release", 2, marks=pytest.mark.slow),
-        pytest.param("world", "hold", 2, marks=pytest.mark.slow),
-        pytest.param("device", "hold", 20, marks=pytest.mark.slow),
-        pytest.param("device", "release", 20, marks=pytest.mark.slow),
-        pytest.param("world", "hold", 20, marks=pytest.mark.slow),
-        pytest.param("world", "release", 20, marks=pytest.mark.slow),
+        pytest.param("device", "release", 5, marks=pytest.mark.slow),
+        pytest.param("world", "hold", 5, marks=pytest.mark.slow),
+        pytest.param("device", "hold", 2, marks=pytest.mark.slow),
+        pytest.param("world", "release", 2, marks=pytest.mark.slow),
+        pytest.param("device", "hold", 20, marks=pytest.mark.soak),
+        pytest.param("device", "release", 20, marks=pytest.mark.soak),
+        pytest.param("world", "hold", 20, marks=pytest.mark.soak),
+        pytest.param("world", "release", 20, marks=pytest.mark.soak),
     ],
 )
 def test_a_side_killed_in_contact_comes_back(role: Role, on_silence: str, kills: int, tmp_path: Path) -> None:
@@ -88,15 +90,15 @@ def test_a_side_killed_in_contact_comes_back(role: Role, on_silence: str, kills:
 
 
 def assert_pressed(left: Recording, recordings: list[Recording], role: Role, kills_ns: list[int]) -> None:
-    """At each kill the hand felt the coupling, and the wall unless the world had already been killed before."""
+    """Before each kill the hand felt the coupling, and the wall unless the world had already been killed before."""
     for recording, killed_ns in zip(recordings, kills_ns, strict=False):
         device, world = (recording, left) if role == "device" else (left, recording)
         assert device.device is not None
         assert world.world is not None
-        force = lengths(device.device["force_N"][device.device["time_ns"] <= killed_ns])[-1]
-        assert force > 0.0
-        if recording is recordings[0]:  # who starts again has next to no energy, and a hand that rests adds none
-            assert force > 0.3
+        force = lengths(device.device["force_N"][device.device["time_ns"] <= killed_ns])
+        assert force.max() > 0.0  # who starts again has next to no energy, and a hand that rests adds none
+        if recording is recordings[0]:
+            assert force[-1] > 0.3
         if role == "device" or recording is recordings[0]:
             assert world.world["penetration_m"][world.world["time_ns"] <= killed_ns][-1] > 0.0
 
