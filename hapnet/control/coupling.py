@@ -1,15 +1,15 @@
-"""What every coupling is, whatever its law: what a device's servo and a world's steps ask of it.
+"""The protocols that every coupling implements, and adapters that make a simple law into a coupling.
 
-A coupling has two ends. The device's is asked at each tick which force to hold, the world's how each step of the
-virtual mass is made. Either end tells the other samples of its own kind, and may shuffle energy to it. What of an end
-is seen by the rest of a side, its account and its set-position, is its `CouplingState`.
+A coupling has two ends. The device's end chooses the force to hold at each tick; the world's end makes each step of the
+virtual mass. Each end sends samples to the other, and may shuffle energy to it. The rest of a side sees an end's
+account and set-position through its `CouplingState`.
 
-Most laws need less: `DeviceLaw` and `WorldLaw` below, which `LawServo` and `LawSteps` make into the two ends. There a
-step of the virtual mass M is
+Most laws need less. They implement `DeviceLaw` and `WorldLaw` below, and `LawServo` and `LawSteps` make these into the
+two ends. For such a law a step of the virtual mass M is
 
     (2M/T + g) vhat = 2M/T v + p + f                    g: drag [Ns/m], p: push [N], f: of the environment [N]
 
-and a law says g and p of each step: so its reaction to the mass may be implicit, and a step may take any time T.
+The law gives g and p for each step. So its reaction to the mass may be implicit, and a step may take any time T.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 from hapnet.checks import Vector
 from hapnet.control.ledger import Ledger
 
-TICK_SLACK_S = 1e-9  # s: a clock of whole nanoseconds may call a period a nanosecond short
+TICK_SLACK_S = 1e-9  # s: a clock in whole nanoseconds may measure a period one nanosecond short
 
 
 class Motion(NamedTuple):
@@ -32,25 +32,25 @@ class Motion(NamedTuple):
 
 
 class Port(NamedTuple):
-    """What one port shows, a position [m] or a force [N], and all the energy that ever went in there [J]."""
+    """The signal at one port, a position [m] or a force [N], and the total energy put in there so far [J]."""
 
     value: Vector
     energy: float
 
 
 class Wave(NamedTuple):
-    """A wave variable [sqrt(W)], the mean over a time [s]."""
+    """A wave variable [sqrt(W)], averaged over a time span [s]."""
 
     value: Vector
     span: float
 
 
 CouplingSample = Vector | Motion | Port | Wave
-"""What one side tells the other: a bare vector is a position [m]."""
+"""What one side sends to the other. A bare vector is a position [m]."""
 
 
 def vector_of(sample: CouplingSample) -> Vector:
-    """The vector of a sample: position, port's value or wave."""
+    """The vector in a sample: a position, a port's value or a wave."""
     match sample:
         case Motion(vector, _) | Port(vector, _) | Wave(vector, _):
             return vector
@@ -59,18 +59,18 @@ def vector_of(sample: CouplingSample) -> Vector:
 
 
 class Update(NamedTuple):
-    """What an update of either end brings: what to tell the other side, and energy to shuffle to it [J]."""
+    """The result of an update at either end: the sample to send, and the energy to shuffle with it [J]."""
 
     sample: CouplingSample
     shuffled: float = 0.0
 
 
 class CouplingState(Protocol):
-    """What a side's runtime, record and summary know of a coupling's end."""
+    """What a side's runtime, recording and summary see of one end of a coupling."""
 
     ledger: Ledger
     energy_min: float
-    """The least that the reservoir held [J]."""
+    """Smallest content of the reservoir so far [J]."""
     deficit_max: float
     discarded: float
     account: float
@@ -78,9 +78,9 @@ class CouplingState(Protocol):
 
     @property
     def set_position(self) -> Vector:
-        """Where its spring is tied [m]; where it has none, where the other side is taken to be.
+        """Where its spring is tied [m]; without a spring, where the other side is assumed to be.
 
-        Its distance is to the position what the force is to the coupling's stiffness: a deadband takes it for that.
+        Its distance from the position is the force divided by the coupling's stiffness: the deadband relies on that.
         """
 
     @property
@@ -93,54 +93,57 @@ class CouplingState(Protocol):
     def deficit(self) -> float: ...
 
     def potential(self, x: Vector) -> float:
-        """What its spring holds at x [J]."""
+        """Energy stored in its spring at x [J]."""
 
     def receive(self, sample: CouplingSample, sent_s: float) -> None:
-        """A sample came, sent at `sent_s` on the other side's clock [s]; never twice, nor of an earlier peer."""
+        """A sample arrived. It was sent at `sent_s` on the other side's clock [s].
+
+        No sample arrives twice, and none comes from an earlier peer.
+        """
 
     def credit(self, energy: float) -> None:
-        """Shuffled energy came [J]; the next update uses it, once."""
+        """Shuffled energy arrived [J]; the next update uses it, once."""
 
     def on_peer_changed(self) -> float:
-        """Another peer, whose counts begin anew, takes the first one's place; the energy to shuffle to it [J]."""
+        """A new peer, whose counts start at zero, has replaced the old one. Returns the energy to shuffle to it [J]."""
 
 
 class DeviceCoupling(Protocol):
     """A device's end whose force is held from tick to tick; its account is at the actuator's port."""
 
     force: Vector
-    """Held now [N]. Whoever knows better what the actuators really give sets it, before the next tick."""
+    """The force held now [N]. A driver that knows the force really applied sets it before the next tick."""
     trusted_damping: Vector
 
     @property
     def harvest(self) -> str:
-        """ "measured": what a held force dissipates is measured; "range": bounded by (10)."""
+        """ "measured": the dissipation of a held force is measured; "range": it is bounded by (10)."""
 
     @property
     def coupling(self) -> CouplingState: ...
     @property
     def account(self) -> float:
-        """The reservoir's content with the harvest of the running interval [J]."""
+        """The reservoir's content plus the harvest of the current interval [J]."""
 
     @property
     def quantisation(self) -> float | None:
-        """How far the true slack can lie below the measured one, by whole counts of encoders [J]; None: unknown."""
+        """How far encoder quantisation can put the true slack below the measured one [J]; None: unknown."""
 
     def figures(self) -> dict[str, Any]:
-        """What the summary says of held forces, by the summary's keys; empty if it keeps no such account."""
+        """What the summary reports about held forces, by the summary's keys; empty if it keeps no such account."""
 
     def tick(self, dt: float, x: Vector, v: Vector, *, release: bool = False) -> Update | None:
-        """A tick `dt` seconds after the last at x [m] and v [m/s]; sets `force`; what to tell, if it is time.
+        """A tick `dt` seconds after the last, at x [m] and v [m/s]. Sets `force`; returns what to send, if it is time.
 
-        `release`: the servo was away, no force is rendered until it is on time again.
+        `release`: the servo was late, so it renders no force until it is on time again.
         """
 
     def stop(self) -> None:
-        """No force from now until the next tick."""
+        """Render no force from now until the next tick."""
 
 
 class Step(Protocol):
-    """A step of the virtual mass that is over."""
+    """A completed step of the virtual mass."""
 
     @property
     def velocity(self) -> Vector: ...
@@ -152,31 +155,31 @@ S = TypeVar("S", bound=Step, covariant=True)
 
 
 class Mass(Protocol[S]):
-    """The virtual mass, as the world's end of a coupling moves it: see hapnet/plant/integrator.py."""
+    """The virtual mass, which the world's end of a coupling moves: see hapnet/plant/integrator.py."""
 
     @property
     def velocity(self) -> Vector: ...
     def step(self, dt: float, set_position: Vector, contacts: Any) -> S:
-        """A step with the mass's own spring and damper, tied to `set_position`."""
+        """Make a step of `dt` seconds with the mass's own spring and damper, tied to `set_position`."""
 
     def push(self, dt: float, drag: float, push: Vector, contacts: Any) -> S:
-        """A step with the drag [Ns/m] and the push [N] of a law."""
+        """Make a step of `dt` seconds with a law's drag [Ns/m] and push [N]."""
 
 
 class WorldCoupling(Protocol):
-    """The world's end."""
+    """The world's end of a coupling."""
 
     @property
     def coupling(self) -> CouplingState: ...
     def advance(self, mass: Mass[S], dt: float, contacts: Any) -> S:
-        """The step that took `dt` seconds [s]: moves the mass."""
+        """Move the mass through a step of `dt` seconds."""
 
     def update(self, dt: float, x: Vector, dissipated: float) -> Update:
-        """The onset of the next step, x(k) [m] and D(k-1) [J]: what has arrived by now acts in it."""
+        """The next step begins, at x(k) [m] and with D(k-1) [J]. It uses what has arrived by now."""
 
 
 class Law(Protocol):
-    """What both ends of a law have. It starts at rest at the position that it is made with."""
+    """What both ends of a law have in common. Each starts at rest at the position it is made with."""
 
     @property
     def set_position(self) -> Vector:
@@ -186,53 +189,53 @@ class Law(Protocol):
         """As `CouplingState.receive`."""
 
     def on_peer_changed(self) -> None:
-        """Another peer, whose counts begin anew, takes the first one's place."""
+        """A new peer, whose counts start at zero, has replaced the old one."""
 
 
 class DeviceLaw(Law, Protocol):
-    """The device's end."""
+    """The device's end of a law."""
 
     def force(self, dt: float, x: Vector, v: Vector, held: Vector) -> Vector:
         """The force on the device [N] to hold from now on.
 
         Parameters
         ----------
-        dt : since the last tick [s]. x, v : measured position [m] and velocity [m/s].
-        held : the force that was really held since the last tick [N].
+        dt : time since the last tick [s]. x, v : measured position [m] and velocity [m/s].
+        held : the force really held since the last tick [N].
         """
 
     def next_sample(self, x: Vector, v: Vector) -> CouplingSample:
-        """What to tell the world now; called every few ticks, after `force`."""
+        """The sample to send to the world; called every few ticks, after `force`."""
 
     def release(self, dt: float, x: Vector, held: Vector) -> None:
-        """In place of `force`: the servo was away, no force is rendered until it is on time again."""
+        """Called in place of `force` while a late servo renders no force, until it is on time again."""
 
 
 class WorldLaw(Law, Protocol):
-    """The world's end."""
+    """The world's end of a law."""
 
     def begin(self) -> None:
-        """A step begins now: it acts with what has arrived by now."""
+        """A step begins. It uses what has arrived by now."""
 
     def impedance(self, dt: float) -> tuple[float, Vector]:
-        """Drag g [Ns/m] and push p [N] of the step that has taken `dt` seconds."""
+        """Drag g [Ns/m] and push p [N] of a step of `dt` seconds."""
 
     def moved(self, dt: float, vhat: Vector, x: Vector, v: Vector) -> None:
-        """The mass has made that step with the mean velocity vhat; it is at x [m] with v [m/s]."""
+        """The mass has made that step with the mean velocity vhat [m/s]. It is now at x [m] with velocity v [m/s]."""
 
     def next_sample(self) -> CouplingSample:
-        """What to tell the device now, after each step."""
+        """The sample to send to the device, after each step."""
 
 
 L = TypeVar("L", bound=Law)
 
 
 class LawState(Generic[L]):
-    """A law's `CouplingState`: it has no reservoir, but the same share of d^2 as PSPM, so that counts compare.
+    """The `CouplingState` of a law. It has no reservoir, but the same share of d^2 as PSPM, so that margins compare.
 
     Parameters
     ----------
-    law : this end's. initial_energy : this side's share of d^2 [J].
+    law : this end of the law. initial_energy : this side's share of d^2 [J].
     """
 
     def __init__(self, law: L, initial_energy: float) -> None:
@@ -250,27 +253,27 @@ class LawState(Generic[L]):
         return self.law.set_position
 
     def potential(self, x: Vector) -> float:
-        """Nothing: a law's springs are its own affair [J]."""
+        """Zero [J]: a law keeps account of its own springs."""
         return 0.0
 
     def receive(self, sample: CouplingSample, sent_s: float) -> None:
         self.law.receive(sample)
 
     def credit(self, energy: float) -> None:
-        """Shuffled energy has no use here; nobody sends any [J]."""
+        """Ignore it: such a law uses no shuffled energy, and its peer sends none."""
 
     def on_peer_changed(self) -> float:
-        """Tells the law; there is no reservoir to share [J]."""
+        """Notify the law. Returns zero [J]: there is no reservoir to share."""
         self.law.on_peer_changed()
         return 0.0
 
 
 class LawSteps:
-    """The world's end of a law: a `WorldCoupling`.
+    """A `WorldCoupling` made of the world's end of a law.
 
     Parameters
     ----------
-    law : the world's. initial_energy : this side's share of d^2 [J].
+    law : the world's end. initial_energy : this side's share of d^2 [J].
     """
 
     def __init__(self, law: WorldLaw, initial_energy: float) -> None:
@@ -284,26 +287,26 @@ class LawSteps:
         return done
 
     def update(self, dt: float, x: Vector, dissipated: float) -> Update:
-        """The onset of a step; what to tell the device of the last one."""
+        """A step begins. Returns the sample of the last step, to send to the device."""
         self.law.begin()
         return Update(self.law.next_sample())
 
 
 class LawServo:
-    """The device's end of a law: a `DeviceCoupling`.
+    """A `DeviceCoupling` made of the device's end of a law.
 
     Parameters
     ----------
-    law : the device's.
-    period : a sample is sent this often [s].
+    law : the device's end.
+    period : time between the samples sent [s].
     position : the first measured position [m].
     initial_energy : this side's share of d^2 [J].
-    force_limit : longest force the actuator may be asked for [N]; the law is told what was really held.
+    force_limit : greatest force to ask of the actuator [N]; the law gets the force really held.
     """
 
     harvest = "measured"
     quantisation: float | None = None
-    """Unknown: how far encoders blur a law's account."""
+    """None: how far encoders blur a law's account is unknown."""
 
     def __init__(
         self, law: DeviceLaw, *, period: float, position: Vector, initial_energy: float, force_limit: float
@@ -318,7 +321,7 @@ class LawServo:
 
     @property
     def account(self) -> float:
-        """The reservoir's content, which never changes [J]."""
+        """The initial energy [J]: it never changes."""
         return self.coupling.account
 
     def figures(self) -> dict[str, Any]:
@@ -332,7 +335,7 @@ class LawServo:
         if release:
             self.law.release(dt, x, held)
             self.stop()
-        elif dt > 0.0:  # a law may ask for power
+        elif dt > 0.0:  # a law may divide by dt
             self.force = _limited(self.law.force(dt, x, v, held), self._force_limit)
         self._elapsed += dt
         if self._elapsed < self._due:

@@ -1,23 +1,23 @@
-"""Perceptual deadband: of what a side would send, only that is sent which its receiver's user could notice.
+"""Perceptual deadband: a side sends only those samples whose change the user at the other side could notice.
 
 After P. Hinterseer, S. Hirche, S. Chaudhuri, E. Steinbach, M. Buss, "Perception-based data reduction and transmission
-of haptic data in telepresence and teleaction systems" (IEEE Trans. Signal Processing 56, 2008): by Weber's law a change
-of a stimulus is noticed when it exceeds a fixed share k of the stimulus, so a sample is sent when
+of haptic data in telepresence and teleaction systems" (IEEE Trans. Signal Processing 56, 2008): by Weber's law people
+notice a change of a stimulus that exceeds a fixed fraction k of it. So a sample s is sent when
 
-    |s - s_sent| > k |s_sent|                                     s_sent: the last that was sent
+    |s - s_sent| > k |s_sent|                                     s_sent: the last sample sent
 
-Of force people notice 7 to 10 %. What is compared here (derived here), by what a sample says:
+People notice changes of force of 7 to 10 %. What is compared depends on the kind of sample (derived here):
 
-* A position x is no stimulus; the force is that it makes. The receiver's spring K is tied to x_sent, and its other end
-  is, delays apart, where this side's own spring is tied, at ybar: the force is K |ybar - x_sent|, and x in place of
-  x_sent would change it by K |x - x_sent|. K cancels: send if |x - x_sent| > k |ybar - x_sent|.
-* A motion is sent if its position is to be by that rule, or its velocity by Weber's: a velocity makes a force too.
-* A port shows a position or a force; its energy is a total, which waits without loss.
-* Each wave carries energy of its own, so none may be dropped. Those held back are merged with the next: the mean over
-  the sum of their spans, whose energy |u|^2 T is at most the sum of theirs (Cauchy, Schwarz). So it stays passive.
+* A position x is not itself a stimulus, but the force that it causes is. The receiver's spring K is tied to x_sent. Its
+  other end is, apart from delays, at ybar, where this side's own spring is tied. So the force is K |ybar - x_sent|, and
+  sending x would change it by K |x - x_sent|. K cancels: send if |x - x_sent| > k |ybar - x_sent|.
+* A motion is sent if its position is due by that rule, or its velocity by Weber's law: a velocity causes a force too.
+* A port's sample is a position or a force, and a total of energy. Holding back a total loses nothing.
+* Each wave carries energy, so none may be dropped. A wave held back is merged with the next: their mean over the sum of
+  their spans. Its energy |u|^2 T is at most the sum of theirs (Cauchy-Schwarz), so it stays passive.
 
-Near zero, where Weber's law ends, changes below the `LEAST_...` are not noticed either. Vectors have a ball for a
-deadband. Passivity of set-position modulation needs nothing of this: there y is any sequence.
+Near zero, where Weber's law ends, changes below the `LEAST_...` constants count as not noticed. A vector's deadband is
+a ball. Set-position modulation stays passive with any deadband, because y may be any sequence.
 """
 
 from __future__ import annotations
@@ -30,35 +30,35 @@ from hapnet.control.coupling import TICK_SLACK_S, CouplingSample, Motion, Port, 
 from hapnet.errors import InvalidParameter
 
 LONGEST_S = 0.1
-"""Longest time between two data [s], of what rests too; they are sent at the first instant after. So several find room
-in the 0.5 s of silence after which a peer counts as gone, and a last change that was lost stays unknown no longer."""
+"""Longest time between two samples sent [s], even at rest; the next sample after it is sent. So several samples arrive
+within the 0.5 s after which a peer counts as silent, and a lost last change is repaired within this time."""
 
 LONGEST_WAVE_S = 0.02
-"""The same of waves: what is merged over a time is late by as much, and a delay is what waves pay for dearly."""
+"""The same for waves: merging over a time delays them by as much, and waves suffer most from delay."""
 
 LEAST_N = 0.005
-"""A change of force that nobody feels [N]: of any force tens of millinewtons are the least that is felt."""
+"""A change of force that nobody feels [N]: the least that people feel is tens of millinewtons."""
 LEAST_M = 6e-5
-"""The same of a position [m]: with 100 N/m it makes some such force. A common encoder counts 0.055 mm, and a count is
-no news."""
+"""The same for a position [m]: with 100 N/m it makes about such a force. A common encoder resolves 0.055 mm, so a
+single count is not sent."""
 LEAST_MPS = 1e-3
-"""The same of a velocity [m/s], with 5 Ns/m."""
+"""The same for a velocity [m/s], with 5 Ns/m."""
 LEAST_WAVE = 2e-3
-"""The same of a wave [sqrt(W)], u = f/sqrt(2b), with an impedance of 3 Ns/m."""
+"""The same for a wave [sqrt(W)], u = f/sqrt(2b), with an impedance of 3 Ns/m."""
 
 
 class Deadband:
-    """What of one side's data is sent, and what held back.
+    """Decides which of one side's samples are sent and which are held back.
 
     Parameters
     ----------
     fraction : k, Weber's fraction; above 0, at most 1.
-    longest_s : longest time between two data that are sent [s].
-    port : what this side's ports show.
+    longest_s : longest time between two samples sent [s].
+    port : what the value of this side's `Port` samples is.
 
     Raises
     ------
-    InvalidParameter : no such fraction or time.
+    InvalidParameter : the fraction or the time is not allowed.
     """
 
     def __init__(
@@ -69,23 +69,23 @@ class Deadband:
         if not 0.0 < longest_s < float("inf"):
             raise InvalidParameter("longest_s", longest_s, "a time above 0 s")
         self.held_back = 0
-        """How many data were not sent; of waves, not sent by themselves."""
+        """Number of samples not sent; for waves, merged with a later one."""
         self._fraction = fraction
         self._longest_s = longest_s - TICK_SLACK_S
         self._port = port
         self.on_peer_changed()
 
     def on_peer_changed(self) -> None:
-        """Another peer, which knows nothing yet: the next sample is sent."""
+        """A new peer has received nothing yet: the next sample is sent."""
         self._sent_s: float | None = None
         self._value: Vector = ()
         self._velocity: Vector = ()
         self._waiting: Wave | None = None
 
     def offer(self, now_s: float, sample: CouplingSample, opposite: Vector) -> CouplingSample | None:
-        """What to send in place of `sample` at the time `now_s` [s], if anything.
+        """What to send for `sample` at the time `now_s` [s]; None: nothing.
 
-        opposite : ybar, where this side's spring is tied, or else where the other side is taken to be [m].
+        opposite : ybar, where this side's spring is tied; without a spring, where the other side is assumed to be [m].
         """
         due = self._sent_s is None or now_s - self._sent_s >= self._longest_s
         sent = due or self._noticed(sample, opposite)
@@ -121,11 +121,11 @@ class Deadband:
 
 
 def _merged(waiting: Wave | None, wave: Wave) -> Wave:
-    """One wave in place of two: their mean over both spans."""
+    """One wave in place of two: their mean over the sum of their spans."""
     if waiting is None:
         return wave
     span = waiting.span + wave.span
-    if span == 0.0:  # of a world that stands still
+    if span == 0.0:  # from a paused world
         return wave
     share = wave.span / span
     return Wave(tuple([u + share * (new - u) for u, new in zip(waiting.value, wave.value, strict=True)]), span)

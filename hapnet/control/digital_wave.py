@@ -1,7 +1,7 @@
-"""Digital waves over packets that jitter and get lost (P. Berestesky, N. Chopra, M. W. Spong, 2004): their replay.
+"""Replay of digital waves over packets with jitter and loss (P. Berestesky, N. Chopra, M. W. Spong, 2004).
 
-The discrete line is passive if the sum of u_out^2 never exceeds the sum of u_in^2. So nothing waits for a jitter
-buffer: what has arrived is played at once, over a time that is fixed then.
+The discrete line is passive if the sum of u_out^2 never exceeds the sum of u_in^2. So it needs no jitter buffer: waves
+are played as soon as they arrive, over a time that is fixed at that moment.
 """
 
 from __future__ import annotations
@@ -12,20 +12,21 @@ from hapnet.checks import Vector
 from hapnet.control.coupling import Wave
 
 LOUDEST = 2.0
-"""1/n is at most this: a burst is energy as well, but a hand should not get it at once."""
+"""Largest 1/n: a burst carries energy too, but the hand should not get it all at once."""
 
 
 class Replay:
-    """What has arrived and was not played yet, as one wave over one time.
+    """The waves that have arrived and were not played yet, merged into one wave over one time span.
 
-    Whenever waves have arrived they are spread, with what was not played before, over the next N seconds: S seconds
-    of waves whose mean is u go out as ``u/sqrt(n)``, ``n = N/S``. That is no more energy than they had (Cauchy and
-    Schwarz), it is fixed when they are received, and is played or lost but never exceeded. While waves come as fast as
-    they are played n tends to 1; after one that is late or lost n > 1, and what is missing is lost for good.
+    Waves that arrive are spread, with what is left to play, over the next N seconds: S seconds of waves with mean u go
+    out as ``u/sqrt(n)``, ``n = N/S``. That is no more energy than they had (Cauchy-Schwarz). The energy is fixed when
+    they are received; later some may be lost, but none is added. While waves arrive as fast as they are played, n tends
+    to 1. After a late or lost wave n > 1, and the missing energy is lost for good.
 
     Parameters
     ----------
-    dof : of a wave. spread : N [s], for no losses the longest time between two arrivals and not shorter than a slot.
+    dof : components of a wave. spread : N [s]; nothing is lost if it is at least the longest time between two arrivals
+        and no shorter than a slot.
     """
 
     def __init__(self, dof: int, spread: float) -> None:
@@ -34,8 +35,8 @@ class Replay:
         self.clear()
 
     def clear(self) -> None:
-        self._arrived = list(self._zero)  # integral of what has arrived since the last slot
-        self._arrived_s = 0.0  # over this time
+        self._arrived = list(self._zero)  # integral of the waves that have arrived since the last slot
+        self._arrived_s = 0.0  # their total time span [s]
         self._playing = self._zero
         self._left_s = 0.0
 

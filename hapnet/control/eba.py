@@ -1,25 +1,26 @@
-"""Energy bounding: a held force is clipped to what the device's own damping can pay back (Kim, Ryu 2004).
+"""Energy bounding: a held force is clipped to what the device's own damping can dissipate (Kim, Ryu 2004).
 
-In the least conservative form. If the device damps by at least b, what the hand has put in by the end of a tick of
-length T is at least
+This is its least conservative form. If the device damps by at least b, the energy that the hand has put in by the end
+of a tick of length T is at least
 
     E_n = E_{n-1} + b dx^2 / T - F_{n-1} dx        dx = x_n - x_{n-1},  F: the force on the device that was held
 
-since over any motion from 0 to dx in the time T a damper takes at least b dx^2 / T. Whatever dx the next tick brings,
-E_{n+1} >= E_n - F_n^2 T / 4b, the minimum of b dx^2 / T - F_n dx; so E stays at zero or above if
+because over any motion from 0 to dx in the time T a damper dissipates at least b dx^2 / T. Whatever dx is in the next
+tick, E_{n+1} >= E_n - F_n^2 T / 4b, the minimum of b dx^2 / T - F_n dx over dx. So E never falls below zero if
 
     |F_n| <= sqrt(4 E_n b / T)
 
-and within the tick it does too, when T is less. Nothing is asked of the network or of the hand; but b must be there.
-E has no ceiling: what went in long ago may come out again.
+This also holds within the tick, where T is smaller. It assumes nothing about the network or the hand, but b must really
+be there. E has no ceiling: energy put in long ago may come out again.
 
-Ticks of unequal length (derived here): in E_n T is the time that has passed, or an upper bound of it. In the clip it is
-the time to come: the servo's period. A tick that comes later, after T', may leave E_n below zero, by at most
-F^2 (T' - T) / 4b; then the force is zero until the device's damping has paid, so that this never adds up.
+Ticks of unequal length (derived here): in E_n, T is the time that has passed, or an upper bound of it. In the clip, T
+is the time to come, the servo's period. A tick that is late, after T', may leave E_n below zero, by at most
+F^2 (T' - T) / 4b. The force is then zero until the device's damping has made up for it, so this never adds up.
 
-Encoders with resolution r (derived here): the true position lies within r/2 of the count x. So |dx| is at least
-max(0, |counted dx| - r), without which chatter of one count would be harvested without end; and summed by parts the
-work sum F dx is known from counts but for r/2 times (|F| now and all changes of F so far), which is taken off E_n.
+Encoders with resolution r (derived here): the true position lies within r/2 of the count x. So the true |dx| is at
+least max(0, |counted dx| - r), and only that is harvested; otherwise chatter of one count would be harvested without
+end. Summed by parts, the work sum F dx is known from counts to within r/2 times (|F| now plus all changes of F so far),
+and this is subtracted from E_n.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class EnergyBounding(VirtualCoupling):
     Parameters
     ----------
     spring, damping, position : of the coupling.
-    own_damping : b [Ns/m], a lower bound of the device's own on every axis.
+    own_damping : b [Ns/m], a lower bound of the device's own damping on every axis.
     period : T [s], of the servo. resolution : r [m], of the encoders.
     """
 
@@ -53,7 +54,7 @@ class EnergyBounding(VirtualCoupling):
     ) -> None:
         super().__init__(spring, damping, position)
         self.energy: Vector = (0.0,) * len(position)
-        """E, a lower bound of what the hand put in on each axis and has not got back [J]."""
+        """E, a lower bound of the energy that the hand put in on each axis and has not got back [J]."""
         self._held = self.energy
         self._b = own_damping
         self._gain = 4.0 * own_damping / period
@@ -65,7 +66,7 @@ class EnergyBounding(VirtualCoupling):
         return tuple([self._bounded(*axis) for axis in zip(self.coupled(x, v), self.energy, held, strict=True)])
 
     def release(self, dt: float, x: Vector, held: Vector) -> None:
-        """What was held for so long counts; the spring is tied to x until something arrives."""
+        """Count the work of the force held so long. The spring is tied to x until a sample arrives."""
         self._account(dt, x, held)
         self.set_position = x
 

@@ -1,8 +1,8 @@
-"""What the coupling's damper dissipated since the last update: D in (9).
+"""The energy that the coupling's damper dissipated since the last update: D in (9).
 
-The paper's bound (10) uses only the extremes of the position. It holds for a continuous servo. On a device the torque
-is computed once a tick and held, and (10) is no lower bound any more; but the work of a held torque is known exactly
-from positions, so a sampled servo measures what it dissipated, the hold's leak included.
+The paper's bound (10) uses only the extremes of the position, and holds for a continuous servo. A real servo computes
+the torque once a tick and holds it; then (10) is no lower bound. But the work of a held torque is known exactly from
+positions. So a sampled servo measures the dissipation, and the energy that the hold leaks is included.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ def dissipated_by_range(damping: Vector, low: Vector, high: Vector, interval: fl
     damping : b_ii [Ns/m].
     low, high : extremes of the position over the interval [m], both ends included.
     interval : its length or an upper bound of it [s]; over an interval of 0 nothing was dissipated.
-    resolution : of the encoder [m]: chatter of one count is not motion, so a count is taken off the range.
+    resolution : of the encoder [m]: chatter of one count is not motion, so one count is subtracted from the range.
     """
     if interval <= 0.0:
         return 0.0
@@ -33,15 +33,15 @@ def dissipated_by_range(damping: Vector, low: Vector, high: Vector, interval: fl
 
 
 class MeasuredHarvest:
-    """Energy that a sampled, held torque took out of the device since the last update, less the spring's share.
+    """Energy that a sampled, held torque took out of the device since the last update, less the change of phi.
 
     ``D_s = sum_j -tau_j . (x_{j+1} - x_j) - (phi at the end - phi at the start)``, both phi with the ybar held then.
-    It is exact for any torque actually applied and any device, and needs no force sensor.
+    It is exact for any device and any torque really applied, and needs no force sensor.
 
     Parameters
     ----------
-    trusted_damping : a lower bound of the device's own damping [Ns/m] an axis that may be harvested too; 0 if unknown.
-    resolution : of the encoder [m]: chatter of one count is not motion that a damper feels.
+    trusted_damping : a lower bound of the device's own damping on each axis [Ns/m], harvested too; 0 if unknown.
+    resolution : of the encoder [m]: chatter of one count is not motion that a damper dissipates.
     """
 
     __slots__ = ("_resolution", "_trusted", "work")
@@ -53,9 +53,9 @@ class MeasuredHarvest:
         """Energy put in at the actuator's port since the last `take` [J]."""
 
     def hold(self, torque: Vector, start: Vector, end: Vector, period: float) -> float:
-        """The torque [N] was held for `period` [s] while the device moved from `start` to `end` [m].
+        """Count a torque [N] that was held for `period` [s] while the device moved from `start` to `end` [m].
 
-        Returns the work put in at the actuator's port, ``-tau . dx`` [J], and into the trusted damping.
+        Returns the work put in at the actuator's port, ``-tau . dx``, plus that put into the trusted damping [J].
         """
         travel = tuple(map(sub, end, start))
         work: float = -sum(map(mul, torque, travel))
@@ -73,9 +73,9 @@ class MeasuredHarvest:
 
 
 def damping_conditions(own_damping: Vector, K_diagonal: Vector, B: Vector, period: float) -> tuple[bool, bool]:
-    """Is a sampled servo with the range harvest passive? (necessary, sufficient).
+    """Does a sampled servo with the range harvest meet the (necessary, sufficient) condition to be passive?
 
-    Necessary on each axis: ``b > K T/2``; sufficient for any motion: ``b > K T/2 + 2 B``, b the device's own damping.
+    Necessary on each axis: ``b > K T/2``. Sufficient for any motion: ``b > K T/2 + 2 B``. b: the device's own damping.
     """
     triples = list(zip(own_damping, K_diagonal, B, strict=True))
     necessary = all(b > k * period / 2.0 for b, k, _ in triples)

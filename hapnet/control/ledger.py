@@ -6,8 +6,8 @@ its spring, E the reservoir's content, and the energy credited from and sent to 
     margin = W + V(0) + E(0) + credited - sent        what is left of this side's share of the bound
     slack  = margin - V - E                            the theorem's half: never below zero
 
-A process checks its own half alone, with no common clock: the halves add up to the theorem because at every instant
-what one side has credited is at most what the other has sent.
+Each process checks its own half alone, with no common clock. The halves add up to the theorem because one side never
+credits more than the other has sent.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class Ledger:
     stored : V(0): kinetic and potential energy at the start.
     reservoir : E(0).
 
-    Sums are compensated (Kahan): days of ticks add no rounding that shows.
+    Sums are compensated (Kahan), so rounding does not show after days of ticks.
     """
 
     __slots__ = (
@@ -33,7 +33,7 @@ class Ledger:
 
     def __init__(self, stored: float, reservoir: float) -> None:
         self.bound = stored + reservoir
-        """This side's part of d^2: V(0) + E(0)."""
+        """This side's share of d^2: V(0) + E(0)."""
         self.work = 0.0
         self.credited = 0.0
         self.sent = 0.0
@@ -51,14 +51,14 @@ class Ledger:
         self.sent, self._sent_carry = _added(self.sent, energy, self._sent_carry)
 
     def put_in(self, work: float) -> None:
-        """Work done on this side at its port since the last call; negative if it gave energy out."""
+        """Add the work done on this side at its port since the last call; negative if the side output energy."""
         term = work - self._carry
         total = self.work + term
         self._carry = (total - self.work) - term
         self.work = total
 
     def observe(self, stored: float, reservoir: float) -> None:
-        """Check the half of the theorem now, with the present V and E (a deficit counted as negative)."""
+        """Update margin and slack with the present V and E (a deficit counts as negative)."""
         margin = self.work + self.bound + self.credited - self.sent
         slack = margin - stored - reservoir
         self.margin = margin
@@ -70,7 +70,7 @@ class Ledger:
 
 
 def _added(total: float, term: float, carry: float) -> tuple[float, float]:
-    """Kahan: the new total, and what rounding added to it too much."""
+    """Kahan summation: the new total, and the error that rounding added to it."""
     term -= carry
     new = total + term
     return new, (new - total) - term

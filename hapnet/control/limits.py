@@ -1,6 +1,6 @@
-"""Limits put on the set-position before PSPM: how far it may step, and what to do when the network is silent.
+"""Limits on the set-position before PSPM: how far it may step, and what to do when the network is silent.
 
-Both only choose another y(k), so both are passive whatever they do.
+Both only choose another y(k), so they cannot break passivity.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ ON_SILENCE: tuple[OnSilence, ...] = ("hold", "release")
 
 
 def step_towards(start: Vector, goal: Vector, longest: float) -> Vector:
-    """The point on the way from `start` to `goal` [m] at most `longest` [m] away from `start`.
+    """The point towards `goal` [m] that is at most `longest` [m] away from `start`.
 
     With ``longest = dF_max / lambda_max(K)`` around ybar(k-1), the spring's force steps by at most dF_max: PSPM's
     projection is non-expansive, so ybar keeps the limit that y kept.
@@ -32,12 +32,12 @@ def step_towards(start: Vector, goal: Vector, longest: float) -> Vector:
 
 
 class Silence:
-    """What y becomes when nothing has arrived for a while: ``hold`` keeps it, ``release`` lets it follow the device.
+    """Chooses y when nothing has arrived for a while: ``hold`` keeps it, ``release`` lets it follow the device.
 
     Parameters
     ----------
     policy : "hold" or "release".
-    after : the silence that counts [s].
+    after : the peer is silent after this time without a sample [s].
     """
 
     __slots__ = ("after", "elapsed", "policy")
@@ -48,6 +48,6 @@ class Silence:
         self.elapsed = 0.0
 
     def step(self, dt: float, *, fresh: bool) -> bool:
-        """Advance by dt seconds; True if y is to be let go (to be ramped to x under the step limit)."""
+        """Advance by dt seconds. Returns True if y is to be released (ramped to x under the step limit)."""
         self.elapsed = 0.0 if fresh else self.elapsed + dt
         return self.policy == "release" and self.elapsed > self.after

@@ -1,22 +1,22 @@
 """PD control of both sides over a delay (Lee, Spong, IEEE T-RO 22(2), 2006), between the device and the virtual mass.
 
-Each side acts with its own motion and what the other one's was when it was sent; R is the round trip:
+Each side uses its own motion and the other side's motion at the time it was sent; R is the round trip:
 
     tau = -K_v (v - v_peer) - (K_d + P_e) v - K_p (x - x_peer)         passive if K_d >= K_p R / 2
 
-Why (the law is the paper's, this is derived here): beside the storage K_p/2 (x_1 - x_2)^2 either side spends K_p v
-times the other side's way since its sample was sent. Where no sample is older than D_1, D_2 that is, over time, at
-most K_p (D_1 + D_2)/2 times each side's integral of v^2, which is what K_d dissipates. So for the spring the delay may
-vary below its bound; for K_v it must be constant. A sample that is lost leaves one that is older than the bound:
-of that nothing is said.
+Why (the law is the paper's, the reasoning is derived here): beside the stored energy K_p/2 (x_1 - x_2)^2, each side may
+inject the power K_p v times the other side's displacement since its sample was sent. If no sample is older than D_1 and
+D_2, this adds up to at most K_p (D_1 + D_2)/2 times each side's integral of v^2, and K_d dissipates that much. So for
+the spring the delay may vary below its bound; for K_v it must be constant. After a lost sample the last one is older
+than the bound, and nothing is claimed then.
 
-R counts the holding of data too. The device's are sent every few ticks; the world's once a step of length T, and it
-acts with what it has for a step. As its velocity over a step is one number, both together cost it T in the mean; the
-device as well, while its motion is slow beside a step (2 T at worst).
+R also counts the time that samples are held. The device sends a sample every few ticks. The world sends one each step
+of length T, and uses one sample for a whole step. Its velocity over a step is one number, so the two together cost it T
+in the mean. They cost the device T as well, while its motion is slow compared with a step (2 T at worst).
 
-The world's end is implicit in the step's mean velocity, and with x_peer held passive exactly. The device's is held: to
-be passive for any motion it needs damping of its own of more than K_p T/2 + K_d + P_e + K_v, T the servo's period
-(Colgate, Schenkel 1997); without it is so for motions that are slow beside a tick.
+The world's end is implicit in the step's mean velocity, and exactly passive while x_peer is held. The device's force is
+held. To be passive for any motion the device needs more own damping than K_p T/2 + K_d + P_e + K_v, with T the servo's
+period (Colgate, Schenkel 1997). With less it is passive for motions that are slow compared with a tick.
 
 Ends that start apart start with the spring's energy K_p/2 (x_1 - x_2)^2.
 """
@@ -30,7 +30,7 @@ from hapnet.control.coupling import CouplingSample, Motion
 
 
 class Gains(NamedTuple):
-    """Of both ends, the same."""
+    """The gains, the same at both ends."""
 
     stiffness: float  #: K_p [N/m]
     damping: float  #: K_d [Ns/m], which pays for the delay
@@ -39,27 +39,27 @@ class Gains(NamedTuple):
 
     @property
     def drag(self) -> float:
-        """All that multiplies a side's own velocity [Ns/m]."""
+        """The sum of all gains on a side's own velocity [Ns/m]."""
         return self.damping + self.extra + self.coordination
 
 
 def round_trip(link: float, period: float, step: float, tick: float) -> float:
-    """R [s]: of the link, with the device's sending period, the longest step of the world and the servo's tick."""
+    """R [s]: the link's round trip plus the device's sending period, the world's longest step and the servo's tick."""
     return link + period + step + tick
 
 
 def tuned(stiffness: float, round_trip: float, most: float) -> Gains:
-    """K_p = `stiffness` [N/m], or less where K_d = K_p R/2 would be more than `most` [Ns/m] of damping."""
+    """Gains with K_p = `stiffness` [N/m], or less if K_d = K_p R/2 would exceed `most` [Ns/m]."""
     K_p = min(stiffness, 2.0 * most / round_trip)
     return Gains(K_p, K_p * round_trip / 2.0)
 
 
 class _End:
-    """What both ends have.
+    """What both ends have in common.
 
     Parameters
     ----------
-    gains : of the law. position : x(0) [m], of this side; the other one is taken to rest there too.
+    gains : of the law. position : x(0) of this side [m]; the other side is assumed to rest there too.
     """
 
     def __init__(self, gains: Gains, position: Vector) -> None:
@@ -73,12 +73,12 @@ class _End:
         return self._peer.position
 
     def receive(self, sample: CouplingSample) -> None:
-        """The other side's motion came."""
-        assert isinstance(sample, Motion), "a motion is what either side sends here"
+        """The other side's motion arrived."""
+        assert isinstance(sample, Motion), "both sides send motions here"
         self._peer = sample
 
     def on_peer_changed(self) -> None:
-        """Another peer: until it tells, it rests where the first one was."""
+        """A new peer: until its first sample it is assumed to rest where the old one was."""
         self._peer = Motion(self._peer.position, self._rest)
 
 
@@ -96,11 +96,11 @@ class DevicePD(_End):
         )
 
     def release(self, dt: float, x: Vector, held: Vector) -> None:
-        """The spring is tied to x until something arrives."""
+        """The spring is tied to x until a sample arrives."""
         self._peer = Motion(x, self._rest)
 
     def next_sample(self, x: Vector, v: Vector) -> CouplingSample:
-        """The motion."""
+        """The device's motion."""
         return Motion(x, v)
 
 
@@ -112,7 +112,7 @@ class WorldPD(_End):
         self._latched = self._own = self._peer
 
     def begin(self) -> None:
-        """A step acts with the newest motion at its onset."""
+        """The step uses the newest motion that has arrived by its start."""
         self._latched = self._peer
 
     def impedance(self, dt: float) -> tuple[float, Vector]:
@@ -124,9 +124,9 @@ class WorldPD(_End):
         return self._gains.drag + 0.5 * K_p * dt, tuple(push)
 
     def moved(self, dt: float, vhat: Vector, x: Vector, v: Vector) -> None:
-        """The step's end, and its mean velocity: that is what the other side is told, v may alternate about it."""
+        """Keep the step's end and its mean velocity to send: v may alternate about the mean."""
         self._own = Motion(x, vhat)
 
     def next_sample(self) -> CouplingSample:
-        """The motion."""
+        """The mass's motion."""
         return self._own

@@ -1,22 +1,23 @@
 """Passivity observer and controller at one port, the device's (Hannaford, Ryu, IEEE T-RA 18(1), 2002).
 
-The observer sums the energy that went in at the actuator's port, axis by axis; where it has become negative the
-controller damps it away:
+The observer sums the energy put in at the actuator's port, axis by axis. Where the sum is negative, the controller
+dissipates the difference:
 
     W_n = W_{n-1} - F_{n-1} (x_n - x_{n-1})        F: the force on the device, the controller's included
     alpha_n = -W_n / (T v_n^2)   if W_n < 0,       F_n = f_n - alpha_n v_n
 
-The paper's observer takes f_n v_n T for the energy of a tick. A force that is held does the work F_{n-1} dx instead,
-known exactly one tick later: with what the hold leaks, and with what the controller really dissipated. So W is true,
-and what could not be dissipated is not forgotten: it stays in W until it is.
+The paper's observer takes f_n v_n T as the energy of a tick. But a held force does the work F_{n-1} dx, which is known
+exactly one tick later; it includes what the hold leaks and what the controller really dissipated. So W is exact, and
+energy that could not be dissipated stays in W until it is.
 
-A damper can only do that while the device moves, and a held one only up to a limit: alpha is at most `damping_cap`, and
-nothing below `velocity_floor`. With L_n >= 0 what these left of -W_n the next tick has, if it goes on at v_n,
+A damper dissipates only while the device moves, and a held damper only up to a limit: alpha is at most `damping_cap`,
+and zero below `velocity_floor`. Let L_n >= 0 be the part of -W_n that these limits left. If the device continues at
+v_n, the next tick has
 
     W_{n+1} = -L_n - f_n v_n T                     (derived here; L_n = -W_n where alpha_n = 0 and W_n < 0)
 
-so that the port never gives out more than what the limits left, and one tick of the coupling's own. As in the paper a
-surplus is kept without limit: what went in long ago may come out again undamped.
+So the port never outputs more than what the limits left plus one tick of the coupling's own force. As in the paper, a
+surplus is kept without limit: energy put in long ago may come out again undamped.
 """
 
 from __future__ import annotations
@@ -29,22 +30,22 @@ from hapnet.mechanics.spring import Spring
 
 
 def damping_cap(mass: float, period: float, rendered: float) -> float:
-    """The most damping that may be held for `period` [s] on a device of `mass` [kg], in Ns/m.
+    """The greatest damping to hold for `period` [s] on a device of `mass` [kg], in Ns/m.
 
-    On a free mass the held force -alpha v dissipates alpha v^2 T (1 - alpha T / 2m): the most at alpha = m/T, where the
-    mass stands at the tick's end, and nothing from 2m/T on (derived here). Never more than `rendered`, what the device
-    is known to render stably.
+    On a free mass the held force -alpha v dissipates alpha v^2 T (1 - alpha T / 2m): the most at alpha = m/T, which
+    stops the mass by the tick's end, and nothing from 2m/T on (derived here). The result is at most `rendered`, the
+    damping that the device is known to render stably.
     """
     return min(rendered, mass / period)
 
 
 class PassivityController(VirtualCoupling):
-    """A held virtual coupling with the observer and the controller, one of each an axis.
+    """A held virtual coupling with one observer and one controller on each axis.
 
     Parameters
     ----------
     spring, damping, position : of the coupling.
-    velocity_floor : slower than this it does not damp [m/s]. damping_cap : the largest alpha [Ns/m].
+    velocity_floor : no damping below this speed [m/s]. damping_cap : largest alpha [Ns/m].
     """
 
     def __init__(
@@ -52,7 +53,7 @@ class PassivityController(VirtualCoupling):
     ) -> None:
         super().__init__(spring, damping, position)
         self.energy: Vector = (0.0,) * len(position)
-        """W, what went in at the port on each axis [J]."""
+        """W, the energy put in at the port on each axis [J]."""
         self._floor = velocity_floor
         self._cap = damping_cap
 
@@ -63,7 +64,7 @@ class PassivityController(VirtualCoupling):
         return tuple(map(sub, self.coupled(x, v), map(mul, damping, v)))
 
     def release(self, dt: float, x: Vector, held: Vector) -> None:
-        """The observer goes on; the spring is tied to x until something arrives."""
+        """The observer continues. The spring is tied to x until a sample arrives."""
         self._observe(x, held)
         self.set_position = x
 

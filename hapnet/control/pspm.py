@@ -1,18 +1,18 @@
 """Passive set-position modulation: Algorithm 1 of Lee and Huang (World Haptics 2009).
 
-At each instant t_k, triggered by data or by a clock, the received set-position y(k) is moved as near as the energy at
-hand allows, and what the reservoir holds above its ceiling is handed on:
+At each instant t_k, triggered by a sample or by a clock, the modulated set-position ybar(k) comes as near to the
+received y(k) as the available energy allows, and energy above the reservoir's ceiling is shuffled to the other side:
 
     ybar(k) = argmin |y(k) - ybar|                                                        (8)
     subject to  E(k) = E(k-1) + E_y(k) + D(k-1) - Pbar(k) >= 0                            (9)
     Pbar(k) = phi(x - ybar(k)) - phi(x - ybar(k-1))                                       (11)
     E(k) > ceiling:  E_x(k) out of the surplus, E(k) = ceiling                            (lines 7 to 12)
 
-D is what was dissipated since the last instant: (10) from the positions' extremes, or measured (see harvest.py), or
-exact (the virtual world). A measured D may be negative.
+D is the energy dissipated since the last instant: a bound from the positions' extremes (10), or measured (see
+harvest.py), or exact (the virtual world). A measured D may be negative.
 
-A servo that holds its torque gives out energy between two instants. What that may come to is kept in reserve: the
-spring's jumps are paid for with what E(k) holds above it (see reserve.py).
+A servo that holds its torque outputs energy between two instants. The reserve covers that energy: the spring's jumps
+use only what E(k) holds above the reserve (see reserve.py).
 """
 
 from __future__ import annotations
@@ -31,25 +31,25 @@ from hapnet.errors import InvalidParameter
 from hapnet.mechanics.spring import shared_spring
 
 _ROUNDING = 2.0**-50
-"""Of the terms that D and phi are differences of: less than that is no deficit."""
+"""Relative to the terms whose differences are D and phi: a shortfall below this is rounding, not a deficit."""
 
 Shuffle = Literal["harvested", "all"]
 SHUFFLES: tuple[Shuffle, ...] = ("harvested", "all")
 
 
 class Modulation(NamedTuple):
-    """What one update did; energies in joules, positions in metres."""
+    """The result of one update; energies in joules, positions in metres."""
 
     set_position: Vector
     """ybar(k), the modulated set-position."""
     energy: float
     """E(k), the reservoir, never negative."""
     deficit: float
-    """What a measured, negative D left unpaid; zero unless the reservoir is empty."""
+    """The part of a measured, negative D that the reservoir could not cover; zero unless the reservoir is empty."""
     sent: float
     """E_x(k), shuffled to the other side."""
     discarded: float
-    """Surplus that was neither kept nor sent."""
+    """Surplus neither kept nor sent."""
     jump: float
     """Pbar(k), the spring's jump (11)."""
 
@@ -74,11 +74,11 @@ class SetPositionModulator:
     position : x(0) [m], shape (n,); ``ybar(0) = x(0)``.
     ceiling : the reservoir's ceiling [J].
     damping : B [Ns/m], positive diagonal: only needed by `update` with `extremes`, for (10).
-    shuffle : ``"harvested"``: of the surplus, only what this side harvested is sent and the rest is discarded, so
-        energy does not orbit between two full reservoirs. ``"all"``: Algorithm 1 as printed.
-    force_limit : saturates the spring [N], see `Spring`.
-    energy : E(0) [J]; None: the ceiling, as the paper starts. A restarted side starts with 0.
-    reserve : what the spring's jumps leave in the reservoir [J]; at most the ceiling.
+    shuffle : ``"harvested"``: only the surplus that this side harvested is sent; the rest is discarded, so that energy
+        does not circulate between two full reservoirs. ``"all"``: Algorithm 1 as printed.
+    force_limit : the force at which the spring saturates [N], see `Spring`.
+    energy : E(0) [J]; None: the ceiling, as in the paper. A restarted side starts with 0.
+    reserve : energy that the spring's jumps must leave in the reservoir [J]; at most the ceiling.
 
     Raises
     ------
@@ -117,11 +117,11 @@ class SetPositionModulator:
 
     @property
     def account(self) -> float:
-        """What the ledger counts as this reservoir's content [J]: energy less deficit."""
+        """The reservoir's content as the ledger counts it [J]: energy less deficit."""
         return self.energy - self.deficit
 
     def split_reservoir(self, most: float = math.inf) -> float:
-        """Give away half of the reservoir, but no more than `most` [J]; what was taken out of it [J]."""
+        """Take half of the energy out of the reservoir, but at most `most` [J]. Returns what was taken [J]."""
         given = max(0.0, min(self.energy / 2.0, most))
         self.energy -= given
         return given
@@ -136,20 +136,20 @@ class SetPositionModulator:
         extremes: tuple[ArrayLike, ArrayLike] | None = None,
         interval: float | None = None,
     ) -> Update:
-        """Algorithm 1, once.
+        """Run Algorithm 1 once.
 
         Parameters
         ----------
-        set_position : y(k) [m], shape (n,): as received, or as a filter or predictor made it.
+        set_position : y(k) [m], shape (n,): as received, or after filters and predictors.
         position : x(t_k) [m], shape (n,).
         dissipated : D(k-1) [J]; may be negative if it was measured.
         received : E_y(k) [J], credited once.
-        extremes, interval : in place of `dissipated`: smallest and largest position of each axis since the last update
-            [m], both ends included, and an upper bound of the time between [s]; D is then (10).
+        extremes, interval : in place of `dissipated`: smallest and largest position on each axis since the last update
+            [m], both ends included, and an upper bound of the time since then [s]. D is then computed by (10).
 
         Raises
         ------
-        InvalidParameter : a dimension or a value is not allowed; the state is then unchanged.
+        InvalidParameter : a dimension or a value is not allowed. The state is then unchanged.
         """
         y = checks.vector("set_position", set_position, self.dof)
         x = checks.vector("position", position, self.dof)
@@ -169,9 +169,9 @@ class SetPositionModulator:
         return Update(np.array(r.set_position), *r[1:])
 
     def modulate(self, y: Vector, x: Vector, dissipated: float, received: float, keep: float = 0.0) -> Modulation:
-        """`update` for a servo: the arguments are trusted to be finite and of the right dimension.
+        """As `update`, for a servo: the arguments are not checked, they must be finite and of the right dimension.
 
-        keep : what spring and reservoir together must hold afterwards, as far as they can [J]: it is no surplus.
+        keep : energy that spring and reservoir together should keep [J]: it does not count as surplus.
         """
         spring = self.spring
         before = spring.between(self.set_position, x)
@@ -183,7 +183,7 @@ class SetPositionModulator:
         else:
             offset = spring.nearest(tuple(map(sub, x, y)), spendable)
             self.set_position = tuple(map(sub, x, offset))
-            # phi as everyone else will compute it, from ybar: subtracting may have moved it by an ulp
+            # phi computed from ybar, as all other code does: the subtraction may have moved it by an ulp
             after = spring.between(self.set_position, x)
             excess: float = 2.0**-50
             while after > spendable >= 0.0:

@@ -1,29 +1,29 @@
-"""What a held torque can give out, the longest torque that an account can pay for, and the reserve that follows (ours).
+"""The energy that a held torque can output, the torque that an account can cover, and the reserve needed (ours).
 
-A torque tau, computed at a tick and held for the next one, gives out ``tau . dx``. Whatever the hand does, the device
-goes at most ``a = v T + r`` in one tick: v its greatest speed, T the period, r a count of its encoders. So a torque
-costs at most ``|tau| a``, and no damping of the device is needed to say so. Where the force may change by D a tick at
-most, a force F does not end at once: brought down by D a tick, it costs at most
+A torque tau, computed at a tick and held until the next, outputs ``tau . dx``. Whatever the hand does, the device moves
+at most ``a = v T + r`` in one tick: v is its greatest speed, T the period, r one encoder count. So a torque costs at
+most ``|tau| a``; this needs no damping in the device. If the force may change by at most D a tick, a force F cannot end
+at once: reduced by D a tick, it costs at most
 
     L(F) = a S(F),    S(F) = F + (F - D) + (F - 2 D) + ...      (the positive terms; S(F) = F without a limit)
 
-Let P = phi + E be what spring and reservoir hold, the running interval's harvest counted. The servo renders torques
-with ``L(|tau|) <= P`` only. At the next tick ``P' >= P - |tau| a >= L(|tau|) - |tau| a = L(|tau| - D)``: the torque
-that is smaller by D may be rendered, and so on down to none. So P stays at 0 or above and no step is longer than D,
-tick by tick, whatever spring and damper ask for. With nothing in the account both give nothing.
+Let P = phi + E be the energy in spring and reservoir, with the harvest of the current interval. The servo renders only
+torques with ``L(|tau|) <= P``. At the next tick ``P' >= P - |tau| a >= L(|tau|) - |tau| a = L(|tau| - D)``: a torque
+smaller by D may be rendered, and so on down to zero. So P never falls below 0 and the force never steps by more than D
+in a tick, whatever force spring and damper ask for. With an empty account neither renders any force.
 
-The torque must not itself break the declaration. On its way down a force F along d changes the velocity of the
-smallest mass m by ``S(F) T / m d`` at most, so it is also kept to ``|x' + S(|tau|) T / m d| <= v``. (A held damper with
-``B T > 2 m`` would turn the device round, faster each time.)
+The torque must not make the device faster than its declared speed. While it is reduced, a force F along d changes the
+velocity of the smallest mass m by at most ``S(F) T / m d``; so the servo also keeps ``|x' + S(|tau|) T / m d| <= v``.
+(A held damper with ``B T > 2 m`` would reverse the device's velocity at each tick, faster each time.)
 
 The reserve is what E must hold so that the account never limits the force of spring and damper. With K the largest
-stiffness a spring that pulls with F_s holds at least ``F_s^2 / 2K``, and the damper adds at most ``B v``:
+stiffness, a spring of force F_s stores at least ``F_s^2 / 2K``, and the damper adds at most ``B v``:
 
     reserve = max over F_s of   L(min(F_s + B v, F_max)) - F_s^2 / 2K           brought down tick by tick
               and of            (v h + r) min(F_s + B v, F_max) - F_s^2 / 2K    held for h = T + watchdog, then dropped
 
-Software cannot act while it does not run: the second line is what it takes to outlast a servo that was stopped for as
-long as the watchdog allows. Beyond that only hardware can take the torque away.
+Software cannot act while it does not run. The second line covers a servo that is stopped for as long as the watchdog
+allows; beyond that only hardware can remove the torque.
 """
 
 from __future__ import annotations
@@ -37,17 +37,17 @@ from hapnet.control.limits import step_towards
 
 _SHARE = 1.0 - 1e-9
 _ROUNDING_J = 1e-12
-"""Of the account this is never spent: sums of floats must not look like a deficit."""
+"""This part of the account is never used, so that rounding does not look like a deficit."""
 
 
 class ForceGuard:
-    """Keeps a servo's force to its limits and to what the account can pay for.
+    """Limits a servo's force: its length, its change a tick, and what the account can cover.
 
     Parameters
     ----------
-    limit : longest force [N]. step : largest change of the force a tick [N].
-    reach : longest way in a tick, a [m]; 0: no account limits the force.
-    speed : greatest speed, v [m/s]. inertia : m/T [Ns/m] of the smallest mass; infinite: not known.
+    limit : greatest force [N]. step : largest change of the force in a tick [N].
+    reach : longest travel in a tick, a [m]; 0: no account limits the force.
+    speed : greatest speed, v [m/s]. inertia : m/T [Ns/m] of the smallest mass; infinite: unknown.
     """
 
     __slots__ = ("_constant", "_inertia", "_limit", "_linear", "_reach", "_speed", "_square", "_step", "has_account")
@@ -67,22 +67,22 @@ class ForceGuard:
         self._speed = speed
         self._inertia = inertia if speed < math.inf else math.inf
         self.has_account = reach > 0.0
-        """Does the account limit the force?"""
+        """True if the account limits the force."""
         # S(F) <= square F^2 + linear F + constant, with equality where F is an odd number of half steps
         finite = step != math.inf
         self._square, self._linear, self._constant = (0.5 / step, 0.5, step / 8.0) if finite else (0.0, 1.0, 0.0)
 
     def cost(self, force: float) -> float:
-        """L(F) [J]: the most that a force of this length [N] gives out until it has been brought down."""
+        """L(F) [J]: the most that a force of this length [N] outputs until it has been reduced to zero."""
         return self._reach * ramp(force, self._step)
 
     def needed(self, force: Vector) -> float:
-        """What spring and reservoir must hold for this force [N] to be held for a tick and brought down [J]."""
+        """Energy needed in spring and reservoir to hold this force [N] for a tick and then reduce it to zero [J]."""
         length = math.hypot(*force)
         return (self.cost(length) + _ROUNDING_J) / _SHARE if length > 0.0 and self._reach > 0.0 else 0.0
 
     def needed_after(self, force: Vector) -> float:
-        """What they must hold now that this force [N] has been held, for the smaller one that comes next [J]."""
+        """Energy needed after this force [N] was held for a tick: enough for the next, smaller one [J]."""
         length = math.hypot(*force) - self._step
         return (self.cost(length) + _ROUNDING_J) / _SHARE if length > 0.0 and self._reach > 0.0 else 0.0
 
@@ -91,8 +91,8 @@ class ForceGuard:
 
         Parameters
         ----------
-        wanted : what spring and damper ask for [N]. held : the last force that was admitted [N].
-        v : velocity [m/s]. energy : P, what spring and reservoir hold [J].
+        wanted : force of spring and damper [N]. held : the last force admitted [N].
+        v : velocity [m/s]. energy : P, the energy in spring and reservoir [J].
         """
         length = math.hypot(*wanted)
         ramped = length * (length * self._square + self._linear) + self._constant
@@ -102,7 +102,7 @@ class ForceGuard:
             and math.dist(wanted, held) <= self._step
             and ramped <= self._inertia * (self._speed - math.hypot(*v))
         ):
-            return wanted  # as nearly always; what follows is exact
+            return wanted  # nearly always; `_limited` below computes exactly
         return self._limited(wanted, length, held, v, energy)
 
     def _limited(self, wanted: Vector, length: float, held: Vector, v: Vector, energy: float) -> Vector:
@@ -126,9 +126,10 @@ class ForceGuard:
         return self._shortened(wanted, length, held, most)
 
     def _shortened(self, force: Vector, length: float, held: Vector, most: float) -> Vector:
-        """The force of length `most` [N] on the way from `force` to the shortest that one step from `held` leads to.
+        """The force of length `most` [N] between `force` and the shortest force within one step of `held`.
 
-        If that one is longer, it: the account can pay for it, see above. All of the way is within a step of `held`.
+        If that shortest force is longer than `most`, it is returned: the account can cover it, see above. Every force
+        between the two is within one step of `held`.
         """
         if self._step == math.inf:
             share = most / length
@@ -149,7 +150,7 @@ class ForceGuard:
 
 
 class Holding(NamedTuple):
-    """What a held torque was reckoned with."""
+    """The values from which the guard of a held torque was computed."""
 
     speed: float
     """Greatest speed of the device, as declared [m/s]."""
@@ -158,11 +159,11 @@ class Holding(NamedTuple):
     resolution: float
     """Of the encoders [m]."""
     reserve: float
-    """What the account must hold for it [J]; infinite where no account is enough."""
+    """Energy that the account must hold for it [J]; infinite if no account is enough."""
 
 
 def ramp(force: float, step: float) -> float:
-    """S(F) [N]: the sum of a force's lengths, tick by tick, on its way down by `step` a tick [N]."""
+    """S(F) [N]: the sum over ticks of a force's length while it is reduced by `step` a tick [N]."""
     if force <= 0.0:
         return 0.0
     if step == math.inf:
@@ -190,13 +191,13 @@ def reserve(
     limit: float = math.inf,
     step: float = math.inf,
 ) -> float:
-    """The energy that the reservoir must keep [J]; infinite where none is enough.
+    """The energy that the reservoir must keep [J]; infinite if no energy is enough.
 
     Parameters
     ----------
-    stiffness, damping : the largest of K [N/m] and of B [Ns/m]. speed : greatest [m/s].
+    stiffness, damping : the largest of K [N/m] and of B [Ns/m]. speed : greatest speed [m/s].
     period : T [s]. hold : how long a torque may be held before it is dropped, h [s]. resolution : r [m].
-    limit, step : of the force [N], as `ForceGuard` has them.
+    limit, step : of the force [N], as in `ForceGuard`.
     """
     reach, far = speed * period + resolution, speed * hold + resolution
     drag = damping * speed

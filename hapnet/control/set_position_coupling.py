@@ -1,7 +1,7 @@
-"""The way of a set-position on one side: reception, stages, silence, step limit, modulator, ledger.
+"""The path of a set-position through one side: reception, stages, silence, step limit, modulator, ledger.
 
-The device's servo (set_position_servo.py) and the virtual world's steps both drive one `SetPositionCoupling`; only the
-energy that they harvest differs.
+The device's servo (set_position_servo.py) and the virtual world's steps each drive one `SetPositionCoupling`. They
+differ only in how they harvest energy.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from hapnet.mechanics.spring import Spring
 
 
 class Modulator(Protocol):
-    """What turns a received set-position into the one the spring is tied to."""
+    """Turns a received set-position y into the one that the spring is tied to, ybar."""
 
     @property
     def set_position(self) -> Vector: ...
@@ -45,9 +45,9 @@ class SetPositionCoupling:
     modulator : `SetPositionModulator` or `ZeroOrderHold`, at rest at the side's position.
     stages : filters and predictors before the modulator.
     silence : what to do when nothing arrives.
-    longest_step : limit of the set-position's step an update [m]; infinite: none.
+    longest_step : how far the set-position may move in one update [m]; infinite: no limit.
     kinetic : kinetic energy at the start [J].
-    kept_for_peers : with so little left in the reservoir a new peer gets a hundredth of it, and not half [J].
+    kept_for_peers : when the reservoir holds at most twice this [J], a new peer gets a hundredth of it, not half.
     """
 
     def __init__(
@@ -67,16 +67,16 @@ class SetPositionCoupling:
         self.longest_step = longest_step
         self.ledger = Ledger(kinetic, modulator.account)
         self.target: Vector = modulator.set_position
-        """y(k) as asked of the modulator [m]: after the stages and silence, before the step limit."""
+        """y(k) after the stages and silence, before the step limit [m]."""
         self.has_sample = False
-        """Has something arrived that no update has used yet?"""
+        """True if a sample or energy has arrived that no update has used yet."""
         self.account = modulator.account
         """The reservoir's content as the ledger counts it [J]: energy less deficit."""
         self.energy_min = modulator.energy
         self.deficit_max = 0.0
         self.discarded = 0.0
         self.spare: Callable[[], float] = lambda: math.inf
-        """What the reservoir can do without now [J]; a servo that holds a torque says how much."""
+        """Energy that the reservoir can spare now [J]; a servo that holds a torque sets this."""
         self._kept_for_peers = kept_for_peers
         self._received: Vector = modulator.set_position
         self._sent_s: float | None = None
@@ -95,7 +95,7 @@ class SetPositionCoupling:
 
     @property
     def deficit(self) -> float:
-        """What a measured, negative D left unpaid [J]."""
+        """The part of a measured, negative D that the reservoir could not cover [J]."""
         return self.modulator.deficit
 
     def receive(self, sample: CouplingSample, sent_s: float) -> None:
@@ -110,11 +110,12 @@ class SetPositionCoupling:
         self.has_sample = True
 
     def on_peer_changed(self) -> float:
-        """Another peer takes the first one's place: half of the reservoir is for it, which begins with none [J].
+        """A new peer has replaced the old one. Returns the energy to shuffle to it [J]: half of the reservoir.
 
-        Without any it could not begin: the least of it lets it render a little force, against which the hand works for
-        more. So of the last that is left, only a hundredth is given: there is some for the next peers too. The stages
-        begin anew: its clock and its place have nothing to do with the first one's.
+        The new peer starts with an empty reservoir and could render no force. A little energy is enough: the hand then
+        works against a small force and puts in more. So a nearly empty reservoir gives only a hundredth, and keeps some
+        for later peers. The stages start again, because the new peer's clock and position have nothing to do with the
+        old one's.
         """
         self.stages.reset(self.target)
         most, energy = self.spare(), self.modulator.energy
@@ -130,10 +131,10 @@ class SetPositionCoupling:
         return self.spring.between(self.modulator.set_position, x)
 
     def update(self, dt: float, x: Vector, dissipated: float, keep: float = 0.0) -> Modulation:
-        """One PSPM instant, `dt` seconds after the last, at position x [m] with D = `dissipated` [J].
+        """Run PSPM once, `dt` seconds after the last time, at position x [m] with D = `dissipated` [J].
 
-        `keep` is what spring and reservoir must hold afterwards, as far as they can [J]. The energy to send is in the
-        result; the ledger already counts it as sent.
+        `keep` is the energy that spring and reservoir together should keep [J]. The result contains the energy to
+        send; the ledger already counts it as sent.
         """
         sent_s = self._sent_s
         self._sent_s = None
@@ -146,9 +147,9 @@ class SetPositionCoupling:
         return self._modulate(y, x, dissipated, keep)
 
     def release(self, x: Vector, dissipated: float) -> Modulation:
-        """One PSPM instant that lets the spring go at once: ybar = x, and y stays there until something arrives.
+        """Run PSPM once and release the spring at once: ybar = x, and y stays there until a sample arrives.
 
-        It is passive as any other y is; what the spring had stored goes to the reservoir.
+        This is as passive as any other y. The spring's stored energy goes to the reservoir.
         """
         self._received = self.target = x
         self._sent_s = None
@@ -178,7 +179,7 @@ class SetPositionSteps:
 
     Parameters
     ----------
-    coupling : the set-position's way.
+    coupling : this side's set-position coupling.
     """
 
     def __init__(self, coupling: SetPositionCoupling) -> None:
@@ -188,5 +189,5 @@ class SetPositionSteps:
         return mass.step(dt, self.coupling.set_position, contacts)
 
     def update(self, dt: float, x: Vector, dissipated: float) -> Update:
-        """PSPM at the onset of a step; the device is told x."""
+        """Run PSPM at the start of a step. The sample for the device is x."""
         return Update(x, self.coupling.update(dt, x, dissipated).sent)

@@ -1,9 +1,9 @@
 """The device's side of the coupling, for the two kinds of servo.
 
-Continuous: (2) acts within the tick (only a simulated device can do that); it is the paper's device, harvested by (10),
-which is no lower bound where the actuators' limit acted: there by what the damper did dissipate.
-Sampled: the torque is computed once a tick from what the encoders say, and held, as on hardware; harvested by
-measurement (or by (10), which then needs damping of the device's own).
+Continuous: (2) acts within the tick, which only a simulated device can do. This is the paper's device. It harvests by
+(10); where the actuators' limit acted, (10) is no lower bound, and it harvests what the damper really dissipated.
+Sampled: the torque is computed once a tick from the encoders' counts and held, as on hardware. The harvest is measured,
+or computed by (10), which then needs damping in the device itself.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ Harvest = Literal["range", "measured"]
 HARVESTS: tuple[Harvest, ...] = ("range", "measured")
 
 Passage = Callable[[], tuple[Vector, Vector, float | None]]
-"""Gives the extremes of the position since it was last called [m], both ends included, and what the damper dissipated
-since then [J] if the actuators' limit kept it from acting in full; None if it did act in full."""
+"""Returns the extremes of the position since the last call [m], both ends included, and the energy that the damper
+dissipated since then [J] if the actuators' limit kept it from acting in full; None if it acted in full."""
 
 
 class ContinuousServo:
@@ -32,9 +32,9 @@ class ContinuousServo:
 
     Parameters
     ----------
-    coupling : the set-position's way.
+    coupling : this side's set-position coupling.
     damping : B's diagonal [Ns/m].
-    period : PSPM runs at least this often [s], and at once on the tick after data.
+    period : longest time between two runs of PSPM [s]; it also runs on the first tick after a sample.
     """
 
     def __init__(self, coupling: SetPositionCoupling, *, damping: Vector, period: float) -> None:
@@ -46,10 +46,11 @@ class ContinuousServo:
     def tick(
         self, dt: float, x: Vector, passage: Passage, work: float, kinetic: float, *, release: bool = False
     ) -> Update | None:
-        """A tick `dt` seconds after the last; what to tell, if PSPM ran. `release`: let the spring go (ybar = x).
+        """A tick `dt` seconds after the last. Returns what to send, if PSPM ran.
 
-        The ledger is at the human's port: `work` is what the hand put in over the tick [J], `kinetic` the device's
-        kinetic energy now [J].
+        `release` lets the spring go (ybar = x).
+        The ledger is at the human's port: `work` is the energy that the hand put in during the tick [J], `kinetic` the
+        device's kinetic energy now [J].
         """
         self.rest(dt, x, work, kinetic)
         coupling, elapsed = self.coupling, self._elapsed
@@ -64,7 +65,7 @@ class ContinuousServo:
         return Update(x, result.sent)
 
     def resting(self, dt: float) -> int:
-        """How many ticks `dt` seconds apart PSPM has nothing to do in, if no data come: `rest` is all of each."""
+        """Number of coming ticks, `dt` seconds apart, without PSPM if no sample arrives: each needs only `rest`."""
         if self.coupling.has_sample:
             return 0
         ticks, elapsed = 0, self._elapsed + dt
@@ -74,7 +75,7 @@ class ContinuousServo:
         return ticks
 
     def rest(self, dt: float, x: Vector, work: float, kinetic: float) -> None:
-        """What every tick begins with: the account. The arguments are those of `tick`."""
+        """Keep the account, as every tick does first. The arguments are those of `tick`."""
         self._elapsed += dt
         coupling = self.coupling
         ledger = coupling.ledger
@@ -93,10 +94,10 @@ class SampledServo:
     ----------
     coupling, damping, period : as in `ContinuousServo`.
     harvest : "measured" (default) or "range".
-    trusted_damping : lower bound of the device's own damping to harvest too [Ns/m] an axis, with "measured".
-    guard : keeps the force to its limits, and with "measured" to what the account can pay for; the spring should
-        saturate a little below its limit.
-    holding : what the guard was reckoned with; None: it is not known.
+    trusted_damping : lower bound of the device's own damping on each axis, harvested too with "measured" [Ns/m].
+    guard : limits the force, with "measured" also to what the account can cover; the spring should saturate a little
+        below the guard's limit.
+    holding : the values that the guard was computed from; None: unknown.
     resolution : of the encoders [m].
     position : the first measured position [m].
     """
@@ -120,17 +121,17 @@ class SampledServo:
         self.harvest = harvest
         self.resolution = resolution
         self.force: Vector = (0.0,) * len(position)
-        """The force held now [N]. Whoever knows better what the actuators really give sets it, before the next tick."""
+        """The force held now [N]. A driver that knows the force really applied sets it before the next tick."""
         self.trusted_damping = trusted_damping or self.force
         self.holding = holding
         self.speed_max = 0.0
-        """Greatest measured speed, over a tick [m/s]; of what encoders say less a count."""
+        """Greatest speed measured over one tick [m/s]; one encoder count is taken off the travel."""
         self.overrun_leak = 0.0
-        """What held torques gave out while the servo was away for too long, beyond what the account held [J]."""
+        """Energy that held torques output beyond the account while the servo was late for too long [J]."""
         self.overrun_risk = 0.0
-        """The most that may have been given out beyond it meanwhile, and been taken back unseen [J]."""
+        """The most that may have been output beyond the account meanwhile and taken back unseen [J]."""
         self.guarded = 0
-        """Ticks whose force the guard changed."""
+        """Number of ticks whose force the guard changed."""
         self._guard = guard or ForceGuard()
         self._longest_hold = math.inf if holding is None else holding.time * (1.0 + 1e-9)
         self._measured = MeasuredHarvest(self.trusted_damping, resolution)
@@ -149,8 +150,8 @@ class SampledServo:
     def quantisation(self) -> float:
         """How far the true slack can lie below the measured one, because positions are whole counts [J].
 
-        The true position is a count plus at most r/2 an axis. Summing the torque's work by parts, the difference is at
-        most r/2 for every newton that the held torque ever changed by, plus the spring's curvature at the end.
+        On each axis the true position is within r/2 of the count. Summing the torque's work by parts, the difference is
+        at most r/2 times the sum of all changes of the held torque, plus a term for the spring's curvature at the end.
         """
         r = self.resolution
         if r == 0.0:
@@ -161,7 +162,7 @@ class SampledServo:
         return blur
 
     def figures(self) -> dict[str, Any]:
-        """What is known of the held forces, by the summary's keys; empty where `holding` is not known."""
+        """What is known about the held forces, by the summary's keys; empty if `holding` is unknown."""
         if self.holding is None:
             return {}
         return {
@@ -175,12 +176,12 @@ class SampledServo:
 
     @property
     def account(self) -> float:
-        """The reservoir's content with the harvest of the running interval [J]: what the ledger counts."""
+        """The reservoir's content plus the harvest of the current interval [J], as the ledger counts it."""
         return self.coupling.account + self._pending
 
     @property
     def _pending(self) -> float:
-        """Harvest of the running interval, not yet in the reservoir [J]."""
+        """Harvest of the current interval, not yet in the reservoir [J]."""
         if self.harvest == "range":
             return 0.0
         pending: float = self._measured.work - (self.coupling.potential(self._position) - self._potential)
@@ -188,19 +189,19 @@ class SampledServo:
 
     @property
     def _stored(self) -> float:
-        """P: what spring and reservoir hold now, the running interval's harvest counted [J]."""
+        """P: energy in spring and reservoir now, with the harvest of the current interval [J]."""
         stored: float = self.coupling.account + self._measured.work + self._potential
         return stored
 
     def _spare(self) -> float:
-        """What the reservoir can do without, the force held on [J]."""
+        """Energy that the reservoir can spare while the present force stays held [J]."""
         return self._stored - self._guard.needed(self._commanded)
 
     def tick(self, dt: float, x: Vector, v: Vector, *, release: bool = False) -> Update | None:
         """A tick `dt` seconds after the last at measured position x [m] and velocity v [m/s].
 
-        Sets `force`, to zero if told to `release` (ybar = x); returns what to tell, if PSPM ran. What was harvested up
-        to a release is measured in any case: (10) knows nothing of a torque held for so long.
+        Sets `force`; `release` sets it to zero (ybar = x). Returns what to send, if PSPM ran. The harvest up to a
+        release is always measured, because (10) does not account for a torque held for so long.
         """
         coupling, measured = self.coupling, self._measured
         ledger = coupling.ledger
@@ -238,7 +239,7 @@ class SampledServo:
         return told
 
     def _watch(self, dt: float, x: Vector, way: float) -> None:
-        """How fast it went, and what a torque that was held for too long gave out."""
+        """Record the greatest speed, and the energy output by a torque that was held for too long."""
         if dt > 0.0:
             self.speed_max = max(self.speed_max, (way - self.resolution) / dt)
         if dt > self._longest_hold and self.holding is not None:
@@ -273,19 +274,19 @@ class SampledServo:
         self.force = self._commanded = force
 
     def _blur(self) -> None:
-        """Encoders blur the work of the force that was held by as much as it changed, see `quantisation`."""
+        """Add up the changes of the held force: they bound how far encoders blur its work, see `quantisation`."""
         self._torque_path += sum(map(abs, map(sub, self.force, self._before)))
         self._boundary = max(self._boundary, self._unsprung())
         self._before = self.force
 
     def _unsprung(self) -> float:
-        """How far the force is from the spring's, summed over the axes [N]."""
+        """Distance between the held force and the spring's, summed over the axes [N]."""
         spring = self.coupling.spring.force(tuple(map(sub, self._position, self.coupling.set_position)))
         distance: float = sum(map(abs, map(sub, self.force, spring)))
         return distance
 
     def stop(self) -> None:
-        """No force from now until the next tick, the energy account still right."""
+        """Render no force from now until the next tick. The energy account stays correct."""
         if self.resolution:
             self._blur()
         self.force = self._commanded = (0.0,) * len(self.force)

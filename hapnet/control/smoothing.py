@@ -1,7 +1,7 @@
-"""What may stand between reception and PSPM: filters and predictors.
+"""Filters and predictors between reception and PSPM.
 
-PSPM takes any discrete sequence of set-positions, so whatever is done to it before costs no passivity (end of Sec. 3).
-A stage is stepped once an update, before PSPM; stages are chained in the order given.
+PSPM accepts any discrete sequence of set-positions, so processing them first cannot break passivity (end of Sec. 3).
+Each stage is stepped once per update, before PSPM, in the order given.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ class Stage(Protocol):
     def step(self, dt: float, y: Vector, sent_s: float | None) -> Vector:
         """The stage's output [m], `dt` seconds after the last one.
 
-        `y` is the newest sample, or the output of the stage before; `sent_s` is the time at which the sample was sent,
-        on its sender's clock, if it is new since the last step, else None.
+        `y` is the newest sample, or the output of the previous stage. `sent_s` is the time at which the sample was sent
+        [s], on its sender's clock; None if no new sample has arrived since the last step.
         """
 
 
 class SmoothingFilter:
     """First-order low-pass, ``y_f += dt / (tau + dt) (y - y_f)``: the smoothing filter of Figure 6.
 
-    The paper gives its period (5 ms), not its law. Backward Euler: stable for every dt, no overshoot.
+    The paper gives its period (5 ms), not its equation. Backward Euler is stable for every dt and never overshoots.
 
     Parameters
     ----------
@@ -52,14 +52,14 @@ class SmoothingFilter:
 
 
 class VelocityPredictor:
-    """Constant-velocity extrapolation: from the last two data, ahead by a horizon and by the time since the last.
+    """Constant-velocity extrapolation of the last two samples, by a horizon plus the time since the last one.
 
-    The velocity is taken between the senders' time stamps, so jitter does not disturb it and no common clock is needed.
+    The velocity is computed from the sender's time stamps, so jitter does not disturb it and no common clock is needed.
 
     Parameters
     ----------
     horizon : how far to predict beyond the sample's arrival [s], for example the link's delay; 0 or above.
-    longest : extrapolation ends here [s], whatever the silence.
+    longest : longest extrapolation [s], however long the silence.
     """
 
     def __init__(self, horizon: float, longest: float = 0.2) -> None:
@@ -78,7 +78,7 @@ class VelocityPredictor:
         self._age += dt
         if sent_s is not None:
             if self._last is not None and sent_s < self._last[0] - self.longest:
-                self.reset(y)  # nothing is reordered by so much: it is another clock, a restarted sender's
+                self.reset(y)  # reordering never reaches so far back: this is the clock of a restarted sender
             if self._last is not None and sent_s > self._last[0]:
                 span = sent_s - self._last[0]
                 self._velocity = tuple([(new - old) / span for new, old in zip(y, self._last[1], strict=True)])
@@ -92,7 +92,7 @@ class VelocityPredictor:
 
 
 class Pipeline:
-    """Stages in a row; empty: the identity."""
+    """A chain of stages; an empty one is the identity."""
 
     def __init__(self, stages: Iterable[Stage] = ()) -> None:
         self.stages = tuple(stages)

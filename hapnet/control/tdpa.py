@@ -1,32 +1,32 @@
 """Two-port time-domain passivity (J.-H. Ryu, J. Artigas, C. Preusche, Mechatronics 20, 2010), with a slow world.
 
-By default with drift compensation, as later work on this law has, since the law of that paper drifts with every
-contact; with a recovery of 0 there is none, as published.
+The published law drifts with every contact, so the default adds drift compensation, as later work on this law does. A
+recovery of 0 turns it off.
 
-The device sends its position; the world sends the force of a spring and damper between the virtual mass and a
-set-position y that moves as the device does. With the reaction f to the device's velocity v, and f_c to the
-set-position's v_y, the power into what lies between is P = f.v at the device and P = -f_c.v_y at the world. An observer
-at each port sums it up by its sign, and each side sends its E_in with its data:
+The device sends its position. The world sends the force of a spring and damper between the virtual mass and a
+set-position y that moves as the device does. With reaction f at the device's velocity v, and f_c at the set-position's
+velocity v_y, the power into the two-port is P = f.v at the device and P = -f_c.v_y at the world. An observer at each
+port sums P by its sign, and each side sends its E_in with its samples:
 
     P > 0: E_in += T P,    else E_out -= T P
 
-What comes out at one port must have gone in at the other, or else its controller damps, or yields:
+Energy that comes out at one port must have gone in at the other. Otherwise the port's controller damps or yields:
 
     device: E_out^d <= E_in^w,    f <- f + alpha v,        alpha = (E_out^d - E_in^w) / (T v^2)
     world:  E_out^w <= E_in^d,    v_y <- v_y - beta f_c,   beta = (E_out^w - E_in^d) / (T f_c^2)
 
-E_in only grows, so the newest that arrived is a safe bound, whatever the link loses or reorders. What the controllers
-really dissipated is subtracted from E_out; what floors and caps kept them from is a debt, and stays. P is the power of
-all axes together, with one alpha and one beta: so the account is the same in any coordinates.
+E_in only grows, so the largest value that arrived is a safe bound, whatever the link loses or reorders. The energy that
+the controllers really dissipated is subtracted from E_out; what floors and caps kept them from dissipating stays as a
+debt. P is the power of all axes together, with one alpha and one beta, so the account is the same in any coordinates.
 
-Derived here, for steps of any length. In a step beta acts at once: with a = B + K T/2, and y - x at the step's onset,
+Derived here, for steps of any length: within a step beta acts at once. With a = B + K T/2, and y - x at its start,
 
     f_c = s f_1,    f_1 = a (v_y - vhat) + K (y - x),    s = 1/(1 + a beta)
 
-which is a damper 1/beta in series with the coupling, and passive for any T. It takes s (1 - s) f_1^2 T/a, most at
-s = 1/2: a larger beta pays no more, and that is its cap. And floors and caps must not leave a debt to grow: the
-device's f and the world's v_y fade with it, to nothing at its limit D. So no port ever owes more than D and the work of
-one held force, and the energy put in at both ports together never falls below minus the sum of what they owe.
+This is a damper 1/beta in series with the coupling, passive for any T. It dissipates s (1 - s) f_1^2 T/a, the most at
+s = 1/2: a larger beta dissipates no more, so this is its cap. Floors and caps must not let a debt grow: the device's f
+and the world's v_y fade as it grows, and are zero at its limit D. So no port ever owes more than D plus the work of one
+held force, and the energy put in at both ports together never falls below minus the sum of the two debts.
 """
 
 from __future__ import annotations
@@ -38,32 +38,34 @@ from hapnet.checks import Vector
 from hapnet.control.coupling import CouplingSample, Port
 
 _RATE_S = 0.03
-"""Time constant of the world's estimate of the device's velocity [s]: a typical step of the world."""
+"""Time constant of the world's estimate of the device's velocity [s]; a typical world step."""
 _LONGEST_S = 0.1
-"""No device is taken to go on as it did for longer than this after what it last told [s]."""
+"""The device's motion is extrapolated for no longer than this after its newest sample [s]."""
 
 
 class PassivityObserver:
-    """The account of one port: what went in, and what it owes, having given off more than went in at the other one.
+    """The account of one port: the energy that went in, and its debt, output beyond what went in at the other port.
 
-    A total may be granted to several peers, one after the other, but no joule of it twice. So E_in never starts anew,
-    and the first total that comes from a peer grants nothing: those after it are counted from it. All that the old peer
-    was granted came before. (For less, the message would have to be older than the old peer's newest, and have been
-    under way while the new one started and shook hands.) It costs hardly anything: until a world has heard of its
-    device it commands no way and makes no force, so neither port has taken in anything yet; only the device that comes
-    to a world whose spring is tense may have. Debt and credit outlive the peer, as what they stand for really came out
-    or went in here. A side that ends leaves its debt unpaid, which is bounded like any.
+    Several peers may use a total one after the other, but no joule of it may be used twice. So E_in never starts at
+    zero again, and the first total from a new peer grants nothing: later totals are counted from it. All that the old
+    peer was granted came before that first total. (The only exception would be a message older than the old peer's
+    newest that was in flight while the new peer started and shook hands.) This costs hardly anything: until a world has
+    a sample of its device, it commands no displacement and makes no force, so neither port has taken in energy yet.
+    Only a device that joins a world whose spring is tense may lose some. Debt and credit stay when the peer changes,
+    because that energy really came out or went in here. A side that ends leaves its debt unpaid, and every debt is
+    bounded.
     """
 
     def __init__(self) -> None:
         self.debt = 0.0
-        """E_out, less what the controller dissipated, less the peers' E_in as far as it was granted here [J]."""
+        """E_out, less what the controller dissipated, less the peers' E_in that was granted here [J]."""
         self.put_in = 0.0
         """E_in [J]."""
         self._newest: float | None = None
 
     def observe(self, given: float, dissipated: float) -> None:
-        """Over a tick or a step: what came out here [J], below 0 if it went in; what of it the controller took [J]."""
+        """Count a tick or a step: the energy that came out here, negative if it went in, and what the controller
+        dissipated of it [J]."""
         if given > 0.0:
             self.debt += given
         else:
@@ -79,17 +81,17 @@ class PassivityObserver:
             self._newest = energy
 
     def on_peer_changed(self) -> None:
-        """Another peer, with a count of its own."""
+        """A new peer, with its own count, has replaced the old one."""
         self._newest = None
 
 
 class TdpaDevice:
-    """The device's end: the world's reaction, and the damping that the energy calls for.
+    """The device's end: it renders the world's reaction, plus the damping that the account demands.
 
     Parameters
     ----------
-    position : (n,) where the device is [m].
-    velocity_floor : slower than this it does not damp [m/s]. damping_cap : the most that alpha may be [Ns/m].
+    position : (n,) the device's position [m].
+    velocity_floor : no damping below this speed [m/s]. damping_cap : largest alpha [Ns/m].
     debt_limit : D [J]. stiffness : K of the world's coupling [N/m].
     """
 
@@ -106,7 +108,7 @@ class TdpaDevice:
 
     @property
     def set_position(self) -> Vector:
-        """Where a spring K to the device would make the world's reaction, x - f/K [m]: it tells no position itself."""
+        """x - f/K [m]: a spring K tied there would make the world's reaction. The world sends no position."""
         return tuple([x + self._compliance * f for x, f in zip(self._x, self._force, strict=True)])
 
     def receive(self, sample: CouplingSample) -> None:
@@ -141,7 +143,7 @@ class TdpaDevice:
         self._damper = self._none
 
     def _settle(self, x: Vector, held: Vector) -> None:
-        """Observe what was held since the last tick, exactly: its whole work, and the damper's share of it apart."""
+        """Observe the force held since the last tick, exactly: its whole work, and the damper's share separately."""
         way = tuple(map(sub, x, self._x))
         self._x = x
         damped = -sum(map(mul, self._damper, way))
@@ -149,24 +151,25 @@ class TdpaDevice:
 
 
 class TdpaWorld:
-    """The world's end: a set-position that moves as the device does, and yields to the force as the energy calls for.
+    """The world's end: a set-position that moves as the device does, and yields to the force as the account demands.
 
-    What a step commands is the way from where the step before should have brought y to where the device will be at
-    this one's end, by its newest position, its age and its rate. So a lost message costs no way, steps of 10 and 50 ms
-    in turn are no jerks, and steps shorter than the device's period go on between two messages. What y yields is lost
-    for good, the known drift, unless `recovery` commands it again; the law as first published has none.
+    Each step commands a displacement: from where the previous step should have brought y to where the device will be at
+    the end of this step, by its newest position, that position's age and its velocity. So a lost message loses no
+    displacement, alternate steps of 10 and 50 ms cause no jerks, and steps shorter than the device's period continue
+    between two messages. What y yields is lost (the known drift) unless `recovery` commands it again; the law as first
+    published has no recovery.
 
     More than twenty attributes: six parameters, and two positions with their rates, ages and forces, of this end and of
     the device's newest message.
 
     Parameters
     ----------
-    position : (n,) where the mass is [m]; the first position of a device counts as the same place.
+    position : (n,) the mass's position [m]; a device's first position counts as the same place.
     stiffness, damping : K [N/m] and B [Ns/m] between set-position and mass.
-    force_floor : with less force than this it does not yield [N].
-    speed_limit : of the set-position [m/s]; the rest of the way follows later.
+    force_floor : y does not yield to forces below this [N].
+    speed_limit : of the set-position [m/s]; the rest of the displacement follows later.
     debt_limit : D [J].
-    recovery : drift is made up for with this time constant, as far as the energy goes [s]; 0: never.
+    recovery : time constant for making up the drift, as far as the energy allows [s]; 0: never.
     """
 
     def __init__(
@@ -188,11 +191,11 @@ class TdpaWorld:
         self._recovery = recovery
         self._x = self._y = position
         self._none = self._vhat = self._way = self._force = self._end_force = self._drift = (0.0,) * len(position)
-        self._dt = self._age = 0.0  # of the step; of the device's newest position, since a step began with it
+        self._dt = self._age = 0.0  # step length; age of the newest position, from the step that first used it
         self._share = 1.0
         self._arrived: Vector | None = None
         self._following = False
-        self._used = self._goal = position  # the device's newest position, and where the last step should have ended
+        self._used = self._goal = position  # the device's newest position; where the last step should have brought y
         self._rate = self._none
 
     @property
@@ -202,7 +205,7 @@ class TdpaWorld:
 
     @property
     def drift(self) -> Vector:
-        """How far y has stayed behind what was commanded [m]."""
+        """Displacement commanded but not made by y [m]."""
         return self._drift
 
     def receive(self, sample: CouplingSample) -> None:
@@ -239,7 +242,7 @@ class TdpaWorld:
         return share * a, tuple([share * f for f in self._unyielding(a, self._none)])
 
     def moved(self, dt: float, vhat: Vector, x: Vector, v: Vector) -> None:
-        """See `WorldLaw.moved`: observe the step that is over."""
+        """See `WorldLaw.moved`: observe the completed step."""
         a, share = self._B + 0.5 * self._K * dt, self._share
         whole = self._unyielding(a, vhat)
         self._force = force = tuple([share * f for f in whole])
@@ -250,14 +253,14 @@ class TdpaWorld:
         self._y = tuple(map(add, self._y, moved))
         self._drift = tuple(map(add, self._drift, yielded))
         self._x, self._vhat = x, vhat
-        half = 0.5 * self._K  # with the spring's force at the end of the step, not its mean: half a step less delay
+        half = 0.5 * self._K  # sends the spring's force at the step's end, not its mean: half a step less delay
         self._end_force = tuple([f + half * (w - u * dt) for f, w, u in zip(force, moved, vhat, strict=True)])
 
     def next_sample(self) -> CouplingSample:
         return Port(self._end_force, self.observer.put_in)
 
     def _command(self, dt: float) -> None:
-        """The way that y is to move: v_y T, within the limits of speed and debt."""
+        """Choose y's displacement, v_y T, within the limits of speed and debt."""
         goal, drift = self._goal, self._drift
         part = dt / (self._recovery + dt) if self._recovery else 0.0
         age = min(self._age + dt, _LONGEST_S)
@@ -273,15 +276,15 @@ class TdpaWorld:
         self._drift = tuple([kept * lost + (cut - share) * w for lost, w in zip(drift, way, strict=True)])
 
     def _unyielding(self, a: float, vhat: Vector) -> list[float]:
-        """f_1 of the step, where the mass moves with vhat."""
+        """f_1 of the step, if the mass moves with vhat [N]."""
         K, dt = self._K, self._dt
         rows = zip(self._way, vhat, self._y, self._x, strict=True)
         return [a * (way / dt - u) + K * (y - x) for way, u, y, x in rows]
 
     def _passive_share(self, a: float) -> float:
-        """s that leaves no debt, if the mass goes on as in the last step: what it does instead is observed afterwards.
+        """s that leaves no debt if the mass moves as in the last step; how it really moves is observed afterwards.
 
-        The larger root of s f_1.v_y T - s (1 - s) f_1^2 T/a = -debt, within 1/2 and 1.
+        The larger root of s f_1.v_y T - s (1 - s) f_1^2 T/a = -debt, limited to 1/2 to 1.
         """
         if sum(map(mul, self._force, self._force)) < self._floor_square:
             return 1.0

@@ -1,7 +1,7 @@
-"""The device's end of a plain virtual coupling, its force held from tick to tick: f = -K (x - y) - B v.
+"""The device's end of a plain virtual coupling, with its force held from tick to tick: f = -K (x - y) - B v.
 
-y is the newest position that the world sent (Colgate, Stanley, Brown 1995). Nothing keeps it passive over a network; a
-law that is to do so is added to it.
+y is the newest position that the world sent (Colgate, Stanley, Brown 1995). Nothing here makes it passive over a
+network; PO/PC and energy bounding add that.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from hapnet.mechanics.spring import Spring
 
 
 class VirtualCoupling:
-    """A spring, which may saturate, and a damper to the newest position.
+    """A spring, which may saturate, tied to the newest position, and a damper.
 
     Parameters
     ----------
-    spring : K. damping : B's diagonal [Ns/m]. position : x(0) [m], where it is at rest.
+    spring : K. damping : B's diagonal [Ns/m]. position : x(0) [m], where it starts at rest.
     """
 
     def __init__(self, spring: Spring, damping: Vector, position: Vector) -> None:
@@ -27,15 +27,15 @@ class VirtualCoupling:
         self._damping = damping
 
     def receive(self, sample: CouplingSample) -> None:
-        """A position came [m]."""
-        assert not isinstance(sample, Motion | Port | Wave), "a bare position is what the world sends here"
+        """A position arrived [m]."""
+        assert not isinstance(sample, Motion | Port | Wave), "the world sends bare positions here"
         self.set_position = sample
 
     def on_peer_changed(self) -> None:
-        """Positions need no count: another peer's go on where the first one's ended."""
+        """Do nothing: positions are not counted, so the new peer's simply continue the old one's."""
 
     def next_sample(self, x: Vector, v: Vector) -> CouplingSample:
-        """The position [m]."""
+        """The measured position [m]."""
         return x
 
     def coupled(self, x: Vector, v: Vector) -> Vector:
@@ -44,6 +44,6 @@ class VirtualCoupling:
         return tuple(map(sub, spring, map(mul, self._damping, v)))
 
     def moved(self, x: Vector) -> Vector:
-        """Way from the last measured position to x, which takes its place [m]."""
+        """Displacement from the last measured position to x [m]; x becomes the last position."""
         before, self.position = self.position, x
         return tuple(map(sub, x, before))

@@ -1,8 +1,8 @@
-"""Wave variables over a line that delays (G. Niemeyer, J.-J. E. Slotine, 2004): the delay line's receiving end.
+"""Wave variables over a delaying line (G. Niemeyer, J.-J. E. Slotine, 2004): the delay line's receiving end.
 
-Waves wait in a queue and are each used once, for as long as they were sent for, whatever the periods of the two sides.
-So the energy that has come out never exceeds what has arrived. Where periods are irregular the queue becomes, after
-the longest of them, an exact delay: a jitter buffer.
+Waves wait in a queue. Each is used once, for its own time span, whatever the periods of the two sides. So the energy
+output never exceeds the energy that has arrived. With irregular periods the queue grows to the longest of them and is
+then an exact delay, a jitter buffer.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from hapnet.checks import Vector
 from hapnet.control.coupling import Wave
 
 WINDOW_S = 2.0
-"""A wait that was not needed in so long a time is shortened."""
+"""A queue that was longer than needed for this time is shortened [s]."""
 SLACK_S = 0.005
-"""A wait as short as this may stay."""
+"""A queue this short is never shortened [s]."""
 MOST = 1024
-"""So many waves may wait."""
+"""Largest number of waiting waves."""
 
 
 class DelayLine:
@@ -26,9 +26,9 @@ class DelayLine:
 
     Parameters
     ----------
-    dof : of a wave.
-    longest : wait [s]; of what makes it longer the oldest is dropped.
-    hold : where a wave is missing the last one stands for it, which is not passive; else zero does, which is.
+    dof : components of a wave.
+    longest : longest wait [s]; when the queue grows beyond it, the oldest waves are dropped.
+    hold : a missing wave is replaced by the last one, which is not passive; if false, by zero, which is passive.
     """
 
     def __init__(self, dof: int, longest: float, *, hold: bool = False) -> None:
@@ -41,7 +41,7 @@ class DelayLine:
         self._queue: deque[tuple[Vector, float]] = deque()
         self._last = self._zero
         self.waiting = 0.0
-        """How much time of waves is in the queue [s]."""
+        """Total time span of the waves in the queue [s]."""
         self._pace = 1.0
         self._least = self._watched = 0.0
 
@@ -54,9 +54,9 @@ class DelayLine:
     def take(self, dt: float) -> Vector:
         """The mean wave over the next `dt` seconds.
 
-        A queue that has been too long for a window's time is played faster for as long, at most twice as fast, and the
-        waves of S seconds in dt < S go out as their mean times sqrt(S/dt): no more energy than they had, by Cauchy and
-        Schwarz.
+        A queue that was too long for a whole window is played faster during the next window, at most twice as fast.
+        Waves of S seconds played in dt < S go out as their mean times sqrt(S/dt): no more energy than they had, by the
+        Cauchy-Schwarz inequality.
         """
         total, took = self._next(dt * self._pace)
         if took < dt and self._hold:
@@ -66,7 +66,7 @@ class DelayLine:
         return tuple([part * scale for part in total])
 
     def _next(self, wanted: float) -> tuple[list[float], float]:
-        """Integral of the oldest waves over at most `wanted` seconds, and over how many."""
+        """Integral of the oldest waves over at most `wanted` seconds, and the time it covers [s]."""
         queue = self._queue
         total, took = list(self._zero), 0.0
         while queue and took < wanted:

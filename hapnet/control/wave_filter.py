@@ -1,11 +1,11 @@
-"""A low-pass filter of waves, which keeps the steps of a slow sender and what reflections ring from the hand.
+"""A low-pass filter of waves: it keeps a slow sender's steps and ringing reflections away from the hand.
 
 Filtering in the wave domain is passive where the filter's gain is at most 1 (G. Niemeyer, J.-J. E. Slotine, 2004). The
 discretisation is derived here: with z the filtered wave, ``tau (z - z_before) = (w - z) T`` obeys, for any T,
 
     z^2/2 T <= w^2/2 T - tau/2 (z^2 - z_before^2)
 
-so less energy comes out than went in, but for what the filter holds; and of the displacement only ``tau z`` is behind.
+so the energy output never exceeds the energy put in plus what the filter holds, and the displacement lags by ``tau z``.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from hapnet.control.wave_port import Line
 
 
 class WaveFilter:
-    """A line behind whose receiving end the waves are smoothed.
+    """A line whose output waves are smoothed.
 
     Parameters
     ----------
-    line : what is smoothed. dof : of a wave. time : tau [s].
+    line : the line to smooth. dof : components of a wave. time : tau [s].
     """
 
     def __init__(self, line: Line, dof: int, time: float) -> None:

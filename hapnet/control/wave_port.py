@@ -1,13 +1,13 @@
-"""The two terminations of a wave line: where waves become force and motion, and motion and force become waves.
+"""The two terminations of a wave line: they convert waves to force and motion, and back.
 
-The wave variables of a port with velocity v and reaction f, b the wave impedance (G. Niemeyer, J.-J. E. Slotine,
+The wave variables of a port with velocity v, reaction f and wave impedance b (G. Niemeyer, J.-J. E. Slotine,
 "Telemanipulation with Time Delays", Int. J. of Robotics Research 23(9), 2004):
 
     u = (b v + f)/sqrt(2b)    into the line at the device, out of it at the world
-    w = (b v - f)/sqrt(2b)    the way back                                        f v = u^2/2 - w^2/2
+    w = (b v - f)/sqrt(2b)    in the other direction                              f v = u^2/2 - w^2/2
 
-A line that gives out no more energy than came in, at each instant, is therefore passive between two ports that obey
-this exactly. The discretisation of both ports is derived here. Each axis is a line of its own.
+So a line that never outputs more energy than has come in is passive between two ports that obey this exactly. The
+discretisation of both ports is derived here. Each axis has its own line.
 """
 
 from __future__ import annotations
@@ -20,29 +20,29 @@ from hapnet.control.coupling import CouplingSample, Wave
 
 
 class Line(Protocol):
-    """The receiving end of one direction of a wave line. It may be slow, it may lose waves, it never gives energy."""
+    """The receiving end of one direction of a wave line. It may delay and lose waves, but it adds no energy."""
 
     def push(self, wave: Wave) -> None:
         """A wave arrived."""
 
     def take(self, dt: float) -> Vector:
-        """The mean wave over the next `dt` seconds [sqrt(W)], which are then past."""
+        """Advance by `dt` seconds; the mean wave over that time [sqrt(W)]."""
 
     def clear(self) -> None:
-        """Forget what has arrived."""
+        """Forget all waves that have arrived."""
 
 
 class WaveDevice:
     """The device's end: ``f = b v - sqrt(2b) w`` against the device, ``u = sqrt(2b) v - w`` to the world.
 
-    The force is held over a tick, in which v changes, and it may be cut short by the actuator's limit or released. So
-    what is sent is reckoned from what really happened: of displacement ``sum(sqrt(2b) dx - w dt)``, which keeps the
-    two ends together, as much as the energy allows that came in at this port, ``f dx`` with the force that was really
-    held plus ``w^2/2 dt``. The rest of the displacement is sent when the energy for it is there.
+    The force is held over a tick while v changes, and the actuator's limit or a release may cut it. So the wave to send
+    is computed from what really happened. It carries the displacement ``sum(sqrt(2b) dx - w dt)``, which keeps the two
+    ends together, but only as much of it as the energy at this port allows: ``w^2/2 dt - F dx`` with the force F really
+    held. The rest of the displacement is sent when there is energy for it.
 
     Parameters
     ----------
-    impedance : b [Ns/m]. position : of the device [m]. line : from the world.
+    impedance : b [Ns/m]. position : of the device [m]. line : waves from the world.
     """
 
     def __init__(self, impedance: float, position: Vector, line: Line) -> None:
@@ -62,12 +62,12 @@ class WaveDevice:
 
     @property
     def energy(self) -> float:
-        """What came in and was not sent, on the axis that has least [J]: it pays for what the hold leaks."""
+        """Energy that came in and was not sent, on the axis with the least [J]: it covers what the hold leaks."""
         return min(self._energy)
 
     @property
     def set_position(self) -> Vector:
-        """The device's own: a wave tells no position."""
+        """The device's own position: a wave carries none."""
         return self._x
 
     def receive(self, sample: CouplingSample) -> None:
@@ -118,13 +118,13 @@ class WaveWorld:
         sqrt(2b) u - b vy = f_c = a (vy - vhat) + K (y - x)        the line's force is the coupling's
 
     is solved for vy and f_c together with the mass: ``f_c = p - g vhat`` with ``g = a b/(a + b)`` and
-    ``p = (a sqrt(2b) u + b K (y - x))/(a + b)``. Exactly: (u^2 - w^2)/2 T = f_c vy T, which is the change of the
-    coupling's potential, plus B (vy - vhat)^2 T, plus f_c vhat T.
+    ``p = (a sqrt(2b) u + b K (y - x))/(a + b)``. It holds exactly that (u^2 - w^2)/2 T = f_c vy T, which is the change
+    of the coupling's potential plus B (vy - vhat)^2 T plus f_c vhat T.
 
     Parameters
     ----------
     impedance : b [Ns/m]. stiffness, damping : K [N/m], B [Ns/m] of the virtual coupling. position : of the mass [m].
-    line : from the device.
+    line : waves from the device.
     """
 
     def __init__(self, impedance: float, stiffness: float, damping: float, position: Vector, line: Line) -> None:
@@ -148,7 +148,7 @@ class WaveWorld:
         self._line.push(sample)
 
     def begin(self) -> None:
-        """Nothing: what has arrived waits in the line until the step's length is known."""
+        """Do nothing: waves wait in the line until the step's length is known."""
 
     def impedance(self, dt: float) -> tuple[float, Vector]:
         b, a = self._b, self._B + 0.5 * self._K * dt
@@ -170,5 +170,5 @@ class WaveWorld:
         self._out = Wave(tuple([root * speed - u for speed, u in zip(vy, self._u, strict=True)]), dt)
 
     def next_sample(self) -> Wave:
-        out, self._out = self._out, Wave(self._silence, 0.0)  # once: a world that is paused has nothing to send
+        out, self._out = self._out, Wave(self._silence, 0.0)  # each wave once: a paused world has nothing to send
         return out

@@ -1,7 +1,7 @@
 """PSPM off: the plain virtual coupling, ybar = y, for comparison.
 
-The same spring, the same ledger and the same bound, but no reservoir is charged or paid from: E stays E(0), nothing is
-harvested, sent or credited. On bad links its margin goes below zero.
+It has the same spring, ledger and bound, but does not use the reservoir: E stays E(0), and nothing is harvested, sent
+or credited. On bad links its margin falls below zero.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from hapnet.mechanics.spring import Spring
 
 
 class ZeroOrderHold:
-    """Stands where `SetPositionModulator` stands and takes every set-position as it comes.
+    """Replaces `SetPositionModulator` and accepts every set-position unchanged.
 
     Parameters
     ----------
     spring : the coupling spring.
     position : x(0) [m].
-    energy : E(0) [J], counted in the bound as PSPM's is.
+    energy : E(0) [J], counted in the bound as with PSPM.
     """
 
     __slots__ = ("deficit", "energy", "set_position", "spring")
@@ -34,12 +34,12 @@ class ZeroOrderHold:
         return self.energy
 
     def modulate(self, y: Vector, x: Vector, dissipated: float, received: float, keep: float = 0.0) -> Modulation:
-        """ybar = y; the energies are left alone."""
+        """Set ybar = y; no energy changes."""
         before = self.spring.between(self.set_position, x)
         self.set_position = y
         jump = self.spring.between(y, x) - before
         return Modulation(y, self.energy, 0.0, 0.0, 0.0, jump)
 
     def split_reservoir(self, most: float = 0.0) -> float:
-        """Nothing: there is no reservoir [J]."""
+        """Zero [J]: there is no reservoir to split."""
         return 0.0
