@@ -502,7 +502,7 @@ def test_what_the_scene_does_not_read_is_warned_of_once_and_first(capsys: Captur
 def test_range_harvest_with_too_little_damping_is_warned_of_and_with_none_refused(capsys: Capture) -> None:
     argv = [*QUICK, "--servo", "sampled", "--set", "device.harvest=range", "--set"]
     assert cli.main([*argv, "device.own_damping=0.1"]) == 0
-    assert "warning: the range harvest can be not passive" in capsys.readouterr().out
+    assert "warning: the range harvest may not be passive" in capsys.readouterr().out
     assert cli.main([*argv, "device.own_damping=0"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "device.harvest is 'range'" in line

@@ -1,1 +1,1 @@
-"""The couplings by name: what each is, how it is tuned, and for which delays."""
+"""The couplings by name: the two ends of each, its tuning, and the delays it is tuned for."""

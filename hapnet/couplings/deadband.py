@@ -1,4 +1,4 @@
-"""The deadband that the parameters ask for, for either side."""
+"""Builds a side's deadband from the parameters."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from hapnet.params import Params
 from hapnet.wire.messages import Role, Wave
 
 SENT_A_SILENCE = 5
-"""However few data a deadband lets through, some so many are sent in the time after which a peer counts as silent."""
+"""A deadband sends at least this many samples in the time after which a peer counts as silent."""
 
 
 def deadband(params: Params, role: Role) -> Deadband | None:
-    """What decides which data this side sends; None: it sends all."""
+    """The deadband that decides which samples this side sends; None: it sends all."""
     if params.wire.deadband == 0.0:
         return None
     spec = coupling(params.coupling)

@@ -1,4 +1,4 @@
-"""Energy bounding at the device (hapnet/control/eba.py): its rule and its ends."""
+"""Energy bounding at the device (hapnet/control/eba.py): its tuning rule and its ends."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Tuning:
 def tune(params: Params, link: Delays) -> Tuning:
     damping = params.eba.damping or params.device.own_damping
     if damping == 0.0:
-        allowed = "above 0 with the coupling eba (or eba.damping is), which may render no force without"
+        allowed = "above 0 with the coupling eba, which may render no force without damping (or set eba.damping)"
         raise InvalidParameter("device.own_damping", 0.0, allowed)
     return Tuning(damping)
 
@@ -41,7 +41,7 @@ EBA = CouplingSpec(
     name="eba",
     title="energy bounding",
     source="Kim, Ryu 2004",
-    claim="passive at the hand's port, if the device damps as much as is trusted",
+    claim="passive at the hand's port, if the device really has the damping that is assumed",
     device=held_law(_device),
     world=plain_world,
     tuning=Tuning,

@@ -1,4 +1,4 @@
-"""What a device declares of itself, made into the guard of its held torque; see hapnet/control/reserve.py."""
+"""Builds the guard of a held torque from what the device declares; see hapnet/control/reserve.py."""
 
 from __future__ import annotations
 
@@ -14,14 +14,17 @@ from hapnet.errors import InvalidParameter
 from hapnet.params import DeviceParams
 
 UNKNOWN_MASS = 1e9
-"""So heavy [kg] that no torque speeds it up: of a device that does not tell its own."""
+"""Mass assumed for a device that does not declare its own [kg]: so heavy that no torque speeds it up."""
 
 RESERVED_SHARE = 0.5
-"""No more of the ceiling than this is kept in reserve: the spring must be able to move with the rest."""
+"""Largest share of the ceiling that is kept in reserve: the spring needs the rest to move."""
 
 
 def guard(device: DeviceParams, harvest: Harvest, dof: int) -> tuple[ForceGuard, Holding]:
-    """What keeps the force to its limits and, where its work is measured, to its account; and what it was made from."""
+    """The guard of the force, and the values it was computed from.
+
+    It limits the force, and if the force's work is measured, also keeps it within the energy account.
+    """
     period, speed = 1.0 / device.servo_hz, device.greatest_speed
     holding = _holding(device, dof)
     measured = harvest == "measured"
@@ -54,11 +57,11 @@ def _holding(device: DeviceParams, dof: int) -> Holding:
 
 
 def check(device: DeviceParams, harvest: Harvest, dof: int) -> list[str]:
-    """Warnings of what will not be rendered as asked for, or may go beyond the account.
+    """Warnings about forces that will not be rendered as asked, or that may output more than the account holds.
 
     Raises
     ------
-    InvalidParameter : the range harvest, with less of the device's own damping than any held spring needs.
+    InvalidParameter : the range harvest is asked for, and the device has less own damping than a held spring needs.
     """
     if harvest == "range":
         return _range(device, dof)
@@ -69,14 +72,14 @@ def check(device: DeviceParams, harvest: Harvest, dof: int) -> list[str]:
         warnings.append(
             f"device.ceiling_J {device.ceiling_J:g} leaves too little in reserve for a torque that is held for "
             f"{holding.time:g} s at up to {holding.speed:g} m/s ({need}): a low reservoir limits the force, and a "
-            f"servo that stops may give out more than was in the account"
+            f"servo that stops may output more energy than the account held"
         )
     B = max(checks.diagonal("device.damping", device.damping, dof))
-    least = B / device.servo_hz / 2.0  # B T < 2 m: a lighter one is turned round, faster each time
+    least = B / device.servo_hz / 2.0  # B T < 2 m: a lighter device is reversed at each tick, faster each time
     if device.mass <= least:
         warnings.append(
-            f"device.damping {B:g} is held for a tick, which slows down masses above {least:.3g} kg only; this device "
-            f"has {device.mass:g}: the damper is rendered as far as the account and the greatest speed allow"
+            f"device.damping {B:g} is held for a tick and slows down only masses above {least:.3g} kg; this device has "
+            f"{device.mass:g} kg, so its damper is limited by the energy account and the greatest speed"
         )
     return warnings
 
@@ -87,18 +90,18 @@ def _range(device: DeviceParams, dof: int) -> list[str]:
     own = (device.own_damping,) * dof
     period = 1.0 / device.servo_hz
     necessary, _ = damping_conditions(own, tuple(np.diagonal(K).tolist()), B, period)
-    rows = tuple(np.abs(K).sum(axis=1).tolist())  # bound a K that couples the axes (Gershgorin)
+    rows = tuple(np.abs(K).sum(axis=1).tolist())  # Gershgorin bounds, for a K that couples the axes
     need = max(k * period / 2.0 + 2.0 * b for k, b in zip(rows, B, strict=True))
     if not necessary:
         least = float(np.max(np.diagonal(K))) * period / 2.0
         raise InvalidParameter(
             "device.harvest", "range",
-            f"measured with a sampled servo whose device damps by {device.own_damping:g} Ns/m: range needs more than "
-            f"K T/2 = {least:.3g} of it, and is passive for any motion above {need:.3g}",
+            f"measured, with a sampled servo on a device with {device.own_damping:g} Ns/m of own damping: range needs "
+            f"more than K T/2 = {least:.3g} Ns/m, and is passive for any motion above {need:.3g} Ns/m",
         )  # fmt: skip
     if damping_conditions(own, rows, B, period)[1]:
         return []
     return [
-        f"the range harvest can be not passive with a sampled servo: own damping {device.own_damping} Ns/m, "
-        f"passive for any motion above {need:.3g} Ns/m; use device.harvest=measured"
+        f"the range harvest may not be passive with a sampled servo: the device's own damping is {device.own_damping} "
+        f"Ns/m, and it is passive for any motion only above {need:.3g} Ns/m; use device.harvest=measured"
     ]

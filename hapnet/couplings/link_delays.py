@@ -1,4 +1,4 @@
-"""What a designer would know of a link: the delays that a law is tuned for."""
+"""The link's delays that a law is tuned for, as a designer would know them."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from netem import LinkProfile
 
 
 class Delays(NamedTuple):
-    """Of the link that a law is tuned for."""
+    """The delays of the link that a law is tuned for."""
 
     one_way_s: float
-    """The mean of both ways."""
+    """Typical delay, the mean of both directions."""
     round_trip_bound_s: float
-    """Hardly ever exceeded; of a recorded link, whose outages nobody tunes for, a tenth of the time each way."""
+    """Rarely exceeded. A recorded link exceeds it a tenth of the time in each direction: nobody tunes for outages."""
 
 
 _RECORDED = (0.5, 0.9)
-"""What of a recorded delay is typical, and what its bound: quantiles over time."""
+"""The quantiles over time that count as a recorded link's typical delay and as its bound."""
 
 
 def delays(up: LinkProfile, down: LinkProfile, path_s: float = 0.0) -> Delays:
-    """What a designer would know of the link: its delays, and the jitter's tail. `path_s`: round trip below it."""
+    """The delays of the emulated link, its jitter's tail included. `path_s`: round trip of the network below it [s]."""
     typical, bound = np.sum([_one_way_s(profile) for profile in (up, down)], axis=0).tolist()
     return Delays((typical + path_s) / 2.0, bound + path_s)
 
@@ -48,9 +48,9 @@ def _one_way_s(profile: LinkProfile) -> tuple[float, float]:
 
 
 def _wait_s(gaps: ArrayLike, share: float) -> float:
-    """How long one waits at most, this share of the time, for the next of events that are `gaps` apart [s].
+    """Quantile `share` of the wait for the next event [s], from a random instant; the events are `gaps` apart [s].
 
-    One waits longer than w for the fraction sum max(0, gap - w) / sum gap of all time.
+    The wait exceeds w for the fraction sum max(0, gap - w) / sum gap of all time.
     """
     longest = -np.sort(-np.asarray(gaps, dtype=float))
     together = np.cumsum(longest)
@@ -60,7 +60,7 @@ def _wait_s(gaps: ArrayLike, share: float) -> float:
 
 
 def _quantile(values: ArrayLike, weights: ArrayLike, share: float) -> float:
-    """The least value that this share of the weight does not exceed."""
+    """The weighted quantile `share` of `values`."""
     values, weights = np.asarray(values, dtype=float), np.asarray(weights, dtype=float)
     order = np.argsort(values)
     reached = np.cumsum(weights[order])

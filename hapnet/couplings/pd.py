@@ -1,4 +1,4 @@
-"""PD over a constant delay (hapnet/control/pd.py): its rule, where it is passive, and its ends."""
+"""PD over a constant delay (hapnet/control/pd.py): its tuning rule, where it is passive, and its ends."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Tuning:
 
 
 def tune(params: Params, link: Delays) -> Tuning:
-    """K_p no larger than lets K_d, by its rule, be rendered; a K_d of the user's own leaves K_p alone."""
+    """Choose K_p so that the device can render the K_d that the rule demands. A K_d given by the user keeps K_p."""
     device, own = params.device, params.pd
     K = scalar_stiffness(params)
     held_back = 2.0 * LONGEST_S if params.wire.deadband else 0.0
@@ -43,13 +43,13 @@ def warn(params: Params, tuning: Tuning) -> tuple[str, ...]:
     if device.own_damping > need:
         return ()
     return (
-        f"the coupling pd holds its force: with the device's own damping of {device.own_damping:g} Ns/m it is not "
-        f"passive for motions as fast as a tick; above {need:.3g} Ns/m it would be",
+        f"the coupling pd holds its force for a tick: with {device.own_damping:g} Ns/m of damping in the device itself "
+        f"it is not passive for motions as fast as a tick; above {need:.3g} Ns/m it would be",
     )
 
 
 def covers(params: Params, tuning: Tuning, virtual: bool) -> bool:
-    """One known delay both ways, gains by the rule, and a device that damps what its held force leaks."""
+    """True with one known delay in each direction, gains by the rule, and own damping that covers the hold's leak."""
     link = params.link
     profiles = [LinkProfile.named(words) for words in (link.up, link.down)]
     known = all(profile == LinkProfile(delay_ns=profile.delay_ns) for profile in profiles)
@@ -70,7 +70,7 @@ PD = CouplingSpec(
     name="pd",
     title="PD over a constant delay",
     source="Lee, Spong 2006",
-    claim="passive at both ports, if K_d is K_p times half the round trip or more and nothing is lost",
+    claim="passive at both ports, if K_d is at least K_p times half the round trip and nothing is lost",
     device=held_law(_device),
     world=stepped_law(_world),
     tuning=Tuning,

@@ -1,4 +1,4 @@
-"""Passivity observer and controller at the device (hapnet/control/popc.py): its rule and its ends."""
+"""Passivity observer and controller at the device (hapnet/control/popc.py): its tuning rule and its ends."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ POPC = CouplingSpec(
     name="popc",
     title="passivity observer and controller",
     source="Hannaford, Ryu 2002",
-    claim="passive at the hand's port, but for what the controller's limits leave",
+    claim="passive at the hand's port, except for the energy that the controller's limits leave",
     device=held_law(_device),
     world=plain_world,
     tuning=Tuning,

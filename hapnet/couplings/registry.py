@@ -1,4 +1,4 @@
-"""The couplings, by the names that a user gives them: a file of hapnet/couplings each, and one line here."""
+"""The couplings, by the names that a user gives: each is one file in hapnet/couplings and one line here."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ assert set(COUPLINGS) == set(COUPLING_NAMES)
 
 
 def coupling(name: str) -> CouplingSpec[Any]:
-    """The coupling of that name, or the user's own, ``module:NAME``.
+    """The coupling of that name, or a user's own, given as ``module:NAME``.
 
     Raises
     ------
-    InvalidParameter : there is none, or what is there is none.
+    InvalidParameter : there is no coupling of that name, or the object is not a `CouplingSpec`.
     """
     if name in COUPLINGS:
         return COUPLINGS[name]
@@ -40,31 +40,31 @@ def coupling(name: str) -> CouplingSpec[Any]:
 
 
 def known(name: object) -> CouplingSpec[Any] | None:
-    """hapnet's own coupling of that name; None: of a user's own nothing is known but its name."""
+    """hapnet's own coupling of that name; None for a user's own, of which only the name is known."""
     return COUPLINGS.get(str(name))
 
 
 def jointly_passive(name: object) -> bool:
-    """Does the coupling of this name pass energy on through the link itself, so that neither side has a half to keep?
+    """Does energy pass through the link itself with the coupling of this name, so that neither side keeps a half?
 
-    Then the energy put in at one port alone may be anything: only the sum of both at the same time says something. So
-    it is with a user's own law.
+    Then the energy put in at one port alone means nothing; only the sum of both ports at the same time does. The answer
+    is yes for a user's own law.
     """
     spec = known(name)
     return ":" in str(name) if spec is None else spec.joint
 
 
 def ideal_stiffness(params: Params, wall: float) -> float:
-    """What a hand at a wall of stiffness `wall` [N/m] would feel of the coupling's springs in series, at rest [N/m].
+    """The stiffness that a hand would feel at a wall of stiffness `wall` [N/m], over an ideal link, at rest [N/m].
 
-    With PSPM and all that has its two springs the device's spring K sees the proxy stay back by K'/(K' + K_w) of the
-    way into the wall. With one spring between the two sides it is that spring and the wall, in series: the spring that
-    the user asked for, also where a law's rule makes it softer.
+    PSPM and others with two springs: the device's spring K is stretched by the part K_w/(K' + K_w) of the penetration,
+    because the proxy follows by K'/(K' + K_w) of it. Couplings with one spring: that spring and the wall in series,
+    with the stiffness that the user asked for, even if the law's rule makes it softer.
     """
     K = scalar_stiffness(params)
     K_world = params.world.stiffness
     if not coupling(params.coupling).scaled:
         return K * wall / (K + wall)
     if not isinstance(K_world, float):
-        raise InvalidParameter("world.stiffness", K_world, "a number, where an ideal stiffness is to be compared with")
+        raise InvalidParameter("world.stiffness", K_world, "a number, to compute the ideal stiffness at a wall")
     return K * wall / (K_world + wall)

@@ -1,4 +1,4 @@
-"""Passive set-position modulation, and the plain virtual coupling: a set-position on either side, a spring to it."""
+"""Passive set-position modulation and the plain virtual coupling: on each side a spring tied to a set-position."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ from hapnet.mechanics.spring import Spring, shared_spring
 from hapnet.params import DeviceParams, Params, WorldParams
 
 KEPT_FOR_PEERS = 0.002
-"""This share of its ceiling the world keeps for devices that start again: an empty account renders no force at all."""
+"""Share of its ceiling that the world keeps for devices that start again: with an empty account they render no
+force."""
 
 Side = DeviceParams | WorldParams
 MakeModulator = Callable[[Side, Spring, Vector, float, float], Modulator]
@@ -67,14 +68,14 @@ def _coupling(
 
 
 def _longest_step(side: Side, spring: Spring, limited: bool) -> float:
-    """How far ybar may move in an update [m], so that the spring's force steps by no more than its limit."""
+    """How far ybar may move in one update [m], so that the spring's force steps by at most its limit."""
     if not limited or not side.step_limit_N:
         return math.inf
     return side.step_limit_N / spring.ellipsoid.largest
 
 
 def device_spring(params: Params, dof: int) -> tuple[Spring, Vector]:
-    """The device's spring, which saturates below the force limit, and its damper's diagonal."""
+    """The device's spring, which saturates below the force limit, and its damper's diagonal [Ns/m]."""
     device = params.device
     limit = device.force_limit_N * device.spring_share or None
     return shared_spring(device.stiffness, dof, limit), checks.diagonal("device.damping", device.damping, dof)
@@ -122,11 +123,11 @@ def _world(start: CouplingStart[object], make: MakeModulator, limited: bool) -> 
 
 
 plain_world = partial(_world, make=_plain, limited=False)
-"""The world's end of the plain coupling, and of those that have a law at the device only."""
+"""The world's end of the plain coupling, and of couplings that have a law only at the device."""
 
 
 def _covers(params: Params, tuning: NoTuning, virtual: bool) -> bool:
-    """Any link; but the range harvest of a held force counts on the device's own damping, as the start has warned."""
+    """True, except with the range harvest of a held force: it relies on own damping (`held_torque.check`)."""
     device = params.device
     sampled = device.servo == "sampled" or (device.servo == "auto" and not virtual)
     return not (sampled and device.harvest == "range")
@@ -154,7 +155,7 @@ ZOH = CouplingSpec(
     name="zoh",
     title="virtual coupling, held",
     source="Colgate, Stanley, Brown 1995",
-    claim="passive without delay, positions fresh every tick, if the device damps by more than K T/2 + B",
+    claim="passive without delay, with a new position every tick, if the device's own damping exceeds K T/2 + B",
     device=partial(_sampled, make=_plain, limited=False),
     world=plain_world,
     continuous=partial(_continuous, make=_plain, limited=False),

@@ -1,7 +1,7 @@
-"""What a coupling is to the rest of hapnet: its names, its tuning by its own published rule, and its two ends.
+"""Describes a coupling to the rest of hapnet: its names, its tuning by the published rule, and its two ends.
 
-A new law is one file with a `CouplingSpec`, and one line in registry.py; or none there: a user's own is given as
-``--coupling module:NAME``. examples/own_law.py is one.
+A new law is one file with a `CouplingSpec` and one line in registry.py. A user's own law needs no line there: it is
+given as ``--coupling module:NAME`` (see examples/own_law.py).
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from hapnet.params import Params
 from hapnet.wire.messages import Position, Stream
 
 RENDERED_DAMPING = 5.0
-"""Most damping that a desktop device renders stably [Ns/m]: a Phantom Omni's, in CHAI3D's device table."""
+"""Greatest damping that a desktop device renders stably [Ns/m]: the Phantom Omni's in CHAI3D's device table."""
 
 
 @dataclass(frozen=True)
 class NoTuning:
-    """Of a coupling with no rule of its own."""
+    """The tuning of a coupling that has no tuning rule."""
 
 
 T = TypeVar("T")
@@ -36,10 +36,10 @@ T_contra = TypeVar("T_contra", contravariant=True)
 
 @dataclass(frozen=True)
 class CouplingStart(Generic[T_co]):
-    """What one end of a coupling is made with, when its side starts.
+    """The values from which one end of a coupling is made when its side starts.
 
-    tuning : what the rule chose. position : of device or mass, where it is at rest [m]. initial_energy : the side's
-    share of d^2 [J]; 0 where it starts again. kinetic : kinetic energy of device or mass [J].
+    tuning : what the rule chose. position : where device or mass is at rest [m]. initial_energy : the side's share of
+    d^2 [J]; 0 after a restart. kinetic : kinetic energy of device or mass [J].
     """
 
     params: Params
@@ -51,8 +51,8 @@ class CouplingStart(Generic[T_co]):
 
 
 class Covers(Protocol[T_contra]):
-    """The parameters, the tuning, and whether only the emulated link is between the sides (virtual time), to whether
-    both ports are claimed to be passive there: if they are not, the claim was not kept."""
+    """Returns whether the coupling claims both ports to be passive with these parameters and this tuning. If they then
+    are not, the claim was not kept. `virtual`: only the emulated link is between the sides (virtual time)."""
 
     def __call__(self, params: Params, tuning: T_contra, virtual: bool) -> bool: ...
 
@@ -61,21 +61,21 @@ class Covers(Protocol[T_contra]):
 class CouplingSpec(Generic[T]):
     """One way to couple.
 
-    name : what users call it. title, source : what it is and who published it. claim : where its source says that it
-        is passive.
+    name : what users call it. title : its full name. source : who published it. claim : when it is passive, according
+        to its source.
     device, world : make the two ends. continuous : makes a device's end that acts within a simulated device's tick;
         None: its force is held.
-    tuning : a frozen dataclass, fields named with units; tune : the parameters and the link's delays, to what the
-        law's own rule chooses.
-    shared : fields of the tuning whose values both ends must have the same.
-    device_sends, world_sends : the message that carries the ends' samples.
-    set_positions : which sides take set-positions, with filters, silence and the rest of what works on these.
-    limited : does it keep to a longest step, and a held force to what its account can pay for?
+    tuning : a frozen dataclass whose field names carry units. tune : applies the law's own rule to the parameters and
+        the link's delays.
+    shared : fields of the tuning that must have the same value at both ends.
+    device_sends, world_sends : the messages that carry the ends' samples.
+    set_positions : the sides that receive set-positions, and so have filters, a silence policy and step limits.
+    limited : does it limit the set-position's step, and a held force to what the account can cover?
     scaled : is the felt force K/K' of the virtual one, as with PSPM?
-    halves : does each side keep a half of Theorem 1, with a reservoir of its own?
-    joint : does energy pass through the link itself? Then the energy put in at one port alone may be anything.
-    covers : where is it claimed to be passive? allowance_J : the tuning, to what may come out beyond d^2 there [J].
-    warn : the parameters and the tuning, to what the user should know before it runs.
+    halves : does each side keep a half of Theorem 1, with its own reservoir?
+    joint : does energy pass through the link itself? Then the energy put in at one port alone means nothing.
+    covers : when does it claim to be passive? allowance_J : energy that may then come out beyond d^2 [J].
+    warn : warnings for the user before the start.
     """
 
     name: str
@@ -100,18 +100,18 @@ class CouplingSpec(Generic[T]):
     warn: Callable[[Params, T], tuple[str, ...]] = lambda params, tuning: ()
 
     def recorded(self, tuning: Mapping[str, Any] | None) -> T | None:
-        """The tuning that a summary or a recording tells; None if it does not tell all of it."""
+        """The tuning read from a summary or a recording; None if a field is missing or unknown."""
         told = tuning or {}
         return self.tuning(**told) if set(told) == set(signature(self.tuning).parameters) else None
 
 
 def untuned(params: Params, link: Delays) -> NoTuning:
-    """For couplings without a rule."""
+    """The `tune` of couplings without a rule."""
     return NoTuning()
 
 
 def held_law(law: Callable[[CouplingStart[T]], DeviceLaw]) -> Callable[[CouplingStart[T]], DeviceCoupling]:
-    """The device's end of a law."""
+    """Makes the device's end of a coupling from a law that holds its force."""
 
     def make(start: CouplingStart[T]) -> DeviceCoupling:
         device = start.params.device
@@ -127,16 +127,16 @@ def held_law(law: Callable[[CouplingStart[T]], DeviceLaw]) -> Callable[[Coupling
 
 
 def stepped_law(law: Callable[[CouplingStart[T]], WorldLaw]) -> Callable[[CouplingStart[T]], WorldCoupling]:
-    """The world's end of a law."""
+    """Makes the world's end of a coupling from a law."""
     return lambda start: LawSteps(law(start), start.initial_energy)
 
 
 def scalar_stiffness(params: Params) -> float:
-    """K [N/m] of the device's side, for laws that know one number.
+    """K [N/m] of the device's side, for laws whose stiffness is one number.
 
     Raises
     ------
-    InvalidParameter : it is a matrix.
+    InvalidParameter : K has one number per axis, or is a matrix.
     """
     K = params.device.stiffness
     if not isinstance(K, float):

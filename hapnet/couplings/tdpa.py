@@ -1,4 +1,4 @@
-"""Two-port time-domain passivity (hapnet/control/tdpa.py): its rule and its ends."""
+"""Two-port time-domain passivity (hapnet/control/tdpa.py): its tuning rule and its ends."""
 
 from __future__ import annotations
 
@@ -27,8 +27,10 @@ class Tuning:
 
 
 def tune(params: Params, link: Delays) -> Tuning:
-    """The coupling damps the virtual mass critically, its heaviest axis. alpha is at most what the device renders, and
-    what stops it within a tick, m/T: a held damper that is stronger drives it. The link's delays do not matter.
+    """Choose the damping that damps the heaviest axis of the virtual mass critically, as far as the device renders it.
+
+    alpha is at most what the device renders, and at most m/T, which stops the device within a tick: a stronger held
+    damper would reverse it. The link's delays do not matter.
     """
     chosen, device = params.tdpa, params.device
     K = chosen.stiffness or scalar_stiffness(params)
@@ -74,7 +76,7 @@ TDPA = CouplingSpec(
     name="tdpa",
     title="two-port time-domain passivity",
     source="Ryu, Artigas, Preusche 2010, with drift compensation",
-    claim="passive at both ports, whatever the link does, but for a bounded debt; without compensation it drifts",
+    claim="passive at both ports, whatever the link does, except for a bounded debt; without compensation it drifts",
     device=held_law(_device),
     world=stepped_law(_world),
     tuning=Tuning,

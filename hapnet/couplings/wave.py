@@ -1,4 +1,4 @@
-"""Wave variables, as a delay line and as digital waves (hapnet/control/wave*.py, digital_wave.py): rules and ends."""
+"""Wave variables as a delay line and as digital waves (hapnet/control/wave*.py, digital_wave.py): rules and ends."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hapnet.params import Params
 from hapnet.wire.messages import Wave
 
 _LONGEST_JITTER_S = 0.25
-"""Waves that wait for longer do more harm than those that are dropped: so measured on a recorded LTE link."""
+"""Waves that wait longer do more harm than dropped ones, as measured on a recorded LTE link [s]."""
 
 
 @dataclass(frozen=True)
@@ -41,12 +41,12 @@ T = TypeVar("T", LineTuning, DigitalTuning)
 
 
 def tune_line(params: Params, link: Delays) -> LineTuning:
-    """The wave impedance b as large as a device can render it.
+    """Choose the greatest wave impedance b that a device can render.
 
-    In free motion a line of delay d is an inertia b d, in contact a spring b/d (Niemeyer, Slotine 2004): with a
-    virtual world's slow steps on the way d is so long that the spring is what is lacking. The virtual coupling is to
-    be as stiff as makes device.stiffness of both in series; where the line alone is softer, ten times that stiffness.
-    Its damper is b, so that high frequencies are not reflected by a wall.
+    In free motion a line of delay d acts as an inertia b d, in contact as a spring b/d (Niemeyer, Slotine 2004). A
+    virtual world's slow steps make d so long that this spring is too soft. So the virtual coupling is made as stiff as
+    needed for both in series to give device.stiffness; if the line alone is softer, it gets ten times that stiffness.
+    Its damper is b, so that a wall does not reflect high frequencies.
     """
     wave, K = params.wave, scalar_stiffness(params)
     impedance = wave.impedance or RENDERED_DAMPING
@@ -62,14 +62,14 @@ def tune_line(params: Params, link: Delays) -> LineTuning:
 
 
 def tune_digital(params: Params, link: Delays) -> DigitalTuning:
-    """As the wave line; what arrives is spread over the longest time between two arrivals."""
+    """As `tune_line`. Waves that arrive are spread over the longest time between two arrivals."""
     line = tune_line(params, link)
     spread = params.world.step_max_s + _jitter_s(link)
     return DigitalTuning(line.impedance_Ns_m, line.stiffness_N_m, line.damping_Ns_m, line.smoothing_s, spread)
 
 
 def _jitter_s(link: Delays) -> float:
-    """How much later than the fastest message another comes, hardly ever exceeded."""
+    """Bound of the jitter [s]: how much later than the fastest message another arrives; rarely exceeded."""
     return min(link.round_trip_bound_s - 2.0 * link.one_way_s, _LONGEST_JITTER_S)
 
 
@@ -101,7 +101,7 @@ WAVE = CouplingSpec(
     name="wave",
     title="wave variables",
     source="Niemeyer, Slotine 2004",
-    claim="passive at both ports for any constant delay; with zero for what is missing, on any link",
+    claim="passive at both ports for any constant delay; on any link, if zero replaces missing waves",
     device=held_law(_device(_delay_line)),
     world=stepped_law(_world(_delay_line)),
     tuning=LineTuning,
