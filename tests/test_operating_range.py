@@ -266,7 +266,7 @@ def test_one_that_jumps_is_stopped() -> None:
     arm.x = 0.026
     tick(side, 2)
     assert side.stopped is not None
-    assert "it reads a way of 0.02009 m in 1 ms, its greatest speed is 1 m/s" in side.stopped[1]
+    assert "it reads a displacement of 0.02009 m in 1 ms, its greatest speed is 1 m/s" in side.stopped[1]
 
 
 def test_one_whose_velocity_is_in_millimetres_a_second_is_stopped_and_a_single_spike_is_not() -> None:

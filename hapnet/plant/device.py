@@ -1,13 +1,13 @@
-"""Simulated haptic devices (1), held by a simulated hand, integrated by the midpoint rule.
+"""A simulated haptic device (1), held by a simulated hand and integrated by the midpoint rule.
 
     M x'' = tau + f - b x',    f = K_h (x_d - x) + B_h (x_d' - x') - M_h x''
 
-A tick is cut into substeps. With ``vhat = (v1 + v0)/2`` and every force taken at the midpoint, a substep obeys
+A tick is divided into substeps. With ``vhat = (v1 + v0)/2`` and every force taken at the midpoint, a substep obeys
 
     f . vhat h = change of (kinetic + potential) + |vhat|_B^2 h + |vhat|_b^2 h
 
-exactly, so the account of the human's port has no error of integration. It stays exact where the spring saturates or
-the actuators are at their limit: see `limited_coupling`. How a tick is computed: `tick`.
+exactly, so the human port's account has no integration error. This also holds while the spring saturates or the
+actuators are at their limit (see `limited_coupling`). `tick` computes a tick.
 """
 
 from __future__ import annotations
@@ -27,27 +27,27 @@ from hapnet.plant.tick import TickResult as TickResult
 
 
 class Device(Protocol):
-    """What a servo needs of a device, simulated or real."""
+    """What a servo needs from a device, simulated or real."""
 
     @property
     def dof(self) -> int: ...
 
     @property
     def force_limit(self) -> float | None:
-        """Longest force the actuators give [N]; None: no limit."""
+        """Greatest force of the actuators [N]; None: no limit."""
 
     @property
     def resolution(self) -> float:
-        """Of the encoders [m]; 0: none."""
+        """Resolution of the encoders [m]; 0: exact positions."""
 
     def read(self) -> tuple[Vector, Vector]:
-        """Position [m] and velocity [m/s] now, shape (n,) each."""
+        """Present position [m] and velocity [m/s], shape (n,) each."""
 
     def apply(self, force: Vector) -> Vector | None:
-        """Hold this force [N] until the next call; the force that is really applied, None where that is not known.
+        """Hold this force [N] until the next call. Returns the force really applied; None if it is unknown.
 
-        What is returned is what the energy account counts: the actuators' own limits, a reversed motor, a measured
-        current. A driver that can tell should.
+        The energy account counts the returned force. So a driver that knows it (from a limit of the actuators, a
+        reversed motor, a measured current) should return it.
         """
 
 
@@ -56,11 +56,11 @@ class SimulatedDevice:
 
     Parameters
     ----------
-    operator : the hand; the device starts at rest at its reference at t = 0.
-    mass : apparent mass [kg] an axis. damping : own damping b [Ns/m] an axis, 0 or above.
-    period : length of a tick [s]; substeps : of the integration a tick.
+    operator : the hand; the device starts at rest at the hand's reference at t = 0.
+    mass : apparent mass on each axis [kg]. damping : own damping b on each axis [Ns/m], 0 or above.
+    period : length of a tick [s]. substeps : integration substeps in a tick.
     resolution : encoder resolution [m], 0: exact positions and velocities.
-    force_limit : longest force the actuators give [N].
+    force_limit : greatest force of the actuators [N].
 
     Raises
     ------
@@ -91,7 +91,7 @@ class SimulatedDevice:
         self.time = 0.0
         self.ticks = 0
         self.references = [operator.reference(0.0)]
-        """Where the hand wanted to be [m] at the end of each tick of the last `run`."""
+        """The hand's reference at the end of each tick of the last `run` [m]."""
         x = self.references[-1]
         zero = (0.0,) * len(x)
         self.state = DeviceState(x, zero, zero, zero, zero, x, x)
@@ -124,11 +124,11 @@ class SimulatedDevice:
 
     @property
     def kinetic(self) -> float:
-        """Of the device's own mass [J]."""
+        """Kinetic energy of the device's own mass [J]."""
         return self.kinetic_at(self.state.velocity)
 
     def kinetic_at(self, velocity: Vector) -> float:
-        """What `kinetic` is at this velocity [m/s]."""
+        """Kinetic energy at this velocity [m/s] [J]."""
         if len(velocity) == 1:
             return self._half_mass * (velocity[0] * velocity[0])
         square = 0.0
@@ -137,7 +137,7 @@ class SimulatedDevice:
         return self._half_mass * square
 
     def read(self) -> tuple[Vector, Vector]:
-        """Position and velocity; with encoders, whole counts and their backward difference since the last read."""
+        """Position and velocity; with encoders, whole counts and their difference quotient since the last read."""
         if self.resolution == 0.0:
             return self.state.position, self.state.velocity
         before, self._read = self._read, self._count()
@@ -147,7 +147,7 @@ class SimulatedDevice:
         return self._read, tuple([(b - a) / span for a, b in zip(before, self._read, strict=True)])
 
     def apply(self, force: Vector) -> Vector:
-        """Hold a force [N], cut to the actuators' limit; that one."""
+        """Hold a force [N], cut to the actuators' limit. Returns the force held."""
         length = math.hypot(*force)
         if self.force_limit is not None and length > self.force_limit:
             force = tuple([component * self.force_limit / length for component in force])
@@ -157,18 +157,18 @@ class SimulatedDevice:
     def couple(
         self, stiffness: ArrayLike, damping: ArrayLike, set_position: Vector, spring_limit: float | None = None
     ) -> None:
-        """Let the coupling (2) act within the ticks from now on, in place of a held force.
+        """From now on let the coupling (2) act within the ticks, in place of a held force.
 
-        Spring and damper together keep to the device's own limit of the force; the damper gives way.
+        Spring and damper together stay within the device's force limit; the damper is reduced.
 
         Parameters
         ----------
         stiffness : K [N/m]. damping : B [Ns/m], diagonal. set_position : ybar [m].
-        spring_limit : the spring saturates here [N], through its potential; None: never.
+        spring_limit : force at which the spring saturates, through its potential [N]; None: never.
 
         Raises
         ------
-        InvalidParameter : a value is not allowed, such as a spring that alone exceeds the device's limit.
+        InvalidParameter : a value is not allowed, for example a spring that alone exceeds the device's limit.
         """
         if self.force_limit is not None and not 0.0 < (spring_limit or 0.0) <= self.force_limit:
             raise InvalidParameter("spring_limit", spring_limit, f"at most the device's own, {self.force_limit:g} N")
@@ -180,13 +180,13 @@ class SimulatedDevice:
         self.state.torque = (0.0,) * self.dof
 
     def move_set_position(self, set_position: Vector) -> None:
-        """A new ybar [m] for the coupling that is in force."""
+        """Set a new ybar [m] for the active coupling."""
         self.state.set_position = set_position
 
     def passage(self) -> tuple[Vector, Vector, float | None]:
-        """Smallest and largest position of each axis [m] since the last call, both ends included.
+        """Smallest and largest position on each axis since the last call [m], both ends included.
 
-        And what the coupling's damper dissipated since then [J], if it was limited; None if it acted in full.
+        The third value is what the coupling's damper dissipated since then [J] if it was limited, else None.
         """
         state = self.state
         result = state.low, state.high, state.dissipated if state.limited else None
@@ -195,11 +195,11 @@ class SimulatedDevice:
         return result
 
     def advance(self) -> float:
-        """One tick of the servo's period; the work done by the hand on the device [J]."""
+        """Run one tick of the servo's period. Returns the work done by the hand on the device [J]."""
         return self.run(1)[0][0]
 
     def run(self, ticks: int) -> list[TickResult]:
-        """As many ticks, with nothing from outside in between; the device after each of them."""
+        """Run so many ticks, with no input in between. Returns the device's state after each of them."""
         passed, period, follow = self.ticks, self.period, self.operator.reference
         self.ticks = passed + ticks
         self.time = self.ticks * period

@@ -1,11 +1,11 @@
 """The passive midpoint integrator L_dp of the virtual world (D. J. Lee and K. Huang, World Haptics 2009).
 
-A virtual mass is tied to the set-position ybar by the virtual coupling K', B' and pushed by the environment's force f.
-A step of any length T, with the mean velocity vhat = (v_{k+1} + v_k)/2:
+The virtual coupling K', B' ties a virtual mass to the set-position ybar, and the environment's force f acts on it. A
+step of any length T, with the mean velocity vhat = (v_{k+1} + v_k)/2, is
 
     M (v_{k+1} - v_k)/T = tau + f,    x_{k+1} - x_k = T vhat,    tau = -B' vhat - K' ((x_{k+1} + x_k)/2 - ybar)
 
-that is ``A vhat = c + f`` with ``A = 2M/T + B' + K' T/2`` and ``c = 2M/T v_k - K' (x_k - ybar)``: no iteration. With
+or ``A vhat = c + f`` with ``A = 2M/T + B' + K' T/2`` and ``c = 2M/T v_k - K' (x_k - ybar)``, without iteration. With
 kappa = 1/2 |v|_M^2 and phi = 1/2 |x - ybar|_K'^2 it obeys, exactly and for any T,
 
     f . vhat T = kappa_{k+1} + phi_{k+1} - kappa_k - phi_k + |vhat|_B'^2 T                                   (13)
@@ -26,36 +26,36 @@ from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
 from hapnet.plant.worlds.protocol import Surroundings
 
-# Above this condition number a matrix is refused: |v|^2 in it could round to a negative number.
+# A matrix with a greater condition number is refused: v' M v could round to a negative number.
 _MAX_CONDITION = 1e12
 
 
 class Step(NamedTuple):
-    """What one step did; vectors are (n,) tuples."""
+    """The result of one step; vectors are (n,) tuples."""
 
     velocity: Vector  #: vhat [m/s], the mean over the step
-    force: Vector  #: f [N], all that acted on the mass but the virtual coupling
+    force: Vector  #: f [N], all force on the mass except the virtual coupling's
     work_J: float  #: f . vhat T, put in at the world's port
-    dissipated_J: float  #: |vhat|_B'^2 T, taken by the virtual coupling's damper; the exact D of PSPM
+    dissipated_J: float  #: |vhat|_B'^2 T, dissipated by the virtual coupling's damper; the exact D of PSPM
     coupling_force: Vector  #: tau [N]
     position: Vector  #: x_{k+1} [m]
-    penetration_m: float  #: depth of x_{k+1} in the wall that it is deepest in, 0 outside
+    penetration_m: float  #: depth of x_{k+1} in the wall where it is deepest, 0 outside
 
 
 class PassiveIntegrator:
-    """A virtual mass on a virtual coupling, integrated passively with a step that may change every time.
+    """A virtual mass on a virtual coupling, integrated passively with steps of any length.
 
     Parameters
     ----------
-    mass, damping, stiffness : M [kg], B' [Ns/m], K' [N/m]; each a positive scalar (times the identity), n positive
+    mass, damping, stiffness : M [kg], B' [Ns/m], K' [N/m]; each is a positive scalar (times the identity), n positive
         numbers (a diagonal), or a symmetric positive definite n x n matrix.
     position : x_0 [m]; sets n.
     velocity : v_0 [m/s]; at rest by default.
 
     Raises InvalidParameter.
 
-    Vectors come out as tuples of floats; any sequence of numbers goes in, tuples at the least cost. Plain floats, since
-    at n <= 3 numpy's cost per call is several times that of the arithmetic.
+    Vectors are returned as tuples of floats. Any sequence of numbers is accepted; tuples cost least. Floats are used
+    because for n <= 3 one numpy call costs several times the arithmetic.
     """
 
     def __init__(
@@ -102,27 +102,27 @@ class PassiveIntegrator:
         return 0.5 * _dot(error, self._K(error))
 
     def adopt(self, contacts: Surroundings | None) -> None:
-        """Check `contacts` against this mass, as `step` does when it first meets them; call it to fail early.
+        """Check `contacts` against this mass, as `step` does when it first gets them. Call this to fail early.
 
-        Raises InvalidParameter if the dimension differs, the mass is inside a wall (energy from nothing), or two walls
-        act on each other through M, B' and K' (`Surroundings.require_separate`).
+        Raises InvalidParameter if the dimension differs, the mass is inside a wall (that creates energy), or two walls
+        are coupled through M, B' and K' (`Surroundings.require_separate`).
         """
         if contacts is not None:
             if contacts.dof != self._n:
-                raise InvalidParameter("contacts.dof", contacts.dof, f"{self._n}, as the position has")
+                raise InvalidParameter("contacts.dof", contacts.dof, f"{self._n}, the dimension of the position")
             contacts.require_outside(self._x)
             self._require_separate(contacts)
         self._contacts = contacts
 
     def _require_separate(self, contacts: Surroundings, drag: float | None = None) -> None:
-        # n_i' A^-1 n_j is, but for positive factors, a polynomial in T of degree 2 (n - 1): zero at 2n - 1 values of T,
-        # it is zero for every step; and with a drag, of which only its ratio to 2M/T counts, for every drag.
+        # Up to positive factors, n_i' A^-1 n_j is a polynomial in T of degree 2 (n - 1). If it is zero at 2n - 1 values
+        # of T, it is zero for every step. With a drag, only its ratio to 2M/T matters, so it is zero for every drag.
         for dt in np.geomspace(1e-4, 1.0, 2 * self._n - 1).tolist():
             self._factor(dt, drag)
             contacts.require_separate(self._solve)
 
     def place(self, position: ArrayLike) -> None:
-        """Begin anew, at rest, at `position` (n,) [m]; raises InvalidParameter if that is inside a wall."""
+        """Start again at rest at `position` (n,) [m]. Raises InvalidParameter if that is inside a wall."""
         x = self._input("position", position)
         if self._contacts is not None:
             self._contacts.require_outside(x)
@@ -141,10 +141,10 @@ class PassiveIntegrator:
         ----------
         dt : T_k [s], positive; may differ from step to step.
         set_position : (n,) ybar_k [m], held over the step.
-        contacts : what stands around the mass, whose force is solved together with the step.
-        force : (n,) further force [N] on the mass, constant over the step.
+        contacts : the surroundings of the mass; their force is solved together with the step.
+        force : (n,) additional force on the mass [N], constant over the step.
 
-        Raises InvalidParameter; the state is then as before.
+        Raises InvalidParameter; the state is then unchanged.
         """
         ybar = self._input("set_position", set_position)
         if contacts is not self._contacts:
@@ -181,17 +181,17 @@ class PassiveIntegrator:
         )
 
     def push(self, dt: float, drag: float, push: ArrayLike, contacts: Surroundings | None = None) -> Step:
-        """Advance by `dt` on a coupling of another kind, ``tau = push - drag vhat``, solved together with the contacts.
+        """Advance by `dt` on a law's coupling, ``tau = push - drag vhat``, solved together with the contacts.
 
-        ``(2M/T + drag) vhat = 2M/T v_k + push + f``; `dissipated_J` of the step is 0, as a coupling's own damping is
-        its own affair.
+        ``(2M/T + drag) vhat = 2M/T v_k + push + f``. The step's `dissipated_J` is 0, because the law accounts for its
+        own damping.
 
         Parameters
         ----------
-        dt : T_k [s], positive. drag : [Ns/m], 0 or above, for all axes. push : (n,) [N].
-        contacts : walls.
+        dt : T_k [s], positive. drag : [Ns/m], 0 or above, on all axes. push : (n,) [N].
+        contacts : the surroundings of the mass.
 
-        Raises InvalidParameter; the state is then as before.
+        Raises InvalidParameter; the state is then unchanged.
         """
         p = self._input("push", push)
         if not 0.0 <= drag < inf:
@@ -225,7 +225,7 @@ class PassiveIntegrator:
         return checks.vector(name, value, self._n)
 
     def _factor(self, dt: float, drag: float | None = None) -> None:
-        """A = L D L' for this step size; keeps the strict lower rows of L and 1/D. `drag`: in place of B' + K' T/2."""
+        """Factor A = L D L' for this step. Keeps the strict lower rows of L and 1/D. `drag` replaces B' + K' T/2."""
         if not 0.0 < dt < inf:
             raise InvalidParameter("dt", dt, "a positive, finite number of seconds")
         all_terms = self._terms
@@ -257,7 +257,7 @@ class PassiveIntegrator:
         self._factored, self._L, self._inverse_pivots = (dt, drag), rows, inverse_pivots
 
     def _solve(self, b: Sequence[float]) -> list[float]:
-        """A^-1 b by substitution, so that the residual stays at rounding whatever A's condition."""
+        """A^-1 b by substitution: the residual stays at rounding, however badly conditioned A is."""
         if self._diagonal:
             return list(map(mul, b, self._inverse_pivots))
         z: list[float] = []
@@ -279,7 +279,7 @@ Product = Callable[[Sequence[float]], list[float]]
 
 
 def _product(matrix: tuple[Vector, ...]) -> Product:
-    """What multiplies a vector by `matrix`."""
+    """A function that multiplies a vector by `matrix`."""
     if _is_diagonal(matrix):
         diagonal = tuple(row[i] for i, row in enumerate(matrix))
         return lambda vector: list(map(mul, diagonal, vector))
@@ -291,7 +291,7 @@ def _is_diagonal(matrix: tuple[Vector, ...]) -> bool:
 
 
 def _positive_definite(name: str, value: ArrayLike, n: int) -> tuple[Vector, ...]:
-    """Rows of the n x n matrix that a scalar, a diagonal or a matrix stands for."""
+    """Rows of the n x n matrix given as a scalar, a diagonal or a matrix."""
     allowed = f"a positive number, {n} positive numbers, or a symmetric positive definite {n} x {n} matrix"
     try:
         matrix = np.asarray(value, dtype=float)

@@ -2,11 +2,12 @@
 
     a vhat = p + F,    F = -c K (e + h/2 vhat) - lambda B vhat,    |F| <= the force limit
 
-a is all that resists besides the coupling (masses, hand, own damping; the same on every axis), p all that drives, e the
-offset ``x - ybar`` at the start. c makes the spring's force the discrete gradient of its saturated potential: never
-longer than the spring's own limit, and its work is exactly the change of phi. lambda, from 0 to 1, is the largest with
-which the whole force is within its limit; with 0 it always is, since the spring's limit is not above it. A limited
-damper still only dissipates, ``lambda |vhat|_B^2 h``. So both limits leave the substep's account of energy exact.
+a is the resistance besides the coupling's (masses, hand, own damping; the same on every axis), p the driving force, and
+e the offset ``x - ybar`` at the start. c makes the spring's force the discrete gradient of its saturated potential: the
+force never exceeds the spring's own limit, and its work is exactly the change of phi. lambda, from 0 to 1, is the
+largest for which the whole force is within its limit; 0 always works, because the spring's limit is not greater. A
+limited damper still only dissipates, ``lambda |vhat|_B^2 h``. So the substep's energy account stays exact at both
+limits.
 """
 
 from __future__ import annotations
@@ -22,17 +23,19 @@ from numpy.typing import ArrayLike, NDArray
 from hapnet.checks import Array, Vector
 
 ROUNDS = 25
-"""Of a fixed point or a search. That for c contracts by about ``K h^2 / 4M`` a round; else c is bisected."""
+"""Most iterations of a fixed point or a search. The one for c contracts by about ``K h^2 / 4M`` in each; if that is not
+enough, c is bisected."""
 
 _NEAR = 1e-9
-"""How far below its limit, relative to it, the force of a limited damper may stay."""
+"""How far the force of a limited damper may stay below its limit, relative to the limit."""
 
 Modes = tuple[Vector, tuple[Vector, ...]]
-"""Eigenvalues and vectors (as rows) of ``K x = mu (a + lambda B) x``, these of unit length in ``a + lambda B``."""
+"""Eigenvalues and eigenvectors (as rows) of ``K x = mu (a + lambda B) x``; the vectors have unit length in
+``a + lambda B``."""
 
 
 class Substep(NamedTuple):
-    """A substep with the coupling in it."""
+    """The result of a substep with the coupling."""
 
     velocity: Vector
     """vhat [m/s]."""
@@ -43,11 +46,11 @@ class Substep(NamedTuple):
     force: Vector
     """F [N], on the device."""
     dissipated: float
-    """By the damper, in the mean [W]: ``lambda |vhat|_B^2``."""
+    """Mean power dissipated by the damper, ``lambda |vhat|_B^2`` [W]."""
 
 
 class LimitedCoupling:
-    """One coupling, for substeps of one length.
+    """A coupling, for substeps of a fixed length.
 
     Parameters
     ----------
@@ -64,17 +67,21 @@ class LimitedCoupling:
         self._h, self._knee, self._force_limit = length, knee, force_limit
 
     def substep(self, push: Vector, offset: Vector, pull: Vector) -> tuple[Substep, bool]:
-        """The substep, and whether its damper was limited. `push` is p [N], `offset` e [m] and `pull` K e [N]."""
+        """Compute a substep; also returns whether its damper was limited.
+
+        `push` is p [N], `offset` e [m] and `pull` K e [N].
+        """
         whole = self._damped(1.0, self.modes, push, offset, pull)
         if math.hypot(*whole.force) <= self._force_limit:
             return whole, False
         return self._at_limit(whole, push, offset, pull) or self._within_limit(whole, push, offset, pull), True
 
     def _at_limit(self, whole: Substep, push: Vector, offset: Vector, pull: Vector) -> Substep | None:
-        """By a fixed point for the force's direction, its length being known; None if it does not come to rest.
+        """Find the direction of a force of known length by a fixed point; None if it does not converge.
 
-        vhat follows from the force, from vhat the spring's force, and lambda from that the whole force is as long as
-        its limit. On one axis there is nothing to iterate; on more a round contracts by about ``limit / (a |vhat|)``.
+        vhat follows from the force, the spring's force from vhat, and lambda from the condition that the whole force
+        has the length of its limit. One axis needs no iteration; with more, each contracts by about
+        ``limit / (a |vhat|)``.
         """
         limit, h = self._force_limit, self._h
         start = math.sqrt(max(0.0, sum(map(mul, offset, pull))))
@@ -99,7 +106,7 @@ class LimitedCoupling:
         return None
 
     def _within_limit(self, whole: Substep, push: Vector, offset: Vector, pull: Vector) -> Substep:
-        """Where that does not: the force's length in terms of lambda, by false position (Illinois), from below."""
+        """If `_at_limit` fails: search the lambda that gives the limit, by false position (Illinois), from below."""
         limit = self._force_limit
 
         def damped(share: float) -> Substep:
@@ -124,7 +131,7 @@ class LimitedCoupling:
         return best
 
     def _damped(self, share: float, modes: Modes, push: Vector, offset: Vector, pull: Vector) -> Substep:
-        """With lambda = `share`: ``(a + lambda B + c h/2 K) vhat = p - c K e``, solved in its modes."""
+        """The substep with lambda = `share`: ``(a + lambda B + c h/2 K) vhat = p - c K e``, solved in its modes."""
         h = self._h
         c, middle = self._saturated(modes, push, pull, sum(map(mul, offset, pull)))
         end = tuple([e + h * m for e, m in zip(offset, middle, strict=True)])
@@ -165,7 +172,7 @@ class LimitedCoupling:
 
 
 def rows(matrix: NDArray[np.floating[Any]]) -> tuple[Vector, ...]:
-    """The same as tuples of floats."""
+    """The matrix's rows as tuples of floats."""
     return tuple(tuple(row) for row in matrix.tolist())
 
 
@@ -177,12 +184,12 @@ def discrete_gradient(start: float, end: float, knee: float) -> float:
         return 2.0 * knee / (start + end)
     inner, outer = min(start, end), max(start, end)
     below, beyond = knee - inner, outer - knee
-    # The mean of h' over the way, part of it below the knee: no difference of potentials that cancels.
+    # The mean of h' over the path, part of it below the knee: this avoids the difference of nearly equal potentials.
     return (below * (knee + inner) + 2.0 * beyond * knee) / ((below + beyond) * (outer + inner))
 
 
 def _fixed_point(gradient: Callable[[float], float], c: float) -> float:
-    """The c with ``gradient(c) = c``, to rounding; gradient is above 0 at 0 and not above 1 at 1."""
+    """The c with ``gradient(c) = c``, to rounding. gradient(0) is above 0, and gradient(1) is at most 1."""
     for _ in range(ROUNDS):
         before, c = c, gradient(c)
         if abs(c - before) <= 1e-15:

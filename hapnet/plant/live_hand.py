@@ -1,4 +1,4 @@
-"""A simulated hand that is led while it runs, by a mouse for instance."""
+"""A simulated hand that is guided while it runs, for example with a mouse."""
 
 from __future__ import annotations
 
@@ -10,11 +10,10 @@ from hapnet.plant.operator import Impedance
 
 
 class LiveHand:
-    """Follows the positions that `lead` gives, which come now and then and jump; a hand does neither.
+    """Follows the positions given to `lead` smoothly, although they are irregular and jump.
 
-    Between them stands a critically damped filter of second order, ``tau^2 x_d'' + 2 tau x_d' + x_d = goal``, solved
-    exactly for a goal that stands still from tick to tick: steps at 20 Hz come out as a motion without steps, 2 `tau`
-    later.
+    A critically damped filter of second order, ``tau^2 x_d'' + 2 tau x_d' + x_d = goal``, smooths them. It is solved
+    exactly for a goal that is constant within each tick. Steps at 20 Hz become a motion without steps, 2 `tau` later.
 
     Parameters
     ----------
@@ -29,11 +28,14 @@ class LiveHand:
         self._t = 0.0
 
     def lead(self, position: Vector) -> None:
-        """Go to `position` [m] from now on; from any thread. InvalidParameter if it is not n finite numbers."""
+        """Move towards `position` [m] from now on; may be called on any thread.
+
+        Raises InvalidParameter if it is not n finite numbers.
+        """
         self._goal = checks.vector("position", position, len(self._goal))
 
     def reference(self, t: float) -> Vector:
-        """x_d [m] at `t` [s]; called with t that never decreases."""
+        """x_d [m] at `t` [s]; t never decreases from call to call."""
         h, self._t = t - self._t, t
         if h <= 0.0:
             return self._position

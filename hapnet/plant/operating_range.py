@@ -1,7 +1,7 @@
-"""How far a device reaches, how fast it moves and which stiffness it renders, as declared; and the watch that it does.
+"""The declared workspace, greatest speed and stiffness range of a device, and the check that its readings keep to them.
 
-All are in metres, and the defaults are generous: they tell no device from another, but millimetres from metres. Whoever
-knows a device better declares less, with a margin: beyond it no force is rendered any more.
+All are in SI units. The defaults are generous: they do not fit one device, but they detect millimetres given as metres.
+Whoever knows a device better declares smaller values with a margin: outside of them no force is rendered any more.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ from hapnet.errors import InvalidParameter
 WORKSPACE_M = 1e-3, 10.0
 SPEED_MPS = 1e-2, 100.0
 SOFTEST_MOST = 10.0
-"""No device's greatest stiffness is less than that [N/m]: that would be one in N/mm."""
+"""A smaller greatest stiffness is refused [N/m]: it must have been given in N/mm."""
 
 LATENCY_S = 0.005
-"""How much older than it is a reading may be: a device that is asked often repeats itself, then jumps [s]."""
+"""How old a reading may be [s]: a device that is read often repeats a reading, then jumps."""
 
 LEAST_MOTION_M = 1e-4
-"""A recorded hand that moves at all moves by more [m]: one that holds still trembles by as much."""
+"""A recorded hand that moves at all moves by more than this [m]: even a hand that holds still trembles as much."""
 
-_FAST = 3  # reported velocities in a row: a single one may be a division by a short time
+_FAST = 3  # so many velocities in a row must be too high: a single one may come from a division by a short time
 
 
 @dataclass(frozen=True)
 class OperatingRange:
-    """What is declared.
+    """The declared range of a device.
 
-    workspace : how far from its origin the device reaches, or on each axis, either way [m].
-    speed : the greatest speed of the handle [m/s]. stiffness : the least and the greatest that it renders [N/m].
+    workspace : how far the device reaches from its origin, in all directions or on each axis [m].
+    speed : greatest speed of the handle [m/s]. stiffness : least and greatest stiffness that it renders [N/m].
     """
 
     workspace: Vector
@@ -46,11 +46,11 @@ class OperatingRange:
 
     @property
     def reach(self) -> float:
-        """The farthest that any point can be from the origin [m]."""
+        """Largest distance of any point of the workspace from the origin [m]."""
         return self.workspace[0] if len(self.workspace) == 1 else math.hypot(*self.workspace)
 
     def outside(self, x: Sequence[float]) -> str | None:
-        """Where `x` [m] is, in words, if that is outside of the workspace."""
+        """A message that `x` [m] is outside the workspace; None if it is inside."""
         if len(self.workspace) == 1:
             far, most = math.hypot(*x), self.workspace[0]
             where = ""
@@ -65,37 +65,37 @@ class OperatingRange:
         )
 
     def check_stiffness(self, name: str, stiffness: ArrayLike, dof: int) -> None:
-        """Raise InvalidParameter if K [N/m] is softer or stiffer, in any direction, than what is declared."""
+        """Raise InvalidParameter if K [N/m] is softer or stiffer than declared, in any direction."""
         values = np.linalg.eigvalsh(checks.spd(name, stiffness, dof))
         least, most = self.stiffness
         if values[0] < least * (1.0 - 1e-9) or values[-1] > most * (1.0 + 1e-9):
-            allowed = f"{least:g} to {most:g} N/m in every direction, what the device renders (device.stiffness_range)"
+            allowed = f"{least:g} to {most:g} N/m in every direction, as the device renders (device.stiffness_range)"
             raise InvalidParameter(name, stiffness, allowed)
 
 
 Told = tuple[str, object]
-"""What the user calls it, and what was given."""
+"""The user's name for a value, and the value given."""
 
 
 def operating_range(dof: int, workspace: Told, speed: Told, stiffness: Told) -> OperatingRange:
-    """What is declared for a device of so many axes.
+    """The declared range of a device with `dof` axes, checked.
 
     Raises
     ------
-    InvalidParameter : a number that is none, or as only another unit makes it.
+    InvalidParameter : a value is not a number, or so large or small that its unit must be wrong.
     """
     return OperatingRange(_workspace(*workspace, dof), _speed(*speed), _stiffness(*stiffness))
 
 
 def in_millimetres(value: float, most: float) -> str:
-    """A hint, if `value` in thousandths would be at most that."""
+    """A hint for a message, if `value` is more than twice `most`, but a thousandth of it would be allowed."""
     return " (are these millimetres?)" if 2.0 * most < value <= 1000.0 * most else ""
 
 
 class RangeWatch:
-    """Looks at every reading of a device that runs; the first one that cannot be is the last that counts.
+    """Checks every reading of a running device. After the first impossible reading all are refused.
 
-    declared : of the device. resolution : of its encoders [m]. position : the first that it gave [m].
+    declared : the device's range. resolution : of its encoders [m]. position : the first reading [m].
     """
 
     def __init__(self, declared: OperatingRange, resolution: float, position: Vector) -> None:
@@ -104,10 +104,10 @@ class RangeWatch:
         self._last = position
         self._fast = 0
         self.why: str | None = None
-        """What was wrong, in words; None: nothing so far."""
+        """A message about the impossible reading; None: none so far."""
 
     def passes(self, dt: float, x: Vector, v: Vector) -> bool:
-        """Can this be, `dt` seconds after the reading before it?"""
+        """Is this reading possible, `dt` seconds after the previous one?"""
         if self.why is None:
             self.why = self._look(dt, x, v)
             self._last = x
@@ -120,26 +120,26 @@ class RangeWatch:
         most = f"its greatest speed is {declared.speed:g} m/s"
         way = math.dist(x, self._last) - self._count
         if way > declared.speed * (dt + LATENCY_S):
-            return f"it reads a way of {way:.4g} m in {dt * 1e3:.3g} ms, {most}"
+            return f"it reads a displacement of {way:.4g} m in {dt * 1e3:.3g} ms, {most}"
         speed = math.hypot(*v)
         self._fast = self._fast + 1 if speed > declared.speed else 0
         return f"it reads a velocity of {speed:.4g} m/s, {most}" if self._fast >= _FAST else None
 
 
 def check_motion(name: str, path: Array, reach: float) -> None:
-    """Raise InvalidParameter unless a recorded hand can be one: `path` [m], (N, n), in a workspace of `reach`."""
+    """Raise InvalidParameter unless `path` (N, n) [m] can be a hand's motion within `reach` [m] on each axis."""
     far = float(np.abs(path).max())
     if far > reach:
         allowed = f"positions in m, within the {reach:g} m that the device reaches (device.workspace_m); these go to"
-        raise InvalidParameter("operator", name, f"{allowed} {far:.4g}{in_millimetres(far, reach)}")
+        raise InvalidParameter("operator", name, f"{allowed} {far:.4g} m{in_millimetres(far, reach)}")
     moved = float(np.ptp(path, axis=0).max())
     if 0.0 < moved < LEAST_MOTION_M:
-        raise InvalidParameter("operator", name, f"positions in m; these move by {moved:.2g} in all (are these km?)")
+        raise InvalidParameter("operator", name, f"positions in m; these move by only {moved:.2g} m (are these km?)")
 
 
 def _workspace(name: str, value: object, dof: int) -> Vector:
     low, high = WORKSPACE_M
-    words = f"{low:g} to {high:g} m from the origin, or so on each of {dof} axes"
+    words = f"{low:g} to {high:g} m from the origin, or one such number for each of {dof} axes"
     found = checks.vector(name, cast(ArrayLike, value))
     if len(found) not in (1, dof) or min(found) < low or max(found) > high:
         raise InvalidParameter(name, value, words + in_millimetres(max(found), high))
@@ -157,5 +157,5 @@ def _speed(name: str, value: object) -> float:
 def _stiffness(name: str, value: object) -> tuple[float, float]:
     least, most = checks.vector(name, cast(ArrayLike, value), 2)
     if not 0.0 <= least < most or most < SOFTEST_MOST:
-        raise InvalidParameter(name, value, f"the least stiffness and the greatest, {SOFTEST_MOST:g} N/m or more")
+        raise InvalidParameter(name, value, f"least and greatest stiffness, the greatest {SOFTEST_MOST:g} N/m or more")
     return least, most

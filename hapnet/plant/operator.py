@@ -1,8 +1,8 @@
 """Simulated hands: an impedance that follows a motion.
 
-The hand holds the device: ``f = K_h (x_d(t) - x) + B_h (x_d' - x') - M_h x''``. Default impedance: the arm fit of
+The hand holds the device: ``f = K_h (x_d(t) - x) + B_h (x_d' - x') - M_h x''``. The default impedance is the arm fit of
 Sci. Rep. srep18004 (M 0.554 kg, B 6.45 Ns/m, K 135 N/m). The motion x_d is sampled once a tick and joined by straight
-lines; whatever it is, the human's port is charged for exactly what the hand did.
+lines. Whatever the motion, the human port's account counts exactly the work that the hand did.
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ class Impedance:
 
 
 class Operator(Protocol):
-    """A hand: its impedance, and where it wants to be."""
+    """A hand: its impedance, and the reference motion that it follows."""
 
     @property
     def impedance(self) -> Impedance: ...
 
     def reference(self, t: float) -> Vector:
-        """x_d [m] at `t` seconds after the start, shape (n,); called with t that never decreases."""
+        """x_d [m] at `t` seconds after the start, shape (n,); t never decreases from call to call."""
 
 
 class Rest:
@@ -93,7 +93,7 @@ class Press:
     Parameters
     ----------
     start, goal : where the hand waits and where it presses to [m], shape (n,).
-    reach : duration of each way [s]; hold : time at the goal [s]; wait : time at the start [s].
+    reach : duration of the motion in, and of that out [s]. hold : time at the goal [s]. wait : time at the start [s].
     """
 
     def __init__(
@@ -117,7 +117,7 @@ class Press:
     def reference(self, t: float) -> Vector:
         phase = t % self._cycle - self._wait
         if phase > self._reach + self._hold:
-            phase = 2.0 * self._reach + self._hold - phase  # the way back is the way there, mirrored in time
+            phase = 2.0 * self._reach + self._hold - phase  # the motion out is the motion in, mirrored in time
         share = 0.0 if phase <= 0.0 else 1.0 if phase >= self._reach else minimum_jerk(phase / self._reach)
         if share != self._share:
             self._share = share
@@ -130,7 +130,7 @@ class Press:
 
 
 class Recorded:
-    """A recorded motion, replayed; after its end the hand goes back to the start in a minimum-jerk move and repeats.
+    """A recorded motion, replayed in a loop: at its end the hand returns to the start in a minimum-jerk move.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ class Recorded:
 
     @property
     def duration(self) -> float:
-        """Length of one round, the way back included [s]."""
+        """Duration of one loop, including the return [s]."""
         return self._period
 
     def reference(self, t: float) -> Vector:
@@ -161,14 +161,14 @@ class Recorded:
 
 
 class Followed:
-    """A recorded motion, followed once on cubic curves through its points, at rest before the first and after the last.
+    """A recorded motion, followed once on cubic curves through its points; at rest before the first and after the last.
 
-    The slope at a point is that of the parabola through it and its neighbours, so on an even grid of step h the curves
-    keep within ``h^3/24 max|d^3x/dt^3|``, and the fourth-order term of Hermite's formula, of a smooth motion.
+    The slope at a point is that of the parabola through it and its neighbours. So on an even grid of step h the error
+    for a smooth motion is at most ``h^3/24 max|d^3x/dt^3|`` plus the fourth-order term of Hermite's formula.
 
     Parameters
     ----------
-    times : (N,) since the start, increasing [s]. path : (N, n) positions at these times [m].
+    times : (N,) seconds since the start, increasing. path : (N, n) positions at these times [m].
     """
 
     def __init__(self, times: Array, path: Array, impedance: Impedance) -> None:
@@ -193,7 +193,7 @@ class Followed:
 
 
 def minimum_jerk(s: float) -> float:
-    """Flash and Hogan's ``10 s^3 - 15 s^4 + 6 s^5`` from 0 to 1, flat outside."""
+    """Flash and Hogan's ``10 s^3 - 15 s^4 + 6 s^5`` for s from 0 to 1, constant outside."""
     if s <= 0.0:
         return 0.0
     if s >= 1.0:
@@ -202,10 +202,10 @@ def minimum_jerk(s: float) -> float:
 
 
 _GRID_S = 1e-3
-_GAP_S = 0.05  # a recording at 133 Hz that skips more than this has lost the pen
-_JUMP_MPS = 0.5  # faster than a hand writes: the pen was lost and found elsewhere
-_JUMP_S = 0.06  # samples this near to a jump are given up, so that the way across is a hand's
-_PEN_S = 0.08  # the pen goes down or up over this time
+_GAP_S = 0.05  # a longer gap in a recording at 133 Hz means that the tablet lost the pen
+_JUMP_MPS = 0.5  # faster than a hand writes: the tablet lost the pen and found it elsewhere
+_JUMP_S = 0.06  # samples this near to a jump are dropped, so that the motion across is slow enough for a hand
+_PEN_S = 0.08  # the pen is lowered or lifted over this time
 
 
 def read_motion(
@@ -217,17 +217,17 @@ def read_motion(
     hover: float = _HAND.hover_m,
     reach: float = math.inf,
 ) -> Recorded:
-    """A recorded hand from CSV: columns `time_s`, `x_m` and, as far as there are, `y_m`, `z_m`.
+    """Read a recorded hand from CSV: columns `time_s`, `x_m` and optionally `y_m`, `z_m`.
 
-    A pen tablet's recording has `pressure` (0 to 1) and perhaps `pen_down` instead of `z_m`: pressure becomes depth
-    below the surface z = 0 (`press_depth` [m] at full pressure), a lifted pen hovers at `hover` [m]. Where samples are
-    missing for longer than 50 ms, or the pen jumps, it is lifted and moves on with minimum jerk. Uneven samples are
-    joined by cubic curves and resampled at 1 kHz. A one-dimensional device gets the axis that presses (the last one).
-    No position may be farther than `reach` [m] from the origin.
+    A pen tablet's recording has `pressure` (0 to 1), and optionally `pen_down`, instead of `z_m`. Pressure becomes
+    depth below the surface z = 0 (`press_depth` [m] at full pressure); a lifted pen hovers at `hover` [m]. Where
+    samples are missing for longer than 50 ms, or the pen jumps, it is lifted and moves on with minimum jerk. Uneven
+    samples are joined by cubic curves and resampled at 1 kHz. A one-dimensional device gets the axis that presses (the
+    last one). No coordinate may be farther than `reach` [m] from the origin.
 
     Raises
     ------
-    InvalidParameter : the file cannot be read, or is not such a recording, or not in metres.
+    InvalidParameter : the file cannot be read, is not such a recording, or is not in metres.
     """
     table = _read_columns(file)
     check_motion(str(file), np.column_stack([table[name] for name in ("x_m", "y_m", "z_m") if name in table]), reach)
@@ -239,7 +239,7 @@ def read_motion(
         columns = [table["x_m"], table["y_m"]] if "y_m" in table else [table["x_m"]]
         grid, planar, lifted = _resample(t, np.column_stack(columns))
         height = np.where(lifted, hover, np.interp(grid, t, depth))
-        waiting = round(_PEN_S / _GRID_S)  # lifted at both ends, so that the pen is set down and taken up
+        waiting = round(_PEN_S / _GRID_S)  # lifted at both ends, so that the pen is lowered and lifted
         planar = np.pad(planar, ((waiting, waiting), (0, 0)), mode="edge")
         path = np.column_stack([planar, _soften(np.pad(height, waiting, constant_values=hover))])
     else:
@@ -266,14 +266,14 @@ def _read_columns(file: Path) -> dict[str, Array]:
     if "time_s" not in table or "x_m" not in table:
         raise InvalidParameter("operator", str(file), wanted)
     if any(not np.all(np.isfinite(column)) for column in table.values()) or len(table["time_s"]) < 2:
-        raise InvalidParameter("operator", str(file), f"{wanted}, finite numbers, at least two rows")
+        raise InvalidParameter("operator", str(file), f"{wanted}, with finite numbers and at least two rows")
     if np.any(np.diff(table["time_s"]) <= 0.0):
-        raise InvalidParameter("operator", str(file), f"{wanted}, time_s increasing")
+        raise InvalidParameter("operator", str(file), f"{wanted}, with increasing time_s")
     return table
 
 
 def _resample(t: Array, points: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """(grid, points on it, whether the grid point lies in a gap): cubic Hermite between samples, flat at the ends."""
+    """(grid, points on it, whether each lies in a gap): cubic Hermite between samples, with zero slope at the ends."""
     grid = np.arange(t[0], t[-1], _GRID_S)
     step = np.diff(t)
     gap = step > _GAP_S
@@ -295,7 +295,7 @@ def _resample(t: Array, points: Array) -> tuple[Array, Array, NDArray[np.bool_]]
 
 
 def _without_jumps(table: dict[str, Array]) -> dict[str, Array]:
-    """The samples, less those around jumps of the position: what is left there is a gap."""
+    """The samples without those near jumps of the position, where a gap remains."""
     t = table["time_s"]
     planar = [table[name] for name in ("x_m", "y_m") if name in table]
     speed = np.hypot.reduce([np.diff(column) for column in planar]) / np.diff(t)
@@ -306,7 +306,7 @@ def _without_jumps(table: dict[str, Array]) -> dict[str, Array]:
 
 
 def _soften(height: Array) -> Array:
-    """A Hann window over the pen's height: a pen is not set down in no time."""
+    """The pen's height, smoothed by a Hann window: lowering a pen takes time."""
     width = round(_PEN_S / _GRID_S)
     window = np.hanning(width + 2)[1:-1]
     smooth = np.convolve(np.pad(height, width, mode="edge"), window / window.sum(), mode="same")

@@ -1,7 +1,7 @@
-"""One tick of a simulated device, in as many substeps by the midpoint rule, in the cheapest way that is exact.
+"""One tick of a simulated device, in substeps by the midpoint rule, computed in the cheapest exact way.
 
-See `hapnet.plant.device` for the equations. With a diagonal K and within all limits each axis goes on its own; with any
-K within all limits the tick is one linear map; where a limit acts, it is made substep by substep (`limited_coupling`).
+See `hapnet.plant.device` for the equations. Within all limits, a diagonal K lets each axis be computed alone, and any
+other K makes the tick one linear map. Where a limit acts, the tick is computed by substeps (`limited_coupling`).
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from hapnet.plant.limited_coupling import LimitedCoupling, rows
 from hapnet.plant.operator import Impedance
 
 TickResult = tuple[float, Vector, Vector, Vector, Vector]
-"""A tick: the hand's work [J]; the device's position [m] and velocity [m/s] at its end; the hand's force and the
-actuators' on the device, mean over its last substep [N]."""
+"""The result of a tick: the hand's work [J]; the device's position [m] and velocity [m/s] at its end; the forces of
+hand and actuators on the device, mean over its last substep [N]."""
 
 
 @dataclass(slots=True)
 class DeviceState:
-    """What changes from tick to tick; vectors are (n,) tuples.
+    """The state that changes from tick to tick; vectors are (n,) tuples.
 
     position [m], velocity [m/s]. hand_force, actuator_force : on the device, mean over the last substep [N].
-    torque : that is held [N]. set_position : of the coupling [m]; None: there is none.
-    low, high : extremes of the position on each axis since they were last asked for [m]. dissipated : by the coupling's
+    torque : the held force [N]. set_position : of the coupling [m]; None: no coupling.
+    low, high : extremes of the position on each axis since the last `passage` [m]. dissipated : by the coupling's
     damper since then [J]. limited : was that damper limited since then?
-    at_limit : was the spring saturated or the damper limited at the end of the last tick? It decides how the next one
-    is computed, no more.
+    at_limit : was the spring saturated or the damper limited at the end of the last tick? It only decides how the next
+    tick is computed.
     """
 
     position: Vector
@@ -50,12 +50,12 @@ class DeviceState:
 
 
 class TickModel:
-    """All that a tick depends on but the state: device, hand and coupling.
+    """What a tick depends on besides the state: device, hand and coupling.
 
     Parameters
     ----------
-    dof : n. mass [kg], own_damping [Ns/m] : of the device, on each axis. hand : that holds it.
-    period : of a tick [s], in so many `substeps`.
+    dof : n. mass [kg], own_damping [Ns/m] : of the device, on each axis. hand : the hand that holds it.
+    period : length of a tick [s]. substeps : their number in a tick.
     stiffness : K [N/m] (n, n), damping : B's diagonal [Ns/m], of the coupling.
     knee : the ``|e|_K`` [sqrt J] at which its spring saturates. force_limit : of spring and damper together [N].
     """
@@ -86,14 +86,14 @@ class TickModel:
         self.rate_drive = hand.damping - 0.5 * hand.stiffness * h
         self.rate_step = hand.stiffness * h
         self.knee_square = knee * knee
-        self._coefficients = (  # at hand in one step: an axis's tick takes two microseconds
+        self._coefficients = (  # unpacked at once: one axis's tick takes only two microseconds
             h, period, self.substeps, hand.stiffness, self.rate_drive, self.rate_step,
             self.inertia, self.hand_mass, self.response,
         )  # fmt: skip
         B = np.array(damping)
         self.coupling = LimitedCoupling(stiffness, damping, own, h, knee, force_limit)
         self.decoupled: tuple[Vector, ...] = ()
-        """(k, k + K_h, 1/A, B, k h/2 - B) of each axis, if they are independent."""
+        """(k, k + K_h, 1/A, B, k h/2 - B) of each axis, if the axes are independent; else empty."""
         if np.array_equal(stiffness, np.diag(np.diagonal(stiffness))):
             k = np.diagonal(stiffness)
             a = own + B + k * h / 2.0
@@ -102,7 +102,7 @@ class TickModel:
             self.tick_map = self._map_of_a_tick(np.linalg.inv(np.diag(own + B) + stiffness * (h / 2.0)))
 
     def run(self, state: DeviceState, path: list[Vector]) -> list[TickResult]:
-        """A tick from each point of the hand's reference on `path` to the next [m]; the device after each of them."""
+        """Run a tick from each point of the hand's reference on `path` [m] to the next. Returns each tick's result."""
         if self.decoupled and not state.at_limit:
             results = self._axes(state, path[0], path[1:])
             if results is not None:
@@ -126,9 +126,9 @@ class TickModel:
     # -- axis by axis: K diagonal and within all limits --------------------------------------------------------------
 
     def _axes(self, state: DeviceState, start: Vector, path: list[Vector]) -> list[TickResult] | None:
-        """The ticks at whose ends the reference is at the points of `path`, each axis on its own.
+        """Compute each axis alone, one tick per point of `path`, where the hand's reference is at the tick's end.
 
-        None, and nothing changed, if the spring may have saturated or the damper been limited.
+        Returns None and changes nothing if the spring may have saturated or the damper may have been limited.
         """
         h, period, substeps, kh, rate_drive, rate_step, inertia, hand_mass, response = self._coefficients
         ybar = state.set_position or state.position
@@ -185,15 +185,18 @@ class TickModel:
         return results
 
     def _may_exceed(self, stretch: float, drag: float) -> bool:
-        """May the force exceed its limit, with ``|e|_K^2`` up to `stretch` [J] and the damper's force to `drag` [N]?"""
+        """May the force exceed its limit, with ``|e|_K^2`` up to `stretch` [J] and a damper force up to `drag` [N]?"""
         return math.sqrt(self.largest * stretch) + drag > self.force_limit
 
     # -- any K, within all limits ------------------------------------------------------------------------------------
 
     def _linear(self, state: DeviceState, begin: Vector, end: Vector) -> float | None:
-        """The whole tick as one linear map: its work; None, and nothing changed, if a limit may have acted."""
+        """Compute the whole tick as one linear map. Returns its work [J].
+
+        Returns None and changes nothing if a limit may have acted.
+        """
         n, ybar = self.dof, state.set_position or state.position
-        # BLAS on the whole tick costs a quarter of the same substeps on floats
+        # BLAS on the whole tick costs a quarter of the substeps in floats
         values = self.tick_map.dot(state.position + state.velocity + ybar + state.torque + begin + end).tolist()
         span = n * len(self.substeps)
         velocity, hand_force, path = values[:span], values[span : 2 * span], values[2 * span : 3 * span]
@@ -218,7 +221,7 @@ class TickModel:
     # -- any K, whatever limit acts ----------------------------------------------------------------------------------
 
     def limited(self, state: DeviceState, begin: Vector, end: Vector) -> float:
-        """One tick, substep by substep; its work."""
+        """Compute one tick substep by substep. Returns its work [J]."""
         h, kh, bh = self.h, self.hand.stiffness, self.hand.damping
         inertia, hand_mass, response = self.inertia, self.hand_mass, self.response
         coupling, torque = self.coupling, state.torque
@@ -252,11 +255,11 @@ class TickModel:
         return work * h
 
     def _map_of_a_tick(self, inverse: NDArray[np.floating[Any]]) -> Array:
-        """What a tick within all limits does, as a matrix; `inverse` is A^-1.
+        """The matrix of a tick within all limits; `inverse` is A^-1.
 
-        It takes position, velocity, ybar, torque and the hand's reference at the tick's start and end to vhat, the
-        hand's force, the position and the damper's force ``B vhat`` at each substep, then the velocity at the end and
-        the actuators' force in the last substep.
+        Its input is position, velocity, ybar, torque and the hand's reference at the tick's start and end. Its output
+        is vhat, the hand's force, the position and the damper's force ``B vhat`` of every substep, then the velocity at
+        the tick's end and the actuators' force in the last substep.
         """
         h, kh = self.h, self.hand.stiffness
         B = np.diag(self.damping)
@@ -278,6 +281,6 @@ class TickModel:
 
 
 def _joined(*axes: TickResult) -> TickResult:
-    """One tick of all axes, from that of each."""
+    """The result of all axes, from the results of each."""
     works, x, v, f, actuators = zip(*axes, strict=True)
     return sum(works), tuple(chain(*x)), tuple(chain(*v)), tuple(chain(*f)), tuple(chain(*actuators))

@@ -1,1 +1,1 @@
-"""Virtual worlds: what each is asked and tells in a step (protocol), and the worlds, a file each."""
+"""Virtual worlds: their protocol (what a world receives and returns in a step), and one file per world."""

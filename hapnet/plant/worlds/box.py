@@ -18,7 +18,7 @@ def box(
     step_min_s: float = STEP_MIN_S,
     step_max_s: float = STEP_MAX_S,
 ) -> Scene:
-    """The inside of a box around the origin with half-width `size` [m], all its faces solid."""
+    """The inside of a box around the origin with half-width `size` [m]; all its faces are solid."""
     return Scene("box", dof, box_walls(checked_dof(dof), size, stiffness, damping), step_min_s, step_max_s)
 
 

@@ -1,18 +1,18 @@
-"""What a world is asked, and what it tells.
+"""The protocol of a world: what it receives and what it returns.
 
-Each step of length T the proxy, a virtual mass on its virtual coupling, has a mean velocity vhat with
+In each step of length T the proxy, a virtual mass on its virtual coupling, has a mean velocity vhat with
 
     A vhat = c + f                                          A = 2M/T + B' + K' T/2, see `hapnet.plant.integrator`
 
-where f is the force of all that stands around it. The surroundings get A (as what applies its inverse) and the velocity
-``A^-1 c`` that the step would have without them, and answer with f and vhat. So contact, friction and bodies that the
-proxy deforms are solved together with the step, whatever its length; bodies take their own step in the same call, which
-comes once a step. Theorem 1 holds for any f. What is left to show is that the surroundings give no more than they have:
-with U = `stored_J` and S the sum of `supplied_J`,
+where f is the force of its surroundings. The surroundings get A (as a function that applies its inverse) and the
+velocity ``A^-1 c`` that the step would have without them. They return f and vhat. So contact, friction and bodies that
+the proxy deforms are solved together with the step, whatever its length. Bodies make their own step in the same call,
+which comes once a step. Theorem 1 holds for any f. It remains to show that the surroundings do not output more energy
+than they have: with U = `stored_J` and S = `supplied_J`,
 
     -sum f . vhat T + S - (U - U(0)) >= 0
 
-A physics engine that integrates the proxy itself does not fit in here: it takes the integrator's place.
+A physics engine that integrates the proxy itself does not fit here: it replaces the integrator.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ class Surface(NamedTuple):
 
 
 class Plane(NamedTuple):
-    """What the proxy touches, as a plane: solid where ``normal . x > offset_m``.
+    """The plane that the proxy touches: solid where ``normal . x > offset_m``.
 
-    stiffness, damping : of what is behind it, along the normal [N/m], [Ns/m].
-    velocity_mps : of the plane along its normal; 0: it stands still.
+    stiffness, damping : of the solid behind it, along the normal [N/m], [Ns/m].
+    velocity_mps : of the plane along its normal [m/s]; 0: it stands still.
     """
 
     normal: Vector
@@ -54,40 +54,40 @@ class Plane(NamedTuple):
 
 
 class Surroundings(Protocol):
-    """What stands around the proxy, of `dof` n."""
+    """Everything around the proxy that acts on it; `dof` is n."""
 
     @property
     def dof(self) -> int: ...
 
     def require_outside(self, position: Sequence[float]) -> None:
-        """Raise InvalidParameter if a proxy cannot start at `position` (n,) [m] without energy from nothing."""
+        """Raise InvalidParameter if a proxy that starts at `position` (n,) [m] would create energy."""
 
     def require_separate(self, inverse: Inverse) -> None:
-        """Raise InvalidParameter if a step with this A cannot be solved; asked for several A before the first step."""
+        """Raise InvalidParameter if a step with this A cannot be solved; called for several A before the first step."""
 
     def solve(
         self, dt: float, position: Sequence[float], velocity: list[float], inverse: Inverse
     ) -> tuple[Sequence[float], list[float]]:
-        """One step: the force f (n,) [N] and vhat (n,) [m/s], with ``A vhat = c + f``.
+        """Make one step. Returns the force f (n,) [N] and vhat (n,) [m/s], with ``A vhat = c + f``.
 
         Parameters
         ----------
-        dt : T [s], also of the surroundings' own step. position : x_k [m] at its start.
+        dt : T [s], also the length of the surroundings' own step. position : x_k [m] at the step's start.
         velocity : ``A^-1 c`` [m/s]. inverse : applies A^-1.
         """
 
     def penetration(self, position: Sequence[float]) -> float:
-        """How deep `position` (n,) [m] is in what it is deepest in [m]; 0 outside."""
+        """Penetration depth of `position` (n,) in the obstacle where it is deepest [m]; 0 outside."""
 
     def plane(self, position: Sequence[float]) -> Plane | None:
-        """What a proxy at `position` (n,) [m] touches; of several, that which it is deepest in. None: nothing."""
+        """The plane that a proxy at `position` (n,) [m] touches: of several, the one where it is deepest. Or None."""
 
     def stored_J(self, position: Sequence[float]) -> float:
-        """Energy in the surroundings' springs and in their bodies' motion, the proxy being at `position` (n,) [m]."""
+        """Energy in the surroundings' springs and in their bodies' motion, with the proxy at `position` (n,) [m]."""
 
     @property
     def supplied_J(self) -> float:
-        """Work that obstacles which are moved from outside have put in so far; 0 where nothing is moved."""
+        """Total work put in by obstacles that are moved from outside; 0 if none is moved."""
 
 
 @runtime_checkable
@@ -96,28 +96,28 @@ class World(Protocol):
 
     @property
     def name(self) -> str:
-        """What it is called in summaries and figures."""
+        """Its name in summaries and figures."""
 
     @property
     def dof(self) -> int: ...
 
     @property
     def start(self) -> Vector:
-        """Where the proxy starts (n,) [m], outside of everything."""
+        """Where the proxy starts (n,) [m], outside every obstacle."""
 
     @property
     def contacts(self) -> Surroundings: ...
 
     @property
     def walls(self) -> tuple[Wall, ...]:
-        """Its flat walls that stand still, for metrics; others are left out."""
+        """Its flat walls at rest, for metrics; other obstacles are left out."""
 
     @property
     def surfaces(self) -> tuple[Surface, ...]:
-        """For drawing."""
+        """The surfaces that plots draw."""
 
     def next_step_s(self, rng: np.random.Generator) -> float:
-        """How long the next step takes, T_k [s]."""
+        """Duration of the next step, T_k [s]."""
 
     def towards(self, position: Vector) -> Vector:
-        """As far on the straight way from `start` to `position` (n,) [m] as a proxy can be put."""
+        """The farthest point on the straight line from `start` to `position` (n,) [m] where a proxy can be placed."""

@@ -6,7 +6,7 @@ takes keyword arguments and returns a world (`hapnet.plant.worlds.protocol`), mo
     def corridor(*, dof: int = 2, width: float = 0.04) -> Scene:
         return Scene("corridor", dof, box_walls(dof, width / 2, 3000.0, 10.0)[:2])
 
-A world of the program's own is a file in this package and a line in `SCENES`.
+A built-in world is a file in this package and a line in `SCENES`.
 """
 
 from __future__ import annotations
@@ -25,32 +25,31 @@ SCENES: dict[str, Callable[..., World]] = {"free": free, "wall": wall, "box": bo
 
 
 def scene_parameters(name: str) -> dict[str, Any]:
-    """What `make_scene` takes for scene `name`: keyword and default (`inspect.Parameter.empty` where there is none)."""
+    """The keywords and defaults that `make_scene` accepts for scene `name` (`inspect.Parameter.empty`: no default)."""
     parameters = inspect.signature(_builder(name)).parameters.values()
     return {p.name: p.default for p in parameters if p.kind is not p.VAR_KEYWORD}
 
 
 def make_scene(name: str, **parameters: Any) -> World:
-    """Build the scene called `name`: one of `SCENES`, or a user's own given as ``module:Name`` (see above).
+    """Build the scene `name`: one of `SCENES`, or a user's own given as ``module:Name`` (see above).
 
-    Raises InvalidParameter if there is no such scene, it does not take one of the parameters, or one has a value that
-    is not allowed.
+    Raises InvalidParameter if there is no such scene, if it does not accept a parameter, or if a value is not allowed.
     """
     builder = _builder(name)
     try:
         inspect.signature(builder).bind(**parameters)
     except TypeError as error:
         known = ", ".join(scene_parameters(name)) or "nothing"
-        raise InvalidParameter(f"scene {name}", parameters, f"parameters of this scene ({known}): {error}") from None
+        raise InvalidParameter(f"scene {name}", parameters, f"this scene's parameters ({known}): {error}") from None
     if name in SCENES:
         scene: object = builder(**parameters)
     else:
         try:
             scene = builder(**parameters)
         except Exception as error:
-            raise InvalidParameter("scene", name, f"a scene that can be made ({cause(error)})") from error
+            raise InvalidParameter("scene", name, f"a scene that can be built ({cause(error)})") from error
     if not isinstance(scene, World):
-        allowed = "a class or function that gives a world, such as a hapnet.plant.worlds.scene.Scene"
+        allowed = "a class or function that returns a world, such as a hapnet.plant.worlds.scene.Scene"
         raise InvalidParameter(f"scene {name}", scene, allowed)
     return scene
 

@@ -1,4 +1,4 @@
-"""A world of walls that stand still: which walls stand where, and how long a step takes."""
+"""A world of walls at rest: where the walls are, and how long a step takes."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ STEP_MIN_S, STEP_MAX_S = _WORLD.step_min_s, _WORLD.step_max_s
 
 @dataclass(frozen=True)
 class Scene:
-    """Walls around a virtual mass of `dof` degrees of freedom, and the time that a step of this world takes.
+    """Walls around a virtual mass of `dof` degrees of freedom, and the duration of this world's steps.
 
     Parameters
     ----------
-    name : what the scene is called in summaries and figures.
+    name : the scene's name in summaries and figures.
     dof : n, 1 or more.
     walls : see `hapnet.plant.worlds.walls`; none for free space.
     min_s, max_s : range of the step time T_k [s].
@@ -55,11 +55,11 @@ class Scene:
         object.__setattr__(self, "contacts", contacts)
 
     def next_step_s(self, rng: np.random.Generator) -> float:
-        """Draw how long the next step takes, T_k [s]: uniform in [min_s, max_s]."""
+        """Draw the duration of the next step, T_k [s]: uniform in [min_s, max_s]."""
         return min(self.max_s, self.min_s + (self.max_s - self.min_s) * rng.random())
 
     def towards(self, position: Vector) -> Vector:
-        """As far on the straight way from `start` to `position` (n,) [m] as the walls let a mass."""
+        """The farthest point on the straight line from `start` to `position` (n,) [m] that is outside every wall."""
         share = 1.0
         for wall in self.walls:
             before, after = wall.penetration(self.start), wall.penetration(position)
@@ -70,7 +70,7 @@ class Scene:
 
     @property
     def surfaces(self) -> tuple[Surface, ...]:
-        """The walls that stand perpendicular to an axis, for drawing; others are left out."""
+        """The walls perpendicular to an axis, for plots; others are left out."""
         return tuple(
             Surface(axis, wall.offset * wall.normal[axis], int(wall.normal[axis]))
             for wall in self.walls
@@ -80,12 +80,12 @@ class Scene:
 
 
 def checked_dof(dof: int) -> int:
-    """`dof` as it is, if a world can have so many axes."""
+    """`dof` unchanged, if a world can have so many axes; else raises InvalidParameter."""
     if type(dof) is not int or not 1 <= dof <= 3:
         raise InvalidParameter("dof", dof, "1, 2 or 3")
     return dof
 
 
 def along(dof: int, axis: int, side: float) -> Vector:
-    """The unit vector of an axis, in the direction of `side`, +1 or -1."""
+    """The unit vector along an axis; `side` is its sign, +1 or -1."""
     return tuple(side if i == axis else 0.0 for i in range(dof))

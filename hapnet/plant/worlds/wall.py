@@ -1,4 +1,4 @@
-"""A flat wall, and a sheet of paper to write on: the first of the worlds."""
+"""Free space, a flat wall, and a sheet of paper to write on."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def paper(
 ) -> Scene:
     """A horizontal surface to write on: free where z is above `position` [m]. The mass starts on it."""
     if dof != 3:
-        raise InvalidParameter("dof", dof, "3: the paper is written on in x and y and touched in z")
+        raise InvalidParameter("dof", dof, "3: x and y to write along the paper, z to touch it")
     check_number("position", position, "a finite number [m]", isfinite)
     sheet = Wall((0.0, 0.0, -1.0), -position, stiffness, damping)
     return Scene("paper", dof, (sheet,), step_min_s, step_max_s, (0.0, 0.0, position))

@@ -1,22 +1,22 @@
 """One-sided walls for the passive integrator: exactly passive, in closed form, at any step size.
 
-A wall is the potential ``U(p) = 1/2 K_w max(0, p)^2`` of the penetration ``p = n.x - offset`` and a damper. Over a step
-of length T in which p goes from p0 to p1 = p0 + T vn, it pushes along n with the *discrete gradient* of U and with the
-damper for the fraction of the path that lies inside:
+A wall is a potential ``U(p) = 1/2 K_w max(0, p)^2`` of the penetration ``p = n.x - offset``, plus a damper. Over a step
+of length T in which p goes from p0 to p1 = p0 + T vn, its force along n is the *discrete gradient* of U plus the
+damper's force for the fraction of the path inside:
 
     f = -(U(p1) - U(p0)) / (p1 - p0)  -  B_w vn (max(0, p1) - max(0, p0)) / (p1 - p0)
 
-so f vn T = U(p0) - U(p1) - (what the damper takes), whatever T is. The integrator answers with ``a (vn - w) = f``,
-where w is the velocity along n without contact and ``a = 1 / (n' A^-1 n)`` (`hapnet.plant.integrator`); f never
-increases with vn, so the solution is unique, and it is at worst the root of a quadratic. A wall that would pull (its
-damper outweighs its spring on the way out) is left out of the step and the rest solved again: the mass then leaves it
-faster still, so its U does not grow and the step stays passive.
+So f vn T = U(p0) - U(p1) - (the damper's dissipation), whatever T is. The integrator requires ``a (vn - w) = f``, where
+w is the velocity along n without contact and ``a = 1 / (n' A^-1 n)`` (`hapnet.plant.integrator`). f never increases
+with vn, so the solution is unique, and it is at worst the root of a quadratic. A wall would pull if its damper
+outweighed its spring on the way out. Then it is left out of the step and the rest is solved again: the mass leaves the
+wall faster still, so U does not grow and the step stays passive.
 
-Two walls do not feel each other iff ``n_i' A^-1 n_j = 0``. Opposite faces of one axis share one potential; a fast mass
-may cross the whole gap between them in one step. Other couplings are refused.
+Two walls are independent iff ``n_i' A^-1 n_j = 0``. Opposite faces of one axis share one potential; a fast mass may
+cross the whole gap between them in one step. Walls that are coupled in any other way are refused.
 
-The law is not in D. J. Lee and K. Huang (World Haptics 2009), who take their wall from a companion paper; it is derived
-from energy, on their integrator L_dp.
+D. J. Lee and K. Huang (World Haptics 2009) take their wall from a companion paper. The law here is not theirs: it is
+derived from energy, for their integrator L_dp.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from hapnet.plant.worlds.protocol import Inverse, Plane
 _WALL = WallParams()
 WALL_STIFFNESS, WALL_DAMPING = _WALL.stiffness, _WALL.damping
 
-# Cosine, in the metric of A^-1, up to which two normals count as separate: rounding, and no more.
+# Two normals count as independent up to this cosine in the metric of A^-1: it allows for rounding only.
 _SEPARATE = 1e-12
 
 
@@ -47,7 +47,7 @@ class Wall:
     Parameters
     ----------
     normal : (n,) direction pointing into the wall; any length, stored as a unit vector.
-    offset : [m] where the surface lies along the unit normal: ``p = normal . x - offset``, free where p <= 0.
+    offset : position of the surface along the unit normal [m]: ``p = normal . x - offset``, free where p <= 0.
     stiffness : K_w [N/m], positive.
     damping : B_w [Ns/m], zero or positive.
 
@@ -75,7 +75,7 @@ class Wall:
 
 
 class Face(NamedTuple):
-    """One end of an axis: where it lies along the axis [m], K_w [N/m], B_w [Ns/m]."""
+    """One end of an axis: its position along the axis [m], K_w [N/m], B_w [Ns/m]."""
 
     at: float
     stiffness: float
@@ -94,9 +94,9 @@ class Axis:
     lower: Face
 
     def force(self, q: float, w: float, a: float, dt: float) -> float:
-        """Force along the normal [N] over a step from coordinate `q` that without contact goes at `w` [m/s].
+        """Force along the normal [N] over a step from coordinate `q` [m], with velocity `w` [m/s] without contact.
 
-        `a` [Ns/m] is the mass's resistance along the normal, `dt` [s] the step.
+        `a` [Ns/m] is the mass's resistance along the normal, `dt` [s] the step's length.
         """
         if q > self.upper.at:
             return -_out_of(self.upper, self.lower, q - self.upper.at, self.upper.at - self.lower.at, -w, a, dt)
@@ -113,19 +113,19 @@ class Axis:
 
 
 def _into(face: Face, distance: float, w: float, a: float, dt: float) -> float:
-    """Resistance (>= 0) of a face that lies `distance` >= 0 ahead of a mass going at `w` towards it."""
+    """Resistance (>= 0) [N] of a face that lies `distance` >= 0 ahead of a mass that moves at `w` towards it."""
     free_depth = dt * w - distance
     if not free_depth > 0.0:
         return 0.0
     K, B, h = face.stiffness, face.damping, distance
-    # With e the depth at the end: (a + K T/2 + B) e^2 + (a (h - free_depth) + B h) e - a free_depth h = 0. In e, not in
-    # the velocity, no term of the discriminant or of the force cancels another.
+    # With e the depth at the end: (a + K T/2 + B) e^2 + (a (h - free_depth) + B h) e - a free_depth h = 0. Solving for
+    # e, not for the velocity, avoids terms that cancel in the discriminant and in the force.
     e = _positive_root(a + K * dt / 2 + B, a * (h - free_depth) + B * h, -a * free_depth * h)
     return K * e * (e / (h + e)) / 2 + B * e / dt if e > 0.0 else 0.0
 
 
 def _out_of(near: Face, far: Face, depth: float, gap: float, w: float, a: float, dt: float) -> float:
-    """Push out of `near`, for a mass `depth` > 0 inside it and going at `w` outwards; `far` is across the `gap`."""
+    """Outward force [N] of `near` on a mass `depth` > 0 inside it that moves outwards at `w`; `far` is across `gap`."""
     K, B, d = near.stiffness, near.damping, depth
     if (a - K * dt / 2 + B) * d >= a * w * dt:  # inside: the end is not beyond the surface
         push = a * (K * d - (K * dt / 2 + B) * w) / (a + K * dt / 2 + B)
@@ -158,34 +158,34 @@ def _positive_root(a: float, b: float, c: float) -> float:
 
 
 class Contacts:
-    """Walls that act together on one mass, grouped into the axes that solve apart from one another: `Surroundings`.
+    """The `Surroundings` of walls that act on one mass, grouped into axes that are solved independently.
 
     Parameters
     ----------
-    walls : the walls, all of one dimension; two may be parallel only as opposite faces with a gap between them.
-    dof : the dimension n; needed only when there are no walls.
+    walls : the walls, all of the same dimension. Two may be parallel only as opposite faces with a gap between them.
+    dof : the dimension n; needed only without walls.
 
-    Raises InvalidParameter when dimensions differ, or parallel walls overlap or face the same way.
+    Raises InvalidParameter if dimensions differ, or if parallel walls overlap or face the same direction.
     """
 
     def __init__(self, walls: Sequence[Wall], dof: int | None = None) -> None:
         self.walls = tuple(walls)
         if dof is None and not self.walls:
-            raise InvalidParameter("dof", dof, "the number of degrees of freedom, as there are no walls to tell it")
+            raise InvalidParameter("dof", dof, "the number of degrees of freedom, because without walls it is unknown")
         self.dof = len(self.walls[0].normal) if dof is None else dof
         for i, wall in enumerate(self.walls):
             if len(wall.normal) != self.dof:
                 raise InvalidParameter(
-                    f"walls[{i}].normal", wall.normal, f"{self.dof} numbers, one a degree of freedom"
+                    f"walls[{i}].normal", wall.normal, f"{self.dof} numbers, one for each degree of freedom"
                 )
         self.supplied_J = 0.0
-        """Nothing moves."""
+        """Zero: no wall moves."""
         self.axes = self._axes()
         self.spans = tuple((axis, axis.normal, axis.lower.at, axis.upper.at) for axis in self.axes)
 
     def _axes(self) -> tuple[Axis, ...]:
         axes: list[Axis] = []
-        first: list[int] = []  # index of the wall that each axis began with
+        first: list[int] = []  # index of the first wall of each axis
         for i, wall in enumerate(self.walls):
             for k, axis in enumerate(axes):
                 name = f"walls[{first[k]}] and walls[{i}]"
@@ -207,7 +207,7 @@ class Contacts:
         return tuple(axes)
 
     def penetration(self, position: Sequence[float]) -> float:
-        """Depth [m] of `position` (n,) in the wall that it is deepest in; 0 outside all of them."""
+        """Depth [m] of `position` (n,) in the wall where it is deepest; 0 outside all walls."""
         deepest = 0.0
         for _, normal, low, high in self.spans:
             q = sum(map(mul, normal, position))
@@ -218,7 +218,7 @@ class Contacts:
         return deepest
 
     def plane(self, position: Sequence[float]) -> Plane | None:
-        """The wall that `position` (n,) [m] is deepest in; None: it is in none."""
+        """The wall where `position` (n,) [m] is deepest; None: outside all walls."""
         wall = max(self.walls, key=lambda wall: wall.penetration(position), default=None)
         if wall is None or wall.penetration(position) <= 0.0:
             return None
@@ -229,7 +229,7 @@ class Contacts:
         return sum(axis.potential_J(sum(map(mul, axis.normal, position))) for axis in self.axes)
 
     def require_outside(self, position: Sequence[float]) -> None:
-        """Raise InvalidParameter if `position` (n,) is inside a wall: a world that starts there owes its energy."""
+        """Raise InvalidParameter if `position` (n,) is inside a wall: starting there would create energy."""
         for i, wall in enumerate(self.walls):
             if wall.penetration(position) > 0.0:
                 surface = f"outside walls[{i}] (normal {wall.normal}, offset {wall.offset} m)"
@@ -289,6 +289,6 @@ def _same_direction(one: Vector, other: Vector) -> bool:
 
 
 def check_number(name: str, value: object, allowed: str, accept: Callable[[float], bool]) -> None:
-    """Raise InvalidParameter unless `value` is a number that `accept` says yes to."""
+    """Raise InvalidParameter unless `value` is a number for which `accept` returns true."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not accept(value):
         raise InvalidParameter(name, value, allowed)
