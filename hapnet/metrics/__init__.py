@@ -1,4 +1,4 @@
-"""Figures of merit of a run: how well the proxy followed, what was felt, what was sent, and whether it was passive."""
+"""Figures of merit of a run: tracking error, rendered force, messages sent, and passivity."""
 
 from __future__ import annotations
 

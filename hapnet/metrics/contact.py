@@ -1,4 +1,4 @@
-"""What a wall feels like: how stiff, and how late."""
+"""How stiff a wall feels, and how late its contact is felt."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from hapnet.checks import Array
 from hapnet.plant.worlds.walls import Wall
 from hapnet.recording.samples import Columns, Recording
 
-_LEAST_S = 0.1  # of settled contact, for a slope
+_LEAST_S = 0.1  # shortest settled contact for which a slope is computed
 _AWAY_S = 0.1
-"""A device that comes back into the wall later than that makes another visit [s]; sooner, it trembles."""
+"""A device that returns into the wall later than this makes a new visit [s]; earlier, it only trembles."""
 _MORE, _LEAST_N = 0.1, 0.1
-"""A contact is felt when the force exceeds what was felt before by this share of it, and by this much [N]."""
+"""A contact is felt when the force exceeds the earlier force by this share of it and by this much [N]."""
 
 
 def rendered_stiffness(recording: Recording, walls: Sequence[Wall], round_trip_s: float) -> float | None:
-    """Slope of the resisting force over the device's penetration of the wall that it was deepest in [N/m].
+    """Slope of the resisting force over the device's penetration of the wall where it was deepest [N/m].
 
-    Least squares through the wall's surface: ``sum(F p) / sum(p^2)`` over the samples of settled contact. A visit has
-    settled when the spring knows the wall: a round trip of the link and two of the world's longest steps after the
-    device has entered. Before that the force is that of free space, and so is its slope; a free intercept would read it
-    from there, and from the damper's force on the way in and out. None where there is less than 0.1 s of settled
-    contact: no wall, too short a visit.
+    It is the least-squares slope through the wall's surface, ``sum(F p) / sum(p^2)`` over the samples of settled
+    contact. A visit has settled when the wall acts on the device's spring: a round trip of the link plus two of the
+    world's longest steps after the device entered. Before that the force is that of free space. A slope with a free
+    intercept would depend on those samples, and on the damper's force during entry and exit. None with less than 0.1 s
+    of settled contact: there is no wall, or the visits are too short.
     """
     device, world = recording.device, recording.world
     found = _deepest(device, walls)
@@ -40,12 +40,12 @@ def rendered_stiffness(recording: Recording, walls: Sequence[Wall], round_trip_s
 
 
 def first_felt_s(recording: Recording, walls: Sequence[Wall], round_trip_s: float) -> float | None:
-    """How much longer than a round trip after the device's first crossing of the surface its contact is felt [s].
+    """Time from the device's first crossing of the surface until its contact is felt, less a round trip [s].
 
-    Felt: the force along the wall's normal, outwards, exceeds by 10 % and by 0.1 N the strongest one before word of the
-    crossing could have come back, which is drag and goes on to grow until then. It must come within the visit, or a
-    round trip after; what drag does later is no contact. Of several walls the one counts that the device was deepest
-    in. None: never entered, or not felt.
+    A contact is felt when the outward force along the wall's normal exceeds, by 10 % and by 0.1 N, the greatest force
+    before the world's answer to the crossing could arrive. That earlier force is drag, which keeps growing until then.
+    The contact must be felt during the visit or within a round trip after it; later forces are drag. With several
+    walls, the one where the device was deepest counts. None: no wall was entered, or no contact was felt.
     """
     device = recording.device
     found = _deepest(device, walls)
@@ -66,7 +66,7 @@ def first_felt_s(recording: Recording, walls: Sequence[Wall], round_trip_s: floa
 
 
 def pressed_wall(device: Columns | None, walls: Sequence[Wall]) -> Wall | None:
-    """The wall that the device was deepest in, over all its samples; None if it never was in one."""
+    """The wall where the device's penetration, summed over all samples, is greatest; None if it entered no wall."""
     if device is None or not walls:
         return None
     depths = [float(np.maximum(_depth(device, wall), 0.0).sum()) for wall in walls]
@@ -74,7 +74,7 @@ def pressed_wall(device: Columns | None, walls: Sequence[Wall]) -> Wall | None:
 
 
 def _deepest(device: Columns | None, walls: Sequence[Wall]) -> tuple[Array, Array] | None:
-    """Of `pressed_wall`: the device's penetration [m] and the force on it, outwards along the normal [N]."""
+    """The device's penetration of `pressed_wall` [m], and the outward force on the device along its normal [N]."""
     wall = pressed_wall(device, walls)
     if device is None or wall is None:
         return None
@@ -86,7 +86,7 @@ def _depth(device: Columns, wall: Wall) -> Array:
 
 
 def _settled(device: Columns, depth: Array, after_s: float) -> NDArray[np.bool_]:
-    """Samples in the wall whose visit began more than `after_s` before."""
+    """Samples in the wall whose visit began more than `after_s` earlier."""
     times, inside = device["time_s"], depth > 0.0
     outside_last = np.maximum.accumulate(np.where(inside, -np.inf, times))
     return np.asarray(inside & (times - outside_last > after_s) & np.isfinite(outside_last))

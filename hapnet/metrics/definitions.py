@@ -1,4 +1,4 @@
-"""What is measured of a run, in one place: commands, JSON, figures and documentation take names and units from here."""
+"""Definitions of all metrics: commands, JSON, figures and documentation take their names and units from here."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ class Metric:
     Parameters
     ----------
     name : its key in dictionaries and files. label : its name for people, short enough for a column.
-    unit : of its values; "" for a bare number. better : which way. meaning : how it is defined, in a sentence or two.
+    unit : of its values; "" for a bare number. better : the better direction. meaning : its definition, in a sentence
+        or two.
     """
 
     name: str
@@ -38,14 +39,14 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
         for metric in (
             Metric(
                 "margin_J", "two-port margin", "J", "higher",
-                "least value over time of d² plus the energy that hand and virtual world have put in at their ports; "
-                "d² is what both reservoirs start with under PSPM, the same for every coupling, though others start "
-                "with nothing. Below 0: not passive",
+                "least value over time of d² plus the energy that hand and virtual world have put in at their ports. "
+                "d² is the energy at the start with PSPM's reservoirs; every coupling is measured with the same d², "
+                "though others start with nothing. Below 0: not passive",
             ),
             Metric(
                 "energy_out_J", "energy out", "J", "lower",
-                "the most energy that had ever come out of the two ports together beyond what had gone in: d² less the "
-                "two-port margin. Of a coupling that starts with nothing, and is passive, none comes out",
+                "greatest energy over time that has come out of both ports together beyond what has gone in: d² less "
+                "the two-port margin. It is 0 for a passive coupling that starts with no energy",
             ),
             Metric(
                 "margin_end_J", "margin at the end", "J", "higher",
@@ -53,38 +54,38 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
             ),
             Metric(
                 "margin_later_J", "margin after 1 s", "J", "higher",
-                "least value of the two-port margin from one second after the start on: at the start it is d², which "
-                "says nothing",
+                "least value of the two-port margin from one second after the start on; at the start it is always d²",
             ),
             Metric(
                 "hand_margin_J", "hand's margin", "J", "higher",
-                "least value over time of the hand's work plus what the device's side starts with. Below 0: the hand "
-                "was given more energy than that",
+                "least value over time of the hand's work plus the energy that the device's side starts with. Below 0: "
+                "the hand got more energy than that",
             ),
             Metric(
                 "actuator_margin_J", "two-port margin at the actuator", "J", "higher",
-                "as the two-port margin, the device's port being the actuator's: without the help of the device's own "
-                "damping. Sampled servos only",
+                "as the two-port margin, but with the actuator's port as the device's port, so without the help of the "
+                "device's own damping. Sampled servos only",
             ),
             Metric(
                 "free_rms_mm", "position error, free", "mm", "lower",
-                "root mean square of the distance between device and proxy at the same time, the proxy in no wall",
+                "root mean square of the distance between device and proxy at the same time, while the proxy is in no "
+                "wall",
             ),
             Metric(
                 "contact_rms_mm", "position error, contact", "mm", "lower",
-                "the same while the proxy is in a wall. A perfect coupling has one too, as its spring gives way",
+                "the same while the proxy is in a wall. A perfect coupling has this error too: its spring yields",
             ),
             Metric(
                 "stiffness_percent", "rendered stiffness", "%", "nearer 100",
-                "least squares slope of the resisting force over the device's penetration, through the wall's surface, "
-                "once a visit has settled (a round trip and two of the world's longest steps after it began), in % of "
-                "the springs that were asked for and the wall in series: with PSPM's two springs, or with one "
-                "(device.stiffness) for couplings that have one. A law's rule may make its own softer, which shows",
+                "least-squares slope of the resisting force over the device's penetration, through the wall's surface, "
+                "after a visit has settled (a round trip and two of the world's longest steps after it began). It is "
+                "in % of the stiffness of the given springs and the wall in series: two springs for PSPM, the one of "
+                "device.stiffness for couplings with one spring. If a law's rule makes its spring softer, this shows",
             ),
             Metric(
                 "force_error_N", "force error", "N", "lower",
-                "root mean square over time of the difference between the force on the device and that of the same run "
-                "over an ideal link, with nothing left unsent",
+                "root mean square over time of the difference between the force on the device and the force in the "
+                "same run over an ideal link without deadband",
             ),
             Metric(
                 "force_error_percent", "force error", "%", "lower",
@@ -92,19 +93,19 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
             ),
             Metric(
                 "buzz_N2", "buzz", "N²", "lower",
-                "power of the force on the device above 20 Hz, all axes together: Welch's spectrum with Hann windows "
-                "of one second, three quarters overlapping, each less its mean",
+                "power of the force on the device above 20 Hz, summed over the axes: Welch's spectrum with Hann "
+                "windows of one second that overlap by three quarters, each without its mean",
             ),
             Metric(
                 "drift_mm_per_min", "position drift", "mm/min", "nearer 0",
-                "slope over time of device minus proxy along the motion while both are free: least absolute "
-                "deviations, besides a lag that depends on the device's last 0.4 s",
+                "slope over time of device minus proxy along the motion while both are free, by least absolute "
+                "deviations; a lag that depends on the device's last 0.4 s is fitted too and left out",
             ),
             Metric(
                 "first_contact_ms", "first felt contact", "ms", "lower",
-                "from the device crossing the wall's surface for the first time until the resisting force exceeds by "
-                "10 % and 0.1 N the strongest one before word of it could have come back; less the median delays of "
-                "both links. None: not felt above the drag",
+                "time from the device's first crossing of the wall's surface until the contact is felt, less the "
+                "median delays of both links. Felt: the resisting force exceeds, by 10 % and by 0.1 N, the greatest "
+                "one before the world's answer could arrive. None: not felt above the drag",
             ),
             Metric(
                 "peak_force_N", "peak force", "N", "lower",
@@ -112,18 +113,18 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
             ),
             Metric(
                 "packets_per_s", "packets", "1/s", "lower",
-                "messages of all kinds offered to both links, a second",
+                "messages of all kinds offered to both links per second",
             ),
             Metric("packets_up_per_s", "packets up", "1/s", "lower", "of these, from the device"),
             Metric("packets_down_per_s", "packets down", "1/s", "lower", "of these, from the virtual world"),
             Metric(
                 "claim_kept", "claim kept", "", "higher",
-                "0: the coupling claims to be passive on this link, and was not; else 1, also where it claims nothing",
+                "0: the coupling claims to be passive on this link, and was not. 1: it was, or it claims nothing here",
             ),
             Metric(
                 "slack_J", "slack", "J", "higher",
-                "least value over time of both sides' halves of the theorem, for a coupling with energy reservoirs. "
-                "Below 0 by more than rounding: the accounts are wrong",
+                "least value over time of the slack in either side's half of the theorem, for a coupling with energy "
+                "reservoirs. Below 0 by more than rounding: the accounts are wrong",
             ),
         )
     }

@@ -1,4 +1,4 @@
-"""Position drift: how fast device and proxy part where nothing holds them apart."""
+"""Position drift: how fast device and proxy move apart while both are in free space."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hapnet.plant.worlds.walls import Wall
 from hapnet.recording.samples import Columns, Recording
 
 _TRAVELS_S = (0.1, 0.2, 0.4)
-"""The lag is a weighted sum of how far the device has come in these times: none where it rests, whatever its motion."""
+"""The lag is modelled as a weighted sum of the device's displacements in these times [s]: zero while it rests."""
 _RATE_HZ = 100.0
 _LEAST_S, _LEAST_SPAN_S = 2.0, 5.0
 _ROUNDS = 30
@@ -21,11 +21,11 @@ _ROUNDS = 30
 def drift(recording: Recording, walls: Sequence[Wall]) -> float | None:
     """Slope over time of device minus proxy while both are outside all `walls` [m/s].
 
-    Along the normal of the wall that the device was deepest in; without one, along the axis on which it moved most.
-    ``apart(t) = offset + slope t + sum_i w_i (x(t) - x(t - s_i))``: the last terms stand for the lag, which is periodic
-    where the motion is. Least absolute deviations, so that an outage does not pass for a drift; one that lasts for a
-    good part of the run does all the same. None without both sides on one clock, with less than 2 s of free motion, or
-    with less than 5 s from its first to its last.
+    It is measured along the normal of the wall where the device was deepest; without a wall, along the axis on which it
+    moved most. The model is ``apart(t) = offset + slope t + sum_i w_i (x(t) - x(t - s_i))``. Its last terms are the
+    lag, which is periodic if the motion is. It is fitted by least absolute deviations, so that an outage does not look
+    like drift (a very long outage still does). None if the two sides are not on one clock, or if free motion lasts less
+    than 2 s in all or less than 5 s from first to last sample.
     """
     device, world = recording.device, recording.world
     if device is None or world is None or not recording.meta.get("aligned", True):
@@ -58,7 +58,7 @@ def _direction(device: Columns, wall: Wall | None) -> Array:
 
 
 def _least_absolute(terms: Array, values: Array) -> Array:
-    """The weights of `terms` (N, m) whose sum comes nearest to `values` (N,), by iteratively reweighted squares."""
+    """The weights (m,) with which `terms` (N, m) best fit `values` (N,), by iteratively reweighted least squares."""
     found = np.linalg.lstsq(terms, values, rcond=None)[0]
     floor = 1e-6 * float(np.abs(values).max()) + 1e-12
     for _ in range(_ROUNDS):

@@ -1,4 +1,4 @@
-"""The force on the device: how far from that of another run, and how much it buzzes."""
+"""The force on the device: its difference from another run's, and how much it buzzes."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from hapnet.checks import Array
 from hapnet.recording.samples import Columns, Recording
 
 BUZZ_HZ = 20.0
-"""Faster than this no hand moves: what the force does above is the coupling's own."""
+"""No hand moves faster than this: force above this frequency comes from the coupling."""
 
 _SEGMENT_S = 1.0
-_OVERLAPS = 4  # segments that cover an instant: with Hann windows each instant then counts alike
+_OVERLAPS = 4  # segments that cover each instant: with Hann windows all instants then have equal weight
 
 
 def force_error(recording: Recording, ideal: Recording) -> tuple[float, float | None] | None:
     """(root mean square of the difference between the forces on the device [N], the same in % of `ideal`'s peak force).
 
-    Both at the same time since control of the device began, which is when the simulated hand begins to move. The force
-    of `ideal` is interpolated where the two were not sampled together. The share is None if `ideal` felt nothing; all
-    is None without the device's samples.
+    The forces are compared at the same time since control of the device began, which is when the simulated hand begins
+    to move. The force of `ideal` is interpolated at this run's sample times. The percentage is None if the force in
+    `ideal` is always zero; the result is None without samples of both devices.
     """
     ours, theirs = recording.device, ideal.device
     if ours is None or theirs is None:
@@ -35,11 +35,12 @@ def force_error(recording: Recording, ideal: Recording) -> tuple[float, float | 
 
 
 def buzz(device: Columns) -> float | None:
-    """Power of the force above `BUZZ_HZ`, up to half of the sampling rate, summed over the axes [N^2].
+    """Power of the force from `BUZZ_HZ` to half the sampling rate, summed over the axes [N^2].
 
-    A sine of amplitude a in there has a^2/2. Welch's spectrum (1967): Hann windows of one second that overlap by three
-    quarters, so that every instant counts alike but for the first and last second, each less its mean. None for a
-    recording that is shorter than a window, uneven, or too slow to hold what is asked for.
+    A sine of amplitude a in this range has the power a^2/2. This is Welch's spectrum (1967) with Hann windows of one
+    second, each without its mean. They overlap by three quarters, so that all instants have equal weight except in the
+    first and last second. None for a recording that is shorter than a window, unevenly sampled, or sampled at 40 Hz or
+    less.
     """
     times, force = device["time_s"], device["force_N"]
     steps = np.diff(times)

@@ -1,4 +1,4 @@
-"""The margin of both ports together, from what both sides recorded."""
+"""The margin of both ports together, from the recordings of both sides."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from hapnet.recording.samples import Columns, Recording
 
 
 def total_margin(recording: Recording) -> Columns | None:
-    """Both sides' margins at the same time, summed: ``time_s`` and ``margin_J`` at every sample of either side.
+    """The sum of both sides' margins over time: ``time_s`` and ``margin_J`` at every sample of either side.
 
-    Of the other side the last sample until then counts, so the sum is as fine as the recording: what went in and out
-    again between two samples does not show. It goes as far as both sides are recorded. None without one clock for both.
+    The other side contributes its last sample up to that time. So energy that went in and out again between two samples
+    does not show. The sum covers the time in which both sides are recorded. None if they are not on one clock.
     """
     device, world = recording.device, recording.world
     if device is None or world is None or not recording.meta.get("aligned", True):
@@ -28,7 +28,7 @@ def total_margin(recording: Recording) -> Columns | None:
 
 
 def least_total_margin(recording: Recording, since_s: float = -math.inf) -> float | None:
-    """The least of `total_margin` [J] from that time on; None if it is not known."""
+    """The least value of `total_margin` from `since_s` on [J]; None if it is unknown."""
     total = total_margin(recording)
     margin = np.array([]) if total is None else total["margin_J"][total["time_s"] >= since_s]
     known = margin[np.isfinite(margin)]

@@ -1,4 +1,4 @@
-"""Figures of merit of a run: how well the proxy followed the hand, and how hard the hand touched."""
+"""How well the proxy followed the device, and how hard and deep the contacts were."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hapnet.recording.samples import Columns, Recording
 
 
 class Motion(TypedDict):
-    """How the proxy followed the hand, and how hard it pushed: see `motion`. None where the recording cannot tell."""
+    """Tracking errors and peaks, see `motion`. A value is None if the recording does not contain it."""
 
     free_rms_m: float | None
     contact_rms_m: float | None
@@ -21,19 +21,19 @@ class Motion(TypedDict):
 
 
 def motion(recording: Recording) -> Motion:
-    """Position errors, peaks and the number of contacts; a value is None where the recording cannot tell it.
+    """Position errors, peaks and the number of contacts; a value is None if the recording does not contain it.
 
-    The position error is the Euclidean distance between the device and the proxy [m], the proxy interpolated linearly
-    at the device's sample times; device samples before the proxy's first or after its last are left out. The device is
-    in contact while the latest world sample has a positive penetration.
+    The position error is the Euclidean distance between device and proxy [m]. The proxy is interpolated linearly at the
+    device's sample times; device samples before the proxy's first or after its last are left out. A sample is in
+    contact if the latest world sample has a positive penetration.
 
     Returns
     -------
-    free_rms_m, contact_rms_m : root mean square of the position error outside and in contact [m]; None without both
-        sides, without a sample of that sort, or where the two sides' clocks could not be aligned.
+    free_rms_m, contact_rms_m : root mean square of the position error outside contact and in contact [m]; None without
+        both sides, without any such sample, or if the two sides' clocks could not be aligned.
     peak_force_N : largest Euclidean norm of the coupling's force on the device [N].
-    peak_penetration_m : largest depth of the proxy in a wall [m]; 0 if it never was in one.
-    contacts : how many separate visits to a wall there were, one that was under way at the start included.
+    peak_penetration_m : largest depth of the proxy in a wall [m]; 0 if it never entered one.
+    contacts : number of separate visits to a wall, including one that had begun before the start.
     """
     device, world = recording.device, recording.world
     result: Motion = {
@@ -57,7 +57,7 @@ def motion(recording: Recording) -> Motion:
 
 
 def _position_error(device: Columns, world: Columns) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Distance between device and proxy [m] where both are known, and whether the proxy was in a wall then."""
+    """Distance between device and proxy [m] where both are known, and whether the proxy was in a wall at that time."""
     known = (device["time_s"] >= world["time_s"][0]) & (device["time_s"] <= world["time_s"][-1])
     times, positions = device["time_s"][known], device["position_m"][known]
     proxy = np.column_stack([np.interp(times, world["time_s"], axis) for axis in world["position_m"].T])
