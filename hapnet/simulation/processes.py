@@ -1,8 +1,8 @@
-"""Worker processes of this machine. They outlive their tasks, and each may die without harm to the others.
+"""Worker processes on this machine. Each runs many tasks, and may die without harm to the others.
 
-`concurrent.futures` gives up everything under way when one process is killed, and `multiprocessing.Pool` waits for ever
-for what that one was doing. Pebble survives a worker that dies over its task, but its workers share one pipe under one
-lock: when one is killed that holds the lock, the whole pool is lost. Hence these, with a pipe for each worker.
+If one process is killed, `concurrent.futures` gives up all running tasks, and `multiprocessing.Pool` waits for ever for
+that process's task. Pebble survives a worker that dies during its task, but its workers share one pipe under one lock:
+if a worker is killed while it holds the lock, the whole pool is lost. So here each worker has its own pipe.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Progress = Callable[[float], None]
 """Called with the share that is done, 0 to 1."""
 
 START_LIMIT = 3
-"""So many processes in a row that died before they were ready: the next would too."""
+"""After so many processes in a row have died before they were ready, the pool gives up."""
 _END_S = 2.0
 _WAIT_S = 0.2
 _SAY_EVERY_S = 0.1
@@ -42,7 +42,7 @@ class WorkerDied(HapnetError):
 
 @dataclass(frozen=True)
 class Outcome(Generic[Task, Result]):
-    """A task that is over: its result or, if there is none, the error: what it raised, or `WorkerDied`."""
+    """A task that has ended, with its result or the error: what it raised, or `WorkerDied`."""
 
     task: Task
     result: Result | None
@@ -61,11 +61,12 @@ class _Worker(Generic[Task]):
 class WorkerPool(Generic[Task, Result]):
     """`workers` processes, each of which runs ``work(task, progress)`` for one task at a time.
 
-    work : at the top of a module, which the processes import. Tasks and results can be pickled; no task is None.
+    work : a function at the top level of a module that the processes import. Tasks and results must be picklable; no
+    task is None.
 
     Raises
     ------
-    HapnetError : from `wait`, when processes do not start.
+    HapnetError : from `wait`, if processes do not start.
     """
 
     def __init__(self, work: Callable[[Task, Progress], Result], workers: int) -> None:
@@ -86,28 +87,28 @@ class WorkerPool(Generic[Task, Result]):
 
     @property
     def room(self) -> int:
-        """How many tasks may be submitted now."""
+        """Number of tasks that may be submitted now."""
         return sum(worker.task is None for worker in self._workers)
 
     @property
     def shares(self) -> float:
-        """The sum of the shares that the running tasks have done."""
+        """Sum over the running tasks of the share that is done."""
         return sum(worker.share for worker in self._workers)
 
     def submit(self, task: Task) -> None:
         worker = next(worker for worker in self._workers if worker.task is None)
         worker.task = task
-        with suppress(OSError):  # it is dead: `wait` will see
+        with suppress(OSError):  # the worker is dead: `wait` will notice
             worker.pipe.send(task)
 
     def wait(self, limit_s: float) -> list[Outcome[Task, Result]]:
-        """The tasks that have ended since the last call; waits up to `limit_s` for news of one."""
+        """The tasks that have ended since the last call; waits up to `limit_s` for a worker's message."""
         ready = wait([worker.pipe for worker in self._workers], limit_s)
         outcomes = [self._receive(worker) for worker in list(self._workers) if worker.pipe in ready]
         return [outcome for outcome in outcomes if outcome is not None]
 
     def close(self) -> None:
-        """End the processes, with whatever they are doing."""
+        """Kill the processes, whatever they are doing."""
         for worker in self._workers:
             worker.process.kill()
             worker.pipe.close()
@@ -131,7 +132,7 @@ class WorkerPool(Generic[Task, Result]):
         return Outcome(task, value) if kind == "result" else Outcome(task, None, value)
 
     def _replace(self, worker: _Worker[Task]) -> Outcome[Task, Result] | None:
-        """A new process takes the place of one that died."""
+        """Replace a process that died."""
         worker.process.join(_END_S)
         self._workers.remove(worker)
         worker.pipe.close()
@@ -147,8 +148,8 @@ class WorkerPool(Generic[Task, Result]):
         process = self._context.Process(target=_serve, args=(theirs, self._work), daemon=True, name="hapnet-worker")
         with for_children():
             process.start()
-            theirs.close()  # the child holds the only one: when it dies, ours is at its end
-            self._workers.append(_Worker(process, ours))  # before Ctrl-C may come again: it is one to be closed
+            theirs.close()  # only the child holds it now: when it dies, our end reads EOF
+            self._workers.append(_Worker(process, ours))  # before Ctrl-C is unblocked, so that `close` ends it too
 
 
 def in_processes(
@@ -156,13 +157,13 @@ def in_processes(
     shares: Sequence[Sequence[Task]],
     progress: Progress | None = None,
 ) -> list[list[Result]]:
-    """``work(share, progress)`` for every share, each in a process of its own; the results in the order of the shares.
+    """Run ``work(share, progress)`` for every share, each in its own process. Returns results in the shares' order.
 
-    `progress` is told the mean of what each `work` tells.
+    `progress` is called with the mean of the workers' progress.
 
     Raises
     ------
-    HapnetError : a process died, of lack of memory for example. Whatever `work` raises.
+    HapnetError : a process died, for example because memory ran out. Also whatever `work` raises.
     """
     found: list[list[Result] | None] = [None] * len(shares)
     pool = WorkerPool(work, len(shares))
@@ -184,18 +185,18 @@ def in_processes(
 
 
 def usable_cores() -> int:
-    """How many cores this process may run on."""
+    """Number of cores that this process may run on."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager
 def for_children() -> Iterator[None]:
-    """Processes started in here leave Ctrl-C to their parent, and use one thread each."""
+    """Processes started in this context leave Ctrl-C to their parent, and use one thread each."""
     before = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, "1"))
     masked = None
     if hasattr(signal, "pthread_sigmask"):
-        resource_tracker.ensure_running()  # started with the first process, it would let Ctrl-C through to that one
+        resource_tracker.ensure_running()  # started along with the first process, it would unblock Ctrl-C there
         masked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -205,12 +206,12 @@ def for_children() -> Iterator[None]:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
-        if masked is not None:  # last: a Ctrl-C that came meanwhile is raised here
+        if masked is not None:  # last, because a Ctrl-C that came meanwhile is raised here
             signal.pthread_sigmask(signal.SIG_SETMASK, masked)
 
 
 def _serve(pipe: Connection, work: Callable[[Any, Progress], Any]) -> None:
-    """A worker's life; it ends when nobody is left to read results. Ctrl-C, blocked so far, is for the parent."""
+    """A worker's main loop; it ends when nobody reads its results. It ignores Ctrl-C, which is for the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with suppress(EOFError, OSError):
         pipe.send(("ready", None))
@@ -224,7 +225,7 @@ def _serve(pipe: Connection, work: Callable[[Any, Progress], Any]) -> None:
 
 
 def _reporter(pipe: Connection) -> Progress:
-    """Sends a share now and then only, however often it is told."""
+    """A progress function that sends the share only from time to time, however often it is called."""
     last_s = 0.0
 
     def report(share: float) -> None:
@@ -238,10 +239,10 @@ def _reporter(pipe: Connection) -> Progress:
 
 
 def _picklable(error: Exception) -> Exception:
-    """`error`, or its words where it does not survive the way to another process."""
+    """`error`, or an error with its message if it cannot be pickled."""
     try:
         pickle.loads(pickle.dumps(error))
-    except Exception:  # a class of the user's own may do anything
+    except Exception:  # a user's class may raise anything
         return HapnetError(cause(error))
     return error
 

@@ -1,4 +1,4 @@
-"""A recorded run again, in virtual time: its parameters, its hand, and how the replay compares with it."""
+"""Replays a recorded run in virtual time, with its parameters and its hand, and compares the two."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ from hapnet.summary.structure import SIDES
 from netem import Timeline
 
 _WORLDS = ("scene", "world.", "link.down")
-"""Beginnings of the parameters' names that are the world's; all others are the device's."""
+"""Prefixes of the parameters that belong to the world; all others belong to the device."""
 
 _MADE = ("rest", "sine", "press")
 
 
 @dataclass(frozen=True)
 class Original:
-    """A recorded run, ready to be run again.
+    """A recorded run, ready to be replayed.
 
-    params, seed : with these it is run again; `hand` says in words what hand that is.
-    recording : both sides' as far as there are files. summary : of the original.
-    in_virtual_time : it was simulated, so that it can be made again exactly.
-    notes : a line each, why a replay is not all that the original was.
+    params, seed : the replay runs with these. hand : describes the replay's hand.
+    recording : of both sides, as far as there are files. summary : of the original.
+    in_virtual_time : True if the original was simulated, so that the replay is exact.
+    notes : one line for each way in which the replay differs from the original.
     """
 
     files: tuple[Path, ...]
@@ -53,15 +53,15 @@ class Original:
 
 
 def read_original(files: Sequence[Path]) -> Original:
-    """What one recording, or the device's and the world's, tell of their run.
+    """Read a run from one recording, or from the device's and the world's.
 
-    The device's settings, its hand and its link are those of the device's recording, the scene, the world's settings
-    and its link those of the world's. A recording on its own has its own process's word for both.
+    The device's settings, hand and link come from the device's recording; the scene, the world's settings and its link
+    come from the world's. With one recording everything comes from it.
 
     Raises
     ------
     RecordingError : a file cannot be read, or the two do not belong together.
-    InvalidParameter : there is nothing in them that could be run again.
+    InvalidParameter : they contain no run that could be replayed.
     """
     if not 1 <= len(files) <= 2:
         raise InvalidParameter("FILE", [str(file) for file in files], "one recording, or the device's and the world's")
@@ -107,10 +107,10 @@ def read_original(files: Sequence[Path]) -> Original:
 
 
 def compare(original: Original, replay: Recording, summary: Summary) -> dict[str, Any]:
-    """The replay beside the original, for machines: key figures of both, and how far the device's paths are apart.
+    """Compare the replay with the original, for machines: key figures of both, and the distance of the device's paths.
 
-    The paths are compared at the original's samples, each at its time since control of the device started, as far as
-    both go. `identical` : all that both recorded has the same value at each sample, to the last bit.
+    The paths are compared at the original's samples, at the same time since control of the device started, as far as
+    both go. `identical` : every value that both recorded is the same at each sample, to the last bit.
     """
     return {
         "of": [str(file) for file in original.files],
@@ -124,12 +124,12 @@ def compare(original: Original, replay: Recording, summary: Summary) -> dict[str
 
 
 def key_figures(summary: Summary) -> dict[str, float | int | None]:
-    """What a run is judged by."""
+    """The figures by which a run is judged."""
     sides = {
         f"{side}_margin_J": None if (part := summary[side]) is None else part["ledger"]["margin_J"] for side in SIDES
     }
     known = [margin for margin in sides.values() if margin is not None]
-    # of two processes no more is known than the sum of what each had least, so that is taken of both runs
+    # of two processes only the sum of their least margins is known, so it is used for both runs
     margin = sum(known) if len(known) == 2 else None
     theorem, moved = summary["theorem"], cast("dict[str, float | int | None]", summary["motion"])
     if jointly_passive(str(summary["coupling"])):
@@ -140,7 +140,7 @@ def key_figures(summary: Summary) -> dict[str, float | int | None]:
 
 
 def _parameters(recording: Recording) -> dict[str, Any]:
-    """All that its run was given, under dotted names."""
+    """All parameters of its run, by dotted names."""
     tree = recording.meta.get("params")
     if not isinstance(tree, Mapping):
         raise RecordingError("this recording cannot be replayed: it does not say with which parameters it was made")
@@ -175,9 +175,9 @@ def _left_out(recording: Recording) -> Iterator[str]:
 
 
 def _link(whole: Recording, part: Recording, way: str, asked: Mapping[str, Any]) -> tuple[dict[str, object], list[str]]:
-    """The link's parameters as its side recorded it, changes while it ran included; and what is to be told of it.
+    """The link's parameters as its side recorded them, including changes during the run; and notes about them.
 
-    `whole` has the device's clock, `part` its own.
+    `whole` is on the device's clock, `part` on its own.
     """
     words = (part.meta.get("links") or {}).get(way, asked.get(f"link.{way}", ""))
     aligned = whole.meta.get("aligned", True)
@@ -190,13 +190,13 @@ def _link(whole: Recording, part: Recording, way: str, asked: Mapping[str, Any])
         often = "once" if len(entries) == 1 else f"{len(entries)} times"
         notes.append(f"the {way}link was changed while it ran, {often}: so it is in the replay")
     changed: dict[str, object] = {f"link.{way}": start}
-    if events or begins_late(whole):  # else the run's own timeline, if it had one, is all there was
+    if events or begins_late(whole):  # else the run's own timeline, if any, made all changes
         changed[f"link.{way}_timeline"] = str(Timeline(entries)) if entries else ""
     return changed, notes
 
 
 def _hand(device: Recording, file: Path, asked: Mapping[str, Any]) -> tuple[str, str]:
-    """The operator that makes the hand again, or else follows its recorded motion; and which of both, in words."""
+    """The operator that generates the hand again, or else follows its recorded motion; and a text that says which."""
     operator, recorded = str(asked.get("operator")), str(file.resolve())
     if (hardware := asked.get("hardware", "simulated")) != "simulated":
         why = f"the device was {hardware}"
@@ -220,7 +220,7 @@ def _hand(device: Recording, file: Path, asked: Mapping[str, Any]) -> tuple[str,
 
 
 def _duration_s(recording: Recording, asked: object) -> object:
-    """From pairing to the end, or to where a recording is torn [s]. `asked` : for how long it was simulated."""
+    """Time from pairing to the end, or to where a recording is torn [s]. `asked` : the simulated duration."""
     if asked is not None and not recording.torn:
         return asked
     sides = [side for side in (recording.device, recording.world) if side is not None]
@@ -228,7 +228,7 @@ def _duration_s(recording: Recording, asked: object) -> object:
 
 
 def _difference(original: Recording, replay: Recording) -> dict[str, float | None]:
-    """How far the device's paths are apart [m]."""
+    """Distance between the device's paths in the two runs [m]."""
     assert original.device is not None
     assert replay.device is not None
     result: dict[str, float | None] = dict.fromkeys(("max_position_difference_m", "rms_position_difference_m"))

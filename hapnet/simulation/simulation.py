@@ -1,8 +1,8 @@
 """Virtual time: both sides and both links in one process, deterministic under one seed, faster than real time.
 
-Each side has the link port that it has in real time (`hapnet.side.link_port`). The clock jumps to whatever is due next.
-What is due at the same nanosecond runs in a fixed order: changes of the links and deliveries, protocol timers, the
-world's step, the device's tick.
+Each side uses the same link port as in real time (`hapnet.side.link_port`). The clock jumps to the next due event.
+Events at the same nanosecond run in a fixed order: changes of the links and deliveries, protocol timers, the world's
+step, the device's tick.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ from netem import Link
 
 PAIRING_LIMIT_NS = 60_000_000_000
 LINGER_NS = 10_000_000_000
-"""How long after the end the links may still deliver shuffled energy, so that the accounts can be closed."""
+"""How long after the end the links may deliver shuffled energy, so that the accounts can be closed [ns]."""
 
 
 _UP, _DOWN, _DEVICE_TIMER, _WORLD_TIMER, _STEP, _TICK = range(6)
-"""What can be due, in the order in which it runs at the same nanosecond."""
+"""The kinds of events, in the order in which they run at the same nanosecond."""
 
 _NEVER = 2**63
 
 
 @dataclass(frozen=True)
 class Result:
-    """What a simulated run gave."""
+    """The result of a simulated run."""
 
     summary: Summary
     recording: Recording
@@ -52,15 +52,16 @@ class Result:
     world: WorldSide
     warnings: tuple[str, ...]
     hand: TwoPort
-    """Over the hand's port and the world's, whatever the servo: what a coupling claims that counts on the device's own
-    damping, too. The summary's margin is over the actuator's port where the servo samples."""
+    """The margin over the hand's port and the world's, whatever the servo. Some couplings claim passivity there,
+    because they rely on the device's own damping. With a sampled servo the summary's margin is over the actuator's
+    port."""
 
 
 class TwoPort:
     """Theorem 1 over both ports: the minimum over time of the energy put in at both, plus d^2.
 
-    For every time T the world's sum runs to the step that has begun by then. A step's work is known at its end, so each
-    is paired with the smallest work of the device's port since it began, both with and without that step.
+    For every time T the world's sum includes the step that has begun by then. A step's work is known only at its end.
+    So each step is paired with the smallest work of the device's port since it began, both with and without that step.
     """
 
     def __init__(self) -> None:
@@ -70,43 +71,43 @@ class TwoPort:
         self._device_lowest = 0.0
         self._world = 0.0
         self._before: float | None = None
-        self._open: float | None = None  # the device's lowest before, in the step that runs since
+        self._open: float | None = None  # the device's lowest before `begin`, in the step that was running then
 
     def begin(self) -> None:
-        """The start is over: `later` counts from now on."""
+        """End the start: `later` counts from now on."""
         self._before, self._device_lowest = self.lowest, self.device_lowest
         self._open = self._device_low
         self._lowest, self._device_low = math.inf, self._device
 
     @property
     def lowest(self) -> float:
-        """The minimum so far [J], the running step counted without its work, which is not known yet."""
+        """The minimum so far [J]. The running step counts without its work, which is not known yet."""
         least = min(self._lowest, self._device_low + self._world)
         return least if self._before is None else min(least, self._before)
 
     @property
     def later(self) -> float | None:
-        """The minimum since the start was over [J]; None: it is not."""
+        """The minimum since the start ended [J]; None: it has not ended."""
         return None if self._before is None else min(self._lowest, self._device_low + self._world)
 
     @property
     def now(self) -> float:
-        """The energy put in at both ports by now [J]."""
+        """The energy put in at both ports so far [J]."""
         return self._device + self._world
 
     @property
     def device_lowest(self) -> float:
-        """The minimum so far of the device's port alone [J]."""
+        """The minimum of the device's port alone so far [J]."""
         return min(self._device_lowest, self._device_low)
 
     def device(self, work: float) -> None:
-        """W of the device's port so far [J]."""
+        """Set the device port's W so far [J]."""
         self._device = work
         if work < self._device_low:
             self._device_low = work
 
     def world(self, work: float) -> None:
-        """W of the world's port so far, its last step included [J]."""
+        """Set the world port's W so far, including its last step [J]."""
         if self._before is not None and self._open is not None:
             self._before, self._open = min(self._before, self._open + work), None
         self._lowest = min(self._lowest, self._device_low + self._world, self._device_low + work)
@@ -120,12 +121,12 @@ class Simulation:
 
     Parameters
     ----------
-    params : what to run. seed : of everything random.
-    setup : what `prepare` makes of the parameters, if it is known already.
+    params : the parameters of the run. seed : of all random draws.
+    setup : the result of `prepare` for these parameters, if it exists already.
 
     Raises
     ------
-    InvalidParameter, netem.NetemError : the parameters do not make a run.
+    InvalidParameter, netem.NetemError : the parameters are not valid for a run.
     """
 
     def __init__(self, params: Params, seed: int = 0, setup: Setup | None = None) -> None:
@@ -133,7 +134,7 @@ class Simulation:
             raise InvalidParameter("hardware", params.hardware, "simulated: a real device does not run in virtual time")
         self.seed = seed
         if params.operator == LIVE:
-            raise InvalidParameter("operator", LIVE, "another one: nobody can lead a hand in virtual time")
+            raise InvalidParameter("operator", LIVE, "another operator: nobody can guide a hand in virtual time")
         self.setup = setup or prepare(params, "continuous")
         self.now_ns = 0
         self.two_port = TwoPort()
@@ -151,11 +152,11 @@ class Simulation:
         self.world_port = LinkPort(self.world_endpoint, self.down)
         self._period_ns = round(1e9 / params.device.servo_hz)
         self._due = [_NEVER, _NEVER, 0, 0, 0, self._period_ns]
-        self._tick_ns = self._period_ns  # of the next tick to make; those before the one that is due may wait
-        self._later_ns = _NEVER  # of the tick at which the start is over
+        self._tick_ns = self._period_ns  # time of the next tick to compute; ticks before the due one may wait
+        self._later_ns = _NEVER  # time of the tick at which the start ends
 
     def _writer(self) -> Write:
-        """Where the samples go: into a recording, with what it says of its run."""
+        """Returns the function that records samples, and makes the recording with its metadata."""
         setup = self.setup
         duration_s = setup.params.duration_s
         require_room("duration_s", duration_s, duration_s, bytes_a_second(setup.params, setup.dof), "recorded seconds")
@@ -178,9 +179,9 @@ class Simulation:
 
     @collector_paused()
     def run(self, progress: Callable[[float], None] | None = None) -> Result:
-        """Run to the end, then let the links deliver what is under way.
+        """Run to the end, then let the links deliver what is in flight.
 
-        `progress` is called now and then with the simulated seconds since pairing.
+        `progress` is called from time to time with the simulated seconds since pairing.
 
         Raises
         ------
@@ -199,7 +200,7 @@ class Simulation:
         return Result(summary, recording, self.device, self.world, self.setup.warnings, self.hand)
 
     def pair(self) -> int:
-        """Run until both sides have started; that time [ns]. Raises HapnetError as `run` does."""
+        """Run until both sides have started. Returns that time [ns]. Raises HapnetError as `run` does."""
         if self.setup.params.duration_s <= 0.0:
             raise HapnetError("a simulation needs a duration above 0 s")
         self._run(PAIRING_LIMIT_NS, lambda: self.device_endpoint.started and self.world_endpoint.started)
@@ -215,7 +216,7 @@ class Simulation:
         return self.now_ns
 
     def close(self, end_ns: int) -> Summary:
-        """After the end: let the links deliver what is under way, and sum the run up, but for its motion."""
+        """After the end: let the links deliver what is in flight, and return the summary without its motion."""
         self._due[_STEP] = self._due[_TICK] = self._tick_ns = _NEVER
         self._run(end_ns + LINGER_NS, lambda: self._settled)
         return self._summary(end_ns)
@@ -246,7 +247,7 @@ class Simulation:
         return self.device_endpoint.session.settled and self.world_endpoint.session.settled
 
     def _until(self, end_ns: int) -> None:
-        """Run to `end_ns`; on the way, the start is over."""
+        """Run to `end_ns`. If the start ends before that, begin to count `TwoPort.later` there."""
         if (later_ns := self._later_ns) <= end_ns:
             self._later_ns = _NEVER
             self._run_to(later_ns)
@@ -260,9 +261,9 @@ class Simulation:
         self.now_ns = end_ns
 
     def _run(self, end_ns: int, done: Callable[[], bool] | None = None) -> None:
-        """Jump to what is due next and run it, until nothing is due by `end_ns` or the run is `done`.
+        """Jump to the next due event and run it, until nothing is due by `end_ns` or the run is `done`.
 
-        After each, see when its side, and the links that it touched, are due again.
+        After each event, find when its side, and the links that it used, are due again.
         """
         due, device, world = self._due, self.device_port, self.world_port
         while (at := min(due)) <= end_ns and (done is None or not done()):
@@ -298,7 +299,7 @@ class Simulation:
         for packet in packets:
             events = port.receive(self.now_ns, packet.data)
             unchanged = unchanged and packet.kind == "position" and len(events) == 1
-        if not unchanged:  # by positions that were taken nothing else becomes due
+        if not unchanged:  # accepted positions make nothing else due
             self._due[_WORLD_TIMER] = _or_never(port.wire.next_due_ns)
 
     def _to_device(self, packets: Iterable[Packet]) -> None:
@@ -326,7 +327,7 @@ class Simulation:
             self._to_device(packets)
 
     def _tick(self) -> None:
-        """A tick that may not wait, after those that could."""
+        """Run a tick that may not wait, after those that could."""
         now, device, port, due = self.now_ns, self.device, self.device_port, self._due
         self._rest(now, then_tick=True)
         message = device.tick(now)
@@ -347,9 +348,10 @@ class Simulation:
             self._to_world(packets)
 
     def _rest(self, until_ns: int, *, then_tick: bool = False) -> None:
-        """Make up for the ticks before `until_ns` that could wait; `then_tick`: the one that could not follows.
+        """Compute the ticks before `until_ns` that could wait. `then_tick`: a tick that may not wait follows.
 
-        Nobody sees them before the device's next message, or the world's next step, with whose work theirs is paired.
+        Nothing depends on them before the device's next message, or the world's next step, whose work is paired with
+        theirs.
         """
         ticks = -((self._tick_ns - until_ns) // self._period_ns)
         if ticks > 0:
@@ -357,7 +359,7 @@ class Simulation:
             self._tick_ns += ticks * self._period_ns
 
     def _wake(self) -> None:
-        """If something arrived for the device, its next tick may not wait."""
+        """The device's next tick may not wait if something has arrived for it."""
         if self.device_endpoint.has_news and self._tick_ns != _NEVER:
             self._rest(self.now_ns)
             self._due[_TICK] = self._tick_ns

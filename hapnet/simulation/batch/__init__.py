@@ -1,4 +1,5 @@
-"""Many scenarios at once: every seed or link is a column of arrays, every event one numpy call for all that have it.
+"""Many scenarios at once: each scenario is a column of arrays, and one numpy call handles an event in all that have it.
 
-The results are those of `hapnet.simulate` one at a time: bit for bit with one degree of freedom, to rounding with more.
+The results are those of `hapnet.simulate` for each scenario: bit for bit with one degree of freedom, to rounding with
+more.
 """

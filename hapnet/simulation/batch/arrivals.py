@@ -1,4 +1,4 @@
-"""What is under way to one side in many scenarios at once: the newest position, and energy messages in order."""
+"""Messages in flight to one side in many scenarios at once: the newest position, and energy messages in order."""
 
 from __future__ import annotations
 
@@ -13,20 +13,21 @@ from hapnet.simulation.batch.couplings import Index
 
 
 class Positions:
-    """Positions for a side that looks at any time: which is the newest that has arrived?
+    """Positions for a side that may look at any time; it finds the newest that has arrived.
 
-    A ring a scenario, the position number q at q modulo its length; it grows when it would lose one that still counts.
+    Each scenario has a ring buffer with position number q at q modulo its length. It grows before it would overwrite a
+    position that may still be used.
     """
 
     def __init__(self, count: int, dof: int, newest: Whole) -> None:
         self.newest = newest
-        """Number of the newest one seen."""
+        """Number of the newest position seen."""
         self._due = np.full((count, 64), NEVER, dtype=np.int64)
         self._number = np.full((count, 64), -1, dtype=np.int64)
         self._x = np.zeros((count, 64, dof))
 
     def put(self, at: Index, number: Whole, due_ns: Whole, x: Array) -> None:
-        """Positions x (n, M) are under way."""
+        """Add positions x (n, M) in flight."""
         column = number % self._due.shape[1]
         ahead = int((number - self.newest[at]).max())
         while ahead > self._due.shape[1] and self._still_counts(at, column):
@@ -35,7 +36,7 @@ class Positions:
         self._due[at, column], self._number[at, column], self._x[at, column] = due_ns, number, x.T
 
     def look(self, at: Index, now_ns: Whole) -> tuple[Index, Array]:
-        """(which of `at` have something new by `now_ns` (M,), the positions (n, those))."""
+        """(which of `at` have a new position by `now_ns` (M,), their positions (n, k))."""
         here = self._due[at] <= now_ns[:, None]
         newest = np.where(here, self._number[at], -1).max(axis=1)
         fresh = (newest > self.newest[at]).nonzero()[0]
@@ -44,11 +45,11 @@ class Positions:
         return fresh, self._x[which, number % self._due.shape[1]].T
 
     def position(self, i: int, number: int) -> tuple[float, ...]:
-        """What the position with this number says, if it is still known."""
+        """The position with this number, if it is still stored [m]."""
         return tuple(self._x[i, number % self._due.shape[1]].tolist())
 
     def _still_counts(self, at: Index, column: Whole) -> bool:
-        """Is something in these places that may yet be the newest?"""
+        """True if one of these places holds a position that may still become the newest."""
         return bool(np.any((self._number[at, column] > self.newest[at]) & (self._due[at, column] < NEVER)))
 
     def _grow(self) -> None:
@@ -64,7 +65,7 @@ class Positions:
 
 
 class TickedPositions(Positions):
-    """Positions for a side that looks on ticks of `period_ns` only: a calendar of ticks besides, no ring to search."""
+    """Positions for a side that looks only on ticks of `period_ns`: a calendar of ticks replaces the search."""
 
     def __init__(self, count: int, dof: int, newest: Whole, period_ns: int) -> None:
         super().__init__(count, dof, newest)
@@ -84,7 +85,7 @@ class TickedPositions(Positions):
         self._calendar[row, at] = np.maximum(self._calendar[row, at], number)
 
     def tick(self, tick: int) -> tuple[Index, Array]:
-        """(the scenarios in which something new has arrived by this tick, the positions)."""
+        """(the scenarios in which a new position has arrived by this tick, their positions)."""
         self._tick = tick
         row = self._calendar[tick % len(self._calendar)]
         fresh = (row > self.newest).nonzero()[0]
@@ -102,7 +103,7 @@ class TickedPositions(Positions):
 
 
 class Mailbox:
-    """Energy messages under way to one side, a few a scenario; `next_due_ns` is when the next one arrives."""
+    """Energy messages in flight to one side, a few per scenario; `next_due_ns` is when the next one arrives."""
 
     def __init__(self, count: int) -> None:
         self._due = np.full((8, count), NEVER, dtype=np.int64)
@@ -112,7 +113,7 @@ class Mailbox:
         self.next_due_ns = np.full(count, NEVER, dtype=np.int64)
 
     def put(self, at: Index, order: Whole, due_ns: Whole, total_nJ: Whole, acked_nJ: Whole) -> None:
-        """Message `order` of the link is under way in each of `at`, if it is not lost."""
+        """Add message `order` of the link in each of `at`, unless it is lost."""
         arriving = due_ns < NEVER
         if not arriving.all():
             at, order, due_ns = at[arriving], order[arriving], due_ns[arriving]
@@ -128,7 +129,7 @@ class Mailbox:
         self.next_due_ns[at] = np.minimum(self.next_due_ns[at], due_ns)
 
     def take(self, at: Index) -> tuple[Whole, Whole]:
-        """Take the next message out of each: (total_nJ, acked_nJ)."""
+        """Remove the next message of each: (total_nJ, acked_nJ)."""
         due = self._due[:, at]
         first = due == due.min(axis=0)
         slot = np.where(first, self._order[:, at], NEVER).argmin(axis=0)
@@ -138,7 +139,7 @@ class Mailbox:
         return self._total_nJ[slot, at], self._acked_nJ[slot, at]
 
     def greatest_nJ(self) -> Whole:
-        """The highest total under way in each."""
+        """The highest total in flight in each scenario."""
         greatest: Whole = np.where(self._due < NEVER, self._total_nJ, 0).max(axis=0)
         return greatest
 
@@ -150,11 +151,11 @@ class Mailbox:
 
 
 class Queues:
-    """A queue a scenario of what is to be done later, in order of time; each entry has the same few numbers.
+    """One queue per scenario of deferred work, in order of time; each entry has the same few numbers.
 
     Parameters
     ----------
-    types : of an entry's numbers.
+    types : the types of an entry's numbers.
     """
 
     def __init__(self, count: int, *types: type) -> None:
@@ -165,7 +166,7 @@ class Queues:
         self.next_due_ns = np.full(count, NEVER, dtype=np.int64)
 
     def put(self, at: Index, due_ns: Whole, *values: Array | Whole) -> None:
-        """One more entry for each of `at`, not before those that are there."""
+        """Add an entry for each of `at`, not earlier than those already there."""
         end = self._end[at]
         if int(end.max()) >= len(self._times):
             self._times = np.vstack([self._times, np.zeros_like(self._times)])
@@ -177,7 +178,7 @@ class Queues:
         self.next_due_ns[at] = np.minimum(self.next_due_ns[at], due_ns)
 
     def take(self, at: Index) -> list[NDArray[Any]]:
-        """The first entry of each of `at`; a queue that is empty begins anew."""
+        """Remove the first entry of each of `at`; an empty queue starts again."""
         first = self._first[at]
         values = [table[first, at] for table in self._values]
         first += 1

@@ -1,6 +1,6 @@
 """One side's energy channels in many scenarios at once: `hapnet.wire.energy_channel`, with its RTO and its admission.
 
-All in whole numbers, so the order of operations does not matter here.
+All values are whole numbers, so the order of operations does not matter here.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _FEW = np.arange(2)  # messages that are acknowledged together, most often
 class Channels:
     """The channels of one side; `next_due_ns` says when each must be polled.
 
-    `shift_ns`: what a scenario's own clock shows when the batch's shows 0.
+    `shift_ns`: time on a scenario's own clock when the batch's clock shows 0.
     """
 
     def __init__(self, channels: list[EnergyChannel], shift_ns: Whole) -> None:
@@ -43,7 +43,7 @@ class Channels:
         self.acked_nJ = whole([c.acked_nJ for c in channels])
         self.credited_nJ = whole([c.credited_nJ for c in channels])
         self._shown_nJ = self.credited_nJ.copy()
-        """What messages say was credited: less than was, while a window's credits are known ahead."""
+        """The credited energy that messages acknowledge: less than was credited, while a window is deferred."""
         self._told_nJ = whole([c._told_nJ for c in channels])
         self._most_waiting_nJ = channels[0]._most_waiting_nJ
         self._claimed_nJ = whole([c._claimed_nJ for c in channels])
@@ -54,7 +54,7 @@ class Channels:
         self._backed_off = whole([c.rto._backed_off for c in channels])
         self._srtt_ns = whole([-1 if c.rto.srtt_ns is None else c.rto.srtt_ns for c in channels])
         self._rttvar_ns = whole([c.rto.rttvar_ns for c in channels])
-        # Moments may lie before the take-off: NEVER stands for none.
+        # Times may lie before the load, so NEVER stands for none.
         self._spaced_ns = whole([c._spaced_ns for c in channels]) - shift_ns
         self._retransmit_ns = self._moments([c._retransmit_ns for c in channels])
         self._ack_ns = self._moments([c._ack_ns for c in channels])
@@ -104,7 +104,7 @@ class Channels:
         self._residue_J[at] = held_J - whole_nJ / 1e9
 
     def receive(self, at: Index, total_nJ: Whole, acked_nJ: Whole, now_ns: Whole) -> Whole:
-        """A message each: what is credited now [nJ]."""
+        """Receive one message per scenario. Returns the energy credited now [nJ]."""
         self._acknowledge(at, acked_nJ, now_ns)
         asking = total_nJ > 0
         self._owe_ack(at[asking], now_ns[asking])
@@ -127,12 +127,12 @@ class Channels:
         return credit_nJ
 
     def plentiful(self, total_nJ: Whole) -> bool:
-        """Would totals as high as these be credited at once, in every scenario?"""
+        """True if totals as high as these would be credited at once in every scenario."""
         enough = self._level_aJ // _AJ_PER_NJ >= total_nJ - self.credited_nJ
         return bool((enough & (self._claimed_nJ == self.credited_nJ)).all())
 
     def foresee(self, at: Index, total_nJ: Whole, now_ns: Whole) -> Whole:
-        """The half of `receive` that the coupling feels, ahead of its time: what will be credited [nJ]."""
+        """Do the part of `receive` that affects the coupling ahead of time. Returns what will be credited [nJ]."""
         more: Whole = np.maximum(total_nJ - self._claimed_nJ[at], 0)
         self._claimed_nJ[at] += more
         some = more.nonzero()[0]
@@ -140,17 +140,17 @@ class Channels:
         return more
 
     def catch_up(self, at: Index, total_nJ: Whole, acked_nJ: Whole, credit_nJ: Whole, now_ns: Whole) -> None:
-        """The other half, when the time has come."""
+        """Do the other part of `receive` at its proper time."""
         self._acknowledge(at, acked_nJ, now_ns)
         owing = ((total_nJ > 0) | (credit_nJ > 0)).nonzero()[0]
         self._owe_ack(at[owing], now_ns[owing])
         self._shown_nJ[at] += credit_nJ
 
     def _take(self, which: Index, waiting_nJ: Whole, now_ns: Whole) -> Whole:
-        """`Admission.take`, and credit it."""
+        """`TokenBucket.take`, and credit the energy taken."""
         level = self._level_aJ[which]
         passed = now_ns - self._filled_ns[which]
-        # Compared before multiplied: a long pause would overflow.
+        # Compare before multiplying: a long pause would overflow.
         filling = passed < (self._burst_aJ - level) // self._rate_nW + 1
         level = np.where(filling, level + self._rate_nW * np.where(filling, passed, 0), self._burst_aJ)
         level = np.minimum(level, self._burst_aJ)
@@ -188,7 +188,7 @@ class Channels:
         return out, total, self._shown_nJ[which]
 
     def plan(self, at: Index) -> None:
-        """Work out when to poll next, after anything happened."""
+        """Compute when to poll next, after any change."""
         due = np.minimum(self._retransmit_ns[at], self._ack_ns[at])
         news = (self.sent_nJ[at] > self._told_nJ[at]).nonzero()[0]
         if news.size:

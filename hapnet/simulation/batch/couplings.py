@@ -85,9 +85,9 @@ class Ledgers:
 
 
 class Couplings:
-    """The couplings of one side; vectors are (n, N), all else (N,). All have the same parameters.
+    """The couplings of one side, all with the same parameters; vectors are (n, N), other arrays (N,).
 
-    `account` is the reservoir's energy less its deficit, of which never both are there.
+    `account` is the reservoir's energy less its deficit; at least one of the two is always zero.
     """
 
     def __init__(self, couplings: list[SetPositionCoupling]) -> None:
@@ -106,7 +106,7 @@ class Couplings:
         self.has_sample = np.array([c.has_sample for c in couplings])
 
     def land(self, i: int, coupling: SetPositionCoupling) -> None:
-        """Give scenario i's state back, but for the target, which only a recording shows."""
+        """Write scenario i's state back, except the target, which only recordings use."""
         modulator = coupling.modulator
         assert isinstance(modulator, SetPositionModulator | ZeroOrderHold)
         modulator.set_position = tuple(self.set_position[:, i].tolist())
@@ -122,7 +122,7 @@ class Couplings:
         self.ledgers.land(i, coupling.ledger)
 
     def take(self, at: Index, energy_nJ: NDArray[np.int64]) -> None:
-        """Shuffled energy was credited [nJ]; zeros are no news."""
+        """Shuffled energy was credited [nJ]; a zero does not count as a new sample."""
         some = energy_nJ.nonzero()[0]
         if some.size:
             which = at[some]
@@ -134,11 +134,11 @@ class Couplings:
         return self.springs.potential(x - pick(self.set_position, at))
 
     def update(self, at: Index, x: Array, dissipated: Array) -> Array:
-        """`Coupling.update` in the scenarios `at`; the energy to send [J], shape (M,)."""
+        """`SetPositionCoupling.update` in the scenarios `at`. Returns the energy to send [J], shape (M,)."""
         credit = self.credit[at]
         self.credit[at] = 0.0
         self.has_sample[at] = False
-        self.ledgers.credit(at, credit)  # zeros too: they may bring the carry in
+        self.ledgers.credit(at, credit)  # zeros too: they may add the carry
         y, before = pick(self.received, at), pick(self.set_position, at)
         if self._longest != math.inf:
             y = _step_towards(before, y, self._longest)
@@ -179,11 +179,11 @@ class Couplings:
         return sent
 
     def _within(self, x: Array, y: Array, spendable: Array) -> tuple[Array, Array]:
-        """(ybar, phi) where the energy that may be spent does not reach for y."""
+        """(ybar, phi) where the energy that may be spent is not enough for y."""
         springs = self.springs
         if springs.isotropic:
             offset = springs.nearest(x - y, spendable)
-        else:  # a secular equation each
+        else:  # one secular equation per scenario
             pairs = zip((x - y).T.tolist(), spendable.tolist(), strict=True)
             offset = np.array([springs.scalar.nearest(tuple(e), energy) for e, energy in pairs]).T
         ybar = x - offset

@@ -19,11 +19,11 @@ _ROUNDING = 1.0 + 1e-12
 
 
 class Motion:
-    """What the hand does at every tick, the same in all scenarios: tables over a device's own ticks, made as needed.
+    """The hand's motion at every tick, the same in all scenarios: tables over the ticks, extended as needed.
 
     Parameters
     ----------
-    reference : of the operator, called with increasing times. device : any of the scenarios'.
+    reference : the operator's, called with increasing times. device : the device of any scenario.
     """
 
     def __init__(self, reference: Callable[[float], Vector], device: SimulatedDevice) -> None:
@@ -45,7 +45,7 @@ class Motion:
         return np.vstack([self._points.take(offset - 1, axis=1), self._points.take(offset, axis=1)])
 
     def reference(self, tick: int) -> Vector:
-        """Where the hand wanted to be at the end of this tick [m]."""
+        """The hand's reference at the end of this tick [m]."""
         return tuple(self._points[:, tick - self._base].tolist())
 
     def _extend(self, least: int, most: int) -> None:
@@ -64,7 +64,7 @@ class Motion:
         self._hands = []
         for _ in model.substeps:
             hand = hand + step
-            self._hands.append(np.hstack([hand[:, :1], hand]))  # the row of tick k is made of points k - 1 and k
+            self._hands.append(np.hstack([hand[:, :1], hand]))  # tick k's row is computed from points k - 1 and k
 
 
 class Devices:
@@ -90,10 +90,10 @@ class Devices:
         self._model = model = first.model
         self._has_limits = model.knee != math.inf
         self._bench = copy.copy(first.state)
-        """On which a tick is made again where the damper is limited, one scenario after the other."""
+        """State in which single scenarios compute a tick again if the damper is limited."""
         self._half_mass = 0.5 * first.mass
         if model.decoupled:
-            # With one axis they are plain numbers, which broadcast faster.
+            # With one axis these are plain numbers, which broadcast faster.
             constants = model.decoupled[0] if self.dof == 1 else np.array(model.decoupled).T[:, :, None]
             self._k: Array | float
             self._whole: Array | float
@@ -118,7 +118,7 @@ class Devices:
         state.set_position = set_position
 
     def kinetic(self) -> Array:
-        """Of the devices' own mass [J]."""
+        """Kinetic energy of the devices' own mass [J]."""
         v = self.velocity
         square = v[0] * v[0]
         for row in v[1:]:
@@ -127,7 +127,7 @@ class Devices:
         return kinetic
 
     def advance(self, ybar: Array) -> Array:
-        """One tick in every scenario; the work done by each hand [J]."""
+        """Run one tick in every scenario. Returns the work done by each hand [J]."""
         self.ticks += 1
         hands = self.motion.at(self.ticks)
         before = self.position, self.velocity, self.low, self.high, self.dissipated
@@ -148,10 +148,10 @@ class Devices:
     def _advance_again(
         self, at: Index, hands: list[Array], ybar: Array, before: tuple[Array, ...], work: Array
     ) -> None:
-        """The tick once more, from `before`, in the scenarios `at`, where some limit may act.
+        """Compute the tick again, from `before`, in the scenarios `at`, where a limit may act.
 
-        Where the damper is limited, or c does not come to rest soon, the scenario's device makes it alone. One that was
-        so limited in the last tick is not tried together with the others before.
+        If the damper is limited, or c does not converge soon, the scenario's device computes the tick alone. If that
+        was so in the last tick, it does so at once.
         """
         likely = self.limited[at] & self._at_limit[at]
         alone, together = at[likely], at[~likely]
@@ -165,9 +165,9 @@ class Devices:
         self._any_at_limit = bool(self._at_limit.any())
 
     def _advance_axes(self, hands: list[Array], ybar: Array) -> tuple[Array, Array, Array, Array]:
-        """Every axis on its own: (work, dissipated, at most ``|e|_K^2``, at most the damper's force).
+        """Compute each axis alone: (work, dissipated, bound of ``|e|_K^2``, bound of the damper's force).
 
-        Nothing is allocated: the state moves to the other of two sets of arrays.
+        Nothing is allocated: the new state goes into the other of two sets of arrays.
         """
         model = self._model
         h, kh, inertia = model.h, model.hand.stiffness, model.inertia
@@ -230,7 +230,7 @@ class Devices:
     def _advance_limited(
         self, at: Index, hands: list[Array], ybar: Array, before: tuple[Array, ...]
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """`TickModel.limited` with the damper in full: the works, and where it has to be made alone."""
+        """`TickModel.limited` with an unlimited damper: the works, and which scenarios must be computed alone."""
         model, K, B = self._model, self._K, self._damping[:, None]
         h, kh, inertia, hand_mass, response = (
             model.h,
@@ -269,7 +269,7 @@ class Devices:
         return work * h, alone
 
     def _advance_alone(self, k: int, references: list[float], ybar: list[float], before: tuple[Array, ...]) -> float:
-        """The tick once more in scenario k, as its device makes it, with the reference at the tick's start and end."""
+        """Compute the tick again in scenario k, as its device does, with the reference at the tick's start and end."""
         state, n = self._bench, self.dof
         state.position, state.velocity, state.low, state.high = (tuple(v[:, k].tolist()) for v in before[:-1])
         state.dissipated, state.limited = float(before[-1][k]), bool(self.limited[k])
@@ -282,9 +282,9 @@ class Devices:
         return work
 
     def _saturate(self, push: Array, pull: Array, square: Array) -> tuple[Array, Array, Index]:
-        """`LimitedCoupling._saturated`: c, vhat, and the scenarios whose c has not come to rest.
+        """`LimitedCoupling._saturated`: c, vhat, and the scenarios whose c has not converged.
 
-        A scenario's fixed point is left alone once it has been reached.
+        A scenario that has reached its fixed point is not changed any more.
         """
         model, modes = self._model, self._modes
         h, knee = model.h, model.knee
@@ -309,7 +309,7 @@ class Devices:
 
 
 def _sum(rows: Array) -> Array:
-    """Over the axes, the only one's own row in 1-DOF."""
+    """Sum over the axes; with one axis, its row itself."""
     total: Array = rows[0] if len(rows) == 1 else rows.sum(axis=0)
     return total
 

@@ -1,12 +1,12 @@
-"""Many paired scenarios at once, from take-off to landing, a row of arrays for each quantity.
+"""Runs many paired scenarios at once, from when they are loaded to their end, with one array for each quantity.
 
-All servos tick together: a batch's clock starts at a tick of each scenario's own, so one advance of the devices does
-for all of them. What happens between two ticks (energy messages, timers, the world's steps) is done in rounds: each
-round takes every scenario's earliest event, all of one kind together. A position needs no event: whoever looks, the
-device on its ticks and the world on its steps, sees the newest that has arrived by then.
+All servos tick together: the batch's clock starts at a tick of every scenario, so the devices advance in one call.
+Events between two ticks (energy messages, timers, the world's steps) are handled in rounds. Each round takes every
+scenario's earliest event, all of one kind together. A position needs no event: the device on its ticks and the world on
+its steps look up the newest position that has arrived by then.
 
-Where the downlink's delay is never shorter than a few ticks, the worlds and the devices' wires may lag behind the
-servos by as many, which makes for fewer and larger rounds: what they send could not have arrived earlier.
+If the downlink's delay is never shorter than a few ticks, the worlds and the devices' wires may lag behind the servos
+by as many ticks, because nothing they send could arrive earlier. This makes fewer and larger rounds.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ _LONGEST_LAG = 32  # ticks
 _BLOCK = 256
 
 Events = tuple[Whole, Callable[[Index, Whole], None]]
-"""When the next event of a kind is due in each scenario, and what does it."""
+"""When the next event of a kind is due in each scenario, and the function that handles it."""
 
 
 class Engine:
-    """`scenarios` have taken off, have the same parameters but for links and seeds, and land as they end."""
+    """Runs `scenarios`: they are loaded and differ only in links and seeds. Each gets its state back at its end."""
 
     def __init__(self, scenarios: Sequence[Scenario]) -> None:
         self._state = state = BatchState(scenarios)
@@ -47,7 +47,7 @@ class Engine:
         self._lag = _lag(scenarios, self._period_ns)
         self._works: list[Array] = []
         self._rows: Array | None = None
-        self._replay_window = np.zeros(self._count, dtype=np.int64)
+        self._ticks_counted = np.zeros(self._count, dtype=np.int64)
         self._window = 0
         self._lengths = np.zeros((self._count, _BLOCK), dtype=np.int64)
         self._drawn = np.full(self._count, _BLOCK)
@@ -70,7 +70,7 @@ class Engine:
         self._on_both: tuple[Events, ...] = (up, down, self._on_device[1], *self._on_world[1:])
 
     def run(self, progress: Callable[[float], None] | None = None) -> None:
-        """To the end of every scenario, each landed at its last tick. `progress` is told the simulated seconds."""
+        """Run every scenario to its last tick. `progress` is called with the simulated seconds."""
         tick = 0
         while self._alive.any():
             later = self._later[self._alive & (self._later > tick)]
@@ -89,7 +89,7 @@ class Engine:
                 self._land(landing, tick)
 
     def _fly(self, start: int, end: int) -> None:
-        """From after tick `start` to after tick `end`."""
+        """Run a window, from after tick `start` to after tick `end`."""
         wire = self._state.device_wire
         end_ns = end * self._period_ns
         # The first window may begin with credits that wait for its first tick.
@@ -108,7 +108,7 @@ class Engine:
         self._fold_works()
 
     def _drain(self, kinds: tuple[Events, ...], until_ns: int) -> None:
-        """All events until then; the earlier of two kinds first at the same nanosecond."""
+        """Handle all events until `until_ns`; at the same nanosecond, in the order of `kinds`."""
         first = kinds[0][0]
         for due, _ in kinds[1:]:
             first = np.minimum(first, due)
@@ -147,7 +147,7 @@ class Engine:
         self._works.append(couplings.ledgers.work)
 
     def _modulate(self, at: Index, kinetic: Array, now_ns: int) -> None:
-        """PSPM in the devices `at`."""
+        """Run PSPM in the devices `at`."""
         state, wire = self._state, self._state.device_wire
         devices, couplings = state.devices, wire.couplings
         x = pick(devices.position, at)
@@ -170,7 +170,7 @@ class Engine:
     # -- the world ---------------------------------------------------------------------------------------------------
 
     def _step(self, at: Index, now_ns: Whole) -> None:
-        """The running step of each of `at` ends and the next begins."""
+        """In each scenario of `at` the running step ends and the next begins."""
         state, wire = self._state, self._state.world_wire
         masses, couplings = state.masses, wire.couplings
         wire.look(at, now_ns)
@@ -212,10 +212,10 @@ class Engine:
                 self._rows = np.array(self._works)
             works = self._rows[:, at]
             row = np.arange(len(works))[:, None]
-            new = (row >= self._replay_window[at]) & (row < passed)
+            new = (row >= self._ticks_counted[at]) & (row < passed)
             device_low = np.minimum(device_low, np.where(new, works, np.inf).min(axis=0))
             device = np.where(passed > 0, works[np.maximum(passed - 1, 0), np.arange(len(at))], device)
-            self._replay_window[at] = np.maximum(self._replay_window[at], passed)
+            self._ticks_counted[at] = np.maximum(self._ticks_counted[at], passed)
         work, before = self._state.world_wire.couplings.ledgers.work[at], ports.world[at]
         ports.close(at, work)
         lowest = np.minimum(ports.lowest[at], np.minimum(device_low + before, device_low + work))
@@ -224,19 +224,19 @@ class Engine:
     def _fold_works(self) -> None:
         """`TwoPort.device` for the window's ticks."""
         ports = self._state.ports
-        ahead = bool(self._replay_window.any())
+        ahead = bool(self._ticks_counted.any())
         for row, work in enumerate(self._works):
-            new = np.where(self._replay_window <= row, work, np.inf) if ahead else work
+            new = np.where(self._ticks_counted <= row, work, np.inf) if ahead else work
             np.minimum(ports.device_low, new, out=ports.device_low)
         ports.device = self._works[-1] if self._works else ports.device
         self._works, self._rows = [], None
         if ahead:
-            self._replay_window.fill(0)
+            self._ticks_counted.fill(0)
 
     def _land(self, at: Index, tick: int) -> None:
         self._drain(self._on_both, tick * self._period_ns)
         for i, used in zip(at.tolist(), self._drawn[at].tolist(), strict=True):
-            self._state.return_steps(i, used)  # those after the last tick are drawn one at a time
+            self._state.return_steps(i, used)  # steps after the last tick are drawn one at a time
         self._state.land(at, tick)
         self._alive[at] = False
         self._all_alive = False
@@ -245,7 +245,7 @@ class Engine:
 
 
 def _lag(scenarios: Sequence[Scenario], period_ns: int) -> int:
-    """By how many ticks the worlds may lag behind the devices; 0: not at all."""
+    """Number of ticks by which the worlds may lag behind the devices; 0: not at all."""
     ups = {scenario.up.profile for scenario in scenarios}
     downs = {scenario.down.profile for scenario in scenarios}
     if min(map(shortest_ns, ups)) == 0:

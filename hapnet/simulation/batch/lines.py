@@ -17,11 +17,11 @@ from hapnet.wire.numbering import EARLY_NS
 from netem import LinkProfile, models
 
 _HANDSHAKE = 100
-"""Positions that are as much as the handshake's messages that may be under way when it is loaded, and some to spare."""
+"""As many positions as the handshake messages that may be in flight when a scenario is loaded, and some to spare."""
 
 
 class Lines:
-    """The lines of one direction; those without a rate are left alone."""
+    """The rate-limited lines of one direction; links without a rate are not changed."""
 
     def __init__(self, profiles: Sequence[LinkProfile]) -> None:
         self.timed = any(profile.rate_bit_s for profile in profiles)
@@ -31,9 +31,9 @@ class Lines:
         self._cell_bytes = self._cell_size + np.array([profile.cell_overhead for profile in profiles])
 
     def release(self, at: Index, due_ns: Whole, last_ns: Whole, size: Whole) -> Whole:
-        """When messages leave that are due at the line's end, if it is free: after the last, and each in its time.
+        """When messages leave the line that would be due at `due_ns` if it were free: after the last, one at a time.
 
-        `NEVER` where there is no rate.
+        `NEVER` for links without a rate.
         """
         rate = self._rate_bit_s[at]
         length = np.maximum(0, size + self._overhead[at])
@@ -47,7 +47,7 @@ class Lines:
 
 @cache
 def shortest_ns(profile: LinkProfile) -> int:
-    """No delay of this link is shorter."""
+    """Lower bound of this link's delay [ns]."""
     if profile.reorder:
         return 0
     if profile.jitter_ns and profile.distribution != "uniform":
@@ -57,7 +57,7 @@ def shortest_ns(profile: LinkProfile) -> int:
 
 @cache
 def longest_ns(profile: LinkProfile) -> int:
-    """No delay of this link is longer, but for the time in which its line is busy."""
+    """Upper bound of this link's delay [ns], without the time in which its line is busy."""
     resends_ns = profile.resend.times * profile.resend.after_ns if profile.resend is not None else 0
     if profile.jitter_ns and profile.distribution != "uniform":
         return resends_ns + int(models.delay_quantiles(profile)[-1])
@@ -65,10 +65,11 @@ def longest_ns(profile: LinkProfile) -> int:
 
 
 def vectorisable(params: Params, dof: int, up: LinkProfile, down: LinkProfile) -> bool:
-    """Can the links of a scenario be vectorised? No slots, no traces, and never full, whatever happens.
+    """Can the links of a scenario be vectorised?
 
-    With resends nothing that is sent ahead, and no line that unordered ones reach later than what was sent after them.
-    Nor one that sends messages ahead of many others: a receiver may doubt them (`hapnet.wire.numbering`).
+    Links with slots or traces cannot, nor links that could ever be full. Links with resends may not send messages
+    ahead, and with a rate the resends must be ordered: otherwise a resent message reaches the line after later ones.
+    Links may not send a message ahead of many others, because a receiver may doubt it (`hapnet.wire.numbering`).
     """
     if any(profile.slot or profile.trace or profile.csv for profile in (up, down)):
         return False
@@ -76,8 +77,8 @@ def vectorisable(params: Params, dof: int, up: LinkProfile, down: LinkProfile) -
         return False
     if any(p.resend and (p.reorder or (p.rate_bit_s and not p.resend.ordered)) for p in (up, down)):
         return False
-    # Each side sends energy once a spacing at most, an acknowledgement once in its delay, and a position a step or a
-    # PSPM instant. PSPM runs every period, and once for all that a tick finds arrived.
+    # Each side sends at most one energy message per spacing, one acknowledgement per acknowledgement delay, and one
+    # position per step or PSPM instant. PSPM runs every period, and once for all that a tick finds arrived.
     largest = FRAME_OVERHEAD + len(encode(Position(2**63, 2**63, 2**63, (0.0,) * dof)))
     energy_hz = 1.0 / params.wire.energy_spacing_s + 1e9 / ACK_DELAY_NS
     down_hz = 1.0 / params.world.step_min_s + energy_hz
@@ -89,10 +90,9 @@ def vectorisable(params: Params, dof: int, up: LinkProfile, down: LinkProfile) -
 
 
 def _most_under_way(profile: LinkProfile, size: int, most_hz: float, burst: float) -> float:
-    """How many messages are under way at most, if in every interval T no more than ``most_hz T + burst`` are sent.
+    """Most messages in flight, if at most ``most_hz T + burst`` messages are sent in every interval T.
 
-    They have `size` bytes at most. A line that keeps up is busy for a burst's time at most after
-    the last delay is over.
+    They have at most `size` bytes. A line that keeps up is busy for at most a burst's time after the last delay ends.
     """
     busy_s = 0.0
     if profile.rate_bit_s:

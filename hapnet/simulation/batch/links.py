@@ -1,8 +1,8 @@
 """One direction of the link in many scenarios at once: `netem.link` for constant and random delays, losses, resends,
-reordering and rates. The draws are those of each scenario's own `Link`, taken from it in blocks.
+reordering and rates. The draws come in blocks from each scenario's own `Link`.
 
-What was delivered out of order is found without delivering anything: a message is late iff one sent after it is due
-before it, so the least due time among all later ones tells.
+Messages delivered out of order are found without delivering anything: a message is late iff one sent after it is due
+before it. So the least due time of all later messages decides.
 """
 
 from __future__ import annotations
@@ -27,22 +27,22 @@ from netem.line import RateLine
 _BLOCK = models.BLOCK
 _ROWS = 512
 _CHUNK = 64
-"""Scenarios that are counted together: their part of the log fits the processor's nearer cache."""
+"""Number of scenarios counted together: their part of the log fits the processor's fast cache."""
 _LOST, _AHEAD = -1, -2
 ENERGY, DONE = -1, -2
-"""What a message is, in place of a position's own number: energy; counted or lost."""
+"""The note of a message that is not a position (a position's note is its number): energy; counted or lost."""
 _LONG_AGO = -NEVER
 
 Flags = NDArray[np.bool_]
 
 
 class Links:
-    """One direction. Every message is offered in the order of its link, so its number tells its draws.
+    """One direction. Messages are offered in the order of their link, so a message's number determines its draws.
 
     Parameters
     ----------
-    links : the scenarios' own. shift_ns : what their clocks show when the batch's shows 0.
-    heard : what the other sides have heard of the positions so far.
+    links : the scenarios' own. shift_ns : time on their clocks when the batch's clock shows 0.
+    heard : the monitors at the receiving sides.
     """
 
     def __init__(self, links: list[Link[Packet]], shift_ns: Whole, heard: list[PeerMonitor]) -> None:
@@ -63,18 +63,18 @@ class Links:
         self._any_ahead = any(link.profile.reorder for link in links)
         self._lines = Lines([link.profile for link in links])
         self.timed = self._lines.timed
-        """Does the size of a message matter?"""
+        """True if the size of a message matters."""
         released = [_free_ns(link) for link in links]
         self._released_ns = np.maximum(np.array(released) - shift_ns, _LONG_AGO)
         nothing = np.zeros(0, dtype=np.bool_)
         self._draws = [Fates(nothing, nothing, nothing.astype(np.int64), nothing.astype(float)) for _ in links]
         self._fates = np.zeros((count, _BLOCK), dtype=np.int64)
-        self._block = self.offered - _BLOCK  # how many were offered before the block of draws in `_fates`
-        # The log: messages `_base` and later, a column a scenario; what is lost is never due.
+        self._block = self.offered - _BLOCK  # number of messages offered before the block of draws in `_fates`
+        # The log: messages `_base` and later, one column per scenario; a lost message is never due.
         first = [min((entry[1] for entry in link.queue), default=link.counters.offered + 1) for link in links]
         self._base = np.array(first)
         self.safe_ns = 0
-        """Everything that is sent by then has been."""
+        """All messages with send times up to this one have been sent [ns]."""
         rows = _ROWS + max(int((self.offered - self._base).max()), 0)
         self._due = np.full((rows, count), NEVER, dtype=np.int64)
         self._delay = np.zeros((rows, count), dtype=np.int64)
@@ -86,14 +86,15 @@ class Links:
         self._most = np.full(count, -1, dtype=np.int64)
 
     def under_way(self, i: int, order: int, due_ns: int, sent_ns: int, note: int) -> None:
-        """When it is loaded: a message that is in scenario i's queue."""
+        """Add a message that is in scenario i's queue when the scenario is loaded."""
         at = order - int(self._base[i]), i
         self._due[at], self._delay[at], self._note[at] = due_ns, due_ns - sent_ns, note
 
     def send(self, at: Index, now_ns: Whole, note: Whole | int, size: Whole | None) -> tuple[Whole, Whole]:
-        """Offer a message each, a position's own number or `ENERGY`: (number on the link, when due).
+        """Offer one message per scenario: (its number on the link, its due time). `note`: the position's number or
+        `ENERGY`.
 
-        `size` [bytes] is needed if the links are `timed`. What is lost is due `NEVER`.
+        `size` [bytes] is needed if the links are `timed`. A lost message is due `NEVER`.
         """
         offered = self.offered[at]
         draw = offered - self._block[at]
@@ -130,7 +131,7 @@ class Links:
         return order, due
 
     def fold(self, at: Index, now_ns: int) -> None:
-        """Count what was delivered by `now_ns` in the scenarios `at`, when everything sent by then is in the log."""
+        """Count the deliveries up to `now_ns` in the scenarios `at`; the log must contain everything sent by then."""
         for first in range(0, len(at), _CHUNK):
             self._fold(at[first : first + _CHUNK], now_ns)
 
@@ -149,8 +150,8 @@ class Links:
         note[counted] = DONE
         self._note[:, at] = note
 
-    def land(self, i: int, parcel: Callable[[int, int, int], Packet]) -> None:
-        """Give scenario i's state back, folded; `parcel(order, note, sent_ns)` makes what is under way again."""
+    def land(self, i: int, packet: Callable[[int, int, int], Packet]) -> None:
+        """Write scenario i's folded state back; `packet(order, note, sent_ns)` makes the packets in flight again."""
         self._peer_monitors.land(i)
         link = self._links[i]
         shift = int(self._shift_ns[i])
@@ -176,17 +177,17 @@ class Links:
         for row in (self._note[:, i] > DONE).nonzero()[0].tolist():
             order, due = row + int(self._base[i]), int(self._due[row, i]) + shift
             sent = due - int(self._delay[row, i])
-            link.queue.append((due, order, parcel(order, int(self._note[row, i]), sent), sent, 0))
+            link.queue.append((due, order, packet(order, int(self._note[row, i]), sent), sent, 0))
         heapify(link.queue)
         self._land_delays(i, link)
 
     # -- draws -------------------------------------------------------------------------------------------------------
 
     def _draw(self, i: int) -> None:
-        """The next block of draws of scenario i, boiled down to what becomes of each message: its delay, or worse."""
+        """Take the next block of draws of scenario i, and reduce it to each message's delay or loss."""
         link = self._links[i]
         gap = link.profile.gap if link.profile.reorder else 0
-        if gap:  # which counts on from the block before
+        if gap:  # it continues to count from the previous block
             before = self._draws[i]
             _, self._since_reorder[i] = _ahead(before.lost, before.ahead, self._since_reorder[i], gap)
         offered = int(self.offered[i])
@@ -203,7 +204,7 @@ class Links:
     # -- the log -----------------------------------------------------------------------------------------------------
 
     def _make_room(self, spread: int) -> None:
-        """Count what was delivered and drop it from the log; a longer log if that is not enough."""
+        """Count deliveries and drop them from the log; make the log longer if that is not enough."""
         everyone = np.arange(len(self._base))
         self.fold(everyone, self.safe_ns)
         length = len(self._due)
@@ -256,12 +257,12 @@ class Links:
 
 
 def _free_ns(link: Link[Packet]) -> int:
-    """When its line is free; long ago if it has none."""
+    """When its line is free [ns]; long ago if it has no line."""
     return max(link.line.free_ns, _LONG_AGO) if isinstance(link.line, RateLine) else _LONG_AGO
 
 
 def _ahead(lost: Flags, ahead: Flags, since: int, gap: int) -> tuple[list[int], int]:
-    """Which messages go ahead of the others, and how many have gone since the last that did."""
+    """Which messages are sent ahead of the others, and the number of messages since the last of these."""
     which = []
     for k in (~lost).nonzero()[0].tolist():
         since += 1
@@ -272,7 +273,7 @@ def _ahead(lost: Flags, ahead: Flags, since: int, gap: int) -> tuple[list[int], 
 
 
 def _overtaken(due: Whole) -> Flags:
-    """Is a message due after one of a later row?"""
+    """Whether each message is due after one of a later row."""
     least = np.minimum.accumulate(due[::-1])[::-1]
     result = np.zeros(due.shape, dtype=np.bool_)
     result[:-1] = least[1:] < due[:-1]

@@ -33,7 +33,7 @@ class Masses:
         return 0.5 * _dot(v, _rows(self._M, v))
 
     def step(self, at: Index, dt: Array, ybar: Array) -> tuple[Array, Array]:
-        """Advance the scenarios `at` by `dt` [s] with ybar (n, M) [m]: work and dissipated energy [J] of each."""
+        """Advance the scenarios `at` by `dt` [s] with ybar (n, M) [m]. Returns each one's work and dissipation [J]."""
         x, v = pick(self.position, at), pick(self.velocity, at)
         factors = _Factors(self._terms, dt)
         error = x - ybar
@@ -65,7 +65,7 @@ class Masses:
 
 
 def _forces(axis: Axis, q: Array, w: Array, a: Array, dt: Array) -> Array:
-    """`Axis.force` in each scenario: at once where the mass stays inside a face and is pushed, else one at a time."""
+    """`Axis.force` in each scenario: vectorised if the mass stays inside a face and is pushed, else one at a time."""
     force = np.zeros(len(q))
     left = np.ones(len(q), dtype=np.bool_)
     for face, side in ((axis.upper, 1.0), (axis.lower, -1.0)):

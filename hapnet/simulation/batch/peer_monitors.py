@@ -1,4 +1,4 @@
-"""What the receivers of a direction hear in many scenarios at once: `PeerMonitor`, of positions in bulk."""
+"""The peer monitors of one direction's receivers in many scenarios at once: `PeerMonitor` for positions in bulk."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from hapnet.wire.peer_monitor import PeerMonitor
 
 
 class PeerMonitors:
-    """One receiver a scenario. shift_ns : what their clocks show when the batch's shows 0."""
+    """One receiver per scenario. shift_ns : time on their clocks when the batch's clock shows 0."""
 
-    def __init__(self, liveness: list[PeerMonitor], shift_ns: Whole) -> None:
-        self._monitor, self._shift_ns = liveness, shift_ns
-        self.newest = np.array([one.numbers.newest for one in liveness])
-        """Number of the newest position heard in each."""
-        self._heard_ns = np.array([one._heard_ns or 0 for one in liveness]) - shift_ns
-        self._silence_ns = np.array([one._silence_ns for one in liveness])
-        self._received = np.zeros(len(liveness), dtype=np.int64)
-        self._missing = np.zeros(len(liveness), dtype=np.int64)
+    def __init__(self, monitors: list[PeerMonitor], shift_ns: Whole) -> None:
+        self._monitor, self._shift_ns = monitors, shift_ns
+        self.newest = np.array([one.numbers.newest for one in monitors])
+        """Number of the newest position received in each scenario."""
+        self._heard_ns = np.array([one._heard_ns or 0 for one in monitors]) - shift_ns
+        self._silence_ns = np.array([one._silence_ns for one in monitors])
+        self._received = np.zeros(len(monitors), dtype=np.int64)
+        self._missing = np.zeros(len(monitors), dtype=np.int64)
 
     def fold(self, at: Index, due_ns: Whole, number: Whole, counted: NDArray[np.bool_], new: NDArray[np.bool_]) -> None:
-        """What arrived in the scenarios `at`, a column each: all messages in `counted`, of them the new positions."""
+        """Count the arrivals in the scenarios `at`, one column each: `counted` marks messages, `new` new positions."""
         since = np.maximum.accumulate(np.where(new, due_ns, self._heard_ns[at]))
         before = np.vstack([self._heard_ns[at], since[:-1]])
         silent = np.any(counted & (due_ns - before > self._silence_ns[at]), axis=0)
@@ -50,7 +50,7 @@ class PeerMonitors:
         one.numbers.resume(one._life_ns, int(self.newest[i]))
 
     def _one_by_one(self, i: int, due_ns: Whole, number: Whole, new: NDArray[np.bool_]) -> None:
-        """A scenario in which there was a silence: rare, and told to its own `PeerMonitor`."""
+        """Count a scenario with a silence, which is rare, with its own `PeerMonitor`."""
         self.land(i)
         one, shift = self._monitor[i], int(self._shift_ns[i])
         for k in np.argsort(due_ns, kind="stable").tolist():

@@ -16,11 +16,11 @@ _LONG_AGO = -NEVER
 
 
 class Resends:
-    """The resends of one direction; links without any take part and change nothing.
+    """The resends of one direction. Links without resends are included and change nothing.
 
     Parameters
     ----------
-    links : the scenarios' own. shift_ns : what their clocks show when the batch's shows 0.
+    links : the scenarios' own. shift_ns : time on their clocks when the batch's clock shows 0.
     """
 
     def __init__(self, links: list[Link[Any]], shift_ns: Whole) -> None:
@@ -35,7 +35,7 @@ class Resends:
         self._recovered = np.zeros(len(links), dtype=np.int64)
 
     def decide(self, i: int, begun: int, fates: Fates) -> NDArray[np.bool_]:
-        """Which messages of scenario i's next draws are lost for good; they go into its block from `begun` on."""
+        """Which messages of scenario i's next draws are lost for good; the draws fill its block from `begun` on."""
         resends = self._links[i].resends
         if resends is None:
             return fates.lost
@@ -43,7 +43,7 @@ class Resends:
         return lost
 
     def offered_ns(self, at: Index, draw: Whole, now_ns: Whole, lost: NDArray[np.bool_]) -> Whole:
-        """When messages are offered for the last time, each with its place in its block of draws."""
+        """When messages are offered for the last time [ns]; `draw` is the place of each in its block of draws."""
         taken = self._taken[at, draw]
         self._resent[at] += taken
         self._recovered[at] += (taken > 0) & ~lost

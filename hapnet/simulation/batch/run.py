@@ -16,11 +16,11 @@ from hapnet.simulation.garbage_collector import collector_paused
 from hapnet.simulation.processes import Progress, in_processes
 
 SMALLEST = 32
-"""With fewer scenarios of a kind, one at a time is faster."""
+"""Smaller groups of scenarios are faster one at a time."""
 RUN_BYTES = 110_000
-"""What a run of a batch takes until the batch is over; measured."""
+"""Memory that a run takes until its batch ends, as measured [bytes]."""
 LARGEST = 2048
-"""Scenarios that run together: more do not fit the processor's caches."""
+"""Largest number of scenarios that run together: more do not fit the processor's caches."""
 
 
 def simulate_batch(
@@ -30,24 +30,25 @@ def simulate_batch(
     workers: int = 1,
     progress: Progress | None = None,
 ) -> list[BatchRun]:
-    """Simulate every one of `params` under every one of `seeds`: the same results as `simulate`, many at once.
+    """Simulate all `params` with all `seeds` at once, with the same results as `simulate`.
 
     Parameters
     ----------
-    params : one or several, which may differ in anything; those that differ in links only are simulated together.
-    seeds : of each of them.
+    params : one or several, which may differ in anything; those that differ only in links are simulated together.
+    seeds : every one of them is used with each of `params`.
     workers : processes to share the work. With more than one, the caller's main module must be importable.
-    progress : called now and then with the share that is done, 0 to 1.
+    progress : called from time to time with the share that is done, 0 to 1.
 
     Returns
     -------
-    One run for each pair, seeds varying fastest. What is not vectorised (a sampled servo, devices, hands and scenes of
-    the user's own, filters and predictors, release on silence, links with slots, traces or timelines or that could be
-    full) is simulated one scenario at a time, which `BatchRun.vectorised` tells.
+    One run for each pair; seeds vary fastest. Some scenarios are not vectorised but simulated one at a time: those with
+    a sampled servo, the user's own devices, hands or scenes, filters and predictors, release on silence, links with
+    slots, traces or timelines, or links that could be full. `BatchRun.vectorised` is then False.
 
     Raises
     ------
-    InvalidParameter, netem.NetemError : parameters that do not make a run, or more runs than this machine can hold.
+    InvalidParameter, netem.NetemError : the parameters are not valid for a run, or there are more runs than this
+        machine can hold.
     HapnetError : in some scenario the two sides did not find each other.
     """
     if workers < 1:
@@ -77,7 +78,7 @@ def _simulate(cases: Sequence[tuple[Params, int]], progress: Progress = lambda s
 
 
 def _groups(cases: Sequence[tuple[Params, int]]) -> list[list[int]]:
-    """The cases that differ in links and seeds only."""
+    """Groups of cases that differ only in links and seeds."""
     kinds: dict[int, str] = {}
     groups: defaultdict[str, list[int]] = defaultdict(list)
     for k, (params, _) in enumerate(cases):

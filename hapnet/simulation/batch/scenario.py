@@ -1,7 +1,7 @@
-"""A scenario of a batch, before it is vectorised and after.
+"""A scenario of a batch, before and after it is vectorised.
 
-A scenario is loaded once both sides have started and their handshake has nothing more to say, and ends at its last
-tick. Before and after it is an ordinary `Simulation`, and so is its result.
+A scenario is loaded after both sides have started and the handshake is complete; it ends at its last tick. Before and
+after that it is an ordinary `Simulation`, with the same result.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from hapnet.summary.run import Summary
 from hapnet.wire.messages import Energy, Position, decode
 from netem import Link
 
-_LOOK = 3  # ticks between two looks at the handshake, and one more
+_LOOK = 3  # ticks between two checks of the handshake, plus one
 _BURST_MOST_J = 4.0  # in aJ it must fit 63 bits
 
 
 class SideState(NamedTuple):
-    """One side at the end of its run; vectors have one element an axis."""
+    """One side at the end of its run; vectors have one element per axis."""
 
     position_m: Vector
     velocity_mps: Vector
@@ -45,20 +45,20 @@ class SideState(NamedTuple):
 
 
 class BatchRun(NamedTuple):
-    """What one scenario of a batch gave."""
+    """The result of one scenario of a batch."""
 
     params: Params
     seed: int
     summary: Summary
-    """As of a single run; `motion` and `path` are None throughout, since nothing is recorded or timed."""
+    """As of a single run, but all values of `motion` and `path` are None, because nothing is recorded or timed."""
     device: SideState
     world: SideState
     vectorised: bool
-    """False: something in its parameters is simulated one scenario at a time only, slower, with the same result."""
+    """False: the scenario was simulated alone, more slowly and with the same result, because of its parameters."""
 
 
 class UnderWay(NamedTuple):
-    """A message on a link when it is loaded."""
+    """A message that is in flight when the scenario is loaded."""
 
     order: int
     due_ns: int
@@ -67,7 +67,7 @@ class UnderWay(NamedTuple):
 
 
 class Scenario(Simulation):
-    """A `Simulation` that can hand its middle over to an `Engine`."""
+    """A `Simulation` whose middle part an `Engine` can run."""
 
     end_ns: int
 
@@ -97,7 +97,7 @@ class Scenario(Simulation):
         )
 
     def load(self) -> bool:
-        """Run until the handshake is over; False if the run's end came first. Then it stands right after a tick."""
+        """Run until right after a tick with the handshake complete. Returns False if the run's end came first."""
         start_ns = self.pair()
         self.end_ns = start_ns + round(self.setup.params.duration_s / NANO)
         while (tick_ns := self._tick_ns + _LOOK * self._period_ns) <= self.end_ns:
@@ -114,14 +114,14 @@ class Scenario(Simulation):
         )
 
     def resume(self, step_ns: int, tick_ns: int) -> None:
-        """Its state has been given back: from here it is an ordinary `Simulation` again."""
+        """Continue as an ordinary `Simulation`, after the state was written back."""
         due = (self.up.next_due_ns, self.down.next_due_ns,
                self.device_endpoint.next_due_ns, self.world_endpoint.next_due_ns)  # fmt: skip
         self._due[:] = [*map(_or_never, due), step_ns, tick_ns]
         self._tick_ns = tick_ns
 
     def run_on(self, *, vectorised: bool) -> BatchRun:
-        """From where it is to the end."""
+        """Run from the present state to the end."""
         self._until(self.end_ns)
         summary = self.close(self.end_ns)
         device, world = self.device, self.world
@@ -135,15 +135,15 @@ class Scenario(Simulation):
 
 
 def hand_over(endpoint: Endpoint) -> None:
-    """Give the coupling what has arrived and waits for the next tick."""
+    """Give the coupling the sample and energy that wait for the next tick."""
     assert not endpoint.has_shuffled
     endpoint._take()
 
 
 def under_way(link: Link[Packet]) -> Iterator[UnderWay]:
-    """What is on the link, once the handshake is over, in the order in which it was sent."""
-    for due_ns, order, parcel, sent_ns, _ in sorted(link.queue, key=itemgetter(1)):
-        content = decode(parcel.data)
+    """The messages in flight after the handshake, in the order in which they were sent."""
+    for due_ns, order, packet, sent_ns, _ in sorted(link.queue, key=itemgetter(1)):
+        content = decode(packet.data)
         assert isinstance(content, Position | Energy)
         yield UnderWay(order, due_ns, sent_ns, content)
 

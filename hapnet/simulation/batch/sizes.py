@@ -1,4 +1,4 @@
-"""How long messages are on a link, many at once: of energy, msgpack takes 1 to 9 bytes for an integer."""
+"""Sizes of many messages on a link; in energy messages msgpack takes 1 to 9 bytes for an integer."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _BYTES = np.array([1, 2, 3, 5, 9])
 
 
 class Sizes:
-    """Of what one side sends in each scenario, bytes with all headers.
+    """Sizes of the messages that one side sends in each scenario, with all headers [bytes].
 
     Parameters
     ----------
@@ -32,12 +32,12 @@ class Sizes:
         self._position, self._energy = np.array(position), np.array(energy)
 
     def position(self, at: Index) -> Whole:
-        """Of positions."""
+        """Sizes of positions."""
         size: Whole = self._position[at]
         return size
 
     def energy(self, at: Index, total_nJ: Whole, acked_nJ: Whole) -> Whole:
-        """Of energy messages."""
+        """Sizes of energy messages."""
         size: Whole = self._energy[at] + _width(total_nJ) + _width(acked_nJ)
         return size
 

@@ -1,6 +1,6 @@
-"""The state of many scenarios as arrays: gathered from their `Simulation`s, and given back at their ends.
+"""The state of many scenarios as arrays: read from their `Simulation`s, and written back at their ends.
 
-The batch's clock shows 0 at each scenario's own take-off.
+The batch's clock shows 0 at the tick at which each scenario is loaded.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Ports:
         self.lowest[at], self.device_low[at] = np.inf, self.device[at]
 
     def close(self, at: Index, work: Array) -> None:
-        """Of `TwoPort.world` what belongs to the start."""
+        """The part of `TwoPort.world` that ends the start."""
         self.before[at] = np.fmin(self.before[at], self.open[at] + work)
         self.open[at] = np.nan
 
@@ -61,7 +61,7 @@ class Ports:
 
 
 class BatchState:
-    """All that scenarios are made of, side by side."""
+    """The parts of all scenarios, as arrays."""
 
     def __init__(self, scenarios: Sequence[Scenario]) -> None:
         self.scenarios = scenarios
@@ -117,21 +117,21 @@ class BatchState:
             self._gather(i, scenario, self.world_wire)
 
     def draw_steps(self, i: int, count: int) -> Whole:
-        """The lengths of scenario i's next steps [ns]; `return_steps` gives back those that are not used."""
+        """Draw the lengths of scenario i's next steps [ns]; `return_steps` undoes the draws that are not used."""
         scene, rng = walls(self.scenarios[i]), self.scenarios[i].world._rng
         self._before_draw[i] = rng.bit_generator.state
         seconds = np.minimum(scene.max_s, scene.min_s + (scene.max_s - scene.min_s) * rng.random(count))
         return np.maximum(1, np.rint(seconds / NANO).astype(np.int64))
 
     def return_steps(self, i: int, used: int) -> None:
-        """Of the last `draw_steps` of scenario i only so many were used: the next step has the length after these."""
+        """Undo all but the first `used` draws of scenario i's last `draw_steps`."""
         if i in self._before_draw:
             rng = self.scenarios[i].world._rng
             rng.bit_generator.state = self._before_draw.pop(i)
             rng.random(used)
 
     def land(self, at: Index, tick: int) -> None:
-        """Give the state of the scenarios `at` back, everything up to this tick done."""
+        """Write the state of the scenarios `at` back; everything up to this tick is done."""
         now_ns = tick * self.period_ns
         self.world_wire.look(at, np.full(len(at), now_ns))
         self.up.fold(at, now_ns)
@@ -161,7 +161,7 @@ class BatchState:
         scenario.resume(int(self.step_ns[i] + self._shift_ns[i]), now_ns + self.period_ns)
 
     def _land_session(self, i: int, session: Session, wire: Wire, peer: Wire) -> None:
-        """One side's session, and the link that it sends on."""
+        """Write back one side's session, and the link that it sends on."""
         wire.channels.land(i, session._channel)
         session.positions.next_sequence = int(wire.next_number[i])
         if peer.links.stale[i]:
@@ -169,15 +169,15 @@ class BatchState:
         me, other = session.identity.incarnation, session.peer
         assert other is not None
 
-        def parcel(order: int, note: int, sent_ns: int) -> Packet:
+        def packet(order: int, note: int, sent_ns: int) -> Packet:
             if note != ENERGY:
                 return Packet("position", encode(Position(me, note, sent_ns, peer.positions.position(i, note))))
             return Packet("energy", encode(Energy(me, other.incarnation, *peer.mailbox.find(i, order))))
 
-        wire.links.land(i, parcel)
+        wire.links.land(i, packet)
 
     def _gather(self, i: int, scenario: Scenario, wire: Wire) -> None:
-        """What is under way from one side of scenario i."""
+        """Read the messages in flight from one side of scenario i."""
         at, shift = np.array([i]), int(self._shift_ns[i])
         link = scenario.up if wire is self.device_wire else scenario.down
         for order, due_ns, sent_ns, content in under_way(link):
@@ -199,4 +199,4 @@ def _continuous(scenario: Scenario) -> ContinuousDeviceSide:
 
 
 def _newest(heard: list[PeerMonitor]) -> Whole:
-    return np.array([liveness.numbers.newest for liveness in heard])
+    return np.array([monitor.numbers.newest for monitor in heard])

@@ -1,4 +1,4 @@
-"""The wire half of one side in many scenarios at once: its channels, what comes in, and what goes out on its link."""
+"""The wire half of one side in many scenarios at once: its channels, and the messages that it receives and sends."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ class Wire:
 
     Parameters
     ----------
-    channels, mailbox, positions, couplings : of this side; its coupling gets what `mailbox` and `positions` bring.
-    links, sizes : this side sends on, and of its messages. next_number : of its next position, a scenario each.
+    channels, mailbox, positions, couplings : of this side; its coupling gets what `mailbox` and `positions` deliver.
+    links : this side sends on them. sizes : of its messages. next_number : of its next position in each scenario.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class Wire:
         channels.plan(at)
 
     def on_update(self, at: Index, now_ns: Whole, x: Array, sent_J: Array) -> None:
-        """PSPM ran at positions x (n, M): send them, and give the surplus to the channels."""
+        """PSPM ran at positions x (n, M): send them, and shuffle the surplus through the channels."""
         number = self.next_number[at]
         self.next_number[at] = number + 1
         if self.deferring:
@@ -93,12 +93,12 @@ class Wire:
     # -- deferred ------------------------------------------------------------------------------------------------------
 
     def defer(self, period_ns: int, start: int, end: int) -> bool:
-        """Put the wire's work off to the end of a window, from after tick `start` to tick `end`, where it makes fewer
-        and larger rounds. False, and nothing done, if that cannot be.
+        """Defer the wire's work to the end of a window, from after tick `start` to tick `end`, in fewer, larger rounds.
 
-        It needs a link to this side whose delay is never shorter than the window: all that arrives in it is under way
-        when it begins, so what each tick will be credited is known then, unless admission limits it. The rest of the
-        wire's work is felt by the other side only, and not before the window's end.
+        Returns False and does nothing if this is not possible. The link to this side must never be faster than the
+        window is long. Then all messages that arrive in the window are in flight when it begins, so the credit of each
+        tick is known, unless admission limits it. The rest of the wire's work affects only the other side, and only
+        after the window.
         """
         mailbox, channels = self.mailbox, self.channels
         if not channels.plentiful(mailbox.greatest_nJ()):
@@ -116,19 +116,19 @@ class Wire:
         return True
 
     def bring_credit(self, tick: int) -> None:
-        """What is credited by this tick of the window."""
+        """Give the couplings the energy that is credited by this tick of the window."""
         credits = self._credits[tick - self._window]
         at = credits.nonzero()[0]
         self.couplings.credit[at] += credits[at]
         self.couplings.has_sample[at] = True
 
     def on_letter(self, at: Index, now_ns: Whole) -> None:
-        """`on_mail`, put off."""
+        """`on_mail`, deferred."""
         total_nJ, acked_nJ, credit_nJ = self.letters.take(at)
         self.channels.catch_up(at, total_nJ, acked_nJ, credit_nJ, now_ns)
         self.channels.plan(at)
 
     def on_departure(self, at: Index, now_ns: Whole) -> None:
-        """`on_update`, put off."""
+        """`on_update`, deferred."""
         number, sent_J, *x = self.outbox.take(at)
         self._send(at, now_ns, number, np.array(x), sent_J)
