@@ -6,8 +6,8 @@ link.send(now_ns, item, size=64)
 for due_ns, item in link.poll(now_ns): ...
 link.next_due_ns
 
-`LinkProfile` says in words what a link does, `Link` does it without clock or I/O, `netem.aio.AsyncLink` on an asyncio
-loop; `Timeline` changes it while it runs, and `expect` says what its statistics should come to.
+`LinkProfile` describes in words what a link does. `Link` does it without clock or I/O, and `netem.aio.AsyncLink` on an
+asyncio loop. `Timeline` changes a link while it runs, and `expect` computes the statistics to expect.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ _LAZY = {
 
 
 def __getattr__(name: str) -> Any:
-    """What needs numpy, on first use: a command's --help does not."""
+    """Import the parts that need numpy on first use, so that a command's --help does not wait for it."""
     if name in _LAZY:
         return getattr(import_module(f"netem.{_LAZY[name]}"), name)
     raise AttributeError(f"module 'netem' has no attribute {name!r}")

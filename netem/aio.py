@@ -1,7 +1,7 @@
-"""A link on an asyncio loop, released on time.
+"""A link on an asyncio loop that releases on time.
 
-An asyncio sleep wakes up to 1 ms late, since epoll counts whole milliseconds. Here one timerfd on the loop, armed with
-the absolute time of the next release, wakes it within tens of microseconds.
+An asyncio sleep wakes up to 1 ms late, because epoll counts whole milliseconds. Here a timerfd on the loop, armed with
+the absolute time of the next release, wakes the loop within tens of microseconds.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ class _Timer(Protocol):
 
 
 class DeadlineTimer:
-    """Calls `callback` on the loop once `due_ns` is reached, a time of ``time.monotonic_ns`` (CLOCK_MONOTONIC).
+    """Calls `callback` on the loop at `due_ns`, a time of ``time.monotonic_ns`` (CLOCK_MONOTONIC).
 
-    `kind` says what does it: ``"timerfd"``, or ``"loop"`` (``loop.call_at``, a millisecond late) where the system or
-    the loop offers no such thing. All methods are for the loop's thread.
+    `kind` is ``"timerfd"``, or ``"loop"`` (``loop.call_at``, up to a millisecond late) if the system or the loop has no
+    timerfd. Call all methods on the loop's thread.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
@@ -53,13 +53,13 @@ class DeadlineTimer:
             self._timer, self.kind = _LoopTimer(loop, self._fire), "loop"
 
     def arm(self, due_ns: int | None) -> None:
-        """Fire at `due_ns` instead of when armed before; at once if that is past; never if None."""
+        """Fire at `due_ns` in place of any earlier setting: at once if it is past, never if None."""
         if due_ns != self.due_ns:
             self.due_ns = due_ns
             self._timer.arm(due_ns)
 
     def close(self) -> None:
-        """Disarm for good and give the descriptor back; a second time does nothing."""
+        """Disarm for good and close the descriptor. May be called again."""
         self.due_ns = None
         self._timer.close()
 
@@ -86,7 +86,7 @@ class _FdTimer:
     def arm(self, due_ns: int | None) -> None:
         if self._fd < 0:
             return
-        # all zero would disarm, so what is long past becomes 1 ns
+        # all zeros would disarm, so a time before 1 ns becomes 1 ns
         seconds, rest = divmod(0 if due_ns is None else max(due_ns, 1), 10**9)
         value = _Itimerspec(_Timespec(0, 0), _Timespec(seconds, rest))
         if self._settime(self._fd, _TFD_TIMER_ABSTIME, ctypes.byref(value), None) != 0:
@@ -101,7 +101,7 @@ class _FdTimer:
     def _on_readable(self) -> None:
         try:
             os.read(self._fd, 8)
-        except BlockingIOError:  # armed anew between the wake-up and here
+        except BlockingIOError:  # armed again between the wake-up and here
             return
         self._fire()
 
@@ -128,23 +128,23 @@ class _LoopTimer:
 
     def _on_time(self) -> None:
         self._handle = None
-        if time.monotonic_ns() < self._due_ns:  # the loop calls up to its clock's resolution early
+        if time.monotonic_ns() < self._due_ns:  # the loop may call early, by its clock's resolution
             self.arm(self._due_ns)
         else:
             self._fire()
 
 
 class AsyncLink(Generic[T]):
-    """A `Link` on an asyncio loop: what is sent is handed to `deliver` when it is due, in the order of release.
+    """A `Link` on an asyncio loop: it passes each item to `deliver` when it is due, in the order of release.
 
     Parameters
     ----------
-    link : the link to run; nobody else may send or poll.
-    deliver : called on the loop with each item. It may send. What it raises goes to the loop's exception handler.
-    clock : ns, advancing as ``time.monotonic_ns``.
-    loop : the running loop if left out.
+    link : the link to run; nobody else may poll it.
+    deliver : called on the loop with each item. It may send. Its exceptions go to the loop's exception handler.
+    clock : returns ns and advances as ``time.monotonic_ns`` does.
+    loop : None: the running loop.
 
-    All methods are for the loop's thread.
+    Call all methods on the loop's thread.
     """
 
     def __init__(
@@ -163,34 +163,34 @@ class AsyncLink(Generic[T]):
         self._player_timer: DeadlineTimer | None = None
 
     def send(self, item: T, size: int | None = None) -> None:
-        """Offer an item now; what the link does not delay is delivered before this returns, unless `deliver` calls."""
+        """Offer an item now. An item without delay is delivered before this returns, unless `deliver` calls this."""
         now_ns = self._clock()
         self.link.send(now_ns, item, size)
         self.release(now_ns)
 
     def change(self, profile: LinkProfile) -> None:
-        """Put another profile in force, without losing what is in flight."""
+        """Use another profile from now on, without losing items in flight."""
         now_ns = self._clock()
         self.link.change(profile, now_ns)
         self.release(now_ns)
 
     def play(self, timeline: Timeline) -> None:
-        """Change the link along a timeline that starts now, in place of any before."""
+        """Change the link by a timeline that starts now and replaces any earlier one."""
         self._player = TimelinePlayer(self.link, timeline, self._clock())
         if self._player_timer is None:
             self._player_timer = DeadlineTimer(self._loop, self._advance)
         self._advance()
 
     def close(self) -> None:
-        """Stop; what is in flight is never delivered."""
+        """Stop; items in flight are never delivered."""
         self.timer.close()
         if self._player_timer is not None:
             self._player_timer.close()
 
     def release(self, now_ns: int | None = None) -> None:
-        """Deliver what is due by now, and arm the timer; for who sends many to `link` itself and calls this once."""
+        """Deliver the items due by now, and arm the timer. To send many items, use `link.send` and call this once."""
         if self._releasing:
-            return  # called by deliver(): the outer call, or the timer it arms, does the rest in order
+            return  # called by deliver(): the outer call, or the timer that it arms, delivers the rest in order
         self._releasing = True
         try:
             for _, item in self.link.poll(self._clock() if now_ns is None else now_ns):

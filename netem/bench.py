@@ -1,4 +1,4 @@
-"""What netem costs on this machine: lateness against a bare timer, messages a second, and datagrams forwarded."""
+"""Benchmarks of netem on this machine: lateness against a bare timer, messages per second, and datagrams forwarded."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from netem.relay import SOCKET_BUFFER, RelayStats, UdpRelay, socket_drops
 LATENESS_PROFILE = "delay 40ms limit 10000"
 CORE_PROFILE = "delay 40ms 10ms loss gemodel 1% 20% reorder 5% rate 1gbit limit 10000"
 RATE = 2000
-"""Releases a second of the lateness benchmark."""
+"""Releases per second in the lateness benchmark."""
 
 _PERIOD_NS = 10**9 // RATE
 _CORE_INTERVAL_NS = 20_000  # 40 ms of delay: 2,000 in flight
 _CORE_MESSAGES = 500_000
 _PACKET = 100
-_LINGER_S = 0.5  # how long an end listens on after its last datagram
+_LINGER_S = 0.5  # how long an end still listens after its last datagram
 
 _libc = ctypes.CDLL(None, use_errno=True)
 _CLOCK_MONOTONIC, _TFD_TIMER_ABSTIME = 1, 1
@@ -39,10 +39,10 @@ _CLOCK_MONOTONIC, _TFD_TIMER_ABSTIME = 1, 1
 
 @dataclass(frozen=True, slots=True)
 class Lateness:
-    """Microseconds from due to released at 2,000 a second: medians of the runs' p50 and p99, by what releases.
+    """Time from due to release at 2,000 releases per second [us]: medians of the runs' (p50, p99), for three releasers.
 
-    `link` is `AsyncLink`; `bare` a timerfd on an asyncio loop with nothing else to do; `thread` a thread that does
-    nothing but read a timerfd, the least that this machine allows.
+    `link` : `AsyncLink`. `bare` : a timerfd on an otherwise idle asyncio loop. `thread` : a thread that only reads a
+    timerfd, the least possible on this machine.
     """
 
     runs: int
@@ -57,12 +57,12 @@ class Lateness:
         return self.link[0] / self.bare[0], self.link[1] / self.bare[1]
 
     def as_dict(self) -> dict[str, object]:
-        """All fields by name, as JSON has them, and the ratios."""
+        """All fields by name, as in JSON, and the ratios."""
         return asdict(self) | {"ratios": self.ratios}
 
     def lines(self) -> list[str]:
         """A table."""
-        out = [f"lateness at {RATE} releases a second, median of {self.runs} runs of {self.seconds:.1f} s each [us]"]
+        out = [f"lateness at {RATE} releases per second, median of {self.runs} runs of {self.seconds:.1f} s each [us]"]
         out.append(f"  {'':32}{'p50':>8}{'p99':>8}")
         rows = {"link": self.link, "bare timerfd on an asyncio loop": self.bare}
         rows |= {"bare timerfd in a thread": self.thread}
@@ -71,7 +71,7 @@ class Lateness:
 
 
 def lateness(runs: int = 5, seconds: float = 3.0) -> Lateness:
-    """Alternate runs of the link, the bare loop and the bare thread, all on the same schedule.
+    """Measure in alternate runs of the link, the bare loop and the bare thread, all on the same schedule.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def lateness(runs: int = 5, seconds: float = 3.0) -> Lateness:
 
 
 def lateness_runs(runs: int, seconds: float) -> list[tuple[list[int], list[int], list[int]]]:
-    """What `lateness` sums up: of every run, each release's lateness [ns] by link, bare loop and bare thread.
+    """The raw data of `lateness`: in every run, each release's lateness [ns] by link, bare loop and bare thread.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def lateness_runs(runs: int, seconds: float) -> list[tuple[list[int], list[int],
 
 @dataclass(frozen=True, slots=True)
 class CoreThroughput:
-    """Messages a second on one core, medians: `link` sends, and polls after every send, `heap` pushes and pops."""
+    """Messages per second on one core, medians. `link` : sends and polls after each. `heap` : pushes and pops."""
 
     runs: int
     messages: int
@@ -136,9 +136,9 @@ def core(runs: int = 5, messages: int = _CORE_MESSAGES) -> CoreThroughput:
 
 @dataclass(frozen=True, slots=True)
 class Forwarding:
-    """What a UDP relay did with a steady stream both ways; `offered` and `arrived` are the two ends' own counts.
+    """The result of a UDP relay with a steady stream in both directions, as the two ends count `offered` and `arrived`.
 
-    `end_drops` counts what the ends' own sockets dropped, which is no fault of the relay.
+    `end_drops` counts datagrams that the ends' own sockets dropped, not the relay.
     """
 
     rate: int
@@ -161,17 +161,17 @@ class Forwarding:
         """A table."""
         each = [count / self.seconds for count in self.arrived]
         return [
-            f"UDP relay, {_PACKET} B each way at once for {self.seconds:.1f} s, {self.rate} a second asked",
+            f"UDP relay, {_PACKET} B in both directions at once for {self.seconds:.1f} s, {self.rate} per second asked",
             f"  {'sent up, down':32}{self.offered[0]:12}{self.offered[1]:12}",
             f"  {'arrived':32}{self.arrived[0]:12}{self.arrived[1]:12}",
-            f"  {'arrived a second':32}{each[0]:12,.0f}{each[1]:12,.0f}",
+            f"  {'arrived per second':32}{each[0]:12,.0f}{each[1]:12,.0f}",
             f"  {'socket drops, own drops':32}{self.relay.socket_drops!s:>12}{self.relay.dropped:12}",
             f"  {'missing, of it at the ends':32}{self.missing:12}{self.end_drops:12}",
         ]
 
 
 def udp(rate: int = 20_000, seconds: float = 10.0, words: str = "delay 5ms limit 100000") -> Forwarding:
-    """Run a relay between two processes that send each other `rate` datagrams a second."""
+    """Run a relay between two processes that send each other `rate` datagrams per second."""
     return asyncio.run(_forward(rate, seconds, LinkProfile.parse(words)))
 
 
@@ -183,7 +183,7 @@ def _count(seconds: float) -> int:
 
 
 async def _link_lateness(count: int) -> list[int]:
-    """Each release offers the next message on the schedule, so that the link is fed and drained at the same rate."""
+    """Each release offers the next message on the schedule, so that messages enter and leave at the same rate."""
     delay_ns = LinkProfile.parse(LATENESS_PROFILE).delay_ns
     late: list[int] = []
     done = asyncio.get_running_loop().create_future()
@@ -260,7 +260,7 @@ def _percentiles(late_ns: list[int]) -> tuple[float, float]:
 def _time_link(messages: int) -> tuple[float, int]:
     link: Link[int] = Link(LinkProfile.parse(CORE_PROFILE), seed=1)
     send, poll = link.send, link.poll
-    fill = 4000  # until as many leave as come
+    fill = 4000  # after these, as many messages leave as are sent
     for now_ns in range(0, fill * _CORE_INTERVAL_NS, _CORE_INTERVAL_NS):
         send(now_ns, now_ns, _PACKET)
         poll(now_ns)
@@ -289,7 +289,7 @@ def _time_heap(messages: int) -> float:
 
 
 async def _forward(rate: int, seconds: float, profile: LinkProfile) -> Forwarding:
-    """The relay in this process; a client and a server, each sending and receiving, in two others."""
+    """Run the relay in this process, and a client and a server that both send and receive in two others."""
     context = multiprocessing.get_context("spawn")
     pipes = [context.Pipe() for _ in range(2)]
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
@@ -304,7 +304,7 @@ async def _forward(rate: int, seconds: float, profile: LinkProfile) -> Forwardin
     loop = asyncio.get_running_loop()
     try:
         for end, pipe in zip(reversed(ends), reversed(pipes), strict=True):
-            end.start()  # the client once the server is there: its first datagram must not be lost
+            end.start()  # the server first, so that the client's first datagram is not lost
             await loop.run_in_executor(None, _expect, pipe[0], 30.0)
         for pipe in pipes:
             pipe[0].send("go")
@@ -326,14 +326,14 @@ def _expect(pipe: Connection, seconds: float) -> tuple[int, int, int]:
 
 
 def _end(role: str, port: int, rate: int, seconds: float, pipe: Connection) -> None:
-    """Send `rate` datagrams a second, evenly, and count what comes; in a process of its own."""
+    """Send `rate` datagrams per second, evenly, and count those that arrive; runs in its own process."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as mine:
         for option in (socket.SO_RCVBUF, socket.SO_SNDBUF):
             mine.setsockopt(socket.SOL_SOCKET, option, SOCKET_BUFFER)
         if role == "server":
             mine.bind(("127.0.0.1", port))
             pipe.send((0, 0, 0))
-            _, peer = mine.recvfrom(_PACKET)  # the client's first, which says where it is
+            _, peer = mine.recvfrom(_PACKET)  # the client's first datagram carries its address
             mine.connect(peer)
             mine.send(b"")
         else:

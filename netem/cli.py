@@ -1,4 +1,4 @@
-"""The `netem` command. What takes long to import (numpy, asyncio, zenoh, rich, matplotlib) waits for its command."""
+"""The `netem` command. Slow imports (numpy, asyncio, zenoh, rich, matplotlib) wait for the command that needs them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="netem",
-    help="A link emulator with the words of Linux's tc-netem: no root, no kernel module, the same seed the same link.",
+    help="A link emulator with the words of Linux's tc-netem. It needs no root and no kernel module, and the same seed "
+    "gives the same link.",
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
@@ -41,13 +42,13 @@ Words = Annotated[
     list[str] | None,
     typer.Argument(
         metavar="WORDS",
-        help="tc-netem's, such as 'delay 40ms 10ms loss gemodel 1% 20%', or a profile's name.",
+        help="tc-netem's words, such as 'delay 40ms 10ms loss gemodel 1% 20%', or a profile's name.",
         autocompletion=_profiles,
     ),
 ]
 ProfileOption = Annotated[
     str | None,
-    typer.Option("--profile", help="A named profile instead; `netem profiles` lists them.", autocompletion=_profiles),
+    typer.Option("--profile", help="A named profile; `netem profiles` lists them.", autocompletion=_profiles),
 ]
 Delay = Annotated[str | None, typer.Option(help="Delay, such as 40ms.")]
 Jitter = Annotated[str | None, typer.Option(help="Jitter [correlation], such as 10ms or '10ms 25%'.")]
@@ -56,22 +57,22 @@ Reorder = Annotated[str | None, typer.Option(help="Reordering, such as 5% or '25
 Rate = Annotated[str | None, typer.Option(help="Rate, such as 1mbit.")]
 Resend = Annotated[
     str | None,
-    typer.Option(metavar="N TIME", help="What is lost is sent again: '3 8ms', '3 8ms unordered'; 0: never."),
+    typer.Option(metavar="N TIME", help="Resends of lost messages, such as '3 8ms' or '3 8ms unordered'; 0: none."),
 ]
 JsonTo = Annotated[str | None, typer.Option("--json", metavar="FILE|-", help="Write the result as JSON; - is stdout.")]
 
-# of the relays
+# options of the relays
 _TIMELINE = "Changes while it runs: 'at 5s: delay 200ms; at 8s: down; at 9s: up', or a file of such lines"
 Up = Annotated[
     str | None,
-    typer.Option(metavar="WORDS", help="Profile of the way there, from who dials --listen.", autocompletion=_profiles),
+    typer.Option(metavar="WORDS", help="Profile of the uplink, from the --listen side.", autocompletion=_profiles),
 ]
-Down = Annotated[str | None, typer.Option(metavar="WORDS", help="Profile of the way back.", autocompletion=_profiles)]
-TimelineOption = Annotated[str | None, typer.Option("--timeline", metavar="TEXT|FILE", help=f"{_TIMELINE}; both ways.")]
-UpTimeline = Annotated[str | None, typer.Option(metavar="TEXT|FILE", help="The same for the way there alone.")]
-DownTimeline = Annotated[str | None, typer.Option(metavar="TEXT|FILE", help="The same for the way back alone.")]
-Seed = Annotated[int, typer.Option(min=0, help="Seed of the draws; each direction has streams of its own.")]
-Duration = Annotated[str | None, typer.Option(metavar="S", help="Stop after so many seconds, or 500ms; else Ctrl-C.")]
+Down = Annotated[str | None, typer.Option(metavar="WORDS", help="Profile of the downlink.", autocompletion=_profiles)]
+TimelineOption = Annotated[str | None, typer.Option("--timeline", metavar="TEXT|FILE", help=f"{_TIMELINE}.")]
+UpTimeline = Annotated[str | None, typer.Option(metavar="TEXT|FILE", help="The same for the uplink alone.")]
+DownTimeline = Annotated[str | None, typer.Option(metavar="TEXT|FILE", help="The same for the downlink alone.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of the draws; each direction has its own streams.")]
+Duration = Annotated[str | None, typer.Option(metavar="S", help="Stop after this time, as 10 or 500ms; else Ctrl-C.")]
 
 
 class Mode(StrEnum):
@@ -82,7 +83,7 @@ class Mode(StrEnum):
 
 
 class Benchmark(StrEnum):
-    """What `netem bench` can measure."""
+    """The parts of `netem bench`."""
 
     LATENESS = "lateness"
     CORE = "core"
@@ -93,10 +94,10 @@ class Benchmark(StrEnum):
 def before_any_command(
     version: Annotated[
         bool,
-        typer.Option("--version", help="Versions for a bug report, and end.", callback=tell("netem"), is_eager=True),
+        typer.Option("--version", help="Print versions for a bug report.", callback=tell("netem"), is_eager=True),
     ] = False,
 ) -> None:
-    """What goes before a command's name."""
+    """Options before a command's name."""
 
 
 @app.command()
@@ -122,7 +123,7 @@ def show(
     rate: Rate = None,
     resend: Resend = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the link's draws.")] = 0,
-    count: Annotated[int, typer.Option(min=1, max=10_000_000, help="Messages to send through it.")] = 20_000,
+    count: Annotated[int, typer.Option(min=1, max=10_000_000, help="Number of messages to send.")] = 20_000,
     interval: Annotated[str, typer.Option(help="Time between two messages.")] = "1ms",
     size: Annotated[int, typer.Option(min=0, help="Size of a message in bytes.")] = 100,
     png: Annotated[
@@ -130,7 +131,10 @@ def show(
     ] = None,
     json_to: JsonTo = None,
 ) -> None:
-    """Print a profile as understood, and what it does to a stream of messages: statistics and a histogram of delays."""
+    """Print a profile and its effect on messages.
+
+    It prints the profile as netem reads it, statistics of a stream of messages, and a histogram of their delays.
+    """
     link_profile = _compose(words, profile, delay, jitter, loss, reorder, rate, resend)
     interval_ns = units.parse_time("interval", interval)
     _check_writable("--png", png)
@@ -151,8 +155,8 @@ def show(
 
 @app.command()
 def udp(
-    listen: Annotated[str, typer.Option(metavar="A:P", help="Where the program's clients send to; [::1]:P for IPv6.")],
-    to: Annotated[str, typer.Option(metavar="B:P", help="Where its server listens.")],
+    listen: Annotated[str, typer.Option(metavar="A:P", help="Address that clients send to; [::1]:P for IPv6.")],
+    to: Annotated[str, typer.Option(metavar="B:P", help="Address where the server listens.")],
     words: Words = None,
     profile: ProfileOption = None,
     delay: Delay = None,
@@ -170,10 +174,10 @@ def udp(
     duration: Duration = None,
     json_to: JsonTo = None,
 ) -> None:
-    """Relay any UDP program's datagrams through a link, both ways.
+    """Relay a UDP program's datagrams through a link.
 
-    The words hold for both directions, unless --up or --down has others. All clients share the link. The size that
-    counts for a rate is the payload's: 'rate 1mbit 28' adds the headers of IPv4 and UDP.
+    The words apply to both directions, unless --up or --down gives others. All clients share the link. A rate counts
+    the payload's size: 'rate 1mbit 28' adds the headers of IPv4 and UDP.
     """
     both = _compose(words, profile, delay, jitter, loss, reorder, rate, resend)
     ways = (_way("up", up, both), _way("down", down, both))
@@ -195,8 +199,8 @@ def zenoh(
     listen: Annotated[str, typer.Option(metavar="ENDPOINT", help="Where one network dials, as tcp/127.0.0.1:17448.")],
     connect: Annotated[str, typer.Option(metavar="ENDPOINT", help="Where the other network listens.")],
     words: Words = None,
-    key: Annotated[str, typer.Option("-k", "--key", metavar="EXPR", help="Key expression of what is relayed.")] = "**",
-    mode: Annotated[Mode, typer.Option(help="Of the session that dials: client if it dials a router.")] = Mode.PEER,
+    key: Annotated[str, typer.Option("-k", "--key", metavar="EXPR", help="Key expression to relay.")] = "**",
+    mode: Annotated[Mode, typer.Option(help="Mode of the dialling session: client for a router.")] = Mode.PEER,
     profile: ProfileOption = None,
     delay: Delay = None,
     jitter: Jitter = None,
@@ -213,10 +217,10 @@ def zenoh(
     duration: Duration = None,
     json_to: JsonTo = None,
 ) -> None:
-    """Relay between two Zenoh networks through a link, both ways.
+    """Relay between two Zenoh networks through a link.
 
-    Relayed are puts and deletes with all they carry, and liveliness tokens (these at once, without loss); not relayed
-    are queries. The words hold for both directions, unless --up or --down has others.
+    It relays puts and deletes with all their attributes, and liveliness tokens (these at once and without loss), but no
+    queries. The words apply to both directions, unless --up or --down gives others.
     """
     both = _compose(words, profile, delay, jitter, loss, reorder, rate, resend)
     ways = (_way("up", up, both), _way("down", down, both))
@@ -237,13 +241,16 @@ def zenoh(
 
 @app.command()
 def bench(
-    what: Annotated[list[Benchmark] | None, typer.Argument(help="All if left out.")] = None,
-    runs: Annotated[int, typer.Option(min=1, help="Runs of each kind, alternating; medians are printed.")] = 5,
-    seconds: Annotated[float, typer.Option(min=0.1, help="Length of a UDP run; one of lateness takes a third.")] = 10.0,
-    rate: Annotated[int, typer.Option(min=1, help="UDP packets a second each way.")] = 20_000,
+    what: Annotated[list[Benchmark] | None, typer.Argument(help="Default: all.")] = None,
+    runs: Annotated[int, typer.Option(min=1, help="Alternating runs of each kind; prints medians.")] = 5,
+    seconds: Annotated[float, typer.Option(min=0.1, help="Length of a UDP run; a lateness run takes a third.")] = 10.0,
+    rate: Annotated[int, typer.Option(min=1, help="UDP packets per second in each direction.")] = 20_000,
     json_to: JsonTo = None,
 ) -> None:
-    """Measure this machine: how late a link releases, how many messages it handles, how many the UDP relay forwards."""
+    """Measure lateness and throughput on this machine.
+
+    It measures how late a link releases, how many messages per second it handles, and how many the UDP relay forwards.
+    """
     _check_writable("--json", json_to)
     from netem import bench as benchmarks
 
@@ -268,7 +275,7 @@ def bench(
 
 
 class _Session:
-    """One run of a relay: its timelines, how long, and where its figures go."""
+    """One run of a relay: its timelines, its duration, and where its figures go."""
 
     def __init__(
         self,
@@ -301,14 +308,14 @@ class _Session:
             _write_json(figures.as_dict() | {"seed": self._seed, "elapsed_s": self._elapsed_s}, self._json_to)
 
     async def serve(self, relay: UdpRelay | ZenohRelay, where: str) -> RelayFigures:
-        """Let it run until it is stopped; returns its last figures."""
+        """Let the relay run until it is stopped. Returns its last figures."""
         import time
 
         from netem import live
 
         print(f"netem: relaying {where}; Ctrl-C stops", file=self._out, flush=True)
         if relay.up.timer.kind != "timerfd":
-            print("netem: no timerfd here: what is delayed leaves up to 1 ms late", file=self._out, flush=True)
+            print("netem: no timerfd here: delayed messages leave up to 1 ms late", file=self._out, flush=True)
         started = time.monotonic()
         for way, timeline in zip((relay.up, relay.down), self._timelines, strict=True):
             if timeline is not None:
@@ -319,7 +326,7 @@ class _Session:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run the command; the exit code is 0, or 2 after one line on standard error where the input is wrong."""
+    """Run the command. Returns exit code 0, or 2 after one line on standard error if the input is wrong."""
     args = sys.argv[1:] if argv is None else argv
     if "_NETEM_COMPLETE" in os.environ:
         return _complete()
@@ -328,13 +335,13 @@ def main(argv: list[str] | None = None) -> int:
         sys.stdout.flush()
     except NetemError as error:
         return _fail(str(error))
-    except BrokenPipeError:  # whoever read the output has left
+    except BrokenPipeError:  # the reader of the output has closed it
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except (typer.Abort, KeyboardInterrupt):
         return 130
     except Exception as error:
-        # click's own errors: which module defines them depends on typer's version
+        # click's errors: the module that defines them depends on typer's version
         format_message = getattr(error, "format_message", None)
         if format_message is None:
             raise
@@ -345,7 +352,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _complete() -> int:
-    """A shell asks, after TAB or for its script: the environment says what. Somebody types: nothing else is said."""
+    """Answer a shell that asks for completions or its script, as the environment says. Print nothing else."""
     warnings.simplefilter("ignore")
     with suppress(Exception):
         app(args=[], prog_name="netem", standalone_mode=False)
@@ -391,7 +398,7 @@ def _fail(message: str) -> int:
 
 
 def _check_writable(name: str, target: str | None) -> None:
-    """Before a long run rather than after."""
+    """Raise NetemError before a long run, not after it, if `target` cannot be written."""
     if target in (None, "-"):
         return
     try:

@@ -1,4 +1,4 @@
-"""A link's random streams: each effect has its own, so that changing one leaves the others' draws as they were."""
+"""A link's random streams: each effect has its own, so that changing one effect does not change the others' draws."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ _FIELDS = {
     "reorder": ("reorder", "reorder_correlation"),
     "slot": ("slot",),
 }
-# appended to the seed's spawn key, so that no stream is also one of the caller's own children of the same seed; a new
-# one goes to the end, for the others to stay what they are
+# Appended to the seed's spawn key, so that no stream equals one that the caller spawns from the same seed. Append new
+# streams at the end, so that the others do not change.
 _STREAM_KEYS = {name: (0x6E6574656D, index) for index, name in enumerate((*_FIELDS, "bit", "csv", "resend"))}
 
 
 class Fates(NamedTuple):
-    """What becomes of messages, an element each.
+    """The draws of several messages, one element per message.
 
-    Is it lost when it is first offered, may it go ahead of the others, its delay [ns], and the draw in [0, 1) that says
-    how many of its resends are lost.
+    lost : is it lost at its first offer? ahead : may it be sent ahead? delay_ns : its delay. luck : the draw in [0, 1)
+    that decides how many of its resends are lost.
     """
 
     lost: NDArray[np.bool_]
@@ -39,9 +39,9 @@ class Fates(NamedTuple):
 
 
 class Draws:
-    """One effect's draws: `each` gives them one by one, `many` in arrays.
+    """The draws of one effect: `each` yields them one by one, `many` returns arrays.
 
-    `before` : how many messages were offered before the first.
+    `before` : number of messages offered before the first draw.
     """
 
     def __init__(self, blocks: Iterator[NDArray[Any]], before: int) -> None:
@@ -49,10 +49,10 @@ class Draws:
         self.each = chain.from_iterable(block.tolist() for block in blocks)
 
     def many(self, taken: int, count: int) -> NDArray[Any]:
-        """The next `count`, when `taken` messages have had theirs."""
+        """The next `count` draws; `taken` messages already have theirs."""
         parts = []
         while count:
-            left = (self._before - taken) % models.BLOCK  # of a block that was begun
+            left = (self._before - taken) % models.BLOCK  # draws left in the current block
             whole = not left and count >= models.BLOCK
             parts.append(next(self._blocks) if whole else np.array(list(islice(self.each, min(left or count, count)))))
             taken, count = taken + len(parts[-1]), count - len(parts[-1])
@@ -60,13 +60,14 @@ class Draws:
 
 
 class Streams:
-    """A link's draws, a stream for each effect. A seed in the profile takes the place of `seed`.
+    """A link's draws, one stream per effect. A seed in the profile replaces `seed`.
 
     Attributes
     ----------
-    next : of the next message: is it lost, is it corrupted, may it go ahead, its delay [ns], its luck (see `Fates`).
-    next_bit : which bit of a corrupted message is flipped, in [0, 1). next_chance : whether a trace of conditions loses
-        the message. next_slot : the time to the next slot [ns], if the profile has slots.
+    next : for the next message: is it lost, is it corrupted, may it be sent ahead, its delay [ns], its luck (see
+        `Fates`). next_bit : which bit of a corrupted message is flipped, in [0, 1). next_chance : the draw in [0, 1)
+        that is compared with the loss of a trace of conditions. next_slot : the time to the next slot [ns], if the
+        profile has slots.
     """
 
     next: Callable[[], tuple[bool, bool, bool, int, float]]
@@ -82,9 +83,9 @@ class Streams:
         self._draws: dict[str, Draws] = {}
 
     def configure(self, profile: LinkProfile, offered: int) -> set[str]:
-        """Draw for `profile` from now on, `offered` messages having had theirs; the effects whose streams begin anew.
+        """Draw for `profile` from now on; `offered` messages already have their draws. Returns the changed effects.
 
-        Effects whose settings stay keep their streams; the others continue their own with the new settings.
+        Effects with unchanged settings keep their streams; the others continue their streams with the new settings.
         """
         previous = self._profile
         if previous is None or profile.seed not in (None, self._profile_seed):
@@ -106,11 +107,11 @@ class Streams:
         return new
 
     def many(self, taken: int, count: int) -> Fates:
-        """The draws of the next `count` messages, when `taken` have had theirs."""
+        """The draws of the next `count` messages; `taken` messages already have theirs."""
         return Fates(*(self._draws[effect].many(taken, count) for effect in ("loss", "reorder", "delay", "resend")))
 
     def put_back(self, fates: Fates) -> None:
-        """These are the next messages' after all."""
+        """Use these draws again for the next messages."""
         lost, ahead, delay_ns, luck = (values.tolist() for values in fates)
         back = zip(lost, repeat(False), ahead, delay_ns, luck, strict=False)
         self.next = chain(back, iter(self.next, None)).__next__
@@ -130,12 +131,12 @@ def _blocks(effect: str, rng: Generator, profile: LinkProfile) -> Iterator[NDArr
 
 
 def _changed(effect: str, profile: LinkProfile, previous: LinkProfile | None) -> bool:
-    """Does this effect get other settings?"""
+    """Whether this effect's settings change."""
     return previous is None or any(getattr(profile, name) != getattr(previous, name) for name in _FIELDS[effect])
 
 
 def generators(seed: SeedSequence, profile_seed: int | None) -> dict[str, Generator]:
-    """The generator of each stream; a seed in the profile takes the place of the other's."""
+    """The generator of each stream; a seed in the profile replaces the entropy of `seed`."""
     entropy = seed.entropy if profile_seed is None else profile_seed
     return {
         name: Generator(PCG64(SeedSequence(entropy, spawn_key=(*seed.spawn_key, *key))))

@@ -1,5 +1,4 @@
-"""The parts of a profile that have several values of their own: loss models and slots, as tc-netem words them, and
-resends."""
+"""The parts of a profile with several values: loss models and slots, in tc-netem's words, and resends."""
 
 from __future__ import annotations
 
@@ -29,10 +28,10 @@ class RandomLoss:
 
 @dataclass(frozen=True, slots=True)
 class FourStateLoss:
-    """``loss state P13 [P31 [P32 [P23 [P14]]]]``: Salsano's four-state Markov chain, moved once a message.
+    """``loss state P13 [P31 [P32 [P23 [P14]]]]``: Salsano's four-state Markov chain, one transition per message.
 
-    States: 1 received in a gap, 2 received in a burst, 3 lost in a burst, 4 lost alone (always back to 1). `pXY` is the
-    probability of going from X to Y; tc's defaults are P31 = 1 - P13, P32 = 0, P23 = 1, P14 = 0.
+    States: 1 received in a gap, 2 received in a burst, 3 lost in a burst, 4 lost alone (always followed by 1). `pXY` is
+    the probability of a transition from X to Y; tc's defaults are P31 = 1 - P13, P32 = 0, P23 = 1, P14 = 0.
     """
 
     p13: float
@@ -54,10 +53,10 @@ class FourStateLoss:
 
 @dataclass(frozen=True, slots=True)
 class GilbertElliottLoss:
-    """``loss gemodel P [R [1-H [1-K]]]``: two states, good and bad; a message is lost by the state it finds.
+    """``loss gemodel P [R [1-H [1-K]]]``: two states, good and bad; each message is lost with its state's probability.
 
-    `p` is the probability of good to bad and `r` of bad to good, a message; `bad_loss` (1-H) and `good_loss` (1-K) are
-    what each state loses. tc's defaults are R = 1 - P, 1-H = 100 %, 1-K = 0.
+    Per message, `p` is the probability of the transition from good to bad and `r` from bad to good. `bad_loss` (1-H)
+    and `good_loss` (1-K) are the loss probabilities in each state. tc's defaults are R = 1 - P, 1-H = 100 %, 1-K = 0.
     """
 
     p: float
@@ -77,10 +76,10 @@ Loss = RandomLoss | FourStateLoss | GilbertElliottLoss
 
 @dataclass(frozen=True, slots=True)
 class Resend:
-    """``resend N TIME [unordered]``: what was lost is offered again after `after_ns`, up to `times` times.
+    """``resend N TIME [unordered]``: a lost message is offered again after `after_ns`, up to `times` times.
 
-    In order, as link layers deliver: what is offered after a message waits until that one has come through or was given
-    up, which is `times` resends after it was lost. Unordered, nothing waits.
+    Ordered, as link layers deliver: later messages wait until the lost one has come through or is given up, which is
+    `times` resends after its loss. Unordered: no message waits.
     """
 
     times: int
@@ -99,8 +98,8 @@ class Resend:
 class Slot:
     """``slot MIN [MAX]`` or ``slot distribution NAME DELAY JITTER``, then ``[packets N] [bytes N]``: releases in slots.
 
-    The time between slots is uniform in [min_ns, max_ns], or, with a `distribution`, min_ns is its DELAY and max_ns its
-    JITTER. A slot lets through at most `packets` and `bytes` (0: no limit).
+    The time between slots is uniform in [min_ns, max_ns]. With a `distribution`, min_ns is its DELAY and max_ns its
+    JITTER. A slot lets at most `packets` packets and `bytes` bytes through (0: no limit).
     """
 
     min_ns: int
@@ -117,7 +116,7 @@ class Slot:
         if self.distribution:
             check_distribution("slot distribution", self.distribution)
         elif self.max_ns < self.min_ns:
-            raise ProfileError("slot", units.format_time(self.max_ns), "a maximum not below the minimum")
+            raise ProfileError("slot", units.format_time(self.max_ns), "a maximum that is not below the minimum")
 
     def __str__(self) -> str:
         first, second = units.format_time(self.min_ns), units.format_time(self.max_ns)
@@ -129,29 +128,29 @@ class Slot:
 
 
 def fractions(*values: float | None) -> str:
-    """Percentages with spaces between; None is left out."""
+    """Percentages separated by spaces; None is left out."""
     return " ".join(units.format_fraction(v) for v in values if v is not None)
 
 
 def check_fractions(word: str, model: Loss) -> None:
-    """All fields of a loss model lie in [0, 1]."""
+    """Raise ProfileError unless all fields of a loss model are in [0, 1]."""
     for field in dataclasses.fields(model):
         check_fraction(f"{word} {field.name}", getattr(model, field.name))
 
 
 def check_fraction(word: str, value: float) -> None:
-    """`value` lies in [0, 1]."""
+    """Raise ProfileError unless `value` is in [0, 1]."""
     if not 0.0 <= value <= 1.0:
         raise ProfileError(word, value, "a probability in [0, 1]")
 
 
 def check_int(word: str, value: int, low: int, high: int) -> None:
-    """`value` is a whole number in [low, high]."""
+    """Raise ProfileError unless `value` is a whole number in [low, high]."""
     if not isinstance(value, int) or not low <= value <= high:
         raise ProfileError(word, value, f"a whole number from {low} to {high}")
 
 
 def check_distribution(word: str, value: str) -> None:
-    """`value` names a distribution."""
+    """Raise ProfileError unless `value` is the name of a distribution."""
     if value not in DISTRIBUTIONS:
         raise ProfileError(word, value, ", ".join(DISTRIBUTIONS))

@@ -1,4 +1,4 @@
-"""What netem raises: one root, and every message names the offending word and what is allowed."""
+"""The errors that netem raises: one root; every message names the wrong word and what is allowed."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ class NetemError(ValueError):
 
 
 class ProfileError(NetemError):
-    """A link profile says something that cannot be.
+    """A value in a link profile is not allowed.
 
     Parameters
     ----------
     word : the word of the profile, as its user knows it (``"delay"``, ``"loss gemodel"``).
-    value : what was given.
-    allowed : what would have been accepted, in words.
+    value : the value given.
+    allowed : a text that says what is allowed.
     """
 
     def __init__(self, word: str, value: object, allowed: str) -> None:

@@ -1,4 +1,4 @@
-"""What a link's statistics should come to, from its profile alone: the figures asked for, beside those achieved."""
+"""The statistics to expect of a link, computed from its profile alone, to compare with those achieved."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ from netem.profile import LinkProfile
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """Long-run figures with the names that `LinkStats` gives to those achieved.
+    """Long-run figures; the names are those that `LinkStats` uses for the achieved ones.
 
-    `loss`, `recovered` and `sent_ahead` are shares of what is offered, `resent` is resends a message offered;
-    `mean_loss_burst` is None without loss, or where it depends on the traffic's pace (``csv``). `sent_ahead` neglects
-    that losses weaken a correlation beyond a gap. The delays are those that the words `delay`, `csv`, `resend` and
-    `reorder` make, cuts at 0 included: what a rate, a trace, a slot or waiting for a resend adds to them depends on the
-    traffic. With `csv`, a message and its resends meet the same line of it. `delay_correlation` is that of successive
-    messages, None where the delay is constant or the pace, `reorder` and `resend` have a part in it.
+    `loss`, `recovered` and `sent_ahead` are shares of the messages offered; `resent` is the number of resends per
+    message offered. `mean_loss_burst` is None without loss, or if it depends on the traffic's pace (``csv``).
+    `sent_ahead` neglects that losses weaken a correlation beyond a gap. The delays are those of the words `delay`,
+    `csv`, `resend` and `reorder`, including the cut at 0. The delay added by a rate, a trace, a slot or waiting for a
+    resend depends on the traffic and is left out. With `csv`, a message and its resends are assumed to use the same
+    line of the file. `delay_correlation` is that of successive messages; None if the delay is constant, or if the pace,
+    `reorder` or `resend` affects it.
     """
 
     loss: float
@@ -41,7 +42,7 @@ class Expectation:
 
 
 def expect(profile: LinkProfile) -> Expectation:
-    """The figures that a long run through a link of this profile comes to."""
+    """The figures that a long run through a link with this profile approaches."""
     resend, csv = profile.resend, profile.csv
     shares, lost = _fates(profile)
     arrived = float(shares.sum())
@@ -51,7 +52,7 @@ def expect(profile: LinkProfile) -> Expectation:
     if csv is not None:
         mean += csv.mean()[0] * 1e-6
         variance += csv.delay_variance() * 1e-12
-    # what arrives has its delay after so many resends, but for a share of the first, which has none
+    # a message's delay starts after its resends; of those without resends, the share sent ahead has no delay
     of_them = shares / arrived if arrived else np.eye(1, len(shares))[0]
     number = np.arange(len(shares))
     later = mean + number * (0.0 if resend is None else resend.after_ns * 1e-6)
@@ -73,11 +74,11 @@ def expect(profile: LinkProfile) -> Expectation:
 
 
 def _ahead(profile: LinkProfile) -> float:
-    """The share of messages sent ahead: one over their mean distance, gap - 1 that cannot and then the tries."""
+    """The share of messages sent ahead: one over their mean distance, gap - 1 plus the mean number of tries."""
     chance, correlation = profile.reorder, profile.reorder_correlation
     if chance in (0.0, 1.0) or correlation == 1.0:
         return chance / profile.gap
-    # the first try knows of the last one sent ahead, the later ones of a try that failed
+    # the first try is correlated with the last message sent ahead, later tries with a failed try
     first = chance + correlation**profile.gap * (1.0 - chance)
     later = chance * (1.0 - correlation)
     return 1.0 / (profile.gap + (1.0 - first) / later)
@@ -96,7 +97,7 @@ def _fates(profile: LinkProfile) -> tuple[NDArray[np.float64], float]:
 
 
 def _fates_at(profile: LinkProfile, chance: float) -> tuple[list[float], float]:
-    """The same where a trace loses a message with this chance."""
+    """As `_fates`, if a trace loses a message with the probability `chance`."""
     loss = 0.0 if profile.loss is None else share_and_run(profile.loss)[0]
     lost = loss + chance - loss * chance
     shares, before = [1.0 - lost], 1.0

@@ -1,4 +1,4 @@
-"""The line of a link with a rate: one message after the other crosses it."""
+"""The line of a link with a rate, which messages cross one after the other."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from netem.profile import LinkProfile
 
 
 class RateLine:
-    """A line that takes a message's size over the profile's rate to carry it.
+    """A line that needs a message's size divided by the profile's rate to carry it.
 
-    profile : with a rate. free_ns : when the line is free; until then it carries others.
+    profile : has a rate. free_ns : when the line is free; until then it carries earlier messages.
     """
 
     __slots__ = ("_profile", "_size", "_takes_ns", "free_ns")
@@ -17,11 +17,11 @@ class RateLine:
     def __init__(self, profile: LinkProfile, free_ns: int) -> None:
         self.free_ns = free_ns
         self._profile = profile
-        self._size = -1  # the last one that was timed, as many messages are alike
+        self._size = -1  # size of the last message: many have the same, so its time is kept
         self._takes_ns = 0
 
     def release_ns(self, ready_ns: int, size: int) -> int:
-        """When a message of `size` bytes has crossed that is ready, behind all others, at `ready_ns`."""
+        """When a message of `size` bytes has crossed the line, if it is ready at `ready_ns`, behind all others."""
         if size != self._size:
             self._size, self._takes_ns = size, models.transmission_ns(size, self._profile)
         free_ns = self.free_ns

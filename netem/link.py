@@ -1,19 +1,19 @@
-"""One direction of a link, without clock or I/O: items go in, and come out when and if the profile lets them.
+"""One direction of a link, without clock or I/O: items go in, and come out if and when the profile lets them.
 
 The order of effects is tc-netem's: loss, corruption, limit, reordering, delay, rate, slot.
 
-* What is resent (`netem.resend`) is delayed from when it is offered for the last time, and so is what waits for it
-  (`netem.effects.Resend`); neither is sent ahead. Unordered resends come to a line (a rate or a trace) at that time, so
-  others cross before them; jitter may reorder after the resends, as ever.
-* A reordered message goes at once, ahead of what is still in flight, untouched by rate and slot; the gap counts the
-  messages between two that may be. (The kernel also puts it ahead of what is due at the very same instant; here that
-  has left already, so that the order does not depend on when somebody polls.)
-* Without a rate, messages leave in the order of their release times, so jitter reorders them. With one, a message is
+* A resent message (`netem.resend`) is delayed from the time of its last offer, and so are messages that wait for it
+  (`netem.effects.Resend`); none of them is sent ahead. An unordered resend reaches the line (a rate or a trace) at that
+  time, so other messages cross before it. Jitter may still reorder after the resends.
+* A reordered message leaves at once, ahead of all messages in flight, and skips rate and slot. The gap counts the
+  messages between two that may be reordered. (The kernel also puts it ahead of messages due at the same instant; here
+  these have left already, so that the order does not depend on the times of polling.)
+* Without a rate, messages leave in the order of their release times, so jitter reorders them. With a rate, a message is
   released at ``max(now + delay, last release) + size/rate``, so the order is kept.
-* A trace of delivery opportunities takes the rate's place (`netem.trace.TraceLine`) and keeps the order as well. A
-  trace of conditions adds its delay to the one drawn, and its loss to that of the loss model.
-* A slot that has opened lets out what was ready by then, to its limits; the next one is drawn when it is exhausted or
-  when the next message finds it past.
+* A trace of delivery opportunities replaces the rate (`netem.trace.TraceLine`) and keeps the order too. A trace of
+  conditions adds its delay to the drawn one, and its loss to that of the loss model.
+* An open slot releases the messages that are ready, up to its limits. The next slot is drawn when this one is
+  exhausted, or when the next message comes after it.
 * Nothing is ever released twice.
 """
 
@@ -43,24 +43,24 @@ _LONG_AGO = -(2**63)
 class Link(Generic[T]):
     """A link that carries items of any type under a `LinkProfile`.
 
-    Times are integer ns on any clock, the caller's. Each effect draws from a stream of its own, and each message takes
-    one draw of each, so changing one effect leaves the others' draws as they were. A `seed` in the profile takes the
-    place of the one given here; a SeedSequence's spawn key counts in either case, so that spawned links stay
-    independent. Traces start at `start_ns`, with the first message if it is None, and at the time of a `change` that
-    puts them in force.
+    Times are integer ns on the caller's clock. Each effect has its own random stream, and each message takes one draw
+    of each, so changing one effect does not change the others' draws. A `seed` in the profile replaces the `seed` given
+    here. A SeedSequence's spawn key counts in both cases, so that spawned links stay independent. Traces start at
+    `start_ns`, or with the first message if that is None. A `change` to a new trace starts it at that time.
 
-    `corrupt` flips a bit of items that are bytes. For others, `flip` says how: ``flip(item, corrupted)`` returns the
-    item with its bytes put through `corrupted`.
+    `corrupt` flips a bit of items that are bytes. For other items give `flip`: ``flip(item, corrupted)`` returns the
+    item with its bytes passed through `corrupted`.
 
-    Not thread-safe: two users need a lock.
+    Not thread-safe: two threads need a lock.
 
     Attributes
     ----------
-    For a caller that carries many links at once, takes this one's state and gives it back; nobody else changes them.
+    Only a caller that simulates many links at once uses these: it takes a link's state and writes it back.
 
-    counters : what was counted. streams : the draws. queue : what is in flight, a heap. line : with a rate or a trace.
-    resends : see `netem.resend`. in_order_ns : before that, ordered resends let nothing come through.
-    since_reorder : how many messages were offered since one was sent ahead.
+    counters : the counts so far. streams : the draws. queue : messages in flight, a heap. line : with a rate or a
+    trace.
+    resends : see `netem.resend`. in_order_ns : with ordered resends, nothing comes through before this time.
+    since_reorder : number of messages offered since the last one that was sent ahead.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class Link(Generic[T]):
         self.resends: Resends | None = None
         self._flip = flip
         self._ready: list[Entry[T]] = []
-        # what comes to the line later than it was offered: (when, number, item, sent, size, delay)
+        # messages that reach the line later than they were offered: (when, number, item, sent, size, delay)
         self._again: list[tuple[int, int, T, int, int, int]] = []
         self._gate: SlotGate[T] | None = None
         self._conditions: tuple[ConditionTrace, int] | None = None  # and when it started
@@ -91,19 +91,19 @@ class Link(Generic[T]):
 
     @property
     def profile(self) -> LinkProfile:
-        """The profile in force."""
+        """The active profile."""
         return self._profile
 
     @property
     def is_up(self) -> bool:
-        """Whether the link takes messages."""
+        """Whether the link is up; a link that is down loses all messages offered to it."""
         return self._up
 
     @property
     def next_due_ns(self) -> int | None:
-        """When to poll next; None if nothing is in flight.
+        """When to poll next [ns]; None if nothing is in flight.
 
-        With slots, or with resends out of order that come to a line, a poll at that time may release nothing yet.
+        With slots, or with unordered resends on a line, a poll at that time may release nothing yet.
         """
         if self._ready:
             return self._ready[0][0]
@@ -116,13 +116,13 @@ class Link(Generic[T]):
 
     @property
     def stats(self) -> LinkStats:
-        """A snapshot of what the link did so far."""
+        """A snapshot of the link's statistics."""
         return self.counters.snapshot(str(self._profile), len(self.queue) + len(self._ready) + len(self._again))
 
     def passes(self) -> bool:
-        """For a link without any effect and with nothing in flight, `send` and `poll` at once.
+        """`send` and `poll` in one call, for a link without any effect and with nothing in flight.
 
-        True: a message has been offered and delivered; hand it on. False: nothing has happened, `send` it.
+        True: a message counts as offered and delivered; deliver it. False: nothing has happened; use `send`.
         """
         if not self._transparent or self.queue or self._ready or self._again or not self._up:
             return False
@@ -134,7 +134,7 @@ class Link(Generic[T]):
         return True
 
     def send(self, now_ns: int, item: T, size: int | None = None) -> None:
-        """Offer an item at `now_ns`; its `size` in bytes counts for a rate, a trace or a slot, ``len(item)`` if None.
+        """Offer an item at `now_ns`. A rate, a trace or a slot uses its `size` in bytes; None: ``len(item)``.
 
         Raises
         ------
@@ -144,7 +144,7 @@ class Link(Generic[T]):
             size = _size_of(item, size)
         counters = self.counters
         counters.offered = order = counters.offered + 1
-        if len(self._pending_delays) >= DelayHistogram.PENDING:  # here and not in `poll`: what is due should not wait
+        if len(self._pending_delays) >= DelayHistogram.PENDING:  # here and not in `poll`, where due messages would wait
             counters.delays.fold()
         lost, corrupt, ahead, delay, luck = self.streams.next()
         if self._awaits_start:
@@ -193,7 +193,7 @@ class Link(Generic[T]):
             self._gate.look(queue, now_ns)
 
     def _resend(self, resends: Resends, now_ns: int, lost: bool, luck: float) -> tuple[bool, int]:
-        """(is the message lost for good, when is it offered for the last time, or leaves if it waits for others?)."""
+        """(is the message lost for good; when is it offered for the last time, waiting for others included [ns])."""
         offered_ns = now_ns
         if lost:
             if self._conditions is None:
@@ -214,7 +214,7 @@ class Link(Generic[T]):
         return self._flip(item, lambda data: models.flip_bit(data, draw))
 
     def poll(self, now_ns: int) -> list[tuple[int, T]]:
-        """Take out what is due by `now_ns`: (release time, item) in the order of release."""
+        """Remove the items due by `now_ns`. Returns (release time, item) in the order of release."""
         out: list[tuple[int, T]] = []
         self._settle(now_ns)
         if not self._ready:
@@ -230,19 +230,19 @@ class Link(Generic[T]):
         if now_ns - out[0][0] > counters.late_max_ns:
             counters.late_max_ns = now_ns - out[0][0]
         self._ready.clear()
-        if len(pending) >= 16 * DelayHistogram.PENDING:  # a link that is only emptied, with nobody sending
+        if len(pending) >= 16 * DelayHistogram.PENDING:  # a link that is only polled, while nobody sends
             counters.delays.fold()
         return out
 
     def change(self, profile: LinkProfile, now_ns: int) -> None:
-        """Put another profile in force for what is offered from now on; what is in flight keeps its release times.
+        """Use another profile for items offered from now on; items in flight keep their release times.
 
-        Effects whose settings stay keep their streams; the others continue their own with the new settings.
+        Effects with unchanged settings keep their streams; the others continue their streams with the new settings.
         """
         self._settle(now_ns)
         previous = self._profile
         if previous.slot is not None and profile.slot is None:
-            # what only a slot held back leaves now
+            # messages that only the slot held back leave now
             self.queue = [(max(due, now_ns), *rest) for due, *rest in self.queue]  # type: ignore[misc]
             heapify(self.queue)
         free_ns = max((entry[0] for entry in self.queue), default=now_ns)
@@ -250,15 +250,15 @@ class Link(Generic[T]):
         self._start_traces(previous, now_ns, free_ns)
 
     def down(self) -> None:
-        """From now on lose whatever is offered; what is in flight arrives."""
+        """From now on lose every item offered; items in flight still arrive."""
         self._up = False
 
     def up(self) -> None:
-        """Take messages again."""
+        """Carry items again."""
         self._up = True
 
     def _configure(self, profile: LinkProfile, now_ns: int, free_ns: int) -> None:
-        """`free_ns`: when the line is free."""
+        """Build the effects of `profile`. `free_ns`: when the line is free."""
         new = self.streams.configure(profile, self.counters.offered)
         if profile.slot is None:
             self._gate = None
@@ -276,7 +276,7 @@ class Link(Generic[T]):
         self._needs_size = bool(lined or (profile.slot and profile.slot.bytes))
 
     def _start_traces(self, previous: LinkProfile | None, start_ns: int | None, free_ns: int) -> None:
-        """Start the traces that `previous` did not have at `start_ns`, or with the next message if that is None."""
+        """Start the traces that `previous` did not have: at `start_ns`, or with the next message if that is None."""
         trace, conditions = self._profile.trace, self._profile.csv
         if self._awaits_start:
             previous = None
@@ -289,7 +289,7 @@ class Link(Generic[T]):
             self._conditions = None if conditions is None else (conditions, start_ns)
 
     def _settle(self, now_ns: int) -> None:
-        """Move what is due by now from the queue to what is ready."""
+        """Move the messages due by now from the queue to `_ready`."""
         gate, queue, ready = self._gate, self.queue, self._ready
         while self._again and self._again[0][0] <= now_ns:
             offered_ns, order, item, sent_ns, size, delay = heappop(self._again)
@@ -313,6 +313,6 @@ def _size_of(item: object, given: int | None) -> int:
         raise NetemError(f"size: {given} is not allowed; allowed: a number of bytes from 0")
     if not isinstance(item, Sized):
         raise NetemError(
-            f"size of {type(item).__name__}: a rate or a slot's bytes need one; give send() a size in bytes"
+            f"size of {type(item).__name__}: a rate, a trace or a slot with bytes needs it; give send() a size in bytes"
         )
     return len(item)

@@ -1,4 +1,4 @@
-"""What a running relay shows: a table on a terminal, a line a second in a pipe, and a table at the end."""
+"""The output of a running relay: a table on a terminal, one line per second in a pipe, and a table at the end."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ REDRAW_EVERY_S = 0.25
 
 
 class RelayFigures(Protocol):
-    """What both relays' statistics have."""
+    """What the statistics of both relays have in common."""
 
     @property
     def up(self) -> LinkStats: ...
@@ -31,7 +31,7 @@ class RelayFigures(Protocol):
 async def show_until_stopped(
     figures: Callable[[], RelayFigures], out: TextIO, duration_s: float | None = None
 ) -> RelayFigures:
-    """Show what `figures` returns on `out` until SIGINT, SIGTERM or the end of `duration_s`; returns the last ones.
+    """Show the result of `figures` on `out` until SIGINT, SIGTERM or the end of `duration_s`. Returns the last result.
 
     Must be called on the main thread's loop.
     """
@@ -54,20 +54,20 @@ async def show_until_stopped(
 
 
 def print_table(figures: RelayFigures, elapsed_s: float, out: TextIO) -> None:
-    """The final table."""
+    """Print the final table."""
     from rich.console import Console
 
     Console(file=out, highlight=False, width=None if out.isatty() else 100).print(table(figures, elapsed_s))
 
 
 def line(elapsed_s: float, figures: RelayFigures) -> str:
-    """One line with what matters most."""
+    """One line with the most important figures."""
     ways = (f"{name} {_way(stats)}" for name, stats in (("up", figures.up), ("down", figures.down)))
     return f"{elapsed_s:8.1f} s  " + "  |  ".join(ways) + "".join(f"  {k} {v}" for k, v in _alarms(figures).items())
 
 
 def table(figures: RelayFigures, elapsed_s: float) -> Table:
-    """All figures, a column each direction."""
+    """All figures, with one column per direction."""
     from rich import box
     from rich.table import Table
 
@@ -121,7 +121,7 @@ def _others(figures: RelayFigures) -> dict[str, object]:
 
 
 def _alarms(figures: RelayFigures) -> dict[str, object]:
-    """What the relay lost itself: worth a word only if there is any."""
+    """Messages that the relay itself dropped, if any."""
     return {name: value for name, value in _others(figures).items() if "drop" in name and value}
 
 
@@ -141,7 +141,7 @@ async def _redraw(
 
 
 async def _wait(stopped: asyncio.Event, seconds: float, started: float, duration_s: float | None) -> bool:
-    """Wait `seconds`, or less if it ends before; whether it has ended."""
+    """Wait `seconds`, or until the run ends if that is earlier. Returns whether it has ended."""
     if duration_s is not None:
         seconds = min(seconds, max(0.0, started + duration_s - time.monotonic()))
     with contextlib.suppress(TimeoutError):

@@ -1,4 +1,4 @@
-"""Loss models as Markov chains: the shares and runs of losses that they come to in the long run."""
+"""Loss models as Markov chains: the share of losses, and the length of their runs, in the long run."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ _Matrix = NDArray[np.float64]
 
 
 def share_and_run(loss: Loss, kept: float = 1.0) -> tuple[float, float | None]:
-    """The share lost, and the mean run of losses (None without any); of what is lost only a share `kept` stays lost.
+    """The share lost, and the mean run of losses (None without losses); only a share `kept` of the losses stays lost.
 
-    The mean run is the share lost over that of losses which follow no loss.
+    The mean run is the share lost, divided by the share of losses that do not follow a loss.
     """
     moves, loses = _chain(loss)
     loses = kept * loses
@@ -27,7 +27,7 @@ def share_and_run(loss: Loss, kept: float = 1.0) -> tuple[float, float | None]:
 
 @lru_cache
 def lost_again(loss: Loss | None, most: int) -> tuple[float, ...]:
-    """The chances that 1, 2, ... `most` messages in a row are lost after one that was, of all that were lost."""
+    """The probabilities that 1, 2, ... `most` messages in a row are lost after a lost one."""
     if loss is None:
         return (0.0,) * most
     if isinstance(loss, RandomLoss):
@@ -43,11 +43,11 @@ def lost_again(loss: Loss | None, most: int) -> tuple[float, ...]:
 
 
 def _chain(loss: RandomLoss | FourStateLoss | GilbertElliottLoss) -> tuple[_Matrix, _Matrix]:
-    """A loss model as a Markov chain that starts in state 0: its transitions, and each state's chance to lose."""
+    """A loss model as a Markov chain that starts in state 0: its transitions, and each state's loss probability."""
     if isinstance(loss, RandomLoss):
         after_loss = loss.probability + loss.correlation * (1.0 - loss.probability)
         after_none = loss.probability * (1.0 - loss.correlation)
-        if loss.correlation == 1.0:  # the first decision is repeated for ever, so the long run is that of many links
+        if loss.correlation == 1.0:  # the first decision repeats for ever: take the mean of many links
             after_loss = after_none = loss.probability
         return np.array([[1.0 - after_none, after_none], [1.0 - after_loss, after_loss]]), np.array([0.0, 1.0])
     if isinstance(loss, GilbertElliottLoss):
@@ -65,8 +65,8 @@ def _chain(loss: RandomLoss | FourStateLoss | GilbertElliottLoss) -> tuple[_Matr
 
 
 def _long_run(moves: _Matrix) -> _Matrix:
-    """The share of time in each state of a chain that starts in state 0."""
-    # half of the time nothing moves: the same shares, without a period
+    """The long-run share of time in each state of a chain that starts in state 0."""
+    # a chain that stays put half of the time has the same shares, and no period
     power = 0.5 * (moves + np.eye(len(moves)))
     for _ in range(100):
         power = power @ power

@@ -1,12 +1,12 @@
-"""The random effects of a link: endless streams of decisions, one a message, drawn in blocks.
+"""The random effects of a link: endless streams of decisions, one per message, drawn in blocks.
 
-Every stream is a generator of blocks (arrays of `BLOCK` decisions); `numpy.random.Generator`s are arguments, and a
-stream takes a fixed number of draws a message, whatever its parameters. Message n therefore meets the same
-draws when another effect, or this one's parameters, are changed.
+Every stream is a generator of blocks (arrays of `BLOCK` decisions). `numpy.random.Generator`s are arguments. A stream
+takes a fixed number of draws per message, whatever its parameters. So message n gets the same draws when another
+effect, or this effect's parameters, change.
 
-Where Linux's netem is wrong these are right: its correlated generator averages uniform draws, which piles them up in
-the middle, so that `loss 5% 25%` loses 0.2 % and `reorder 25% 50%` reorders 7 %; and the delays' correlation has no
-effect there. Here a correlation C is the lag-1 correlation of the decisions (or of the delays), and the marginal stays
+These streams correct an error of Linux's netem. Its correlated generator averages uniform draws, which concentrates
+them in the middle: `loss 5% 25%` loses 0.2 % and `reorder 25% 50%` reorders 7 %, and the delays' correlation has no
+effect. Here a correlation C is the lag-1 correlation of the decisions (or of the delays), and their distribution stays
 as asked.
 """
 
@@ -25,22 +25,23 @@ from numpy.typing import NDArray
 from netem.effects import FourStateLoss, GilbertElliottLoss, Loss, RandomLoss, Slot
 from netem.profile import LinkProfile
 
-BLOCK = 256  # a refill takes tens of microseconds, short beside a servo's period
+BLOCK = 256  # a refill takes tens of microseconds, much less than a servo's period
 _TABLE_SIZE = 4096
-_TABLE_ONE = 8192  # one jitter J in units of a table's entry
+_TABLE_ONE = 8192  # the jitter J in the units of a table's entries
 _SHORT_MAX = 32767
 
 
 @lru_cache
 def table(distribution: str) -> NDArray[np.int64]:
-    """iproute2's table of a distribution: 4096 quantiles, ascending, in units of J/8192, cut to 16 bits.
+    """iproute2's table of a distribution: 4096 quantiles, ascending, in units of J/8192, clipped to 16 bits.
 
-    ``normal`` runs from -4 to +3.52 J. ``pareto`` is clip((X - 1.5) 4/3, -4, 4) with X Pareto of shape 3: minimum
-    -0.67 J, mean -0.03 J for the clip, standard deviation 0.82 J (1.15 J unclipped). ``paretonormal`` adds a quarter of
-    the normal quantile to three quarters of the clipped pareto one: from -1.50 to 3.88 J, standard deviation 0.83 J.
+    ``normal`` goes from -4 to +3.52 J. ``pareto`` is clip((X - 1.5) 4/3, -4, 4) with X Pareto of shape 3: its minimum
+    is -0.67 J, its mean -0.03 J because of the clip, its standard deviation 0.82 J (1.15 J unclipped). ``paretonormal``
+    is a quarter of the normal quantile plus three quarters of the clipped pareto one: from -1.50 to 3.88 J, standard
+    deviation 0.83 J.
     """
     steps = np.arange(_TABLE_SIZE)
-    # a slice's entry is the last point that rounds to it, on a grid of 5e-5 standard deviations
+    # a slice's entry is the last grid point that rounds to it; the grid is 5e-5 standard deviations wide
     upper = (4 * steps + 0.5) / (4 * _TABLE_SIZE)
     points = np.floor(np.array([NormalDist().inv_cdf(p) for p in upper.tolist()]) * 20_000)
     normal = np.rint(points * (_TABLE_ONE / 20_000)).astype(np.int64)
@@ -56,9 +57,9 @@ def table(distribution: str) -> NDArray[np.int64]:
 def delays(rng: Generator, profile: LinkProfile) -> Iterator[NDArray[np.int64]]:
     """Delays in ns, never negative: the delay plus jitter.
 
-    Without a distribution the jitter is uniform in [-J, J), its standard deviation J/sqrt(3); with one it is J times an
-    entry of `table`. With a correlation C the delays' lag-1 correlation is C: the quantiles follow a Gaussian AR(1)
-    process whose coefficient `latent_correlation` finds.
+    Without a distribution the jitter is uniform in [-J, J), with standard deviation J/sqrt(3). With one it is J times
+    an entry of `table`. With a correlation C the delays' lag-1 correlation is C: the quantiles follow a Gaussian AR(1)
+    process, whose coefficient comes from `latent_correlation`.
     """
     if profile.jitter_ns == 0:
         return repeat(np.full(BLOCK, profile.delay_ns))
@@ -71,7 +72,7 @@ def delays(rng: Generator, profile: LinkProfile) -> Iterator[NDArray[np.int64]]:
 
 
 def delay_quantiles(profile: LinkProfile) -> NDArray[np.int64]:
-    """The delays in ns at the middles of 4096 equal slices of probability, ascending."""
+    """The delays in ns at the centres of 4096 equal slices of probability, ascending."""
     return _quantiles(profile.delay_ns, profile.jitter_ns, profile.distribution)
 
 
@@ -81,12 +82,12 @@ def _quantiles(delay_ns: int, jitter_ns: int, distribution: str) -> NDArray[np.i
 
 @lru_cache
 def _delay_coefficient(delay_ns: int, jitter_ns: int, distribution: str, correlation: float) -> float:
-    """`latent_correlation` of a profile's delays; it takes milliseconds, and links of one profile come in numbers."""
+    """`latent_correlation` of a profile's delays, cached: it takes milliseconds, and many links share a profile."""
     return latent_correlation(_quantiles(delay_ns, jitter_ns, distribution), correlation)
 
 
 class _Jittered:
-    """Maps uniform draws in [0, 1) to delays in ns, increasing; makes its table once."""
+    """An increasing map of uniform draws in [0, 1) to delays in ns; its table is made once."""
 
     def __init__(self, delay_ns: int, jitter_ns: int, distribution: str) -> None:
         self._low, self._width = delay_ns - jitter_ns, 2 * jitter_ns
@@ -103,11 +104,11 @@ class _Jittered:
 
 
 def latent_correlation(quantiles: NDArray[np.int64], correlation: float) -> float:
-    """The AR(1) coefficient rho of standard normals z for which g(z) has this lag-1 correlation.
+    """The AR(1) coefficient rho of standard normal z for which g(z) has this lag-1 correlation.
 
-    g maps the i-th of n equal slices of probability to ``quantiles[i]`` (ascending). With its expansion in normalised
-    Hermite polynomials, g(z) = sum a_k h_k(z), the correlation of g is sum a_k^2 rho^k / sum a_k^2 (the Nataf
-    transform, Liu and Der Kiureghian 1986), increasing in rho.
+    g maps the i-th of n equal slices of probability to ``quantiles[i]`` (ascending). Expanded in normalised Hermite
+    polynomials, g(z) = sum a_k h_k(z), its correlation is sum a_k^2 rho^k / sum a_k^2 (the Nataf transform, Liu and Der
+    Kiureghian 1986), which increases with rho.
     """
     n = len(quantiles)
     g = (quantiles - quantiles.mean()) / max(float(quantiles.std()), 1e-300)
@@ -119,7 +120,7 @@ def latent_correlation(quantiles: NDArray[np.int64], correlation: float) -> floa
     for k in range(1, 200):
         squares.append(float(steps @ psi) ** 2 / k)
         before, psi = psi, (z * psi - math.sqrt(k - 1) * before) / math.sqrt(k)
-    rest = max(0.0, 1.0 - sum(squares))  # carried by orders so high that they count at rho = 1 only
+    rest = max(0.0, 1.0 - sum(squares))  # in orders so high that they count only at rho = 1
     low, high = 0.0, 1.0
     for _ in range(50):
         rho = 0.5 * (low + high)
@@ -141,9 +142,9 @@ def _correlated_uniforms(rng: Generator, rho: float) -> Iterator[NDArray[np.floa
 
 
 def decisions(rng: Generator, probability: float, correlation: float) -> Iterator[NDArray[np.bool_]]:
-    """True with `probability`, the sequence's lag-1 correlation being `correlation`: a two-state Markov chain.
+    """Decisions that are true with `probability` and have lag-1 correlation `correlation`: a two-state Markov chain.
 
-    P(true | true) = P + C (1 - P) and P(true | false) = P (1 - C) have exactly this mean and this correlation.
+    P(true | true) = P + C (1 - P) and P(true | false) = P (1 - C) give exactly this mean and this correlation.
     """
     if probability == 0.0:
         return repeat(np.zeros(BLOCK, dtype=np.bool_))
@@ -174,7 +175,7 @@ def losses(rng: Generator, loss: Loss | None) -> Iterator[NDArray[np.bool_]]:
 
 
 def _gilbert_elliott(rng: Generator, loss: GilbertElliottLoss) -> Iterator[NDArray[np.bool_]]:
-    """Starts good; a message is lost by the state it finds, then the state moves."""
+    """Start in the good state. For each message, decide its loss by the present state, then change the state."""
     bad = False
     p, r, bad_loss, good_loss = loss.p, loss.r, loss.bad_loss, loss.good_loss
     while True:
@@ -191,7 +192,7 @@ def _gilbert_elliott(rng: Generator, loss: GilbertElliottLoss) -> Iterator[NDArr
 
 
 def _four_state(rng: Generator, loss: FourStateLoss) -> Iterator[NDArray[np.bool_]]:
-    """Starts in state 1; the state moves, then a message is lost by the state entered (3 and 4 lose)."""
+    """Start in state 1. For each message, change the state, then decide its loss by the new state (3 and 4 lose)."""
     state = 1
     while True:
         block = []
@@ -209,13 +210,13 @@ def _four_state(rng: Generator, loss: FourStateLoss) -> Iterator[NDArray[np.bool
 
 
 def fractions(rng: Generator) -> Iterator[NDArray[np.float64]]:
-    """Uniform in [0, 1): which bit is flipped, what a trace's loss is compared with, how often a resend is lost."""
+    """Uniform draws in [0, 1): for the bit to flip, for a trace's loss, and for the number of lost resends."""
     while True:
         yield rng.random(BLOCK)
 
 
 def flip_bit(data: bytes, position: float) -> bytes:
-    """`data` with the one bit flipped that lies at the fraction `position` in [0, 1) of its length."""
+    """`data` with one bit flipped: the one at the fraction `position` in [0, 1) of its length."""
     bit = int(position * 8 * len(data))
     flipped = bytearray(data)
     if flipped:
@@ -224,7 +225,7 @@ def flip_bit(data: bytes, position: float) -> bytes:
 
 
 def slot_intervals(rng: Generator, slot: Slot) -> Iterator[NDArray[np.int64]]:
-    """Times from one slot to the next in ns, never negative."""
+    """Times between slots in ns, never negative."""
     if slot.distribution:
         values = _Jittered(slot.min_ns, slot.max_ns, slot.distribution)
         return (values(rng.random(BLOCK)) for _ in repeat(None))
@@ -233,7 +234,7 @@ def slot_intervals(rng: Generator, slot: Slot) -> Iterator[NDArray[np.int64]]:
 
 
 def transmission_ns(size: int, profile: LinkProfile) -> int:
-    """Time in ns to put `size` bytes on the line: plus overhead, in whole cells if there are any, over the rate."""
+    """Time in ns to send `size` bytes plus overhead over the line, in whole cells if the profile has cells."""
     length = max(0, size + profile.overhead)
     if profile.cell_size:
         length = -(-length // profile.cell_size) * (profile.cell_size + profile.cell_overhead)

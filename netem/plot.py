@@ -1,4 +1,4 @@
-"""What a link does to a stream of messages, as a figure."""
+"""A figure of a link's effect on a stream of messages."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from netem.errors import NetemError
 from netem.survey import Survey
 
 _STYLE = {"font.size": 8.0, "axes.titlesize": 8.0, "axes.grid": True, "grid.linewidth": 0.4, "grid.color": "0.88"}
-_POINTS = 2000  # messages drawn one by one
+_POINTS = 2000  # number of messages drawn as points
 _PAD = 8.0
 _DELAY, _LOSS = "#08306b", "#e6550d"
 

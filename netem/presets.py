@@ -1,8 +1,8 @@
 """Named link profiles. Every figure is for one direction: two such links in series make a round trip.
 
-Where a profile resends, its loss is that of a single try, and the comment says what stays lost; a correlation of the
-losses is chosen for that, as a fade or a collision outlives a resend. All other losses and delays are what the resends
-of the real link, if it has any, leave.
+If a profile resends, its loss is that of a single try, and the comment says what stays lost. The correlation of its
+losses is chosen to give that share, because a fade or a collision lasts longer than a resend. All other losses and
+delays are those that remain after the real link's own resends, if it has any.
 """
 
 from __future__ import annotations
@@ -17,21 +17,22 @@ PRESETS: Mapping[str, str] = MappingProxyType(
         "lan": "delay 100us 20us distribution normal rate 1gbit",
         # One 802.11 hop: a median of 3 ms, as on the campus of Sui et al., "Characterizing and Improving WiFi Latency
         # in Large-Scale Operational Networks" (MobiSys 2016), with the tail of a good place. IEEE 802.11 tries a frame
-        # seven times (dot11ShortRetryLimit) and delivers in order; of its tries 10 % fail, the error rate at which the
-        # standard's receiver sensitivities hold. A retry after 0.5 ms, loss that stays (0.1 %) and rate are chosen.
+        # seven times (dot11ShortRetryLimit) and delivers in order. 10 % of the tries fail, the error rate for which the
+        # standard states receiver sensitivities. The retry after 0.5 ms, the loss that stays (0.1 %) and the rate are
+        # chosen.
         "wifi": "delay 3500us 1500us 25% distribution pareto loss 10% 40% resend 6 500us rate 100mbit",
-        # The same as that campus saw it over all: a median of 3 ms and a 90th percentile of 20 ms. Bursts of five
-        # losses on average, after Gilbert (1960) and Elliott (1963); their rate is chosen.
+        # Such a hop over the whole campus: a median of 3 ms and a 90th percentile of 20 ms. Losses come in bursts of
+        # five on average, after Gilbert (1960) and Elliott (1963); the bursts' rate is chosen.
         "lossy-wifi": "delay 7500us 14ms 25% distribution pareto loss gemodel 1% 20% rate 20mbit",
         # LTE: half of the median round trip of 70 ms, and the median uplink, of Huang et al., "A Close Examination of
         # Performance and Power Characteristics of 4G LTE Networks" (MobiSys 2012). HARQ: a resend 8 ms later (eight
         # subframes, 3GPP TS 36.321, FDD), four tries in all, of which link adaptation lets 10 % fail (3GPP TS 36.213,
-        # 7.2.3); RLC delivers in order. Jitter beside that and loss that stays (0.2 %) are chosen.
+        # 7.2.3); RLC delivers in order. The additional jitter and the loss that stays (0.2 %) are chosen.
         "4g": "delay 35ms 3ms 25% distribution normal loss 10% 20% resend 3 8ms rate 6mbit",
         # 5G below 6 GHz: half of a round trip of about 20 ms; the air interface's own millisecond is rare in practice
-        # (Fezeu et al., PAM 2023). HARQ as above, but its times are the network's to set (3GPP TS 38.213): here the
-        # answer four slots of 0.5 ms after the data, and the resend four after that. PDCP delivers in order. Jitter
-        # beside that and loss that stays (0.1 %) are chosen.
+        # (Fezeu et al., PAM 2023). HARQ as above, but the network sets its times (3GPP TS 38.213): here the answer
+        # comes four slots of 0.5 ms after the data, and the resend four slots after that. PDCP delivers in order. The
+        # additional jitter and the loss that stays (0.1 %) are chosen.
         "5g": "delay 10ms 1ms 25% distribution normal loss 10% 13% resend 3 4ms rate 100mbit",
         # Half of the 37 to 40 ms round trips, and the 1 mbit/s uplink, of Verizon's DSL tiers in the FCC's Measuring
         # Broadband America 2016.
@@ -47,7 +48,7 @@ PRESETS: Mapping[str, str] = MappingProxyType(
         # Geostationary: up and down 35,786 km at the speed of light is 239 ms below the satellite and up to 278 ms at
         # the horizon; ITU-T G.114 counts 260 ms. Access adds some jitter.
         "geo": "delay 270ms 10ms 25% distribution normal loss 0.1% rate 2mbit",
-        # The longest that force feedback was tested with: half of the seven seconds' round trip to a satellite's arm,
+        # The longest delay with which force feedback was tested: half of the 7 s round trip to a satellite's arm,
         # Imaida et al., "Ground-Space Bilateral Teleoperation of ETS-VII Robot Arm by Direct Bilateral Coupling under
         # 7-s Time Delay Condition" (IEEE T-RA 20(3), 2004). Jitter, loss (a quarter, in long bursts) and rate are
         # chosen.

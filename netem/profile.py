@@ -1,4 +1,4 @@
-"""What a link does, in the words of Linux's tc-netem: text to a frozen `LinkProfile` and back."""
+"""Describes a link in the words of Linux's tc-netem: converts text to a frozen `LinkProfile` and back."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class LinkProfile:
     """What a link does to the messages of one direction; times in ns, probabilities and correlations in [0, 1].
 
     The default does nothing. `parse` reads tc-netem's words and `str` writes them; ``parse(str(p)) == p``. `limit` is
-    tc's default of 1000 messages in flight; the link counts what it drops above that. A `trace` takes the place of a
-    rate, a `csv` adds its delay and its loss to the others; they hold what was read from their files.
+    the most messages in flight, 1000 by default as in tc; the link counts those that it drops above that. A `trace`
+    replaces a rate. A `csv` adds its delay and its loss to the others. Both hold the contents of their files.
 
     Raises
     ------
@@ -73,7 +73,7 @@ class LinkProfile:
             effects.check_int("seed", self.seed, 0, 2**64 - 1)
 
     def __str__(self) -> str:
-        """tc's words; nothing for what is left at its default, the empty string for the ideal link."""
+        """The profile in tc's words. Default values are left out, so the ideal link is the empty string."""
         out = []
         if self.delay_ns or self.jitter_ns or self.delay_correlation:
             out.append(f"delay {units.format_time(self.delay_ns)}")
@@ -92,7 +92,7 @@ class LinkProfile:
         if self.reorder or self.reorder_correlation:
             out.append("reorder " + effects.fractions(self.reorder, self.reorder_correlation or None))
         if self.gap != 1:
-            # a gap alone means that every gap-th message goes first, so its absence of chance is written out
+            # a gap alone means that every gap-th message goes first, so a chance of 0 % is written out
             out.append(f"gap {self.gap}" if out and out[-1].startswith("reorder") else f"reorder 0% gap {self.gap}")
         if self.rate_bit_s or self.overhead or self.cell_size or self.cell_overhead:
             out.append(f"rate {units.format_rate(self.rate_bit_s)}")
@@ -119,24 +119,24 @@ class LinkProfile:
 
         ``delay T [J [C]]``, ``distribution NAME``, ``loss [random] P [C]``, ``loss state P13 [P31 [P32 [P23 [P14]]]]``,
         ``loss gemodel P [R [1-H [1-K]]]``, ``corrupt P [C]``, ``reorder P [C]``, ``gap D``, ``rate R [OVERHEAD
-        [CELLSIZE [CELLOVERHEAD]]]``, ``slot ...``, ``limit N``, ``seed N``, in any order. `duplicate` is refused: what
-        this link carries may be energy, and energy that arrives twice breaks passivity.
+        [CELLSIZE [CELLOVERHEAD]]]``, ``slot ...``, ``limit N``, ``seed N``, in any order. `duplicate` is refused,
+        because messages may carry energy, and energy that arrives twice breaks passivity.
 
-        Beyond tc: ``resend N TIME [unordered]``, what is lost is offered again (`netem.effects.Resend`; 0: never);
-        ``trace FILE``, delivery opportunities in place of a rate (`netem.trace.CapacityTrace`), and ``csv FILE``, a
-        delay and a loss that change (`netem.trace.ConditionTrace`), both added to those of the other words. The file is
-        read now; its name goes in double quotes where it contains spaces.
+        Beyond tc: ``resend N TIME [unordered]`` offers lost messages again (`netem.effects.Resend`; 0: never).
+        ``trace FILE`` replaces a rate by delivery opportunities (`netem.trace.CapacityTrace`). ``csv FILE`` adds a
+        delay and a loss that change over time (`netem.trace.ConditionTrace`). The files are read at once; a name with
+        spaces needs double quotes.
         """
         return cls(**_read(text)[0])
 
     @classmethod
     def named(cls, text: str) -> LinkProfile:
-        """The profile with the name `text`, or the one that its words describe."""
+        """The profile named `text`, or else the one that its words describe."""
         return cls.preset(text.strip()) if text.strip() in PRESETS else cls.parse(text)
 
     @classmethod
     def preset(cls, name: str) -> LinkProfile:
-        """A named profile, for one direction; `PRESETS` has the words of each."""
+        """A named profile, for one direction; `PRESETS` holds the words of each."""
         if name not in PRESETS:
             raise ProfileError("profile name", name, ", ".join(PRESETS))
         return cls.parse(PRESETS[name])
@@ -153,14 +153,14 @@ def compose(
     resend: str | None = None,
     base: LinkProfile | None = None,
 ) -> LinkProfile:
-    """One profile from a command's options, values as tc writes them: ``"40ms"``, ``"10ms 25%"``, ``"gemodel 1% 20%"``.
+    """One profile from a command's options, with values as tc writes them: ``"40ms"``, ``"10ms 25%"``.
 
-    Options override a preset; beside `words` they may only add what the words leave out. Without words and preset they
+    Options override a preset. With `words`, they may only set what the words leave out. Without words and preset they
     change `base` (by default a link that does nothing).
 
     Raises
     ------
-    ProfileError : a value is malformed, or two options say the same thing.
+    ProfileError : a value is malformed, or two options set the same thing.
     """
     if words is not None and preset is not None:
         raise ProfileError("profile name", preset, "either the profile's name or its words, not both")
@@ -176,7 +176,7 @@ def compose(
         if value is None:
             continue
         if name in said and not (name == "jitter" and profile.jitter_ns == 0):
-            raise ProfileError(name, value, f"either this option or {name} among the words, not both")
+            raise ProfileError(name, value, f"either this option or {name} in the words, not both")
         cursor = _Words(value)
         fields |= _OPTIONS[name](cursor)
         if not cursor.at_end():
@@ -187,7 +187,7 @@ def compose(
 
 
 class _Words:
-    """A cursor over a profile's words."""
+    """A cursor over the words of a profile."""
 
     def __init__(self, text: str) -> None:
         self._words = units.split_words(text)
@@ -207,7 +207,7 @@ class _Words:
         return self.take("") if not self.at_end() and self._words[self._next] in words else ""
 
     def numbers(self, word: str, read: Callable[[str, str], Any], low: int, high: int) -> list[Any]:
-        """At least `low` values read with `read`, and up to `high` as long as numbers follow."""
+        """Read at least `low` values with `read`, and up to `high` while numbers follow."""
         out: list[Any] = []
         while len(out) < low or (len(out) < high and not self.at_end() and units.is_number(self._words[self._next])):
             out.append(read(word, self.take(word)))
@@ -215,7 +215,7 @@ class _Words:
 
 
 def _read(text: str) -> tuple[dict[str, Any], set[str]]:
-    """The fields that a profile's words set, and the words that were there."""
+    """The fields that a profile's words set, and the set of words found."""
     words = _Words(text)
     fields: dict[str, object] = {}
     seen: set[str] = set()
@@ -230,7 +230,7 @@ def _read(text: str) -> tuple[dict[str, Any], set[str]]:
         seen.add(word)
         fields |= _GRAMMAR[word](words)
     if "gap" in seen and "reorder" not in seen:
-        fields["reorder"] = 1.0  # as in tc: every gap-th message, without chance
+        fields["reorder"] = 1.0  # as in tc: every gap-th message, not by chance
     return fields, seen
 
 
@@ -267,7 +267,7 @@ def _loss(words: _Words) -> dict[str, object]:
 
 def _resend(words: _Words) -> dict[str, object]:
     times = units.parse_int("resend", words.take("resend"), 0, MOST_RESENDS)
-    if not times:  # none at all: a profile's own are switched off
+    if not times:  # 0 switches off the resends of a preset
         return {"resend": None}
     after_ns = units.parse_time("resend", words.take("resend"))
     return {"resend": Resend(times, after_ns, ordered=not words.take_if("unordered"))}
@@ -288,7 +288,7 @@ def _reorder_and_gap(words: _Words) -> dict[str, object]:
 
 
 def _gap(words: _Words) -> dict[str, object]:
-    # 0 is tc's word for no reordering by gap, which here is a gap of 1
+    # in tc, 0 means no reordering by gap; here that is a gap of 1
     return {"gap": max(1, units.parse_int("gap", words.take("gap"), 0, 2**32 - 1))}
 
 
@@ -350,7 +350,7 @@ _OPTIONS: Mapping[str, _Reader] = {
 _ALIASES = {"latency": "delay", "drop": "loss"}
 _REFUSED = {
     "duplicate": "no duplication: a message may carry energy, and energy that arrives twice breaks passivity",
-    "ecn": "no marking: messages have no ECN field, they are lost instead",
+    "ecn": "no marking: messages have no ECN field and are lost instead",
 }
 
 

@@ -1,4 +1,4 @@
-"""How far a long command is, in one line: redrawn on a terminal, now and then a new one elsewhere."""
+"""The progress of a long command in one line: redrawn on a terminal, elsewhere a new line from time to time."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from typing import TextIO
 
 SHOW_AFTER_S = 1.0
 LINE_EVERY_S = 5.0
-_REDRAW_S = 1.0  # seldom: what is measured may run beside it
+_REDRAW_S = 1.0  # rarely, so as not to disturb a measurement
 
 
 class Progress:
-    """Shows how far a command is, while the ``with`` block lasts; nothing if that is under a second.
+    """Shows a command's progress during the ``with`` block; nothing if it takes less than a second.
 
     Parameters
     ----------
-    out : where people read.
-    doing : what is being done.
-    expected_s : how long it takes, if that is known before.
+    out : where to write.
+    doing : says what the command does.
+    expected_s : expected duration, if known [s].
     """
 
     def __init__(self, out: TextIO, doing: str, expected_s: float | None = None) -> None:
@@ -37,11 +37,11 @@ class Progress:
         self._thread.join()
 
     def at(self, share: float) -> None:
-        """So much is done, 0 to 1; where the command knows it."""
+        """Set the share that is done, 0 to 1, if the command knows it."""
         self._share = share
 
     def line(self, lasted_s: float) -> str:
-        """What there is to say after so many seconds."""
+        """The line to show after `lasted_s` seconds."""
         share = min(lasted_s / self._expected_s, 1.0) if self._expected_s else self._share
         if not share:
             return f"{self._doing}: {lasted_s:.0f} s so far"
@@ -61,4 +61,4 @@ class Progress:
                 self._out.write("\r\x1b[K")
                 self._out.flush()
         except OSError:
-            return  # who read it has gone
+            return  # the reader has closed the output

@@ -1,11 +1,11 @@
-"""A UDP relay: any program's datagrams through a link, both ways, for many clients at once.
+"""A UDP relay: sends any program's datagrams through a link, in both directions, for many clients at once.
 
     clients  <->  [listen]  == up link ==>    [one socket a client]  <->  target
                             <== down link ==
 
-Clients share the two links, as they would share a line; what goes up leaves from a socket of the client's own, so
-answers find their way back. The size that counts for a rate is the datagram's payload: ``rate 1mbit 28`` adds the
-headers of UDP and IPv4.
+Clients share the two links, as they would share a line. Each client has its own socket towards the target, so that
+answers can be returned to it. A rate counts the size of the datagram's payload: ``rate 1mbit 28`` adds the headers of
+UDP and IPv4.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from netem.profile import LinkProfile
 from netem.stats import LinkStats
 
 SOCKET_BUFFER = 4 * 2**20
-"""Bytes asked for in each socket's buffers; the kernel grants at most ``net.core.rmem_max`` and ``wmem_max``."""
+"""Requested size of each socket's buffers [bytes]; the kernel grants at most ``net.core.rmem_max`` and ``wmem_max``."""
 
 _MAX_DATAGRAM = 65_536
-_BATCH = 256  # datagrams read in a row before the loop, and with it the timers, gets its turn
+_BATCH = 256  # most datagrams read in a row before the loop runs its timers
 _SO_MEMINFO, _MEMINFO_DROPS = 55, 8  # linux/sock_diag.h: the ninth of nine 32-bit counters (since Linux 4.12)
 
 SocketAddress = tuple[Any, ...]
@@ -42,10 +42,10 @@ SocketAddress = tuple[Any, ...]
 class RelayStats:
     """A snapshot of a relay.
 
-    `up` and `down` are the links' own. `clients` counts those with a socket now, `clients_seen` all there were.
-    `dropped` counts what the relay itself could not pass on: a full send buffer, an unreachable target, a client above
-    the limit or closed meanwhile. `socket_drops` counts what the kernel dropped because a receive buffer was full
-    (SO_MEMINFO's counter, of all the relay's sockets); None where the system does not tell.
+    `up` and `down` are the links' statistics. `clients` counts the clients with a socket now, `clients_seen` all
+    clients so far. `dropped` counts datagrams that the relay itself could not forward: the send buffer was full, the
+    target unreachable, the client above the limit or closed meanwhile. `socket_drops` counts datagrams that the kernel
+    dropped because a receive buffer was full (SO_MEMINFO's counter, over all sockets of the relay); None if unknown.
     """
 
     up: LinkStats
@@ -65,7 +65,7 @@ def parse_address(name: str, text: str) -> tuple[str, int]:
 
     Raises
     ------
-    NetemError : `text`, called `name`, is nothing of the kind.
+    NetemError : `text` is not such an address; the message calls it `name`.
     """
     match = re.fullmatch(r"(?:\[([^\[\]]+)\]|([^\[\]:\s]+)):(\d{1,5})", text, re.ASCII)
     if match is None or int(match[3]) > 65_535:
@@ -79,21 +79,21 @@ def format_address(address: SocketAddress) -> str:
 
 
 class UdpRelay:
-    """Relays between the clients of one address and a target.
+    """Relays datagrams between clients of the listening address and a target.
 
     Parameters
     ----------
-    listen, to : ``HOST:PORT`` or ``[IPV6]:PORT``; port 0 to listen on any free one. Names are resolved once.
+    listen, to : ``HOST:PORT`` or ``[IPV6]:PORT``; with port 0 it listens on any free port. Names are resolved once.
     up, down : the profiles from clients to target, and back.
     seed : of both links, whose streams are independent.
-    max_clients : clients at one time; datagrams of others are dropped and counted.
-    idle_s : a client that sent and got nothing for so long gives its socket back.
+    max_clients : most clients at one time; datagrams of others are dropped and counted.
+    idle_s : the socket of a client that sent and received nothing for this time is closed [s].
 
     Must be made on a running loop, and used on its thread.
 
     Raises
     ------
-    NetemError : an address is malformed, unknown, in use or not ours, or target and listening address are the same.
+    NetemError : an address is malformed, unknown, in use or not of this machine, or both addresses are the same.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class UdpRelay:
         if address == self._target:
             raise NetemError(f"to: {to!r} is not allowed; allowed: another address than the one listened on")
         self._clients: dict[SocketAddress, _Client] = {}
-        self._replay_window = self._dropped = self._closed_drops = 0
+        self._clients_seen = self._dropped = self._closed_drops = 0
         self._buffer = bytearray(_MAX_DATAGRAM)
         self._view = memoryview(self._buffer)
         self._socket = _udp_socket(family)
@@ -138,7 +138,7 @@ class UdpRelay:
 
     @property
     def stats(self) -> RelayStats:
-        """A snapshot of what it did so far."""
+        """A snapshot of the relay's statistics."""
         drops = None
         if self._counts_drops:
             sockets = (self._socket, *(client.socket for client in self._clients.values()))
@@ -147,13 +147,13 @@ class UdpRelay:
             up=self.up.link.stats,
             down=self.down.link.stats,
             clients=len(self._clients),
-            clients_seen=self._replay_window,
+            clients_seen=self._clients_seen,
             dropped=self._dropped,
             socket_drops=drops,
         )
 
     def close(self) -> None:
-        """Stop and give the sockets back; what is in flight is not delivered. `stats` stays; once is enough."""
+        """Stop and close the sockets; datagrams in flight are not delivered. `stats` stays. May be called again."""
         self.up.close()
         self.down.close()
         self._sweeper.cancel()
@@ -170,7 +170,7 @@ class UdpRelay:
         for _ in range(_BATCH):
             try:
                 size, address = receive(view)
-            except OSError:  # most often: nothing more to read
+            except OSError:  # usually nothing is left to read
                 break
             client = clients.get(address) or self._new_client(address)
             if client is None:
@@ -186,7 +186,7 @@ class UdpRelay:
         for _ in range(_BATCH):
             try:
                 size = receive(view)
-            except ConnectionRefusedError:  # about a datagram sent before: the target's port was closed
+            except ConnectionRefusedError:  # caused by an earlier datagram: the target's port was closed
                 self._dropped += 1
                 continue
             except OSError:
@@ -199,7 +199,7 @@ class UdpRelay:
         data, client = datagram
         try:
             client.socket.send(data)
-        except ConnectionRefusedError:  # about the one before; this one is still to be sent
+        except ConnectionRefusedError:  # caused by an earlier datagram; this one is still to be sent
             self._dropped += 1
             self._try(client.socket.send, data)
         except OSError:
@@ -223,7 +223,7 @@ class UdpRelay:
             return None
         try:
             upstream = _udp_socket(self._target_family)
-        except OSError:  # no descriptor left
+        except OSError:  # no file descriptor is left
             return None
         try:
             upstream.connect(self._target)
@@ -231,7 +231,7 @@ class UdpRelay:
             upstream.close()
             return None
         client = self._clients[address] = _Client(upstream, address)
-        self._replay_window += 1
+        self._clients_seen += 1
         self._loop.add_reader(upstream, self._from_target, client)
         return client
 
@@ -284,7 +284,7 @@ def _resolve(name: str, text: str) -> tuple[int, SocketAddress]:
 
 
 def socket_drops(of: socket.socket) -> int | None:
-    """What the kernel dropped because this socket's buffer was full; None where it does not say, or once closed."""
+    """Number of datagrams that the kernel dropped because this socket's buffer was full; None if unknown or closed."""
     try:
         counters = of.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, 4 * (_MEMINFO_DROPS + 1))
     except OSError:

@@ -1,9 +1,9 @@
 """Resends, as link layers make them (the retries of IEEE 802.11, HARQ of LTE and NR), without clock or I/O.
 
-A message's resends are decided when it is offered. To the loss model they are so many more messages that follow a lost
-one: with independent losses of p, all N resends of a lost message are lost with p^N, so that p^(N+1) stay lost; with
-bursts they are lost as often as a burst goes on for so long. The model's own course, and so which messages are lost
-when first offered, is the same with resends and without.
+A message's resends are decided when it is offered. The loss model treats them as further messages after a lost one.
+With independent losses of probability p, all N resends of a lost message are lost with p^N, so p^(N+1) of the messages
+stay lost. With bursts, all are lost as often as a burst lasts that long. The resends do not change the model's own
+states, so the same messages are lost at their first offer with and without resends.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from netem.trace import ConditionTrace
 
 
 class Resends:
-    """How many resends lost messages take.
+    """Decides how many resends lost messages take.
 
-    `luck` is a draw in [0, 1) a message: k resends in a row are lost iff it is below the chance of that, so that
-    another number of resends leaves the fates of those that there are.
+    `luck` is one draw in [0, 1) per message: k resends in a row are lost iff it is below the probability of that. So
+    the fate of a resend does not depend on how many more are allowed.
     """
 
     def __init__(self, resend: Resend, loss: Loss | None) -> None:
@@ -32,12 +32,12 @@ class Resends:
         self._ascending = self._lost_again[::-1]
 
     def taken(self, luck: float) -> tuple[int, bool]:
-        """(how often a lost message is offered again, is it lost for good?)."""
+        """(number of resends of a lost message, whether it is lost for good)."""
         lost = self._times - bisect_right(self._ascending, luck)
         return min(lost + 1, self._times), lost == self._times
 
     def taken_under(self, luck: float, conditions: ConditionTrace, elapsed_ns: int) -> tuple[int, bool]:
-        """The same where a trace adds its loss, that of each resend's own time; `elapsed_ns` is the message's."""
+        """As `taken`, with a trace that adds its loss at each resend's time; `elapsed_ns` is the message's time."""
         chance, before = 1.0, 1.0
         for k, again in enumerate(self._lost_again, start=1):
             model = again / before if before else 0.0
@@ -50,6 +50,6 @@ class Resends:
     def taken_by_all(
         self, lost: NDArray[np.bool_], luck: NDArray[np.float64]
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """`taken` of many, also of messages that are not lost when first offered."""
+        """`taken` for many messages, including those that are not lost at their first offer."""
         failed = self._times - np.searchsorted(self._ascending, luck, side="right")
         return np.where(lost, np.minimum(failed + 1, self._times), 0), lost & (failed == self._times)

@@ -11,13 +11,13 @@ from netem.effects import Slot
 T = TypeVar("T")
 
 Entry = tuple[int, int, T, int, int]
-"""What is on a link: when it is due, its number, the item, when it was sent, its size. Numbers differ."""
+"""A message on a link: due time, number, item, send time, size. Each number is used once."""
 
 
 class SlotGate(Generic[T]):
-    """Opens at random intervals, and lets a slot's packets and bytes through each time.
+    """Opens at random intervals, and each time lets the slot's packets and bytes through.
 
-    slot : its limits. intervals : draws the time to the next slot [ns]. now_ns : the first slot opens at once.
+    slot : the limits. intervals : draws the time to the next slot [ns]. now_ns : the first slot opens now.
     """
 
     def __init__(self, slot: Slot, intervals: Callable[[], int], now_ns: int) -> None:
@@ -26,7 +26,7 @@ class SlotGate(Generic[T]):
         self._packets = self._bytes = 0
 
     def run(self, queue: list[Entry[T]], ready: list[Entry[T]], now_ns: int) -> None:
-        """Move what the slots up to now let through from the queue, a heap, to `ready`."""
+        """Move the messages that the slots up to now let through from the queue, a heap, to `ready`."""
         slot = self._slot
         while queue:
             due_ns = queue[0][0]
@@ -45,7 +45,7 @@ class SlotGate(Generic[T]):
             self.look(queue, release_ns)
 
     def look(self, queue: list[Entry[T]], now_ns: int) -> None:
-        """As the kernel does after each arrival and release: give up a slot too early for the head of the queue."""
+        """Skip a slot too early for the head of the queue, as the kernel does after each arrival and release."""
         if queue and self.opens_ns < queue[0][0]:
             self._open(now_ns)
 

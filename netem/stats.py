@@ -1,4 +1,4 @@
-"""What a link did: counters, and delay percentiles from a histogram of fixed size."""
+"""A link's statistics: counters, and delay percentiles from a histogram of fixed size."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ from operator import mul
 import numpy as np
 
 _PER_OCTAVE = 64  # a bin is 1.1 % wide
-_FEWEST = 8  # bins that are always allowed
-_FLOOR_NS, _OCTAVES = 1000, 40  # 1 us to 10^6 s; what lies outside counts in the outermost bins
+_FEWEST = 8  # bins_ms never joins to fewer than this many filled bins
+_FLOOR_NS, _OCTAVES = 1000, 40  # 1 us to 10^6 s; values outside count in the outermost bins
 
 
 @dataclass(frozen=True, slots=True)
 class LinkStats:
     """A snapshot: offered = delivered + lost + lost_down + dropped_limit + in_flight, always.
 
-    `profile` is the one in force, in tc's words. `lost` counts the work of the loss model and of a trace, as far as
-    resends do not mend it, and `loss_bursts` its runs; `resent` counts the resends, `recovered` the messages that one
-    of them delivers, both when the message is offered. `lost_down` is what was offered to a link that was down, and is
-    not resent, `dropped_limit` what found the link full.
-    `reordered` counts messages delivered after one that was sent later (RFC 4737, section 3.3), whatever the cause:
-    with ``reorder 5%`` of a long queue that is nearly everything which was overtaken, while `sent_ahead` counts the
-    overtakers that the word itself made. Delays are from offer to the release that the profile gave, None before the
-    first; the percentiles are read from bins 1.1 % wide. `late_max_ms` is how long anything stayed after its release at
-    most, because nobody polled. `netem.expect` has what these figures should come to.
+    `profile` is the active one, in tc's words. `lost` counts the messages lost by the loss model or a trace and not
+    recovered by resends, and `loss_bursts` their runs. `resent` counts the resends, `recovered` the messages that a
+    resend delivers; both count when the message is offered. `lost_down` counts messages offered to a link that was down
+    (these are not resent), `dropped_limit` those that found the link full. `reordered` counts messages delivered after
+    one that was sent later (RFC 4737, section 3.3), whatever the cause. With ``reorder 5%`` and a long queue these are
+    nearly all messages, because nearly all are overtaken; `sent_ahead` counts only the messages that `reorder` itself
+    sent ahead. Delays are from the offer to the release by the profile, None before the first; the percentiles are read
+    from bins 1.1 % wide. `late_max_ms` is the longest time that a message stayed after its release because nobody
+    polled. `netem.expect` computes the figures to expect.
 
-    `delay_histogram_ms` is ready to draw, (edge, count): a bin reaches from the edge before it to its own, and holds
-    `count` delays. A count of 0 is a gap; the first is one, which only says where the first bin begins.
+    `delay_histogram_ms` is ready to draw, as (edge, count): a bin reaches from the previous edge to its own, and holds
+    `count` delays. A count of 0 is a gap; so is the first entry, which only says where the first bin begins.
     """
 
     profile: str
@@ -54,7 +54,7 @@ class LinkStats:
 
     @property
     def loss(self) -> float | None:
-        """The share lost and not recovered, of what was offered while the link was up; None if that is nothing."""
+        """The share lost and not recovered, of the messages offered while the link was up; None without any."""
         offered = self.offered - self.lost_down
         return self.lost / offered if offered else None
 
@@ -69,7 +69,7 @@ class LinkStats:
 
 
 class DelayHistogram:
-    """Counts delays in ns in a fixed number of log-spaced bins: append to `pending`, `fold` at `PENDING` or before."""
+    """Counts delays [ns] in a fixed number of log-spaced bins. Append to `pending`; `fold` at `PENDING` or before."""
 
     PENDING = 256
 
@@ -80,7 +80,7 @@ class DelayHistogram:
         self.pending: list[int] = []
 
     def fold(self) -> None:
-        """Move what is pending into the bins, which costs less for many at once."""
+        """Move the pending delays into the bins, which costs less for many at once."""
         if not self.pending:
             return
         least, most = min(self.pending), max(self.pending)
@@ -104,11 +104,11 @@ class DelayHistogram:
         self.fold()
         if not self._count:
             return None
-        # whole numbers, so that nothing cancels
+        # in whole numbers, so that no digits cancel
         return math.sqrt(self._count * self._total_square - self._total_ns**2) / self._count * 1e-6
 
     def quantile_ms(self, fraction: float) -> float | None:
-        """The delay in ms that `fraction` of those counted do not exceed; None if nothing was counted."""
+        """The delay in ms that the share `fraction` of all delays does not exceed; None if nothing was counted."""
         self.fold()
         if not self._count:
             return None
@@ -118,9 +118,9 @@ class DelayHistogram:
         return float(min(max(middle, self._least_ns), self._most_ns)) * 1e-6
 
     def bins_ms(self, most: int = 60) -> tuple[tuple[float, int], ...]:
-        """(edge, count) as in `LinkStats.delay_histogram_ms`; neighbours are joined until few enough are filled.
+        """(edge, count) as in `LinkStats.delay_histogram_ms`; neighbours are joined until few enough bins are filled.
 
-        That is `most`, or the square root of how many were counted, as of fewer a finer histogram shows only noise.
+        At most `most` bins are filled, and at most the square root of the count: a finer histogram shows only noise.
         """
         self.fold()
         counts, most = self._counts, min(most, max(_FEWEST, math.isqrt(self._count)))
@@ -138,10 +138,10 @@ class DelayHistogram:
 
 
 class Counters:
-    """What a link counts; the names are those of `LinkStats`.
+    """A link's counters; the names are those of `LinkStats`.
 
-    newest : the number of the newest message that was delivered. last_lost : of the last one that was lost.
-    late_max_ns : see `LinkStats.late_max_ms`. delays : of what was delivered.
+    newest : number of the newest message delivered. last_lost : number of the last message lost.
+    late_max_ns : see `LinkStats.late_max_ms`. delays : of the delivered messages.
     """
 
     __slots__ = (
@@ -157,14 +157,14 @@ class Counters:
         self.delays = DelayHistogram()
 
     def lose(self, order: int) -> None:
-        """The message with this number is lost by the loss model or a trace."""
+        """Count the message with this number as lost by the loss model or a trace."""
         self.lost += 1
         if self.last_lost != order - 1:
             self.loss_bursts += 1
         self.last_lost = order
 
     def snapshot(self, profile: str, in_flight: int) -> LinkStats:
-        """What the link did so far."""
+        """The link's statistics so far."""
         gone = self.lost + self.lost_down + self.dropped_limit
         return LinkStats(
             profile=profile,
@@ -190,5 +190,5 @@ class Counters:
 
 
 def _edge_ms(index: int) -> float:
-    """Where the bin begins; what is below the first counts in it."""
+    """Where the bin begins [ms]; the first begins at 0, because smaller values count in it."""
     return _FLOOR_NS * 2.0 ** (index / _PER_OCTAVE) * 1e-6 if index else 0.0

@@ -1,4 +1,4 @@
-"""A stream of messages sent through a link in virtual time, and what became of it."""
+"""Sends a stream of messages through a link in virtual time, and evaluates losses and delays."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ _TELL_EVERY = 10_000
 
 @dataclass(frozen=True, slots=True)
 class Survey:
-    """The link's `stats`, and the delays (ms) of what was delivered, in the order it was sent.
+    """The link's `stats`, and the delays of the messages in the order in which they were sent.
 
-    `counts` is their histogram over the bins between `edges_ms`. A burst of losses is a run of messages that did not
-    arrive, whatever the reason. `delays_ms` has one value a message sent, NaN where it did not arrive.
+    `delays_ms` has one value per message sent, NaN if it did not arrive. `counts` is their histogram over the bins
+    between `edges_ms`. A burst of losses is a run of messages that did not arrive, for any reason.
     """
 
     stats: LinkStats
@@ -33,7 +33,7 @@ class Survey:
     counts: list[int]
 
     def as_dict(self) -> dict[str, object]:
-        """All fields but the single delays by name, as JSON has them; the link's counters at the top."""
+        """All fields except `delays_ms` by name, as in JSON; the link's counters come first."""
         names = [field.name for field in fields(self) if field.name not in ("stats", "delays_ms")]
         return self.stats.as_dict() | {name: getattr(self, name) for name in names}
 
@@ -50,7 +50,8 @@ def run(
 ) -> Survey:
     """Send `count` messages of `size` bytes, one every `interval_ns`, and wait for all that arrive.
 
-    The messages are plain numbers, so there is nothing to corrupt. `progress` is told now and then what share is sent.
+    The messages are plain numbers, so nothing can be corrupted. `progress` is called from time to time with the share
+    sent, 0 to 1.
     """
     link: Link[int] = Link(profile, seed)
     delays = np.full(count, -1, dtype=np.int64)
@@ -85,7 +86,7 @@ def _evaluate(stats: LinkStats, delays: NDArray[np.int64], bins: int) -> Survey:
 
 
 def lines(profile: LinkProfile, result: Survey) -> list[str]:
-    """A survey for people: what was asked for, what came of it, and the histogram of delays."""
+    """A survey for people: the figures asked for, those achieved, and the histogram of delays."""
     stats, asked = result.stats, expect(profile)
     out: list[str] = []
     out.append(f"profile    {stats.profile or '(nothing)'}")
@@ -114,7 +115,7 @@ def lines(profile: LinkProfile, result: Survey) -> list[str]:
         )
         out.append(
             f"           asked {asked.delay_mean_ms:.3f} ms and {asked.delay_std_ms:.3f} ms"
-            + (", before what the rate, trace, slot or order of resends adds" if queued else "")
+            + (", without the delay that rate, trace, slot or ordered resends add" if queued else "")
         )
         out.append(f"           lag-1 correlation {result.delay_correlation or 0.0:.3f}")
     if len(result.edges_ms) > 2:
@@ -125,7 +126,7 @@ def lines(profile: LinkProfile, result: Survey) -> list[str]:
 
 
 def lag_1_correlation(series: NDArray[np.float64]) -> float | None:
-    """Pearson's correlation of successive values; None for a constant or a short series."""
+    """Pearson's correlation of successive values; None for a constant or too short series."""
     if len(series) < 3 or np.ptp(series[1:]) == 0 or np.ptp(series[:-1]) == 0:
         return None
     return float(np.corrcoef(series[:-1], series[1:])[0, 1])

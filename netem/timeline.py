@@ -21,7 +21,7 @@ _FORM = "'at TIME: PROFILE', 'at TIME: down', 'at TIME: up' or, last, 'at TIME: 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """What happens to a link at a time since the timeline's start: another profile, or it goes down or up."""
+    """A change of a link at a time since the timeline's start: another profile, or the link goes down or up."""
 
     at_ns: int
     action: LinkProfile | Literal["down", "up"]
@@ -32,13 +32,13 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Timeline:
-    """Changes of a link in the order of their times; all start over after `repeat_ns`, unless that is 0.
+    """Changes of a link in the order of their times. All are repeated after `repeat_ns`, unless that is 0.
 
     `parse` and `load` read it and `str` writes it; ``parse(str(t)) == t``.
 
     Raises
     ------
-    ProfileError : the entries' times go back, or the repetition comes before the last entry or at 0.
+    ProfileError : the entries' times decrease, or the repetition is at 0 or before the last entry.
     """
 
     entries: tuple[Entry, ...]
@@ -47,7 +47,7 @@ class Timeline:
     def __post_init__(self) -> None:
         for earlier, later in pairwise(self.entries):
             if later.at_ns < earlier.at_ns:
-                raise ProfileError("timeline", str(later), f"a time not before {units.format_time(earlier.at_ns)}")
+                raise ProfileError("timeline", str(later), f"a time of {units.format_time(earlier.at_ns)} or later")
         for entry in self.entries:
             if not 0 <= entry.at_ns <= units.MAX_TIME_NS:
                 raise ProfileError("timeline", entry.at_ns, "times from 0 to 100000s")
@@ -61,9 +61,9 @@ class Timeline:
 
     @classmethod
     def parse(cls, text: str) -> Timeline:
-        """Read entries ``at TIME: WHAT``, one a line or separated by semicolons; ``#`` starts a comment.
+        """Read entries ``at TIME: WHAT``, one per line or separated by semicolons; ``#`` starts a comment.
 
-        WHAT is a whole profile in its words (what it leaves out is at its default, not as it was), a named profile,
+        WHAT is a whole profile in its words (words left out mean the default, not the previous value), a named profile,
         ``down``, ``up``, or, in the last entry, ``repeat``.
 
         Raises
@@ -78,7 +78,7 @@ class Timeline:
                 raise ProfileError(word, given, "nothing after 'repeat'")
             at_ns, what = _read_head(word, given)
             if entries and at_ns < entries[-1].at_ns:
-                raise ProfileError(word, units.format_time(at_ns), "a time not before that of the entry above")
+                raise ProfileError(word, units.format_time(at_ns), "a time that is not before the previous entry's")
             if what == "repeat":
                 if not entries or at_ns == 0:
                     raise ProfileError(word, "repeat", "a time above 0, after at least one entry")
@@ -102,14 +102,14 @@ class Timeline:
 
     @classmethod
     def read(cls, text_or_path: str) -> Timeline:
-        """The timeline that a command's option means: entries if it starts like one, else a file's name."""
+        """Read a command's option: entries if it starts like one, else the name of a file."""
         return cls.parse(text_or_path) if _LIKE_ENTRIES.match(text_or_path) else cls.load(text_or_path)
 
 
 class TimelinePlayer:
-    """Applies a timeline to a link, without a clock: call `advance` before whatever else the link does at that time.
+    """Applies a timeline to a link, without a clock: call `advance` before using the link at that time.
 
-    A change is applied with the time it was due, also by a late caller; what is in flight stays in flight.
+    A change is applied with its due time, even if the caller is late. Messages in flight stay in flight.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ class TimelinePlayer:
 
     @property
     def next_due_ns(self) -> int | None:
-        """When the next change is due; None if there is none left."""
+        """When the next change is due [ns]; None if none is left."""
         entries = self._timeline.entries
         if self._next < len(entries):
             return self._start_ns + entries[self._next].at_ns
@@ -133,9 +133,9 @@ class TimelinePlayer:
         return self._start_ns + self._timeline.repeat_ns + entries[0].at_ns
 
     def advance(self, now_ns: int) -> list[tuple[int, Entry]]:
-        """Apply what is due by `now_ns`; returns the changes with their times.
+        """Apply the changes due by `now_ns`. Returns them with their times.
 
-        A caller who is late by several repetitions gets the last whole one of them only, which leaves the same state.
+        If the caller is late by several repetitions, only the last whole one is applied, which gives the same state.
         """
         period_ns = self._timeline.repeat_ns
         if period_ns and (behind := (now_ns - self._start_ns) // period_ns - 2) > 0:

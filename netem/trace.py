@@ -1,4 +1,4 @@
-"""Recorded links: mahimahi's delivery opportunities, and delay and loss over time; both repeat when they end."""
+"""Recorded links: mahimahi's delivery opportunities, and delay and loss over time. Both repeat at their end."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ _Trace = TypeVar("_Trace")
 
 @dataclass(frozen=True, slots=True)
 class CapacityTrace:
-    """``trace FILE``: the times at which a link could deliver 1500 bytes, from mahimahi's format.
+    """``trace FILE``: the times at which a link could deliver 1500 bytes, in mahimahi's format.
 
-    Each line of the file is a millisecond, none before the last one's, and an opportunity of its own; after the last
-    line's time the trace repeats (Netravali et al., USENIX ATC 2015; Winstein et al., NSDI 2013).
+    Each line of the file is one delivery opportunity: its time in milliseconds, never less than on the line above.
+    After the last line's time the trace repeats (Netravali et al., USENIX ATC 2015; Winstein et al., NSDI 2013).
 
-    `path` is the file's name, for `str`; a trace made in memory may take any name.
+    `path` is the file's name, for `str`; a trace made in memory may have any name.
     """
 
     path: str
@@ -39,28 +39,28 @@ class CapacityTrace:
         if not self.times_ns or self.times_ns[-1] <= 0:
             raise ProfileError("trace", self.path, "at least one opportunity after time 0")
         if self.times_ns[0] < 0 or any(later < earlier for earlier, later in pairwise(self.times_ns)):
-            raise ProfileError("trace", self.path, "times from 0 on, none before the one above it")
+            raise ProfileError("trace", self.path, "times from 0 on, none less than the one before it")
 
     def __str__(self) -> str:
         return f"trace {units.format_path(self.path)}"
 
     @property
     def period_ns(self) -> int:
-        """When the trace starts over: the time of its last opportunity."""
+        """Length of one repetition [ns]: the time of its last opportunity."""
         return self.times_ns[-1]
 
     @property
     def mean_rate_bit_s(self) -> float:
-        """What the trace can carry, on average over its length."""
+        """Mean capacity over one repetition [bit/s]."""
         return 8 * OPPORTUNITY_BYTES * len(self.times_ns) * 1e9 / self.period_ns
 
     def time_ns(self, number: int) -> int:
-        """The time since the start of opportunity `number`, counted from 0 through all repetitions."""
+        """Time of opportunity `number` since the start [ns]; opportunities count from 0 through all repetitions."""
         cycle, index = divmod(number, len(self.times_ns))
         return cycle * self.period_ns + self.times_ns[index]
 
     def first_after(self, elapsed_ns: int) -> int:
-        """The number of the first opportunity that comes later than `elapsed_ns` after the start."""
+        """Number of the first opportunity later than `elapsed_ns` after the start."""
         cycle, within = divmod(elapsed_ns, self.period_ns)
         return cycle * len(self.times_ns) + bisect_right(self.times_ns, within)
 
@@ -70,25 +70,24 @@ class CapacityTrace:
 
         Raises
         ------
-        ProfileError : the file cannot be read, or a line is not a millisecond; it names the line.
+        ProfileError : the file cannot be read, or a line is not a time in milliseconds; it names the line.
         """
         return _load("trace", path, lambda lines: cls(path, tuple(_opportunities(path, lines))))
 
 
 class TraceLine:
-    """The line that a `CapacityTrace` makes: messages cross in the order they come, sharing opportunities.
+    """The line of a `CapacityTrace`: messages cross in order and share opportunities.
 
-    As in mahimahi's link shell, a message takes its bytes from one opportunity after the other and has crossed with its
-    last byte; what it leaves of an opportunity goes to the message that waits behind it, or is lost if there is none,
-    as is an opportunity that finds nobody waiting. A message that becomes ready at the instant of an opportunity
-    waits for the next. (mahimahi counts 1504 bytes, with four of its tunnel's own to each packet; here the bytes are
-    those of the message.)
+    As in mahimahi's link shell, a message takes its bytes from successive opportunities and has crossed with its last
+    byte. The rest of an opportunity goes to the message that waits behind it. If none waits, the rest, or the whole
+    opportunity, is lost. A message that becomes ready at the instant of an opportunity waits for the next one.
+    (mahimahi counts 1504 bytes, four of them for its tunnel's header per packet; here only the message's bytes count.)
 
     Parameters
     ----------
     trace : the opportunities.
     start_ns : when the trace starts; it also repeats backwards from there.
-    free_ns : the line serves nobody before this, since it carries somebody else.
+    free_ns : when the line is free; until then it carries earlier messages.
     """
 
     def __init__(self, trace: CapacityTrace, start_ns: int, free_ns: int) -> None:
@@ -98,7 +97,7 @@ class TraceLine:
         self._left = 0
 
     def release_ns(self, ready_ns: int, size: int) -> int:
-        """When a message of `size` bytes has crossed that is ready, behind all others, at `ready_ns`."""
+        """When a message of `size` bytes has crossed the line, if it is ready at `ready_ns`, behind all others."""
         if ready_ns >= self._last_ns:
             self._number = self._trace.first_after(ready_ns - self._start_ns)
             self._left = OPPORTUNITY_BYTES
@@ -113,13 +112,13 @@ class TraceLine:
 
 @dataclass(frozen=True, slots=True)
 class ConditionTrace:
-    """``csv FILE``: delay and loss over time, in steps; columns ``time_s,delay_ms,loss_percent``, named in line 1.
+    """``csv FILE``: delay and loss over time, in steps. Line 1 names the columns ``time_s,delay_ms,loss_percent``.
 
-    Times count from the first line's and increase. Each line holds until the next one's time, the last one as long as
-    the line before it, and then the trace starts over. A trace of one line never changes. ``loss_percent`` may be left
+    Times increase and count from the first one. Each line holds until the time of the next. The last line holds as long
+    as the line before it; then the trace starts over. A trace of one line never changes. ``loss_percent`` may be left
     out.
 
-    `losses` are probabilities. `path` is the file's name, for `str`; a trace made in memory may take any name.
+    `losses` are probabilities. `path` is the file's name, for `str`; a trace made in memory may have any name.
     """
 
     path: str
@@ -130,9 +129,9 @@ class ConditionTrace:
     def __post_init__(self) -> None:
         units.check_path("csv", self.path)
         if not len(self.times_ns) == len(self.delays_ns) == len(self.losses) > 0:
-            raise ProfileError("csv", self.path, "one delay and one loss a time, at least one of each")
+            raise ProfileError("csv", self.path, "one delay and one loss for each time, and at least one time")
         if self.times_ns[0] != 0 or any(later <= earlier for earlier, later in pairwise(self.times_ns)):
-            raise ProfileError("csv", self.path, "increasing times, the first one 0")
+            raise ProfileError("csv", self.path, "increasing times that begin with 0")
         if not all(0 <= delay <= units.MAX_TIME_NS for delay in self.delays_ns):
             raise ProfileError("csv", self.path, "delays from 0 to 100000s")
         if not all(0.0 <= loss <= 1.0 for loss in self.losses):
@@ -143,7 +142,7 @@ class ConditionTrace:
 
     @property
     def period_ns(self) -> int:
-        """When the trace starts over."""
+        """Length of one repetition [ns]."""
         return 2 * self.times_ns[-1] - self.times_ns[-2] if len(self.times_ns) > 1 else 1
 
     def at(self, elapsed_ns: int) -> tuple[int, float]:
@@ -161,7 +160,7 @@ class ConditionTrace:
         return self.mean_of([(delay - mean) ** 2 for delay in self.delays_ns])
 
     def mean_of(self, values: Sequence[float]) -> float:
-        """The mean over one repetition of what has these values, one a line."""
+        """The mean over one repetition of a quantity with these values, one per line."""
         ends = (*self.times_ns[1:], self.period_ns)
         spans = zip(self.times_ns, ends, values, strict=True)
         return math.fsum((end - begin) * value for begin, end, value in spans) / self.period_ns
@@ -172,7 +171,7 @@ class ConditionTrace:
 
         Raises
         ------
-        ProfileError : the file cannot be read, or a line or the heading is malformed; it names the line.
+        ProfileError : the file cannot be read, or the heading or a line is malformed; it names the line.
         """
         return _load("csv", path, lambda lines: cls(path, *_conditions(path, lines)))
 
@@ -183,7 +182,7 @@ def _load(word: str, path: str, read: Callable[[Iterable[str]], _Trace]) -> _Tra
         with units.open_file(word, path) as lines:
             return read(lines)
     except csv.Error as error:
-        raise ProfileError(word, path, "a file of text") from error
+        raise ProfileError(word, path, "a text file") from error
 
 
 def _opportunities(path: str, lines: Iterable[str]) -> Iterable[int]:
@@ -191,7 +190,7 @@ def _opportunities(path: str, lines: Iterable[str]) -> Iterable[int]:
     for number, line in enumerate(lines, start=1):
         text = line.strip()
         if not (text.isascii() and text.isdigit()) or len(text) > 12 or not last <= int(text) <= _MAX_MS:
-            allowed = f"whole milliseconds from 0 to {_MAX_MS}, one a line, none before the one above it"
+            allowed = f"whole milliseconds from 0 to {_MAX_MS}, one per line, none less than the one above it"
             raise ProfileError(f"trace {units.format_path(path)}, line {number}", text[:40], allowed)
         last = int(text)
         yield last * _MS
@@ -215,16 +214,16 @@ def _conditions(path: str, lines: Iterable[str]) -> tuple[tuple[int, ...], tuple
             values = [Decimal(text.strip()) for text in row]
             time, delay, loss = values if len(heading) == 3 else (*values, Decimal(0))
         except (InvalidOperation, ValueError):
-            raise ProfileError(word, ",".join(row)[:80], "a number in each column of the first line") from None
+            raise ProfileError(word, ",".join(row)[:80], "a number in each column that line 1 names") from None
         if not all(value.is_finite() for value in values) or not abs(time) <= units.MAX_TIME_NS:
             raise ProfileError(word, ",".join(row)[:80], "finite numbers")
         if not 0 <= delay <= _MAX_MS or not 0 <= loss <= 100:
             raise ProfileError(word, ",".join(row)[:80], f"a delay from 0 to {_MAX_MS} ms, a loss from 0 to 100 %")
         times.append(int(time * 10**9))
         if len(times) > 1 and times[-1] <= times[-2]:
-            raise ProfileError(word, ",".join(row)[:80], "a time after the line above it")
+            raise ProfileError(word, ",".join(row)[:80], "a time greater than on the line above")
         delays.append(int(delay * _MS))
         losses.append(float(loss.scaleb(-2)))
     if not times:
-        raise ProfileError(f"csv {units.format_path(path)}", "", "at least one line below the first")
+        raise ProfileError(f"csv {units.format_path(path)}", "", "at least one line below line 1")
     return tuple(time - times[0] for time in times), tuple(delays), tuple(losses)

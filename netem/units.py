@@ -1,4 +1,4 @@
-"""Times, rates and percentages as tc writes them, and file names: text to exact values and back, without loss."""
+"""Times, rates and percentages as tc writes them, and file names: exact conversion of text to values and back."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ for _power, _letter in enumerate("kmgt", start=1):
 
 
 def is_number(text: str) -> bool:
-    """Whether tc would read `text` as the next optional figure (and not as the next word)."""
+    """Whether tc would read `text` as the next optional number (and not as the next word)."""
     return text.lstrip("+-.")[:1].isdigit()
 
 
 def parse_time(word: str, text: str) -> int:
     """Time in whole ns, truncated as tc does, 0 to 100,000 s.
 
-    A unit is required (but for 0): tc's manual page calls a bare number microseconds, its code nanoseconds.
+    A unit is required (except for 0): tc's manual page reads a bare number as microseconds, its code as nanoseconds.
     """
     allowed = "a time with its unit (s, ms, us, ns), 0 to 100000s, such as 40ms"
     number, unit = _split(word, text, allowed)
@@ -47,7 +47,7 @@ def parse_time(word: str, text: str) -> int:
 
 
 def format_time(ns: int) -> str:
-    """The shortest exact text of a time; ``parse_time`` gives the same ns back."""
+    """The shortest exact text of a time; ``parse_time`` returns the same ns."""
     unit = next((u for u, scale in _TIME_NS.items() if ns >= scale), "ms")
     return _plain(Decimal(ns) / _TIME_NS[unit]) + unit
 
@@ -67,8 +67,8 @@ def format_fraction(fraction: float) -> str:
 
 
 def parse_rate(word: str, text: str) -> int:
-    """Rate in bit/s; tc's suffixes, where ``bit`` counts bits, ``bps`` bytes, and a bare number bits."""
-    allowed = "a rate such as 1mbit, 500kbit (bits) or 60kbps (bytes a second), 0 for no limit"
+    """Rate in bit/s, with tc's suffixes: ``bit`` and a bare number mean bits, ``bps`` bytes."""
+    allowed = "a rate such as 1mbit, 500kbit (bits per second) or 60kbps (bytes per second); 0 for no limit"
     number, unit = _split(word, text, allowed)
     if unit not in _RATE_BIT_S or not 0 <= (rate := number * _RATE_BIT_S[unit]) <= MAX_RATE_BIT_S:
         raise ProfileError(word, text, allowed)
@@ -91,46 +91,46 @@ def parse_int(word: str, text: str, low: int, high: int = 2**63 - 1) -> int:
 
 
 def split_words(text: str) -> list[str]:
-    """The words of a text; one in double quotes may hold spaces, and comes without its quotes.
+    """The words of a text. A word in double quotes may contain spaces; it is returned without the quotes.
 
     Raises
     ------
-    ProfileError : a quote has no partner, or stands inside a word.
+    ProfileError : a quote has no partner, or is inside a word.
     """
     words = _WORD.findall(text)
     for word in words:
         if '"' in word and not (len(word) > 1 and word[0] == word[-1] == '"' and word.count('"') == 2):
-            raise ProfileError("profile", word, "words, and file names in a pair of double quotes")
+            raise ProfileError("profile", word, "words, and file names in double quotes")
     return [word.strip('"') for word in words]
 
 
 def format_path(path: str) -> str:
-    """A file's name as one word: in double quotes where it would not be one otherwise."""
+    """A file's name as one word: in double quotes if needed."""
     return f'"{path}"' if any(c.isspace() or c in ";#" for c in path) else path
 
 
 def check_path(word: str, path: str) -> None:
-    """`path` can be written as one word."""
+    """Raise ProfileError unless `path` can be written as one word."""
     if not path or '"' in path or not path.isprintable():
-        raise ProfileError(word, path, "a file's name, without double quotes and line breaks")
+        raise ProfileError(word, path, "a file's name without double quotes or line breaks")
 
 
 @contextmanager
 def open_file(word: str, path: str, allowed: str = "") -> Iterator[TextIO]:
-    """A file of text for reading; a pipe or a device is refused, since it may be waited for without end.
+    """Open a text file for reading. A pipe or a device is refused, because reading it may never end.
 
     Raises
     ------
-    ProfileError : it cannot be read, or is not text; `allowed` says what else there could have been.
+    ProfileError : it cannot be read, or is not text. `allowed` says what else could have been given.
     """
     try:
         if not stat.S_ISREG(os.stat(path).st_mode):
-            raise ProfileError(word, path, f"{allowed}a plain file, no pipe, device or directory")
+            raise ProfileError(word, path, f"{allowed}a plain file, not a pipe, device or directory")
         with open(path, encoding="utf-8-sig", newline="") as file:
             yield file
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not text"
-        raise ProfileError(word, path, f"{allowed}a file of text that can be read ({reason})") from error
+        raise ProfileError(word, path, f"{allowed}a readable text file ({reason})") from error
 
 
 def _split(word: str, text: str, allowed: str) -> tuple[Decimal, str]:

@@ -1,4 +1,4 @@
-"""The flag `--version` of both commands."""
+"""The `--version` flag of both commands."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import typer
 
 
 def tell(program: str) -> Callable[[typer.Context, bool], None]:
-    """What the flag of a program calls: it prints the versions and ends the program."""
+    """The flag's callback: it prints the versions and ends the program."""
 
     def print_versions(context: typer.Context, wanted: bool) -> None:
         if wanted and not context.resilient_parsing:

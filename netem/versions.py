@@ -1,4 +1,4 @@
-"""What is installed, and on what it runs: the words of `--version`, for bug reports. Imports none of it."""
+"""The text of `--version` for bug reports: what is installed, and the system. It imports none of the packages."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from importlib import metadata
 
 ABSENT = "not installed"
 DISTRIBUTION = "hapnet-haptics"
-"""What brings both packages, `hapnet` and `netem`."""
+"""The distribution that contains both packages, `hapnet` and `netem`."""
 PACKAGES = ("numpy", "eclipse-zenoh", "msgpack", "typer", "rich", "mcap", "matplotlib", "viser")
 
 
 def installed(package: str) -> str:
-    """A distribution's version, or that it is not installed."""
+    """A distribution's version, or `ABSENT`."""
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
@@ -22,7 +22,7 @@ def installed(package: str) -> str:
 
 
 def described(program: str, packages: Sequence[str] = PACKAGES) -> str:
-    """A line for the program, then one each for Python, the system, the processors and the packages."""
+    """One line each for the program, Python, the system, the processors and the packages."""
     system = " ".join(filter(None, (platform.system(), platform.release(), platform.machine())))
     rows = {
         "python": f"{platform.python_version()} ({platform.python_implementation()})",

@@ -1,17 +1,17 @@
-"""A Zenoh relay: what is published in one network arrives in another through a link, both ways.
+"""A Zenoh relay: samples published in one network arrive in another through a link, in both directions.
 
     network A  <->  session that listens  == up link ==>    session that dials  <->  network B
                                           <== down link ==
 
-Relayed: puts and deletes under one key expression, each with its key, payload, encoding, attachment, timestamp,
-priority, congestion control and express flag, through the link; liveliness tokens, at once and without loss, since a
-token says that something exists. Not relayed: queries and their replies, whether somebody subscribes (`matching`), a
-publisher's reliability (all is put as reliable), and who published (`source_info`).
+Relayed through the link: puts and deletes under one key expression, each with its key, payload, encoding, attachment,
+timestamp, priority, congestion control and express flag. Liveliness tokens are relayed at once and without loss,
+because a token says that something exists. Not relayed: queries and their replies, whether somebody subscribes
+(`matching`), a publisher's reliability (everything is put as reliable), and the publisher (`source_info`).
 
-No loops: each session hears what others in its network publish, never what the relay itself put there. Two networks
-that are joined elsewhere too, by a second relay for example, are a loop that nobody breaks.
+The relay makes no loops: each session receives samples from others in its network, but never those that the relay put
+there. If two networks are connected in another way too, for example by a second relay, samples circulate for ever.
 
-Zenoh's threads call in with what arrives; they only append to a queue and wake the loop.
+Zenoh's threads call back with each sample; they only append it to a queue and wake the loop.
 """
 
 from __future__ import annotations
@@ -40,16 +40,16 @@ from netem.stats import LinkStats
 Mode = Literal["peer", "client"]
 
 MAX_BACKLOG = 65_536
-"""Messages that may wait for the loop, or for a network that blocks, each way; more are dropped and counted."""
+"""Most messages that wait for the loop, or for a blocking network, in each direction; more are dropped and counted."""
 
 CLOSE_TIMEOUT_S = 3.0
-"""How long `close` waits; Zenoh can take 10 s under loss, and then goes on alone."""
+"""How long `close` waits; under loss Zenoh can take 10 s, and then closes in the background."""
 
 _SETTINGS: dict[str, object] = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
     "connect/timeout_ms": 1000,
-    "connect/exit_on_failure": False,  # dials on, in the background, until the other side is there
+    "connect/exit_on_failure": False,  # keeps trying in the background until the other side is there
     "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},
     "transport/shared_memory/enabled": False,
     "transport/unicast/open_timeout": 1000,
@@ -63,9 +63,9 @@ _SETTINGS: dict[str, object] = {
 class ZenohRelayStats:
     """A snapshot of a relay.
 
-    `up` and `down` are the links' own. `dropped` counts what the relay itself could not pass on: Zenoh refused it, or
-    the backlog was full. `tokens` counts the liveliness tokens that the relay holds now, `nodes` the Zenoh nodes that
-    each session is connected to (listening, dialling).
+    `up` and `down` are the links' statistics. `dropped` counts messages that the relay itself could not forward: Zenoh
+    refused them, or the backlog was full. `tokens` counts the liveliness tokens that the relay holds now, `nodes` the
+    Zenoh nodes that each session is connected to (listening, dialling).
     """
 
     up: LinkStats
@@ -98,8 +98,8 @@ class ZenohRelay:
     listen, connect : Zenoh endpoints, such as ``tcp/127.0.0.1:17448``: one session listens, the other dials.
     up, down : the profiles from the listening side to the dialling side, and back.
     seed : of both links, whose streams are independent.
-    key : the key expression of what is relayed.
-    mode : of the session that dials; ``client`` where it dials a router.
+    key : the key expression to relay.
+    mode : of the dialling session; ``client`` if it dials a router.
 
     Raises
     ------
@@ -140,12 +140,12 @@ class ZenohRelay:
 
     @property
     def down(self) -> AsyncLink[_Message]:
-        """The link back."""
+        """The link from the dialling side to the listening side."""
         return self._ways[1].link
 
     @property
     def stats(self) -> ZenohRelayStats:
-        """A snapshot of what it did so far."""
+        """A snapshot of the relay's statistics."""
         nodes = [len(session.info.transports()) if not session.is_closed() else 0 for session in self._sessions]
         listening, dialling = nodes or (0, 0)
         return ZenohRelayStats(
@@ -157,7 +157,7 @@ class ZenohRelay:
         )
 
     async def open(self) -> None:
-        """Open both sessions and relay from now on, whether or not anybody is there yet.
+        """Open both sessions and relay from now on, even if no other node is there yet.
 
         Raises
         ------
@@ -166,7 +166,7 @@ class ZenohRelay:
         await asyncio.to_thread(self._open)
 
     async def close(self) -> bool:
-        """Stop; what is in flight is not delivered. False if Zenoh was not done within `CLOSE_TIMEOUT_S`."""
+        """Stop; messages in flight are not delivered. Returns False if Zenoh takes longer than `CLOSE_TIMEOUT_S`."""
         for way in self._ways:
             way.close()
         closed = asyncio.Event()
@@ -189,7 +189,7 @@ class ZenohRelay:
         for index, (way, session) in enumerate(zip(self._ways, self._sessions, strict=True)):
             way.session = self._sessions[1 - index]
             session.declare_subscriber(self._key, _direct(way.receive), allowed_origin=zenoh.Locality.REMOTE)
-        # tokens come after the subscribers: who sees one may publish at once
+        # tokens after the subscribers: a node that sees a token may publish at once
         for index, session in enumerate(self._sessions):
             session.liveliness().declare_subscriber(self._key, _direct(self._token_receiver(index)), history=True)
 
@@ -204,18 +204,18 @@ class ZenohRelay:
         return receive
 
     def _mirror(self, side: int, key: str, alive: bool) -> None:
-        """Hold in one network the tokens of the other; on the worker, since declaring is not for Zenoh's callbacks."""
+        """Hold one network's tokens in the other. Runs on the worker, because Zenoh's callbacks must not declare."""
         own, mirrored = self._tokens[side], self._tokens[1 - side]
         if not alive:
             token = mirrored.pop(key, None)
             if token is not None:
                 _call(token.undeclare)
-        elif key not in own and key not in mirrored:  # a session also hears of the tokens that it holds itself
+        elif key not in own and key not in mirrored:  # a session also receives the tokens that it holds itself
             mirrored[key] = self._sessions[1 - side].liveliness().declare_token(key)
 
 
 class _Way:
-    """One direction: from one of Zenoh's threads to the loop, through the link, into the other session."""
+    """One direction: from Zenoh's threads to the loop, through the link, and into the other session."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop, profile: LinkProfile, seed: SeedSequence) -> None:
         self.session: zenoh.Session | None = None
@@ -225,12 +225,12 @@ class _Way:
         self._arrived: list[_Message] = []
         self._lock = threading.Lock()
         self._waking = False
-        # A put that may block, because its publisher asked for that, gets a thread where it may.
+        # A put may block if its publisher asked for that, so these puts have their own thread.
         self._blocker = _Worker("zenoh-block")
         self._blocked = 0
 
     def receive(self, sample: zenoh.Sample) -> None:
-        """On one of Zenoh's threads."""
+        """Take a sample; called on one of Zenoh's threads."""
         options = {
             "encoding": sample.encoding,
             "congestion_control": sample.congestion_control,
@@ -253,7 +253,7 @@ class _Way:
             self._waking = True
         try:
             self._loop.call_soon_threadsafe(self._drain)
-        except RuntimeError:  # the loop is closed: nobody is left to tell
+        except RuntimeError:  # the loop is closed
             return
 
     def close(self) -> None:
@@ -300,7 +300,7 @@ class _Way:
 
 
 class _Worker:
-    """A thread that does what it is given, one after another; unlike an executor's, no exit waits for it."""
+    """A thread that runs its jobs one after another; unlike an executor's thread, it does not delay the exit."""
 
     def __init__(self, name: str) -> None:
         self._jobs: SimpleQueue[Callable[[], object] | None] = SimpleQueue()
@@ -310,7 +310,7 @@ class _Worker:
         self._jobs.put(partial(job, *args))
 
     def stop(self) -> None:
-        """End after what was submitted before."""
+        """End after the jobs already submitted."""
         self._jobs.put(None)
 
     def _work(self) -> None:
@@ -321,12 +321,12 @@ class _Worker:
 
 
 def _call(method: Callable[[], None]) -> None:
-    """Call one of the methods whose type zenoh's stubs leave out."""
+    """Call a method whose type zenoh's stubs leave out."""
     method()
 
 
 def _direct(f: Callable[[zenoh.Sample], None]) -> zenoh.handlers.Callback[zenoh.Sample]:
-    """A callback on Zenoh's own thread: a default one costs a thread that keeps the interpreter from exiting."""
+    """A callback on Zenoh's own thread: the default one has a thread that keeps the interpreter from exiting."""
     return zenoh.handlers.Callback(f, indirect=False)
 
 
@@ -344,5 +344,5 @@ def _config(side: str, endpoint: str, mode: Mode) -> zenoh.Config:
 
 
 def _reason(error: zenoh.ZError) -> str:
-    """What Zenoh says, in one line, without the places in its source."""
+    """Zenoh's message in one line, without the places in its source code."""
     return " ".join(re.sub(r" at \S+\.rs:\d+\.?", "", str(error)).split())
