@@ -120,7 +120,7 @@ def test_own_law() -> None:
     assert "came out" in run("own_law", cwd=ROOT)
 
 
-@pytest.mark.parametrize(("name", "says"), [("examples.own_law:Tuning", "type is none"), ("nowhere:X", "No module")])
+@pytest.mark.parametrize(("name", "says"), [("examples.own_law:Tuning", "this is a type"), ("nowhere:X", "No module")])
 def test_a_law_that_is_none_is_refused_with_its_name(name: str, says: str) -> None:
     with pytest.raises(hapnet.InvalidParameter, match=rf"coupling is '{name}'; allowed: one of pspm, .*{says}"):
         hapnet.simulate(hapnet.Params(coupling=name), seed=1)

@@ -32,7 +32,7 @@ seed = "0:3"
 [[vary]]
 world.wall.stiffness = [666]
 """
-WHY = "its worker was killed by SIGKILL, out of memory perhaps, 2 times"
+WHY = "its worker was killed by SIGKILL, perhaps out of memory, 2 times"
 
 
 def test_a_case_that_kills_its_worker_is_a_row_that_says_so(tmp_path: Path) -> None:
@@ -130,7 +130,7 @@ def test_shares_come_back_in_their_order_and_progress_ends_at_one() -> None:
         (
             "die",
             HapnetError,
-            "^a part of the runs is missing: its worker was killed by SIGKILL, out of memory perhaps$",
+            "^some of the runs are missing: its worker was killed by SIGKILL, perhaps out of memory$",
         ),
         ("refuse", InvalidParameter, "^word is 'refuse'; allowed: another$"),
     ],

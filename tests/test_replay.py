@@ -245,7 +245,7 @@ def test_what_both_sides_said_differently_is_told(tmp_path: Path) -> None:
     assert "world's coupling was zoh" in original.notes[2]
 
 
-# A hand that cannot be made again
+# A hand that cannot be generated again
 
 
 def led_live(recording: Recording) -> Recording:
@@ -264,7 +264,7 @@ def test_a_hand_led_live_is_followed(tmp_path: Path) -> None:
     recorded(tmp_path / "own.mcap", operator="own_hand:Smooth", duration_s=2.0, **link)
     live = rewritten(tmp_path / "own.mcap", led_live, "live.mcap")
     original = read_original([live])
-    assert "mouse cannot be made again" in original.hand
+    assert "mouse cannot be generated again" in original.hand
     assert original.params.operator == str(live)
     error = max(
         a * w**2 * h**2 / 2,  # before the first sample it rests, where it should begin to move
@@ -288,7 +288,7 @@ def test_a_hand_led_live_is_followed(tmp_path: Path) -> None:
     assert compared["identical"] is True
     live.unlink()
     original = read_original([again])
-    assert "has changed or is not there" in original.hand
+    assert "has changed or is missing" in original.hand
     assert original.params.operator == str(again)
     _, compared = replayed(again)
     assert compared["max_position_difference_m"] <= 2.0 * gain * error
@@ -303,7 +303,7 @@ def test_a_file_that_has_changed_is_not_read_again(tmp_path: Path) -> None:
     hand.write_text("time_s,x_m\n0,0\n0.5,0.01\n1,0\n", "utf-8")
     original = read_original([tmp_path / "a.mcap"])
     assert original.params.operator == str(tmp_path / "a.mcap")
-    assert "hand.csv has changed or is not there" in original.hand
+    assert "hand.csv has changed or is missing" in original.hand
     _, compared = replayed(tmp_path / "a.mcap")
     assert 0.0 < compared["max_position_difference_m"] < 1e-4
 
@@ -348,7 +348,7 @@ def test_the_recorded_hand_keeps_to_the_theory_of_cubic_curves(n: int) -> None:
     assert hand.reference(9.0) == tuple(path[-1])
 
 
-# What was changed while it ran
+# Links that were changed during the run
 
 
 def session(
@@ -418,9 +418,9 @@ def test_a_link_that_was_changed_while_it_ran_is_changed_in_the_replay(tmp_path:
         assert (link.up, link.down) == ("delay 5ms", "delay 9ms")
         assert link.up_timeline == "at 500ms: delay 60ms; at 1.2s: ideal"
         assert link.down_timeline == "at 710ms: down; at 910ms: up"  # on the device's clock, as both are on one
-        assert [note for note in original.notes if "changed while it ran" in note] == [
-            "the uplink was changed while it ran, 2 times: so it is in the replay",
-            "the downlink was changed while it ran, 2 times: so it is in the replay",
+        assert [note for note in original.notes if "link was changed" in note] == [
+            "the uplink was changed 2 times during the run: the replay makes the same changes",
+            "the downlink was changed 2 times during the run: the replay makes the same changes",
         ]
     alone = read_original([device]).params.link
     assert (alone.up_timeline, alone.down, alone.down_timeline) == (link.up_timeline, "delay 1ms", "")
@@ -473,7 +473,7 @@ def test_a_recording_that_begins_in_the_middle_is_replayed_from_its_beginning(tm
     assert params.duration_s == pytest.approx(2.0, abs=1e-9)
     assert (params.link.up, params.link.up_timeline) == ("delay 70ms", "at 500ms: up; at 1s: delay 60ms")
     assert (params.link.down, params.link.down_timeline) == ("delay 80ms", "")
-    assert any("begins 40.0 s after its session did" in note for note in original.notes)
+    assert any("begins 40.0 s after its session:" in note for note in original.notes)
     times = hand_times(original.recording)
     assert times[0] == 0.0
     assert times[-1] == pytest.approx(2.0, abs=1e-9)
@@ -504,7 +504,7 @@ def test_pauses_are_left_out(tmp_path: Path) -> None:
     device = session(tmp_path, "device", events=events, **both)
     world = session(tmp_path, "world", **both)
     original = read_original([device, world])
-    assert "pauses are left out: 2, 3.0 s in all" in original.notes
+    assert "the replay leaves out pauses: 2, 3.0 s in all" in original.notes
     assert original.params.duration_s == pytest.approx(2.0, abs=0.012)
     times = hand_times(original.recording)
     assert np.diff(times) == pytest.approx(0.005, abs=1e-9)
@@ -514,7 +514,7 @@ def test_pauses_are_left_out(tmp_path: Path) -> None:
     entries = Timeline.parse(original.params.link.up_timeline).entries
     assert [entry.at_ns / 1e9 for entry in entries] == pytest.approx([0.3, 0.502, 1.0], abs=0.012)
     made = read_original([session(tmp_path, "device", operator="press", **both)])
-    assert made.hand == "press, made again from its parameters"  # its own time stood still, too
+    assert made.hand == "press, generated again from its parameters"  # its own time stood still, too
 
 
 def test_samples_that_are_missing_are_no_pause(tmp_path: Path) -> None:
@@ -575,8 +575,8 @@ async def test_a_session_whose_link_was_changed_by_hand_is_replayed(tmp_path: Pa
     paused_s = (told[1] - told[0]) / 1e9
     assert paused_s > 0.3
     assert hand_times(original.recording)[-1] == pytest.approx(recorded_s - paused_s, abs=0.1)
-    assert any("pauses are left out: 1" in note for note in original.notes)
-    assert any("after its session did" in note for note in original.notes)
+    assert any("the replay leaves out pauses: 1" in note for note in original.notes)
+    assert any("s after its session:" in note for note in original.notes)
     result = simulate(original.params, original.seed)
     assert result.summary["links"]["up"]["profile"] == "delay 60ms"
     assert compare(original, result.recording, result.summary)["rms_position_difference_m"] < 0.02
@@ -590,7 +590,7 @@ def test_the_command_writes_all_and_compares_in_words(tmp_path: Path, capsys: Ca
     assert run("replay", "a.mcap", "--out", "again") == 0
     out, err = capsys.readouterr()
     assert not err
-    assert "hand: press, made again from its parameters" in out
+    assert "hand: press, generated again from its parameters" in out
     assert "identical to the original" in out
     assert "original   replay" in out
     files = {path.name for path in (tmp_path / "again").iterdir()}
@@ -692,7 +692,7 @@ def test_settings_of_another_version_are_told(tmp_path: Path) -> None:
         return with_meta(recording, params=params)
 
     original = read_original([rewritten(tmp_path / "a.mcap", newer, "new.mcap")])
-    assert original.notes == ("this version does not know, and leaves out: device.new, feel",)
+    assert original.notes == ("this version does not know these parameters and leaves them out: device.new, feel",)
     assert original.params.device == Params().device
 
 

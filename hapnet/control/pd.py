@@ -33,7 +33,7 @@ class Gains(NamedTuple):
     """The gains, the same at both ends."""
 
     stiffness: float  #: K_p [N/m]
-    damping: float  #: K_d [Ns/m], which pays for the delay
+    damping: float  #: K_d [Ns/m], which makes up for the delay
     coordination: float = 0.0  #: K_v [Ns/m]
     extra: float = 0.0  #: P_e [Ns/m]
 

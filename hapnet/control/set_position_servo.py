@@ -205,9 +205,9 @@ class SampledServo:
         """
         coupling, measured = self.coupling, self._measured
         ledger = coupling.ledger
-        way = math.dist(x, self._position)
-        if way > self.speed_max * dt or dt > self._longest_hold:
-            self._watch(dt, x, way)
+        travel = math.dist(x, self._position)
+        if travel > self.speed_max * dt or dt > self._longest_hold:
+            self._watch(dt, x, travel)
         if self.resolution:
             self._blur()
         ledger.put_in(measured.hold(self.force, self._position, x, dt))
@@ -220,14 +220,14 @@ class SampledServo:
             self._high = tuple(map(max, self._high, x))
         ledger.observe(potential, account)
         self._elapsed += dt
-        told = None
+        update = None
         if coupling.has_sample or self._elapsed >= self._due or release:
             if release:
                 result = coupling.release(x, self._measured_now(x))
             else:
                 keep = self._guard.needed_after(self._commanded)
                 result = coupling.update(self._elapsed, x, self._dissipated(x), keep)
-            told = Update(x, result.sent)
+            update = Update(x, result.sent)
             self._potential = coupling.potential(x)
             self._elapsed = 0.0
             self._low = self._high = x
@@ -236,12 +236,12 @@ class SampledServo:
             self.stop()
         else:
             self._render(x, v)
-        return told
+        return update
 
-    def _watch(self, dt: float, x: Vector, way: float) -> None:
+    def _watch(self, dt: float, x: Vector, travel: float) -> None:
         """Record the greatest speed, and the energy output by a torque that was held for too long."""
         if dt > 0.0:
-            self.speed_max = max(self.speed_max, (way - self.resolution) / dt)
+            self.speed_max = max(self.speed_max, (travel - self.resolution) / dt)
         if dt > self._longest_hold and self.holding is not None:
             held = max(0.0, self._stored)
             leak = sum(map(mul, self.force, map(sub, x, self._position)))

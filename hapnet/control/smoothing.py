@@ -17,7 +17,7 @@ class Stage(Protocol):
     """One step of data processing on the received set-position."""
 
     def reset(self, position: Vector) -> None:
-        """Start anew at rest at `position` [m]."""
+        """Start again at rest at `position` [m]."""
 
     def step(self, dt: float, y: Vector, sent_s: float | None) -> Vector:
         """The stage's output [m], `dt` seconds after the last one.

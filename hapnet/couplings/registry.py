@@ -35,7 +35,7 @@ def coupling(name: str) -> CouplingSpec[Any]:
     allowed = f"one of {', '.join(COUPLING_NAMES)}, or module:NAME of a CouplingSpec"
     spec = load("coupling", name, allowed)
     if not isinstance(spec, CouplingSpec):
-        raise InvalidParameter("coupling", name, f"{allowed} ({type(spec).__name__} is none)")
+        raise InvalidParameter("coupling", name, f"{allowed} (this is a {type(spec).__name__})")
     return spec
 
 

@@ -101,8 +101,8 @@ class CouplingSpec(Generic[T]):
 
     def recorded(self, tuning: Mapping[str, Any] | None) -> T | None:
         """The tuning read from a summary or a recording; None if a field is missing or unknown."""
-        told = tuning or {}
-        return self.tuning(**told) if set(told) == set(signature(self.tuning).parameters) else None
+        found = tuning or {}
+        return self.tuning(**found) if set(found) == set(signature(self.tuning).parameters) else None
 
 
 def untuned(params: Params, link: Delays) -> NoTuning:

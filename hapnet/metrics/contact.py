@@ -58,11 +58,11 @@ def first_felt_s(recording: Recording, walls: Sequence[Wall], round_trip_s: floa
     times = device["time_s"]
     gone = np.flatnonzero(np.diff(times[inside]) > _AWAY_S)
     leaving_s = times[inside[gone[0]] if len(gone) else inside[-1]]
-    told_s = times[inside[0]] + round_trip_s
-    told, end = np.searchsorted(times, [told_s, leaving_s + round_trip_s])
-    before = max(float(resistance[:told].max()), 0.0)
-    felt = np.flatnonzero(resistance[told:end] > before + max(_MORE * before, _LEAST_N))
-    return float(times[told + felt[0]] - told_s) if len(felt) else None
+    answer_s = times[inside[0]] + round_trip_s
+    answered, end = np.searchsorted(times, [answer_s, leaving_s + round_trip_s])
+    before = max(float(resistance[:answered].max()), 0.0)
+    felt = np.flatnonzero(resistance[answered:end] > before + max(_MORE * before, _LEAST_N))
+    return float(times[answered + felt[0]] - answer_s) if len(felt) else None
 
 
 def pressed_wall(device: Columns | None, walls: Sequence[Wall]) -> Wall | None:

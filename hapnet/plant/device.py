@@ -199,7 +199,7 @@ class SimulatedDevice:
         return self.run(1)[0][0]
 
     def run(self, ticks: int) -> list[TickResult]:
-        """Run so many ticks, with no input in between. Returns the device's state after each of them."""
+        """Run `ticks` ticks, with no input in between. Returns the result of each."""
         passed, period, follow = self.ticks, self.period, self.operator.reference
         self.ticks = passed + ticks
         self.time = self.ticks * period

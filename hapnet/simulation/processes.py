@@ -173,7 +173,7 @@ def in_processes(
         while None in found:
             for outcome in pool.wait(_WAIT_S):
                 if isinstance(outcome.error, WorkerDied):
-                    raise HapnetError(f"a part of the runs is missing: {outcome.error}")
+                    raise HapnetError(f"some of the runs are missing: {outcome.error}")
                 if outcome.error is not None:
                     raise outcome.error
                 found[next(k for k, cases in enumerate(shares) if cases is outcome.task)] = outcome.result
@@ -251,5 +251,5 @@ def _died(code: int | None) -> str:
     if code is not None and code < 0:
         with suppress(ValueError):
             name = signal.Signals(-code).name
-            return f"was killed by {name}{', out of memory perhaps' if name == 'SIGKILL' else ''}"
+            return f"was killed by {name}{', perhaps out of memory' if name == 'SIGKILL' else ''}"
     return f"ended by itself with exit code {code}"

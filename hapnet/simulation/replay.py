@@ -82,9 +82,9 @@ def read_original(files: Sequence[Path]) -> Original:
     if not simulated:
         for way, part in (("up", device), ("down", world)):
             if way == "up" or part is not device:
-                changes, told = _link(recording, part, way, asked)
+                changes, about = _link(recording, part, way, asked)
                 asked |= changes
-                notes += told
+                notes += about
     asked |= {
         "operator": operator,
         "hardware": "simulated",
@@ -149,17 +149,17 @@ def _parameters(recording: Recording) -> dict[str, Any]:
 
 def _notes(device: Recording, world: Recording, simulated: bool, unknown: list[str]) -> Iterator[str]:
     if device.torn or world.torn:
-        yield "torn (its writer was killed): replayed as far as it goes"
+        yield "the recording is torn (its writer was killed): the replay ends where it ends"
     if not simulated:
         yield (
-            "recorded in real time: the replay has its hand, links and seed, but its servo and steps come exactly when "
-            "they are due, so it resembles the original and is not identical"
+            "recorded in real time: the replay has the same hand, links and seed, but its servo and steps are exactly "
+            "on time, so it is similar to the original, not identical"
         )
     for key in ("seed", "coupling"):
         if (ours := device.meta.get(key)) != (theirs := world.meta.get(key)):
-            yield f"the world's {key} was {theirs}: a replay has one for both sides, the device's {ours} by default"
+            yield f"the world's {key} was {theirs}: a replay uses one for both sides, by default the device's, {ours}"
     if unknown:
-        yield f"this version does not know, and leaves out: {', '.join(unknown)}"
+        yield f"this version does not know these parameters and leaves them out: {', '.join(unknown)}"
 
 
 def _left_out(recording: Recording) -> Iterator[str]:
@@ -167,11 +167,12 @@ def _left_out(recording: Recording) -> Iterator[str]:
     if begins_late(recording):
         begin_ns, end_ns = cuts.pop(0)
         yield (
-            f"the recording begins {(end_ns - begin_ns) / 1e9:.1f} s after its session did, and so the replay begins "
-            "there: at rest, with reservoirs as at a start"
+            f"the recording begins {(end_ns - begin_ns) / 1e9:.1f} s after its session: the replay begins there, at "
+            "rest and with initial reservoirs"
         )
     if cuts:
-        yield f"pauses are left out: {len(cuts)}, {sum(end - begin for begin, end in cuts) / 1e9:.1f} s in all"
+        lasted_s = sum(end - begin for begin, end in cuts) / 1e9
+        yield f"the replay leaves out pauses: {len(cuts)}, {lasted_s:.1f} s in all"
 
 
 def _link(whole: Recording, part: Recording, way: str, asked: Mapping[str, Any]) -> tuple[dict[str, object], list[str]]:
@@ -188,7 +189,7 @@ def _link(whole: Recording, part: Recording, way: str, asked: Mapping[str, Any])
     start, entries, notes = played(words, zip(times.tolist(), (event.text for event in events), strict=True))
     if entries:
         often = "once" if len(entries) == 1 else f"{len(entries)} times"
-        notes.append(f"the {way}link was changed while it ran, {often}: so it is in the replay")
+        notes.append(f"the {way}link was changed {often} during the run: the replay makes the same changes")
     changed: dict[str, object] = {f"link.{way}": start}
     if events or begins_late(whole):  # else the run's own timeline, if any, made all changes
         changed[f"link.{way}_timeline"] = str(Timeline(entries)) if entries else ""
@@ -203,20 +204,20 @@ def _hand(device: Recording, file: Path, asked: Mapping[str, Any]) -> tuple[str,
     elif begins_late(device):
         why = "the recording begins in the middle of its session"
     elif operator in _MADE:
-        return operator, f"{operator}, made again from its parameters"
+        return operator, f"{operator}, generated again from its parameters"
     else:
         now = fingerprint(operator)
         then = device.meta.get("operator_sha256", now)
         if now is not None and then == now:
             return operator, f"read again from {operator}"
-        why = f"{operator} cannot be made again" if then is None else f"{operator} has changed or is not there"
+        why = f"{operator} cannot be generated again" if then is None else f"{operator} has changed or is missing"
         if then is None:
             with suppress(HapnetError):
                 load("operator", operator, ALLOWED)
-                return operator, f"made again by {operator}"
+                return operator, f"generated again by {operator}"
     if knows_hand(device):
         return recorded, f"its recorded motion, joined by cubic curves: {why}"
-    return recorded, f"the device's recorded positions, joined by cubic curves: {why}, and its hand is not known"
+    return recorded, f"the device's recorded positions, joined by cubic curves: {why}, and its hand is unknown"
 
 
 def _duration_s(recording: Recording, asked: object) -> object:

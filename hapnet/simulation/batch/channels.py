@@ -162,8 +162,8 @@ class Channels:
 
     def poll(self, at: Index, now_ns: Whole) -> tuple[Index, Whole, Whole]:
         """(which of `at` send now, their total_nJ, their acked_nJ)."""
-        told, sent = self._told_nJ[at], self.sent_nJ[at]
-        news = sent > told
+        announced, sent = self._told_nJ[at], self.sent_nJ[at]
+        news = sent > announced
         expired = self._retransmit_ns[at] <= now_ns
         leaving = expired | (news & (self._spaced_ns[at] <= now_ns))
         alone = ~leaving & (self._ack_ns[at] <= now_ns)

@@ -42,10 +42,10 @@ class Links:
     Parameters
     ----------
     links : the scenarios' own. shift_ns : time on their clocks when the batch's clock shows 0.
-    heard : the monitors at the receiving sides.
+    monitors : those at the receiving sides.
     """
 
-    def __init__(self, links: list[Link[Packet]], shift_ns: Whole, heard: list[PeerMonitor]) -> None:
+    def __init__(self, links: list[Link[Packet]], shift_ns: Whole, monitors: list[PeerMonitor]) -> None:
         count = len(links)
         self._links, self._shift_ns = links, shift_ns
         self.offered = np.array([link.counters.offered for link in links])
@@ -58,7 +58,7 @@ class Links:
         self.stale = np.zeros(count, dtype=np.int64)
         """Positions that arrived after newer ones."""
         self._newest = np.array([link.counters.newest for link in links])
-        self._peer_monitors = PeerMonitors(heard, shift_ns)
+        self._peer_monitors = PeerMonitors(monitors, shift_ns)
         self._since_reorder = [link.since_reorder for link in links]
         self._any_ahead = any(link.profile.reorder for link in links)
         self._lines = Lines([link.profile for link in links])
@@ -210,7 +210,7 @@ class Links:
         length = len(self._due)
         pending = self._note > DONE
         first = np.where(pending.any(axis=0), pending.argmax(axis=0), length)
-        first = np.minimum(first, self.offered - self._base)  # the message on its way into the log included
+        first = np.minimum(first, self.offered - self._base)  # including the message that is being logged
         longest = int((self.offered - self._base - first).max()) + spread
         row = np.arange(length)[:, None] + first
         beyond = row >= length

@@ -89,10 +89,11 @@ class BatchState:
         count, dof = len(scenarios), first.setup.dof
         self._devices = [scenario.device_endpoint.session for scenario in scenarios]
         self._worlds = [scenario.world_endpoint.session for scenario in scenarios]
-        heard, told = ([session._monitor for session in sessions] for sessions in (self._worlds, self._devices))
-        self.up = Links([scenario.up for scenario in scenarios], shift, heard)
-        self.down = Links([scenario.down for scenario in scenarios], shift, told)
-        self.device_positions = TickedPositions(count, dof, _newest(told), self.period_ns)
+        at_worlds = [session._monitor for session in self._worlds]
+        at_devices = [session._monitor for session in self._devices]
+        self.up = Links([scenario.up for scenario in scenarios], shift, at_worlds)
+        self.down = Links([scenario.down for scenario in scenarios], shift, at_devices)
+        self.device_positions = TickedPositions(count, dof, _newest(at_devices), self.period_ns)
         self.device_wire = Wire(
             Channels([session._channel for session in self._devices], shift),
             Mailbox(count),
@@ -105,7 +106,7 @@ class BatchState:
         self.world_wire = Wire(
             Channels([session._channel for session in self._worlds], shift),
             Mailbox(count),
-            Positions(count, dof, _newest(heard)),
+            Positions(count, dof, _newest(at_worlds)),
             Couplings([modulating(world) for world in worlds]),
             self.down,
             Sizes(self._worlds, dof),
@@ -198,5 +199,5 @@ def _continuous(scenario: Scenario) -> ContinuousDeviceSide:
     return side
 
 
-def _newest(heard: list[PeerMonitor]) -> Whole:
-    return np.array([monitor.numbers.newest for monitor in heard])
+def _newest(monitors: list[PeerMonitor]) -> Whole:
+    return np.array([monitor.numbers.newest for monitor in monitors])
