@@ -79,8 +79,8 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "stiffness_percent", "rendered stiffness", "%", "nearer 100",
                 "least-squares slope of the resisting force over the device's penetration, through the wall's surface, "
                 "after a visit has settled (a round trip and two of the world's longest steps after it began). It is "
-                "in % of the stiffness of the given springs and the wall in series: two springs for PSPM, the one of "
-                "device.stiffness for couplings with one spring. If a law's rule makes its spring softer, this shows",
+                "in % of the stiffness of the given springs and the wall in series: two springs for pspm, zoh, popc "
+                "and eba, only device.stiffness for the others. If a law's rule makes its spring softer, this shows",
             ),
             Metric(
                 "force_error_N", "force error", "N", "lower",
