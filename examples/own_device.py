@@ -25,12 +25,12 @@ class Rail:
     def __init__(self, dof: int) -> None:
         self.dof = dof
         self._x = self._v = self._force = (0.0,) * dof
-        self._replay_window = time.monotonic()
+        self._read_s = time.monotonic()
 
     def read(self) -> tuple[Vector, Vector]:
         """Position [m] and velocity [m/s] now; called once a servo period."""
         now = time.monotonic()
-        dt, self._replay_window = min(now - self._replay_window, 0.01), now
+        dt, self._read_s = min(now - self._read_s, 0.01), now
         push = [f + self.WEIGHT - self.FRICTION * v for f, v in zip(self._force, self._v, strict=True)]
         self._v = tuple(v + dt * f / self.MASS for v, f in zip(self._v, push, strict=True))
         self._x = tuple(x + dt * v for x, v in zip(self._x, self._v, strict=True))

@@ -20,6 +20,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.param_values import Allowed, Range, check_allowed, converted, flatten, leaves, replaced, toml_value
 
 COUPLING_NAMES = ("pspm", "zoh", "popc", "tdpa", "eba", "wave", "digital-wave", "pd")
+"""Those of hapnet/couplings/registry.py, in the order in which people read them."""
 
 Matrix = float | tuple[float, ...] | tuple[tuple[float, ...], ...]
 """A scalar, one number for each axis, or the rows of a matrix."""

@@ -14,7 +14,7 @@ from hapnet.assembly.build import prepare
 from hapnet.bench.registry import ROWS
 from hapnet.commands import complete
 from hapnet.commands.reproduce import FIGURES
-from hapnet.params import Params
+from hapnet.params import COUPLING_NAMES, Params
 from hapnet.plant.worlds.registry import SCENES
 from netem import cli as netem_cli
 from netem.profile import PRESETS
@@ -80,7 +80,7 @@ class Tab:
         ("run --scene ", list(SCENES)),
         ("run --scene=w", ["wall"]),
         ("device --operator ", ["rest", "sine", "press"]),
-        ("simulate --coupling ", ["pspm", "zoh", "popc", "tdpa", "eba", "wave", "digital-wave", "pd"]),
+        ("simulate --coupling ", list(COUPLING_NAMES)),
         ("run --servo ", ["auto", "continuous", "sampled"]),
         ("world --on-silence ", ["hold", "release"]),
         ("device --mode ", ["peer", "client", "router"]),

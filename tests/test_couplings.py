@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import asdict
 from pathlib import Path
 
@@ -13,7 +14,7 @@ import pytest
 from hapnet.assembly.build import prepare
 from hapnet.control.coupling import LawState
 from hapnet.couplings.link_delays import delays
-from hapnet.couplings.registry import ideal_stiffness
+from hapnet.couplings.registry import COUPLINGS, ideal_stiffness
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 from hapnet.simulation.simulation import simulate
@@ -135,6 +136,27 @@ def test_it_runs_in_three_dimensions(coupling: str) -> None:
     assert 0.0 < motion["peak_force_N"] <= 3.3
     assert math.isfinite(motion["free_rms_m"])
     assert motion["free_rms_m"] < 0.02
+
+
+@pytest.mark.parametrize("coupling", COUPLINGS)
+def test_every_coupling_runs_and_is_the_same_again_from_its_summary(coupling: str) -> None:
+    """At rest without force; within the actuators' limit in a box; its tuning is in the summary, and is read back."""
+    spec = COUPLINGS[coupling]
+    base = Params().set({"coupling": coupling, "scene": "box", "dof": 3, "duration_s": 1.0})
+    still = simulate(base.set({"operator": "rest"}), seed=1).summary
+    assert still["motion"]["peak_force_N"] == pytest.approx(0.0, abs=1e-9)
+    setup = prepare(base.set({"operator": "sine"}))
+    summary = simulate(setup.params, seed=1).summary
+    assert 0.0 < summary["motion"]["peak_force_N"] <= 3.3
+    assert summary["motion"]["free_rms_m"] < 0.04
+    assert spec.recorded(summary["tuning"]) == setup.tuning
+    assert set(spec.shared) <= set(summary["tuning"])
+
+
+def test_the_readme_has_every_coupling() -> None:
+    page = (Path(__file__).parents[1] / "README.md").read_text("utf-8")
+    rows = page.partition("| coupling | published by |")[2].partition("\n\n")[0]
+    assert set(re.findall(r"^\| `([^`]+)`", rows, re.MULTILINE)) == set(COUPLINGS)
 
 
 @pytest.mark.slow

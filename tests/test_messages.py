@@ -4,7 +4,7 @@ import pickle
 import random
 import struct
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import msgpack
 import pytest
@@ -49,6 +49,10 @@ FRAMES = dict(
     if not line.startswith("#")
 )
 KINDS = {"size", "malformed", "version", "kind", "length", "type", "range", "dimension"}
+
+
+def test_every_kind_has_a_golden_frame() -> None:
+    assert {type(message) for message in GOLDEN.values()} == set(get_args(Message))
 
 
 @pytest.mark.parametrize("name", GOLDEN)
@@ -175,7 +179,7 @@ HELLO: list[Any] = [2, 3, A, 1, "device", 3, "pen", {}]
         ("size", b"\x00" * 4097),
         ("version", [1, 1, A, 0, 0, [0.0]]),
         ("version", [0, 99, A]),
-        ("kind", [2, 10, A]),
+        ("kind", [2, 99, A]),
         ("length", [2, 7, A, 0, 0]),
         ("length", [2, 7, A, 0, 0, [0.0], 0, 0]),
         ("length", [2, 8, A, 0, 0, [0.0], 0, 0]),

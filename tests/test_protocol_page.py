@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
 from hapnet.control import deadband
+from hapnet.couplings.registry import COUPLINGS
 from hapnet.params import Params
 from hapnet.transport import keys, probe, zenoh
 from hapnet.wire import (
@@ -20,7 +22,7 @@ from hapnet.wire import (
     replay_window,
     rto,
 )
-from hapnet.wire.messages import Bye, Energy, Hello, Message, Motion, Port, Position, Refuse, Wave, Welcome
+from hapnet.wire.messages import Message
 from hapnet.wire.session import SessionSettings
 
 PAGE = (Path(messages.__file__).parent / "README.md").read_text("utf-8")
@@ -107,9 +109,7 @@ def test_the_limits_in_the_text_are_the_codes() -> None:
         assert kind in text
 
 
-@pytest.mark.parametrize(
-    "message", [Position, Energy, Hello, Welcome, Refuse, Bye, Motion, Port, Wave], ids=lambda m: m.__name__.lower()
-)
+@pytest.mark.parametrize("message", get_args(Message), ids=lambda m: m.__name__.lower())
 def test_the_page_names_the_elements_of_each_frame_in_their_order(message: type[Message]) -> None:
     frames = PAGE.partition("| kind | elements 4 and following |")[2].partition("\n\n")[0]
     (row,) = re.findall(rf"^\| {message.__name__.lower()} \| (.*) \|$", frames, re.MULTILINE)
@@ -117,3 +117,11 @@ def test_the_page_names_the_elements_of_each_frame_in_their_order(message: type[
     assert [name for name in re.findall(r"`(\w+)`", re.sub(r"array of `dof`", "", row)) if name in own] == own
     kinds = PAGE.partition("| kind | message |")[2].partition("\n\n")[0]
     assert re.search(rf"^\| {message.KIND} \| {message.__name__.lower()} \| {message.CHANNEL} \|", kinds, re.MULTILINE)
+
+
+def test_the_page_names_the_streams_of_each_coupling() -> None:
+    section = PAGE.partition("| coupling | device to world | world to device |")[2].partition("\n\n")[0]
+    rows = re.findall(r"^\| (`.*`) \| (\w+).* \| (\w+).* \|$", section, re.MULTILINE)
+    told = {name: (up, down) for names, up, down in rows for name in re.findall(r"`([^`]+)`", names)}
+    sent = {name: (spec.device_sends, spec.world_sends) for name, spec in COUPLINGS.items()}
+    assert told == {name: (up.__name__.lower(), down.__name__.lower()) for name, (up, down) in sent.items()}

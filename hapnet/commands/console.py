@@ -3,6 +3,9 @@
 ``{"do": "lead", "position": [x, ...]}``, ``{"do": "link", "words": "..."}``, ``{"do": "pause", "on": true}`` and
 ``{"do": "record", "path": "..." or null}``; ``{"do": "hurry"}`` before it is told to stop. Not on the network: only who
 has started a side commands it.
+
+A further one is a case here and a method of `RealtimeSide`. A button for it is a method of `Controls`
+(hapnet/view/controls.py) and a line of the panel beside it; `hapnet play` passes it on.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ Coupling = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
-        help="pspm; to compare with: zoh (a plain virtual coupling), popc, tdpa, eba, wave, digital-wave, pd, or "
+        help=f"pspm; to compare with: zoh (a plain virtual coupling), {', '.join(COUPLING_NAMES[2:])}, or "
         "MODULE:NAME of your own.",
         autocompletion=complete.words(*COUPLING_NAMES),
     ),

@@ -1,4 +1,7 @@
-"""The couplings, by the names that a user gives: each is one file in hapnet/couplings and one line here."""
+"""The couplings, by the names that a user gives them: a file of hapnet/couplings each.
+
+The names stand in hapnet/params.py too, as commands and their completion need them without loading the laws.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,7 @@ from hapnet.params import COUPLING_NAMES, Params
 _SPECS: tuple[CouplingSpec[Any], ...] = (PSPM, ZOH, POPC, EBA, PD, TDPA, WAVE, DIGITAL_WAVE)
 
 COUPLINGS: Mapping[str, CouplingSpec[Any]] = MappingProxyType({spec.name: spec for spec in _SPECS})
-assert set(COUPLINGS) == set(COUPLING_NAMES)
+assert set(COUPLINGS) == set(COUPLING_NAMES), "COUPLING_NAMES of hapnet/params.py must have the names of _SPECS"
 
 
 def coupling(name: str) -> CouplingSpec[Any]:

@@ -1,7 +1,8 @@
 """Describes a coupling to the rest of hapnet: its names, its tuning by the published rule, and its two ends.
 
-A new law is one file with a `CouplingSpec` and one line in registry.py. A user's own law needs no line there: it is
-given as ``--coupling module:NAME`` (see examples/own_law.py).
+A law of the user's own is a file with a `CouplingSpec`, given as ``--coupling module:NAME``: see examples/own_law.py.
+A law of the library is such a file here. Its equations are in hapnet/control/; "Add to it" in README.md says where its
+name goes.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Definitions of all metrics: commands, JSON, figures and documentation take their names and units from here."""
+"""What is measured of a run, in one place: commands, JSON, figures and documentation take names and units from here.
+
+The values come from `measures` in hapnet/study/case.py, which must have one for each name here.
+"""
 
 from __future__ import annotations
 
@@ -16,9 +19,9 @@ class Metric:
 
     Parameters
     ----------
-    name : its key in dictionaries and files. label : its name for people, short enough for a column.
-    unit : of its values; "" for a bare number. better : the better direction. meaning : its definition, in a sentence
-        or two.
+    name : its key in dictionaries and files; it ends in the unit, as in `margin_J` or `packets_per_s`.
+    label : its name for people, short enough for a column.
+    unit : of its values; "" for a bare number. better : which way. meaning : how it is defined, in a sentence or two.
     """
 
     name: str

@@ -132,7 +132,8 @@ class Plan:
             if about not in digests:
                 digests[about] = spec.digest(self._values(*about))
             row = found[f"{digests[about]}-{case.seed}"]
-            outcomes.append(Outcome(case, row.measures if row.error is None else None, row.error))
+            measures = {name: row.measures.get(name) for name in METRICS}  # an older journal does not know all
+            outcomes.append(Outcome(case, measures if row.error is None else None, row.error))
         return outcomes
 
     def _values(self, variant: Variant, link: str, operator: str) -> Values:

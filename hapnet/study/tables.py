@@ -17,7 +17,7 @@ from hapnet.versions import versions
 from netem.profile import PRESETS
 
 WIDE = 160
-"""Columns of a terminal from which a table has room for every metric and its quartiles."""
+"""Columns of a terminal from which a table has room for `_FULL` and its quartiles, and for no column more."""
 
 
 class _Column(NamedTuple):

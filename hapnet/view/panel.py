@@ -72,7 +72,7 @@ class ControlPanel:
         self._controls = controls
         self._starting = starting
         self._busy = threading.Lock()
-        self._replay_window: dict[str, Any] = {}
+        self._seen: dict[str, Any] = {}
         self._pause = gui.add_button("pause", icon=viser.Icon.PLAYER_PAUSE)
         self._record = gui.add_button("record", icon=viser.Icon.PLAYER_RECORD, color="red")
         reset = gui.add_button("reset", icon=viser.Icon.RELOAD, color="gray")
@@ -121,15 +121,15 @@ class ControlPanel:
                 put(self._smoothing, smoothing > 0.0)
         up, down = _words(device), _words(world)
         if up is not None and down is not None:
-            if "links" not in self._replay_window:
-                self._replay_window["links"] = up, down
+            if "links" not in self._seen:
+                self._seen["links"] = up, down
                 put(self._alike, up == down)
             self._up.follow(up)
             self._down.follow(down)
 
     def _is_new(self, name: str, value: object) -> bool:
-        known = self._replay_window.get(name, self)
-        self._replay_window[name] = value
+        known = self._seen.get(name, self)
+        self._seen[name] = value
         return bool(known != value)
 
     def _ways_of_first(self) -> tuple[Way, ...]:

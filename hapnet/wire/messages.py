@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from struct import Struct
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple, get_args
 
 import msgpack
 
@@ -381,7 +381,7 @@ def examined(frame: Any) -> Message:
 
 
 _STREAM = (Position, Motion, Port, Wave)
-_LAYOUTS = {cls.KIND: _Layout.of(cls) for cls in (*_STREAM, Energy, Hello, Welcome, Refuse, Bye)}
+_LAYOUTS = {cls.KIND: _Layout.of(cls) for cls in get_args(Message)}
 _AROUND = 7
 """The number of elements in a stream's message beside its values."""
 _ARRAY, _U64 = 0x90, 0xCF

@@ -93,7 +93,7 @@ def oddities() -> dict[str, bytes]:
         "wave-too-long": [2, 9, WORLD, 7, 10**9, [0.5], 10**10 + 1, 0, 0],
         "wave-of-no-time": [2, 9, WORLD, 7, 10**9, [0.5], 0, 0, 0],
         "wave-leap": [2, 9, WORLD, 2**64 - 1, 10**9, [0.5], 1, 0, 0],
-        "kind-10": [2, 10, WORLD, 7, 10**9, [0.5]],
+        "kind-unknown": [2, 99, WORLD, 7, 10**9, [0.5]],
         "position-echo": [2, 1, WORLD, 7, 10**9, [0.0], 2**64 - 1, 2**64 - 1],
         "position-echo-negative": [2, 1, WORLD, 7, 10**9, [0.0], -1, 0],
         "position-further": [2, 1, WORLD, 7, 10**9, [0.0], 5, 6, {"contacts": [[1, 0.5]], "orientation": [1.0, 0.0]}],

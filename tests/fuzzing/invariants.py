@@ -17,9 +17,9 @@ from hapnet.side.endpoint import ControlHalf, Endpoint
 from hapnet.wire.events import EnergyCredited, Event, Paired, PositionReceived, SampleReceived
 from hapnet.wire.messages import Energy, Message, Motion, Port, Position, Refuse, Wave, decode, encode
 from hapnet.wire.session import Outgoing
+from tests.fuzzing.mutator import BYE, ENERGY, HELLO, MOTION, PORT, POSITION, REFUSE, WAVE, WELCOME
 from tests.fuzzing.numbers import Numbers
 
-POSITION, ENERGY, HELLO, WELCOME, REFUSE, BYE, MOTION, PORT, WAVE = range(1, 10)
 LENGTHS = {POSITION: 8, ENERGY: 6, HELLO: 8, WELCOME: 9, REFUSE: 5, BYE: 6, MOTION: 9, PORT: 9, WAVE: 9}
 KEYS = dict.fromkeys((POSITION, MOTION, PORT, WAVE), "position") | {ENERGY: "energy"}
 """The key of a kind; of any other: control."""
@@ -78,7 +78,7 @@ def allowed(data: bytes) -> list[Any] | None:
     if not isinstance(frame, list) or len(frame) < 3:
         return None
     version, kind = frame[:2]
-    if not (_integer(version, -(2**63)) and _integer(kind, 1, 9) and _integer(frame[2], 1)):
+    if not (_integer(version, -(2**63)) and _integer(kind, 1, max(LENGTHS)) and _integer(frame[2], 1)):
         return None
     length = LENGTHS[kind]
     if (version != 2 and kind != REFUSE) or len(frame) not in (length, length + (kind != REFUSE)):

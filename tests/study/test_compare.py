@@ -257,6 +257,19 @@ def test_the_same_command_goes_on_and_another_is_refused(
     assert len(ran) == 14
 
 
+def test_a_journal_from_before_a_metric_is_gone_on_with(
+    here: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the cases that were run before the metric is not known."""
+    before = {name: value for name, value in known().items() if name not in ("buzz_N2", "energy_out_J")}
+    monkeypatch.setattr(task, "measure", lambda params, seed: before)
+    asked = ("compare", "--link", "lan", "--coupling", "zoh,eba", *QUICKLY, "--out", str(tmp_path))
+    assert cli.main([*asked]) == 0
+    whole = json.loads((tmp_path / "compare.json").read_text("utf-8"))
+    assert list(whole["cases"][0]["measures"]) == list(METRICS)
+    assert whole["cases"][0]["measures"]["buzz_N2"] is None
+
+
 def test_a_recorded_link_is_one_more() -> None:
     trace = DATA / "links" / "ATT-LTE-driving-2016"
     links = command.links_of(None, [f"lte={trace}", "other name/x y"])
