@@ -627,7 +627,7 @@ def test_only_the_stream_that_the_coupling_takes_is_handed_out(kind: type[Stream
         else:
             assert events == (SampleReceived(message),)
     assert device.dropped == {"stream": 3}
-    assert device.dropped_for["stream"].endswith(f"allowed: a {kind.__name__.lower()}, by the coupling here")
+    assert device.dropped_for["stream"].endswith(f"allowed with this coupling: a {kind.__name__.lower()}")
 
 
 @pytest.mark.parametrize("kind", KINDS)

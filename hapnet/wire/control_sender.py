@@ -5,7 +5,7 @@ from __future__ import annotations
 from hapnet.wire.messages import Bye, Hello, Identity, Refuse, Welcome
 
 PROMPT_NS = 20_000_000  # least time between two hellos, when strangers call for them
-REPLY_SPACING_NS = 10_000_000  # however fast strangers speak: at most MAX_REPLIES in this time
+REPLY_SPACING_NS = 10_000_000  # at most MAX_REPLIES replies in this time, however fast strangers send
 MAX_REPLIES = 8
 BYE_COPIES = 3
 BYE_SPACING_NS = 20_000_000
@@ -26,7 +26,7 @@ class ControlSender:
         self._identity = identity
         self._period_ns = hello_period_ns
         self._hello_ns: int | None = 0
-        self._prompt_ns = 0  # no hello before that
+        self._prompt_ns = 0  # no hello before this time
         self._replies: dict[int, Welcome | Refuse] = {}
         self._reply_ns = 0
         self._bye: Bye | None = None
@@ -39,16 +39,16 @@ class ControlSender:
         self._hello_ns = due_ns if self._hello_ns is None else min(self._hello_ns, due_ns)
 
     def stop_hellos(self) -> None:
-        """Say none until `say_hello`."""
+        """Send no hello until `say_hello` is called."""
         self._hello_ns = None
 
     def reply(self, message: Welcome | Refuse) -> None:
-        """Send `message` in place of what waits for its addressee. Of too many addressees the last get no reply."""
+        """Queue a reply; it replaces one that waits for the same addressee. More than `MAX_REPLIES` are not kept."""
         if message.addressee in self._replies or len(self._replies) < MAX_REPLIES:
             self._replies[message.addressee] = message
 
     def reply_to(self, incarnation: int) -> Welcome | Refuse | None:
-        """The reply that waits for `incarnation`."""
+        """The reply that waits for `incarnation`, if there is one."""
         return self._replies.get(incarnation)
 
     def say_bye(self, bye: Bye, now_ns: int) -> None:
@@ -78,7 +78,7 @@ class ControlSender:
 
     @property
     def next_due_ns(self) -> int | None:
-        """When to poll next; a time that has passed means now, None that nothing is planned."""
+        """When to poll next. A time in the past means now; None means that nothing is planned."""
         if self._bye is not None:
             return self._bye_ns if self._byes_left else None
         if not self._replies:

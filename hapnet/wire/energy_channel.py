@@ -29,7 +29,7 @@ from hapnet.wire.fields import MAX_TOTAL_NJ
 from hapnet.wire.rto import CEILING_NS, RtoEstimator
 from hapnet.wire.token_bucket import TokenBucket
 
-ACK_DELAY_NS = 10_000_000  # the usual spacing: while energy flows both ways, none is sent alone
+ACK_DELAY_NS = 10_000_000  # the usual spacing: while energy flows both ways, no acknowledgement is sent alone
 ADMISSION_STEP_NS = 10_000_000
 MAX_TIMED = 256  # messages whose round trip is being measured: 2.5 s of them, above any timeout
 
@@ -66,7 +66,7 @@ class EnergyChannel:
         self._timed: deque[tuple[int, int]] = deque(
             maxlen=MAX_TIMED
         )  # (total, time of sending) of messages sent only once
-        self._spaced_ns = 0  # new energy may leave from then on
+        self._spaced_ns = 0  # new energy may leave from this time on
         self._retransmit_ns: int | None = None
         self._ack_ns: int | None = None
         self._closed = False
@@ -74,11 +74,11 @@ class EnergyChannel:
 
     @property
     def in_flight_nJ(self) -> int:
-        """Sent, neither acknowledged nor abandoned."""
+        """Energy that was sent and is neither acknowledged nor abandoned."""
         return self.sent_nJ - self.acked_nJ - self.abandoned_nJ
 
     def send(self, energy_J: float) -> None:
-        """Send `energy_J` [J] to the peer. `residue_J`, in [0, 1e-9], keeps what makes no whole nanojoule yet.
+        """Send `energy_J` [J] to the peer. `residue_J`, in [0, 1e-9], keeps the fraction of a nanojoule.
 
         Raises
         ------
@@ -96,11 +96,11 @@ class EnergyChannel:
         self.residue_J = held_J - whole_nJ / 1e9
 
     def receive(self, total_nJ: int, acked_nJ: int, now_ns: int) -> int:
-        """Take a message of the peer in; returns what is credited now [nJ].
+        """Process a message from the peer; returns the energy credited now [nJ].
 
         Raises
         ------
-        BadMessage : it acknowledges energy that was never announced. Nothing is changed then.
+        BadMessage : it acknowledges energy that was never announced. Nothing changes then.
         """
         self.acknowledge(acked_nJ, now_ns)
         if total_nJ > 0:
@@ -129,7 +129,7 @@ class EnergyChannel:
             self._retransmit_ns = None
 
     def admit(self, now_ns: int) -> int:
-        """Credit what waits, as far as the bucket allows; returns what was credited [nJ]."""
+        """Credit the waiting energy, as far as the bucket allows; returns what was credited [nJ]."""
         waiting_nJ = self._claimed_nJ - self.credited_nJ
         if self._closed or waiting_nJ == 0:
             return 0
@@ -165,7 +165,7 @@ class EnergyChannel:
 
     @property
     def next_due_ns(self) -> int | None:
-        """When to call `admit` and `poll` next; a time that has passed means now."""
+        """When to call `admit` and `poll` next. A time in the past means now; None means that nothing is planned."""
         if self._closed:
             return None
         due = self._retransmit_ns
@@ -188,9 +188,10 @@ class EnergyChannel:
         return max(0, heard_ns - self._asked[0])
 
     def abandon(self) -> int:
-        """End the pair: what is in flight is given up and never resent; returns it [nJ]. Nothing is credited any more.
+        """End the pair: energy in flight is given up and never resent; returns it [nJ]. Nothing is credited afterwards.
 
-        The peer may have credited a part whose acknowledgement was lost: what is abandoned bounds what is lost.
+        The peer may have credited a part whose acknowledgement was lost. So the abandoned energy is an upper bound of
+        the energy lost.
         """
         self._closed = True
         given_up_nJ = self.in_flight_nJ

@@ -52,20 +52,20 @@ EARLIER = "earlier"
 
 
 class Said(NamedTuple):
-    """What the actions need of the message that caused them; of what a message does not have, the default."""
+    """What the actions need from the message that caused them. What a message does not have keeps its default."""
 
     sender: int
     addressee: int = 0
     number: int = 0
     identity: Identity | None = None
     reason: str = ""
-    """In a refusal or a bye the sender's; of a hello or a welcome, why it does not fit."""
+    """Refusal or bye: the sender's reason. Hello or welcome: why it does not fit."""
 
 
 class Handshake:
     """One side's part in finding and keeping its peer. `peer` is None while unpaired.
 
-    living : says of a time [ns] whether the peer, if there is one, was heard lately.
+    living : called with the time [ns]; tells whether the peer, if there is one, was heard lately.
     """
 
     def __init__(self, identity: Identity, living: Callable[[int], bool], hello_period_ns: int) -> None:
@@ -82,18 +82,18 @@ class Handshake:
         self._reported: dict[type[Event], tuple[int, str, int]] = {}
 
     def receive(self, message: ControlMessage, now_ns: int) -> tuple[Event, ...]:
-        """What a control message brings.
+        """Process a control message; returns the events that it causes.
 
         Raises
         ------
-        BadMessage : it does not count, by a fault of the network or of its sender.
+        BadMessage : the message does not count, through a fault of the network or of its sender.
         LocalProtocolError : this side has said bye.
         """
         self._observe(now_ns)
         return self._act(*self._classify(message, now_ns), now_ns)
 
     def on_data(self, sender: int, now_ns: int, addressee: int | None = None) -> None:
-        """Energy or a stream's message of `sender` came. Return if it is the peer's and counts; else answer and raise.
+        """Check who sent energy or a stream's message. Returns if the message counts; otherwise answers and raises.
 
         addressee : of energy. A stream's message has none.
 
@@ -108,7 +108,7 @@ class Handshake:
             self._act(Input.MISADDRESSED, Said(sender, addressee or 0), now_ns)
 
     def other_version(self, error: OtherVersion, now_ns: int) -> tuple[Event, ...]:
-        """A frame of another version: a hello is refused in words, the rest ignored."""
+        """Process a frame of another version: a hello is refused with a reason, all else is ignored."""
         sender = error.incarnation
         if error.message_kind != Hello.KIND or sender == self.identity.incarnation:
             return ()
@@ -117,7 +117,7 @@ class Handshake:
         return self._act(happened, Said(sender, reason=error.detail), now_ns)
 
     def close(self, now_ns: int, acked_nJ: int, reason: str) -> None:
-        """Say bye a few times and nothing else any more.
+        """Say bye a few times, and nothing else from now on.
 
         Raises
         ------
@@ -133,7 +133,7 @@ class Handshake:
 
     @property
     def next_due_ns(self) -> int | None:
-        """When to poll next; a time that has passed means now."""
+        """When to poll next. A time in the past means now; None means that nothing is planned."""
         return self.control.next_due_ns
 
     # -- which input a message is: nothing here changes anything ---------------------------------------------------
@@ -224,10 +224,10 @@ class Handshake:
     def _no_more_peers(self) -> str:
         return f"this side has seen {MAX_PEERS} peers; restart it" if len(self._retired) >= MAX_PEERS else ""
 
-    # -- what the table decides is done ----------------------------------------------------------------------------
+    # -- carry out what the table decides --------------------------------------------------------------------------
 
     def _observe(self, now_ns: int) -> None:
-        """Follow the time: the peer may have fallen silent, or be heard again."""
+        """Update the state to the time: the peer may have fallen silent, or be heard again."""
         if self.peer is not None:
             heard = Input.PEER_HEARD if self._living(now_ns) else Input.PEER_SILENT
             self.state = transition(self.state, heard).state
@@ -297,7 +297,7 @@ class Handshake:
         self.control.reply(Refuse(self.identity.incarnation, incarnation, reason[:MAX_TEXT]))
 
     def _report(self, event: Mismatch | PeerRefused, incarnation: int, now_ns: int) -> tuple[Event, ...]:
-        """The event, unless the last of its type said the same of the same sender, or was just now."""
+        """The event, unless one of its type was just reported, or the last one said the same about the same sender."""
         if (last := self._reported.get(type(event))) is not None:
             *what, reported_ns = last
             if what == [incarnation, event.reason] or now_ns - reported_ns < REPORT_SPACING_NS:

@@ -35,7 +35,7 @@ from hapnet.wire.fields import Scalar as Scalar
 
 VERSION = 2
 MAX_FRAME_BYTES = 4096
-MAX_ARRAY = MAX_DOF + 1  # msgpack allots what an array announces: 4 kB of nested headers took 20 ms and 30 MB
+MAX_ARRAY = MAX_DOF + 1  # msgpack allocates what an array announces: 4 kB of nested headers took 20 ms and 30 MB
 
 _POSITION_KIND = 1
 
@@ -151,8 +151,8 @@ class Wave(_WaveFields):
 
 
 Stream = Position | Motion | Port | Wave
-"""What a side sends all the time: one of these kinds, by its coupling and role. `vector` is the element that has one
-number an axis, whatever the kind calls it."""
+"""The message that a side sends all the time; coupling and role decide which of these kinds. `vector` is the element
+with one number per axis, whatever the kind calls it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,7 +199,7 @@ class Welcome:
 
 @dataclass(frozen=True, slots=True)
 class Refuse:
-    """`addressee` does not fit, for good, and why. Its frame is the same in every version of the protocol."""
+    """`addressee` does not fit and never will; `reason` says why. The frame is the same in every protocol version."""
 
     KIND: ClassVar[int] = 5
     CHANNEL: ClassVar[Channel] = "control"
@@ -210,7 +210,7 @@ class Refuse:
 
 @dataclass(frozen=True, slots=True)
 class Bye:
-    """The sender ends. `acked_nJ` is the final total of what it credited to `addressee` (0: nobody)."""
+    """The sender ends. `acked_nJ` is all the energy that it credited to `addressee` (0: it has no peer)."""
 
     KIND: ClassVar[int] = 6
     CHANNEL: ClassVar[Channel] = "control"
@@ -279,7 +279,7 @@ def encode_position(
 
 
 def start_of(kind: int, incarnation: int, values: int) -> bytes:
-    """The beginning of the messages of a stream, which have so many `values`."""
+    """The first bytes of a stream's messages; `values` is the number of elements between `sent_ns` and `echo_ns`."""
     return _START(_ARRAY + _AROUND + values, VERSION, kind, _U64, incarnation)
 
 
@@ -319,7 +319,8 @@ def decode(data: bytes) -> Message:
 
     Raises
     ------
-    BadMessage : it is none. `kind` is one of size, malformed, version, kind, length, type, range, dimension.
+    BadMessage : `data` is not a valid message. Its `kind` is one of size, malformed, version, kind, length, type,
+        range, dimension.
     """
     if len(data) > MAX_FRAME_BYTES:
         raise BadMessage("size", f"a frame of {len(data)} bytes; allowed: up to {MAX_FRAME_BYTES}")
@@ -333,7 +334,7 @@ def decode(data: bytes) -> Message:
 
 
 def _is_position(frame: Any) -> bool:
-    """Is that a valid position? Nearly every frame is one, and should reach the servo soon: `examined` takes longer."""
+    """Is the frame a valid position? Nearly every frame is, and must reach the servo soon: `examined` takes longer."""
     if type(frame) is not tuple or len(frame) != 8:
         return False
     version, kind, incarnation, sequence, sent_ns, position, echo_ns, came_ns = frame
@@ -354,7 +355,7 @@ def _is_position(frame: Any) -> bool:
 
 
 def examined(frame: Any) -> Message:
-    """The message that a frame holds, checked element by element."""
+    """The message in a frame, checked element by element."""
     if type(frame) is not tuple or len(frame) < 3 or type(frame[0]) is not int or type(frame[1]) is not int:
         raise BadMessage("malformed", "not an array that begins with version, kind and incarnation")
     version, kind, incarnation = frame[:3]
@@ -383,7 +384,7 @@ def examined(frame: Any) -> Message:
 _STREAM = (Position, Motion, Port, Wave)
 _LAYOUTS = {cls.KIND: _Layout.of(cls) for cls in get_args(Message)}
 _AROUND = 7
-"""The number of elements in a stream's message beside its values."""
+"""The number of elements in a stream's message besides its values."""
 _ARRAY, _U64 = 0x90, 0xCF
 """msgpack's first bytes of an array of up to 15 elements, and of an integer of 8 bytes."""
 _START, _TWO = Struct(">BBBBQ").pack, Struct(">BQBQ").pack

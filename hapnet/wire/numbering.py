@@ -20,23 +20,23 @@ from __future__ import annotations
 from enum import Enum
 
 LEAST_PERIOD_NS, MOST_AT_ONCE = 50_000, 2_000
-"""A sender's messages are this far apart in the long run, and at most so many come ahead of that."""
+"""In the long run a sender's messages are at least this far apart; at most so many may come ahead of that."""
 
 RUN = 2
-"""So many messages that continue each other are a run. Every side sends a message at least every 0.1 s, a world every
+"""This many messages that continue each other are a run. Every side sends a message at least every 0.1 s, a world every
 50 ms: so a run is known within 0.2 s, unless messages are lost."""
 
 PROOF = 20
-"""After so many messages a run is beyond doubt."""
+"""After this many messages a run is beyond doubt."""
 
 LATE_RUN, LATE_RUN_NS = 10, 100_000_000
-"""An honest sender's late messages never come so many in order, over such a time, with nothing new between them."""
+"""An honest sender never has this many late messages in order, over this time, with nothing new between them."""
 
 EARLY_NS = 60_000_000
 """A message is too early to be true if it beats the least delay so far by this and twice the mean above it."""
 
 WARM = 32
-"""The least delay means something once so many messages have come."""
+"""The least delay means something once this many messages have come."""
 
 WINDOW_NS = 10_000_000_000
 """The least delay is that of the last one to two such windows, since clocks drift."""
@@ -128,7 +128,7 @@ class Numbering:
         self.newest, self._stamp_ns, self._heard_ns = number, sent_ns, now_ns
 
     def _is_run(self, now_ns: int, number: int, sent_ns: int, *, sure: bool) -> bool:
-        """Is this message, with the doubtful ones before it, a run? `sure`: no honest sender's looks like it."""
+        """Is this message, with the doubtful ones before it, a run? `sure`: no honest sender sends such a message."""
         before, self._other = self._other, (number, sent_ns, now_ns)
         if before is not None and before[0] < number <= before[0] + _most(now_ns - before[2]) and before[1] < sent_ns:
             self._others += 1

@@ -56,7 +56,7 @@ class Input(Enum):
 
 
 class Action(Enum):
-    """What is to be done, to the sender of the message where nothing else is said."""
+    """What to do. Where nothing else is said, it concerns the sender of the message."""
 
     MAKE_CANDIDATE = "the sender is the candidate from now on"
     SEND_WELCOME = "answer with a welcome"

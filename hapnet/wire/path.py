@@ -1,4 +1,4 @@
-"""The path between two sides as their streams show it: round trip, jitter, loss, stalls, age. No common clock.
+"""The path between two sides, as their streams show it without a common clock: round trip, jitter, loss, stalls, age.
 
 A message says when it was sent (`sent_ns`, on its sender's clock), which stamp of this side its sender has used last
 (`echo_ns`), and when that stamp had come (`came_ns`, on the sender's clock). If it arrives at `now_ns`, it has measured
@@ -8,7 +8,7 @@ a round trip of
 
 This contains neither the difference of the clocks nor the time for which the other side held the stamp. How it splits
 into the way there and the way back cannot be known. Of the way to this side only the variation is known: now_ns -
-sent_ns, less the least such difference lately. So an age is that variation and half of the least round trip.
+sent_ns, less the least such difference lately. So an age is that variation plus half of the least round trip.
 
 The numbers show what was lost, as in RFC 3550 (section 6.4.1): all numbers between the first and the newest, less those
 that came, late or not. All of it is measured from stamp to arrival, so an emulated link is part of the path.
@@ -30,7 +30,7 @@ LONGEST_NS = 60_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class PathFigures:
-    """A side's path, or its last seconds; times in ns, None before anything is known.
+    """A side's path since its start, or its last seconds. Times are in ns, and None before anything is known.
 
     jitter : how much longer the messages to this side took than the fastest lately.
     age : the age of what this side used, at its oldest: just before the next took its place. A message without jitter
@@ -47,7 +47,7 @@ class PathFigures:
     sent: int
     """Messages that the other side has numbered since the first that came here."""
     lost: int
-    """Those of them that have not come."""
+    """How many of these have not come."""
     stalls: int
     """How often nothing new came for `STALL_NS` longer than the sender paused."""
     longest_stall_ns: int

@@ -1,4 +1,4 @@
-"""Which numbers were seen already, for messages that may come late but must be used once at most."""
+"""Which numbers were seen already, for messages that may come late but must be used at most once."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class ReplayWindow:
         self._bits = 0
 
     def accept(self, number: int) -> bool:
-        """Take `number` in: was it not seen before? A number behind the window counts as seen."""
+        """Mark `number` as seen; True if it was not seen before. A number behind the window counts as seen."""
         if number > self._newest:
             ahead = min(number - self._newest, WINDOW)
             self._bits = (self._bits << ahead | 1) & ((1 << WINDOW) - 1)
@@ -26,9 +26,9 @@ class ReplayWindow:
         return True
 
     def restart(self, number: int) -> None:
-        """The peer's numbers go on from here after all (see `Numbering`); those before this one count as seen.
+        """The peer's numbers continue from here after all (see `Numbering`); those before this one count as seen.
 
-        While they are within the window it already says which were seen, and stays as it is.
+        If this number is within the window, nothing changes: the window says which numbers were seen.
         """
         if self._newest - number >= WINDOW:
             self._newest, self._bits = number - 1, (1 << WINDOW) - 1

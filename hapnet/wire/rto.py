@@ -2,8 +2,8 @@
 
 Three constants deviate from the RFC. There the floor and the first value are 1 s (equations 2.4 and 2.1), for bulk
 transfers that share a congested path. Here a message has some 40 bytes, messages come at a bounded rate, the stream of
-positions beside them is many times as heavy, and a second without energy can be felt. There the optional ceiling is at
-least 60 s (2.5); here a side must notice soon that a link has come back after an outage.
+positions beside them is many times as heavy, and a person feels a second without energy. In the RFC the optional
+ceiling is at least 60 s (2.5); here a side must notice soon that a link has come back after an outage.
 """
 
 from __future__ import annotations

@@ -156,14 +156,14 @@ class Session:
             self._channel.abandon()
 
     def receive(self, now_ns: int, data: bytes) -> tuple[Event, ...]:
-        """What the datagram `data` brings. It never raises, whatever the content."""
+        """Process the datagram `data`; returns the events that it causes. Never raises, whatever the content."""
         if self.closed:
             self.dropped["closed"] += 1
             return ()
         before = self._handshake.peer
         try:
             message = decode(data)
-            if type(message) is self._expects:  # nearly all there is
+            if type(message) is self._expects:  # nearly every message
                 return self._on_stream(message, now_ns)
             events = self._dispatch(message, now_ns)
         except OtherVersion as error:
@@ -181,7 +181,7 @@ class Session:
         self.dropped_for[error.kind] = error.detail
 
     def watch(self, now_ns: int) -> tuple[Event, ...]:
-        """Has the peer fallen silent? To be asked now and then; each silence is reported once."""
+        """Report that the peer has fallen silent, once for each silence. Call it regularly."""
         if self.closed or self.peer is None or (silent := self._monitor.watch(now_ns)) is None:
             return ()
         return (silent,)
@@ -202,16 +202,16 @@ class Session:
 
     @property
     def next_due_ns(self) -> int | None:
-        """When to call `poll` next at the latest; a time that has passed means now, None that nothing is planned."""
+        """When to call `poll` next at the latest. A time in the past means now; None means that nothing is planned."""
         handshake, channel = self._handshake.next_due_ns, self._channel.next_due_ns
         if handshake is None or channel is None:
             return channel if handshake is None else handshake
         return min(handshake, channel)
 
     def close(self, now_ns: int, reason: str) -> None:
-        """End the pair and this side: some byes remain to be polled, then nothing is due any more.
+        """End the pair and this side: some byes remain to be polled; after them nothing is due.
 
-        What is in flight is abandoned: wait for `settled` first, as long as there is time.
+        Energy in flight is abandoned: wait for `settled` first, as long as there is time.
         """
         if not self.closed:
             self.closed = True
@@ -255,12 +255,12 @@ class Session:
 
     @property
     def unanswered_ns(self) -> int:
-        """For how long positions came but no acknowledgement of the energy in flight; 0: none is in flight."""
+        """How long positions came without an acknowledgement of the energy in flight [ns]; 0: none is in flight."""
         return self._channel.unanswered_ns(self._monitor.heard_ns)
 
     @property
     def residue_J(self) -> float:
-        """The energy that makes no whole nanojoule yet: all that was shuffled is sent_nJ and this."""
+        """The fraction of a nanojoule that waits to be sent [J]: all shuffled energy is `sent_nJ` plus this."""
         return self._channel.residue_J
 
     def _dispatch(self, message: Message, now_ns: int) -> tuple[Event, ...]:
@@ -281,7 +281,7 @@ class Session:
         if peer is None or peer.incarnation != message.incarnation:
             self._handshake.on_data(message.incarnation, now_ns)
         if type(message) is not self._expects:
-            raise BadMessage("stream", f"a {_word(message)}; allowed: a {_word(self._expects)}, by the coupling here")
+            raise BadMessage("stream", f"a {_word(message)}; allowed with this coupling: a {_word(self._expects)}")
         if len(message.vector) != self.identity.dof:
             raise BadMessage("dimension", f"{len(message.vector)} coordinates; allowed: {self.identity.dof}")
         monitor = self._monitor
@@ -289,7 +289,7 @@ class Session:
         sequence, sent_ns, newest = message.sequence, message.sent_ns, numbers.newest
         place = numbers.place(now_ns, sequence, sent_ns)
         if place is Place.DOUBTFUL:
-            detail = f"{_word(message)} {sequence} does not follow {newest}: no honest sender has that number then"
+            detail = f"{_word(message)} {sequence} cannot follow {newest}: its number or its time stamp is not possible"
             raise BadMessage("leap", detail)
         since = 1 if newest < 0 else sequence - newest
         self.path.on_position(now_ns, sent_ns, since, numbers.least_ns, place)
@@ -306,14 +306,14 @@ class Session:
                 if place is Place.AGAIN:
                     self._replay_window.restart(sequence)
                 if not self._replay_window.accept(sequence):
-                    raise BadMessage("stale", f"wave {sequence} again")
+                    raise BadMessage("stale", f"wave {sequence} came before")
             return (received,) if heard is None else (received, heard)
         monitor.on_any_message(now_ns)
         if type(message) is Wave:
             if not self._replay_window.accept(sequence):
-                raise BadMessage("stale", f"wave {sequence} again, or long after later waves")
+                raise BadMessage("stale", f"wave {sequence} came before, or comes long after later waves")
         elif type(message) is not Position or not self.settings.accept_stale:
-            raise BadMessage("stale", f"{_word(message)} {sequence} after a later one")
+            raise BadMessage("stale", f"{_word(message)} {sequence} comes after a later one")
         return (received,)
 
     def _on_bye(self, message: Bye, now_ns: int) -> tuple[Event, ...]:
@@ -355,7 +355,7 @@ def _printable(text: str) -> str:
 
 
 def _check_identity(identity: Identity) -> None:
-    """A side must be able to read its own hello and welcome, whatever their numbers: the largest are tried."""
+    """Check that a side can read its own hello and welcome, whatever their numbers: the largest are tried."""
     try:
         me = identity
         about = {**me.about, EARLIER: 2**63}

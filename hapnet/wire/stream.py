@@ -1,4 +1,4 @@
-"""The messages that one side sends all the time, numbered, stamped and encoded: its stream."""
+"""A side's stream: the messages that it sends all the time, numbered, stamped and encoded."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hapnet.wire.messages import Motion, Port, Position, Wave, echo_of, encode_p
 
 
 class PositionStream:
-    """Numbers and encodes the positions of one incarnation, or what its coupling sends in their place.
+    """Numbers and encodes the positions of one incarnation, or what its coupling sends instead.
 
     It shares nothing with the rest of a session, so it may run in another thread or process.
     """
@@ -24,7 +24,7 @@ class PositionStream:
         self._echo = echo_of(0, 0)
 
     def echo(self, sent_ns: int, came_ns: int) -> None:
-        """Let the next messages echo the stamp `sent_ns` of the newest message used here, which came at `came_ns`."""
+        """Let the next messages echo `sent_ns`, the stamp of the newest message used here, which came at `came_ns`."""
         self._echo = echo_of(sent_ns, came_ns)
 
     def position(self, now_ns: int, position: Sequence[float]) -> bytes:
@@ -38,7 +38,7 @@ class PositionStream:
         return self._next(Motion.KIND, now_ns, (_floats(position), _floats(velocity)))
 
     def port(self, now_ns: int, value: Sequence[float], energy_nJ: int) -> bytes:
-        """The next frame: a port's position [m] or force [N], and all the energy that went in there so far."""
+        """The next frame: a port's position [m] or force [N], and all the energy that went in at this port so far."""
         return self._next(Port.KIND, now_ns, (_floats(value), energy_nJ))
 
     def wave(self, now_ns: int, wave: Sequence[float], span_ns: int) -> bytes:

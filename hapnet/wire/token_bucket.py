@@ -11,7 +11,7 @@ from math import isfinite
 from hapnet.errors import InvalidParameter
 
 REPEATED_NS = 2_000_000_000
-"""Within this time a sender repeats a total that is not acknowledged: its timer is at most 1.5 s [ns]."""
+"""A sender repeats a total without acknowledgement within this time [ns]: its timer is at most 1.5 s."""
 
 _AJ_PER_NJ = 1_000_000_000
 
@@ -26,7 +26,7 @@ class TokenBucket:
 
     Raises
     ------
-    InvalidParameter : outside these.
+    InvalidParameter : one of them is out of its range.
     """
 
     def __init__(self, power_W: float, burst_J: float) -> None:
@@ -40,11 +40,11 @@ class TokenBucket:
 
     @property
     def most_waiting_nJ(self) -> int:
-        """How much may wait for tokens: what they can pay until the sender repeats its total, whatever its timer."""
+        """How much may wait for tokens: what the tokens can pay before the sender repeats its total."""
         return (self._burst_aJ + self._rate_nW * REPEATED_NS) // _AJ_PER_NJ
 
     def take(self, wanted_nJ: int, now_ns: int) -> int:
-        """Up to `wanted_nJ`, as far as the tokens go at `now_ns`."""
+        """Take up to `wanted_nJ` from the bucket, as far as the tokens go; returns what was taken [nJ]."""
         if self._filled_ns is None:
             self._filled_ns = now_ns
         if now_ns > self._filled_ns:
@@ -55,7 +55,7 @@ class TokenBucket:
         return taken_nJ
 
     def due_ns(self, wanted_nJ: int, step_ns: int) -> int:
-        """When to take again: with tokens for all of `wanted_nJ`, or for `step_ns` of power if that is sooner."""
+        """When to take next: tokens for all of `wanted_nJ` are there, or `step_ns` of power if that is sooner."""
         step_nJ = max(1, self._rate_nW * step_ns // _AJ_PER_NJ)
         lacking_aJ = min(wanted_nJ * _AJ_PER_NJ, self._burst_aJ, step_nJ * _AJ_PER_NJ) - self._level_aJ
         return (self._filled_ns or 0) + max(0, -(-lacking_aJ // self._rate_nW))
