@@ -38,7 +38,7 @@ def test_keys_that_are_silent_are_told_at_a_bounded_rate() -> None:
     for at in range(30):
         side.keys(at * SECOND, ["energy"] if at >= 5 else [])
     assert [notice.at_ns for notice in told] == [at * SECOND for at in (5, 15, 25)]
-    assert told[0].text.startswith("no energy messages of the world arrive, though others do")
+    assert told[0].text.startswith("no energy messages arrive from the world, although others do")
 
 
 def test_refusals_are_told_at_a_bounded_rate() -> None:

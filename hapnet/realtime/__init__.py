@@ -1,1 +1,1 @@
-"""Real time: one side in this process, over a transport, through the emulated link."""
+"""Real time: one side runs in this process, over a transport and through the emulated link."""

@@ -1,4 +1,4 @@
-"""Which control half a side of a run in real time has: a thread, or a servo in a process of its own."""
+"""Chooses a side's control half in real time: a thread, or a servo in a process of its own."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def control_of(
     *,
     realtime: bool,
 ) -> Control:
-    """The side's control, not started. `steps`: of the random lengths of a world's steps."""
+    """The side's control, not started yet. `steps` seeds the random lengths of a world's steps."""
     if role == "world":
         session = world_session(setup, incarnation)
         return ThreadedWorld(setup, session, callbacks, clock, rng=np.random.default_rng(steps))

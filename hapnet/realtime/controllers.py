@@ -1,4 +1,4 @@
-"""What drives a side's control half: a thread of this process, or (servo_process.py) a process of its own."""
+"""What runs a side's control half: a thread of this process, or a process of its own (servo_process.py)."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ UNPAIRED_STEP_NS = 1_000_000
 
 @dataclass(frozen=True)
 class ControlCallbacks:
-    """Where control's values go; each is called on control's own thread and returns at once.
+    """What control calls with its results; each is called on control's own thread and returns at once.
 
-    send : a position message to put on the link. write : a sample to record. fail : what has ended control.
-    wake : there is surplus energy to collect, and no message to send.
+    send : takes a position message for the link. write : takes a sample to record. fail : takes the error that ended
+    control. wake : says that there is surplus energy to collect but no message to send.
     """
 
     send: Callable[[bytes], None]
@@ -37,27 +37,27 @@ class ControlCallbacks:
 
 
 class Control(Protocol):
-    """A side's control, running, and the wire half that goes with it."""
+    """A side's control, and the wire half that belongs to it."""
 
     wire: WireHalf
     unrecorded: int
-    """Samples that found no room on their way to `ControlCallbacks.write`."""
+    """Samples that were lost before `ControlCallbacks.write`, because there was no room."""
 
     @property
     def origin_ns(self) -> int | None:
         """When control started, on this machine's monotonic clock; None before."""
 
     def start(self) -> str | None:
-        """Begin to tick or step; why real-time scheduling was refused, in one line, or None."""
+        """Begin to tick or step; returns one line on why real-time scheduling was refused, or None."""
 
     def stop(self) -> None:
-        """Render no force any more and end; returns when that is done. May be called again."""
+        """Stop rendering force and end; returns when that is done. May be called again."""
 
     def pause(self, paused: bool) -> None:
-        """Let what is simulated stand still, or go on."""
+        """Halt the simulated device or world, or let it continue."""
 
     def lead(self, position: Vector) -> None:
-        """Where a live hand is to go [m], shape (n,)."""
+        """Lead a live hand to `position` [m], shape (n,)."""
 
     def summary(self, now_ns: int) -> SidePart:
         """This side's part of the summary as of `now_ns`, complete once it has stopped."""
@@ -169,7 +169,7 @@ class ThreadedWorld:
 
 
 def unsafe(now_ns: int, servo: Servo) -> Event:
-    """What to say of a servo whose force could not be stopped."""
+    """The event to record for a servo whose force could not be stopped."""
     return Event(now_ns, "servo", f"the force could not be set to zero at the end: {servo.unsafe}")
 
 

@@ -1,4 +1,4 @@
-"""What one side of a run in real time has to show: its summary, its status, and what its recording is of."""
+"""The figures of one side in real time: its summary, its status, and the description of its recording."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from hapnet.wire.messages import Role
 
 
 class Figures:
-    """Reads a side's parts; on the event loop.
+    """Reads the figures from a side's parts; on the event loop.
 
     Parameters
     ----------
     setup, role, seed : of the side. names : of its session and its device, as in the key expressions.
-    control, driver, transport, clock : its parts.
+    control, driver, transport, clock : the side's parts.
 
     Attributes
     ----------
-    stopped_ns : when control stopped; None: it has not.
+    stopped_ns : when control stopped; None while it runs.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class Figures:
         self._about = described(setup, role, seed, driver.port.link.profile) | {
             "session": names[0],
             "name": names[1],
-            "versions": versions(),  # a hundred files are read for it: not once the servo runs
+            "versions": versions(),  # reads a hundred files, so not while the servo runs
         }
 
     @property
@@ -60,12 +60,12 @@ class Figures:
         return "up" if self._role == "device" else "down"
 
     def meta(self) -> dict[str, Any]:
-        """What a recording that begins now is of."""
+        """The description of a recording that begins now."""
         links = {self.way: str(self._driver.port.link.profile)}
         return self._about | {"links": links, "origin_ns": self._control.origin_ns}
 
     def dropped(self) -> dict[str, int]:
-        """How many messages were dropped, by kind; the lock is held."""
+        """How many messages were dropped, by kind. The caller holds the driver's lock."""
         flood = self._transport.gate.refused
         return dict(self._control.wire.session.dropped) | ({"flood": flood} if flood else {})
 
@@ -90,7 +90,7 @@ class Figures:
         return summary
 
     def status(self, *, paused: bool, recording: str) -> Status:
-        """For who watches. `recording` : the path of the one that is being made, or empty."""
+        """The status for those who watch. `recording` : the path of the running recording, or empty."""
         session = self._control.wire.session
         with self._driver.lock:
             stats, paired = self._driver.port.link.stats, session.peer is not None

@@ -1,4 +1,4 @@
-"""What one side looks after while it runs, twenty times a second, on the event loop."""
+"""The periodic work of one side while it runs: twenty times a second, on the event loop."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from hapnet.wire.messages import Role
 from netem import Timeline
 
 REFUSE_S = 0.4
-"""How long a device goes on refusing a world that does not fit before it ends: some refusals get lost [s].
+"""How long a device keeps refusing a world that does not fit before it ends [s]: some refusals get lost.
 
-A world goes on waiting for a device that fits: otherwise any stranger could end it.
+A world keeps waiting for a device that fits: otherwise any stranger could end it.
 """
 
 _PERIOD_S = 0.05
@@ -32,14 +32,15 @@ _COLLECT_EVERY = 20  # rounds
 
 
 class Housekeeping:
-    """Waits with a side for its peer, watches over the pair, and ends the side when it is time.
+    """Reports what a side waits for, watches its peer, and ends the side when it is time.
 
     Parameters
     ----------
     role : this side's. control, driver, transport, figures, reporter, clock : its parts.
-    alone : what it does without its peer. diagnosis : why nobody may be there.
+    alone : what it does without its peer. diagnosis : finds out why nobody answers.
     timeline : of its link, from pairing on.
-    refused : asked, at a time [ns], who was refused since the last time, in words. fail : ends the side with an error.
+    refused : called with the time [ns]; says in words who was refused since the last call.
+    fail : ends the side with an error.
     """
 
     def __init__(
@@ -68,7 +69,10 @@ class Housekeeping:
         self._duration_s = 0.0
 
     async def run(self, stop: asyncio.Event, duration_s: float, collect: Callable[[], int]) -> None:
-        """Until `stop` is set or `duration_s` seconds after pairing (0: no end). `collect`: Python's garbage."""
+        """Run until `stop` is set or `duration_s` seconds have passed since pairing (0: no end).
+
+        collect : collects Python's garbage.
+        """
         self._duration_s = duration_s
         rounds = 0
         stopped = asyncio.ensure_future(stop.wait())  # one for all rounds: a new one each costs more than the rest
@@ -91,13 +95,13 @@ class Housekeeping:
         stopped.cancel()
 
     def on_connection(self) -> None:
-        """Zenoh has gained or lost a connection."""
+        """Report that Zenoh has gained or lost a connection."""
         over = self._figures.stopped_ns is not None
         if self._control.origin_ns is not None and not over and self._control.wire.session.peer is not None:
             self._reporter.notifier.link(self._clock(), up=self._transport.peers > 0)
 
     def watch(self) -> None:
-        """Has the other side fallen silent, and what was dropped?"""
+        """Report a silence of the other side, dropped messages, refused strangers and silent keys."""
         session, now_ns, notifier = self._control.wire.session, self._clock(), self._reporter.notifier
         with self._driver.lock:
             events, counts, why = session.watch(now_ns), self._figures.dropped(), session.dropped_for.copy()
@@ -109,7 +113,7 @@ class Housekeeping:
         notifier.keys(now_ns, self._transport.silent if session.peer is not None else [])
 
     def on_events(self, events: Iterable[Event], now_ns: int) -> None:
-        """What the session tells."""
+        """Act on the session's events."""
         origin_ns, duration_s = self._control.origin_ns, self._duration_s
         left_s = duration_s - (now_ns - (origin_ns or now_ns)) * NANO if duration_s else None
         for event in events:
@@ -123,14 +127,14 @@ class Housekeeping:
             self._alone.happened(event, now_ns, left_s)
 
     def drain(self) -> None:
-        """Tell what control has noted, and write what was recorded, since the last call."""
+        """Report control's notes, and write the samples, that came since the last call."""
         self._reporter.tell_notes()
         if self._control.origin_ns is not None:
             self._reporter.recordings.drain(self._clock(), self._figures.meta)
 
     def _look_around(self, origin_ns: int | None) -> None:
-        """What is worth a look once a second."""
-        self.on_connection()  # Zenoh's event of a loss may come while it still counts the link
+        """What is checked once a second."""
+        self.on_connection()  # when Zenoh reports a lost link, it may still count that link
         if origin_ns is not None:
             now_ns = self._clock()
             self._reporter.notifier.progress(now_ns, (now_ns - origin_ns) * NANO)
@@ -138,7 +142,7 @@ class Housekeeping:
                 self._reporter.notify(notice)
 
     def _wait(self, now_ns: int) -> None:
-        """There is no peer yet: say what this side does, and if nobody is there at all, why that may be."""
+        """There is no peer yet: report what this side does and, if nobody is there at all, the possible cause."""
         transport = self._transport
         status, others = transport.status, transport.partners or transport.doubled
         if not transport.peers and (why := self._diagnosis.answer(now_ns)):
@@ -148,12 +152,12 @@ class Housekeeping:
         self._reporter.notifier.waiting(now_ns, status, transport.partners)
 
     def _is_final(self, event: Event) -> bool:
-        """Does this end a device: a world that does not fit, or that has another one and will never take this again?"""
+        """Does this event end a device? The world does not fit, or it has another device and never takes this one."""
         if self._role != "device" or not isinstance(event, Mismatch | PeerRefused):
             return False
         return self._control.origin_ns is None or (isinstance(event, PeerRefused) and event.by_peer)
 
     def _end_unpaired(self, error: HapnetError) -> None:
-        """Unless a world has taken this side after all: anybody may send a refusal."""
+        """End the side, unless a world has taken it after all: anybody may send a refusal."""
         if self._control.wire.session.peer is None:
             self._fail(error)

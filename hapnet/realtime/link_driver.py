@@ -1,6 +1,6 @@
-"""A side's link port in real time: control's thread sends, the event loop releases and repeats.
+"""A side's link port in real time: control's thread sends, the event loop releases and retransmits.
 
-The port and the timer that wakes the loop for it have one lock, held for microseconds and never while a message is put.
+One lock guards the port and the timer that wakes the loop. It is held for microseconds, never while a message is put.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ class LinkDriver:
     Parameters
     ----------
     port : the side's. put : puts a message of a kind on the wire. clock : [ns].
-    period_ns : the servo's, if it is a servo that sends.
+    period_ns : the servo's period; None if no servo sends.
 
     Attributes
     ----------
-    lock : whoever else uses the port, or its wire half, holds it.
+    lock : must be held by anybody else who uses the port or its wire half.
     """
 
     def __init__(
@@ -47,12 +47,12 @@ class LinkDriver:
         self._granted_ns: int | None = None
 
     def open(self, loop: asyncio.AbstractEventLoop, due: Callable[[], None]) -> None:
-        """From `arm` on `due` is called on `loop` when it is time to `pump`."""
+        """From the first `arm` on, call `due` on `loop` whenever it is time to `pump`."""
         self._loop = loop
         self._timer = DeadlineTimer(loop, due)
 
     def close(self) -> None:
-        """`due` is not called any more."""
+        """Stop calling `due`."""
         if self._timer is not None:
             self._timer.close()
 
@@ -77,7 +77,7 @@ class LinkDriver:
     def send(self, data: bytes) -> None:
         """Offer control's message to the link and put on the wire what is not delayed; on control's own thread.
 
-        The message comes first: what else is to be done here waits until it has been put.
+        The message is put first; all other work waits for that.
         """
         now_ns = self._clock()
         with self.lock:
@@ -92,7 +92,7 @@ class LinkDriver:
             self._arm()
 
     def receive(self, data: bytes) -> tuple[Event, ...]:
-        """A message has come in, on any thread; what it means."""
+        """Process a message from the network, on any thread; returns the events that it causes."""
         now_ns = self._clock()
         with self.lock:
             events = self.port.receive(now_ns, data)
@@ -100,7 +100,7 @@ class LinkDriver:
         return events
 
     def pump(self) -> Pumped:
-        """Put all that is due on the wire, and wait for what is due next; on the loop."""
+        """Put everything due on the wire, and set the timer for what is due next; on the loop."""
         now_ns = self._clock()
         with self.lock:
             pumped = self.port.pump(now_ns)
@@ -110,7 +110,7 @@ class LinkDriver:
         return pumped
 
     def arm(self) -> None:
-        """Wake the loop when something is due next."""
+        """Set the timer that wakes the loop when something is due."""
         with self.lock:
             self._arm()
 
@@ -124,10 +124,10 @@ class LinkDriver:
             self._loop.call_soon_threadsafe(self._timer.arm, due_ns)
 
     def _calm_ns(self, wire_ns: int | None) -> int | None:
-        """When the loop is to look after the protocol that is due at `wire_ns`: that, or a little later.
+        """When the loop should serve the protocol, which is due at `wire_ns`: then, or a little later.
 
-        A servo's message and the loop would be in each other's way if both came at once, and they would, again and
-        again: what is sent with a tick is due again a whole number of periods later. So the loop comes between two.
+        The loop and a servo's message disturb each other if both come at once. They would do so again and again, since
+        what is sent with a tick is due again a whole number of periods later. So the loop runs between two ticks.
         """
         if wire_ns == self._asked_ns:
             return self._granted_ns
@@ -135,6 +135,6 @@ class LinkDriver:
         period_ns = self._period_ns
         if wire_ns is not None and period_ns is not None and self._sent_ns is not None:
             first_ns = self._sent_ns + (2 * period_ns) // 5
-            periods = max(0, -((first_ns - wire_ns) // period_ns))  # up to the first such time that is not before
+            periods = max(0, -((first_ns - wire_ns) // period_ns))  # up to the first such time at or after wire_ns
             self._granted_ns = first_ns + periods * period_ns
         return self._granted_ns

@@ -1,4 +1,4 @@
-"""Decides what is told, and when: each thing once, and whatever a stranger does, at a bounded rate."""
+"""Decides which notices people get, and when: each thing once, and what strangers cause at a bounded rate."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from hapnet.side.notices import Notice, notice_of
 from hapnet.wire.events import Event
 
 TOLD_EVERY_NS = 10_000_000_000
-"""What strangers can bring about is told of at most so often [ns]; dropped messages of a new kind at once."""
+"""What strangers can cause is reported once in this time [ns]; a new kind of dropped message is reported at once."""
 
 MOST_TOLD = 20
-"""At most so many events of the session are told in `TOLD_EVERY_NS`."""
+"""At most this many events of the session are reported in `TOLD_EVERY_NS`."""
 
 ROUTINE = frozenset({"stale", "closed", "unpaired", "retired", "addressee"})
-"""Kinds of dropped messages that come of themselves, of delays, beginnings, ends and restarts: in the summary only."""
+"""Kinds of dropped messages that delays, starts, ends and restarts cause: they are in the summary only."""
 
 PATIENCE_NS = 1_500_000_000
-"""A peer that is there and has not answered for longer may have another one."""
+"""A side that is there but has not answered for longer than this may have another peer [ns]."""
 
 
 class Notifier:
-    """What one side tells; on the event loop.
+    """Sends one side's notices; on the event loop.
 
     role : this side's. on_silence : what it does when nothing arrives. notify : called with each notice.
     """
@@ -42,11 +42,11 @@ class Notifier:
         self._silent: dict[str, int] = {}
 
     def tell(self, kind: str, text: str, now_ns: int) -> None:
-        """A warning in plain words."""
+        """Send a warning in plain words."""
         self._notify(Notice(kind, text, now_ns, "warning"))
 
     def waiting(self, now_ns: int, status: str, partners: int) -> None:
-        """This side has no peer; `status` says what the transport does, `partners` how many could be one."""
+        """This side has no peer. `status` says what the transport does, `partners` how many may become the peer."""
         text = f"waiting for the {self._other}: {status}"
         if not partners:
             self._met_ns = None
@@ -59,11 +59,11 @@ class Notifier:
             self._notify(Notice("waiting", text, now_ns))
 
     def progress(self, now_ns: int, elapsed_s: float) -> None:
-        """How long control has run [s]."""
+        """Report how long control has run [s]."""
         self._notify(Notice("progress", f"{elapsed_s:.1f}", now_ns))
 
     def happened(self, event: Event, now_ns: int) -> Notice | None:
-        """An event of the session; what was said of it."""
+        """Report an event of the session; returns the notice that was sent, if any."""
         notice = notice_of(event, now_ns, self._other, self._on_silence)
         if notice is None:
             return None
@@ -76,18 +76,18 @@ class Notifier:
             return None
         self._told_ns.append(now_ns)
         if self._untold:
-            notice = replace(notice, text=f"{notice.text} ({self._untold} events before this were too many to tell)")
+            notice = replace(notice, text=f"{notice.text} ({self._untold} events before this one were not shown)")
             self._untold = 0
         self._notify(notice)
         return notice
 
     def dropped(self, now_ns: int, counts: Mapping[str, int], why: Mapping[str, str]) -> None:
-        """How many messages were dropped so far, by kind, and why the last of each."""
+        """Report the dropped messages: how many so far, by kind, and why the last one of each kind was dropped."""
         if (notice := self._drops.look(now_ns, counts, why)) is not None:
             self._notify(notice)
 
     def link(self, now_ns: int, *, up: bool) -> None:
-        """Whether Zenoh is connected to anybody."""
+        """Report whether Zenoh is connected to anybody, when that has changed."""
         if not up and self._link_lost_ns is None:
             self._link_lost_ns = now_ns
             self._notify(Notice("link", f"the connection to the {self._other} is lost", now_ns, "warning"))
@@ -99,23 +99,23 @@ class Notifier:
             )
 
     def keys(self, now_ns: int, silent: Sequence[str]) -> None:
-        """Which kinds of message do not arrive, though the link is up and others do: told at a bounded rate."""
+        """Report the kinds of message that do not arrive although other kinds do, at a bounded rate."""
         for kind in silent:
             if now_ns - self._silent.get(kind, -TOLD_EVERY_NS) >= TOLD_EVERY_NS:
                 self._silent[kind] = now_ns
-                text = f"no {kind} messages of the {self._other} arrive, though others do; subscribing again"
+                text = f"no {kind} messages arrive from the {self._other}, although others do; subscribing again"
                 self._notify(Notice("link", text, now_ns, "warning"))
 
 
 class Drops:
-    """Tells of messages that were dropped, at a bounded rate; whoever sends them cannot fill a log."""
+    """Reports dropped messages at a bounded rate, so that whoever sends them cannot fill a log."""
 
     def __init__(self) -> None:
         self._told: Counter[str] = Counter()
         self._told_ns: int | None = None
 
     def look(self, now_ns: int, dropped: Mapping[str, int], why: Mapping[str, str]) -> Notice | None:
-        """What to say of the counts by kind since the last time. `why` : of the last one of each kind, in words."""
+        """The notice about the messages dropped since the last one. `why` : the reason of the last one of each kind."""
         new = {kind: count - self._told[kind] for kind, count in dropped.items() if kind not in ROUTINE}
         new = {kind: count for kind, count in new.items() if count > 0}
         known = all(self._told[kind] for kind in new)

@@ -1,4 +1,4 @@
-"""A side whose peer has left: it says what it waits for, and how long; or it ends, if it was to serve one peer only."""
+"""A side whose peer has left: it reports what it waits for, and how long; with `--once` it ends."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hapnet.wire.events import Event, Paired, PeerHeard, PeerLeft, PeerSilent
 from hapnet.wire.messages import Role
 
 GONE_NS = 10_000_000_000
-"""A peer that has been silent for so long, and that Zenoh does not see either, has left without a word [ns]."""
+"""A peer counts as gone when it has been silent for this time [ns] and Zenoh does not see it either."""
 
 _WORTH_TELLING_S = 1.0
 
@@ -18,7 +18,7 @@ _WORTH_TELLING_S = 1.0
 class PeerAbsence:
     """What one side does without its peer; on the event loop.
 
-    role : this side's. once : end with the first peer. notify : told each notice. end : ends the side.
+    role : this side's. once : end with the first peer. notify : called with each notice. end : ends the side.
     """
 
     def __init__(self, role: Role, once: bool, notify: Callable[[Notice], None], end: Callable[[], None]) -> None:
@@ -27,7 +27,7 @@ class PeerAbsence:
         self._silent_since_ns: int | None = None
 
     def happened(self, event: Event, now_ns: int, left_s: float | None) -> None:
-        """An event of the session; this side runs for another `left_s` seconds, None: until it is stopped."""
+        """Act on an event of the session. This side runs for another `left_s` seconds; None: until it is stopped."""
         match event:
             case Paired() | PeerHeard():
                 self._silent_since_ns = None
@@ -43,7 +43,7 @@ class PeerAbsence:
                     self._notify(Notice("waiting", text, now_ns))
 
     def watch(self, now_ns: int, partners: int) -> None:
-        """`partners`: how many processes play the other side, as far as Zenoh sees."""
+        """End a side with `--once` whose peer is gone. `partners`: how many play the other side now, by Zenoh."""
         since_ns = self._silent_since_ns
         if self._once and since_ns is not None and not partners and now_ns - since_ns > GONE_NS:
             gone_s = (now_ns - since_ns) * NANO

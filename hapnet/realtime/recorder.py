@@ -1,4 +1,4 @@
-"""A side's recording in real time: samples come from any thread, and are written on the event loop."""
+"""A side's recording in real time: samples come from any thread, and the event loop writes them."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from hapnet.wire.messages import Role
 from netem import LinkProfile
 
 MOST_SAMPLES = 100_000
-"""How many samples may wait to be written; more are counted and dropped."""
+"""How many samples may wait to be written; any more are counted and dropped."""
 
 
 class Recorder:
-    """Writes the recording at `path`, from when it is known what it is of.
+    """Writes the recording at `path`, once its description is known.
 
-    A disk that is full, or a file that cannot be written any more, ends the recording and not the run.
+    If the disk is full or the file cannot be written any more, the recording ends and the run goes on.
 
     Parameters
     ----------
     path : of the recording.
-    tell : told in words what is missing in it.
+    tell : called with words that say what is missing in it.
 
     Attributes
     ----------
-    broken : it ended before its time.
-    missing : what was told; None: nothing is missing.
+    broken : it ended too early.
+    missing : what `tell` was called with last; None: nothing is missing.
 
     Raises
     ------
@@ -52,7 +52,7 @@ class Recorder:
         self._unrecorded = 0
 
     def keep(self, sample: Sample) -> None:
-        """One more sample, from any thread; returns at once."""
+        """Keep one more sample, from any thread; returns at once."""
         if self.broken:
             return
         if len(self._samples) < MOST_SAMPLES:
@@ -61,7 +61,7 @@ class Recorder:
             self._unrecorded += 1
 
     def drain(self, now_ns: int, meta: Callable[[], dict[str, Any]]) -> None:
-        """Write what was kept since the last call; `meta` says what the recording is of, when it begins."""
+        """Write the samples kept since the last call. `meta` gives the recording's description when it begins."""
         if self.broken:
             return
         try:
@@ -74,7 +74,7 @@ class Recorder:
             self._give_up(error)
 
     def close(self, summary: Mapping[str, Any] | None, unrecorded: int) -> None:
-        """End it with the summary; once. `unrecorded` : samples that were lost before they came here."""
+        """End the recording with the summary; call it once. `unrecorded` : samples that were lost on their way here."""
         if self._writer is None:
             return
         if unrecorded := unrecorded + self._unrecorded:
@@ -97,13 +97,13 @@ class Recorder:
 
 
 class Recordings:
-    """The recordings of a side, one after another; while there is none, samples are dropped.
+    """The recordings of a side, one after another. Between them, samples are dropped.
 
-    tell : told in words what is missing in one.
+    tell : called with words that say what is missing in a recording.
 
     Attributes
     ----------
-    missing : what was told of those that have ended.
+    missing : what is missing in those that have ended, in words.
     """
 
     def __init__(self, tell: Callable[[str], None]) -> None:
@@ -114,16 +114,16 @@ class Recordings:
 
     @property
     def path(self) -> Path | None:
-        """Of the recording that is being made."""
+        """The path of the running recording."""
         recorder = self._recorder
         return None if recorder is None or recorder.broken else recorder.path
 
     def begin(self, path: Path) -> None:
-        """From now on record at `path`. Raises RecordingError if that cannot be."""
+        """From now on record at `path`. Raises RecordingError if that is not possible."""
         self._recorder = Recorder(path, self._tell)
 
     def keep(self, sample: Sample) -> None:
-        """One more sample, from any thread."""
+        """Keep one more sample, from any thread."""
         if (recorder := self._recorder) is not None:
             recorder.keep(sample)
 
@@ -133,9 +133,9 @@ class Recordings:
             self._recorder.drain(now_ns, meta)
 
     def end(self, summary: Mapping[str, Any] | None, lost: int) -> None:
-        """End the recording that is being made, if there is one.
+        """End the running recording, if there is one.
 
-        lost : samples that did not come here, of all recordings so far.
+        lost : samples that were lost on their way here, of all recordings so far.
         """
         recorder, self._recorder = self._recorder, None
         if recorder is not None:
@@ -146,7 +146,7 @@ class Recordings:
 
 
 def described(setup: Setup, role: Role, seed: int, link: LinkProfile) -> dict[str, Any]:
-    """What the recording of a side is of, for its ``meta``."""
+    """The description of a side's recording, for its ``meta``."""
     return {
         "params": setup.params.as_dict(),
         "operator_sha256": fingerprint(setup.params.operator),
@@ -162,7 +162,7 @@ def described(setup: Setup, role: Role, seed: int, link: LinkProfile) -> dict[st
 
 
 def _boot_id() -> str:
-    """Names this machine's monotonic clock: two recordings with the same name can be aligned."""
+    """The name of this machine's monotonic clock: two recordings with the same name can be aligned."""
     try:
         return "boot:" + Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
     except OSError:

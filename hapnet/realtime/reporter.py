@@ -1,4 +1,4 @@
-"""Where what one side reports goes: notices to whoever runs it, samples to its recording, both to whoever watches."""
+"""Where a side's reports go: notices to the person who runs it, samples to its recording, both to those who watch."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ class Reporter:
     Parameters
     ----------
     role : this side's. on_silence : what it does when nothing arrives. clock : [ns].
-    notify : called with each notice. telemeter : None: nobody can watch.
+    notify : called with each notice. telemeter : publishes telemetry; None: nobody can watch.
 
     Attributes
     ----------
-    notifier : decides what is said of what happens, and when. recordings : of this side.
+    notifier : decides which notices are sent, and when. recordings : of this side.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class Reporter:
         self._notes: deque[Note] = deque(maxlen=_MOST_NOTES)
 
     def keep(self, sample: Sample) -> None:
-        """Control's sample, or a note, which is told as well, by `tell_notes`; from any thread."""
+        """Keep a sample or a note from control, from any thread; `tell_notes` reports the notes."""
         if isinstance(sample, Note):
             self._notes.append(sample)
         elif self._telemeter is not None:
@@ -54,7 +54,7 @@ class Reporter:
         self.recordings.keep(sample)
 
     def notify(self, notice: Notice) -> None:
-        """Tell a notice, and record it if a replay needs it; what the session tells is recorded by `happened`."""
+        """Send a notice, and record it if a replay needs it. `happened` records the session's events."""
         self._notify(notice)
         note = Note(notice.at_ns, notice.kind, notice.text)
         if notice.kind in (link_events.KIND, "pause"):
@@ -63,12 +63,12 @@ class Reporter:
             self._telemeter.keep(note)
 
     def happened(self, event: Event, now_ns: int) -> None:
-        """Tell an event of the session, and record what was said of it."""
+        """Report an event of the session, and record the notice."""
         if (notice := self.notifier.happened(event, now_ns)) is not None:
             self.recordings.keep(Note(now_ns, notice.kind, notice.text))
 
     def tell_notes(self) -> None:
-        """Tell what control has noted since the last call."""
+        """Report control's notes since the last call."""
         while self._notes:
             note = self._notes.popleft()
             self.notifier.tell(note.kind, note.text, note.time_ns)

@@ -1,9 +1,9 @@
 """Real time: one side in this process, over Zenoh, through the emulated link.
 
-Three kinds of thread share a side. The control thread (servo, or the world's stepper) owns the control half and puts a
-position that the link does not delay on the wire itself. Zenoh's receiving thread decodes what arrives into the control
-half's slots. The event loop does what is left: delayed release, retransmission, housekeeping (housekeeping.py) and
-reports (reporter.py, figures.py). What the threads share, wire half and link, is behind one lock (link_driver.py).
+Three kinds of thread share a side. The control thread (the servo, or the world's stepper) owns the control half; a
+position that the link does not delay it puts on the wire itself. Zenoh's receiving thread decodes what arrives into the
+control half's slots. The event loop does the rest: delayed release, retransmission, housekeeping (housekeeping.py) and
+reports (reporter.py, figures.py). One lock guards what the threads share: the wire half and the link (link_driver.py).
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from hapnet.wire.messages import Role
 from netem import Link, LinkProfile
 
 _ORDINARY = (PositionReceived, SampleReceived, EnergyCredited)
-"""Events that come with the traffic, and that nobody is told."""
+"""Events that come with the traffic; they are not reported."""
 
 
 class RealtimeSide:
@@ -57,12 +57,12 @@ class RealtimeSide:
     ----------
     setup : checked parameters. role : "device" or "world".
     zenoh : how to reach the other side. session, name : of the key expressions.
-    seed : of this side's link and the world's steps; None: drawn.
+    seed : of this side's link and the world's steps; None: a random one.
     record : path of the recording; None: none.
-    realtime : the device's servo in a process of its own, under SCHED_FIFO and with locked memory if that is allowed.
-    once : end with the first peer, not waiting for another one.
-    notify : told what happens; called on the event loop.
-    refused : asked, at a time [ns], who was refused since the last time, in words.
+    realtime : run the device's servo in a process of its own, with SCHED_FIFO and locked memory where that is allowed.
+    once : end with the first peer; do not wait for another one.
+    notify : called with each notice, on the event loop.
+    refused : called with the time [ns]; says in words who was refused since the last call.
     """
 
     def __init__(
@@ -119,10 +119,10 @@ class RealtimeSide:
 
     @property
     def profile(self) -> LinkProfile:
-        """Of this side's link, as it is now."""
+        """The present profile of this side's link."""
         return self._link_driver.port.link.profile
 
-    # -- threads of their own ----------------------------------------------------------------------------------------
+    # -- on other threads ---------------------------------------------------------------------------------------------
 
     def _keep(self, sample: Sample) -> None:
         self._reporter.keep(sample)
@@ -144,7 +144,7 @@ class RealtimeSide:
             self._loop.call_soon_threadsafe(self._housekeeping.on_events, told, self._clock())
 
     def _warn(self, text: str) -> None:
-        """On any thread; told by the loop."""
+        """On any thread; the loop reports it."""
         self._reporter.keep(Note(self._clock(), "transport", text))
 
     def _fail(self, error: BaseException) -> None:
@@ -154,7 +154,7 @@ class RealtimeSide:
     # -- the event loop ----------------------------------------------------------------------------------------------
 
     async def run(self, stop: asyncio.Event, duration_s: float) -> Summary:
-        """Run until `duration_s` seconds after pairing (0: no end) or until `stop` is set; the side's summary.
+        """Run until `duration_s` seconds after pairing (0: no end) or until `stop` is set; returns the side's summary.
 
         Raises
         ------
@@ -166,7 +166,7 @@ class RealtimeSide:
         try:
             with tuned_interpreter() as collect:
                 refused = await asyncio.to_thread(self.control.start)
-                await self._transport.open()  # only now: a peer that is answered is one that control is ready for
+                await self._transport.open()  # only now: when a peer is answered, control must be ready for it
                 if refused:
                     self._reporter.notifier.tell("realtime", refused, self._clock())
                 self._link_driver.arm()
@@ -174,7 +174,7 @@ class RealtimeSide:
                 await asyncio.to_thread(self.control.stop)
                 self._figures.stopped_ns = self._clock()
             if self._failure is not None:
-                with suppress(Exception):  # what has failed may be what says so
+                with suppress(Exception):  # the goodbye may need the part that has failed
                     await self._part("it failed", linger=False)
                 raise self._failure
             await self._part("the run is over", linger=True)
@@ -195,18 +195,18 @@ class RealtimeSide:
         return self._figures.summary()
 
     def hurry(self) -> None:
-        """Part without waiting for what is in flight: that energy is lost, which is safe."""
+        """Leave without waiting for the energy in flight: it is lost, which is safe."""
         self._hurried = True
 
     @property
     def unrecorded(self) -> str | None:
-        """What is missing in the recording; None: nothing."""
+        """What is missing in the recordings, in words; None: nothing."""
         return "; ".join(self._reporter.recordings.missing) or None
 
     # -- while it runs, on the event loop ----------------------------------------------------------------------------
 
     def change_link(self, words: str) -> None:
-        """From now on what this side sends goes through this link, in tc-netem's words or a profile's name.
+        """From now on send through this link: tc-netem's words, or a profile's name.
 
         Raises
         ------
@@ -217,25 +217,25 @@ class RealtimeSide:
         self._reporter.notify(Notice(link_events.KIND, link_events.told(profile), self._clock()))
 
     def pause(self, paused: bool) -> None:
-        """Let what is simulated stand still, or go on; servo, protocol and link go on all the time."""
+        """Halt the simulated device or world, or let it continue. Servo, protocol and link keep running."""
         self._paused = paused
         self.control.pause(paused)
         self._reporter.notify(Notice("pause", hand.PAUSED if paused else "goes on", self._clock()))
 
     def lead(self, position: Vector) -> None:
-        """Where the hand of the operator ``mouse`` is to go [m], shape (n,).
+        """Lead the hand of the operator ``mouse`` to `position` [m], shape (n,).
 
         Raises
         ------
-        InvalidParameter : this side has no such hand, or that is no position.
+        InvalidParameter : this side has no such hand, or `position` is not valid.
         """
         params = self.setup.params
         if self.role != "device" or params.operator != LIVE or params.hardware != "simulated":
-            raise InvalidParameter("operator", params.operator, f"{LIVE}, at the device, a simulated one")
+            raise InvalidParameter("operator", params.operator, f"{LIVE}, on a device's side with a simulated device")
         self.control.lead(checks.vector("position", position, self.setup.dof))
 
     def record(self, path: Path | None) -> None:
-        """Begin a recording and end the one that is being made, if there is one; None: only end it.
+        """End the running recording, if there is one, and begin another at `path`; None: only end it.
 
         Raises
         ------
@@ -244,7 +244,7 @@ class RealtimeSide:
         self._housekeeping.drain()
         recordings = self._reporter.recordings
         summary = self.summary()
-        # a servo's process tells it at its end only
+        # a servo's process reports its part only at its end
         known = (part := summary[self.role]) is not None and part["ledger"]["margin_J"] is not None
         recordings.end(summary if known else None, self.control.unrecorded)
         if path is not None:
@@ -253,12 +253,12 @@ class RealtimeSide:
                 recordings.keep(Note(self._clock(), link_events.KIND, link_events.told("down")))
 
     async def _part(self, reason: str, *, linger: bool) -> None:
-        """Control has stopped: let energy in flight be acknowledged, then say goodbye."""
+        """After control has stopped, let the energy in flight be acknowledged, then say goodbye."""
         leaving = GracefulShutdown(self.wire.session, self._link_driver, self._clock, self._pump, lambda: self._hurried)
         await leaving.run(reason, LINGER_S * linger, self.profile.delay_ns * NANO)
 
     def _pump(self) -> None:
-        """Send what is due, and tell what has happened."""
+        """Send what is due, and report what has happened."""
         _, events, changes = self._link_driver.pump()
         self._report(events)
         for at_ns, entry in changes:

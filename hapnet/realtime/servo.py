@@ -2,10 +2,10 @@
 
 * Deadlines lie on the grid ``start + k period``; lateness never accumulates. After an overrun there is no burst: the
   grid points that passed meanwhile are skipped and counted (`DeadlineGrid`).
-* The thread asks for a timer slack of 1 ns (Linux: the default of 50 us would be added to every sleep).
-* Whatever ends the thread, ``safe`` is called last of all ticks: that is where the force goes to zero.
+* The thread asks for a timer slack of 1 ns (Linux would add its default of 50 us to every sleep).
+* Whatever ends the thread, ``safe`` is called after the last tick: it sets the force to zero.
 
-A process that runs a servo also wants `tuned_interpreter` around its work: a short switch interval, and no garbage
+A process that runs a servo should do its work inside `tuned_interpreter`: a short switch interval, and no garbage
 collection inside ticks.
 """
 
@@ -26,7 +26,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.histogram import Histogram as Histogram
 
 SWITCH_INTERVAL_S = 1e-4
-"""Beside a busy Python thread the default of 5 ms let the servo oversleep by 5 ms; 1e-5 s measured worse than both."""
+"""Beside a busy Python thread the servo overslept by 5 ms with the default of 5 ms; 1e-5 s was worse than both."""
 
 FIFO_PRIORITY = 80
 """Above the kernel's threaded interrupts (50), below its watchdogs (99)."""
@@ -41,7 +41,7 @@ class DeadlineGrid:
     Attributes
     ----------
     deadline_ns : the next deadline.
-    skipped : how many deadlines were given up so far, because they had passed before the tick before them was over.
+    skipped : how many deadlines were given up so far, because they passed before the tick before them had ended.
 
     Raises
     ------
@@ -70,7 +70,7 @@ class ServoStats:
 
     ticks: int
     skipped: int
-    """Deadlines that had passed before the tick before them was over."""
+    """Deadlines that passed before the tick before them had ended."""
     late_period: int
     """Ticks that were late by a period or more."""
     late_p50_us: float | None
@@ -87,11 +87,11 @@ class Servo:
     ----------
     period_ns : the period [ns].
     tick : called on the servo's thread with the clock's reading [ns]. An exception ends the servo.
-    safe : called on the servo's thread when it ends, for whatever reason: the place to render zero force. An
+    safe : called on the servo's thread when it ends, for whatever reason: it must set the force to zero. An
         interpreter that exits stops its servos first.
     on_error : called with the exception that ended the servo, on its thread, after `safe`. It is kept in `error` too.
-    realtime : ask for SCHED_FIFO and locked memory; `start` returns why not, if not.
-    clock, sleep : a monotonic clock [ns], and what waits so many seconds on it.
+    realtime : ask for SCHED_FIFO and locked memory; `start` returns the reason if they are refused.
+    clock, sleep : a monotonic clock [ns], and a function that sleeps a number of seconds on it.
 
     Raises
     ------
@@ -118,7 +118,7 @@ class Servo:
         self._ready = threading.Event()
         self._refusal: str | None = None
         self.unsafe: str | None = None
-        """What failed in `safe`, once the servo has ended; None: nothing."""
+        """The failure of `safe`, once the servo has ended; None: it did not fail."""
         self._thread = threading.Thread(target=self._main, name="servo", daemon=True)
         self.error: BaseException | None = None
 
@@ -128,9 +128,9 @@ class Servo:
         return self._thread.is_alive()
 
     def start(self) -> str | None:
-        """Start the thread, once; return why real-time scheduling was refused, in one line, or None if it was not."""
-        # A daemon is killed where it stands when the interpreter exits, any other thread keeps it from exiting:
-        # so it is a daemon, and atexit stops it in time for `safe`.
+        """Start the thread, once; returns one line on why real-time scheduling was refused, or None if it was not."""
+        # An exiting interpreter kills a daemon thread at once, and waits for any other thread. So the servo is a
+        # daemon, and atexit stops it in time for `safe`.
         atexit.register(self.stop)
         self._thread.start()
         self._ready.wait()
@@ -144,7 +144,7 @@ class Servo:
         atexit.unregister(self.stop)
 
     def count_anew(self) -> None:
-        """Forget how the deadlines were kept so far; inside a tick. What is before the sides have met is start-up."""
+        """Reset the lateness statistics, from inside a tick: the ticks before the sides have met are only start-up."""
         self._lateness = Histogram()
         self._late_period = self._grid.skipped = 0
 
@@ -208,7 +208,7 @@ class Servo:
 
 
 def set_timer_slack(slack_ns: int = 1) -> bool:
-    """Ask the kernel to wake the calling thread at most `slack_ns` after its time; False where that can't be had."""
+    """Ask the kernel to wake the calling thread at most `slack_ns` late; False where that is not possible."""
     if sys.platform != "linux":
         return False
     libc = ctypes.CDLL(None, use_errno=True)
@@ -235,10 +235,10 @@ def request_realtime(priority: int = FIFO_PRIORITY) -> str | None:
 def tuned_interpreter() -> Iterator[Callable[[], int]]:
     """Inside this context the interpreter suits a servo; on leaving, everything is as before.
 
-    Threads take turns every `SWITCH_INTERVAL_S`. Everything alive is frozen out of garbage collection, and automatic
-    collection is off: it would run inside whichever thread allocates, the servo's too, for as long as it takes.
-    Reference counting goes on, and frees what is not in a cycle. For cycles, the context gives a function to be called
-    about once a second outside of ticks: it collects the young generations only, so its pause is bounded by
+    Threads take turns every `SWITCH_INTERVAL_S`. Objects that exist already are exempt from garbage collection.
+    Automatic collection is off: it would run inside any thread that allocates, even the servo's, as long as it takes.
+    Reference counting still frees everything that is not in a cycle. For cycles, the context yields a function to call
+    about once a second outside of ticks. It collects the young generations only, so its pause is bounded by
     what was allocated since the last call, not by the size of the heap. It returns how many objects it found.
     """
     interval, automatic = sys.getswitchinterval(), gc.isenabled()

@@ -1,7 +1,7 @@
 """A servo's process: the device, its control half and nothing else. Started by servo_process.py.
 
 No network, recording or display runs here, so nothing holds the interpreter's lock when a tick is due. If the parent
-goes away, in whatever way, the next tick sees it and renders no force any more.
+is gone, for whatever reason, the next tick notices it, and the servo stops rendering force.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from hapnet.summary.run import device_summary
 from hapnet.wire.session import PositionStream
 
 LAST_WORDS_S = 2.0
-"""How long what must be said at the end may wait for a parent that does not read."""
+"""How long the last frames may wait for a parent that does not read [s]."""
 
 _COLLECT_EVERY_S = 1.0
 _MOST_SAMPLES = 20  # a frame
 
 
 class ServoChild:
-    """The side's control half and its end of the pipe; all but the constructor and `end` on the servo's thread."""
+    """The side's control half and its end of the pipe. All but the constructor and `end` run on the servo's thread."""
 
     def __init__(self, pipe: Pipe, setup: dict[str, Any]) -> None:
         params = Params().set(setup["params"])
@@ -57,11 +57,11 @@ class ServoChild:
         self._a_frame = max(1, min(_MOST_SAMPLES, round(params.record_hz / (params.telemetry_hz or 1.0))))
         self._unrecorded = 0
         self._unsent = 0
-        self._shuffled = 0.0  # what found the pipe full, to go with the next message
+        self._shuffled = 0.0  # energy that found the pipe full; it goes with the next message
         self._began = False
 
     def end(self) -> None:
-        """The servo has ended: the last words."""
+        """Send the last frames, after the servo has ended."""
         self._flush_samples()
         if self.servo.unsafe is not None:
             self._pipe.send(LAST_WORDS_S, "note", tuple(unsafe(time.monotonic_ns(), self.servo)))
@@ -84,10 +84,10 @@ class ServoChild:
             self._began = self._pipe.offer("began", side.origin_ns)
             self.servo.count_anew()
         if side.ticks % self._collect_every == 0:
-            self.collect()  # right after a tick, where there is most time for it
+            self.collect()  # right after a tick, when most time is left
 
     def _take(self) -> None:
-        """Hand over what has come from the wire half."""
+        """Hand over what has come from the parent's wire half."""
         control = self._control
         if os.getppid() != self._parent:  # a copy of the parent, made by a fork, may hold the pipe open
             self.servo.stop()
@@ -126,7 +126,7 @@ class ServoChild:
 
 
 def main(descriptor: int) -> int:
-    """Run the servo whose parent is at the other end of `descriptor`, until it hangs up or is gone."""
+    """Run the servo until the parent, at the other end of `descriptor`, hangs up or is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     pipe = Pipe(socket.socket(fileno=descriptor))

@@ -2,8 +2,8 @@
 
 A frame is a msgpack array; its first element says what it is. To the servo: setup, pair, arrive, credit, pause, lead.
 From it: ready or refused, began, position, samples, note, failed, end. The socket keeps frames whole and in order
-(SOCK_SEQPACKET). To stop the servo its parent closes the way to it (`hang_up`): that cannot find the pipe full, and is
-what is seen of a parent that has died.
+(SOCK_SEQPACKET). To stop the servo, its parent closes the direction to it (`hang_up`). That works even if the pipe is
+full, and to the servo it looks the same as a parent that has died.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from hapnet.control.coupling import CouplingSample, Motion, Port, Wave
 
 LONGEST_FRAME = 1 << 17
 _TO_SERVO, _FROM_SERVO = 1 << 16, 1 << 20
-"""Buffers asked for; a frame takes some 800 bytes. What waits for a servo is out of date; what it says is kept."""
+"""Buffer sizes; a frame takes some 800 bytes. What waits for a servo is soon out of date; what it says is kept."""
 
 _KINDS: tuple[Any, ...] = (tuple, Motion, Port, Wave)
 
@@ -27,13 +27,13 @@ _unpack = msgpack.unpackb
 
 
 def kind_of(sample: CouplingSample) -> int:
-    """msgpack does not tell a named tuple from another: what goes through a pipe beside the sample."""
+    """The number that goes through the pipe beside a sample, since msgpack does not keep a named tuple's type."""
     kind: int = _KINDS.index(type(sample))
     return kind
 
 
 def sample_of(kind: int, values: tuple[Any, ...]) -> CouplingSample:
-    """A sample that came through a pipe."""
+    """The sample of this kind that came through a pipe."""
     sample: CouplingSample = _KINDS[kind](*values) if kind else values
     return sample
 
@@ -43,7 +43,7 @@ class PipeClosed(Exception):
 
 
 def available() -> bool:
-    """Has this system the sockets that this takes?"""
+    """Does this system have the sockets that a pipe needs?"""
     return hasattr(socket, "AF_UNIX") and hasattr(socket, "SOCK_SEQPACKET")
 
 
@@ -56,7 +56,7 @@ def socket_pair() -> tuple[socket.socket, socket.socket]:
 
 
 class Pipe:
-    """One end. Neither `offer` nor `look` ever waits, so that a servo may call them."""
+    """One end of the pipe. `offer` and `look` never wait, so a servo may call them."""
 
     def __init__(self, end: socket.socket) -> None:
         self._end = end
@@ -70,7 +70,7 @@ class Pipe:
         return True
 
     def send(self, timeout_s: float, *frame: Any) -> bool:
-        """`offer`, but wait for room. For one thread only that neither looks nor waits meanwhile."""
+        """As `offer`, but wait for room. Only for a single thread that neither looks nor waits meanwhile."""
         self._end.settimeout(timeout_s)
         try:
             self._end.send(_pack(frame))
@@ -95,7 +95,7 @@ class Pipe:
             raise PipeClosed from None
 
     def wait(self, timeout_s: float | None = None) -> Any | None:
-        """The next frame; None if there was none for `timeout_s`. Raises `PipeClosed` too."""
+        """The next frame; None if none came within `timeout_s`. Raises `PipeClosed` as `look` does."""
         if timeout_s is not None:
             self._end.settimeout(timeout_s)
         try:

@@ -1,8 +1,8 @@
 """A servo in a process of its own, seen from the process that owns the wire half.
 
-Beside a network, a recording and an event loop in one interpreter, a servo's thread waits for their turns to end. In a
-process of its own, under SCHED_FIFO, it does not: that is what `--realtime` starts. The price is that every message
-goes through one more socket.
+In one interpreter with a network, a recording and an event loop, a servo's thread waits for their turns to end. In a
+process of its own, under SCHED_FIFO, it does not wait: `--realtime` starts one. The price is that every message goes
+through one more socket.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ STOP_LIMIT_S = 5.0
 
 
 class ServoProcess:
-    """Starts the process, and is to the wire half what a control half in this process would be.
+    """Starts the servo's process. The wire half uses it like a control half in this process.
 
     Parameters
     ----------
@@ -39,21 +39,21 @@ class ServoProcess:
 
     Raises
     ------
-    InvalidParameter : a part of the user's own is defined in the script itself, where another process cannot find it.
+    InvalidParameter : a user's part is defined in the script itself, where another process cannot import it.
     """
 
     def __init__(self, setup: Setup, session: Session, callbacks: ControlCallbacks) -> None:
         for name in ("hardware", "operator", "scene"):
             if setup.params.get(name).startswith("__main__:"):
-                allowed = "a class in a module of its own: with realtime it is made in another process"
+                allowed = "a class in a module of its own: with --realtime another process imports it"
                 raise InvalidParameter(name, setup.params.get(name), allowed)
         self.wire = WireHalf(session, self)
         self.origin_ns: int | None = None
         self.unrecorded = 0
         self._setup, self._callbacks = setup, callbacks
         self._shuffled: deque[float] = deque()
-        self._owed: deque[tuple[Any, ...]] = deque()  # what must arrive and found the pipe full, or not open yet
-        self._open_for_all = False  # the first frame is the setup
+        self._owed: deque[tuple[Any, ...]] = deque()  # frames that must arrive, but found the pipe full or not open yet
+        self._open_for_all = False  # not before the setup, which must be the first frame
         self._paying = threading.Lock()
         self._life = threading.Lock()  # held while the process is started and while it is ended
         self._process: subprocess.Popen[bytes] | None = None
@@ -68,7 +68,7 @@ class ServoProcess:
 
     def on_sample(self, sample: CouplingSample, sent_ns: int, came_ns: int) -> None:
         self._pay()
-        if not self._owed:  # another peer that is owed to the servo comes before its data
+        if not self._owed:  # a new peer that waits here must arrive before that peer's data
             self._pipe.offer("arrive", kind_of(sample), sample, sent_ns, came_ns)
 
     def credit(self, credited_nJ: int) -> None:
@@ -86,14 +86,14 @@ class ServoProcess:
         self._pay()
 
     def _pay(self) -> None:
-        with self._paying:  # or two threads would pay the same twice
+        with self._paying:  # otherwise two threads could send the same frame twice
             while self._open_for_all and self._owed and self._pipe.offer(*self._owed[0]):
                 self._owed.popleft()
 
     # -- the process ---------------------------------------------------------------------------------------------------
 
     def start(self) -> str | None:
-        """Start the process and wait until its servo runs; once. After `stop` it does nothing.
+        """Start the process and wait until its servo runs; call it once. After `stop` it does nothing.
 
         Raises
         ------
@@ -146,7 +146,7 @@ class ServoProcess:
                     pass_fds=(theirs.fileno(),),
                     process_group=0,  # a Ctrl-C is for the parent, which ends the servo in order
                     stdin=subprocess.DEVNULL,
-                    stdout=2,  # what a driver prints must not get among the words of --json
+                    stdout=2,  # what a driver prints must not mix with the output of --json
                     env={**os.environ, "PYTHONPATH": path},
                 )
             except OSError as error:
@@ -159,7 +159,7 @@ class ServoProcess:
         self._pay()
 
     def _end_process(self) -> str:
-        """End the process if it has not ended yet; how it ended, in words."""
+        """End the process if it has not ended yet; returns in words how it ended."""
         process = self._process
         assert process is not None
         self._pipe.hang_up()
@@ -173,7 +173,7 @@ class ServoProcess:
         return _ended(process.returncode)
 
     def _read(self) -> None:
-        """Pass on what comes from the servo, until its process ends."""
+        """Pass on the servo's frames until its process ends."""
         try:
             while True:
                 frame = self._pipe.wait()

@@ -1,4 +1,4 @@
-"""How a side leaves: first the energy in flight is acknowledged, then it says goodbye."""
+"""How a side leaves: it waits until the energy in flight is acknowledged, then it says goodbye."""
 
 from __future__ import annotations
 
@@ -10,21 +10,24 @@ from hapnet.side.device import Clock
 from hapnet.wire.session import Session
 
 LINGER_S = 2.0
-"""After control has stopped, how long the energy in flight may take to be acknowledged [s]."""
+"""How long a side waits, after control has stopped, for the energy in flight to be acknowledged [s]."""
 
 QUIET_S = 0.3
-"""So long nothing must have been credited before a side leaves: the other, which ends a little later, sends no more."""
+"""A side leaves when nothing was credited for this time [s]: the other side, which ends a little later, has then sent
+all its energy."""
 
 LONGEST_TRIP_S = 10.0
-"""The quiet is longer by a round trip of the emulated link, up to that, and the rest by two: one may get lost."""
+"""Longest round trip of the emulated link that is waited for [s]. It adds once to `QUIET_S` and twice to `LINGER_S`,
+as one message may get lost."""
 
 _LOOK_S = 0.005
 
 
 class GracefulShutdown:
-    """The end of a side whose control has stopped, on the event loop.
+    """Ends a side whose control has stopped; on the event loop.
 
-    session, link_driver, clock : the side's. pump : sends what is due. hurried : whether somebody is impatient.
+    session, link_driver, clock : the side's. pump : sends what is due.
+    hurried : says whether the user wants to end at once.
     """
 
     def __init__(
@@ -39,7 +42,7 @@ class GracefulShutdown:
         self._pump, self._hurried = pump, hurried
 
     async def run(self, reason: str, linger_s: float, delay_s: float) -> None:
-        """Wait for at most `linger_s`, and for what the emulated link's delay of `delay_s` adds; 0: do not wait."""
+        """Wait at most `linger_s`, plus time for the emulated link's delay of `delay_s`, then leave; 0: do not wait."""
         loop, session = asyncio.get_running_loop(), self._session
         trip_s = min(2.0 * delay_s, LONGEST_TRIP_S)
         deadline = loop.time() + (linger_s + 2.0 * trip_s if linger_s else 0.0)

@@ -16,17 +16,17 @@ _MOST_EVENTS = 100
 
 
 class TelemetryPublisher:
-    """Publishes what was kept last, and now and then the status.
+    """Publishes the newest sample and, at intervals, the status.
 
-    It goes last: a turn that comes late by more than a period, since the loop had other things to do, is left out.
+    Everything else comes first: a turn that is late by more than a period, because the loop was busy, is skipped.
 
     Parameters
     ----------
-    rate_hz : turns a second. put : publishes; returns at once. status : the side's status now.
+    rate_hz : turns per second. put : publishes; returns at once. status : gives the side's present status.
 
     Attributes
     ----------
-    dropped : turns that were left out.
+    dropped : turns that were skipped.
     """
 
     def __init__(self, rate_hz: float, put: Callable[[bytes], object], status: Callable[[], Status]) -> None:
@@ -34,11 +34,11 @@ class TelemetryPublisher:
         self._period_s = 1.0 / rate_hz
         self._put, self._status = put, status
         self._newest: Sample | None = None
-        self._began = False  # the first sample comes after a status: who watches knows then what it is of
+        self._began = False  # a status comes before the first sample, so that a watcher knows what the sample is of
         self._events: deque[Event] = deque(maxlen=_MOST_EVENTS)
 
     def keep(self, sample: Sample) -> None:
-        """One more sample or event, from any thread; of samples, the newest takes the place of the one before."""
+        """Keep a sample or an event, from any thread; a newer sample replaces the one before."""
         if isinstance(sample, Event):
             self._events.append(sample)
         else:
@@ -61,7 +61,7 @@ class TelemetryPublisher:
             await asyncio.sleep(due_s - loop.time())
 
     def publish(self) -> None:
-        """Put what was kept since the last time."""
+        """Publish what was kept since the last time."""
         sample, self._newest = self._newest, None
         if sample is not None:
             self._began = True
@@ -71,7 +71,7 @@ class TelemetryPublisher:
 
 
 class LinkMeter:
-    """What a link has done since it was last asked."""
+    """Measures what a link has done since the last `read`."""
 
     def __init__(self) -> None:
         self._offered = self._lost = self._delivered = 0

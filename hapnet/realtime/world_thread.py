@@ -1,4 +1,4 @@
-"""The world's thread: a step begins when the last one's time is over, however long that was."""
+"""The world's thread: a step begins when the time of the last one is over."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from collections.abc import Callable
 from hapnet.realtime.servo import set_timer_slack
 
 _LONGEST_SLEEP_S = 0.1
-"""However long a step is, `stop` is seen within this time [s]."""
+"""`stop` takes effect within this time [s], however long a step is."""
 
 
 class Stepper:
-    """A thread that calls ``step(now_ns)`` at deadlines that it is told: each call returns the next step's length [ns].
+    """A thread that calls ``step(now_ns)`` again and again: each call returns the next step's length [ns].
 
-    A step that comes late is one longer step; the next is counted from when it came, so there is never a burst.
+    A late step is one longer step. The next one is counted from it, so there is never a burst.
     """
 
     def __init__(
