@@ -47,7 +47,7 @@ def of(event: Event, on_silence: str = "hold") -> Notice | None:
             )
             for event, says in (
                 (Mismatch, "a world does not fit"),
-                (PeerRefused, "a world that is not paired with it refuses this side"),
+                (PeerRefused, "a world that is not this side's peer refuses this side"),
                 (partial(PeerRefused, by_peer=True), "the world refuses this side"),
             )
         ),
@@ -74,7 +74,7 @@ def of(event: Event, on_silence: str = "hold") -> Notice | None:
             PeerHeard(2 * SECOND, 30_000_000, 12),
             Notice(
                 "heard",
-                "the world is heard again after 2.00 s, 30 ms after its first word; 12 positions are missing",
+                "the world is heard again after 2.00 s, 30 ms after its first message; 12 positions are missing",
                 7 * SECOND,
                 values={"silence_s": about(2.0), "recovery_s": about(0.03), "missing": 12},
             ),
@@ -91,4 +91,4 @@ def test_what_is_said_of_each_event(event: Event, expected: Notice | None) -> No
 def test_what_a_side_does_in_silence_is_what_it_was_told_to_do() -> None:
     released = of(PeerSilent(6 * SECOND), "release")
     assert released is not None
-    assert released.text == "nothing from the world for 1.00 s: the spring is let go"
+    assert released.text == "nothing from the world for 1.00 s: the spring is released"

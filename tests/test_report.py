@@ -129,10 +129,10 @@ def test_silences_are_shaded_each_from_its_notice_to_its_end() -> None:
         (0.1, "heard", "the world is heard again after 0.6 s"),
         (1.0, "silent", "nothing from the world for 0.50 s: the set-position is held"),
         (1.2, "silent", "nothing from the device for 0.51 s: the set-position is held"),
-        (1.5, "heard", "the world is heard again after 1.00 s, 40 ms after its first word; 9 positions are missing"),
+        (1.5, "heard", "the world is heard again after 1.00 s, 40 ms after its first message; 9 positions are missing"),
         (1.9, "paired", "paired with the device (another process; pair 2)"),
         (2.0, "overrun", "the servo was away for 30.1 ms: no force"),
-        (3.0, "silent", "nothing from the world for 0.50 s: the spring is let go"),
+        (3.0, "silent", "nothing from the world for 0.50 s: the spring is released"),
     )
     recording = run()
     recording.events.extend(Event(round(at * 1e9), kind, text) for at, kind, text in texts)

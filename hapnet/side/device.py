@@ -1,4 +1,4 @@
-"""The device's side of a run, complete: endpoint, device and record, driven by either runtime."""
+"""The device's side of a run, complete: endpoint, device and recording; either runtime drives it."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ _NEVER = 2**63
 
 @dataclass(frozen=True)
 class Drive:
-    """What drives a device's side, whatever its servo.
+    """Timing and recording of a device's side, for any servo.
 
     period_ns : of the servo. record_every : ticks between two samples given to `write`.
-    watchdog_ns : a tick that comes later than that renders no force and lets the spring go (ybar = x); so do those
-        after it until one is in time. From there the coupling begins anew, as fast as the limit of the force's
-        step lets it.
-    clock : read once more after the device was read, so that an interval is never taken too short (10).
+    watchdog_ns : a tick that is late by more than this renders no force and releases the spring (ybar = x). So do the
+        ticks after it, until one is in time. From there the coupling starts again, as fast as the limit of the
+        force's step allows. None: no watchdog.
+    clock : read once more after the device was read, so that no interval is taken too short (10).
     """
 
     period_ns: int
@@ -55,20 +55,20 @@ class DeviceSide(ABC):
         self.origin_ns: int | None = None
         """When control started, on this side's clock."""
         self.ledger: Ledger | None = None
-        """This side's account, once control has started."""
+        """This side's energy account, once control has started."""
         self.ticks = 0
         self.overruns = 0
-        """How many times the watchdog let the spring go."""
+        """How many times the watchdog released the spring."""
         self.longest_ns = 0
         """The longest time between two ticks [ns]."""
         self.stopped: tuple[int, str] | None = None
-        """When its force was stopped for good [ns], and why: a reading that cannot be; None: it was not."""
+        """When an impossible reading stopped the force for good [ns], and why; None: it was not stopped."""
         self.paused = False
-        """A simulated device stands still, with the hand on it; all else goes on. Not recorded meanwhile."""
+        """A simulated device and its hand stand still and nothing is recorded; all else continues."""
         self.applied = True
-        """Has the device always told which force it really applied?"""
+        """Has the device always reported the force that it really applied?"""
         self.live_hand: LiveHand | None = None
-        """The simulated hand, if it is led while it runs."""
+        """The simulated hand, if somebody leads it during the run."""
         self._period_ns = drive.period_ns
         self._longest_ns = _NEVER if drive.watchdog_ns is None else drive.period_ns + drive.watchdog_ns
         self._released = False
@@ -76,7 +76,7 @@ class DeviceSide(ABC):
         self._write = drive.write
         self._record_every = drive.record_every
         self._last_ns = 0
-        self._expected_ns = 0  # the time up to which a simulated device has lived
+        self._expected_ns = 0  # the time up to which a simulated device was advanced
 
     @property
     def coupling(self) -> CouplingState:
@@ -86,7 +86,8 @@ class DeviceSide(ABC):
     def true_slack(self) -> float | None:
         """Smallest slack with the true positions [J], where a simulation knows them.
 
-        At the actuator's port; with the range harvest at the hand's, since that one counts on the device's own damping.
+        It is the slack at the actuator's port. With the range harvest it is at the hand's port, since that harvest
+        counts on the device's own damping.
         """
         return None
 
@@ -97,20 +98,20 @@ class DeviceSide(ABC):
 
     @property
     def quantisation(self) -> float | None:
-        """How far encoders may make the slack look too good [J]."""
+        """By how much encoder quantisation may make the slack look too large, at most [J]."""
         return None
 
     @property
     def simulated(self) -> bool:
-        """Is the device simulated, with the hand that holds it?"""
+        """Are the device and its hand simulated?"""
         return isinstance(self.device, SimulatedDevice)
 
     def held_forces(self) -> dict[str, Any]:
-        """What the summary says of forces held from tick to tick, by its keys; empty where there are none."""
+        """The summary's entries about forces held from tick to tick; empty where no force is held."""
         return {}
 
     def tick(self, now_ns: int) -> bytes | None:
-        """One servo tick; the position message to send, if there is one. Before pairing the device gets no force."""
+        """Make one servo tick; returns the message to send, if there is one. Before pairing there is no force."""
         if self.origin_ns is None:
             if self.endpoint.paired:
                 self._start(self.device.read()[0])
@@ -134,19 +135,19 @@ class DeviceSide(ABC):
 
     @property
     def resting(self) -> int:
-        """How many ticks from the next on may be made later by `rest`, as long as nothing arrives; in virtual time."""
+        """How many of the next ticks `rest` may make later, as long as nothing arrives; in virtual time only."""
         return 0
 
     def rest(self, now_ns: int, ticks: int, observe: Callable[[float], None], *, then_tick: bool) -> None:
         """Make this many of the `resting` ticks, the first at `now_ns`.
 
-        `observe` is told the smallest and then the last W of the side's port after these ticks [J]. `then_tick`: the
-        next call is the `tick` that follows them.
+        observe : called after these ticks with the smallest, then with the last W of the side's port [J].
+        then_tick : the next call is the `tick` that follows them.
         """
         assert ticks == 0, "no tick of this servo may wait"
 
     def stop(self) -> None:
-        """Zero force, for good."""
+        """Set the force to zero, for good."""
         self.device.apply((0.0,) * self.device.dof)
 
     @abstractmethod
@@ -159,9 +160,9 @@ class DeviceSide(ABC):
     def _sample(self, now_ns: int) -> DeviceSample: ...
 
     def _periods(self, now_ns: int) -> int:
-        """How many periods a simulated device moves on, so that over all ticks it keeps to the clock: 1 if all is well.
+        """How many periods to advance a simulated device, so that it keeps up with the clock: 1 if all is well.
 
-        More if the servo was late, none in the tick after one that was called late or while it is paused.
+        More if the servo was late; none in the tick after one that was called late, or while it is paused.
         """
         if self.paused:
             self._expected_ns = now_ns
@@ -185,9 +186,9 @@ class DeviceSide(ABC):
 
 
 class ContinuousDeviceSide(DeviceSide):
-    """A simulated device whose coupling acts continuously: the paper's, with its account at the human's port.
+    """A simulated device whose coupling acts continuously, as in the paper; its account is at the human's port.
 
-    make_servo : makes the servo's law at a position [m] with a kinetic energy [J], the reservoir empty if told so.
+    make_servo : called with a position [m], a kinetic energy [J], and whether the reservoir is empty; makes the law.
     """
 
     def __init__(
@@ -201,7 +202,7 @@ class ContinuousDeviceSide(DeviceSide):
         self._simulated = device
         self._make_servo = make_servo
         self._resting_dt = max(drive.period_ns * NANO, device.period)
-        self._ahead: TickResult | None = None  # the next tick, which the device has lived already
+        self._ahead: TickResult | None = None  # of the next tick, up to which the device was advanced already
 
     def _start(self, x: Vector) -> None:
         device = self._simulated
@@ -264,11 +265,11 @@ class ContinuousDeviceSide(DeviceSide):
 
 
 class SampledDeviceSide(DeviceSide):
-    """Any device, its torque held from tick to tick, with its account at the actuator's port.
+    """Any device with its torque held from tick to tick; its account is at the actuator's port.
 
-    make_servo : makes the servo's law at a measured position [m], the reservoir empty if told so.
-    declared : the device's operating range. Once a reading lies outside of it, neither that nor any after it counts:
-        no force is rendered any more, and for the coupling the device stands where it was. None: all readings count.
+    make_servo : called with a measured position [m], and whether the reservoir is empty; makes the law.
+    declared : the device's operating range. A reading outside of it stops the force for good. That reading and all
+        after it are ignored: for the coupling the device stays where it was. None: all readings count.
     """
 
     def __init__(
@@ -338,7 +339,7 @@ class SampledDeviceSide(DeviceSide):
         else:
             self._stop_force(now_ns, self._watch.why)
             v, release = (0.0,) * len(v), True
-        held = servo.force  # as the device said that it applied it, where it does
+        held = servo.force  # the force really applied, where the device reports it
         message = self.endpoint.tick_sampled(now_ns, dt, self._x, v, release=release)
         applied = self.device.apply(servo.force)
         if applied is None:
@@ -357,7 +358,7 @@ class SampledDeviceSide(DeviceSide):
 
     @property
     def _kinetic(self) -> float:
-        """The device's kinetic energy [J], if it lies behind the port of the true account."""
+        """The device's kinetic energy [J], if the true account is at the hand's port; otherwise 0."""
         return self._simulated.kinetic if self._simulated is not None and self._servo.harvest == "range" else 0.0
 
     def _observe_truth(self, work: float, x: Vector) -> None:

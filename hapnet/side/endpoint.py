@@ -1,7 +1,7 @@
-"""One side of the coupling, whole: control and wire together, without clock or I/O.
+"""One complete side of the coupling: control and wire together, without clock or I/O.
 
-An endpoint has two halves, each with one owner. Control belongs to the servo (or to the world's loop): it ticks, and
-never waits. Wire belongs to whoever moves bytes: it receives, and asks what to send. Only whole values go between them
+An endpoint has two halves, each with one owner. The servo (or the world's loop) owns control, which ticks and never
+waits. The code that moves bytes owns wire, which receives, and says what to send. Only whole values go between them
 (`ControlInbox`): set-positions and credited energy one way, shuffled energy the other. In virtual time one loop owns
 both halves; in real time two threads do, or two processes.
 """
@@ -36,7 +36,7 @@ BACKLOG = 128
 
 
 def backlog(expects: type[messages.Stream]) -> int:
-    """How many messages of a peer's stream may wait for the next tick: of waves each counts, else only the newest."""
+    """How many messages of a peer's stream may wait for the next tick: every wave counts; otherwise only the newest."""
     return BACKLOG if expects is messages.Wave else 1
 
 
@@ -44,19 +44,19 @@ class ControlInbox(Protocol):
     """The control half as the wire half sees it; it may be in another thread or another process."""
 
     def pair(self, restarted: bool) -> None:
-        """A peer was found: control may start; or another one, which takes the first one's place.
+        """A peer was found. The first lets control start; a later one replaces the one before.
 
-        `restarted`: the peer had another one in this side's place before.
+        `restarted`: the peer was paired before, with another side in this side's place.
         """
 
     def on_sample(self, sample: CouplingSample, sent_ns: int, came_ns: int) -> None:
-        """A sample, mostly a set-position [m], came at `came_ns`; the newest counts. `sent_ns`: its sender's clock."""
+        """A sample, mostly a set-position [m], came at `came_ns`. `sent_ns`: when it left, on its sender's clock."""
 
     def credit(self, credited_nJ: int) -> None:
         """Shuffled energy came [nJ]."""
 
     def shuffled(self) -> float:
-        """Surplus energy to shuffle that has not been fetched yet [J]; 0 if there is none."""
+        """Take surplus energy that is to be shuffled [J]; 0 if there is none."""
 
     @property
     def has_shuffled(self) -> bool: ...
@@ -68,20 +68,20 @@ class ControlHalf:
     Parameters
     ----------
     positions : makes the position messages.
-    backlog : how many of what the peer sends all the time may wait.
+    backlog : how many messages of the peer's stream may wait.
     """
 
     def __init__(self, positions: PositionStream, backlog: int = 1) -> None:
         self.paired = False
         """A peer was found: control may start."""
         self.restarted = False
-        """The peer had another one in this side's place before: this side starts with an empty reservoir, since every
-        start with a full one would be energy from nothing, and a crash loop a pump."""
+        """The peer was paired before, with another side in this side's place. So this side starts with an empty
+        reservoir: each start with a full one would create energy, and a crash loop would pump it."""
         self.deadband: Deadband | None = None
-        """What decides which data are worth sending; None: all are."""
+        """Decides which samples are worth sending; None: all are."""
         self._positions = positions
         self._pairs = 0
-        self._pair = 1  # the one that control knows; the next peer's clock and place have nothing to do with its
+        self._pair = 1  # the one that control knows; another peer has another clock and another position
         self._coupling: CouplingState | None = None
         self._arrived: deque[tuple[CouplingSample, int, int, int]] = deque(maxlen=backlog)  # sent, came, pair
         self._credits: deque[int] = deque()
@@ -127,9 +127,9 @@ class ControlHalf:
         return self._arrived[-1][0] if self._arrived else None
 
     def _take(self) -> CouplingState:
-        """Give the coupling what has arrived since the last tick, and another peer its share of the reservoir.
+        """Give the coupling what has arrived since the last tick, and a new peer its share of the reservoir.
 
-        What an earlier peer said is not for it any more.
+        Samples of an earlier peer are dropped.
         """
         coupling = self._coupling
         assert coupling is not None, "control has not started"
@@ -137,7 +137,7 @@ class ControlHalf:
             self._renew(coupling, self._pairs)
         while self._arrived:
             sample, sent_ns, came_ns, pair = self._arrived.popleft()
-            if pair > self._pair:  # made since this began
+            if pair > self._pair:  # paired since this tick began
                 self._renew(coupling, pair)
             if pair == self._pair:
                 coupling.receive(sample, sent_ns * NANO)
@@ -155,9 +155,9 @@ class ControlHalf:
             self._shuffled.append(energy)
 
     def _send(self, now_ns: int, update: Update) -> bytes | None:
-        """After an update: hand on what it shuffles; the message of its sample to put on the link.
+        """Hand on the energy that an update shuffles; returns the message with its sample.
 
-        None if the deadband holds the sample back; energy it never does.
+        None if the deadband holds the sample back. Energy is never held back.
         """
         sample, shuffled = update
         if shuffled > 0.0:
@@ -172,7 +172,7 @@ class ControlHalf:
             case Motion(position, velocity):
                 return positions.motion(now_ns, position, velocity)
             case Port(value, energy):
-                return positions.port(now_ns, value, max(0, math.floor(energy / NANO)))  # rather too little
+                return positions.port(now_ns, value, max(0, math.floor(energy / NANO)))  # never too much
             case Wave(value, span):
                 return positions.wave(now_ns, value, max(1, round(span / NANO)))
             case _:
@@ -180,12 +180,12 @@ class ControlHalf:
 
 
 class WireHalf:
-    """The half that whoever moves bytes owns.
+    """The half that the code that moves bytes owns.
 
     Parameters
     ----------
     session : this side's protocol state.
-    control : where what arrives is handed over.
+    control : takes what arrives.
     """
 
     def __init__(self, session: Session, control: ControlInbox) -> None:
@@ -193,13 +193,13 @@ class WireHalf:
         self._control = control
 
     def receive(self, now_ns: int, data: bytes) -> tuple[Event, ...]:
-        """Bytes arrived from the network; whatever they are, this does not raise."""
+        """Process bytes from the network; never raises, whatever they are."""
         events = self.session.receive(now_ns, data)
         self._hand_over(events, now_ns)
         return events
 
     def poll(self, now_ns: int) -> tuple[list[Outgoing], tuple[Event, ...]]:
-        """What to send now, and what time alone has brought about."""
+        """The messages to send now, and the events that time alone has caused."""
         self.collect()
         outgoing, events = self.session.poll(now_ns)
         self._hand_over(events, now_ns)
@@ -211,16 +211,16 @@ class WireHalf:
         return self._control.has_shuffled
 
     def collect(self) -> None:
-        """Give the surplus of control to the session, which sends it in its own time; `poll` does it too.
+        """Give control's surplus energy to the session, which sends it when it is due; `poll` does the same.
 
-        After a tick this spares a poll: energy may be sent a hundred times a second, and ticks come a thousand times.
+        After a tick this saves a poll: energy is sent at most a hundred times a second, but there are a thousand ticks.
         """
         while surplus := self._control.shuffled():
             self.session.shuffle(surplus)
 
     @property
     def next_due_ns(self) -> int | None:
-        """When `poll` must be called again, if nothing else happens; energy waiting to go out is due at once."""
+        """When to call `poll` next, if nothing else happens; energy that waits to be sent is due at once."""
         return 0 if self._control.has_shuffled else self.session.next_due_ns
 
     def _hand_over(self, events: tuple[Event, ...], now_ns: int) -> None:
@@ -236,7 +236,7 @@ class WireHalf:
 
 
 class DeviceControl(ControlHalf):
-    """The device's servo."""
+    """The device's control half: its servo."""
 
     def start(self, servo: DeviceCoupling) -> None:
         """Begin to hold forces: `servo` is at rest at the device's position (ybar = x)."""
@@ -249,9 +249,9 @@ class DeviceControl(ControlHalf):
         self._coupling = servo.coupling
 
     def tick_sampled(self, now_ns: int, dt: float, x: Vector, v: Vector, *, release: bool = False) -> bytes | None:
-        """A tick of a servo that holds its torque: the servo's `force` is then the force to apply.
+        """Tick a servo that holds its torque: the servo's `force` is then the force to apply.
 
-        `release`: let the spring go, no force this tick. Returns the position message to send, if there is one.
+        `release`: release the spring, no force in this tick. Returns the position message to send, if there is one.
         """
         if self._arrived or self._credits:
             self._take()
@@ -274,7 +274,7 @@ class DeviceControl(ControlHalf):
         *,
         release: bool = False,
     ) -> bytes | None:
-        """A tick of a device that renders the coupling itself: `coupling.set_position` is then where its spring goes.
+        """Tick a device that renders the coupling itself: `coupling.set_position` is then where its spring is tied.
 
         The arguments are `ContinuousServo.tick`'s. Returns the position message to send, if there is one.
         """
@@ -285,7 +285,7 @@ class DeviceControl(ControlHalf):
 
 
 class WorldControl(ControlHalf):
-    """The virtual world's loop: PSPM at the onset of every integration step."""
+    """The virtual world's control half: its law runs at the onset of every integration step."""
 
     def start(self, coupling: WorldCoupling) -> None:
         """Begin to step: the coupling is at rest at the virtual mass's position."""
@@ -293,7 +293,7 @@ class WorldControl(ControlHalf):
         self._coupling = coupling.coupling
 
     def step(self, now_ns: int, dt: float, x: Vector, kinetic: float, work: float, dissipated: float) -> bytes | None:
-        """The onset of step k: PSPM with the newest set-position; `coupling.set_position` is then ybar_k.
+        """Run the law at the onset of step k with the newest set-position; `coupling.set_position` is then ybar_k.
 
         Parameters
         ----------
@@ -302,8 +302,8 @@ class WorldControl(ControlHalf):
         work : f_{k-1} . vhat_{k-1} T_{k-1} [J], put in by the environment in the step that has ended.
         dissipated : D_{k-1} = |vhat|_B'^2 T of the step that has ended [J].
 
-        Returns the position message to send, unless it is held back. The ledger is checked before PSPM (steps to k-1
-        with ybar_{k-1}) and after (with ybar_k): both pairings of Theorem 1.
+        Returns the position message to send, unless it is held back. The ledger is checked before the law (steps to k-1
+        with ybar_{k-1}) and after it (with ybar_k): both pairings of Theorem 1.
         """
         coupling = self._take()
         ledger = coupling.ledger
@@ -331,7 +331,7 @@ class WorldEndpoint(WireHalf, WorldControl):
 
 
 def _datum(message: messages.Motion | messages.Port | messages.Wave) -> CouplingSample:
-    """What a message says, in SI units."""
+    """The content of a message, in SI units."""
     match message:
         case messages.Motion():
             return Motion(message.position, message.velocity)

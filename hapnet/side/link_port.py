@@ -1,7 +1,7 @@
-"""One side's way through its emulated link, without clock or I/O: what virtual time tests is what real time runs.
+"""One side's port to its emulated link, without clock or I/O: what virtual time tests is what real time runs.
 
-A runtime hands in what control and the network bring (`send`, `receive`), calls `pump` when `next_due_ns` says so, and
-puts the packets that come out on the wire, in their order.
+A runtime hands in the messages of control (`send`) and of the network (`receive`), calls `pump` when `next_due_ns` says
+so, and puts the packets that come out on the wire, in their order.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from netem.timeline import Entry
 class Pumped(NamedTuple):
     """What became due.
 
-    packets : to put on the wire. events : what the protocol tells. changes : of the link, with their times [ns].
+    packets : to put on the wire. events : of the protocol. changes : of the link, with their times [ns].
     """
 
     packets: list[Packet]
@@ -30,12 +30,12 @@ class Pumped(NamedTuple):
 class LinkPort:
     """A side's wire half, the link that shapes all that it sends, and the timeline that changes the link.
 
-    What is due at the same time runs in this order: changes of the link, what the link releases, what the protocol has
-    to send. Not thread-safe: two users need a lock.
+    If several things are due at the same time, they run in this order: changes of the link, packets that the link
+    releases, messages of the protocol. Not thread-safe: two users need a lock.
 
     Parameters
     ----------
-    wire : the side's wire half. link : nobody else uses it, but to read its figures.
+    wire : the side's wire half. link : others may only read its figures.
     """
 
     def __init__(self, wire: WireHalf, link: Link[Packet]) -> None:
@@ -47,13 +47,13 @@ class LinkPort:
         self._player = TimelinePlayer(self.link, timeline, origin_ns)
 
     def change(self, now_ns: int, profile: LinkProfile) -> None:
-        """From now on the link has this profile; what is in flight keeps its release times."""
+        """Give the link another profile; packets in flight keep their release times."""
         self.link.change(profile, now_ns)
 
     def send(self, now_ns: int, data: bytes) -> Sequence[Packet]:
-        """Offer control's message to the link; what the link releases by now, at once if nothing delays it.
+        """Offer control's message to the link; returns what the link releases by now, at once if nothing delays it.
 
-        Afterwards `collect` the energy that came with it: the message comes first.
+        Call `collect` afterwards for the energy that came with the message: the message goes first.
         """
         packet = Packet("position", data)
         if self.link.passes():
@@ -62,15 +62,15 @@ class LinkPort:
         return [released for _, released in self.link.poll(now_ns)]
 
     def collect(self) -> None:
-        """Give the surplus of control to the session, which sends it in its own time."""
+        """Give control's surplus energy to the session, which sends it when it is due."""
         self.wire.collect()
 
     def receive(self, now_ns: int, data: bytes) -> tuple[Event, ...]:
-        """A message has come in; what it means."""
+        """Process a message from the network; returns the events that it causes."""
         return self.wire.receive(now_ns, data)
 
     def pump(self, now_ns: int) -> Pumped:
-        """All that is due by now: `release`, then `poll`."""
+        """Do everything that is due by now: `release`, then `poll`."""
         packets, changes = self.release(now_ns)
         events: tuple[Event, ...] = ()
         if (due_ns := self.wire.next_due_ns) is not None and due_ns <= now_ns:
@@ -79,12 +79,12 @@ class LinkPort:
         return Pumped(packets, events, changes)
 
     def release(self, now_ns: int) -> tuple[list[Packet], list[tuple[int, Entry]]]:
-        """Change the link as its timeline says; the packets that it releases by now, and the changes."""
+        """Change the link as its timeline says; returns the packets that it releases by now, and the changes."""
         changes = [] if self._player is None else self._player.advance(now_ns)
         return [packet for _, packet in self.link.poll(now_ns)], changes
 
     def poll(self, now_ns: int) -> tuple[list[Packet], tuple[Event, ...]]:
-        """Offer what the protocol has to send; what the link releases by now, and the events that time alone brings."""
+        """Offer the protocol's messages to the link; returns what it releases by now, and events that time causes."""
         outgoing, events = self.wire.poll(now_ns)
         for message in outgoing:
             self.link.send(now_ns, Packet(message.kind, message.data), len(message.data) + FRAME_OVERHEAD)
@@ -92,18 +92,18 @@ class LinkPort:
 
     @property
     def next_due_ns(self) -> int | None:
-        """When to `pump` next, if nothing else happens; None: nothing is planned. A time that has passed means now."""
+        """When to `pump` next, if nothing else happens. A time in the past means now; None: nothing is planned."""
         return earlier(self.release_due_ns, self.wire.next_due_ns)
 
     @property
     def release_due_ns(self) -> int | None:
-        """When to `release` next: the link, or its timeline."""
+        """When to `release` next, because of the link or its timeline."""
         due_ns = self.link.next_due_ns
         return due_ns if self._player is None else earlier(due_ns, self._player.next_due_ns)
 
 
 def earlier(one_ns: int | None, other_ns: int | None) -> int | None:
-    """The earlier of two times; None is never."""
+    """The earlier of two times; None means never."""
     if one_ns is None or other_ns is None:
         return other_ns if one_ns is None else one_ns
     return min(one_ns, other_ns)

@@ -1,4 +1,4 @@
-"""What a side has to say to the people who run it: who came, who went, what was lost, when and since when."""
+"""Notices for the people who run a side: who came, who left, what was lost, and when."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Level = Literal["info", "warning", "error"]
 class Notice:
     """Something that happened at `at_ns` on this machine's monotonic clock.
 
-    kind, values : for programs. text : for people. level : how much it matters.
+    kind, values : for programs. text : for people. level : how serious it is.
     """
 
     kind: str
@@ -27,7 +27,7 @@ class Notice:
 
 
 def notice_of(event: Event, now_ns: int, other: str, on_silence: str) -> Notice | None:
-    """What to say of an event of the session; None: nothing, as it is the ordinary course.
+    """The notice about an event of the session; None: the event is ordinary and needs none.
 
     other : the other side's role. on_silence : what this side does when nothing arrives.
     """
@@ -40,17 +40,17 @@ def notice_of(event: Event, now_ns: int, other: str, on_silence: str) -> Notice 
         case Mismatch(reason):
             return Notice("refused", f"a {other} does not fit: {reason}", now_ns, "error", {"reason": reason})
         case PeerRefused(reason, by_peer):
-            who = f"the {other}" if by_peer else f"a {other} that is not paired with it"
+            who = f"the {other}" if by_peer else f"a {other} that is not this side's peer"
             return Notice("refused", f"{who} refuses this side: {reason}", now_ns, "error", {"reason": reason})
         case PeerSilent(since_ns):
             silence_s = (now_ns - since_ns) * NANO
-            does = "the set-position is held" if on_silence == "hold" else "the spring is let go"
+            does = "the set-position is held" if on_silence == "hold" else "the spring is released"
             text = f"nothing from the {other} for {silence_s:.2f} s: {does}"
             return Notice("silent", text, now_ns, "warning", {"since_ns": since_ns, "silence_s": silence_s})
         case PeerHeard(silence_ns, recovery_ns, missing):
             text = f"the {other} is heard again after {silence_ns * NANO:.2f} s"
             if recovery_ns:
-                text += f", {recovery_ns * 1e-6:.0f} ms after its first word"
+                text += f", {recovery_ns * 1e-6:.0f} ms after its first message"
             if missing:
                 text += f"; {missing} positions are missing"
             values = {"silence_s": silence_ns * NANO, "recovery_s": recovery_ns * NANO, "missing": missing}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 FRAME_OVERHEAD = 62
-"""Bytes of Ethernet, IP, UDP and Zenoh headers around a message, for links with a rate."""
+"""Bytes of the Ethernet, IP, UDP and Zenoh headers around a message; they count on links with a rate."""
 
 
 class Packet(NamedTuple):

@@ -1,4 +1,4 @@
-"""The world's side of a run, complete: endpoint, virtual mass, scene and record, driven by either runtime."""
+"""The world's side of a run, complete: endpoint, virtual mass, scene and recording; either runtime drives it."""
 
 from __future__ import annotations
 
@@ -23,8 +23,9 @@ class WorldSide:
     Parameters
     ----------
     endpoint, mass, scene : of this side.
-    make_coupling : makes the coupling when control starts: position [m], kinetic energy [J], reservoir empty or not.
-    rng : draws the steps' lengths. name : under which the user knows the scene.
+    make_coupling : called when control starts, with position [m], kinetic energy [J], and whether the reservoir is
+        empty; makes the coupling.
+    rng : draws the steps' lengths. write : takes each sample. name : the user's name for the scene.
     """
 
     def __init__(
@@ -46,7 +47,7 @@ class WorldSide:
         self.longest_step_s = 0.0
         self.stepped_s = 0.0
         self.paused = False
-        """The virtual mass stands still; all else goes on. Not recorded meanwhile."""
+        """The virtual mass stands still and nothing is recorded; all else continues."""
         self._make_coupling = make_coupling
         self._rng = rng
         self._name = name
@@ -58,18 +59,18 @@ class WorldSide:
         return self.endpoint.coupling
 
     def step(self, now_ns: int) -> bytes | None:
-        """End the running step, whatever it took, and begin the next; the position message to send, if there is one.
+        """End the running step, however long it took, and begin the next; returns the message to send, if there is one.
 
-        Before control starts, which `origin_ns` tells, there are neither steps nor messages.
+        Until control starts (`origin_ns` is None) there are neither steps nor messages.
         """
         endpoint, mass = self.endpoint, self.mass
         if self.origin_ns is None:
             if not endpoint.paired:
                 return None
-            if endpoint.restarted:  # with no energy to go there, it begins where the device is, by its first position
+            if endpoint.restarted:  # it has no energy to go to the device, so it begins at the device's first position
                 if (sample := endpoint.arrived) is None:
                     return None
-                if not isinstance(sample, Wave):  # which tells no position
+                if not isinstance(sample, Wave):  # a wave contains no position
                     mass.place(self.scene.towards(vector_of(sample)))
             self._world = self._make_coupling(mass.position, mass.kinetic_J, endpoint.restarted)
             endpoint.start(self._world)
@@ -96,7 +97,7 @@ class WorldSide:
         return message
 
     def next_step_ns(self) -> int:
-        """How long the scene wants the step that has begun to be [ns]; HapnetError if the scene fails."""
+        """The length that the scene asks for the step that has begun [ns]; HapnetError if the scene fails."""
         try:
             return max(1, round(self.scene.next_step_s(self._rng) / NANO))
         except Exception as error:
