@@ -1,4 +1,4 @@
-"""From parameters to the objects of a run: the one place where names on a command line become parts."""
+"""Builds the objects of a run from parameters: the one place where names on a command line become parts."""
 
 from __future__ import annotations
 
@@ -47,15 +47,15 @@ _SCENE_PARAMETERS = {
     "step_min_s": "world.step_min_s",
     "step_max_s": "world.step_max_s",
 }
-"""A scene's keyword, and the parameter that it is given."""
+"""A scene's keyword, and the parameter that it gets."""
 
 _SET_POSITIONS_ONLY = {"smoothing_s": 0.0, "predict_s": 0.0, "on_silence": "hold"}
-"""What works on received set-positions, and its value where a law takes something else."""
+"""Parameters that apply to received set-positions, and their values for a law that receives something else."""
 
 
 @dataclass(frozen=True)
 class Setup:
-    """Parameters, checked as a whole, with what follows from them."""
+    """Parameters, checked as a whole, and what follows from them."""
 
     params: Params
     scene: World
@@ -63,7 +63,7 @@ class Setup:
     harvest: Harvest
     coupling: CouplingSpec[Any]
     tuning: Any
-    """What the coupling's own rule makes of the link."""
+    """The coupling's tuning, which its own rule derives from the link."""
     up: LinkProfile
     down: LinkProfile
     up_timeline: Timeline | None = None
@@ -76,12 +76,12 @@ class Setup:
 
     @property
     def tuned(self) -> dict[str, Any]:
-        """The tuning by its fields' names, as recordings and summaries tell it."""
+        """The tuning by its fields' names, as recordings and summaries contain it."""
         return dataclasses.asdict(self.tuning)
 
 
 def prepare(params: Params, default_servo: str = "sampled") -> Setup:
-    """Check parameters that only make sense together, and resolve what "auto" stands for: the servo is `default_servo`.
+    """Check the parameters against each other, and resolve "auto": for the servo it stands for `default_servo`.
 
     Raises
     ------
@@ -129,15 +129,15 @@ def prepare(params: Params, default_servo: str = "sampled") -> Setup:
 
 
 def link_profile(name: str, words: str) -> LinkProfile:
-    """The emulated link that the parameter `name` gives: tc-netem's words, or a profile's name.
+    """The emulated link that the parameter `name` describes: tc-netem's words, or a profile's name.
 
     Raises
     ------
-    NetemError, InvalidParameter : there is no such link, or none that can stand between the two sides.
+    NetemError, InvalidParameter : there is no such link, or it cannot stand between the two sides.
     """
     profile = LinkProfile.named(words)
     if profile.corrupt:
-        allowed = "a link without corrupt: the checksums below Zenoh drop what is corrupted, which is loss"
+        allowed = "a link without corrupt: checksums below Zenoh drop what is corrupted, so use loss"
         raise InvalidParameter(name, str(profile), allowed)
     return profile
 
@@ -180,7 +180,7 @@ def device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Writ
     if setup.servo == "continuous":
         make = _continuous(setup)
         with _named("device"):
-            make(simulated.position, 0.0, False)  # so that what is wrong is said now and not at pairing
+            make(simulated.position, 0.0, False)  # so that an error shows now and not at pairing
         side: DeviceSide = ContinuousDeviceSide(endpoint, simulated, make, drive)
     else:
         hold = _held(setup)
@@ -204,7 +204,7 @@ def _drive(setup: Setup, clock: Clock, write: Write) -> Drive:
 
 
 def _own_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write) -> DeviceSide:
-    """A user's own device, which only a sampled servo can drive."""
+    """The side of a user's own device, which only a sampled servo can drive."""
     params = setup.params
     device = OwnDevice(params.hardware, setup.dof, params.device)
     device.declared.check_stiffness("device.stiffness", params.device.stiffness, setup.dof)
@@ -239,14 +239,14 @@ def world_side(setup: Setup, endpoint: WorldControl, rng: np.random.Generator, w
     def make_coupling(position: Vector, kinetic: float, empty: bool = False) -> WorldCoupling:
         return setup.coupling.world(_start(setup, world, position, empty, kinetic))
 
-    make_coupling(mass.position, 0.0)  # so that what is wrong is said now and not at pairing
+    make_coupling(mass.position, 0.0)  # so that an error shows now and not at pairing
     return WorldSide(endpoint, mass, setup.scene, make_coupling, rng=rng, write=write, name=setup.params.scene)
 
 
 def _start(
     setup: Setup, side: DeviceParams | WorldParams, position: Vector, empty: bool, kinetic: float = 0.0
 ) -> CouplingStart[Any]:
-    """What an end of the coupling is made with; `empty`: the side starts again, so without energy."""
+    """What an end of the coupling is made from; `empty`: the side has restarted, so it begins without energy."""
     energy = 0.0 if empty else side.ceiling_J
     return CouplingStart(setup.params, setup.tuning, position, energy, kinetic, setup.harvest)
 
@@ -297,7 +297,7 @@ def _session(setup: Setup, role: Role, name: str, incarnation: int) -> Session:
 
 
 def _scene(params: Params) -> tuple[World, list[str]]:
-    """The scene, and a warning for each parameter that it does not read although it was set."""
+    """The scene, and a warning for each parameter that was set but that the scene does not read."""
     known, named = scene_parameters(params.scene), params.scene in SCENES
     if params.scene == "paper":
         known.pop("position")  # the paper lies in z = 0, whatever the wall does
@@ -324,7 +324,7 @@ def _scene(params: Params) -> tuple[World, list[str]]:
 
 @contextmanager
 def _named(section: str) -> Iterator[None]:
-    """The parts know a parameter by its own name; its user knows it by the section's too."""
+    """Name the section in a part's error: a part knows only its parameter's own name."""
     try:
         yield
     except InvalidParameter as error:

@@ -1,4 +1,4 @@
-"""What a run keeps in memory, estimated before it begins: what this machine cannot hold is refused with the numbers."""
+"""Estimates what a run keeps in memory, before it begins, and refuses what this machine cannot hold."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hapnet.params import Params
 
 
 def installed_bytes() -> float:
-    """This machine's memory; no limit where it is not known."""
+    """This machine's memory; infinite where it is not known."""
     try:
         return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
     except (AttributeError, OSError, ValueError):
@@ -18,13 +18,13 @@ def installed_bytes() -> float:
 
 
 def bytes_a_second(params: Params, dof: int) -> float:
-    """What a recording in memory takes a simulated second; measured: 0.9 kB a sample with one axis, 1.4 with three."""
+    """The size of a recording in memory per simulated second. Measured: 0.9 kB a sample for one axis, 1.4 for three."""
     steps_hz = 2.0 / (params.world.step_min_s + params.world.step_max_s)
     return (min(params.record_hz, params.device.servo_hz) + steps_hz) * (600.0 + 300.0 * dof)
 
 
 def require_room(name: str, value: object, amount: float, each_bytes: float, unit: str) -> None:
-    """Raise InvalidParameter unless `amount` times `each_bytes` fit; `unit`: what these are, in words."""
+    """Raise InvalidParameter unless `amount` times `each_bytes` fits; `unit` names what is counted."""
     have = installed_bytes()
     if amount * each_bytes <= have:
         return

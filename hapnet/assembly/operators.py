@@ -1,4 +1,4 @@
-"""The simulated, recorded or led hand that a parameter names."""
+"""The hand that a parameter names: simulated, recorded, or led by the user."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hapnet.plant.worlds.protocol import World
 from hapnet.recording.hand import is_recording, recorded_hand
 
 LIVE = "mouse"
-"""The operator that is led while it runs; in real time only."""
+"""The operator that the user leads during the run; in real time only."""
 
 
 def operator(params: Params, scene: World) -> Operator:

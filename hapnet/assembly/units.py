@@ -1,4 +1,4 @@
-"""Are these metres, and N/m? Parameters that lie outside of the device's operating range are refused."""
+"""Refuses parameters outside the device's operating range: lengths that are not in metres, stiffnesses not in N/m."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ _PLACES = (
     "operator_hand.start_m", "operator_hand.goal_m", "operator_hand.amplitude_m", "operator_hand.press_depth_m",
     "operator_hand.hover_m", "world.wall.position_m", "world.wall.half_width_m",
 )  # fmt: skip
-"""Lengths that are of the device's size, whatever the run is."""
+"""Lengths that are comparable to the device's size in every run."""
 
 
 def check_units(params: Params, dof: int) -> None:
-    """Raise InvalidParameter for what only another unit explains: a length, or the stiffness of a simulated device.
+    """Raise InvalidParameter for a length, or a simulated device's stiffness, that only another unit explains.
 
-    The stiffness range of a device of the user's own is its own affair: it is checked when that is made.
+    The stiffness for a user's own device is checked when that device is made, since it may declare its range.
     """
     declared = declared_range(params.device, dof)
     for name in _PLACES:

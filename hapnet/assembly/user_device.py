@@ -1,8 +1,8 @@
-"""A device of the user's own, given as ``module:Class``: checked when it is made, and guarded while it runs.
+"""A user's own device, given as ``module:Class``: checked when it is made, and guarded while it runs.
 
-It may declare its operating range: `workspace` [m], `greatest_speed` [m/s] and `stiffness_range` [N/m], as
-`hapnet.plant.operating_range` has them. Where it does not, the parameters hold; of device.greatest_speed ten times as
-much: beyond it the account is not known, but only that is another unit.
+It may declare its operating range: `workspace` [m], `greatest_speed` [m/s] and `stiffness_range` [N/m], as in
+`hapnet.plant.operating_range`. The parameters stand in for what it does not declare. For the speed the limit is ten
+times device.greatest_speed: above that parameter only the account is not known; above ten times it, the unit is wrong.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ ALLOWED = "simulated, or module:Class with dof, force_limit, resolution, read an
 
 
 def load_class(name: str) -> Callable[..., Any]:
-    """The class, imported and not yet made: making it may open the device, which only one process can.
+    """Import the class, but make no device: that may open the hardware, which only one process can do.
 
     Raises
     ------
-    InvalidParameter : there is none.
+    InvalidParameter : there is no such class.
     """
     found = load("hardware", name, ALLOWED)
     if not callable(found):
@@ -37,11 +37,11 @@ def load_class(name: str) -> Callable[..., Any]:
 
 
 def declared_range(params: DeviceParams, dof: int, device: Device | None = None) -> OperatingRange:
-    """The operating range that `params` give, or `device` of itself.
+    """The operating range: what `device` declares, and `params` for the rest.
 
     Raises
     ------
-    InvalidParameter : a number in it cannot be.
+    InvalidParameter : a number in it is impossible.
     """
 
     def told(part: str, name: str, value: object) -> Told:
@@ -62,10 +62,10 @@ def _unless_declared(speed: float) -> float:
 
 
 class OwnDevice:
-    """The device of `name`, made with ``dof`` and read once. `params` : what holds where it declares nothing.
+    """The device `name`, made with ``dof`` and read once. `params` stand in for what it does not declare.
 
-    Its driver may fail at any time, and numbers that are none would become forces: whatever it raises, and any reading
-    that is not two times `dof` finite numbers, ends as one HapnetError naming the device.
+    Its driver may fail at any time, and a NaN would become a force. So whatever it raises, and any reading that is not
+    two times `dof` finite numbers, becomes one HapnetError that names the device.
 
     Raises
     ------
@@ -101,7 +101,7 @@ class OwnDevice:
         except HapnetError as error:
             raise InvalidParameter("hardware", name, f"a device that can be read ({error})") from error
         if (where := self.declared.outside(position)) is not None:
-            allowed = f"a device within its workspace, as it declares it or device.workspace_m does; {where}"
+            allowed = f"a device within its workspace (declared by itself or by device.workspace_m); {where}"
             raise InvalidParameter("hardware", name, allowed)
 
     def read(self) -> tuple[Vector, Vector]:
@@ -117,7 +117,7 @@ class OwnDevice:
         return x, v
 
     def apply(self, force: Vector) -> Vector | None:
-        """Hold a force [N]; the one really applied, if the device tells. HapnetError if it fails."""
+        """Hold a force [N]; returns the one really applied, if the device reports it. HapnetError if it fails."""
         try:
             told = self.device.apply(force)
             applied = None if told is None else tuple(map(float, told))

@@ -1,4 +1,4 @@
-"""A hand of the user's own, given as ``module:Class``: checked when it is made, and guarded while it runs."""
+"""A user's own hand, given as ``module:Class``: checked when it is made, and guarded while it runs."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ ALLOWED = "rest, sine, press, a recording's path (.csv, .mcap), or module:Class 
 
 
 class OwnOperator:
-    """The operator of `name`, made with ``dof`` and ``impedance`` and asked once where it wants to be.
+    """The operator `name`, made with ``dof`` and ``impedance``, and asked once for its reference.
 
-    Whatever it raises later, and any reference that is not as many finite numbers as the first, or is farther than
-    `reach` [m] from the origin, ends as one HapnetError naming the operator.
+    Later errors become one HapnetError that names the operator: whatever it raises, and a reference that is not as many
+    finite numbers as the first, or is farther than `reach` [m] from the origin.
 
     Raises
     ------
-    InvalidParameter : the operator cannot be made, has no impedance, or its first reference is none.
+    InvalidParameter : the operator cannot be made, has no impedance, or its first reference is not valid.
     """
 
     def __init__(self, name: str, dof: int, impedance: Impedance, reach: float = math.inf) -> None:
