@@ -23,9 +23,9 @@ HINT = " Hint: increase the system open file limit."
     [
         (
             [TLS + "invalid peer certificate: BadSignature." + HINT],
-            "refused who dials: invalid peer certificate: BadSig",
+            "refused a side that dials: invalid peer certificate: BadSig",
         ),
-        ([TLS + "received fatal alert: DecryptError." + HINT], "who dials refuses this side's certificate"),
+        ([TLS + "received fatal alert: DecryptError." + HINT], "a side that dials refuses this side's certificate"),
         (
             [ACCESS + f"{SUBJECT} is unauthorized to Declare Subscriber (ingress) on hapnet/s/alice/down/energy"],
             "access control does not let bob read hapnet/s/alice/down/...",
@@ -71,8 +71,8 @@ async def test_a_world_says_whom_it_does_not_let_in(certificates: Path) -> None:
     with started("world", "-l", address, *flags) as world:
         for name, ca, says in (
             ("bob", ".", "access control does not let bob"),
-            ("other/alice", "other", "who dials refuses this side's certificate"),
-            ("other/alice", ".", "refused who dials: invalid peer certificate"),
+            ("other/alice", "other", "a side that dials refuses this side's certificate"),
+            ("other/alice", ".", "refused a side that dials: invalid peer certificate"),
         ):
             security = own(certificates, name, ca=ca)
             side = Side("device", ZenohSettings(connect=(address,), security=security), device="alice")

@@ -1,4 +1,4 @@
-"""Zenoh's configuration from the flags that its own tools take, with what suits a stream of small messages at 1 kHz."""
+"""Zenoh's configuration: the flags of its own tools, and defaults for a stream of small messages at 1 kHz."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _ENDPOINT = re.compile(
     r"(?:\?[^\s#]*)?(?:#\S*)?"
 )
 
-# What suits a stream of small messages at 1 kHz; each replaces Zenoh's own default, never what a file sets otherwise.
+# What suits a stream of small messages at 1 kHz. Each entry replaces Zenoh's own default, never a value from a file.
 _DEFAULTS: dict[str, object] = {
     "scouting/gossip/enabled": False,
     "scouting/multicast/autoconnect_strategy": {"peer": {"to_peer": "greater-zid"}},  # only one of two peers dials
@@ -39,7 +39,7 @@ _DEFAULTS: dict[str, object] = {
     "transport/link/tx/queue/size/interactive_high": 16,
     "transport/link/tx/queue/size/interactive_low": 16,
     "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 0,
-    # what is sixteen times the longest frame never comes near Python; what is just too long is counted there
+    # sixteen times the longest frame: Zenoh drops longer messages, and Python counts those that are just too long
     "low_pass_filter": [
         {"flows": ["ingress"], "messages": ["put"], "key_exprs": ["hapnet/**"], "size_limit": 65536},
     ],
@@ -48,7 +48,7 @@ _DEFAULTS: dict[str, object] = {
 
 @dataclass(frozen=True, slots=True)
 class ZenohSettings:
-    """What Zenoh's own tools take as flags.
+    """The settings that Zenoh's own tools take as flags.
 
     Attributes
     ----------
@@ -71,12 +71,12 @@ class ZenohSettings:
 
 
 def zenoh_config(settings: ZenohSettings) -> zenoh.Config:
-    """Zenoh's configuration for these settings: file, then flags, then `cfg`; hapnet's defaults where none says a word.
+    """Zenoh's configuration for these settings: the file, then the flags, then `cfg`; hapnet's defaults for the rest.
 
     Raises
     ------
-    InvalidParameter : a mode, endpoint or override that Zenoh would not take, nowhere to dial, listen or scout, or
-        security that is asked for and cannot be had.
+    InvalidParameter : Zenoh would not take a mode, endpoint or override; there is nowhere to dial, listen or scout; or
+        the security that is asked for is not possible.
     TransportError : the file cannot be read, or is not a Zenoh configuration.
     """
     if settings.mode is not None and settings.mode not in _MODES:
@@ -132,7 +132,7 @@ def zenoh_config(settings: ZenohSettings) -> zenoh.Config:
 
 
 def zenoh_warnings(settings: ZenohSettings) -> tuple[str, ...]:
-    """What an operator should know about these settings before others do: a line each.
+    """Risks of these settings that their user should know, one line each.
 
     Raises
     ------
@@ -150,12 +150,12 @@ def zenoh_warnings(settings: ZenohSettings) -> tuple[str, ...]:
 
 
 def endpoints_of(config: zenoh.Config, side: Literal["connect", "listen"]) -> list[str]:
-    """The endpoints that a configuration dials or listens on, in whatever way it gives them."""
+    """The endpoints that a configuration dials or listens on, in whatever form it gives them."""
     return list(_flat(_endpoints(config, side), json.loads(config.get_json("mode"))))
 
 
 def may_lose(config: zenoh.Config) -> bool:
-    """Is there an endpoint whose link repeats nothing, so that what is said once may never arrive?"""
+    """Is there an endpoint without retransmission, so that a message that is sent once may never arrive?"""
     endpoints = endpoints_of(config, "listen") + endpoints_of(config, "connect")
     return any(endpoint.startswith("udp/") or "rel=0" in endpoint for endpoint in endpoints)
 
@@ -171,7 +171,7 @@ def _flat(value: object, mode: str) -> Iterator[str]:
 
 
 def _check_security(security: Security, config: zenoh.Config) -> None:
-    """What can only be told with the endpoints, the file's and those of `cfg` too."""
+    """Checks that need all endpoints, including those of the file and of `cfg`."""
     listens, dials = endpoints_of(config, "listen"), endpoints_of(config, "connect")
     for side, endpoints in (("listen", listens), ("connect", dials)):
         for endpoint in endpoints:
@@ -181,12 +181,12 @@ def _check_security(security: Security, config: zenoh.Config) -> None:
         if endpoint.partition("/")[0] in ENCRYPTED and "#" not in endpoint and not _has_certificate(config):
             raise InvalidParameter("--tls-cert", None, f"a certificate and --tls-key, to listen on {endpoint}")
     if security.tls_ca is not None and listens and not dials and not _is_mutual(config):
-        words = "with --mutual-tls on a side that only listens: nobody's certificate is looked at without"
+        words = "with --mutual-tls on a side that only listens: without it no certificate is checked"
         raise InvalidParameter("--tls-ca", str(security.tls_ca), words)
     if security.users is not None and not listens:
         raise InvalidParameter("--users", str(security.users), "on the side that listens (-l)")
     if security.user is not None and not dials and not _scouts(config):
-        raise InvalidParameter("--user", security.user, "on the side that dials (-e); who listens has --users")
+        raise InvalidParameter("--user", security.user, "on the side that dials (-e); one that listens has --users")
 
 
 def _is_mutual(config: zenoh.Config) -> bool:
@@ -210,7 +210,7 @@ def _check_endpoint(name: str, value: str) -> None:
 
 
 def _endpoints(config: zenoh.Config, side: str) -> object:
-    """A list of endpoints; in a file it may also be a table by mode, and have groups in it."""
+    """A list of endpoints; in a file it may also be a table by mode, or contain groups."""
     return json.loads(config.get_json(f"{side}/endpoints"))
 
 
@@ -229,14 +229,14 @@ def where(config: zenoh.Config) -> str:
 
 
 def reason(error: zenoh.ZError) -> str:
-    """What Zenoh says, in one line, without the places in its source and the names of its error types."""
+    """Zenoh's message in one line, without the places in its source and the names of its error types."""
     text = " ".join(re.sub(r" at \S+\.rs:\d+\.?", "", str(error)).split())
     inner = re.search(r'msg: "(.*)", location', text) or re.search(r'Str\("(.*)"\)', text)
     return (inner[1] if inner else text).replace("\\n", " ").strip()
 
 
 def free_address(protocol: str = "tcp") -> str:
-    """An endpoint on this machine that nobody listens on now."""
+    """An endpoint on this machine that is free now."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"{protocol}/127.0.0.1:{probe.getsockname()[1]}"

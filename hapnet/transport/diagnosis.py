@@ -1,7 +1,7 @@
-"""Why nobody answers: a TLS handshake of our own, since Zenoh says "Timeout!" at most.
+"""Finds out why nobody answers, by a TLS handshake of its own, since Zenoh says only "Timeout!".
 
-The probe does what Zenoh's first steps do, with the same certificates, and hangs up. It says nothing to a Zenoh that
-listens, which drops the connection as that of somebody who left.
+The probe repeats Zenoh's first steps with the same certificates, and hangs up. It sends nothing to the Zenoh that
+listens, which drops the connection as that of a node that has left.
 """
 
 from __future__ import annotations
@@ -20,35 +20,35 @@ from hapnet.transport.config import ZenohSettings, endpoints_of, zenoh_config
 from hapnet.transport.security import UNTIMELY, host_and_port
 
 REFUSAL_S = 0.5
-"""With TLS 1.3 a refused certificate shows only after the handshake; how long to wait for it at most [s]."""
+"""With TLS 1.3 a refused certificate shows only after the handshake; the longest wait for that [s]."""
 
 UNANSWERED_NS = 3_000_000_000
-"""How long nobody must have answered before the first probe [ns]."""
+"""The first probe is made when nobody has answered for this time [ns]."""
 
 ASK_EVERY_NS = 10_000_000_000
 PROBE_S = 2.0
-"""How long the probes of one asking may take together, about [s]."""
+"""How long the probes of one diagnosis take together, about [s]."""
 
 _WRONG_NAME, _WRONG_ADDRESS = 62, 64  # OpenSSL's X509_V_ERR_*
-_NOT_SIGNED = (2, 7, 18, 19, 20, 21)  # no issuer, another one of that name, or one that signed itself
-_SIGNED_BY_ANOTHER = ("UNKNOWN_CA", "DECRYPT_ERROR", "BAD_CERTIFICATE")  # of one name or not
+_NOT_SIGNED = (2, 7, 18, 19, 20, 21)  # no issuer, another issuer of the same name, or a self-signed certificate
+_SIGNED_BY_ANOTHER = ("UNKNOWN_CA", "DECRYPT_ERROR", "BAD_CERTIFICATE")  # whether that has the same name or not
 _HANG_UPS = (ssl.SSLEOFError, ssl.SSLZeroReturnError, ConnectionResetError, BrokenPipeError)
 
 
 @dataclass(frozen=True, slots=True)
 class Trust:
-    """What a side that dials trusts and shows, as Zenoh's configuration has it."""
+    """The certificates that a side that dials trusts and shows, by Zenoh's configuration."""
 
     ca: str | None = None
     certificate: str | None = None
     key: str | None = None
     check_name: bool = True
     inline: bool = False
-    """Certificates are in the configuration itself, where the probe does not look."""
+    """The certificates are in the configuration itself, which the probe does not read."""
 
     @staticmethod
     def of(config: zenoh.Config) -> Trust:
-        """Read out of a configuration."""
+        """Read from a configuration."""
 
         def value(name: str) -> object:
             return json.loads(config.get_json(f"transport/link/tls/{name}"))
@@ -68,9 +68,9 @@ class Trust:
 
 
 def why_unanswered(settings: ZenohSettings, timeout_s: float) -> str | None:
-    """Why no endpoint that is dialled answers, in one line; None if a probe can't tell (quic/, udp/).
+    """Why no endpoint that is dialled answers, in one line; None if a probe cannot tell (quic/, udp/).
 
-    Blocks, for some `timeout_s` at most: for a thread of its own.
+    Blocks for about `timeout_s` at most, so it needs a thread of its own.
 
     Raises
     ------
@@ -87,9 +87,9 @@ def why_unanswered(settings: ZenohSettings, timeout_s: float) -> str | None:
 
 
 class ConnectionDiagnosis:
-    """Finds out now and then why nobody answers, on a thread of its own, which nobody waits for.
+    """Finds out at intervals why nobody answers, on a thread of its own; nobody waits for it.
 
-    settings : of the connection. now_ns : since when nobody answers.
+    settings : of the connection. now_ns : the time since which nobody answers.
     """
 
     def __init__(self, settings: ZenohSettings, now_ns: int) -> None:
@@ -99,7 +99,7 @@ class ConnectionDiagnosis:
         self._answer = ""
 
     def answer(self, now_ns: int) -> str:
-        """The last answer; empty as long as there is none."""
+        """The last diagnosis; empty until there is one."""
         if now_ns >= self._next_ns and (self._thread is None or not self._thread.is_alive()):
             self._next_ns = now_ns + ASK_EVERY_NS
             self._thread = threading.Thread(target=self._ask, name="diagnosis", daemon=True)
@@ -107,14 +107,14 @@ class ConnectionDiagnosis:
         return self._answer
 
     def _ask(self) -> None:
-        with contextlib.suppress(HapnetError):  # the settings were checked, and a file may be gone since
+        with contextlib.suppress(HapnetError):  # the settings were checked, but a file may be gone since then
             self._answer = why_unanswered(self._settings, PROBE_S) or ""
 
 
 def probe(endpoint: str, trust: Trust, timeout_s: float) -> str | None:
-    """Connect to a tls/ or tcp/ endpoint, and shake hands if it is tls/: why that fails, None if it does not.
+    """Connect to a tls/ or tcp/ endpoint, with a handshake for tls/; returns why that fails, or None.
 
-    Whoever neither answers nor hangs up is waited for `timeout_s` in each of the two.
+    Each of these two steps waits up to `timeout_s` for a listener that neither answers nor hangs up.
     """
     protocol, _, address = endpoint.partition("/")
     host, port = host_and_port(address)
@@ -175,7 +175,7 @@ def _distrusted(error: ssl.SSLCertVerificationError, host: str, trust: Trust) ->
 
 
 def _refused(reason: str, *, shown: bool) -> str:
-    """`reason` is OpenSSL's, such as TLSV1_ALERT_UNKNOWN_CA; `shown`: we have shown a certificate."""
+    """In words, why the listener refuses us. `reason` : OpenSSL's. `shown` : we have shown a certificate."""
     version, _, alert = reason.partition("_ALERT_")
     if not alert:
         return f"what listens there does not speak TLS ({_words(version)}; tcp/ instead of tls/?)"
@@ -192,7 +192,7 @@ def _words(reason: str) -> str:
 
 
 def _not_zenohs(settings: ZenohSettings) -> str:
-    """What is left when the connection itself is in order."""
+    """The possible cause if the connection itself is in order."""
     if settings.security.user is not None:
-        return "it listens, but not to Zenoh's greeting: user or password may be wrong, or it has no --users"
-    return "it listens, but not to Zenoh's greeting: it may want --user and a password, or not be Zenoh"
+        return "it listens, but does not accept us: user or password may be wrong, or it has no --users"
+    return "it listens, but does not accept us: it may want --user and a password, or not be Zenoh"

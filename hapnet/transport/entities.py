@@ -1,4 +1,4 @@
-"""How hapnet declares what it uses of Zenoh: keys, publishers that never block, callbacks on Zenoh's own threads."""
+"""Zenoh's entities as hapnet declares them: keys, publishers that never block, callbacks on Zenoh's own threads."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import zenoh
 KINDS = ("position", "energy", "control")
 
 TELEMETRY = "telemetry"
-"""What a side publishes on a key of its own for others, not for its peer."""
+"""What a side publishes on a separate key, for others and not for its peer."""
 
 _PRIORITY = {
     "position": zenoh.Priority.REAL_TIME,
@@ -23,7 +23,7 @@ _T = TypeVar("_T")
 
 
 def publisher(session: zenoh.Session, key: str, kind: str) -> zenoh.Publisher:
-    """For messages of this kind: dropped on congestion, of a priority of their own."""
+    """A publisher for messages of this kind: they are dropped on congestion, and have their own priority."""
     return session.declare_publisher(
         key,
         congestion_control=zenoh.CongestionControl.DROP,
@@ -34,10 +34,10 @@ def publisher(session: zenoh.Session, key: str, kind: str) -> zenoh.Publisher:
 
 
 def direct(f: Callable[[_T], None]) -> zenoh.handlers.Callback[_T]:
-    """A callback on Zenoh's own thread: a default one costs a thread that keeps the interpreter from exiting."""
+    """A callback on Zenoh's own thread: a default callback needs a thread that keeps the interpreter from exiting."""
     return zenoh.handlers.Callback(f, indirect=False)
 
 
 def call(method: Callable[[], None]) -> None:
-    """Call one of the methods whose type zenoh's stubs leave out."""
+    """Call a method whose type zenoh's stubs leave out."""
     method()

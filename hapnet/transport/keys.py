@@ -1,9 +1,9 @@
-"""Which keys are to be kept alive, and which are dead, so that the transport mends them; the time is an argument.
+"""Which keys need a keep-alive, and which are dead, so that the transport repairs them; the time is an argument.
 
-A declaration of a subscriber is said once. Over udp it may be lost, or dropped as it is overtaken by a later one, and
-then nothing ever arrives on its key. So each key carries something at least every `KEEP_ALIVE_NS`, and a side that
-hears nothing on one of them declares again. A declaration is one datagram if its key expression begins with a wildcard;
-another one would need two, in order, and is known to Zenoh already if it was lost, which then does not repeat it.
+Zenoh sends a subscriber's declaration once. Over udp it may be lost, or dropped because a later one overtook it; then
+nothing ever arrives on its key. So each key carries something at least every `KEEP_ALIVE_NS`, and a side that hears
+nothing on a key declares again. A declaration is one datagram if its key expression begins with a wildcard. Any other
+needs two, in order; and Zenoh does not repeat an expression that it has declared before, even if it was lost.
 """
 
 from __future__ import annotations
@@ -11,32 +11,32 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 KEEP_ALIVE_NS = 200_000_000
-"""Each key carries something at least so often."""
+"""Each key carries something at least this often [ns]."""
 
 WATCH_NS = 50_000_000
-"""How often it is looked at; a keep-alive leaves when the key was quiet for so much less."""
+"""How often the keys are checked [ns]; so a keep-alive leaves this much before `KEEP_ALIVE_NS` is over."""
 
 SILENT_NS = 450_000_000
-"""A key is silent when nothing came for longer: two keep-alives, and what a network may delay the second."""
+"""A key is silent if nothing came for longer [ns]: two keep-alives, and some delay of the second."""
 
 AGAIN_NS = 250_000_000
-"""How long a declaration may take to have an effect before the next one."""
+"""How long a declaration may take to have an effect before the next one is sent [ns]."""
 
 DEAD_NS = 10_000_000_000
-"""A key that is silent for longer cannot be mended by declarations: what its publisher declared is lost."""
+"""A key that is silent for longer [ns] is dead: its publisher's declaration is lost, and ours cannot repair it."""
 
 LONGEST_DEAD_NS = 80_000_000_000
-"""Another session is opened no more seldom than so, while somebody is connected and nothing is heard at all."""
+"""The longest time between two sessions that are opened because somebody is connected but nothing is heard [ns]."""
 
 _FIRST = ("*", "hapnet", "h$*", "ha$*", "hap$*", "hapn$*", "hapne$*")
-"""The first chunk of declaration after declaration. The literal one is for access control, which takes no wider one."""
+"""The first chunks of declarations, one after another. The literal one is for access control, which allows no wider."""
 
 _LAST = "$*n$*"
 """Any of position, energy, control; not telemetry, which is not for the peer."""
 
 
 class KeyWatch:
-    """The keys of one side's connection. Any thread may say `sent` and `heard`; one asks for the rest.
+    """Watches the keys of one side's connection. Any thread may call `sent` and `heard`; one thread calls the rest.
 
     kinds : the last parts of the keys.
     """
@@ -58,35 +58,35 @@ class KeyWatch:
         self._patience_ns = DEAD_NS
 
     def quiet(self, now_ns: int) -> list[str]:
-        """The keys that a keep-alive is due on."""
+        """The keys on which a keep-alive is due."""
         latest_ns = now_ns - KEEP_ALIVE_NS + WATCH_NS
         return [kind for kind, sent_ns in self._sent_ns.items() if sent_ns <= latest_ns]
 
     def connected(self, now_ns: int, *, is_connected: bool) -> None:
-        """Whether there is anybody to hear; who has just come is given `SILENT_NS` to speak."""
+        """Say whether anybody is connected; a newcomer has `SILENT_NS` to send something."""
         if not is_connected:
             self._since_ns = None
         elif self._since_ns is None:
             self._since_ns = now_ns
 
     def silent(self, now_ns: int, for_ns: int = SILENT_NS) -> list[str]:
-        """The keys on which nothing came for so long, though somebody is connected."""
+        """The keys on which nothing came for `for_ns`, although somebody is connected."""
         if self._since_ns is None or now_ns - self._since_ns <= for_ns:
             return []
         return [kind for kind, heard_ns in self._heard_ns.items() if now_ns - heard_ns > for_ns]
 
     def declare_now(self, now_ns: int) -> bool:
-        """Is it time to declare again? Asked and answered once for each declaration."""
+        """Is it time to declare again? Each True stands for one declaration."""
         if now_ns < self._again_ns or not self.silent(now_ns):
             return False
         self._again_ns = now_ns + AGAIN_NS
         return True
 
     def dead(self, now_ns: int) -> list[str]:
-        """The keys that are dead, as no declaration helps; asked once for each session that is opened for it.
+        """The keys that are dead: no declaration helps. The caller then opens another session.
 
-        If all are silent it may be that somebody else is connected. So it counts only if the other side was heard
-        before, and each time less often.
+        If all keys are silent, perhaps somebody else is connected. So they count as dead only if the other side was
+        heard before, and each time after a longer silence.
         """
         silent = self.silent(now_ns, DEAD_NS)
         if len(silent) < len(self._heard_ns):
@@ -98,6 +98,6 @@ class KeyWatch:
 
 
 def key_expressions(prefix: str) -> list[str]:
-    """Different key expressions of the three keys below ``hapnet/...``, to be declared one after another."""
+    """Different key expressions for the three keys below ``hapnet/...``, to be declared one after another."""
     rest = prefix.partition("/")[2]
     return [f"{first}/{rest}/{_LAST}" for first in _FIRST]

@@ -1,7 +1,7 @@
-"""Probes of the network: whoever listens answers them, beside servo and protocol; `hapnet doctor` sends them.
+"""Probes of the network: `hapnet doctor` sends them, and a side answers them without its servo or protocol.
 
-A probe is any payload; its answer is the same bytes behind eight more, which say how many probes were answered so far.
-So who asks knows the round trip, what was lost on the way there, and what on the way back.
+A probe is any payload. Its answer has eight bytes more in front, which say how many probes were answered so far. So the
+sender knows the round trip, the loss on the way there, and the loss on the way back.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ PROBE = "probe"
 
 MOST_HZ, MOST_AT_ONCE = 500, 100
 LONGEST = 512
-"""More probes than that a second, or at once, or longer ones [bytes], get no answer."""
+"""Probes beyond this rate [1/s] or burst, and longer ones [bytes], get no answer."""
 
 EVERY_NS = 5_000_000
-"""Between two probes: as often as a device says where it is."""
+"""Time between two probes [ns]: as often as a device sends its position."""
 _SIZE = 76  # of a position with three coordinates
 _COUNT, _STAMPS = struct.Struct(">Q"), struct.Struct(">QQ")
 
@@ -41,7 +41,7 @@ class Answering:
         self._answered = 0
 
     def answer(self, data: bytes) -> None:
-        """A probe came; on one of Zenoh's threads."""
+        """Answer a probe; on one of Zenoh's threads."""
         if not 1 <= len(data) <= LONGEST or not self._gate.admit(self._clock()):
             return
         with self._lock:
@@ -51,7 +51,7 @@ class Answering:
 
 
 def answer_probes(session: zenoh.Session, asked: str, answered: str) -> None:
-    """From now on answer what comes on the key `asked`, on the key `answered`, as long as the session lives."""
+    """From now on answer probes on the key `asked`, by the key `answered`, until the session ends."""
     publisher = _publisher(session, answered)
     answering = Answering(publisher.put)
 
@@ -63,7 +63,7 @@ def answer_probes(session: zenoh.Session, asked: str, answered: str) -> None:
 
 @dataclass
 class Answers:
-    """What the answers tell, one after the other: of those from the first on."""
+    """Figures from the answers, beginning with the first."""
 
     trips: Histogram = field(default_factory=Histogram)
     least_ns: int | None = None
@@ -75,7 +75,7 @@ class Answers:
     _heard_ns: int = 0
 
     def take(self, now_ns: int, data: bytes) -> None:
-        """An answer came; those that are none are ignored, and so are copies and those that were overtaken."""
+        """Count an answer; other payloads, copies and overtaken answers are ignored."""
         if len(data) != _COUNT.size + _SIZE:
             return
         (count,) = _COUNT.unpack_from(data)
@@ -95,7 +95,7 @@ class Answers:
 
     @property
     def losses(self) -> tuple[float, float]:
-        """The share that was lost on the way there, and of the answers; others' probes make the first seem less."""
+        """The shares of probes and of answers that were lost; probes of others make the first look smaller."""
         if self._first is None:
             return 0.0, 0.0
         sent, answered = (last - first + 1 for first, last in zip(self._first, self._last, strict=True))
@@ -103,7 +103,7 @@ class Answers:
 
 
 def ask(session: zenoh.Session, asked: str, answered: str, seconds: float, patience_s: float) -> Answers | None:
-    """Send probes for so long after the first answer; None if there is none in `patience_s`. It blocks."""
+    """Send probes until `seconds` after the first answer; None if none comes within `patience_s`. Blocks."""
     answers = Answers()
     lock = threading.Lock()
 
@@ -125,7 +125,7 @@ def ask(session: zenoh.Session, asked: str, answered: str, seconds: float, patie
             number, due_ns = number + 1, max(due_ns + EVERY_NS, now_ns)
             if answers.received and began_ns:
                 began_ns, end_ns = 0, now_ns + round(seconds * 1e9)
-        time.sleep(min(1.0, 2e-9 * (answers.trips.quantile(0.99) or 0)))  # for what is under way
+        time.sleep(min(1.0, 2e-9 * (answers.trips.quantile(0.99) or 0)))  # for the last answers
         with lock:
             return answers if answers.received else None
     finally:

@@ -1,4 +1,4 @@
-"""Keeps a flood of messages out before anything looks at them; the time is an argument."""
+"""Drops a flood of messages before anything reads them; the time is an argument."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import threading
 
 
 class RateLimiter:
-    """Lets so many messages a second through, and so many at once: a flood must not have the interpreter to itself.
+    """Limits the messages per second: a flood must not keep the interpreter busy.
 
-    rate_hz : at length. burst : at once.
+    rate_hz : messages per second in the long run. burst : messages at once.
     """
 
     def __init__(self, rate_hz: int, burst: int) -> None:
         self._cost_ns = 1_000_000_000 // rate_hz
         self._span_ns = self._cost_ns * burst
-        self._paid_ns = 0  # the messages so far are paid for by the time that passes up to then
+        self._paid_ns = 0  # at this time the allowed rate has caught up with the messages so far
         self._lock = threading.Lock()
         self.refused = 0
         """Messages that were not let through."""

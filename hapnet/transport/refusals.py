@@ -1,7 +1,7 @@
-"""Who was refused, and why: Zenoh says it in its own log only, which it writes to standard output.
+"""Who was refused, and why: only Zenoh's own log says it, and Zenoh writes that to standard output.
 
-So what goes to file descriptor 1 is read here, and Python's `sys.stdout` goes where that led before. The pipe between
-never blocks Zenoh's threads: what does not fit is lost. Whoever sets RUST_LOG gets Zenoh's log as it is.
+So file descriptor 1 leads into a pipe that is read here, and Python's `sys.stdout` goes to the former target. The pipe
+never blocks Zenoh's threads: what does not fit is lost. A user who sets RUST_LOG gets Zenoh's log unchanged.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from hapnet.transport.config import ZenohSettings, endpoints_of, zenoh_config
 from hapnet.transport.security import ENCRYPTED
 
 AGAIN_NS = 10_000_000_000
-"""The same is told once in that time."""
+"""The same refusal is reported once in this time [ns]."""
 
 MOST_TOLD = 20
-"""Different refusals that are remembered at a time; a stranger cannot fill a log."""
+"""How many different refusals are remembered, so that a stranger cannot fill a log."""
 
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")
 _OWN = re.compile(r"\S+Z +(?:TRACE|DEBUG|INFO|WARN|ERROR) ")
 _CERTIFICATE = re.compile(r"zenoh_link_\w+\S* (?:.*?)?(invalid peer certificate: \w+|peer sent no certificates)")
 _ALERT = re.compile(r"zenoh_link_\w+\S* .*?received fatal alert: (\w+)")
 _NAMED = re.compile(r" (?P<node>\w+) on \S*(?:CertCommonName|Username)\((?P<who>[^)]*)\)")
-_DENIED = re.compile(  # puts only as a cached result: else it is what Zenoh works out in advance for each key
+_DENIED = re.compile(  # a put counts only as a cached result: otherwise Zenoh works it out in advance for each key
     r"(?: (?P<node>\w+) on \S+ is unauthorized to (?P<what>Declare Subscriber|Liveliness Token)"
     r"|Using cached result: (?P<cached>\w+) is unauthorized to (?P<which>Put|Declare Subscriber|Liveliness Token))"
     r" \(ingress\) on (?P<key>\S+)/"
@@ -41,18 +41,18 @@ _PIPE_BYTES = 2**20
 
 
 class Log:
-    """Reads lines of Zenoh's log: what they say of somebody who was refused, in words."""
+    """Reads lines of Zenoh's log, and says in words who was refused."""
 
     def __init__(self) -> None:
         self._names: dict[str, str] = {}  # of nodes
 
     def refusal(self, line: str) -> str | None:
-        """None: it says nothing of that."""
+        """The refusal that a line reports, in words; None: it reports none."""
         text = _COLOURS.sub("", line)
         if found := _CERTIFICATE.search(text):
-            return f"refused who dials: {found[1]}"
+            return f"refused a side that dials: {found[1]}"
         if found := _ALERT.search(text):
-            return f"who dials refuses this side's certificate, or shows none that fits ({found[1]})"
+            return f"a side that dials refuses this side's certificate, or shows none that fits ({found[1]})"
         if (named := _NAMED.search(text)) and len(self._names) < _MOST_NAMES:
             self._names[named["node"]] = named["who"]
         if found := _DENIED.search(text):
@@ -63,7 +63,7 @@ class Log:
 
 
 class Refusals:
-    """What was refused and not told yet; lines come on one thread, they are asked for on another."""
+    """Refusals that were not reported yet; one thread reads the lines, another takes the refusals."""
 
     def __init__(self) -> None:
         self._log = Log()
@@ -71,13 +71,13 @@ class Refusals:
         self._told_ns: dict[str, int] = {}
 
     def read(self, line: str) -> bool:
-        """Take a line of Zenoh's log; False if it is none."""
+        """Read a line of output; False if it is not from Zenoh's log."""
         if (text := self._log.refusal(line)) is not None and len(self._new) < MOST_TOLD:
             self._new[text] = None
         return _OWN.match(_COLOURS.sub("", line)) is not None
 
     def take(self, now_ns: int) -> list[str]:
-        """What is to be told now."""
+        """The refusals to report now."""
         new, self._new = self._new, {}
         self._told_ns = {text: at_ns for text, at_ns in self._told_ns.items() if now_ns - at_ns < AGAIN_NS}
         told = [text for text in new if text not in self._told_ns][: MOST_TOLD - len(self._told_ns)]
@@ -87,9 +87,9 @@ class Refusals:
 
 @contextlib.contextmanager
 def heeded(settings: ZenohSettings) -> Iterator[Refusals]:
-    """Read Zenoh's log while this lasts, if this side listens to others who may be refused.
+    """Read Zenoh's log inside this context, if others who dial this side may be refused.
 
-    Access control says what it denies among all that it allows: a line each, so it costs some microseconds a message.
+    Access control logs a line for each message, allowed or denied, which costs some microseconds a message.
     """
     refusals = Refusals()
     config = zenoh_config(settings)

@@ -1,7 +1,7 @@
-"""Who may connect: TLS, mutual TLS, users and passwords, as plain flags, and what is wrong with what they name.
+"""Who may connect: the flags for TLS, mutual TLS, users and passwords, and the checks of the files that they name.
 
-A side that listens shows its certificate; with mutual TLS it wants one of who dials, signed by the same authority. User
-and password are what a side that dials says of itself, over TLS or not.
+A side that listens shows its certificate. With mutual TLS it also wants a certificate from the side that dials, signed
+by the same authority. User and password identify the side that dials, over TLS or not.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from pathlib import Path
 from hapnet.errors import InvalidParameter
 
 PASSWORD_VARIABLE = "HAPNET_PASSWORD"
-"""The environment variable that the commands take a password from."""
+"""The environment variable from which the commands take a password."""
 
 ENCRYPTED = ("tls", "quic")
-"""Zenoh's protocols that TLS flags are for."""
+"""Zenoh's protocols to which the TLS flags apply."""
 
 UNTIMELY = {10: "has expired", 9: "is not valid yet"}
 """OpenSSL's X509_V_ERR_CERT_HAS_EXPIRED and X509_V_ERR_CERT_NOT_YET_VALID in words."""
@@ -37,10 +37,11 @@ class Security:
 
     Attributes
     ----------
-    tls_ca : certificate of the authority that the other side's certificate must be signed by; None: the public ones.
+    tls_ca : certificate of the authority that must have signed the other side's certificate; None: the public ones.
     tls_cert, tls_key : this side's certificate and its key, both PEM; the key without a passphrase.
-    mutual_tls : who listens wants a certificate of who dials. A side that only dials shows its own anyway.
-    user : who this side is when it dials, with the password in `password_file` (its first line), else `password`.
+    mutual_tls : a side that listens wants a certificate from the side that dials. A side that only dials always shows
+        its certificate.
+    user : this side's name when it dials; its password is the first line of `password_file`, or `password`.
     users : on the side that listens, a file of lines ``user:password``: who may dial.
     """
 
@@ -55,7 +56,7 @@ class Security:
 
     @property
     def tls_flag(self) -> str | None:
-        """The first flag of those that make sense with TLS only; None if none is given."""
+        """The first given flag that makes sense only with TLS; None if none is given."""
         given = {
             "--tls-ca": self.tls_ca is not None,
             "--tls-cert": self.tls_cert is not None,
@@ -65,19 +66,19 @@ class Security:
         return next((flag for flag, is_given in given.items() if is_given), None)
 
     def check(self) -> None:
-        """Read every file and see whether it is what it is said to be.
+        """Read every file and check that it is what its flag says.
 
         Raises
         ------
-        InvalidParameter : a file is not there, is not what its flag asks for, has expired, or flags do not go together.
+        InvalidParameter : a file is missing, is not what its flag asks for or has expired, or flags do not go together.
         """
         _check_certificates(self)
         _check_users(self)
 
     def entries(self, *, listens: bool) -> Iterator[tuple[str, object]]:
-        """What this comes to in Zenoh's configuration: keys and values; call `check` before.
+        """The keys and values for Zenoh's configuration; call `check` before.
 
-        listens : whether this side listens; one that does shows its certificate on dialling only with `mutual_tls`.
+        listens : whether this side listens. If it does, it shows its certificate on dialling only with `mutual_tls`.
         """
         tls = "transport/link/tls"
         files = (
@@ -88,7 +89,7 @@ class Security:
         for path, names in files:
             if path is not None:
                 for name in names:
-                    yield f"{tls}/{name}_base64", None  # where Zenoh would look first
+                    yield f"{tls}/{name}_base64", None  # Zenoh would prefer this one
                     yield f"{tls}/{name}", str(path)
         if self.mutual_tls or (self.tls_cert is not None and not listens):
             yield f"{tls}/enable_mtls", True
@@ -101,7 +102,7 @@ class Security:
             yield "transport/auth/usrpwd/dictionary_file", str(self.users)
 
     def warnings(self) -> tuple[str, ...]:
-        """Files with secrets in them that other users of this machine can read."""
+        """Warnings about files with secrets that other users of this machine can read."""
         secret = (("--tls-key", self.tls_key), ("--password-file", self.password_file), ("--users", self.users))
         return tuple(
             f"{flag} {path} can be read by others: chmod 600 {path}"
@@ -116,11 +117,11 @@ class Security:
 
 
 ANYBODY = Security()
-"""Who comes may connect, and nothing is encrypted."""
+"""Anybody may connect, and nothing is encrypted."""
 
 
 def is_exposed(endpoint: str) -> bool:
-    """Does listening there let others than this machine's users read and send? An unknown host name counts as that."""
+    """Can others than this machine's users read and send if a side listens there? So for an unknown host name."""
     protocol, _, address = endpoint.partition("/")
     if protocol in ENCRYPTED or protocol in _LOCAL:
         return False
@@ -132,7 +133,7 @@ def is_exposed(endpoint: str) -> bool:
 
 
 def host_and_port(address: str) -> tuple[str, str]:
-    """Of ``HOST:PORT``, whatever Zenoh's options after ``?`` and ``#`` are; an IPv6 host is in brackets."""
+    """Host and port of ``HOST:PORT``, without Zenoh's options after ``?`` and ``#``; an IPv6 host is in brackets."""
     host, _, port = re.split(r"[?#]", address)[0].rpartition(":")
     return host.removeprefix("[").removesuffix("]"), port
 
@@ -156,7 +157,7 @@ def _check_pair(cert: Path, key: Path) -> None:
     _read("--tls-key", key)
     own = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     try:
-        own.load_cert_chain(cert, key, password=lambda: b"")  # without one OpenSSL would ask the terminal
+        own.load_cert_chain(cert, key, password=lambda: b"")  # without a password OpenSSL would ask the terminal
     except ssl.SSLError as error:
         words = f"the key of {cert}" if error.reason == "KEY_VALUES_MISMATCH" else "a private key, PEM, no passphrase"
         raise InvalidParameter("--tls-key", str(key), words) from None
@@ -167,7 +168,7 @@ def _check_pair(cert: Path, key: Path) -> None:
 
 
 def _shown_to(trust: ssl.SSLContext, own: ssl.SSLContext) -> int:
-    """Verify a certificate by a handshake in memory; OpenSSL's code of what is wrong with it, 0 if nothing is."""
+    """Verify a certificate by a handshake in memory; returns OpenSSL's code of its fault, 0 if it has none."""
     to_server, to_client = ssl.MemoryBIO(), ssl.MemoryBIO()
     client = trust.wrap_bio(to_client, to_server)
     server = own.wrap_bio(to_server, to_client, server_side=True)
@@ -178,12 +179,12 @@ def _shown_to(trust: ssl.SSLContext, own: ssl.SSLContext) -> int:
     except ssl.SSLCertVerificationError as error:
         return error.verify_code
     except ssl.SSLError:
-        return 0  # what else may be wrong is between the two sides: the one that dials tells
+        return 0  # any other fault is between the two sides: the side that dials reports it
     return 0
 
 
 def _trust(flag: str, path: Path) -> ssl.SSLContext:
-    """A context that trusts the certificates in a file, leaves too, whatever the host."""
+    """A context that trusts the certificates in a file, leaf certificates too, for any host."""
     _read(flag, path)
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.check_hostname = False

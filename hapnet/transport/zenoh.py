@@ -1,16 +1,16 @@
 """Zenoh between the two sides: bytes out on three keys, bytes in on three, and nothing that blocks a servo.
 
 Keys are ``hapnet/<session>/<device>/{up,down}/{position,energy,control}``; up is from the device. All are best effort,
-express, and dropped on congestion: what must not be lost, the energy channel repeats itself. Each kind has a priority
-of its own: Zenoh numbers the messages of each priority and drops one that comes after a later one, so over udp with
-jitter most energy messages would be lost among the positions. Beside them each side publishes ``.../telemetry`` for who
-watches it, of the lowest priority, and answers what comes on ``.../probe`` (probe.py).
+express, and dropped on congestion: the energy channel itself repeats what must not be lost. Each kind has its own
+priority, because Zenoh numbers the messages of each priority and drops one that comes after a later one: with a common
+priority, over udp with jitter, most energy messages would be lost among the positions. Besides, each side publishes
+``.../telemetry`` with the lowest priority, for those who watch it, and answers probes on ``.../probe`` (probe.py).
 
-A key that carries nothing else carries a message without payload, at least every 0.2 s. A side that hears nothing on
-one of the three, though it is connected over a link that repeats nothing, declares its subscription again (keys.py).
+A key that carries nothing else carries a message without payload, at least every 0.2 s. If a side hears nothing on one
+of the three, although it is connected over a link without retransmission, it declares its subscription again (keys.py).
 
-Threads: `ZenohTransport.put` may be called from any. What arrives is handed over on Zenoh's own receiving threads,
-where nothing may block.
+Threads: any thread may call `ZenohTransport.put`. Messages that arrive are handed over on Zenoh's own receiving
+threads, where nothing may block.
 """
 
 from __future__ import annotations
@@ -38,30 +38,30 @@ EXIT_TIMEOUT_S = 2.0
 """How long an interpreter that exits without `close` waits for Zenoh to close [s]."""
 
 KEEP_ALIVE = b""
-"""What a key carries that has nothing else to carry."""
+"""The payload of a key that has nothing else to carry."""
 
 TOLD_NS = 1_000_000_000
-"""A key that is silent for longer is told of: others take no longer to be mended."""
+"""A key that is silent for longer is reported [ns]: a new declaration takes no longer to repair one."""
 
 LOOK_EVERY_NS = 1_000_000_000
-"""How often a side that does not see the other looks for others that play its own [ns]."""
+"""How often a side that does not see the other one looks for processes that play its own role [ns]."""
 
 _MOST_ANSWERS = 16
 
 REOPEN_EVERY_S = 0.5
-"""How often it is tried to open a session anew that was lost [s]."""
+"""Time between two attempts to reopen a lost session [s]."""
 
 MOST_HZ = 10_000
 MOST_AT_ONCE = 2_000
-"""More messages than that are dropped unread: ten times what a servo of 1 kHz gets, and what a link that comes back
-after seconds may deliver in one go."""
+"""Messages beyond this rate or burst are dropped unread. The rate is ten times that of a servo at 1 kHz; a link that
+comes back after seconds may deliver such a burst."""
 
 _DIRECTION = {"device": "up", "world": "down"}
 _OTHER: dict[Role, Role] = {"device": "world", "world": "device"}
 
 
 class ZenohTransport:
-    """One side's connection: `put` sends a message of a kind, `on_message` gets each one that arrives.
+    """One side's connection: `put` sends a message of a kind, and `on_message` is called with each that arrives.
 
     More than twenty attributes: one thread opens, watches and reopens the session while others use it, so that what
     belongs to a session is replaced in one place, under one lock.
@@ -70,20 +70,20 @@ class ZenohTransport:
     ----------
     settings : how to reach the other side.
     on_message : called as ``on_message(kind, data)`` on one of Zenoh's threads; must not block.
-        An exception in it is counted in `callback_errors`, and `warn` is told of the first.
-    session, device : names in the keys, without any of ``/ # ? $ *``; both sides give the same.
+        Its exceptions are counted in `callback_errors`, and `warn` is called for the first.
+    session, device : names in the keys, without any of ``/ # ? $ *``; the same on both sides.
     role : which side this is.
     on_change : called on the loop when a link or the other side came or went.
-    warn : told in words what went wrong, on any thread.
+    warn : called with words about what went wrong, on any thread.
 
     Attributes
     ----------
     failed_puts : messages that Zenoh did not take (not open yet, closed).
-    callback_errors : exceptions out of `on_message`.
-    gate : what keeps a flood of messages out.
-    reopened : how many times Zenoh's session was lost as a whole and opened anew.
-    declared_again : how many times a subscription was declared again, since a key was silent.
-    doubled : another process plays this same side, and none the other.
+    callback_errors : exceptions from `on_message`.
+    gate : limits the rate of incoming messages.
+    reopened : how many times Zenoh's whole session was lost and opened again.
+    declared_again : how many times a subscription was declared again because a key was silent.
+    doubled : another process plays this same side, and none plays the other.
 
     Raises
     ------
@@ -132,11 +132,11 @@ class ZenohTransport:
         self.gate = RateLimiter(MOST_HZ, MOST_AT_ONCE)
 
     async def open(self) -> None:
-        """Open once. A peer returns within a second, connected or not; a client when its router answers.
+        """Open, once. A peer returns within a second, connected or not; a client returns when its router answers.
 
         Raises
         ------
-        TransportError : Zenoh cannot be opened: an address in use, a certificate missing, and so on.
+        TransportError : Zenoh cannot be opened: an address is in use, a certificate is missing, and so on.
         """
         loop = self._loop = asyncio.get_running_loop()
         opened: asyncio.Future[None] = loop.create_future()
@@ -149,7 +149,7 @@ class ZenohTransport:
             raise
 
     async def close(self, timeout_s: float = 2.0) -> bool:
-        """Close for good; False if Zenoh was not done in time (it can take 10 s under loss, and goes on alone)."""
+        """Close for good; False if Zenoh did not finish in time (with loss it can take 10 s, in the background)."""
         self._closing.set()
         try:
             if self._keeper is not None:
@@ -178,7 +178,7 @@ class ZenohTransport:
 
     @property
     def peers(self) -> int:
-        """How many Zenoh nodes this one is connected to now: the other side, or a router, or strangers too."""
+        """How many Zenoh nodes this one is connected to now: the other side, a router, or strangers."""
         session = self._session
         if session is None or session.is_closed():
             return 0
@@ -187,18 +187,18 @@ class ZenohTransport:
 
     @property
     def silent(self) -> list[str]:
-        """The kinds of which nothing comes, though somebody is connected and others are heard."""
+        """The kinds of message that do not arrive, although somebody is connected and other kinds do."""
         silent = self._watch.silent(time.monotonic_ns(), TOLD_NS)
         return [] if len(silent) == len(KINDS) else silent
 
     @property
     def partners(self) -> int:
-        """How many processes play the other side under these names now: 1 when all is well."""
+        """How many processes play the other side under these names now: 1 if all is well."""
         return len(self._partners)
 
     @property
     def status(self) -> str:
-        """What this side is doing, in words: whom it waits for, and where."""
+        """In words, what this side waits for, and where."""
         if self._closing.is_set():
             return "closed"
         other = _OTHER[self.role]
@@ -211,15 +211,15 @@ class ZenohTransport:
         return where(self._config) + ", no peer yet"
 
     async def wait_for_partner(self) -> None:
-        """Return when the other side is there and its subscriptions are known: from now on puts reach it."""
+        """Wait until the other side is there and its subscriptions are known: from then on puts reach it."""
         while not self._partners:
             self._changed.clear()
             await self._changed.wait()
 
-    # On the keeper's thread, since opening and closing block; a daemon, since an exit would wait for any other.
+    # On the keeper's thread, since opening and closing block. It is a daemon: an exit would wait for any other thread.
 
     def _keep_session(self, opened: asyncio.Future[None]) -> None:
-        # A callback into an interpreter that is going away aborts the process: close before that.
+        # A callback into an interpreter that is shutting down aborts the process: close before that.
         atexit.register(self._at_exit)
         try:
             self._connect()
@@ -236,7 +236,7 @@ class ZenohTransport:
         self._post(self._closed.set)
 
     def _keep_keys(self, session: zenoh.Session) -> bool:
-        """Let each key carry something, and hear something on each; False if that needs another session."""
+        """Send keep-alives, and declare again if a key is silent; False if only another session can help."""
         now_ns = time.monotonic_ns()
         for kind in self._watch.quiet(now_ns):
             with contextlib.suppress(zenoh.ZError):
@@ -253,9 +253,9 @@ class ZenohTransport:
         return True
 
     def _declare_again(self, session: zenoh.Session) -> None:
-        """One more subscription to the same keys: what comes is taken by the first, this one only calls for it.
+        """Declare one more subscription to the same keys; its declaration matters, the first subscriber does the work.
 
-        Those before stay, as a farewell to one would overtake or be overtaken; at the end of the list all go.
+        Earlier ones stay, since undeclaring one could overtake or be overtaken; at the end of the list all are removed.
         """
         expressions = key_expressions(self._theirs)
         if len(self._spares) == len(expressions):
@@ -268,7 +268,7 @@ class ZenohTransport:
         self.declared_again += 1
 
     def _reopen(self) -> None:
-        """Zenoh has closed the session by itself, or it is no good: open another one, as soon as that can be."""
+        """Open another session as soon as possible: Zenoh has closed the last one, or it is of no use."""
         self._disconnect()
         self._partners.clear()
         self.reopened += 1
@@ -283,14 +283,14 @@ class ZenohTransport:
                     return
 
     def _look_for_doubles(self, now_ns: int) -> None:
-        """Somebody is there who is not the other side: is it this side once more?"""
+        """Check whether the node that is there, but is not the other side, plays this same side."""
         session = self._session
         if self._partners or session is None or now_ns < self._look_ns or not self.peers:
             return
         self._look_ns = now_ns + LOOK_EVERY_NS
         own = f"{self._mine}/{session.zid()}"
-        # Answers wait for the next look: keys are to be kept alive meanwhile, and a callback of ours would be called
-        # under a lock of the session's that others wait for with the interpreter's.
+        # Answers wait for the next look, since keys need keep-alives meanwhile. A callback of ours would run under a
+        # lock of the session, for which other threads wait while they hold the interpreter's lock.
         answers, self._answers = self._answers, None
         with contextlib.suppress(zenoh.ZError):
             keys = set()
@@ -317,7 +317,7 @@ class ZenohTransport:
             answer_probes(session, f"{self._theirs}/{PROBE}", f"{self._mine}/{PROBE}")
             with self._lock:
                 self._session, self._publishers = session, publishers
-            # the token comes after the subscribers: who sees it knows them
+            # the token comes after the subscribers: a node that sees it knows them
             session.liveliness().declare_subscriber(f"{self._theirs}/*", direct(self._on_token), history=True)
             self._token = session.liveliness().declare_token(f"{self._mine}/{session.zid()}")
             self._notify()
