@@ -109,7 +109,7 @@ def test_recordings_of_different_runs_cannot_be_joined(key: str) -> None:
     assert join(device, world).meta[key] == "monday"
     device.meta[key] = "tuesday"
     for a, b in ((device, world), (world, device)):
-        with pytest.raises(RecordingError, match=f"{key} 'tuesday', the world's 'monday'"):
+        with pytest.raises(RecordingError, match=f"{key} is 'tuesday', the world's 'monday'"):
             join(a, b)
 
 

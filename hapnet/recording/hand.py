@@ -1,4 +1,4 @@
-"""The hand of a recording: where it wanted to be or, of a person with a real device, where the device was."""
+"""The recorded hand: its targets or, if a person held a real device, the device's positions."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from hapnet.recording.mcap import is_mcap, read_recording
 from hapnet.recording.samples import Recording
 
 PAUSED = "paused"
-"""Text of the event of kind "pause" when a side begins to stand still."""
+"""Text of the event of kind "pause" when a pause begins."""
 
 LATE_NS = 500_000_000
-"""A recording whose first sample comes later than that after its session's start began in the middle [ns]."""
+"""A recording began late if its first sample comes more than this after the session's start [ns]."""
 
-_PAUSED_WITHIN_NS = 200_000_000  # a servo in a process of its own hears of a pause a little later
+_PAUSED_WITHIN_NS = 200_000_000  # a pause reaches a servo in a process of its own a little later
 
 
 def is_recording(name: str) -> bool:
@@ -33,11 +33,13 @@ def is_recording(name: str) -> bool:
 
 
 def recorded_hand(name: str, dof: int, impedance: Impedance, reach: float = math.inf) -> Followed:
-    """The hand that follows the motion recorded in the file `name`, once; no farther than `reach` from the origin [m].
+    """The hand that follows, once, the motion recorded in the file `name`.
+
+    reach : the motion may go this far from the origin [m].
 
     Raises
     ------
-    RecordingError : the file is no recording. InvalidParameter : there is no such motion in it.
+    RecordingError : the file is not a recording. InvalidParameter : it contains no such motion.
     """
     recording = read_recording(name)
     if recording.device is None:
@@ -54,16 +56,15 @@ def recorded_hand(name: str, dof: int, impedance: Impedance, reach: float = math
 
 
 def knows_hand(recording: Recording) -> bool:
-    """Does it say where the hand wanted to be? Not of a person who held a real device."""
+    """Does the recording contain the hand's targets? It does not if a person held a real device."""
     return recording.device is not None and bool(np.isfinite(recording.device["operator_target_m"]).any())
 
 
 def hand_times(recording: Recording) -> Array:
-    """When the device's samples were taken [s], on the hand's clock: it starts with the control of the device.
+    """The times of the device's samples [s] (N,), on the hand's clock, which starts with the device's control.
 
-    It stands still in what a replay leaves out (`left_out`).
-
-    A simulated device lives in whole periods of its servo, whatever the clock said when it was read.
+    That clock stands still during what a replay leaves out (`left_out`). A simulated device advances by whole periods
+    of its servo, whatever the real clock says; so its times are rounded to these.
     """
     device, own = recording.device, _own(recording)
     assert device is not None
@@ -78,7 +79,7 @@ def hand_times(recording: Recording) -> Array:
 
 
 def replay_ns(recording: Recording, times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-    """When in a replay that is [ns], which was at `times_ns` on the clock of the device's recording."""
+    """The times in a replay [ns] that correspond to `times_ns` on the clock of the device's recording."""
     own = _own(recording)
     since_ns = times_ns - int(own.get("device_origin_ns", own["origin_ns"]))
     for begin_ns, end_ns in left_out(recording):
@@ -87,10 +88,10 @@ def replay_ns(recording: Recording, times_ns: NDArray[np.int64]) -> NDArray[np.i
 
 
 def left_out(recording: Recording) -> list[tuple[int, int]]:
-    """What a replay leaves out: from where to where [ns], on the clock of the device's recording.
+    """The intervals that a replay leaves out: begin and end [ns], on the clock of the device's recording.
 
-    That is what was before a recording that began in the middle of its session (the first of them then, from the
-    session's start), and the pauses, in which a simulated hand stands still and nothing is recorded.
+    The first is the time from the session's start to a recording that began late. The others are pauses, in which a
+    simulated hand stands still and nothing is recorded.
     """
     device, own = recording.device, _own(recording)
     if device is None or own.get("clock") == "virtual":
@@ -101,7 +102,7 @@ def left_out(recording: Recording) -> list[tuple[int, int]]:
     if times[0] - origin_ns > LATE_NS + 2 * spacing_ns:
         found.add((origin_ns, int(times[0])))
     if own.get("params", {}).get("hardware", "simulated") != "simulated":
-        return sorted(found)  # a real hand moves on while it is paused
+        return sorted(found)  # a real hand keeps moving during a pause
     gaps = np.diff(times)
     for event in recording.events:
         if (event.kind, event.text) != ("pause", PAUSED):
@@ -113,7 +114,7 @@ def left_out(recording: Recording) -> list[tuple[int, int]]:
 
 
 def begins_late(recording: Recording) -> bool:
-    """Did it begin in the middle of its session?"""
+    """Did the recording begin in the middle of its session?"""
     cuts = left_out(recording)
     return bool(cuts) and cuts[0][0] == int(_own(recording)["origin_ns"])
 
@@ -126,7 +127,7 @@ def _own(recording: Recording) -> dict[str, Any]:
 
 
 def fingerprint(operator: str) -> str | None:
-    """SHA-256 of the file that the operator is read from; None for any other operator."""
+    """SHA-256 of the file from which the operator is read; None for any other operator."""
     try:
         return hashlib.sha256(Path(operator).read_bytes()).hexdigest()
     except (OSError, ValueError):

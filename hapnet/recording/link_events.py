@@ -1,4 +1,4 @@
-"""What happened to a side's emulated link while it ran, as events of its recording; and the timeline they make."""
+"""Changes of a side's emulated link during a run, as events of its recording, and the timeline made from them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def told(change: Change | Entry) -> str:
 
 
 def read(text: str) -> Change:
-    """The change that a text of `told` tells. ValueError if it is none, or if a file that it names cannot be read."""
+    """The change in a text from `told`. ValueError if there is none, or if a file that it names cannot be read."""
     words = text.removeprefix(_PREFIX)
     if words == text:
         raise ValueError(f"{text!r:.60} is not a change of the link")
@@ -36,11 +36,11 @@ def played(words: str, changes: Iterable[tuple[int, str]]) -> tuple[str, tuple[E
     Parameters
     ----------
     words : the link when the recording began.
-    changes : when each was [ns], in order, and its text. What was before the run or at its start is in force there.
+    changes : time [ns] and text of each, in order. Changes up to time 0 are in force when the run starts.
 
     Returns
     -------
-    The link at the run's start, the entries of a timeline, and why a change is left out, a line each.
+    The link at the run's start, the entries of a timeline, and a line with the reason for each change that is left out.
     """
     start, down = words, False
     later: list[Entry] = []

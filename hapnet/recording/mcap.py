@@ -1,13 +1,13 @@
-"""Recordings as files: MCAP with one protobuf message a topic, written as the run goes, readable when torn.
+"""Recordings as files: MCAP with one protobuf message per topic, written during the run, readable even if torn.
 
 Topics: ``/device/state`` (`DeviceSample`), ``/world/state`` (`WorldSample`), ``/events`` (`Event` as ``foxglove.Log``).
 A sample's time is its message's log time in nanoseconds on the recording process's clock. Its other fields are doubles,
-vectors one field an axis (``position_m`` is ``position_x_m``, ``position_y_m``, ...), NaN where a value is unknown. The
-settings are an MCAP metadata record at the start of the file (``hapnet``), the final summary one at the end
-(``hapnet.summary``), each a JSON text under the key ``json``.
+NaN where a value is unknown; a vector has one field per axis (``position_m`` is ``position_x_m``, ``position_y_m``,
+...). The settings are an MCAP metadata record at the start of the file (``hapnet``), the final summary is another at
+the end (``hapnet.summary``); each is a JSON text under the key ``json``.
 
-Why protobuf, and why axes apart: Foxglove, PlotJuggler and Rerun all decode it, where Rerun keeps JSON as a text, and
-they plot numbers, not lists. Recordings of before that, in JSON, can be read.
+Why protobuf: Foxglove, PlotJuggler and Rerun all decode it, but Rerun keeps JSON as a text. Why one field per axis:
+they plot numbers, not lists. Older recordings, in JSON, can still be read.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ if TYPE_CHECKING:
     from mcap.records import Channel, McapRecord, Schema
 
 CHUNK_BYTES = 128 * 1024
-"""No chunk is larger: what one chunk holds is what a torn file can lose beside the last flush."""
+"""No chunk is larger. A torn file can lose one chunk, and what came after the last flush."""
 
 FLUSH_NS = 500_000_000
 """How old unwritten samples may become while `RecordingWriter.flush` is called [ns].
 
-Each flush ends a chunk, and the file's index, kept in memory until the end, has half a kilobyte for each: at ten a
-second it grew by 4 MB in ten minutes.
+Each flush ends a chunk. The file's index stays in memory until the end and has half a kilobyte per chunk: with ten
+chunks a second it grew by 4 MB in ten minutes.
 """
 
 _MESSAGE_ROOM = 1024  # mcap closes a chunk after the message that passes its limit; a sample is smaller than this
@@ -46,13 +46,13 @@ _TOPICS: dict[type[Sample], str] = {DeviceSample: "/device/state", WorldSample: 
 
 
 class RecordingWriter:
-    """Writes a recording while the run goes; what is on disk can be read at any time.
+    """Writes a recording during the run; the file on disk can be read at any time.
 
     Parameters
     ----------
-    path : the file; one that exists is overwritten.
-    meta : settings, seed, versions, role; ``origin_ns`` is the instant that ``time_s`` counts from, ``clock`` names the
-        clock (recordings of the same clock can be aligned by `join`).
+    path : the file; an existing one is overwritten.
+    meta : settings, seed, versions, role. ``origin_ns`` is the instant from which ``time_s`` counts; ``clock`` names
+        the clock (`join` can align recordings of the same clock).
 
     Raises
     ------
@@ -78,7 +78,7 @@ class RecordingWriter:
             self._give_up(error)
 
     def write(self, sample: Sample) -> None:
-        """Append one sample; samples of one kind come in the order of their times, and have the same axes."""
+        """Append one sample. Samples of one kind must come in the order of their times, and have the same axes."""
         self._check_open()
         time_ns = sample[0]
         try:
@@ -92,7 +92,7 @@ class RecordingWriter:
             raise RecordingError(f"a {type(sample).__name__} does not fit those before it ({error})") from None
 
     def flush(self, now_ns: int) -> None:
-        """Hand everything to the operating system if `FLUSH_NS` passed since that was last done; call it often."""
+        """Hand everything to the operating system if the last flush is `FLUSH_NS` old; call it often."""
         self._check_open()
         if self._flushed_ns is not None and 0 <= now_ns - self._flushed_ns < FLUSH_NS:
             return
@@ -118,7 +118,7 @@ class RecordingWriter:
             self._give_up(error)
 
     def _register(self, sample: Sample) -> tuple[int, Callable[[Any], bytes]]:
-        """The channel of all samples like this one, and what makes messages of them."""
+        """The channel of all samples like this one, and the function that encodes them."""
         schema = schemas.schema_for(sample)
         schema_id: int = self._writer.register_schema(schema.name, "protobuf", schema.descriptor)
         channel: int = self._writer.register_channel(_TOPICS[type(sample)], "protobuf", schema_id)
@@ -126,7 +126,7 @@ class RecordingWriter:
         return channel, schema.encode
 
     def _require_name(self) -> None:
-        """A file that is removed can still be written, to nobody's use."""
+        """Raise FileNotFoundError if the file was removed: it could still be written, but never read."""
         if os.fstat(self._file.fileno()).st_nlink == 0:
             raise FileNotFoundError(ENOENT, "it was removed")
 
@@ -138,13 +138,13 @@ class RecordingWriter:
         return RecordingError(f"cannot write recording {self._path}: {error.strerror or error}")
 
     def _give_up(self, error: OSError) -> NoReturn:
-        with suppress(OSError):  # closing flushes again, and fails again; the file is closed all the same
+        with suppress(OSError):  # closing flushes again and fails again, but does close the file
             self._file.close()
         raise self._error(error) from error
 
 
 def is_mcap(path: str | os.PathLike[str]) -> bool:
-    """Is there such a file, and does it begin as MCAP files do?"""
+    """Does the file exist, and does it begin as MCAP files do?"""
     try:
         with open(path, "rb") as file:
             return file.read(len(_MAGIC)) == _MAGIC
@@ -153,7 +153,7 @@ def is_mcap(path: str | os.PathLike[str]) -> bool:
 
 
 def read_recording(path: str | os.PathLike[str]) -> Recording:
-    """Read a recording, complete or torn; of a torn one, everything up to its last whole chunk.
+    """Read a recording, complete or torn; a torn one up to its last whole chunk.
 
     Raises
     ------
@@ -179,7 +179,7 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
             elif isinstance(record, Metadata) and _KEY in record.metadata:
                 texts[record.name] = record.metadata[_KEY]
         if _META not in texts:
-            raise RecordingError(f"{path} is not a recording: an MCAP file, but without the metadata record {_META!r}")
+            raise RecordingError(f"{path} is not a recording: it is an MCAP file without the metadata record {_META!r}")
         summary = json.loads(texts[_SUMMARY]) if _SUMMARY in texts else None
         return from_samples(json.loads(texts[_META]), samples, summary, records.torn)
     except (AttributeError, DecodeError, KeyError, RecursionError, TypeError, ValueError) as error:
@@ -187,7 +187,7 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
 
 
 def save(recording: Recording, path: str | os.PathLike[str]) -> None:
-    """Write `recording` to `path`, which appears only when it is complete.
+    """Write `recording` to `path`; the file appears only when it is complete.
 
     Raises
     ------
@@ -201,7 +201,7 @@ def save(recording: Recording, path: str | os.PathLike[str]) -> None:
 
 
 def repair(path: str | os.PathLike[str]) -> Path:
-    """Copy all that can be read of `path` to an indexed, complete ``NAME.repaired.mcap`` beside it; return its path.
+    """Copy everything readable in `path` to an indexed, complete ``NAME.repaired.mcap`` beside it; returns its path.
 
     The original is not touched. Raises `RecordingError` as `read_recording` and `RecordingWriter` do.
     """
@@ -222,14 +222,14 @@ def repair(path: str | os.PathLike[str]) -> Path:
             elif isinstance(r, Channel) and r.id not in channels:
                 channels[r.id] = writer.register_channel(r.topic, r.message_encoding, known[r.schema_id], r.metadata)
             elif isinstance(r, Metadata):
-                writer.flush()  # metadata stands outside chunks: keep what came before it before it
+                writer.flush()  # metadata is outside chunks: first write the chunk that came before it
                 writer.add_metadata(r.name, r.metadata)
         writer.finish()
     return target
 
 
 def preload() -> None:
-    """Load what a writer needs, which takes 30 ms: before something runs that must not wait."""
+    """Import what a writer needs. It takes 30 ms, so do it before anything runs that must not wait."""
     for module in ("mcap.writer", "google.protobuf.message_factory", "google.protobuf.timestamp_pb2"):
         import_module(module)
 
@@ -243,11 +243,11 @@ def _mcap_writer(file: IO[bytes]) -> Any:  # Any: some of the class's methods ha
 
 @contextmanager
 def complete_or_absent(target: Path, what: str = "recording") -> Iterator[Path]:
-    """The path to write to; it becomes `target` if the body succeeds and is removed if not.
+    """Gives a path to write to. The file becomes `target` if the body succeeds, and is removed if not.
 
     Raises
     ------
-    RecordingError : it cannot be written; the message calls it `what`.
+    RecordingError : the file cannot be written; the message calls it `what`.
     """
     part = target.with_name(target.name + ".part")
     try:
@@ -295,7 +295,7 @@ class _Records:
 
 
 def _decoder(kind: type[Sample], channel: Channel, schema: Schema | None) -> Callable[[int, bytes], Sample]:
-    """What makes samples of a channel's messages: log time [ns], data. An error if they cannot be such samples."""
+    """The function from log time [ns] and data to a channel's samples. An error if it has no such samples."""
     if channel.message_encoding == "json":
         return lambda time_ns, data: _json_sample(kind, time_ns, json.loads(data))
     if channel.message_encoding != "protobuf" or schema is None:
@@ -304,7 +304,7 @@ def _decoder(kind: type[Sample], channel: Channel, schema: Schema | None) -> Cal
 
 
 def _json_sample(kind: type[Sample], time_ns: int, fields: Mapping[str, Any]) -> Sample:
-    """A field that is missing is unknown, one that has no name here is passed over."""
+    """A sample from JSON: a missing field is unknown, and a field that has no name here is ignored."""
     if kind is Event:
         return Event(time_ns, str(fields.get("name")), str(fields.get("message")))
     return kind._make((time_ns, *map(fields.get, kind._fields[1:])))

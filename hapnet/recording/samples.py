@@ -1,4 +1,4 @@
-"""Recordings of a run: what a sample holds, samples as columns, and one recording of the two sides'."""
+"""Recordings of a run: what a sample contains, samples as columns, and one recording joined from two sides."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ Columns: TypeAlias = dict[str, NDArray[Any]]
 
 
 class DeviceSample(NamedTuple):
-    """The device's side at one servo tick. Vectors have one element an axis.
+    """The device's side at one servo tick. Vectors have one element per axis.
 
-    `set_position_m` is PSPM's modulated ybar, `target_m` the y that was asked for, `force_N` the coupling's force on
-    the device (with the continuous servo what acted in the substep that has ended), `operator_force_N` the simulated
-    hand's and `operator_target_m` the x_d where it wants to be (None where they are unknown: a person holds a real
-    device). Energies are those of the modulator and the ledger: `sent_J` and `credited_J` are running totals,
-    `margin_J` and `slack_J` those of the half-theorem at this instant.
+    `set_position_m` is PSPM's modulated ybar, `target_m` the y that it was asked for. `force_N` is the coupling's force
+    on the device; with the continuous servo, that of the substep that has ended. `operator_force_N` is the simulated
+    hand's force and `operator_target_m` its target x_d; both are None if a person holds a real device. Energies are
+    those of the modulator and the ledger: `sent_J` and `credited_J` are running totals, `margin_J` and `slack_J` those
+    of this side's half of the theorem at this instant.
     """
 
     time_ns: int
@@ -70,7 +70,7 @@ class WorldSample(NamedTuple):
 
 
 class Event(NamedTuple):
-    """Something worth a line: `kind` is one word a program can match, `text` is for people (2000 characters kept)."""
+    """An event: `kind` is one word for programs, `text` is for people (the first 2000 characters are kept)."""
 
     time_ns: int
     kind: str
@@ -79,14 +79,14 @@ class Event(NamedTuple):
 
 Sample: TypeAlias = DeviceSample | WorldSample | Event
 
-_SCALARS = ("time_ns", "step_s", "penetration_m")  # these, and the energies; all else is a vector
+_SCALARS = ("time_ns", "step_s", "penetration_m")  # and the energies; all other fields are vectors
 VECTORS = frozenset(
     name
     for kind in (DeviceSample, WorldSample)
     for name in kind._fields
     if name not in _SCALARS and not name.endswith("_J")
 )
-"""The fields that have one element an axis."""
+"""The fields that have one element per axis."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class Recording:
 
     `device` and `world` map field names to arrays: ``time_ns`` (N,) int64, ``time_s`` (N,) seconds since
     ``meta["origin_ns"]``, vectors (N, n), all else (N,); NaN where a value is unknown. A side that was not recorded is
-    None. `torn` says that the file ended before its writer closed it.
+    None. `torn` : the file ended before its writer closed it.
     """
 
     meta: dict[str, Any]
@@ -122,16 +122,16 @@ class MemoryRecorder:
         self._samples.append(sample)
 
     def recording(self, summary: Mapping[str, Any] | None = None) -> Recording:
-        """What was written, as it would be read from a file."""
+        """The recording of what was written, as a file would give it."""
         return from_samples(plain(self._meta), self._samples, plain(summary), torn=False)
 
 
 def join(a: Recording, b: Recording) -> Recording:
     """One recording of a device's and a world's, given in either order.
 
-    With the same ``meta["clock"]`` both are put on that clock, counted from the later origin. Otherwise each starts at
-    its own origin, and ``meta["aligned"]`` is False: what happened first on the two sides cannot be known. The settings
-    of both stay under ``meta["sides"]``. The summary is None: `hapnet.summary.run.merge` makes one of the two.
+    If both have the same ``meta["clock"]``, they are put on that clock, counted from the later origin. Otherwise each
+    starts at its own origin, and ``meta["aligned"]`` is False: the order of events on the two sides is not known. The
+    settings of both are kept under ``meta["sides"]``. The summary is None: `hapnet.summary.run.merge` joins the two.
 
     Raises
     ------
@@ -148,7 +148,7 @@ def join(a: Recording, b: Recording) -> Recording:
         ours, theirs = a.meta.get(key), b.meta.get(key)
         if None not in (ours, theirs) and ours != theirs:
             raise RecordingError(
-                f"cannot join recordings of different runs: the device's has the {key} {ours!r}, the world's {theirs!r}"
+                f"cannot join recordings of different runs: the device's {key} is {ours!r}, the world's {theirs!r}"
             )
     device_origin, world_origin = _origin(a), _origin(b)
     aligned = a.meta.get("clock") is not None and a.meta.get("clock") == b.meta.get("clock")
@@ -170,7 +170,7 @@ def join(a: Recording, b: Recording) -> Recording:
 def from_samples(
     meta: dict[str, Any], samples: Iterable[Sample], summary: Mapping[str, Any] | None, torn: bool
 ) -> Recording:
-    """`samples` as columns; ``meta["origin_ns"]``, where it is missing, becomes the first sample's time."""
+    """`samples` as columns; a missing ``meta["origin_ns"]`` becomes the time of the first sample."""
     device, world, events = list[DeviceSample](), list[WorldSample](), list[Event]()
     for sample in samples:
         if isinstance(sample, DeviceSample):
@@ -211,7 +211,7 @@ def _on_clock(columns: Columns, shift_ns: int, origin_ns: int) -> Columns:
 
 
 def plain(value: Any) -> Any:
-    """`value` as strict JSON can hold it: numbers that are not finite become None, numpy's become Python's."""
+    """`value` as strict JSON allows it: numbers that are not finite become None, numpy's types become Python's."""
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
     if isinstance(value, Mapping):
@@ -224,7 +224,7 @@ def plain(value: Any) -> Any:
 
 
 def _rows(kind: type[DeviceSample] | type[WorldSample], columns: Columns | None) -> Iterator[Sample]:
-    """What `_columns` made `columns` of."""
+    """The samples from which `_columns` made `columns`."""
     if columns is None:
         return
     lists = [columns[name].tolist() for name in kind._fields]

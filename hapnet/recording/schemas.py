@@ -1,7 +1,7 @@
-"""Samples and events as protobuf messages, and the schemas of these messages, by which anyone can read them.
+"""Samples and events as protobuf messages, and the schemas of these messages, with which anyone can read them.
 
-A sample's fields are doubles, vectors one field an axis; an event is a ``foxglove.Log``. What is read is read by the
-schema in the file it comes from: a field that it does not have is unknown, one that has no name here is passed over.
+A sample's fields are doubles; a vector has one field per axis. An event is a ``foxglove.Log``. A file is read by its
+own schema: fields that the schema lacks are unknown, and fields that have no name here are ignored.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ _PACKAGE = "hapnet"
 
 @dataclass(frozen=True)
 class Schema:
-    """How samples of one kind, with as many axes as the one it was made for, are written.
+    """How samples of one kind and number of axes are written.
 
     name : of the message. descriptor : a serialised ``FileDescriptorSet``.
-    encode : the message of a sample; ValueError or TypeError if the sample has not these fields.
+    encode : gives the message of a sample; ValueError or TypeError if the sample does not have these fields.
     """
 
     name: str
@@ -32,17 +32,17 @@ class Schema:
 
 
 def schema_for(sample: Sample) -> Schema:
-    """The schema of this sample and all like it."""
+    """The schema of this sample, and of all samples of its kind and number of axes."""
     return _log_schema() if isinstance(sample, Event) else _sample_schema(type(sample), len(sample.position_m))
 
 
 def decoder(kind: type[Sample], name: str, descriptor: bytes) -> Callable[[int, bytes], Sample]:
-    """What makes samples of messages that are called `name` in `descriptor`: log time [ns], data.
+    """The function from a log time [ns] and data to a sample, for messages called `name` in `descriptor`.
 
     Raises
     ------
-    KeyError, TypeError, ValueError, google.protobuf.message.DecodeError : from here or from what is returned, if these
-        are no such samples.
+    KeyError, TypeError, ValueError, google.protobuf.message.DecodeError : from here or from the returned function, if
+        these are not such samples.
     """
     from google.protobuf.descriptor_pb2 import FileDescriptorSet
 
@@ -67,13 +67,13 @@ def decoder(kind: type[Sample], name: str, descriptor: bytes) -> Callable[[int, 
 
 
 def _reader(names: Sequence[str], vector: bool) -> Callable[[Any], Any]:
-    """What gets a sample's field out of its message."""
+    """The function that reads a sample's field from its message."""
     get = attrgetter(*names)
     return (lambda message: (get(message),)) if vector and len(names) == 1 else get
 
 
 def _names(field: str, n: int) -> Sequence[str]:
-    """What the field of a sample is called in its message, for `n` axes: position_m is position_x_m and so on."""
+    """The names of a sample's field in its message, for `n` axes: position_m becomes position_x_m and so on."""
     if field not in VECTORS:
         return (field,)
     stem, _, unit = field.rpartition("_")
@@ -89,7 +89,7 @@ def _sample_schema(kind: type[DeviceSample] | type[WorldSample], n: int) -> Sche
         for number, name in enumerate(names, 1)
     ]
     name = kind.__name__
-    # proto2: a field that is 0 is written too, so that no viewer takes it for missing
+    # proto2 writes a field that is 0 too, so that no viewer takes it for missing
     file = FileDescriptorProto(name=f"{_PACKAGE}/{name}.proto", package=_PACKAGE, syntax="proto2")
     file.message_type.add(name=name, field=fields)
     described = FileDescriptorSet(file=[file])
@@ -112,7 +112,7 @@ def _sample_schema(kind: type[DeviceSample] | type[WorldSample], n: int) -> Sche
 
 
 def _log_schema() -> Schema:
-    """Foxglove's schema of a log's line."""
+    """Foxglove's schema of a line in a log."""
     from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
     from google.protobuf.timestamp_pb2 import DESCRIPTOR as TIME
 

@@ -36,12 +36,12 @@ class Status:
     """How one side is, as of `time_ns` on its clock.
 
     incarnation : of the process. paired : it has a peer. paused : what is simulated stands still.
-    recording : the path of the recording that is being made, or "".
-    about : what a recording says of itself (parameters, seed, scene, surfaces, coupling, clock), session and name.
+    recording : the path of the running recording, or "".
+    about : the description of a recording (parameters, seed, scene, surfaces, coupling, clock), session and name.
     link : `netem.LinkStats` of what this side sends, with ``delay_now_ms`` and ``loss_now``: the mean emulated delay
-    and the share lost since the status before (None: nothing was sent).
-    path : what the streams showed of the way between the sides since the status before, the real network included, as
-    the summary has it; this side knows the round trip and the way to it.
+    and the share lost since the last status (None: nothing was sent).
+    path : the path between the sides since the last status, as in the summary, the real network included. This side
+    knows the round trip and the direction to it.
     """
 
     role: Role
@@ -70,21 +70,21 @@ def encode(message: Sample | Status) -> bytes:
 
 
 def decode(data: bytes) -> Telemetry:
-    """What was published.
+    """The message that was published.
 
     Raises
     ------
-    BadMessage : these bytes are no message of this version.
+    BadMessage : these bytes are not a message of this version.
     """
     if len(data) > LONGEST:
-        raise BadMessage("size", f"{len(data)} bytes of telemetry, at most {LONGEST}")
+        raise BadMessage("size", f"{len(data)} bytes of telemetry; allowed: up to {LONGEST}")
     try:
         frame = msgpack.unpackb(data, use_list=False, strict_map_key=True)
     except (ValueError, msgpack.UnpackException) as error:
         raise BadMessage("msgpack", str(error)) from None
     match frame:
         case (version, *_) if version != VERSION:
-            raise BadMessage("version", f"telemetry of version {version!r}, this is {VERSION}")
+            raise BadMessage("version", f"telemetry of version {version!r}; allowed: {VERSION}")
         case (_, str(kind), *fields) if kind in _SAMPLES:
             return _sample(_SAMPLES[kind], fields)
         case (_, "event", int(time_ns), str(kind), str(text)):
@@ -142,12 +142,12 @@ def _status(fields: dict[str, Any]) -> Status:
     if fields["role"] not in get_args(Role):
         raise BadMessage("telemetry", f"role of a status is {fields['role']!r:.60}")
     if not (_is_about(fields["about"]) and _is_link(fields["link"]) and _is_path(fields["path"])):
-        raise BadMessage("telemetry", "a status whose parameters, surfaces, link or path are none")
+        raise BadMessage("telemetry", "a status whose parameters, surfaces, link or path are not valid")
     return Status(**fields)
 
 
 def _is_about(about: dict[str, Any]) -> bool:
-    """Is what it has of parameters and surfaces what a page can draw?"""
+    """Can a page draw its parameters and surfaces?"""
     params, surfaces = about.get("params", {}), about.get("surfaces", ())
     device = params.get("device", {}) if isinstance(params, dict) else None
     if not isinstance(device, dict) or not isinstance(device.get("smoothing_s", 0.0), float | int):
