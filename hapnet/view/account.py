@@ -1,4 +1,4 @@
-"""The energy account of a running pair, from what both sides publish: what its verdict is judged by."""
+"""The energy account of a running pair, from what both sides publish; the verdict on the pair is based on it."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from hapnet.summary.verdict import START_S
 from hapnet.wire.messages import Role
 
 SKEW_NS = 1_000_000_000
-"""What was credited is compared with what was sent so much later: one side's samples may come later [ns]."""
+"""Credited energy is compared with what the other side had sent this much later [ns]: its samples may come late."""
 
 ROLES: tuple[Role, ...] = ("device", "world")
 
-_ROUNDING_nJ = 2  # a side's own total counts what makes no whole nanojoule yet
+_ROUNDING_nJ = 2  # a side's own total includes a fraction of a nanojoule
 
 
 class Account:
-    """The samples of both sides in order of arrival, since both began or one was restarted."""
+    """The account over the samples of both sides, in order of arrival, since both began or one was restarted."""
 
     def __init__(self) -> None:
         self.margin_J: float | None = None
-        """The sum of both sides' margins as they are now."""
+        """The sum of both sides' present margins."""
         self.least_J: float | None = None
         self.later_J: float | None = None
-        """The least of it, and that from `START_S` after its first on."""
+        """The least sum: over all samples, and over those from `START_S` after the first on."""
         self._anew: set[Role] = set()
         self._forget()
 
@@ -33,11 +33,11 @@ class Account:
         self._newest: dict[Role, DeviceSample | WorldSample] = {}
         self._slack: dict[Role, float] = {}
         self._deficit = 0.0
-        self._claims: dict[Role, tuple[float, int]] = {}  # by sender: what was credited of it, and when on its clock
+        self._claims: dict[Role, tuple[float, int]] = {}  # by sender: energy credited to it, and when on its clock
         self._beyond: dict[Role, float] = {}
 
     def begin(self, role: Role) -> None:
-        """That side was restarted: forget the samples before. If the other side goes on, the account is not known."""
+        """Forget the samples so far: that side has restarted. If the other has not, the account is not known."""
         if self._anew - {role}:
             self._anew.clear()  # both began: a new pair
         else:
@@ -48,7 +48,7 @@ class Account:
         self._newest = newest
 
     def take(self, role: Role, sample: DeviceSample | WorldSample) -> None:
-        """Take a newer sample of that side."""
+        """Add a newer sample of that side."""
         other: Role = "world" if role == "device" else "device"
         self._newest[role] = sample
         self._slack[role] = min(self._slack.get(role, sample.slack_J), sample.slack_J)
@@ -67,7 +67,7 @@ class Account:
             self.later_J = min(self.later_J, total)
 
     def _compare(self, role: Role, other: Role, sample: DeviceSample | WorldSample) -> None:
-        """What this side has sent, how much of it was credited recently, and what it has credited itself."""
+        """Compare what this side has sent with what was credited to it, and note what it has credited."""
         claim = self._claims.get(role)
         if claim is not None and sample.time_ns - claim[1] >= SKEW_NS:
             self._beyond[role] = max(self._beyond.get(role, 0.0), claim[0] - sample.sent_J)
@@ -77,7 +77,7 @@ class Account:
             self._claims[other] = sample.credited_J, theirs.time_ns
 
     def summary(self, coupling: object) -> dict[str, Any] | None:
-        """The account as a summary has it, as far as samples tell; None until both sides have sent one."""
+        """The account in the form of a summary, as far as samples show it; None until both sides have sent one."""
         if self.least_J is None:
             return None
         pairs = 2 if self._anew else 1

@@ -1,4 +1,4 @@
-"""What the page may do to a running pair."""
+"""What the page may change in a running pair."""
 
 from __future__ import annotations
 
@@ -12,34 +12,34 @@ Way = Literal["up", "down"]
 
 
 def require_no_file(words: str) -> None:
-    """A page may be open to others: no file is read for it, or what is wrong with its content would be shown there.
+    """Refuse a link that is read from a file: others may see the page, and its errors would show the file's content.
 
     Raises
     ------
-    InvalidParameter, netem.NetemError : the link that these words describe is read from a file, or they are no words.
+    InvalidParameter, netem.NetemError : the words name a file, or do not describe a link.
     """
     if {"trace", "csv"} & set(split_words(words)):
-        raise InvalidParameter("link", words, "a link without files: those are for the command line")
+        raise InvalidParameter("link", words, "a link without files: only the command line reads files")
 
 
 class Controls(Protocol):
-    """Called from the page's threads, several at once perhaps.
+    """The page's threads call these methods, perhaps several at once.
 
-    `coupling`, `smoothing` and `reset` start a new episode: the processes begin anew, and for about a second there is
-    no telemetry. All but `lead` may block, and may raise HapnetError or netem.NetemError: the page shows the line.
+    `coupling`, `smoothing` and `reset` start a new episode: the processes restart, and for about a second there is no
+    telemetry. All methods but `lead` may block, and may raise HapnetError or netem.NetemError: the page shows the line.
     """
 
     def lead(self, position: Vector) -> None:
-        """Where the hand wants to be, (n,) [m]. Called some 20 times a second during a drag: returns at once."""
+        """Lead the hand to `position`, (n,) [m]. Returns at once: a drag calls it some 20 times a second."""
 
     def link(self, way: Way, words: str) -> None:
-        """Change the emulated link of a direction; `words` are tc-netem's, "" for the ideal link."""
+        """Change the emulated link of one direction; `words` are tc-netem's, "" for the ideal link."""
 
     def coupling(self, name: str) -> None:
-        """Couple the sides with PSPM, or with another coupling."""
+        """Couple the sides with this coupling."""
 
     def smoothing(self, seconds: float) -> None:
-        """Time constant of the device's smoothing filter [s]; 0: none."""
+        """Set the time constant of the device's smoothing filter [s]; 0: no filter."""
 
     def pause(self, on: bool) -> None:
         """Pause both sides, or resume."""

@@ -1,4 +1,4 @@
-"""What the page knows of a running pair: the last seconds and the state of both sides."""
+"""What the page knows about a running pair: the last seconds and the state of both sides."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from hapnet.wire.messages import Role
 Message: TypeAlias = DeviceSample | WorldSample | Event | Status
 
 CAPACITY = 4096
-"""Samples kept a side: ten seconds at up to 400 Hz."""
+"""Samples kept per side: ten seconds at up to 400 Hz."""
 
 MOST_EVENTS = 50
 
@@ -28,9 +28,9 @@ MOST_EVENTS = 50
 class Track:
     """The last seconds of one side, oldest first; N samples of n axes.
 
-    `time_s` (N,) ends at 0 or before: the newest sample of both sides where they share a clock, else this side's own.
-    `force_N` (N, n) is the coupling's on the device, the walls' on the proxy. `penetration_m` (N,) is the proxy's, NaN
-    on the device's side.
+    `time_s` (N,) ends at 0 or before: 0 is the newest sample of both sides if they share a clock, otherwise of this
+    side. `force_N` (N, n) is the coupling's force on the device, or the walls' force on the proxy. `penetration_m` (N,)
+    is the proxy's, and NaN on the device's side.
     """
 
     time_s: Array
@@ -44,11 +44,11 @@ class Track:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A consistent copy of all that is known. What did not arrive yet is None.
+    """A consistent copy of all that is known. What has not arrived yet is None.
 
-    `margin_J` is the sum of both sides' margins as they are now, `least_margin_J` the least of it since the episode
-    began, `later_margin_J` that after its first second. `account` is what a verdict is judged by. `taken` counts the
-    samples that ever came from either side, so that silence can be told from rest.
+    `margin_J` is the sum of both sides' present margins, `least_margin_J` its least value since the episode began, and
+    `later_margin_J` that after the first second. `account` is the basis of the verdict. `taken` counts all samples that
+    came from either side, so that silence differs from rest.
     """
 
     device: Track | None
@@ -65,10 +65,10 @@ class Snapshot:
 
 
 class History:
-    """Keeps what `take` is given, from any thread; `snapshot` copies it for drawing.
+    """Keeps the messages given to `take`; `snapshot` copies them for drawing.
 
-    A `Status` with a new incarnation tells that its side began anew: what that side did before is forgotten, and so is
-    the least margin. Samples that are older than the newest one of their side, or do not have its axes, are dropped.
+    A `Status` with a new incarnation means that its side has restarted: that side's past is forgotten, and so is the
+    least margin. A sample is dropped if it is older than the newest of its side, or has another number of axes.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ class History:
                 self._events = [*self._events, message][-MOST_EVENTS:]
 
     def snapshot(self) -> Snapshot:
-        """A snapshot of what is known now; the arrays are copies."""
+        """A snapshot of the present state; the arrays are copies."""
         with self._lock:
             device, world = self._rings["device"], self._rings["world"]
             statuses = self._status["device"], self._status["world"]

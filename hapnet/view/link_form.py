@@ -17,18 +17,18 @@ from netem.effects import RandomLoss
 CUSTOM = "custom"
 
 TYPED_S = 0.15
-"""What was typed last comes up to 50 ms after the Enter that ended it."""
+"""How long to wait for the last typed letters: they arrive up to 50 ms after the Enter that follows them [s]."""
 
 SETTLED_S = 1.5
-"""By then both sides have told the link that was put in force."""
+"""Within this time after a change both sides report the new link [s]."""
 
 
 class LinkForm:
-    """Preset, sliders and words of one link, or of both alike, in the container that is open when this is made.
+    """Preset, sliders and words of one link, or of both together, in the container that is open when this is made.
 
     Parameters
     ----------
-    ways : the directions that this form changes, asked anew each time.
+    ways : gives the directions that this form changes; called for each change.
     """
 
     def __init__(self, gui: viser.GuiApi, label: str, controls: Controls, ways: Callable[[], Iterable[Way]]) -> None:
@@ -48,7 +48,7 @@ class LinkForm:
             typed = gui.add_form(None)
             with typed:
                 self._words = gui.add_text(
-                    "words", "ideal", hint="what is in force, in tc-netem's words; Enter puts others in force"
+                    "words", "ideal", hint="the present link in tc-netem's words; Enter applies your change"
                 )
         self._react(self._preset, self._by_preset)
         self._react(self._delay, lambda: _delayed(self._profile, self._delay.value))
@@ -61,9 +61,9 @@ class LinkForm:
             self._change(lambda: _typed(self._words.value), event.client)
 
     def follow(self, words: str) -> None:
-        """Show the link that is in force; words that this netem does not know are shown as they are.
+        """Show the present link; words that this netem does not know are shown unchanged.
 
-        What was changed here is not turned back by news from before, nor is what a user types by what he did.
+        An older report does not undo a change that was made here, and a report does not overwrite what a user types.
         """
         if not self._lock.acquire(blocking=False):
             return
@@ -80,17 +80,17 @@ class LinkForm:
             self._lock.release()
 
     def send(self, client: viser.ClientHandle | None) -> None:
-        """Put what is shown in force."""
+        """Apply the link that is shown."""
         self._change(lambda: self._profile, client)
 
     def _react(self, element: viser.GuiInputHandle[Any], wanted: Callable[[], LinkProfile]) -> None:
         @element.on_update
         def _(event: viser.GuiEvent[Any]) -> None:
-            if event.client is not None:  # or this page set it
+            if event.client is not None:  # otherwise this page set it
                 self._change(wanted, event.client)
 
     def _change(self, wanted: Callable[[], LinkProfile], client: viser.ClientHandle | None) -> None:
-        """Events come in threads, in any order: each puts in force what is shown when its turn comes."""
+        """Apply a change. Events come in threads, in any order: each applies what is shown when its turn comes."""
         with self._lock:
             try:
                 profile = wanted()
@@ -122,7 +122,7 @@ def put(element: Any, value: object) -> None:
 
 
 def tell(client: viser.ClientHandle | None, title: str, text: str) -> None:
-    """A notification on the page of who asked."""
+    """Show a notification on the page of the client that asked."""
     if client is not None:
         client.add_notification(title, text, color="red", auto_close_seconds=8.0)
 

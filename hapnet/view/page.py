@@ -15,17 +15,17 @@ from hapnet.view.plots import Plots
 from hapnet.view.scene import Scene
 
 SILENT_S = 0.7
-"""How long without a sample is told."""
+"""The page reports a silence after this time without a sample [s]."""
 
 PLOTTED_S = 10.0
 
 
 class Page:
-    """What is on the page. Times `now_s` are of one monotonic clock.
+    """The page's content. Times `now_s` are from one monotonic clock.
 
     Parameters
     ----------
-    controls : None: this page watches only; there is nothing to press, and the handle cannot be dragged.
+    controls : what the page may change. None: it only watches; it has no buttons, and the handle cannot be dragged.
     """
 
     def __init__(self, server: viser.ViserServer, history: History, controls: Controls | None) -> None:
@@ -33,7 +33,7 @@ class Page:
         self._history = history
         self._controls = controls
         self._scene: Scene | None = None
-        self._drawn: tuple[int, Any] | None = None  # the axes and walls that the scene was made for
+        self._drawn: tuple[int, Any] | None = None  # the axes and walls for which the scene was made
         self._taken, self._heard_s = 0, -1e9
         self._starting_from: tuple[int | None, int | None] | None = None
         self._origin: Vector = ()
@@ -57,7 +57,7 @@ class Page:
             self._plots.fit(client.camera.image_height)
 
     def draw_scene(self, now_s: float) -> None:
-        """The 3-D part, for some 30 times a second."""
+        """Draw the 3-D part; to be called some 30 times a second."""
         snapshot = self._history.snapshot()
         if snapshot.taken == self._taken:
             return
@@ -72,7 +72,7 @@ class Page:
         self._scene.update(snapshot)
 
     def draw_rest(self, now_s: float) -> None:
-        """Plots, numbers and controls, for some 4 times a second."""
+        """Draw plots, numbers and controls; to be called some 4 times a second."""
         snapshot = self._history.snapshot()
         with self._server.atomic():
             self._numbers.update(snapshot, self._state(snapshot, now_s))
@@ -100,7 +100,7 @@ class Page:
         self._starting_from = _incarnations(self._history.snapshot()) if begins else None
 
     def _lead(self, position: Vector | None) -> None:
-        """Lead the hand to `position`, None: home."""
+        """Lead the hand to `position`; None: to the origin."""
         target = self._origin if position is None else position
         if self._controls is not None and self._scene is not None and target:
             self._controls.lead(target)

@@ -1,4 +1,4 @@
-"""The page's words and buttons: what was measured, and what a user may do."""
+"""The page's numbers and buttons: what was measured, and what a user may change."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ SMOOTHING_S = 0.02
 """Time constant of the smoothing filter that the page switches on [s]."""
 
 ABOUT = """
-A hand (blue) moves a haptic device here; a virtual mass, the *proxy* (orange), moves in a virtual world elsewhere. Over
-a network they tell each other where they are, and a spring on each side pulls them together. The **arrow** is the force
-that the hand feels. The proxy stops at the wall; the handle goes on, and is pushed back.
+A hand (blue) moves a haptic device here; a virtual mass, the *proxy* (orange), moves in a virtual world elsewhere. They
+send each other their positions over a network, and a spring on each side pulls them together. The **arrow** is the
+force that the hand feels. The proxy stops at the wall; the handle goes on, and is pushed back.
 
-What arrives late makes such springs put energy into the hand: it shakes. **PSPM** watches the energy on both sides and
+Late positions make such springs put energy into the hand: it shakes. **PSPM** watches the energy on both sides and
 moves a spring's end (the small dark ball) only as far as its reservoir can pay. So the *margin*, what is left of the
 energy that passivity allows, never falls below zero, whatever the link does. Switch PSPM off on a bad link to see it.
 """
@@ -38,13 +38,13 @@ _CELL = "padding:0 8px 0 0;border:0;line-height:18px"
 
 
 class Numbers:
-    """What was measured, in a few lines; in the container that is open when this is made."""
+    """The measured numbers, in a few lines, in the container that is open when this is made."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self._html = gui.add_html(_table(Snapshot(None, None, None, None, False, None, None, (), 0), "waiting"))
 
     def update(self, snapshot: Snapshot, state: str) -> None:
-        """`state` : in a word or two, what the pair does."""
+        """Show the snapshot. `state` : in a word or two, what the pair does."""
         content = _table(snapshot, state)
         if content != self._html.content:
             self._html.content = content
@@ -59,7 +59,7 @@ class ControlPanel:
     Parameters
     ----------
     lead : leads the hand, as a drag does.
-    starting : called when an episode is about to start anew.
+    starting : called with True when a new episode is about to start, and with False if it does not start.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class ControlPanel:
         reset = gui.add_button("reset", icon=viser.Icon.RELOAD, color="gray")
         home = gui.add_button("hand home", icon=viser.Icon.HOME, color="gray", hint="lead the hand back to the middle")
         self._other = "zoh"
-        self._pspm = gui.add_checkbox("PSPM", True, hint="off: the coupling of the start, or a plain virtual one")
+        self._pspm = gui.add_checkbox("PSPM", True, hint="off: the coupling asked for, or a plain virtual one")
         self._smoothing = gui.add_checkbox("smoothing filter", False, hint=f"{1e3 * SMOOTHING_S:.0f} ms, before PSPM")
         self._alike = gui.add_checkbox("alike both ways", True)
         self._up = LinkForm(gui, "link, both ways", controls, self._ways_of_first)
@@ -100,7 +100,7 @@ class ControlPanel:
                 self._up.send(event.client)
 
     def update(self, snapshot: Snapshot) -> None:
-        """Follow what the sides report; what a user has just changed is not undone by an older report."""
+        """Show what the sides report; an older report does not undo what a user has just changed."""
         device, world = snapshot.device_status, snapshot.world_status
         if device is not None:
             if self._is_new("paused", (device.incarnation, device.paused)):
@@ -170,13 +170,13 @@ class ControlPanel:
                 act()
             except (HapnetError, NetemError) as error:
                 self._starting(False)
-                tell(client, "That did not work", str(error))
+                tell(client, "This did not work", str(error))
                 return False
             return True
 
 
 def verdict(snapshot: Snapshot) -> Verdict | None:
-    """The verdict on this episode so far; None: there is nothing yet to judge by."""
+    """The verdict on this episode so far; None: no samples of both sides yet."""
     return None if snapshot.account is None else judge(snapshot.account)
 
 

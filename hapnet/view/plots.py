@@ -13,12 +13,12 @@ from hapnet.checks import Array
 from hapnet.view.history import Snapshot, Track
 
 POINTS = 300
-"""Points a curve."""
+"""Points per curve."""
 
 _BLUE, _ORANGE, _GREEN, _INK, _GREY = "#2563eb", "#ea580c", "#16a34a", "#0f172a", "#94a3b8"
 
 _LEAST = 1.0
-"""The axis always goes up to this [N, mJ, mm]: else what is nothing but rounding would fill a plot."""
+"""The axis always goes up to this [N, mJ, mm]: otherwise mere rounding errors would fill a plot."""
 
 _HEADING, _FRAME = 96, 42  # pixels: of the panel above the plots, of a plot around its curves
 
@@ -52,7 +52,7 @@ class Plots:
         self._margin = self._add(gui, "passivity margin [mJ]", below, *thin, _curve("both", _INK))
 
     def fit(self, pixels: int) -> None:
-        """Let the four be as high together as a window of `pixels` lets them."""
+        """Set the height of the four plots so that together they fill a window of `pixels`."""
         for plot in (self._force, self._reservoirs, self._depth, self._margin):
             plot.height = min(max((pixels - _HEADING) // 4 - _FRAME, 80), 300)
 
@@ -96,9 +96,9 @@ def _held(track: Track | None, name: str, at: Array) -> Array:
 
 
 def held(times: Array, values: Array, at: Array) -> Array:
-    """`values` (N,), each held from its time to the next, at the times `at`; the first one before it too.
+    """`values` (N,) at the times `at`: each is held until the next, and the first holds before its time too.
 
-    There is never a NaN: uPlot finds no range for a curve that begins with one.
+    So there is never a NaN: uPlot finds no range for a curve that begins with one.
     """
     index = np.searchsorted(times, at, side="right") - 1
     return np.asarray(values[np.maximum(index, 0)])
@@ -115,7 +115,7 @@ def depth_of(position_m: Array, surfaces: Iterable[Mapping[str, Any]]) -> Array:
 
 
 def _signed(device: Track | None, at: Array) -> Array:
-    """The force on the hand: with its sign where there is one axis, else its size."""
+    """The force on the hand: with its sign if there is one axis, otherwise its magnitude."""
     if device is None:
         return np.zeros(len(at))
     force = device.force_N[:, 0] if device.force_N.shape[1] == 1 else np.linalg.norm(device.force_N, axis=1)

@@ -18,32 +18,32 @@ from hapnet.checks import Array, Vector
 from hapnet.view.history import Snapshot
 
 UNIT = 100.0
-"""Scene units a metre."""
+"""Scene units per metre."""
 
 FORCE_UNIT = 1.0
-"""Length of the arrow, in scene units a newton."""
+"""Length of the arrow, in scene units per newton."""
 
 REACH_M = 0.1
-"""The hand is led at most this far from the origin on each axis: the workspace of a desktop device."""
+"""The mouse leads the hand at most this far from the origin on each axis: the workspace of a desktop device [m]."""
 
 BLUE, ORANGE, GREEN, SLATE = (37, 99, 235), (234, 88, 12), (22, 163, 74), (71, 85, 105)
 
 _HANDLE_RADIUS, _PROXY_RADIUS, _MARK_RADIUS = 0.38, 0.3, 0.12
 _EXTENT = 4.5  # of a wall, from the origin, where no other wall ends it
-_THICKNESS, _THIN = 0.8, 0.1  # of a wall that stands alone, of one among others
-_LIFT = 0.75  # the arrow flies above the spring, which has the same direction
+_THICKNESS, _THIN = 0.8, 0.1  # of a single wall, and of one among others
+_LIFT = 0.75  # the arrow is drawn above the spring, which has the same direction
 _FOV = math.radians(30.0)
 _DISTANCE = 24.0
 
 
 class Scene:
-    """Draws a pair of `dof` axes between `surfaces` (`hapnet.plant.worlds.scene.Surface` as dicts).
+    """Draws a pair with `dof` axes between `surfaces` (`hapnet.plant.worlds.scene.Surface` as dicts).
 
-    One and two axes are seen from the front, three from a little above, with z upwards.
+    One and two axes are seen from the front, three from slightly above, with z upwards.
 
     Parameters
     ----------
-    lead : called with where the hand wants to be, (n,) [m], while the handle is dragged; None: it cannot be.
+    lead : called with the hand's target, (n,) [m], during a drag of the handle; None: it cannot be dragged.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class Scene:
             self._let_drag(lead)
 
     def show_target(self, position: Vector | None) -> None:
-        """The position that the hand wants; None: unknown, not shown."""
+        """Show the hand's target; None: unknown, not shown."""
         self._ghost.visible = position is not None
         if position is not None:
             self._ghost.position = _spot(position)
@@ -134,7 +134,7 @@ class Scene:
         self._spring.scale = (length, 1.0, 1.0)
 
     def _look(self) -> None:
-        """Straight at the plane of motion, so that what is dragged stays under the mouse."""
+        """Point the cameras straight at the plane of motion, so that the dragged handle stays under the mouse."""
         self._up = np.array([0.0, 0.0, 1.0]) if self.dof > 2 else np.array([0.0, 1.0, 0.0])
         tilt = math.radians(20.0)
         back = (0.0, -math.cos(tilt), math.sin(tilt)) if self.dof > 2 else (0.0, 0.0, 1.0)
@@ -148,7 +148,7 @@ class Scene:
     def _let_drag(self, lead: Callable[[Vector], None]) -> None:
         held = np.zeros(3)
 
-        # A coroutine, since viser keeps the order of those only.
+        # A coroutine, since viser keeps the order of events only for coroutines.
         @self._handle.on_drag
         async def _(event: viser.SceneNodeDragEvent[viser.IcosphereHandle]) -> None:
             nonlocal held
@@ -165,7 +165,7 @@ def _spot(position: Array | Vector) -> Array:
 
 
 def _padded(vector: Array | Vector) -> Array:
-    """Three axes of `vector`: missing ones are 0, and those beyond the third are not shown."""
+    """The first three axes of `vector`; missing ones are 0."""
     out = np.zeros(3)
     shown = np.asarray(vector, dtype=float)[:3]
     out[: len(shown)] = shown
@@ -215,7 +215,7 @@ def _add_grid(scene: viser.SceneApi, dof: int) -> None:
 def _add_wall(
     scene: viser.SceneApi, number: int, dof: int, surfaces: list[Mapping[str, Any]], surface: Mapping[str, Any]
 ) -> None:
-    """A slab on the solid side. It stands off by the proxy's radius: drawn as a ball, that touches as a point does."""
+    """A slab on the solid side, moved back by the proxy's radius: the proxy is drawn as a ball, but is a point."""
     axis, solid = int(surface["axis"]), int(surface["solid"])
     if axis > 2:
         return

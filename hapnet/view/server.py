@@ -18,13 +18,13 @@ from hapnet.view.history import History
 
 FRAME_S = 1.0 / 30.0
 FRAMES_A_PLOT = 8
-"""Plots, numbers and controls are drawn at some 4 Hz: they cost a browser without a GPU the most."""
+"""Plots, numbers and controls are drawn at some 4 Hz: for a browser without a GPU they are the most work."""
 
 IDLE_S = 0.1
-"""How often to look for somebody watching while there is nobody."""
+"""How often to check for a browser while there is none [s]."""
 
 PORTS = 100
-"""How many ports are tried, from the one that was asked for."""
+"""How many ports are tried, from the one asked for."""
 
 
 class PageServer:
@@ -40,7 +40,7 @@ class PageServer:
 
         class Server(viser.ViserServer):
             def request_share_url(self, verbose: bool = True) -> str | None:
-                """Any page that is open could ask for a tunnel to a public server; there is none."""
+                """Refuse: otherwise any open page could ask for a tunnel to a public server."""
                 return None
 
         with _quiet():
@@ -86,19 +86,20 @@ class PageServer:
             if frame % FRAMES_A_PLOT == 0:
                 self._page.draw_rest(now)
             frame += 1
-            due = max(due + FRAME_S, now)  # a late frame is not made up for
+            due = max(due + FRAME_S, now)  # a late frame is skipped
 
 
 def serve(
     history: History, controls: Controls | None = None, *, host: str = "127.0.0.1", port: int = 8080
 ) -> PageServer:
-    """Serve the page of what `history` is told, from threads of its own, until the server is closed.
+    """Serve the page that shows `history`, from threads of its own, until the server is closed.
 
     Parameters
     ----------
-    controls : what the page may do; None: it watches only.
-    host : the address to listen on; by default only this machine reaches it. Whoever does may press every button.
-    port : where it is taken, the next free one is used; 0: any.
+    controls : what the page may change; None: it only watches.
+    host : the address to listen on; by default only this machine reaches it. Anybody who reaches it may press every
+        button.
+    port : if it is taken, the next free one is used; 0: any.
 
     Raises
     ------
@@ -109,7 +110,7 @@ def serve(
 
 
 def _free_port(host: str, port: int) -> int:
-    """The first free port from `port` on. viser looks by itself, but waits for ever if there is none."""
+    """The first free port from `port` on. viser would search by itself, but hangs if there is none."""
     if not 0 <= port <= 65535:
         raise InvalidParameter("port", port, "0 to 65535")
     for candidate in range(port, min(port + PORTS, 65536)):
@@ -122,7 +123,7 @@ def _free_port(host: str, port: int) -> int:
         except OSError as error:
             if error.errno not in (errno.EADDRINUSE, errno.EACCES):
                 raise InvalidParameter("host", host, f"an address of this machine ({error.strerror})") from None
-    raise InvalidParameter("port", port, f"a port with a free one among the {PORTS} from it on")
+    raise InvalidParameter("port", port, f"a port such that one of the {PORTS} from it on is free")
 
 
 @contextmanager

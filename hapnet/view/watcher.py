@@ -1,4 +1,4 @@
-"""Receives what a pair publishes over Zenoh, and takes no part in it."""
+"""Receives a pair's telemetry over Zenoh, and takes no part in the protocol."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from hapnet.transport.config import ZenohSettings, reason, where, zenoh_config
 from hapnet.transport.zenoh import TELEMETRY
 
 LOOK_S = 0.2
-"""How often the connection is looked at [s]."""
+"""How often the connection is checked [s]."""
 
 LOST_S = 1.0
-"""Without any connection for so long, Zenoh is opened anew [s]."""
+"""After this time without any connection, Zenoh is opened again [s]."""
 
 GONE_S = 5.0
-"""A pair that is not heard for so long is let go, for the next that is [s]."""
+"""A pair that is not heard for this time is given up, and the next one heard is watched [s]."""
 
 
 class Watcher:
     """Hands each message of one pair's telemetry to `take`, on one of Zenoh's threads, where nothing may block.
 
-    Of several pairs the first that is heard is watched. Whoever dials does it as a Zenoh client: the process that it
-    dials then hands on what the other one publishes.
+    Of several pairs it watches the first that is heard. It dials as a Zenoh client: the process that it dials then
+    forwards what the other one publishes.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class Watcher:
 
     Attributes
     ----------
-    others : pairs that were heard besides. unreadable : messages that were none.
+    others : other pairs that were heard. unreadable : messages that could not be read.
     problem : why Zenoh is not open, if it is not.
 
     Raises
@@ -69,7 +69,7 @@ class Watcher:
 
     @property
     def pair(self) -> tuple[str, str] | None:
-        """(session, name) of the pair that is watched; None: nothing was received yet."""
+        """(session, name) of the pair that is watched; None: none was heard lately."""
         return self._pair if time.monotonic() - self._heard_s < GONE_S else None
 
     @property
@@ -100,7 +100,7 @@ class Watcher:
             self._stopping.wait(LOOK_S)
 
     def _keep(self, session: zenoh.Session) -> None:
-        """Listen until the session is lost, or could not be opened."""
+        """Listen until the session is lost, or has had no connection for `LOST_S`."""
         alone_s = 0.0
         while not self._stopping.wait(LOOK_S) and not session.is_closed():
             alone_s = 0.0 if session.info.transports() else alone_s + LOOK_S
