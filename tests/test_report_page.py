@@ -154,7 +154,7 @@ def test_a_verdict_is_told_in_words_and_colour() -> None:
     half = {"device": {"ledger": {"margin_J": 0.5}}}
     found = page_of(replace(run(sides="device", seconds=1), summary=half))
     assert "Passivity not known: the world's account is not here; the device's half held" in found.sections[""]
-    assert "both sides' files" in found.sections[""]
+    assert "the files of both sides" in found.sections[""]
 
 
 def test_a_world_does_not_know_whose_hand_it_was() -> None:

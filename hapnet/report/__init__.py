@@ -1,4 +1,4 @@
-"""What people look at after a run: figures, the summary as tables, and all of it as one page."""
+"""What people look at after a run: figures, the summary as tables, and both on one page."""
 
 from hapnet.report.figures import figure
 from hapnet.report.files import png, save, save_figure

@@ -1,4 +1,4 @@
-"""What people look at first after a run: a figure of four panels against time."""
+"""The figure that people look at first after a run: three or four panels against time."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_POINTS = 4000  # a curve keeps at most about this many: more than the paper can resolve
+_POINTS = 4000  # a curve keeps at most about this many: more than print can resolve
 _TITLE = 300  # letters of a title's part: a link's words are shorter
-# device, proxy (or world), and the thinner third: told apart by dash and grey value as well as by hue
+# device, proxy (or world), and a thinner third: they differ in dash and grey value as well as in hue
 _DEVICE: dict[str, Any] = {"color": "#08306b", "linestyle": "-"}
 _WORLD: dict[str, Any] = {"color": "#e6550d", "linestyle": (0, (5, 1.5))}
 _THIRD: dict[str, Any] = {"color": "0.35", "linestyle": (0, (1, 1.2)), "linewidth": 0.8}
@@ -33,9 +33,9 @@ _THIRD: dict[str, Any] = {"color": "0.35", "linestyle": (0, (1, 1.2)), "linewidt
 def figure(recording: Recording) -> Figure:
     """Positions, forces, reservoirs (of couplings that have them) and passivity margin against time, 180 mm wide.
 
-    With several axes, positions and forces are drawn along one: the axis along which the contact force is largest on
-    average or, if there was no contact, along which the device moved most. It is named in the panels' labels. The path
-    in the plane is added for the scene ``paper`` and whenever the device moves along two axes.
+    With several axes, positions and forces are drawn along one, which the labels name: the axis with the largest mean
+    contact force or, if there was no contact, the axis along which the device moved most. The path in the plane is
+    added for the scene ``paper``, and whenever the device moves along two axes.
     """
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -135,7 +135,7 @@ def _margins(panel: Axes, recording: Recording) -> None:
 
 
 def _margin_words(recording: Recording) -> str:
-    """The most that ever came out, and what was left of the margin."""
+    """The most energy that ever came out, and the margin at the end."""
     theorem = read(recording.summary)["theorem"]
     told = {"came out": theorem["energy_out_J"], "at the end": theorem["margin_end_J"]}
     said = [f"{millijoule(value)} mJ {words}" for words, value in told.items() if value is not None]
@@ -165,7 +165,7 @@ def _curve(panel: Axes, columns: Columns, values: NDArray[np.float64], label: st
 
 
 def _envelope(values: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Indices to draw: all of them or, of a long curve, the least and the greatest value of each short stretch."""
+    """Indices to draw: all or, for a long curve, those of the least and the greatest value of each short stretch."""
     if len(values) <= _POINTS:
         return np.arange(len(values))
     stretches = np.array_split(np.arange(len(values)), _POINTS // 2)
@@ -182,7 +182,7 @@ def _shade_contact(panel: Axes, world: Columns | None) -> None:
 
 
 def _silences(recording: Recording) -> list[tuple[float, float]]:
-    """From when to when [s] a side heard nothing of the other; what did not end lasts until the recording does."""
+    """Begin and end [s] of each silence of a side; one that did not end lasts until the recording's end."""
     origin_ns = int(recording.meta.get("origin_ns", 0))
     ends = [float(c["time_s"][-1]) for c in (recording.device, recording.world) if c is not None]
     since: dict[str, float] = {}
@@ -206,7 +206,7 @@ def _shade_silences(panel: Axes, silences: list[tuple[float, float]], *, named: 
 
 
 def _legend(panel: Axes) -> None:
-    """Above the panel, where it cannot cover data."""
+    """Put the legend above the panel, where it cannot cover data."""
     handles, labels = panel.get_legend_handles_labels()
     if handles:
         style = {"ncols": len(handles), "handlelength": 2.6, "borderaxespad": 0.1, "columnspacing": 1.4}
@@ -222,7 +222,7 @@ def _main_axis(recording: Recording) -> int:
 
 
 def _plane(recording: Recording, axis: int) -> tuple[int, int] | None:
-    """The plane to draw the path in: across the main axis for three axes. None if the motion is along a line."""
+    """The plane of the drawn path; with three axes it is normal to the main axis. None: the motion is along a line."""
     columns = recording.device if recording.device is not None else recording.world
     if columns is None or (n := columns["position_m"].shape[1]) < 2:
         return None
@@ -241,7 +241,7 @@ def _coupling(recording: Recording) -> Any:
 
 
 def _received(recording: Recording) -> bool:
-    """Is a received position, as it came, what the spring is tied to? It is where the world has no law of its own."""
+    """Is the spring tied to the received position, without modulation? So it is where the world has no law."""
     spec = known_coupling(_coupling(recording))
     return spec is not None and "world" in spec.set_positions
 
@@ -271,7 +271,7 @@ def _title(recording: Recording) -> str:
 
 
 def _told(recording: Recording) -> Mapping[str, Any]:
-    """The summary or, where there is none (a torn file), what the samples tell."""
+    """The summary or, if there is none (a torn file), one made from the samples."""
     return from_recording(recording) if recording.summary is None else recording.summary
 
 

@@ -1,4 +1,4 @@
-"""What a report writes: each file appears only when it is complete."""
+"""Writes a report's files; each appears only when it is complete."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def png(fig: Figure) -> bytes:
 
 
 def save(data: bytes, path: str | os.PathLike[str], what: str) -> None:
-    """Write `data`. Raises `RecordingError`, which calls it `what`, if it cannot be written."""
+    """Write `data`. Raises `RecordingError` if it cannot be written; the message calls it `what`."""
     with complete_or_absent(Path(path), what) as part:
         part.write_bytes(data)
 

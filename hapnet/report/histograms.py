@@ -1,4 +1,4 @@
-"""How long the links took, and how late the servo was: histograms as they were counted during the run."""
+"""Histograms of the links' delays and of the servo's lateness, as they were counted during the run."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
 _COLORS = {"up": "#08306b", "down": "#e6550d"}
 _TITLE = 300  # letters
-_LINE = 64  # letters: to the right of them is the legend
+_LINE = 64  # letters: the legend is to the right of them
 _BARS = 60
-_WIDE = 20.0  # times the median: a delay that is longer needs a logarithmic axis
-_SUB_BINS = 8  # an octave of the servo's lateness has 32 bins; these are made of four each
+_WIDE = 20.0  # times the median: a longer delay needs a logarithmic axis
+_SUB_BINS = 8  # the servo's lateness has 32 bins per octave; four are joined into one here
 
 
 def link_histogram(tree: object) -> Figure | None:
@@ -86,7 +86,7 @@ def _delays(panel: Axes, bins: NDArray[np.float64], color: str, *, logarithmic: 
         edges[0] = edges[0] or edges[1] / 2.0
         panel.set_xscale("log")
         panel.xaxis.set_major_formatter(_plain_ticks)
-    else:  # shared out to bars that are
+    else:  # distributed over bars of equal width
         span, widths = edges[-1] - edges[0], np.diff(edges)[counts > 0.0]
         even = np.linspace(edges[0], edges[-1], max(1, round(min(_BARS, span / np.median(widths)))) + 1)
         edges, counts = even, np.diff(np.interp(even, edges, np.cumsum(bins[:, 1])))
@@ -100,7 +100,7 @@ def _stairs(panel: Axes, counts: NDArray[np.float64], edges: NDArray[np.float64]
 
 
 def _bins(histogram: Any) -> NDArray[np.float64]:
-    """Rows of (edge, count); no rows if it is not a histogram, or nothing was counted."""
+    """Rows of (edge, count); none if this is not a histogram, or nothing was counted."""
     nothing = np.zeros((0, 2))
     try:
         bins = np.array(histogram or nothing, dtype=float).reshape(-1, 2)

@@ -1,4 +1,4 @@
-"""HTML that cannot be broken out of: elements are made here, and every text in them is escaped."""
+"""Safe HTML: elements are made here only, and every text in them is escaped."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ VOID = frozenset({"img", "meta"})
 
 
 class Html(str):
-    """Text that is HTML already; only `element` and `join` make it out of other text."""
+    """Text that is HTML already; only `element` and `join` make it from other text."""
 
     __slots__ = ()
 
@@ -29,7 +29,7 @@ def join(*children: str) -> Html:
 
 
 def table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]], *, caption: str = "", class_: str = "") -> Html:
-    """A table whose columns and rows are headed: the first cell of a row is its header."""
+    """A table with headers for columns and rows: the first cell of a row is its header."""
     lines = [
         element("tr", element("th", row[0], scope="row"), *(element("td", cell) for cell in row[1:])) for row in rows
     ]

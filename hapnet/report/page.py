@@ -1,4 +1,4 @@
-"""A report as one HTML file: no script, nothing from elsewhere, to be read in any browser and on paper."""
+"""A report as one HTML file, for any browser and for print: no script, nothing loaded from elsewhere."""
 
 from __future__ import annotations
 
@@ -23,35 +23,34 @@ FOLDED = 12
 """A longer list of events is folded."""
 
 MOST_EVENTS = 500
-"""More are in the recording only."""
+"""Further events are in the recording only."""
 
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 _WHAT_IT_MEANS = {
-    "good": "At no time had the hand and the world together taken out more energy than the bound d² allows "
-    "(Theorem 1). It says how much came out at most, how much of the bound was left at the end, and how much at least "
-    "after the start, where it is d².",
+    "good": "At no time did the hand and the world together take out more energy than the bound d² allows "
+    "(Theorem 1). The line above says how much came out at most, how much of the bound was left at the end, and the "
+    "least that was left after the first second.",
     "bad": "More energy came out than the account allows: Theorem 1 does not hold for this run.",
-    "unknown": "What is known does not tell whether Theorem 1 held throughout.",
+    "unknown": "The known data do not show whether Theorem 1 held throughout.",
 }
 _HALF = (
-    "One side's recording knows what went in and out at its own port only, which is its half of Theorem 1; "
-    "hapnet report with both sides' files tells the whole."
+    "One side's recording contains only what went in and out at its own port, which is its half of Theorem 1. "
+    "hapnet report with the files of both sides shows the whole."
 )
 _MEASURED = {
-    "good": "At no time that was seen had the hand and the world together taken out more energy than the bound d² "
-    "allows.",
-    "bad": "More energy came out of the two ports than was put in and than the bound d² allows.",
-    "unknown": "It cannot be judged by what is known here.",
+    "good": "At no observed time had the hand and the world together taken out more energy than the bound d² allows.",
+    "bad": "More energy came out of the two ports than was put in plus the bound d².",
+    "unknown": "The known data do not allow a verdict.",
 }
-"""Of couplings that Theorem 1 is not about."""
+"""For couplings to which Theorem 1 does not apply."""
 _NO_EVENTS = "A run in virtual time records no events; the summary counts its silences."
 
 
 @dataclass(frozen=True)
 class Source:
-    """A file that a report is made from.
+    """A file from which a report is made.
 
-    repaired : the copy that was made of it, if it was torn. written : when that last happened, in UTC.
+    repaired : its repaired copy, if it was torn. written : when the file was last written, in UTC.
     """
 
     path: Path
@@ -62,9 +61,9 @@ class Source:
 
 
 def page(recording: Recording, drawn: Mapping[str, Picture], sources: Sequence[Source]) -> str:
-    """The report of `recording`, whose summary must be there, with its pictures.
+    """The report on `recording`, which must have a summary, with its pictures.
 
-    What a recording says is text here, whatever it is: `legible` should have gone over it.
+    All that comes from a recording is escaped as text. Pass it through `legible` first.
     """
     summary = read(recording.summary)
     hand = _of_device(recording, "operator")
@@ -104,8 +103,8 @@ def page(recording: Recording, drawn: Mapping[str, Picture], sources: Sequence[S
 
 
 _ENERGY = (
-    "Shuffled energy is counted in whole nanojoules: what was sent is what was credited, what is in flight and what "
-    "was abandoned, to the last one. “Discarded” in the summary is the surplus that a side did not send."
+    "Shuffled energy is counted in whole nanojoules: energy sent is exactly the sum of energy credited, in flight "
+    "and abandoned. “Discarded” in the summary is the surplus that a side did not send."
 )
 
 
@@ -117,9 +116,9 @@ def _head(summary: Summary, title: str, sources: Sequence[Source]) -> Html:
         meaning = _HALF if alone else _WHAT_IT_MEANS[found]
     else:
         judged, spec = "" if alone else f"{_MEASURED[found]} ", known(coupling)
-        claim = "Nothing is claimed of this coupling: it is the user's own."
+        claim = "Nothing is claimed about this coupling: it is the user's own."
         if spec is not None:
-            claim = f"What is claimed of this coupling ({spec.title}; {spec.source}): {spec.claim}."
+            claim = f"What is claimed about this coupling ({spec.title}; {spec.source}): {spec.claim}."
         meaning = judged + claim
     return element(
         "header",
@@ -132,7 +131,7 @@ def _head(summary: Summary, title: str, sources: Sequence[Source]) -> Html:
 
 
 def _torn(source: Source) -> str:
-    words = f"{source.path.name} is torn: its writer was killed. The report is of the samples that can be read of it"
+    words = f"{source.path.name} is torn: its writer was killed. The report covers the samples that can be read"
     return f"{words}; a repaired copy is {source.repaired.name}." if source.repaired else f"{words}."
 
 
@@ -191,7 +190,7 @@ def _events(recording: Recording) -> Html:
 
 def _settings(rows: list[Setting]) -> Html:
     if not rows:
-        return element("p", "The recording does not tell them.")
+        return element("p", "The recording does not contain them.")
     changed = sum(bool(row.default) for row in rows)
     words = (
         f"{changed} of {len(rows)} differ from the defaults; they are marked." if changed else "All are the defaults."
@@ -211,7 +210,7 @@ def _settings(rows: list[Setting]) -> Html:
 def _commands(recording: Recording, sources: Sequence[Source]) -> Html:
     found = commands(recording, [s.repaired or s.path for s in sources if s.role != "no samples"])
     if not found:
-        return element("p", "Its settings do not fit this version of hapnet.")
+        return element("p", "This version of hapnet cannot use the recording's settings.")
     return join(*(join(element("p", f"{c.purpose}:"), element("pre", element("code", c.line))) for c in found))
 
 
@@ -241,7 +240,7 @@ def _files(sources: Sequence[Source]) -> Html:
 
 
 def _section(title: str, *parts: Html) -> Html:
-    """A section of the page; nothing if it is empty."""
+    """A section of the page; empty if it has no content."""
     return element("section", element("h2", title), *parts) if any(parts) else Html()
 
 
@@ -261,5 +260,5 @@ def _picture(picture: Picture | None) -> Html:
 
 
 def _of_device(recording: Recording, name: str) -> Any:
-    """A parameter that only the device's process uses."""
+    """A parameter that only the device's process uses; None without its recording."""
     return None if recording.device is None else get(of_side(recording, "device"), "params", name)

@@ -1,4 +1,4 @@
-"""The pictures of a report, each with a caption and a text for those who cannot see it."""
+"""The pictures of a report, each with a caption and an alternative text."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hapnet.summary.structure import WAYS, read
 
 @dataclass(frozen=True)
 class Picture:
-    """A PNG. `name` ends its file's name; `caption` says how to read it, `alternative` what it shows."""
+    """A PNG. `name` is the end of its file's name; `caption` says how to read it, `alternative` what it shows."""
 
     name: str
     png: bytes
@@ -23,7 +23,7 @@ class Picture:
 
 
 def pictures(recording: Recording) -> dict[str, Picture]:
-    """Pictures by name: ``run``, and ``link`` and ``servo`` if these were counted."""
+    """Pictures by name: ``run``, and ``link`` and ``servo`` if their histograms were counted."""
     summary = read(recording.summary)
     full = has_reservoirs(summary["coupling"])
     panels = f"positions of device and proxy, forces, {'energy reservoirs, ' if full else ''}passivity margin"
@@ -46,19 +46,18 @@ def pictures(recording: Recording) -> dict[str, Picture]:
 
 
 _RUN = (
-    "Positions: in contact, which is grey, the surface stops the proxy while the hand goes on. Forces: what the "
-    "coupling makes the hand feel, and what the surface does to the proxy. {reservoirs}Margin: what is left of the "
-    "bound d²; in the red, energy came from nowhere. A silence is shaded from when it was noticed until the other "
-    "side was heard again."
+    "Positions: in contact (grey) the surface stops the proxy while the hand goes on. Forces: the coupling's force on "
+    "the device, and the surface's force on the proxy. {reservoirs}Margin: what is left of the bound d²; in the red "
+    "area, energy was created. A silence is shaded from when it was noticed until the other side was heard again."
 )
 _RESERVOIRS = (
     "Reservoirs: the energy that each side may spend on moving its spring; an empty one holds the set-position back. "
 )
 _LINK = (
-    "How long packets stayed in each emulated link, from being offered to the release that the profile gave, as the "
-    "link itself counted them; lost ones are not in it. A link of the network beneath is not either."
+    "How long packets stayed in each emulated link, from the offer to the release time by the profile, as the link "
+    "itself counted them. Lost packets are not included, and neither is the real network."
 )
 _SERVO = (
-    "How late the servo's ticks began after their deadlines; both axes are logarithmic. A tick that is late by its "
-    "whole period is a deadline missed."
+    "How late the servo's ticks began after their deadlines; both axes are logarithmic. A tick that is late by a whole "
+    "period is a missed deadline."
 )

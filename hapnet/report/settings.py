@@ -1,4 +1,4 @@
-"""What a recording was made with: its parameters, and the commands that make it again."""
+"""The settings of a recording: its parameters, and the commands that repeat the run."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from hapnet.summary.structure import read
 
 
 class Setting(NamedTuple):
-    """A parameter's value. `default` is empty if it has its default, or if there is no such parameter."""
+    """A parameter's value. `default` is empty if the value is the default, or if the parameter is unknown."""
 
     name: str
     value: str
@@ -34,7 +34,7 @@ class Command(NamedTuple):
 
 
 def settings(recording: Recording) -> list[Setting]:
-    """All parameters that the recording tells, in the order of `--show-params`; two values where the sides differ."""
+    """All parameters in the recording, in the order of `--show-params`; two values where the sides differ."""
     sides = [_flat(part) for part in _parts(recording).values()]
     defaults = {name: (value, meaning) for name, value, meaning in Params().described()}
     names = dict.fromkeys([*defaults, *(name for side in sides for name in side)])
@@ -48,12 +48,12 @@ def settings(recording: Recording) -> list[Setting]:
 
 
 def commands(recording: Recording, files: Sequence[Path]) -> list[Command]:
-    """How to repeat the run: with its settings and, if a device was recorded (in these files), with its hand."""
+    """Commands that repeat the run: with its settings and, if `files` contain a device's side, with its hand."""
     found = []
     if (params := _params(recording)) is not None:
         virtual = recording.meta.get("clock") == "virtual"
         live, default = params.operator == LIVE, Params()
-        if live:  # which is not asked for, and has no end
+        if live:  # the command line cannot ask for a live hand, and such a run has no end
             asked = params.set({"operator": default.operator, "duration_s": default.duration_s})
             found.append(Command("The same settings, with your own hand", _line("play", recording, asked)))
         if params.hardware == "simulated" and not live:
@@ -69,7 +69,7 @@ def commands(recording: Recording, files: Sequence[Path]) -> list[Command]:
 
 
 def of_side(recording: Recording, side: str) -> Mapping[str, Any]:
-    """What the device's or the world's process wrote of itself."""
+    """What the device's or the world's process wrote about itself."""
     found: Mapping[str, Any] = get(recording.meta, "sides", side) or recording.meta
     return found
 
@@ -81,7 +81,7 @@ def _parts(recording: Recording) -> dict[str, Any]:
 
 
 def _params(recording: Recording) -> Params | None:
-    """The parameters of both processes together, each side's own from it; None if they do not fit this version."""
+    """The parameters of both processes, each side's own from its process; None if they do not fit this version."""
     parts = _parts(recording)
     flat = _flat(next(iter(parts.values())))
     if "world" in parts:

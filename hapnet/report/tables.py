@@ -1,4 +1,4 @@
-"""The summary as tables: one source for the terminal's and the page's."""
+"""The summary as tables: one source for the terminal and the page."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ _SIDES: tuple[_Row[SidePart], ...] = (
     _Row("step mean", "ms", lambda of: of["step"]["mean_s"], milli),
     _Row("step longest", "ms", lambda of: of["step"]["max_s"], milli),
 )
-_OF_ONE_PORT = {"given out, most", "margin at the end"}  # they say nothing where both are passive together only
+_OF_ONE_PORT = {"given out, most", "margin at the end"}  # they mean nothing if only both ports together are passive
 _BOTH: tuple[_Row[Theorem], ...] = (
     _Row("bound d²", "mJ", lambda of: of["bound_J"], millijoule),
     _Row("energy that came out, most", "mJ", lambda of: of["energy_out_J"], millijoule),
@@ -134,7 +134,7 @@ class Table:
 
 
 def sides(summary: Summary) -> Table:
-    """What each side knows of itself."""
+    """What each side knows about itself."""
     untold = set() if has_reservoirs(summary["coupling"]) else set(_OF_RESERVOIRS)
     if jointly_passive(str(summary["coupling"])):
         untold |= _OF_ONE_PORT
@@ -155,7 +155,7 @@ def energy(summary: Summary) -> Table:
 
 
 def links(summary: Summary) -> Table:
-    """What the emulated links did; the network's part is in `path`."""
+    """What the emulated links did; `path` includes the network."""
     ways = [summary["links"][way] for way in WAYS]
     rows = [*_rows(_LINKS, ways)]
     lost = [None if way is None else _share(way["lost"], way["offered"]) for way in ways]
@@ -165,7 +165,7 @@ def links(summary: Summary) -> Table:
 
 
 def path(summary: Summary) -> Table:
-    """What the streams showed of the way between the sides, the network and the emulated links together."""
+    """The path between the sides, as the streams showed it: the network and the emulated links together."""
     found = summary["path"]
     rows = [*_rows(_PATH, [found[way] for way in WAYS])]
     lost = _lost(found)
@@ -198,7 +198,7 @@ def brief(summary: Summary) -> list[str]:
 
 
 def brief_text(tree: object) -> RenderableType:
-    """The verdict, and `brief`: for people who have just run it. `tree` : a summary, whatever is missing in it."""
+    """The verdict, and `brief`: what people see after a run. `tree` : a summary, perhaps with parts missing."""
     from rich.console import Group
     from rich.text import Text
 
@@ -221,7 +221,7 @@ def summary_text(tree: object) -> RenderableType:
         for column in table.columns:
             out.add_column(column, justify="right")
         for row in table.rows:
-            out.add_row(*map(Text, row))  # not markup, whatever it says
+            out.add_row(*map(Text, row))  # as plain text, never as markup
         return out
 
     summary = read(tree)

@@ -15,20 +15,20 @@ _TEXT_LIMIT = 2000
 
 
 def get(tree: Any, *keys: str) -> Any:
-    """`tree[key][key]...`, or None where the branch ends early: of what a recording says of itself, whatever it is."""
+    """`tree[key][key]...`, or None where the branch ends early: for data of a recording, which may have any form."""
     for key in keys:
         tree = tree.get(key) if isinstance(tree, Mapping) else None
     return tree
 
 
 def verdict(summary: object) -> str:
-    """One line: whether the two ports stayed passive, and why, or by how much of the bound d^2."""
+    """One line: whether the two ports stayed passive, and why."""
     found = judge(summary)
     return f"{_WORDS[found['passive']]}: {found['reason']}"
 
 
 def outcome(summary: object) -> str:
-    """Its verdict: good, bad or unknown."""
+    """The verdict as one word: good, bad or unknown."""
     return {True: "good", False: "bad", None: "unknown"}[judge(summary)["passive"]]
 
 
@@ -56,22 +56,22 @@ def text(value: Any) -> str:
 
 
 def number(value: Any) -> str:
-    """With four digits; whole numbers without a point."""
+    """The value with four digits; a whole number without a point."""
     if known(value) is None or isinstance(value, int):
         return text(value)
     return f"{value:.0f}" if 1e4 <= abs(value) < 1e15 else f"{value:.4g}"
 
 
 def milli(value: Any) -> str:
-    """Joules, metres or seconds in thousandths."""
+    """A value in joules, metres or seconds, shown in thousandths."""
     return text(value) if known(value) is None else number(value * 1e3 if value else 0)
 
 
 def millijoule(value: Any) -> str:
-    """As `milli`; pure rounding is shown as 0."""
+    """As `milli`; a mere rounding error is shown as 0."""
     return milli(0 if known(value) is not None and abs(value) < DEFICIT_J else value)
 
 
 def shuffled(energy_nJ: Any) -> str:
-    """Nanojoules, as the wire counts them, in millijoules."""
+    """An energy in nanojoules, as the wire counts it, shown in millijoules."""
     return text(energy_nJ) if known(energy_nJ) is None else number(energy_nJ * 1e-6 if energy_nJ else 0)
