@@ -1,4 +1,4 @@
-"""Processes that measure: each runs one function, all begin at once, and none outlives the benchmark."""
+"""Processes that measure: each runs one function, all begin together, and none outlives the benchmark."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from typing import Any
 from hapnet.errors import HapnetError
 
 Gate = Callable[[], None]
-"""Called by a child's function when it is ready; returns when all begin."""
+"""A child's function calls it when it is ready; it returns when all children begin."""
 
 READY_S = 60.0
-"""How long a child may take to be ready [s]."""
+"""How long a child may take until it is ready [s]."""
 
 _COMPUTE = """
 import os, sys, threading
 
 def end():
-    sys.stdin.read()  # returns when the benchmark is gone, in whatever way
+    sys.stdin.read()  # returns when the benchmark has ended, for whatever reason
     os._exit(0)
 
 threading.Thread(target=end, daemon=True).start()
@@ -37,7 +37,7 @@ while True:
 class Child:
     """A process of its own that runs ``function(gate, *args)``; use it as a context, which ends it.
 
-    function : at the top of a module. args, result : can be pickled.
+    function : at the top level of a module. args, and the result, must be picklable.
     """
 
     def __init__(self, function: Callable[..., Any], *args: Any) -> None:
@@ -45,7 +45,7 @@ class Child:
         self._name = function.__name__
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_run, args=(theirs, function, args), daemon=True)
-        resource_tracker.ensure_running()  # it would unblock SIGINT on being started with the process
+        resource_tracker.ensure_running()  # if it started with the process, it would unblock SIGINT
         with uninterrupted():
             self._process.start()
         theirs.close()
@@ -59,7 +59,7 @@ class Child:
         self._pipe.close()
 
     def wait_ready(self) -> None:
-        """Return when the function has come to its gate."""
+        """Wait until the function has reached its gate."""
         self._receive(READY_S)
 
     def go(self) -> None:
@@ -67,11 +67,11 @@ class Child:
         self._pipe.send(None)
 
     def result(self, timeout_s: float) -> Any:
-        """What the function returned.
+        """The function's result.
 
         Raises
         ------
-        HapnetError : it failed, or did not return in time.
+        HapnetError : the function failed, or did not return in time.
         """
         return self._receive(timeout_s)
 
@@ -88,7 +88,7 @@ class Child:
 
 
 def together(children: list[Child], timeout_s: float) -> list[Any]:
-    """Let all begin at once when all are ready; their results."""
+    """Start all children together once all are ready; returns their results."""
     for child in children:
         child.wait_ready()
     for child in children:
@@ -98,10 +98,11 @@ def together(children: list[Child], timeout_s: float) -> list[Any]:
 
 @contextlib.contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Processes started here never see the terminal's Ctrl-C: it is for the benchmark itself, which ends them.
+    """Processes started here never get the terminal's Ctrl-C: the benchmark itself gets it, and ends them.
 
-    For the main thread. One that comes meanwhile is kept for the end: a process half started would complain. The mask
-    is what the process inherits; the handler is for other threads, such as a BLAS's, which it does not hold for.
+    Only for the main thread. A Ctrl-C that comes meanwhile is kept until the end, since a half-started process would
+    print an error. A started process inherits the signal mask. The handler is needed because the mask does not hold for
+    other threads, such as those of a BLAS library.
     """
     kept: list[int] = []
     handler = signal.signal(signal.SIGINT, lambda number, frame: kept.append(number))
@@ -117,14 +118,14 @@ def uninterrupted() -> Iterator[None]:
 
 @contextlib.contextmanager
 def busy(count: int) -> Iterator[None]:
-    """`count` processes that do nothing but compute, for as long as this one lives at most."""
+    """`count` processes that only compute; they end with this context, or with this process."""
     started: list[subprocess.Popen[bytes]] = []
     try:
         for _ in range(count):
             with uninterrupted():
                 started.append(subprocess.Popen([sys.executable, "-c", _COMPUTE], stdin=subprocess.PIPE))
         if count:
-            time.sleep(0.2)  # until they are under way
+            time.sleep(0.2)  # until they run
         yield
     finally:
         for process in started:

@@ -55,7 +55,7 @@ def device_tick(options: Options) -> Row:
 
 
 def pspm_update(n: int, options: Options) -> Row:
-    """A PSPM update with a general K in `n` dimensions, the constraint (9) active."""
+    """A PSPM update with a general K in `n` dimensions, and the constraint (9) active."""
     K, x, y = pspm_case(n)
     ours = SetPositionModulator(stiffness=K, position=np.zeros(n))
     theirs = NumpyPspm(K, np.zeros(n), 0.05)
@@ -81,14 +81,14 @@ def pspm_update(n: int, options: Options) -> Row:
 
 
 def pspm_case(n: int) -> tuple[Array, Array, Array]:
-    """K, x and y: a full matrix, and a set-position that 10 mJ do not reach."""
+    """K, x and y: a full matrix, and a set-position for which 10 mJ do not suffice."""
     rng = np.random.default_rng(n)
     root = rng.normal(size=(n, n))
     return root @ root.T * 50.0 + 10.0 * np.eye(n), rng.uniform(-0.01, 0.01, n), rng.uniform(0.05, 0.1, n)
 
 
 def _circle(count: int) -> cycle[tuple[Vector, Vector]]:
-    """Position [m] and velocity [m/s] on a circle of 10 mm, a turn a second at 1 kHz."""
+    """Positions [m] and velocities [m/s] on a circle of radius 10 mm, one turn per second at 1 kHz."""
     w = 2.0 * math.pi
     points = []
     for k in range(count):

@@ -1,4 +1,4 @@
-"""What one call costs: subject and reference in turns, so that whatever disturbs the machine disturbs both."""
+"""Measures the cost of one call: subject and reference take turns, so that a disturbance affects both."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from collections.abc import Callable
 
 from hapnet.bench.row import Distribution, Options
 
-_TURN = 50  # calls of one before the other has its turn
-_SHARE = 0.1  # of a round's length: costs vary less than lateness
+_TURN = 50  # calls in one turn
+_SHARE = 0.1  # of a round's length: costs vary less than lateness does
 
 
 class Call:
@@ -29,7 +29,7 @@ class Call:
 
 
 def cost(subject: Call, reference: Call, options: Options) -> tuple[list[Distribution], list[Distribution]]:
-    """Microseconds a call, of each round."""
+    """Microseconds per call, one distribution for each round."""
     rounds: tuple[list[Distribution], list[Distribution]] = ([], [])
     automatic = gc.isenabled()
     try:

@@ -1,4 +1,4 @@
-"""What several benchmarks start from: endpoints that are paired in memory."""
+"""Endpoints that are paired in memory: several benchmarks start from them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from hapnet.wire.session import Session
 
 
 def pair(device: Session | Endpoint, world: Session | Endpoint) -> None:
-    """Hand each side's greetings to the other until neither has any."""
+    """Hand each side's hellos and welcomes to the other until neither has any left."""
     for _ in range(4):
         for sender, receiver in ((device, world), (world, device)):
             for message in sender.poll(0)[0]:

@@ -1,11 +1,11 @@
 """One-way latency through an empty link: from the servo's hand-over to the decoded value in the peer's slot.
 
-The whole path of `RealtimeSide` is measured where it runs: stamped when the servo hands a message over, and when the
-peer's endpoint has taken it. Raw Zenoh carries messages of the same form between two processes, with the same
-configuration, in turns with it. Both ends are on one machine, so CLOCK_MONOTONIC is common to them.
+The whole path of `RealtimeSide` is measured in real processes: one stamp when the servo hands a message over, another
+when the peer's endpoint has taken it. In turns with it, raw Zenoh carries messages of the same form between two
+processes with the same configuration. Both ends are on one machine, so they share CLOCK_MONOTONIC.
 
-Under `--realtime` the hand-over is in the servo's process, which keeps no stamps: there a message counts from its own
-`sent_ns`, the start of the tick that sent it. So the hop from that process is covered, and the tick as well.
+With `--realtime` the hand-over is in the servo's process, which keeps no stamps. There the latency counts from the
+message's own `sent_ns`, the start of the tick that sent it. So it includes the hop from that process, and the tick.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ from hapnet.transport.config import ZenohSettings, free_address, zenoh_config
 from hapnet.wire.messages import Position, decode, encode
 
 Stamps = list[tuple[int, bytes]]
-"""When a message was handed over, or had arrived [ns], and its bytes, which are unique."""
+"""The time when a message was handed over or had arrived [ns], and its bytes, which are unique."""
 
 _PERIOD_NS = 1_000_000
 _KEY = "hapnet/bench/raw/up/position"
-_SETTLE_S = 0.5  # at the start: connections are young, code is cold
+_SETTLE_S = 0.5  # not measured, at the start: connections and caches are cold
 _JOIN_S = 30.0
 
 
@@ -53,7 +53,7 @@ def one_way_latency(options: Options) -> Row:
 
 
 def one_way_latency_realtime(options: Options) -> Row:
-    """The same for a device under `--realtime`: its servo in a process of its own, and one more socket on the way."""
+    """The same for a device with `--realtime`: its servo is a process of its own, with one more socket on the way."""
     refusals: list[str] = []
 
     def once(seconds: float) -> Distribution:
@@ -74,7 +74,7 @@ def one_way_latency_realtime(options: Options) -> Row:
 
 
 def in_turns(once: Callable[[float], Distribution], options: Options) -> tuple[list[Distribution], list[Distribution]]:
-    """Each round of `once` and of raw Zenoh; who is first changes."""
+    """The rounds of `once` and of raw Zenoh, which take turns in going first."""
     subject: list[Distribution] = []
     bare: list[Distribution] = []
     for number in range(options.rounds):
@@ -91,7 +91,7 @@ def hapnet_once(seconds: float) -> Distribution:
 
 
 def run_sides(seconds: float, *, realtime: bool) -> list[tuple[Stamps, str]]:
-    """A device and a world in processes of their own; of each what `run_side` gives."""
+    """Run a device and a world in processes of their own; returns the result of `run_side` for each."""
     address = free_address()
     with (
         Child(run_side, "world", address, seconds, False) as world,
@@ -113,13 +113,13 @@ def raw_once(seconds: float) -> Distribution:
 
 
 def tick_starts(arrived: Stamps) -> Stamps:
-    """When the ticks began that sent these positions, by the positions' own word; other messages are left out."""
+    """The starts of the ticks that sent these positions, by the positions' own stamps; others are left out."""
     messages = [(decode(data), data) for _, data in arrived]
     return [(message.sent_ns, data) for message, data in messages if isinstance(message, Position)]
 
 
 def join(handed_over: Stamps, arrived: Stamps) -> Distribution:
-    """Latencies [us] of what arrived, but for the first half second."""
+    """Latencies [us] of what arrived after the first half second."""
     if not handed_over:
         raise HapnetError("one_way_latency: the servo handed nothing over")
     since_ns = handed_over[0][0] + round(_SETTLE_S * 1e9)
@@ -131,13 +131,13 @@ def join(handed_over: Stamps, arrived: Stamps) -> Distribution:
 
 
 class StampedSide(RealtimeSide):
-    """A side that notes when its control thread hands a position over, and when a position has been taken in."""
+    """A side that notes when its control thread hands a position over, and when its endpoint has taken one."""
 
     def __init__(self, role: Literal["device", "world"], address: str, params: Params, *, realtime: bool) -> None:
         ends = (address,)
         where = ZenohSettings(listen=ends) if role == "world" else ZenohSettings(connect=ends)
         self.refusal = ""
-        """Why there is no real-time scheduling, if there is none and there should be."""
+        """Why real-time scheduling was refused; empty if it was not, or was not asked for."""
         setup = prepare(params, "sampled")
         super().__init__(setup, role, where, session="bench", seed=0, realtime=realtime, notify=self._heed)
         self.handed_over: Stamps = []
@@ -149,7 +149,7 @@ class StampedSide(RealtimeSide):
             arrived.append((clock(), data))
             return events
 
-        vars(self.wire)["receive"] = stamped  # the instance's own, before the class's
+        vars(self.wire)["receive"] = stamped  # an attribute of the instance, which hides the class's method
 
     def _heed(self, notice: Notice) -> None:
         if notice.kind == "realtime":
@@ -163,7 +163,7 @@ class StampedSide(RealtimeSide):
 def run_side(
     gate: Gate, role: Literal["device", "world"], address: str, seconds: float, realtime: bool
 ) -> tuple[Stamps, str]:
-    """One side for `seconds` after pairing: what the device handed over or the world took in; why not real-time."""
+    """Run one side for `seconds` after pairing: the device's hand-overs or the world's arrivals, and `refusal`."""
     words = {"device.pspm_period_s": KILOHERTZ["device.pspm_period_s"], "link.up": "", "link.down": ""}
     duration_s = seconds + _SETTLE_S
     params = Params().set({**words, "operator": "sine", "duration_s": duration_s})
@@ -177,7 +177,7 @@ def run_side(
 
 
 def send_raw(gate: Gate, address: str, seconds: float) -> Stamps:
-    """Put messages of the same bytes on absolute deadlines, as the servo does."""
+    """Put messages of the same form on absolute deadlines, as the servo does."""
     set_timer_slack()
     with zenoh.open(zenoh_config(ZenohSettings(connect=(address,)))) as session, tuned_interpreter():
         publisher = session.declare_publisher(

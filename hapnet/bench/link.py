@@ -7,7 +7,7 @@ from netem.bench import LATENESS_PROFILE, RATE, lateness_runs
 
 
 def link_release(options: Options) -> Row:
-    """From due to released, 2,000 a second."""
+    """Time from a packet's due time to its release, 2,000 packets a second."""
     runs = lateness_runs(options.rounds, options.seconds)
     subject, bare = ([Distribution.of(run[i], 1e-3) for run in runs] for i in (0, 1))
     what = f"release lateness of a link with {LATENESS_PROFILE.split(' limit')[0]}, {RATE} a second"

@@ -1,4 +1,4 @@
-"""How long shuffled energy takes to be credited, over round trip and loss: virtual time, exact under its seed."""
+"""How long shuffled energy takes until it is credited, over round trip and loss: in virtual time, exact for a seed."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from netem import Link, LinkProfile
 
 _LUMP_J = 1e-3
 _PAUSE_NS = 250_000_000
-"""Between a credit and the next lump: each is alone, so only its own retransmission repairs its loss."""
-_LUMPS = 300  # for each second of a round's length
+"""Time between a credit and the next lump [ns]: each lump is alone, so only its own retransmission repairs its loss."""
+_LUMPS = 300  # per second of a round's length
 
 
 def energy_recovery(rtt_ms: float, loss: str, name: str, options: Options) -> Row:
-    """From handing a lump of energy to the channel to its credit at the peer; the round trip is the links' alone."""
+    """Time from handing a lump of energy to the channel to its credit at the peer; only the links delay it."""
     profile = LinkProfile.parse(f"delay {rtt_ms / 2:g}ms loss {loss}")
     count = max(100, round(_LUMPS * options.seconds))
     rounds = [Distribution.of(credit_times(profile, count, seed), 1e-6) for seed in range(options.rounds)]

@@ -1,4 +1,4 @@
-"""The bare references: the same computation as one would first write it, without accounts and checks."""
+"""The bare references: the same computations in their simplest form, without energy accounts and checks."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class PenaltyWorld:
         self.v = [0.0] * 3
 
     def step(self, dt: float, set_position: Vector) -> None:
-        """One step of dt [s], semi-implicit; unlike the passive integrator it is stable only where dt is short."""
+        """One semi-implicit step of dt [s]; unlike the passive integrator it is stable only for short dt."""
         x, v = self.x, self.v
         for i in range(3):
             force = -self.stiffness * (x[i] - set_position[i]) - self.damping * v[i]
@@ -94,7 +94,7 @@ class PenaltyWorld:
 
 
 def plain_substeps(axes: int, seconds: float) -> float:
-    """4 substeps a millisecond of `axes` masses on a spring, written out and nothing else; where the first ends [m]."""
+    """4 substeps per millisecond of `axes` masses on a spring, nothing else; returns the first one's position [m]."""
     x, v = [0.01] * axes, [0.0] * axes
     if axes == 1:
         x0, v0 = 0.01, 0.0

@@ -1,4 +1,4 @@
-"""The rows of `hapnet bench`, by name, in the order in which they are measured and shown."""
+"""The rows of `hapnet bench` by name, in the order of measurement and display."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def select(only: Sequence[str]) -> dict[str, Measure]:
 
     Raises
     ------
-    InvalidParameter : a name that no row has.
+    InvalidParameter : no row has such a name.
     """
     for word in only:
         if not any(fnmatchcase(name, word) for name in ROWS):

@@ -26,7 +26,7 @@ _SHADE = 0.25
 
 
 def table(rows: Sequence[Row]) -> RenderableType:
-    """A line each: least, median, p99; the reference's median and p99; ratios; what is allowed, and if it is met."""
+    """One line per row: least, median, p99; the reference's median and p99; ratios; limits, and if each is met."""
     from rich import box
     from rich.console import Group
     from rich.table import Table
@@ -53,12 +53,12 @@ def table(rows: Sequence[Row]) -> RenderableType:
 
 
 def has_histogram(row: Row) -> bool:
-    """Whether the figure has a panel for it: there are values enough."""
+    """Whether the figure has a panel for this row: it needs enough values."""
     return row.panel and row.samples is not None and row.samples.counts.sum() >= _ENOUGH
 
 
 def figure(rows: Sequence[Row]) -> Figure:
-    """A panel for every row with enough values: share of the values in each bin, subject and reference."""
+    """A panel for every row with enough values: the shares of values in each bin, for subject and reference."""
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -90,7 +90,7 @@ def figure(rows: Sequence[Row]) -> Figure:
 
 
 def save_figure(rows: Sequence[Row], path: Path) -> Path:
-    """Draw and write; the path."""
+    """Draw the figure and write it; returns the path."""
     from hapnet import report
 
     report.save_figure(figure(rows), path)
@@ -113,7 +113,7 @@ def _panel(panel: Axes, row: Row) -> None:
             panel.stairs(share, edges, fill=True, alpha=_SHADE, **style)
         panel.stairs(share, edges, linewidth=1.1, **style)
         assert figures is not None
-        # the table's figures, whose ratio is the title; quantiles of all rounds together would be others
+        # the table's figures, whose ratio is in the title; quantiles over all rounds together would differ
         for value, dash in ((figures.median, "--"), (figures.p99, ":")):
             panel.axvline(value, linestyle=dash, linewidth=1.0, **style)
     panel.set(xscale="log", yscale="log", xlabel=f"{row.name} [{row.unit}]", ylim=(None, 2.0))
@@ -128,7 +128,7 @@ def _panel(panel: Axes, row: Row) -> None:
 
 
 def _histogram(part: Distribution, edges: Any) -> Any:
-    """Share of all values in each bin."""
+    """The share of all values in each bin."""
     counts, _ = np.histogram(np.maximum(part.values, edges[0]), bins=edges, weights=part.counts)
     return counts / part.counts.sum()
 

@@ -1,4 +1,4 @@
-"""What a benchmark gives: distributions by rounds, summed up, beside those of a bare reference."""
+"""A benchmark's result: distributions per round, their figures, and those of a bare reference."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from hapnet.checks import Array
 class Options:
     """How long and how often to measure.
 
-    seconds : length of a round [s]. rounds : figures are medians over so many.
-    realtime : SCHED_FIFO for the servo, and for the bare loop beside it. beside : busy processes beside the traffic.
+    seconds : length of a round [s]. rounds : their number; figures are medians over them.
+    realtime : SCHED_FIFO for the servo and for the bare loop. beside : number of busy processes during servo_traffic.
     """
 
     seconds: float
@@ -35,19 +35,19 @@ class Distribution:
 
     @classmethod
     def of(cls, samples: Iterable[float], scale: float = 1.0) -> Distribution:
-        """Of single measurements, each multiplied by `scale`."""
+        """From single measurements, each multiplied by `scale`."""
         values = np.sort(np.fromiter(samples, dtype=float)) * scale
         return cls(values, np.ones(len(values)))
 
     @classmethod
     def of_bins(cls, bins: Iterable[Sequence[float]], scale: float = 1.0) -> Distribution:
-        """Of (value, count) pairs, ascending."""
+        """From (value, count) pairs, ascending; each value is multiplied by `scale`."""
         table = np.array(list(bins), dtype=float).reshape(-1, 2)
         return cls(table[:, 0] * scale, table[:, 1])
 
     @classmethod
     def together(cls, parts: Sequence[Distribution]) -> Distribution:
-        """All of them in one."""
+        """All parts in one distribution."""
         values = np.concatenate([part.values for part in parts])
         order = np.argsort(values)
         return cls(values[order], np.concatenate([part.counts for part in parts])[order])
@@ -60,7 +60,7 @@ class Distribution:
 
 @dataclass(frozen=True)
 class Figures:
-    """Over the rounds: the least value of all; the median of the rounds' medians, and of their 99th percentiles."""
+    """Figures over the rounds: the least value, the median of the medians, and the median of the 99th percentiles."""
 
     least: float
     median: float
@@ -68,7 +68,7 @@ class Figures:
 
     @classmethod
     def of(cls, rounds: Sequence[Distribution], *, higher_is_better: bool = False) -> Figures:
-        """`p99` is what 99 % of the measurements are at least as good as: of rates, the first percentile."""
+        """The figures of these rounds. `p99` is the worst of the best 99 %: for rates the first percentile."""
         tail = 0.01 if higher_is_better else 0.99
         return cls(
             min(float(part.values[0]) for part in rounds),
@@ -79,7 +79,7 @@ class Figures:
 
 @dataclass(frozen=True)
 class Limit:
-    """What the project asks of a row: a figure of it (`Row.figure`) and its bound."""
+    """A limit that the project sets for a row: a figure (`Row.figure`) and its bound."""
 
     figure: str
     bound: float
@@ -97,9 +97,9 @@ class Row:
     """One line of the table.
 
     name, unit : of the figures. what, against : what is measured, and the bare reference, in words.
-    figures, reference : None where there is nothing to show; `note` then says why.
-    more : further figures by name. limits : what is asked for.
-    samples, bare : the distributions over all rounds, for the histograms; `panel` whether the figure has one.
+    figures, reference : None if there is nothing to show; `note` then says why.
+    more : further figures by name. limits : that the project sets.
+    samples, bare : the distributions over all rounds, for the histograms. panel : whether the figure shows them.
     """
 
     name: str
@@ -118,12 +118,12 @@ class Row:
 
     @property
     def ratio(self) -> float | None:
-        """The median over the reference's, both as of `Figures`: medians over the rounds, then their ratio."""
+        """The median divided by the reference's; both are medians over the rounds (`Figures`)."""
         return self._over(lambda figures: figures.median)
 
     @property
     def ratio_p99(self) -> float | None:
-        """The 99th percentile over the reference's, likewise: the ratio of two medians over the rounds."""
+        """The 99th percentile divided by the reference's; both are medians over the rounds."""
         return self._over(lambda figures: figures.p99)
 
     def figure(self, name: str) -> float | None:
@@ -133,12 +133,12 @@ class Row:
         return getattr(self, name) if name in ("ratio", "ratio_p99") else self.more.get(name)
 
     def verdicts(self) -> list[tuple[Limit, bool]]:
-        """Every limit of a figure that was measured, and whether it was met."""
+        """Every limit whose figure was measured, and whether it was met."""
         found = [(limit, self.figure(limit.figure)) for limit in self.limits]
         return [(limit, limit.met(value)) for limit, value in found if value is not None]
 
     def as_dict(self) -> dict[str, Any]:
-        """As `--json` has it."""
+        """The row as `--json` writes it."""
         figures, reference = self.figures, self.reference
         return {
             "name": self.name,

@@ -17,7 +17,7 @@ BARE = "time.sleep to absolute deadlines in a process of its own"
 
 @dataclass(frozen=True)
 class Lateness:
-    """How a loop kept its deadlines: (lateness [ns], count) pairs, and how many deadlines it gave up."""
+    """How a loop kept its deadlines: (lateness [ns], count) pairs, and how many deadlines it skipped."""
 
     bins: tuple[tuple[int, int], ...]
     skipped: int
@@ -29,7 +29,7 @@ class Lateness:
 
     @property
     def late(self) -> int:
-        """Ticks that came a period late or more."""
+        """Ticks that were late by a period or more."""
         return sum(count for edge, count in self.bins if edge >= PERIOD_NS)
 
     @property
@@ -39,7 +39,7 @@ class Lateness:
 
 
 def bare_loop(gate: Gate, seconds: float, realtime: bool) -> Lateness:
-    """The reference: wakes at each deadline, and does nothing else."""
+    """The reference: a loop that wakes at each deadline and does nothing else."""
     set_timer_slack()
     late: list[int] = []
     clock, sleep = time.monotonic_ns, time.sleep
@@ -62,7 +62,7 @@ def bare_loop(gate: Gate, seconds: float, realtime: bool) -> Lateness:
 
 
 def servo_loop(gate: Gate, seconds: float, realtime: bool, busy_thread: bool) -> Lateness:
-    """The servo with an empty tick, and if asked for a second thread that computes all the time."""
+    """The servo with an empty tick and, if `busy_thread`, a second thread that computes all the time."""
     stop = threading.Event()
 
     def compute() -> None:
@@ -85,7 +85,7 @@ def servo_loop(gate: Gate, seconds: float, realtime: bool, busy_thread: bool) ->
 
 
 def servo_idle(options: Options) -> Row:
-    """The servo with an empty tick, nothing else in its process."""
+    """The servo with an empty tick, and nothing else in its process."""
     return _beside_bare("servo_idle", "lateness of the servo, empty tick, idle process", options, busy_thread=False)
 
 
@@ -96,7 +96,7 @@ def servo_busy_thread(options: Options) -> Row:
 
 
 def late_share(subject: list[Lateness], bare: list[Lateness]) -> dict[str, float]:
-    """Share of all ticks that came a period late or more, here and in the bare loop, the difference; and of skipped."""
+    """Shares of ticks: late by a period or more, in the servo and in the bare loop, and the difference; and skipped."""
     ours, theirs = (sum(part.late for part in parts) / sum(part.ticks for part in parts) for parts in (subject, bare))
     skipped, bare_skipped = (
         sum(part.skipped for part in parts) / sum(part.ticks for part in parts) for parts in (subject, bare)

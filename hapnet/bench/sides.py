@@ -1,4 +1,4 @@
-"""The two processes of a pair, as a benchmark starts and hears them."""
+"""The two processes of a pair, started and read by a benchmark."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ def start_pair(
     realtime: bool,
     beside: Callable[[str], AbstractContextManager[object]] | None = None,
 ) -> tuple[Side, Side]:
-    """A device and a world that have paired; both record, and end with `stack`.
+    """Start a device and a world that pair; both record, and end with `stack`.
 
-    beside : entered with the world's address, before the device starts: that must not disturb what is measured.
+    beside : entered with the world's address before the device starts, so that it does not disturb the measurement.
     """
     directory = Path(stack.enter_context(TemporaryDirectory(prefix="hapnet-bench-")))
     (directory / "params.toml").write_text(params.toml(), encoding="utf-8")
     address, session = free_address(), f"bench-{secrets.token_hex(4)}"
     with uninterrupted():
         world = stack.enter_context(Side("world", directory, "--listen", address, "--session", session))
-    world.expect("waiting")  # it has loaded its libraries: that must not disturb what is measured
+    world.expect("waiting")  # it has loaded its libraries, which would disturb the measurement
     if beside is not None:
         stack.enter_context(beside(address))
     flags = ["--realtime"] if realtime else []
@@ -84,14 +84,14 @@ class Side:
         self._errors.close()
 
     def expect(self, kind: str) -> None:
-        """Return when it tells something of this kind."""
+        """Wait for a notice of this kind."""
         for told in self._told(READY_S):
             if told == kind:
                 return
         raise HapnetError(self._failure(f"ended before it was {kind}"))
 
     def summary(self, timeout_s: float) -> dict[str, Any]:
-        """Its summary, once it has ended."""
+        """The process's summary; waits until it has ended."""
         for _ in self._told(timeout_s):
             pass
         if self._process.wait(timeout_s) != 0:

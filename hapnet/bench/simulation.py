@@ -20,7 +20,7 @@ _WORDS: dict[int, dict[str, object]] = {1: {}, 3: {"scene": "box", "operator": "
 
 
 def simulate_ndof(axes: int, options: Options) -> Row:
-    """`hapnet.simulate` as it comes: continuous servo, 4 substeps, ledgers, recording."""
+    """`hapnet.simulate` with its defaults: continuous servo, 4 substeps, ledgers, recording."""
     seconds = max(_SIMULATED_S, options.seconds)
     params = Params().set({"duration_s": seconds, **_WORDS[axes]})
     runs = [

@@ -1,7 +1,7 @@
 """The servo's lateness under load: a device and a world process over Zenoh, as `hapnet run` starts them.
 
-1 kHz of positions each way over an empty link, both sides recording. Meanwhile a bare deadline loop runs in a process
-of its own under the same scheduling.
+Positions go at 1 kHz each way over an empty link, and both sides record. Meanwhile a bare deadline loop runs in a
+process of its own with the same scheduling.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from hapnet.params import Params
 
 KILOHERTZ = {"world.step_min_s": 0.001, "world.step_max_s": 0.001, "device.pspm_period_s": 0.001}
 LATE_EXCESS = 0.0003
-"""0.03 points: by how much the share of ticks late by a period may exceed the bare loop's."""
+"""By how much the share of ticks late by a period may exceed the bare loop's: 0.03 percentage points."""
 
 
 def servo_traffic(options: Options) -> Row:
@@ -59,7 +59,7 @@ def _round(options: Options) -> tuple[Lateness, Lateness, float]:
         loop.go()
         bare = loop.result(seconds + 30.0)
         summaries = [side.summary(seconds + 30.0) for side in (device, world)]
-    # up, the few messages about energy count too; down, a position each step
+    # the uplink's count includes a few energy messages; the world sends one position per step
     sent = (summaries[0]["links"]["up"]["offered"], summaries[1]["world"]["step"]["count"])
     rate = min(count / summary["duration_s"] for count, summary in zip(sent, summaries, strict=True))
     return lateness(summaries[0], device), bare, rate

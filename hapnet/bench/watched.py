@@ -1,4 +1,4 @@
-"""The servo's lateness while somebody watches the pair, beside the same with nobody watching, in turns."""
+"""The servo's lateness while somebody watches the pair, in turns with the same pair while nobody watches."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ HEADLESS = ("--headless", "--no-sandbox", "--disable-gpu", "--use-angle=swiftsha
 
 
 def servo_watched(options: Options) -> Row:
-    """A client that reads everything stands for the page; with --realtime, a browser shows the page where there is one.
+    """A client that reads all telemetry stands for the page; with --realtime a browser shows the page, if there is one.
 
-    A browser on the same cores takes what it takes from a servo that has no priority over it.
+    Without --realtime there is no browser: on the same cores it would delay a servo that has no priority over it.
     """
     browser = next(filter(None, map(shutil.which, BROWSERS)), None) if find_spec("viser") is not None else None
     browser = browser if options.realtime else None
@@ -82,10 +82,10 @@ def _read(gate: Gate, address: str, seconds: float) -> None:
 
     watcher = Watcher(ZenohSettings(connect=(address,)), History().take)
     watcher.open()
-    while watcher.pair is None:  # or nobody would read
+    while watcher.pair is None:  # until then nothing is read
         time.sleep(0.05)
     gate()
-    time.sleep(2.0 * seconds + 60.0)  # it is ended before that
+    time.sleep(2.0 * seconds + 60.0)  # the benchmark ends this process earlier
 
 
 def _show(gate: Gate, address: str, seconds: float, port: int) -> None:

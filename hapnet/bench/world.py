@@ -57,7 +57,7 @@ def world_step_wall(options: Options) -> Row:
 
 
 def integrator_step(n: int, options: Options) -> Row:
-    """The passive midpoint integrator in free space, with full matrices and a step that varies."""
+    """The passive midpoint integrator in free space, with full matrices and varying steps."""
     rng = np.random.default_rng(n)
     root = rng.normal(size=(n, n))
     coupled = root @ root.T + n * np.eye(n)
