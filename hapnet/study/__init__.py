@@ -1,1 +1,1 @@
-"""Studies: many runs in virtual time, measured alike: couplings against each other, parameters over ranges."""
+"""Studies: many runs in virtual time with the same measures, to compare couplings or to vary parameters."""

@@ -1,4 +1,4 @@
-"""Where tasks run: the processes of this machine, or a cluster. The runner of a study knows no more of them."""
+"""Where tasks run: in processes of this machine, or on a cluster. A study's runner needs to know no more."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ TaskOutcome = Outcome[Task, list[CaseResult]]
 
 
 class Backend(Protocol):
-    """Workers. `close` ends those that this process started, with whatever they are doing."""
+    """Workers. `close` ends those that this process started, even while they work."""
 
     @property
     def workers(self) -> int:
-        """How many tasks run at once; may change."""
+        """How many tasks run at once; the number may change."""
 
     @property
     def room(self) -> int:
-        """How many tasks may be submitted now; workers that are never idle have some waiting."""
+        """How many tasks may be submitted now; a few more than run, so that no worker is idle."""
 
     def submit(self, task: Task) -> None: ...
 
     def wait(self, limit_s: float) -> list[TaskOutcome]:
-        """The tasks that have ended since the last call; waits up to `limit_s` for one."""
+        """The tasks that have ended since the last call; waits up to `limit_s` [s] for one."""
 
     def close(self) -> None: ...
 

@@ -21,29 +21,29 @@ from hapnet.summary.structure import LinkPart, SidePart, Summary
 from hapnet.summary.verdict import ROUNDING_J, broken
 
 Measures = dict[str, float | None]
-"""Values by the names of their metrics; None where a run cannot tell."""
+"""Values by the names of their metrics; None where a run does not give one."""
 
 DEADBAND = "wire.deadband"
-"""The reference run over an ideal link has no deadband either."""
+"""The deadband's parameter: the reference run over an ideal link has no deadband either."""
 
 _REFERENCES = 4
-"""Reference runs that are kept, a few megabytes each: cases that differ only in their link follow each other."""
+"""How many reference runs are kept, a few megabytes each: cases that differ only in their link follow each other."""
 
 
 def was_passive(measures: Measures) -> bool:
-    """Did both ports of a case stay within d^2, as far as is known, and its coupling keep what it claims?"""
+    """Did both ports of a case stay within d^2, as far as is known, and did its coupling keep its claim?"""
     margin = measures.get("margin_J")
     return (margin is None or margin >= -ROUNDING_J) and kept(measures)
 
 
 def kept(measures: Measures) -> bool:
-    """Did the coupling of a case keep what it claims?"""
+    """Did the coupling of a case keep its claim?"""
     return measures.get("claim_kept") != 0.0
 
 
 @dataclass(frozen=True)
 class Run:
-    """A simulated run, each tick of the servo recorded, and the walls of its scene."""
+    """A simulated run with each tick of the servo recorded, and the walls of its scene."""
 
     params: Params
     result: Result
@@ -55,9 +55,9 @@ class Run:
 
 
 def measure(params: Params, seed: int) -> Measures:
-    """Simulate, and measure every metric. Each tick is recorded, whatever `params.record_hz` says.
+    """Simulate, and measure every metric. Each tick is recorded, whatever `params.record_hz` is.
 
-    "auto" stands for the sampled servo, as on hardware, so that all couplings of a comparison have the same.
+    "auto" stands for the sampled servo, as on hardware, so that all couplings of a comparison have the same servo.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def measure(params: Params, seed: int) -> Measures:
 
 
 def check(params: Params) -> tuple[str, ...]:
-    """The warnings of a run, without running it. Raises what `measure` raises for parameters that do not fit."""
+    """The warnings of a run, without running it. For bad parameters it raises what `measure` raises."""
     return Simulation(_studied(params)).setup.warnings
 
 
@@ -81,7 +81,7 @@ def simulated(params: Params, seed: int) -> Run:
 
 
 def measures(run: Run, ideal: Recording) -> Measures:
-    """What a run shows. `ideal` : the recording of the same one over an ideal link."""
+    """The measures of a run. `ideal` : the recording of the same run over an ideal link."""
     result, recording, walls = run.result, run.recording, run.walls
     summary = result.summary
     theorem, motion, (up, down) = summary["theorem"], summary["motion"], _links(summary)
@@ -135,7 +135,7 @@ def _reference(ideal: Params, seed: int) -> tuple[Measures, Recording]:
 
 
 def _ideal(params: Params) -> Params:
-    """The same over an ideal link, and without a deadband."""
+    """The same parameters with an ideal link and without a deadband."""
     nothing = {"link.up": "", "link.down": "", "link.up_timeline": "", "link.down_timeline": ""}
     return params.set({**nothing, DEADBAND: 0.0})
 
@@ -165,7 +165,7 @@ def _links(summary: Summary) -> tuple[LinkPart, LinkPart]:
 
 
 def _slack(summary: Summary) -> float | None:
-    """The least slack of both sides; None for a coupling without reservoirs, of which it says nothing."""
+    """The least slack of both sides; None for a coupling without reservoirs, for which it has no meaning."""
     sides = _sides(summary)
     slacks = [side["ledger"]["slack_J"] for side in sides]
     if any(side["reservoir_min_J"] is None for side in sides):

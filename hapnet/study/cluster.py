@@ -1,4 +1,4 @@
-"""Workers of a Dask cluster that runs already, as a `Backend`."""
+"""The workers of a running Dask cluster, as a `Backend`."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from hapnet.versions import versions
 from netem.versions import DISTRIBUTION
 
 REACH_S = 5.0
-"""So long a scheduler may take to answer, and to have a worker."""
+"""How long a scheduler may take to answer, and to have a worker [s]."""
 _LOOK_S = 5.0
-_AHEAD = 2  # tasks a thread: one runs, one waits at the worker
+_AHEAD = 2  # tasks per thread: one runs, one waits at the worker
 
 
 class DaskCluster:
@@ -30,8 +30,8 @@ class DaskCluster:
     Raises
     ------
     InvalidParameter : `address` is not an address. MissingLibrary : dask.distributed is not installed.
-    HapnetError : nobody answers there, no worker is there, or one has another hapnet; from `wait` and `submit`, when
-        the scheduler is gone.
+    HapnetError : nobody answers there, there is no worker, or a worker has another version of hapnet; from `wait` and
+        `submit`, when the scheduler is gone.
     """
 
     def __init__(self, address: str) -> None:
@@ -42,7 +42,7 @@ class DaskCluster:
         except ImportError:
             raise MissingLibrary("--dask", "distributed", "sweep") from None
         for name in ("distributed", "distributed.client", "distributed.comm", "distributed.core"):
-            logging.getLogger(name).setLevel(logging.CRITICAL)  # what is worth saying of it is said here
+            logging.getLogger(name).setLevel(logging.CRITICAL)  # this class reports what matters
         self._address = address
         self._ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._tasks: dict[str, tuple[Any, Task]] = {}
@@ -95,13 +95,13 @@ class DaskCluster:
         return [outcome for outcome in outcomes if outcome is not None]
 
     def close(self) -> None:
-        with suppress(Exception):  # whatever is wrong with the cluster, we are through with it
+        with suppress(Exception):  # whatever is wrong with the cluster, it is not needed any more
             self._client.cancel([future for future, _ in self._tasks.values()], force=True)
         with suppress(Exception):
             self._client.close(timeout=REACH_S)
 
     def _outcome(self, future: Any) -> TaskOutcome | None:
-        """None if a worker died before its result was fetched: the scheduler then computes it again."""
+        """The outcome of a task; None if a worker died before its result was fetched: then the scheduler repeats it."""
         task = self._tasks[future.key][1]
         outcome = None
         if future.status == "finished":
@@ -124,13 +124,13 @@ class DaskCluster:
         self._looked_s = time.monotonic()
         if not (new := sorted(set(self._threads) - before)):
             return
-        # a function of the library's, which workers without hapnet have too
+        # a library function, which also workers without hapnet have
         found = self._ask(self._client.run, metadata.version, DISTRIBUTION, workers=new, on_error="return")
         ours = versions()[DISTRIBUTION]
         for worker, theirs in found.items():
             if isinstance(theirs, metadata.PackageNotFoundError):
                 raise HapnetError(f"the Dask worker at {worker} has no hapnet: {DISTRIBUTION} {ours} runs here")
-            if isinstance(theirs, str) and theirs != ours:  # else it is gone again
+            if isinstance(theirs, str) and theirs != ours:  # otherwise the worker is gone again
                 raise HapnetError(f"the Dask worker at {worker} has hapnet {theirs}: {DISTRIBUTION} {ours} runs here")
 
     def _alive(self) -> None:

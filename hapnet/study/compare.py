@@ -1,4 +1,4 @@
-"""Couplings against each other: the same links, hands and seeds for each, and what they showed over all of these."""
+"""Comparisons of couplings: the same links, hands and seeds for each, and the measures over all of these."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from hapnet.summary.verdict import ROUNDING_J
 
 NAME = "compare"
 LIGHT = "@light"
-"""Suffix of an operator's name: with a relaxed hand. A firm hand damps what a bad coupling does."""
+"""Suffix of an operator's name: it has a relaxed hand. A firm hand damps what a bad coupling does."""
 
 
 class Variant(NamedTuple):
-    """What is compared: a coupling, with the Weber fraction below which a change of position is not sent."""
+    """What is compared: a coupling, with the Weber fraction of its deadband (0: none)."""
 
     coupling: str
     deadband: float = 0.0
@@ -47,7 +47,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a case measured or, in one line, why it failed."""
+    """The measures of a case or, in one line, why it failed."""
 
     case: Case
     measures: Measures | None
@@ -61,9 +61,9 @@ class Plan:
     Parameters
     ----------
     params : of all cases, except for what follows.
-    links : names, each with the words of the uplink and of the downlink.
+    links : by name, the words of the uplink and of the downlink.
     operators : as `Params.operator`, followed by `LIGHT` for a relaxed hand.
-    deadbands : each coupling is tried with each. extra : variants of these couplings beside those.
+    deadbands : each coupling is tried with each of them. extra : further variants of these couplings.
     """
 
     params: Params
@@ -76,12 +76,12 @@ class Plan:
 
     @property
     def variants(self) -> list[Variant]:
-        """Variants in the order of the couplings, the extra ones beside theirs."""
+        """All variants in the order of their couplings, the extra ones included."""
         every = [Variant(coupling, deadband) for coupling in self.couplings for deadband in self.deadbands]
         return sorted({*every, *self.extra}, key=lambda one: (self.couplings.index(one.coupling), one.deadband))
 
     def cases(self) -> list[Case]:
-        """Every case. Those that differ only in their link stand together, as they share a reference run."""
+        """Every case. Cases that differ only in their link are neighbours, as they share a reference run."""
         alike = [[one for one in self.variants if one.coupling == coupling] for coupling in self.couplings]
         return [
             self.case(variant, link, operator, seed)
@@ -90,7 +90,7 @@ class Plan:
         ]
 
     def case(self, variant: Variant, link: str, operator: str, seed: int) -> Case:
-        """One of them. Raises InvalidParameter if its parameters do not go together."""
+        """One case. Raises InvalidParameter if its parameters do not go together."""
         values = self._values(variant, link, operator)
         ways = values.pop(LINK)
         changes = values | {f"link.{way}": words for way, words in ways.items()}
@@ -123,7 +123,7 @@ class Plan:
         return Spec(NAME, fixed, products)
 
     def outcomes(self, rows: Iterable[Row]) -> list[Outcome]:
-        """What the cases showed, in their order, by the journal's rows of `spec`; every case must have been run."""
+        """The outcomes of the cases, in their order, from the journal's rows for `spec`. All must have been run."""
         spec, found = self.spec, {row.case.key: row for row in rows}
         digests: dict[tuple[Variant, str, str], str] = {}
         outcomes = []
@@ -147,7 +147,7 @@ class Plan:
         }
 
     def _hand(self, operator: str) -> Values:
-        """The hand of an operator, where not all of them have the same."""
+        """The parameters of an operator's hand; none if all operators have the same hand."""
         if not any(one.endswith(LIGHT) for one in self.operators):
             return {}
         light = operator.endswith(LIGHT)
@@ -156,7 +156,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Spread:
-    """A metric over several cases: how many knew it, and the median, quartiles (linear) and extremes of these."""
+    """A metric over several cases: how many have a value, and these values' median, quartiles (linear) and extremes."""
 
     count: int
     median: float
@@ -168,10 +168,10 @@ class Spread:
 
 @dataclass(frozen=True)
 class Group:
-    """The cases of a variant over a link, of one operator or of all (None).
+    """The cases of a variant over a link, with one operator or with all (None).
 
-    `spreads` has the metrics that at least one case knew. `passive` and `hand_passive`: in how many cases the two-port
-    margin and the hand's were not negative.
+    `spreads` contains the metrics for which at least one case has a value. `passive` and `hand_passive` : in how many
+    cases the two-port margin, and the margin at the hand's port, were not negative.
     """
 
     variant: Variant
@@ -193,7 +193,7 @@ class Group:
 
 
 def groups(plan: Plan, outcomes: Sequence[Outcome]) -> list[Group]:
-    """One group per link and variant: over all operators first and then, if there are several, for each operator."""
+    """The groups: for each link and variant one over all operators and, if there are several, one for each operator."""
     each: tuple[str | None, ...] = plan.operators if len(plan.operators) > 1 else ()
     return [
         _group(variant, link, operator, outcomes)
@@ -220,7 +220,7 @@ def _group(variant: Variant, link: str, operator: str | None, outcomes: Sequence
 
 
 def _positive(known: Sequence[Measures], margin: str) -> int:
-    """How many margins are not negative, up to rounding."""
+    """How many of these margins are not negative, up to rounding."""
     return sum((value := measures[margin]) is not None and value >= -ROUNDING_J for measures in known)
 
 

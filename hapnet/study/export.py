@@ -17,7 +17,7 @@ from hapnet.study.spec import LINK, SEED, flat_of, link_words, value_words
 NAME = "results"
 FORMATS = ("auto", "csv", "parquet", "both")
 TIMING = ("wall_s", "worker")
-"""The last columns: the only ones in which two runs of the same sweep differ."""
+"""The last columns; only these differ between two runs of the same sweep."""
 _WORDS = (LINK, "error", "worker")
 
 Table = dict[str, list[Any]]
@@ -25,11 +25,11 @@ Table = dict[str, list[Any]]
 
 
 def formats(word: str) -> tuple[str, ...]:
-    """The files' endings that ``auto``, ``csv``, ``parquet`` or ``both`` stands for.
+    """The file endings for ``auto``, ``csv``, ``parquet`` or ``both``.
 
     Raises
     ------
-    InvalidParameter : none of these. MissingLibrary : Parquet is asked for by name, and pyarrow is not there.
+    InvalidParameter : `word` is none of these. MissingLibrary : Parquet is asked for, but pyarrow is not installed.
     """
     if word not in FORMATS:
         raise InvalidParameter("--format", word, ", ".join(FORMATS))
@@ -40,7 +40,7 @@ def formats(word: str) -> tuple[str, ...]:
 
 
 def table(journal: Journal) -> Table:
-    """The cases that were run: number, what varies, seed, link, metrics, error, `TIMING`."""
+    """The cases that were run, in columns: number, what varies, seed, link, metrics, error, `TIMING`."""
     rows = [row for row in journal.rows() if row.done]
     metrics = dict.fromkeys(name for row in rows for name in row.measures)
     varied = [name for name in journal.varied if name != LINK]
@@ -54,7 +54,7 @@ def table(journal: Journal) -> Table:
 
 
 def write(columns: Table, directory: Path, endings: Iterable[str]) -> list[Path]:
-    """Write the table as ``results.csv``, ``results.parquet``; each appears when it is complete.
+    """Write the table as ``results.csv`` and ``results.parquet``; each file appears only when it is complete.
 
     Raises
     ------
@@ -98,12 +98,12 @@ def _type(name: str, values: list[Any]) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Matrices as JSON; a cell holds one value."""
+    """A matrix as JSON, since a cell holds one value; anything else unchanged."""
     return json.dumps(value) if isinstance(value, list) else value
 
 
 def _links(journal: Journal, rows: list[Row]) -> list[str]:
-    """Each case's link, in the words of the spec where the link varies."""
+    """Each case's link; in the spec's words if the link varies."""
     known: dict[str, str] = {}
     found = []
     for row in rows:

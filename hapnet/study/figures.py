@@ -1,4 +1,4 @@
-"""The comparison as figures: the traces of one case over each other, and transparency against passivity for all."""
+"""The comparison as figures: the traces of one case for all variants, and transparency against passivity."""
 
 from __future__ import annotations
 
@@ -20,13 +20,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Okabe and Ito's colours, which those tell apart too who see few, and a mark each
+# Okabe and Ito's colours, which colour-blind people can distinguish, and a different mark for each
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D1F")
 _MARKS = ("o", "s", "^", "D", "v", "P", "X", "p")
 _OTHERS: dict[str, Any] = {"color": "0.8", "linewidth": 0.6, "zorder": 1}
 _OUT = (
     "most energy that ever came out of both ports [mJ] (beyond d², shaded: not passive).\n"
-    "Marks: its most across, median up, edged in black where a case was not passive (a cross); dots: the other cases"
+    "Dots: cases (crosses: not passive). Marks: a variant's largest energy across, its median up (black edge: "
+    "not all passive)"
 )
 _DASHED = (0, (3, 1.2))
 _SHOWN_S = 5.0
@@ -36,9 +37,10 @@ _SHADE: dict[str, Any] = {"facecolor": "#fcbba1", "edgecolor": "#cb181d", "hatch
 
 
 def traces(plan: Plan, cases: Sequence[Case]) -> Figure:
-    """The same case under each variant: device and proxy, and the force felt, over those of all the others in grey.
+    """The same case for each variant: device, proxy and the force felt in colour, those of all other variants in grey.
 
-    Along the normal of the wall that the first variant's device was deepest in, or the first axis; the first 5 s.
+    Drawn along the normal of the wall in which the first variant's device was deepest, or along the first axis, for
+    the first 5 s.
     """
     runs = [simulated(case.params, case.seed) for case in cases]
     direction, surface_mm = _along(runs[0])
@@ -82,7 +84,7 @@ def traces(plan: Plan, cases: Sequence[Case]) -> Figure:
 
 
 def _cell(fig: Figure, k: int, first: tuple[Axes | None, Axes | None]) -> tuple[Axes, Axes]:
-    """The panels of positions and of forces of number `k`, sharing their scales with the first ones."""
+    """The panels of positions and of forces in cell `k`; they share the scales of the first cell's."""
     height = _height_mm(fig)
     left = (16.0 + 83.0 * (k % _COLUMNS)) / _WIDTH_MM
     width = 78.0 / _WIDTH_MM
@@ -99,9 +101,9 @@ def _cell(fig: Figure, k: int, first: tuple[Axes | None, Axes | None]) -> tuple[
 def tradeoff(plan: Plan, outcomes: Sequence[Outcome]) -> Figure:
     """Force error and rendered stiffness against the most energy that ever came out of both ports.
 
-    A panel for each metric and link. A dot is a case; a mark stands at the most of a variant's cases, which is what a
-    claim of passivity must bear, and at its median of the metric. The axis of energies is linear up to d^2 and
-    logarithmic beyond, as what is not passive may be off by any amount; that side is shaded.
+    There is a panel for each metric and link. A dot is a case. A mark is at the median of the metric and at the largest
+    energy of a variant's cases, since a claim of passivity concerns the worst case. The energy axis is linear up to d^2
+    and logarithmic beyond, where a coupling is not passive and the energy may be any amount; that part is shaded.
     """
     metrics = ("force_error_percent", "stiffness_percent")
     links = list(plan.links)
@@ -122,7 +124,7 @@ def tradeoff(plan: Plan, outcomes: Sequence[Outcome]) -> Figure:
 
 
 def _axes(panels: Any, links: Sequence[str], bound: float, most: float) -> None:
-    """Scales, ticks and shades. `bound` : d^2, `most` : that ever came out [mJ]."""
+    """Set scales, ticks and shades. `bound` : d^2; `most` : the most energy that ever came out [mJ]."""
     right = max(2.0 * most, 1.6 * bound, 1e-6)
     for panel, link in zip(panels[0], links, strict=True):
         panel.set_title(link, fontsize=9)
@@ -148,7 +150,7 @@ def _axes(panels: Any, links: Sequence[str], bound: float, most: float) -> None:
 
 
 def _points(panel: Axes, mark: dict[str, Any], outcomes: Sequence[Outcome], metric: str) -> None:
-    """A variant over a link: its cases, and its mark."""
+    """Draw a variant over a link: its cases, and its mark."""
     pairs = [
         (1e3 * out, value, was_passive(m))
         for one in outcomes
@@ -168,12 +170,12 @@ def _points(panel: Axes, mark: dict[str, Any], outcomes: Sequence[Outcome], metr
 
 
 def _out_mJ(outcomes: Sequence[Outcome]) -> list[float]:
-    """The most energy that came out, for each case in which it is known."""
+    """The most energy that came out [mJ], for each case in which it is known."""
     return [1e3 * out for one in outcomes if one.measures and (out := one.measures["energy_out_J"]) is not None]
 
 
 def _bound_mJ(outcomes: Sequence[Outcome]) -> float:
-    """d^2, which is the same for all cases."""
+    """d^2 [mJ], which is the same for all cases."""
     known = (one.measures for one in outcomes if one.measures)
     bounds = [
         1e3 * (margin + out)
@@ -184,7 +186,7 @@ def _bound_mJ(outcomes: Sequence[Outcome]) -> float:
 
 
 def _mark(plan: Plan, variant: Variant) -> dict[str, Any]:
-    """Colour and mark of a coupling: an outline, so that several show in the same place; filled with a deadband."""
+    """Colour and mark of a coupling: an outline, so that marks in the same place all show; filled with a deadband."""
     k = plan.couplings.index(variant.coupling)
     colour = _COLOURS[k % len(_COLOURS)]
     return {
@@ -207,7 +209,7 @@ def _legend(surface_mm: float | None) -> list[Any]:
 
 
 def _along(run: Run) -> tuple[Array, float | None]:
-    """The direction to draw along (n,), and where the wall's surface is on it [mm]."""
+    """The direction along which to draw (n,), and the position of the wall's surface on it [mm]."""
     wall: Wall | None = pressed_wall(run.recording.device, run.walls)
     if wall is not None:
         return np.array(wall.normal), 1e3 * wall.offset
@@ -216,7 +218,7 @@ def _along(run: Run) -> tuple[Array, float | None]:
 
 
 def _curves(run: Run, direction: Array) -> Mapping[str, tuple[Array, Array]]:
-    """Time [s] and value of what is drawn: positions [mm], and the force that resists [N]."""
+    """Times [s] and values of the curves: positions [mm], and the force that resists the hand [N]."""
     device, world = run.recording.device, run.recording.world
     assert device is not None
     assert world is not None

@@ -1,4 +1,4 @@
-"""The results of a sweep along one or two of what varies: which runs fall into a cell, and the figure of them all."""
+"""The results of a sweep along one or two varied parameters: the runs of each cell, and their statistics."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from hapnet.study.spec import LINK, SEED, value_words
 STATS: Mapping[str, Callable[[Any], Any]] = {"median": np.median, "mean": np.mean, "min": np.min, "max": np.max}
 
 USUAL = "energy_out_J"
-"""The metric that is drawn if none is asked for: how near a run came to what d^2 allows."""
+"""The default metric: how near a run came to the energy that d^2 allows."""
 
 _MILLI = ("J", "N", "m", "s", "W")
 _SMALL = 0.1  # largest figure below which thousandths read better
@@ -26,7 +26,7 @@ _SMALL = 0.1  # largest figure below which thousandths read better
 
 @dataclass
 class Cell:
-    """The runs of some values of the axes: what they measured, how many failed, are to be run, or were not passive."""
+    """The runs at one point of the axes: their values, and how many failed, were not run yet, or were not passive."""
 
     values: list[float] = field(default_factory=list)
     failed: int = 0
@@ -46,7 +46,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Axis:
-    """One of what varies. `values` ascend where they are numbers."""
+    """One axis of the grid: a parameter that varies, and its values, ascending if they are numbers."""
 
     name: str
     unit: str
@@ -54,7 +54,7 @@ class Axis:
 
     @property
     def label(self) -> str:
-        """Name, unit, and that the scale is logarithmic where it is."""
+        """Name and unit, and a note if the scale is logarithmic."""
         return f"{self.name}{f' [{self.unit}]' * bool(self.unit)}{', log scale' * self.log}"
 
     @property
@@ -63,7 +63,7 @@ class Axis:
 
     @property
     def log(self) -> bool:
-        """Are the ratios between neighbours the same, and the differences not?"""
+        """Are the values evenly spaced on a log scale, and not on a linear one?"""
         if not self.numeric or len(self.values) < 3 or min(self.values) <= 0:
             return False
         ratios, steps = np.diff(np.log(self.values)), np.diff(self.values)
@@ -76,7 +76,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class Grid:
-    """Cells by the indices of their values on `x` and, where there is one, `y` (else 0)."""
+    """Cells by the indices of their values on `x` and `y` (0 if there is no `y`)."""
 
     x: Axis
     y: Axis | None
@@ -94,10 +94,11 @@ def grid(
     where: Mapping[str, str],
     units: Mapping[str, str],
 ) -> Grid:
-    """The runs of `journal` where `where` holds, sorted into cells.
+    """The runs of `journal` that match `where`, sorted into cells.
 
-    Without `x` and `y` along the two of what varies that have the most values; with `x` alone along it only. `units` of
-    parameters by name.
+    Without `x` and `y` the axes are the two names with the most values; with `x` alone there is only that axis.
+
+    where : values by name. units : of the parameters by name.
 
     Raises
     ------
@@ -115,7 +116,7 @@ def grid(
         rows = kept
     metrics = list(dict.fromkeys(name for row in rows for name in row.measures))
     if not metrics:
-        raise HapnetError("nothing to draw: no case has a result, or all failed")
+        raise HapnetError("nothing to draw: no case has a result")
     if metric is not None and metric not in metrics:
         raise InvalidParameter("--value", metric, ", ".join(metrics))
     metric = metric or (USUAL if USUAL in metrics else metrics[0])
@@ -133,7 +134,7 @@ def grid(
 
 
 def axis(name: str, rows: Iterable[Row], units: Mapping[str, str]) -> Axis:
-    """The axis of `name`: the values that these rows have."""
+    """The axis `name`, with the values in these rows."""
     found = {_key(value): value for value in (_value(row, name) for row in rows)}
     values = tuple(found.values())
     drawn = Axis(name, units.get(name, ""), values)
@@ -151,15 +152,15 @@ def statistic(name: str) -> Callable[[Any], float]:
 
 
 def usual_statistic(metric: str) -> str:
-    """The worst run for metrics of passivity, as one failure is too many; the median for all others."""
+    """The worst run for metrics of passivity, since one failure is too many; the median for all others."""
     least = metric == "claim_kept" or ("margin" in metric and metric.endswith("_J"))
     return "max" if metric == USUAL else "min" if least else "median"
 
 
 def metric_label(metric: str, figures: Collection[float]) -> tuple[str, float]:
-    """A metric's label with its unit, and by what to multiply figures of this size: thousandths for small ones.
+    """A metric's label with its unit, and the factor for figures of this size: 1000 for small ones.
 
-    A metric that only another version knows has its bare name.
+    A metric that this version does not know gets its bare name.
     """
     known = METRICS.get(metric)
     if known is None:
@@ -170,10 +171,10 @@ def metric_label(metric: str, figures: Collection[float]) -> tuple[str, float]:
 
 
 def _chosen(axes: Mapping[str, Axis], x: str | None, y: str | None) -> tuple[str, str | None]:
-    """The axes to draw along: those asked for, else those with the most values, the seed only where nothing else is."""
+    """The axes to draw: those asked for, otherwise those with the most values; the seed only if nothing else varies."""
     if x is not None:
         if x == y:
-            raise InvalidParameter("--y", y, f"another than --x: {', '.join(name for name in axes if name != x)}")
+            raise InvalidParameter("--y", y, f"one other than --x: {', '.join(name for name in axes if name != x)}")
         return x, y
     free = sorted((n for n in axes if n not in (SEED, y)), key=lambda name: -len(axes[name].values))
     most = [name for name in free if len(axes[name].values) > 1] or [SEED]
@@ -191,14 +192,14 @@ def _key(value: Any) -> str:
 
 
 def _words(name: str, value: Any) -> str:
-    """A value as an axis shows it; numbers with four digits, whole ones without a point."""
+    """A value as an axis shows it: a number with four digits, a whole number without a point."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return value_words(name, value)
     return f"{value:.0f}" if value == round(value) and abs(value) < 1e6 else f"{value:.4g}"
 
 
 def _is(name: str, value: Any, words: str) -> bool:
-    """Do these words, as an axis or a table shows them, mean this value?"""
+    """Do these words, as in an axis or a table, mean this value?"""
     return words.strip() in (_words(name, value), value_words(name, value))
 
 

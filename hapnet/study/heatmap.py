@@ -1,4 +1,4 @@
-"""Figures of a sweep: a heat map along two of what varies, a line with its quartiles along one."""
+"""Figures of a sweep: a heat map along two axes, or a line with quartiles along one."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _LINES = 3
 _FAILED: dict[str, Any] = {"color": "#cb181d", "fontweight": "bold"}
 _BAD = "#e31a1c"
 _NOT_PASSIVE: dict[str, Any] = {"edgecolor": "black", "hatch": "xxx", "linewidth": 2.0, "zorder": 3}
-"""What jumps to the eye on any colour, in grey, and without colours."""
+"""A style that stands out on any colour, and in grey."""
 _NOT_PASSIVE_POINT: dict[str, Any] = {
     "marker": "X", "markersize": 11, "color": _BAD, "markeredgecolor": "black", "linestyle": "none", "zorder": 5,
 }  # fmt: skip
@@ -34,11 +34,13 @@ _LINE = "#08306b"
 
 
 def draw(grid: Grid, stat: str | None = None, where: Sequence[str] = (), name: str = "") -> Figure:
-    """The figure, 180 mm wide. `stat`: of the runs in a cell, None: the usual one; `where`, `name`: for the title.
+    """The figure, 180 mm wide.
+
+    stat : the statistic of the runs in a cell; None: the metric's usual one. where, name : for the title.
 
     Raises
     ------
-    InvalidParameter : no such statistic.
+    InvalidParameter : there is no such statistic.
     """
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -77,7 +79,7 @@ def _draw_map(fig: Figure, panel: Axes, grid: Grid, figures: dict[tuple[int, int
     told = _tells_passivity(grid.metric)
     bad = {place for place, cell in grid.cells.items() if cell.not_passive or (told and _negative(grid, cell))}
     shown = values.copy()
-    if told:  # the colours are for what is left of the others: one bad cell would take them all
+    if told:  # one bad cell would use up the range of colours, so the colours are for the others
         for i, j in bad:
             shown[j, i] = np.nan
     norm, colours = _colours(shown)
@@ -193,7 +195,7 @@ def _colours(values: NDArray[np.float64]) -> tuple[Normalize, str]:
 
 
 def _scale_ticks(norm: Normalize) -> list[float] | None:
-    """Some on each side of zero, where the two sides have scales of their own."""
+    """Ticks on each side of zero, if the two sides have different scales."""
     from matplotlib.colors import TwoSlopeNorm
     from matplotlib.ticker import MaxNLocator
 

@@ -1,7 +1,7 @@
-"""The journal of a sweep, one SQLite file: its cases, and what became of those that were run.
+"""The journal of a sweep, one SQLite file: its cases, and the results of those that were run.
 
-Only the sweep's own process writes it, some results a transaction: whatever ends that process, the file holds every
-transaction that was committed and nothing of the one that was not, and the next process goes on from there.
+Only the sweep's own process writes it, with several results in a transaction. Whatever ends that process, the file
+holds every committed transaction and nothing of an uncommitted one, and the next process continues from there.
 
     about (name, value)                                               the spec, its digest, hapnet's versions
     cases (number, key, seed, varied)                                 varied: JSON
@@ -63,7 +63,7 @@ class Journal:
         self.path, self._db, self._lock = path, connection, lock
         about = {name: json.loads(value) for name, value in self._db.execute("SELECT name, value FROM about")}
         if about.get("format") != FORMAT:
-            raise HapnetError(f"{path} is of another hapnet, format {about.get('format')}: this one reads {FORMAT}")
+            raise HapnetError(f"{path} has format {about.get('format')}, of another hapnet version; allowed: {FORMAT}")
         self.name: str = about["name"]
         self.fixed: Values = about["fixed"]
         self.varied: list[str] = about["varied"]
@@ -72,11 +72,11 @@ class Journal:
 
     @classmethod
     def create_or_resume(cls, directory: Path, spec: Spec, cases: Sequence[Case], *, fresh: bool = False) -> Journal:
-        """The journal of `spec` in `directory`, which exists; `fresh`: a new one, whatever there is.
+        """The journal of `spec` in `directory`, which must exist; `fresh`: begin a new one in any case.
 
         Raises
         ------
-        HapnetError : another process runs this sweep, the journal there is of another spec, or cannot be used.
+        HapnetError : another process runs this sweep, or the journal is of another spec or cannot be used.
         """
         path = directory / NAME
         with ExitStack() as undo:
@@ -96,7 +96,7 @@ class Journal:
 
     @classmethod
     def look(cls, directory: Path) -> Journal:
-        """The journal in `directory`, of a sweep that may be under way; raises HapnetError if there is none."""
+        """The journal in `directory`, to read only; the sweep may still run. Raises HapnetError if there is none."""
         path = directory / NAME
         if not path.is_file():
             raise HapnetError(f"no sweep in {directory}: {NAME} is not there")
@@ -106,13 +106,13 @@ class Journal:
         return journal
 
     def count(self) -> tuple[int, int, int]:
-        """Cases in all, those that were run, and of these those that failed."""
+        """How many cases there are, how many were run, and how many of these failed."""
         (cases,) = self._db.execute("SELECT count(*) FROM cases").fetchone()
         done, failed = self._db.execute("SELECT count(*), count(error) FROM results").fetchone()
         return cases, done, failed
 
     def pending(self) -> list[Case]:
-        """Cases that have no result, in their order."""
+        """The cases without a result, in their order."""
         return [row.case for row in self.rows() if not row.done]
 
     def rows(self) -> Iterator[Row]:
@@ -127,13 +127,13 @@ class Journal:
                 yield Row(case, bool(done), json.loads(measures) if done else {}, *rest)
 
     def record(self, results: Sequence[CaseResult]) -> None:
-        """Add results: on the disk when this returns. Raises HapnetError if they cannot be written."""
+        """Add results; they are on the disk when this returns. Raises HapnetError if they cannot be written."""
         rows = [(r.number, json.dumps(r.measures), r.error, r.wall_s, r.worker) for r in results]
         with _readable(self.path), self._db:
             self._db.executemany("INSERT OR REPLACE INTO results VALUES (?, ?, ?, ?, ?)", rows)
 
     def forget_failed(self) -> int:
-        """Delete the results of failed cases, so that these are run again; how many."""
+        """Delete the results of failed cases, so that these are run again; returns how many."""
         with _readable(self.path), self._db:
             return self._db.execute("DELETE FROM results WHERE error IS NOT NULL").rowcount
 
@@ -145,7 +145,7 @@ class Journal:
 
     @property
     def other_version(self) -> str | None:
-        """The version of hapnet that began this sweep, if it is another one than now."""
+        """The version of hapnet that began this sweep, if it differs from this one."""
         before = self.versions.get(DISTRIBUTION)
         return None if before == versions()[DISTRIBUTION] else str(before)
 
@@ -156,12 +156,12 @@ class Journal:
         now = {case.key for case in cases}
         raise HapnetError(
             f"{self.path} is of another spec: {len(now - before)} cases are new, {len(before - now)} are gone, "
-            f"{len(now & before)} are the same; --out for another directory, or --fresh to throw its results away"
+            f"{len(now & before)} are the same; --out for another directory, or --fresh to discard its results"
         )
 
 
 def _begin(connection: sqlite3.Connection, spec: Spec, cases: Sequence[Case]) -> None:
-    """Tables and cases, in one transaction: a journal is whole, or empty."""
+    """Write tables and cases in one transaction: a journal is whole, or empty."""
     about: dict[str, Any] = {
         "format": FORMAT,
         "name": spec.name,
@@ -185,7 +185,7 @@ def _fingerprint(cases: Sequence[Case]) -> str:
 
 
 def _open(path: Path, mode: str) -> sqlite3.Connection:
-    """With SQLite's rollback journal, fully synced: unlike its write-ahead log it works on network file systems."""
+    """Open with SQLite's rollback journal, fully synced: unlike write-ahead logs it works on network file systems."""
     return sqlite3.connect(f"{path.absolute().as_uri()}?mode={mode}", uri=True, timeout=_WAIT_S)
 
 

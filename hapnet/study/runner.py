@@ -1,4 +1,4 @@
-"""Runs the cases that have no result: groups them into tasks, gives these to workers, writes results to the journal."""
+"""Runs the cases without a result: groups them into tasks, gives these to workers, writes results to the journal."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from hapnet.study.spec import LINK, Case
 from hapnet.study.task import CaseResult, Task
 
 TASK_S = 1.5
-"""How long a task should take [s]: long against the cost of handing it out, short against what a dead worker loses."""
+"""How long a task should take [s]: much longer than handing it out, but not long, as a dead worker loses it."""
 COMMIT_S = 0.5
-"""Results wait for the disk so long at most."""
+"""How long results wait at most before they are written to the disk [s]."""
 ATTEMPTS = 2
 """A case whose worker dies is tried again, alone. If the worker dies again, this case is the cause."""
 
 TOGETHER = 8
-"""So many more cases a task takes at most, if they are measured against the same run over an ideal link."""
+"""A task takes at most this many cases more if they share its reference run over an ideal link."""
 
 _WAIT_S = 0.2
 _WEIGHT = 0.3  # of the newest task in the mean time of a case
@@ -41,7 +41,7 @@ class Sweep:
 
     Parameters
     ----------
-    progress : called often with the number of cases that have a result. clock : in seconds.
+    progress : called often with the number of cases that have a result. clock : [s].
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class Sweep:
         self.done = journal.count()[1]
 
     def run(self) -> None:
-        """Run them all. However this ends, the results of all finished cases are in the journal.
+        """Run all these cases. However this ends, the results of all finished cases are in the journal.
 
         Raises
         ------
@@ -84,7 +84,7 @@ class Sweep:
 
     def _hand_out(self) -> None:
         room = self._backend.room
-        if self._alone or self._suspects:  # nothing waits at a worker that one of them may kill
+        if self._alone or self._suspects:  # no task must wait at a worker that a suspect may kill
             room = min(room, self._backend.workers - self._running)
         for _ in range(room):
             if self._alone:
@@ -99,9 +99,9 @@ class Sweep:
             self._suspects += task.attempt > 0
 
     def _next(self) -> tuple[Case, ...]:
-        """Cases of the next task: for `TASK_S`, fewer near the end, so that all workers end together.
+        """The cases of the next task: for about `TASK_S`, fewer near the end, so that all workers end together.
 
-        Those that are measured against the same run stay together, as that run is made once by each worker.
+        Cases with the same reference run stay together, since each worker that needs this run makes it.
         """
         share = ceil(len(self._pending) / (2 * max(1, self._backend.workers)))
         size = 1 if self._case_s is None else max(1, min(share, int(TASK_S / max(self._case_s, 1e-6))))

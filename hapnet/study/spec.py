@@ -1,4 +1,4 @@
-"""What a sweep runs: a TOML file of parameters that are fixed and of some that vary, and the cases that they make.
+"""What a sweep runs: a TOML file with fixed and varied parameters, and the cases that follow from it.
 
 ::
 
@@ -11,7 +11,7 @@
     device.stiffness = { from = 50, to = 400, steps = 4, scale = "log" }
     seed = "0:10"
 
-Several ``[[vary]]`` are several such products; a case that is in more than one of them is run once.
+Several ``[[vary]]`` tables are several such products; a case in more than one of them is run once.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ from netem.errors import NetemError
 from netem.profile import PRESETS, LinkProfile
 
 Values = dict[str, Any]
-"""By name, as TOML has them: of parameters by their dotted names, of `LINK` and of `SEED`."""
+"""Values as TOML has them, by name: parameters by their dotted names, `LINK` and `SEED`."""
 
 LINK, SEED = "link", "seed"
-"""What varies beside parameters: both directions of the link, a profile's name, tc's words or {up, down}; the seed."""
+"""What may vary besides parameters. Link: both directions, as a profile's name, tc's words or {up, down}. Seed."""
 
 MOST = 100_000
-"""Cases of a sweep, at most."""
+"""The largest number of cases in a sweep."""
 
 _PLAIN = Params()
 _DEFAULTS = _PLAIN.flat()
@@ -52,7 +52,7 @@ _DIGITS = 12  # of a number within a range: 0.3, not 0.30000000000000004
 
 @dataclass(frozen=True)
 class Case:
-    """One run. `values`: of all that varies in the sweep, but the seed. `key`: a digest of all that the spec sets."""
+    """One run. `values`: of everything that varies except the seed. `key`: a digest of all that the spec sets."""
 
     number: int
     values: Values
@@ -69,7 +69,7 @@ class Case:
 class Spec:
     """What a sweep runs.
 
-    fixed : of parameters, `LINK` and `SEED`. products : what varies in each product, in the order of the file.
+    fixed : fixed parameters, `LINK` and `SEED`. products : what varies in each product, in the order of the file.
     """
 
     name: str
@@ -78,7 +78,7 @@ class Spec:
 
     @classmethod
     def read(cls, file: Path, assignments: Mapping[str, object] | None = None) -> Spec:
-        """The spec in `file`, `assignments` over what it fixes.
+        """The spec in `file`; `assignments` override what it fixes.
 
         Raises
         ------
@@ -100,7 +100,7 @@ class Spec:
         products = tuple(dict(_axes(block)) for block in blocks)
         for name, value in (assignments or {}).items():
             if any(name in axes for axes in products):
-                raise InvalidParameter("--set", f"{name}={value}", "what does not vary in the spec")
+                raise InvalidParameter("--set", f"{name}={value}", "a parameter that does not vary in the spec")
         given = _fixed(fixed, assignments or {})
         for name in given:
             if all(name in axes for axes in products):
@@ -109,16 +109,16 @@ class Spec:
 
     @property
     def varied(self) -> list[str]:
-        """The names of all that varies but the seed, in the order of the file."""
+        """The names of everything that varies except the seed, in the order of the file."""
         return [name for name in dict.fromkeys(name for axes in self.products for name in axes) if name != SEED]
 
     @property
     def count(self) -> int:
-        """How many cases there are, those in more than one product counted in each."""
+        """The number of cases; a case in more than one product counts in each."""
         return sum(math.prod(len(values) for values in axes.values()) for axes in self.products)
 
     def cases(self) -> list[Case]:
-        """Every combination once; the last axis changes fastest. Some combinations may not be valid runs.
+        """Every combination, once; the last axis changes fastest. Some combinations may not be valid runs.
 
         Raises
         ------
@@ -143,17 +143,17 @@ class Spec:
         return list(found.values())
 
     def digest(self, values: Values) -> str:
-        """What the keys of the cases with these `values` begin with; the seed follows."""
+        """The beginning of the keys of the cases with these `values`; the seed follows."""
         return self._digest(flat_of(self.fixed, values))
 
     def _values(self, every: Values) -> Values:
-        """Of all that varies in any product, as parameters have them: 100 is 100.0 where that is a number."""
+        """The values of everything that varies in any product, in their parameters' types: 100 becomes 100.0."""
         up, down = every["link.up"], every["link.down"]
         link = up if up == down else {"up": up, "down": down}
         return {name: link if name == LINK else every[name] for name in self.varied}
 
     def _digest(self, every: Values) -> str:
-        """Of all that the spec sets in a case: what it leaves at the defaults of this hapnet is not in it."""
+        """A digest of everything that the spec sets in a case; what it leaves at the defaults is not part of it."""
         names = {name for name in (*self.fixed, *self.varied) if name != SEED}
         if LINK in names:
             names = names - {LINK} | {"link.up", "link.down"}
@@ -168,25 +168,25 @@ def params_of(fixed: Values, values: Values) -> Params:
 
 
 def flat_of(fixed: Values, values: Values) -> Values:
-    """The same by dotted names, even if the case is not a valid run; raises as `Params.typed` does."""
+    """All parameters of a case by dotted names, even if it is not a valid run; raises as `Params.typed` does."""
     return {**_DEFAULTS, **_PLAIN.typed({**_spelled(fixed), **_spelled(values)})}
 
 
 def link_words(up: str, down: str) -> str:
-    """Both directions of a link in words; one of them where they are the same."""
+    """Both directions of a link in words; only one if they are equal."""
     up, down = up or "ideal", down or "ideal"
     return up if up == down else f"up {up}, down {down}"
 
 
 def value_words(name: str, value: Any) -> str:
-    """A varying value in words, for tables and figures."""
+    """A varied value in words, for tables and figures."""
     if name == LINK:
         return link_words(value["up"], value["down"]) if isinstance(value, Mapping) else link_words(value, value)
     return value if isinstance(value, str) else json.dumps(value)
 
 
 def _spelled(values: Values) -> Values:
-    """Parameters by their dotted names; both directions for a link. No seed."""
+    """The values by their parameters' dotted names: a link becomes both directions, and the seed is left out."""
     plain = {name: value for name, value in values.items() if name not in (LINK, SEED)}
     if LINK in values:
         link = values[LINK]
@@ -208,7 +208,7 @@ def _fixed(table: Mapping[str, Any], assignments: Mapping[str, object]) -> Value
 
 
 def _axes(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, list[Any]]]:
-    """Names and their values, from tables within tables."""
+    """Names and their values, from nested tables."""
     for word, given in table.items():
         name = prefix + word
         if isinstance(given, Mapping) and given and not set(given) & set(_RANGE):
@@ -249,7 +249,7 @@ def _range(name: str, given: Mapping[str, Any]) -> list[Any]:
         _known(name, word, _RANGE, "from, to, steps and scale")
     whole = name == SEED or isinstance(_DEFAULTS.get(name), int)
     if name == LINK or isinstance(_DEFAULTS.get(name), bool | str):
-        raise InvalidParameter(name, dict(given), "a list: there is nothing between two of these")
+        raise InvalidParameter(name, dict(given), "a list: these values have no range")
     ends: list[Any] = [given.get("from"), given.get("to")]
     if not all(_number(end) for end in ends) or ends[0] == ends[1]:
         raise InvalidParameter(name, dict(given), "a range {from = A, to = B} between two different numbers")
@@ -259,7 +259,7 @@ def _range(name: str, given: Mapping[str, Any]) -> list[Any]:
     if name == SEED and min(first, last) < 0:
         raise InvalidParameter(name, dict(given), "whole numbers, 0 or above")
     if "steps" not in given and not whole:
-        raise InvalidParameter(name, dict(given), "a range that says how many: steps = N")
+        raise InvalidParameter(name, dict(given), "a range with the number of its values: steps = N")
     steps = given.get("steps", abs(last - first) + 1 if whole else None)
     if not isinstance(steps, int) or isinstance(steps, bool) or not 2 <= steps <= MOST:
         raise InvalidParameter(f"steps of {name}", steps, f"a whole number, 2 to {MOST}")
@@ -303,7 +303,7 @@ def _seed(value: object, allowed: str) -> None:
 def _link(value: object) -> None:
     ways: Mapping[str, Any] = value if isinstance(value, Mapping) else {"up": value, "down": value}
     if set(ways) != {"up", "down"} or not all(isinstance(words, str) for words in ways.values()):
-        raise InvalidParameter(LINK, value, "a profile's name, tc's words, or {up = ..., down = ...} of such")
+        raise InvalidParameter(LINK, value, "a profile's name, tc's words, or {up = ..., down = ...} with these")
     for words in ways.values():
         _profile(LINK, words)
 

@@ -17,7 +17,7 @@ from hapnet.versions import versions
 from netem.profile import PRESETS
 
 WIDE = 160
-"""Columns of a terminal from which a table has room for `_FULL` and its quartiles, and for no column more."""
+"""From this width of a terminal on [columns], a table has room for `_FULL` and its quartiles, and for no more."""
 
 
 class _Column(NamedTuple):
@@ -52,8 +52,8 @@ _FULL = (
     _Column("packets_per_s", "packets\n[1/s]", 1.0, 0),
 )
 _NOTE = (
-    "Medians over {operators} and {seeds}, or over so many (in brackets) of these cases as have a value. passive, "
-    "hand: cases whose two-port margin, and whose hand's margin alone, stayed above zero, at the hand's own port; "
+    "Medians over {operators} and {seeds}; a number in brackets counts the cases that have a value, if not all do. "
+    "passive: cases whose two-port margin stayed above zero; hand: the same for the margin at the hand's port alone; "
     "out: the most energy that ever came out of both ports together; end: the margin at the end. "
     "hapnet compare --metrics defines all columns."
 )
@@ -78,14 +78,14 @@ def note(plan: Plan) -> str:
 
 
 def failures(outcomes: Sequence[Outcome], most: int = 5) -> list[str]:
-    """A line for each case that failed, for the first `most` of them."""
+    """A line for each of the first `most` failed cases, and one that counts the rest."""
     failed = [one for one in outcomes if one.error is not None]
     lines = [f"failed: {one.case}: {one.error}" for one in failed[:most]]
     return lines + ([f"and {len(failed) - most} more"] if len(failed) > most else [])
 
 
 def definitions() -> Table:
-    """What each metric means."""
+    """A table of what each metric means."""
     table = Table("metric", "unit", "better", "meaning", show_lines=True)
     for metric in METRICS.values():
         table.add_row(
@@ -95,7 +95,7 @@ def definitions() -> Table:
 
 
 def as_dict(plan: Plan, outcomes: Sequence[Outcome], found: Sequence[Group]) -> dict[str, Any]:
-    """Everything that is equal in two equal comparisons: settings, units, tunings, groups and every case."""
+    """Everything that two equal comparisons have in common: settings, units, tunings, groups and every case."""
     whole = {
         "settings": {
             "couplings": plan.couplings,
@@ -138,7 +138,7 @@ def _cell(group: Group, column: _Column, *, wide: bool) -> str:
     if spread is None:
         return "–"
     median, q1, q3 = (_number(column.factor * v, column.digits) for v in (spread.median, spread.q1, spread.q3))
-    if spread.count < group.measured:  # how often is as telling as how much
+    if spread.count < group.measured:  # how often matters as much as how much
         median += f" [dim]({spread.count})[/]"
     return f"{median}\n[dim]{q1}..{q3}[/]" if wide else median
 

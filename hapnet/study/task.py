@@ -1,4 +1,4 @@
-"""One worker's task, wherever it runs: a few cases, one after the other."""
+"""A worker's task, wherever it runs: a few cases, one after the other."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from netem.errors import NetemError
 
 @dataclass(frozen=True)
 class Task:
-    """Cases, and what is fixed in all of them. `attempt`: how often they were lost before."""
+    """Cases, and what is fixed in all of them. `attempt`: how often a worker died with them before."""
 
     fixed: Values
     cases: tuple[Case, ...]
@@ -26,7 +26,7 @@ class Task:
 
 @dataclass(frozen=True)
 class CaseResult:
-    """What became of a case: what was measured, or an error in one line. `worker` is host:process."""
+    """The result of a case: its measures, or an error in one line. `worker` is host:process."""
 
     number: int
     measures: Measures
@@ -36,7 +36,7 @@ class CaseResult:
 
 
 def run(task: Task) -> list[CaseResult]:
-    """Run the cases of `task`. What goes wrong in a case becomes the result of that case."""
+    """Run the cases of `task`. An error in a case becomes the result of that case."""
     worker = f"{socket.gethostname()}:{os.getpid()}"
     return [_run(task.fixed, case, worker) for case in task.cases]
 
@@ -48,7 +48,7 @@ def _run(fixed: Values, case: Case, worker: str) -> CaseResult:
     try:
         measured = measure(params_of(fixed, case.values), case.seed)
         measures = {name: _known(value) for name, value in measured.items()}
-    except Exception as wrong:  # a scene of the user's own may raise anything
+    except Exception as wrong:  # a user's own scene may raise anything
         error = reason(wrong)
     return CaseResult(case.number, measures, error, time.perf_counter() - began, worker)
 
@@ -59,7 +59,7 @@ def reason(wrong: Exception) -> str:
 
 
 def _known(value: float | None) -> float | None:
-    """A plain Python number; None for what is not finite."""
+    """A plain Python number; None if it is not finite."""
     if value is None or not math.isfinite(value):
         return None
     return value if type(value) is int else float(value)

@@ -1,4 +1,4 @@
-"""What each coupling of a comparison was tuned to, by its own rule, over each link."""
+"""The tuning of each coupling of a comparison over each link, by the coupling's own rule."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _SPRINGS = ("device.stiffness", "device.damping", "world.stiffness", "world.damp
 
 
 def tuning(params: Params) -> dict[str, Any]:
-    """What sets how a coupling feels: springs, dampers, its rule's choice, and the stiffest wall that can be felt."""
+    """What determines how a coupling feels: springs, dampers, its rule's choice, and the stiffness at best."""
     scalar = all(isinstance(side.stiffness, float) for side in (params.device, params.world))
     ideal = ideal_stiffness(params, params.world.wall.stiffness) if scalar else None
     springs = {name: params.get(name) for name in _SPRINGS}
@@ -30,15 +30,15 @@ def tunings(plan: Plan, coupling: str) -> dict[str, dict[str, Any]]:
     operator, seed = plan.operators[0], plan.seeds[0]
     found = {}
     for link in plan.links:
-        with suppress(InvalidParameter):  # the cases themselves say what is wrong
+        with suppress(InvalidParameter):  # the case itself reports what is wrong
             found[link] = tuning(plan.case(Variant(coupling), link, operator, seed).params)
     return found
 
 
 def table(plan: Plan) -> Table:
-    """What the rules chose: one row per number, one column per link; equal values only once."""
+    """The rules' choices: one row per number, one column per link; equal values are shown once."""
     made = Table(
-        title="by each law's own rule (once where all links have the same)",
+        title="tuned by each law's own rule (shown once if all links have the same value)",
         title_justify="left",
         title_style="bold",
         padding=(0, 0),

@@ -77,7 +77,7 @@ def test_what_is_chosen_where_nothing_is_asked_for(tmp_path: Path) -> None:
     [
         ({"x": "device.mass"}, "--x is 'device.mass'; allowed: .*link, device.stiffness, coupling, seed"),
         ({"y": "sed"}, "--y is 'sed'"),
-        ({"x": "link", "y": "link"}, "another than --x"),
+        ({"x": "link", "y": "link"}, "one other than --x"),
         ({"metric": "gap"}, "--value is 'gap'; allowed: gap_m, extra"),
         ({"where": {"link": "5g"}}, "--where link is '5g'; allowed: 4g, lan"),
         ({"where": {"device.stiffness": "60"}}, "allowed: 50, 100, 200, 400"),

@@ -234,7 +234,7 @@ def test_combinations_that_make_no_run_are_cases_all_the_same(
         ("[vary]\ndevice.stiffness = {from = 1, to = 1, steps = 3}", "two different numbers"),
         ("[vary]\ndevice.stiffness = {from = 1, steps = 3}", "two different numbers"),
         ("[vary]\ndevice.stiffness = {from = 1, to = inf, steps = 3}", "two different numbers"),
-        ("[vary]\ncoupling = {from = 1, to = 3}", "nothing between"),
+        ("[vary]\ncoupling = {from = 1, to = 3}", "these values have no range"),
         ("[vary]\ncoupling = ['pspm', 1]", "text"),
         ("[vary]\ndevice.stiffness = [1, inf]", "inf; allowed: a finite number"),
         ("[vary]\ndevice.mass = [1, 'NaN']", "nan; allowed: a finite number"),

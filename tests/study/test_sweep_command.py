@@ -162,7 +162,7 @@ def test_parameters_that_a_scene_does_not_read_are_told(directory: Path, capsys:
         (["bad.toml"], "no case can run: first: scene is 'wal'; allowed: free, wall, box, paper"),
         (["nothing.toml"], "duration_s is 0.0; allowed: above 0 in virtual time"),
         (["study.toml", "--set", "duration_s"], "--set is 'duration_s'; allowed: NAME=VALUE"),
-        (["study.toml", "--set", "seed=3"], "--set is 'seed=3'; allowed: what does not vary"),
+        (["study.toml", "--set", "seed=3"], "--set is 'seed=3'; allowed: a parameter that does not vary"),
         (["study.toml", "--format", "xls"], "--format is 'xls'"),
         (["study.toml", "--workers", "-1"], "--workers"),
         (["study.toml", "--dask", "here"], "--dask is 'here'; allowed: a scheduler's address"),
