@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from hapnet.simulation.batch.scenario import BatchRun
 
 LONG_S = 1000.0
-"""Seconds to simulate in all from which starting processes pays."""
+"""From this total simulated time on [s], starting processes is worthwhile."""
 
 
 def seed_range(words: str) -> range:
@@ -29,7 +29,7 @@ def seed_range(words: str) -> range:
 
     Raises
     ------
-    InvalidParameter : not two whole numbers, or no seed between them.
+    InvalidParameter : these are not two whole numbers, or there is no seed between them.
     """
     found = re.fullmatch(r"(\d+):(\d+)", words.strip())
     seeds = range(int(found[1]), int(found[2])) if found else range(0)
@@ -39,7 +39,7 @@ def seed_range(words: str) -> range:
 
 
 def main(params: Params, seeds: range, json_to: str | None, workers: int) -> int:
-    """Simulate every seed in `workers` processes (0: as many as pay off); print a table, write one object each."""
+    """Simulate every seed in `workers` processes (0: as many as help); print a table, write one object per seed."""
     from hapnet.assembly.build import prepare
     from hapnet.simulation.batch.run import simulate_batch
     from hapnet.simulation.processes import usable_cores
@@ -58,11 +58,11 @@ def main(params: Params, seeds: range, json_to: str | None, workers: int) -> int
         f"of {len(runs)} scenarios {verdicts[True]} were passive, {verdicts[False]} were not", style=_style(verdicts)
     )
     if verdicts[None]:
-        words.print(f"of {verdicts[None]} it is not known: {_first(runs, None)}", style="yellow", markup=False)
+        words.print(f"not known for {verdicts[None]}; the first: {_first(runs, None)}", style="yellow", markup=False)
     if verdicts[False]:
-        words.print(f"the first that was not: {_first(runs, False)}", style="red", markup=False)
+        words.print(f"the first that was not passive: {_first(runs, False)}", style="red", markup=False)
     if not all(run.vectorised for run in runs):
-        words.print("simulated one at a time: these parameters, or so few seeds, are not vectorised", style="yellow")
+        words.print("simulated one at a time: these parameters, or so few seeds, cannot be vectorised", style="yellow")
     output.write_json([as_dict(run) for run in runs], json_to)
     written = output.Written()
     for run in runs:
@@ -76,13 +76,13 @@ def _style(verdicts: Mapping[bool | None, int]) -> str:
 
 
 def _first(runs: list[BatchRun], passive: bool | None) -> str:
-    """The first run of that verdict, and why."""
+    """The seed and the reason of the first run with this verdict."""
     run = next(run for run in runs if run.summary["verdict"]["passive"] is passive)
     return f"seed {run.seed}, {run.summary['verdict']['reason']}"
 
 
 def as_dict(run: BatchRun) -> dict[str, Any]:
-    """A run's summary, with the states that it ended in."""
+    """A run's summary, with the final states of both sides."""
     final = {"device": run.device._asdict(), "world": run.world._asdict()}
     return {**run.summary, "final": final, "vectorised": run.vectorised}
 
@@ -100,7 +100,7 @@ def _table(runs: list[BatchRun]) -> Table:
 
 
 def _figures() -> Iterator[tuple[str, Callable[[Summary], float | None], float]]:
-    """What the table shows, where a summary has it, and by what to multiply that."""
+    """The table's rows: label, the summary's value, and the factor that scales it."""
     yield "came out of both ports, most [mJ]", lambda of: of["theorem"]["energy_out_J"], 1e3
     yield "margin at the end [mJ]", lambda of: of["theorem"]["margin_end_J"], 1e3
     for side in SIDES:
@@ -127,5 +127,5 @@ def _of_way(way: Way) -> Iterator[tuple[str, Callable[[Summary], float | None], 
 
 
 def _words(value: float) -> str:
-    """With four digits down to the tolerance; what is smaller is rounding, and shown as 0."""
+    """The value with four digits; anything below the tolerance is rounding, and shown as 0."""
     return f"{round(value, 6) + 0.0:.4g}"

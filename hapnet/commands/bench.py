@@ -1,4 +1,4 @@
-"""`hapnet bench`: measure, show the table, write it as JSON and the histograms as a figure."""
+"""`hapnet bench`: measures, shows a table, and writes it as JSON and the histograms as a figure."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ def main(
     json_to: str | None,
     out: Path | None,
 ) -> int:
-    """Measure the rows one after another; on Ctrl-C, show those that are measured.
+    """Measure the rows one after another; on Ctrl-C, show those that are complete.
 
-    0 whatever they say: what is allowed is shown, not enforced. 1 if one could not be measured.
+    Returns 1 if a row could not be measured, otherwise 0: limits are shown, not enforced.
     """
     for name, value, low, high in (
         ("--seconds", seconds, 0.1, 3600.0),
@@ -61,7 +61,7 @@ def main(
 
 
 def _show(rows: list[Row], directory: Path, words: Console) -> None:
-    words.width = max(words.width, _WIDTH)  # a narrower terminal wraps the lines, and drops nothing
+    words.width = max(words.width, _WIDTH)  # a narrower terminal wraps the lines, so that nothing is cut off
     words.print(report.table(rows))
     if any(report.has_histogram(row) for row in rows):
         report.save_figure(rows, directory / "bench.png")

@@ -25,15 +25,15 @@ if TYPE_CHECKING:
     from hapnet.study.journal import Journal
 
 LINKS = {"ideal": "ideal", "lan": "lan", "4g": "4g", "intercontinental": "wan-intercontinental"}
-"""The links by default, each with its profile; these names may be given for their profiles."""
+"""The default links, each with its profile; `--link` takes these names too."""
 
 OPERATORS = ("press", "sine", "press@light", "sine@light")
 
 BASE = Params().set({"device.servo": "sampled"})
-"""All cases have the servo that hardware has, at 1 kHz."""
+"""All cases have the sampled servo of real hardware, at 1 kHz."""
 
 NOTICED = 0.1
-"""The Weber fraction that the first coupling is tried with too: a tenth is about what people notice."""
+"""The first coupling is also tried with this Weber fraction: people notice about a tenth."""
 
 _OWN = {
     "coupling": "--coupling",
@@ -42,7 +42,7 @@ _OWN = {
     "link.down": "--link",
     "wire.deadband": "--deadband",
 }
-"""What a comparison varies itself, by its own flags."""
+"""Parameters that a comparison varies, and their flags."""
 
 _LINKS = "What is compared"
 
@@ -54,7 +54,7 @@ class CompareOptions:
     coupling: Annotated[
         list[str] | None,
         typer.Option(
-            help="Again for more, or with commas; all by default.",
+            help="A coupling to compare; repeat it, or separate names by commas. Default: all.",
             rich_help_panel=_LINKS,
             autocompletion=complete.words(*COUPLING_NAMES),
         ),
@@ -63,8 +63,8 @@ class CompareOptions:
         list[str] | None,
         typer.Option(
             metavar="NAME[=WORDS[|WORDS]]",
-            help="Again for more: a profile, or a name and tc-netem's words, up|down where they differ. "
-            f"By default {', '.join(LINKS)}.",
+            help="A profile, or a name and tc-netem's words (up|down if they differ); may be repeated. "
+            f"Default: {', '.join(LINKS)}.",
             rich_help_panel=_LINKS,
             autocompletion=complete.profiles,
         ),
@@ -73,7 +73,7 @@ class CompareOptions:
         list[str] | None,
         typer.Option(
             metavar="[NAME=]PATH",
-            help="One link more: the delivery opportunities (mahimahi's format) in PATH.up and PATH.down.",
+            help="A further link: the delivery opportunities (mahimahi's format) in PATH.up and PATH.down.",
             rich_help_panel=_LINKS,
         ),
     ] = None
@@ -81,40 +81,40 @@ class CompareOptions:
         list[str] | None,
         typer.Option(
             metavar="NAME[@light]",
-            help="Again for more: rest, sine, press or a recording's path; @light: with a light hand. "
-            f"By default {', '.join(OPERATORS)}.",
+            help="rest, sine, press or a recording's path; may be repeated. @light: with a relaxed hand. "
+            f"Default: {', '.join(OPERATORS)}.",
             rich_help_panel=_LINKS,
             autocompletion=complete.operators,
         ),
     ] = None
-    seeds: Annotated[str, typer.Option(metavar="A:B", help="From A to B - 1.", rich_help_panel=_LINKS)] = "0:3"
+    seeds: Annotated[str, typer.Option(metavar="A:B", help="Seeds from A to B - 1.", rich_help_panel=_LINKS)] = "0:3"
     deadband: Annotated[
         str | None,
         typer.Option(
             metavar="W[,W]",
-            help="Perceptual deadbands, as Weber fractions: each coupling with each. 0: none.",
+            help="Perceptual deadbands, as Weber fractions; each coupling is tried with each. 0: none.",
             rich_help_panel=_LINKS,
             show_default="0, and the first coupling with 0.1 too",
         ),
     ] = None
-    workers: Annotated[int, typer.Option(min=0, help="Processes; 0: one a core.")] = 0
+    workers: Annotated[int, typer.Option(min=0, help="Number of processes; 0: one per core.")] = 0
     case: Annotated[
         str | None,
         typer.Option(
             metavar="LINK[,OPERATOR[,SEED]]",
-            help="The case whose traces are drawn.",
+            help="Draw the traces of this case.",
             show_default="the slowest link, the last operator, the first seed",
         ),
     ] = None
     files: Annotated[bool, typer.Option("--files/--no-files", help="Write compare.json, figures and a journal.")] = True
-    fresh: Annotated[
-        bool, typer.Option("--fresh", help="Throw away what is in --out of an earlier comparison, and begin anew.")
-    ] = False
+    fresh: Annotated[bool, typer.Option("--fresh", help="Discard an earlier comparison in --out, and start again.")] = (
+        False
+    )
     metrics: Annotated[bool, typer.Option("--metrics", help="Print what each metric means and end.")] = False
 
 
 def main(params: Params, given: CompareOptions, json_to: str | None, out: Path | None) -> int:
-    """Compare, and show it. 0 even if some cases failed, which the tables say; 4 if a claim was not kept."""
+    """Compare, and show the result. Returns 0 even if cases failed (the tables show them), 4 if a claim was broken."""
     from hapnet.study import tables
     from hapnet.study.journal import Journal
 
@@ -193,7 +193,7 @@ def _write(
     whole: dict[str, Any],
     written: output.Written,
 ) -> list[str]:
-    """Write compare.json and the figures; what is there then, in words."""
+    """Write compare.json and the figures; returns what was written, in words."""
     from hapnet.report.files import save_figure
     from hapnet.study import figures
 
@@ -213,7 +213,7 @@ def _write(
 
 
 def plan_of(params: Params, given: CompareOptions) -> Plan:
-    """The flags as a plan; each of its parts is tried once.
+    """The plan that the flags describe; each of its links and operators is checked once.
 
     Raises
     ------
@@ -228,7 +228,7 @@ def plan_of(params: Params, given: CompareOptions) -> Plan:
         raise InvalidParameter("duration_s", params.duration_s, "above 0 in virtual time")
     for name, flag in _OWN.items():
         if params.get(name) != BASE.get(name):
-            raise InvalidParameter(name, params.get(name), f"what {flag} says, in a comparison")
+            raise InvalidParameter(name, params.get(name), f"its default: in a comparison {flag} sets it")
     chosen = [name.strip() for names in given.coupling or () for name in names.split(",")]
     for name in chosen:
         coupling(name)
@@ -250,12 +250,12 @@ def plan_of(params: Params, given: CompareOptions) -> Plan:
 
 
 def links_of(given: Sequence[str] | None, traces: Iterable[str]) -> dict[str, tuple[str, str]]:
-    """Links by name, each with the words of the uplink and of the downlink."""
+    """Links by name, each with its words for the uplink and for the downlink."""
     links: dict[str, tuple[str, str]] = {}
 
     def add(flag: str, name: str, up: str, down: str) -> None:
         if name in links:
-            raise InvalidParameter(flag, name, "a name for each link")
+            raise InvalidParameter(flag, name, "a different name for each link")
         links[name] = up, down
 
     for text in LINKS if given is None else given:
@@ -287,7 +287,7 @@ def deadbands(text: str) -> list[float]:
 
 
 def drawn_case(plan: Plan, text: str | None) -> Case:
-    """The case of the first variant that ``LINK[,OPERATOR[,SEED]]`` names."""
+    """The case that ``LINK[,OPERATOR[,SEED]]`` names, with the first variant."""
     from hapnet.assembly.build import link_profile
 
     def delay_ns(link: str) -> int:
@@ -305,7 +305,7 @@ def drawn_case(plan: Plan, text: str | None) -> Case:
 
 
 def _same(case: Case, outcomes: Iterable[Outcome]) -> list[Case]:
-    """This case under every variant that did not fail in it."""
+    """This case with every variant for which it did not fail."""
     wanted = (case.link, case.operator, case.seed)
     return [one.case for one in outcomes
             if one.error is None and (one.case.link, one.case.operator, one.case.seed) == wanted]  # fmt: skip

@@ -18,11 +18,11 @@ MODES = ("peer", "client", "router")
 MOTIONS = (".csv", ".mcap")
 """Files that can be an operator's motion."""
 
-_UNQUOTED = frozenset("._-+=@%/,")  # of names that no shell takes apart
+_UNQUOTED = frozenset("._-+=@%/,")  # characters that need no quotes in any shell
 
 
 def glue() -> bool:
-    """Join the words of bash's line that hold an ``=``; is the last one such a word?
+    """Join the words of bash's line that contain an ``=``; returns whether the last one does.
 
     bash splits words at ``=``, and then wants only what follows it: see `behind`. click joins ``--flag=value`` itself,
     but not the ``NAME=VALUE`` of ``--set``.
@@ -40,7 +40,7 @@ def glue() -> bool:
 
 
 def behind(offered: str) -> str:
-    """What follows the last ``=`` of each offered line, if there is anything."""
+    """The part after the last ``=`` of each offered line, unless it is empty."""
     return "\n".join(filter(None, (line.rpartition("=")[2] for line in offered.splitlines())))
 
 
@@ -55,7 +55,7 @@ def words(*given: str) -> Callable[[], list[str]]:
 
 
 def profiles() -> list[tuple[str, str]]:
-    """Named link profiles, with their tc words."""
+    """Link profiles by name, with their tc words."""
     return [(name, tc) for name, tc in PRESETS.items()]
 
 
@@ -67,14 +67,14 @@ def scenes() -> list[str]:
 
 
 def operators(incomplete: str) -> list[str]:
-    """Built-in hands, and files with a motion."""
+    """Built-in hands, and files that contain a motion."""
     return [*OPERATORS, *files(incomplete, MOTIONS)]
 
 
 def assignments(incomplete: str) -> list[tuple[str, str]]:
     """``NAME=`` of every parameter; if only one fits, also ``NAME=VALUE`` with its default and its other choices.
 
-    So there are always two that begin alike: the shell adds no space after the ``=``.
+    So there are always two with the same beginning, and the shell adds no space after the ``=``.
     """
     values = Params().flat()
     names = [name for name in values if name.startswith(incomplete.partition("=")[0])]
@@ -87,7 +87,7 @@ def assignments(incomplete: str) -> list[tuple[str, str]]:
 
 
 def rows(incomplete: str) -> list[str]:
-    """Rows of the benchmark; after a comma another one."""
+    """Rows of the benchmark; after a comma, another row."""
     from hapnet.bench.registry import ROWS
 
     before, comma, _ = incomplete.rpartition(",")
@@ -95,7 +95,7 @@ def rows(incomplete: str) -> list[str]:
 
 
 def files(incomplete: str, endings: tuple[str, ...]) -> list[str]:
-    """Paths that begin so: files with one of these endings, and directories. A single directory is opened."""
+    """Paths with this beginning: files with one of these endings, and directories. A single directory is opened."""
     found: list[str] = []
     for _ in range(20):
         directory, slash, start = incomplete.rpartition("/")
@@ -118,7 +118,7 @@ def files(incomplete: str, endings: tuple[str, ...]) -> list[str]:
 
 
 def _about(parameter: str) -> Mapping[str, Any]:
-    """A parameter's meaning and what it allows."""
+    """A parameter's meaning, and its allowed values."""
     section, _, last = parameter.rpartition(".")
     owner = Params().get(section) if section else Params()
     return next(field.metadata for field in fields(owner) if field.name == last)

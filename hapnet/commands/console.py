@@ -1,11 +1,11 @@
 """Commands from `hapnet play` to the two running sides: one JSON object per line, on their standard input.
 
 ``{"do": "lead", "position": [x, ...]}``, ``{"do": "link", "words": "..."}``, ``{"do": "pause", "on": true}`` and
-``{"do": "record", "path": "..." or null}``; ``{"do": "hurry"}`` before it is told to stop. Not on the network: only who
-has started a side commands it.
+``{"do": "record", "path": "..." or null}``; ``{"do": "hurry"}`` before it is asked to stop. The network carries no
+commands: only the process that has started a side can command it.
 
-A further one is a case here and a method of `RealtimeSide`. A button for it is a method of `Controls`
-(hapnet/view/controls.py) and a line of the panel beside it; `hapnet play` passes it on.
+A new command needs a case here and a method of `RealtimeSide`. A button for it needs a method of `Controls`
+(hapnet/view/controls.py) and a line in the panel beside it; `hapnet play` passes it on.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ async def run_console(side: RealtimeSide, complain: Callable[[str], None]) -> No
             _do(side, json.loads(line))
         except (HapnetError, NetemError) as error:
             complain(str(error))
-        except Exception as error:  # whatever is wrong with one command, the next is heard
-            complain(f"no command: {line!r:.80} ({type(error).__name__}: {error})")
+        except Exception as error:  # whatever is wrong with one command, the next one is read
+            complain(f"not a command: {line!r:.80} ({type(error).__name__}: {error})")
 
 
 def _do(side: RealtimeSide, command: dict[str, Any]) -> None:

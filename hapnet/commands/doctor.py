@@ -11,7 +11,7 @@ _STYLE = {OK: "green", WARNING: "yellow", MISSING: "bold red", SKIPPED: "dim"}
 
 
 def main(connect: list[str], json_to: str | None, security: Security, session: str, name: str) -> int:
-    """0, or 1 if something is missing that hapnet needs."""
+    """Run the checks; returns 1 if something that hapnet needs is missing, otherwise 0."""
     from rich.text import Text
 
     words = output.console(json_to)

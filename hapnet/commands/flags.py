@@ -1,4 +1,4 @@
-"""The flags of `hapnet`, declared once: types for the fields of groups of options and for commands' arguments."""
+"""The flags of `hapnet`, each declared once: types for fields of option groups and for commands' arguments."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ Coupling = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
-        help=f"pspm; to compare with: zoh (a plain virtual coupling), {', '.join(COUPLING_NAMES[2:])}, or "
-        "MODULE:NAME of your own.",
+        help=f"pspm; for comparison zoh (a plain virtual coupling), {', '.join(COUPLING_NAMES[2:])}; or your own as "
+        "MODULE:NAME.",
         autocompletion=complete.words(*COUPLING_NAMES),
     ),
 ]
@@ -45,11 +45,13 @@ ServoKind = Annotated[
         autocompletion=complete.choices("device.servo"),
     ),
 ]
-ServoRate = Annotated[float | None, typer.Option("--servo-hz", help="Rate of the servo; 1000 by default.")]
+ServoRate = Annotated[float | None, typer.Option("--servo-hz", help="Rate of the servo [Hz]; 1000 by default.")]
 Duration = Annotated[float | None, typer.Option(help="Seconds from pairing; 0: until Ctrl-C (not in virtual time).")]
 Dof = Annotated[int | None, typer.Option(help="Degrees of freedom, 1 to 3; the scene's own by default.")]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of everything random.")]
-OwnSeed = Annotated[int | None, typer.Option("--seed", min=0, help="Of this side's link and steps; drawn by default.")]
+OwnSeed = Annotated[
+    int | None, typer.Option("--seed", min=0, help="Seed of this side's link and steps; random by default.")
+]
 ParamsFile = Annotated[
     Path | None,
     typer.Option("--params", help="TOML file of parameters, as --show-params prints.", rich_help_panel=_PARAMS),
@@ -59,25 +61,27 @@ Assign = Annotated[
     typer.Option(
         "--set",
         metavar="NAME=VALUE",
-        help="Set one: world.wall.stiffness=30000.",
+        help="Set one parameter: world.wall.stiffness=30000.",
         rich_help_panel=_PARAMS,
         autocompletion=complete.assignments,
     ),
 ]
-Show = Annotated[bool, typer.Option("--show-params", help="Print all parameters and end.", rich_help_panel=_PARAMS)]
+Show = Annotated[bool, typer.Option("--show-params", help="Print all parameters and exit.", rich_help_panel=_PARAMS)]
 Schema = Annotated[
     bool,
-    typer.Option("--schema", help="With --show-params: as a JSON schema, for editors.", rich_help_panel=_PARAMS),
+    typer.Option("--schema", help="With --show-params: print a JSON schema for editors.", rich_help_panel=_PARAMS),
 ]
-Json = Annotated[str | None, typer.Option("--json", metavar="FILE|-", help="Summary as JSON; -: alone on stdout.")]
+Json = Annotated[
+    str | None, typer.Option("--json", metavar="FILE|-", help="Write the summary as JSON; -: alone on stdout.")
+]
 Out = Annotated[
-    Path | None, typer.Option(help="Directory for all that is written.", show_default="runs/<UTC time>-<seed>")
+    Path | None, typer.Option(help="Directory for all output files.", show_default="runs/<UTC time>-<seed>")
 ]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="All tables of the summary, not only its main lines.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Show all tables of the summary, not only five lines.")]
 Realtime = Annotated[
     bool,
     typer.Option(
-        "--realtime", help="The servo in a process of its own, under SCHED_FIFO and in locked memory where allowed."
+        "--realtime", help="Run the servo in its own process, with SCHED_FIFO and locked memory where allowed."
     ),
 ]
 
@@ -86,7 +90,7 @@ Link = Annotated[
     typer.Option(
         "--link",
         metavar="'TC WORDS'",
-        help="tc-netem's words, or a profile.",
+        help="The link in tc-netem's words, or a profile's name.",
         rich_help_panel=_LINK,
         autocompletion=complete.profiles,
     ),
@@ -104,7 +108,7 @@ Resend = Annotated[
     str | None,
     typer.Option(
         metavar="N TIME",
-        help="What is lost is sent again, such as '3 8ms' or '3 8ms unordered'; 0: never.",
+        help="The link resends lost packets, such as '3 8ms' or '3 8ms unordered'; 0: never.",
         rich_help_panel=_LINK,
     ),
 ]
@@ -145,13 +149,13 @@ Mode = Annotated[
 Connect = Annotated[
     list[str] | None,
     typer.Option(
-        "-e", "--connect", metavar="ENDPOINT", help="Dial, such as tcp/192.168.0.2:17447.", rich_help_panel=_ZENOH
+        "-e", "--connect", metavar="ENDPOINT", help="Dial this, such as tcp/192.168.0.2:17447.", rich_help_panel=_ZENOH
     ),
 ]
 Listen = Annotated[
     list[str] | None,
     typer.Option(
-        "-l", "--listen", metavar="ENDPOINT", help="Listen, such as tcp/0.0.0.0:17447.", rich_help_panel=_ZENOH
+        "-l", "--listen", metavar="ENDPOINT", help="Listen here, such as tcp/0.0.0.0:17447.", rich_help_panel=_ZENOH
     ),
 ]
 Config = Annotated[str | None, typer.Option("-c", "--config", help="Zenoh configuration file.", rich_help_panel=_ZENOH)]
@@ -159,12 +163,16 @@ NoScouting = Annotated[
     bool, typer.Option("--no-multicast-scouting", help="Do not look for peers by multicast.", rich_help_panel=_ZENOH)
 ]
 Cfg = Annotated[
-    list[str] | None, typer.Option("--cfg", metavar="KEY:JSON5", help="Override one key.", rich_help_panel=_ZENOH)
+    list[str] | None,
+    typer.Option("--cfg", metavar="KEY:JSON5", help="Override a key of Zenoh's configuration.", rich_help_panel=_ZENOH),
 ]
 TlsCa = Annotated[
     Path | None,
     typer.Option(
-        "--tls-ca", metavar="FILE", help="The signer of the other side's certificate.", rich_help_panel=_SECURITY
+        "--tls-ca",
+        metavar="FILE",
+        help="Certificate of the authority that signed the other side's.",
+        rich_help_panel=_SECURITY,
     ),
 ]
 TlsCert = Annotated[
@@ -183,7 +191,7 @@ MutualTls = Annotated[
 User = Annotated[
     str | None,
     typer.Option(
-        "--user", metavar="NAME", help="The name to dial with; a password goes with it.", rich_help_panel=_SECURITY
+        "--user", metavar="NAME", help="The name to dial with; it needs a password.", rich_help_panel=_SECURITY
     ),
 ]
 PasswordFile = Annotated[
@@ -191,7 +199,7 @@ PasswordFile = Annotated[
     typer.Option(
         "--password-file",
         metavar="FILE",
-        help="The password; or HAPNET_PASSWORD in the environment.",
+        help="File with the password; or set HAPNET_PASSWORD in the environment.",
         rich_help_panel=_SECURITY,
     ),
 ]
@@ -205,9 +213,9 @@ Name = Annotated[str, typer.Option(help="Name of the device, the same on both si
 Record = Annotated[Path | None, typer.Option(help="Record this side to an MCAP file.")]
 Log = Annotated[
     str | None,
-    typer.Option("--log", metavar="FILE|-", help="Events, one JSON object per line; -: instead of words, on stdout."),
+    typer.Option("--log", metavar="FILE|-", help="Log events, one JSON object per line; -: to stdout, without text."),
 ]
-Once = Annotated[bool, typer.Option("--once", help="End when the other side has left, or is gone for 10 s.")]
+Once = Annotated[bool, typer.Option("--once", help="End when the other side has left, or has been gone for 10 s.")]
 Progress = Annotated[bool, typer.Option("--progress", hidden=True)]
 OnSilence = Annotated[
     str | None,
@@ -218,12 +226,12 @@ OnSilence = Annotated[
     ),
 ]
 SilenceAfter = Annotated[
-    float | None, typer.Option("--silence-after", help="Seconds of silence that count; 0.5 by default.")
+    float | None, typer.Option("--silence-after", help="Seconds without messages that are a silence; 0.5 by default.")
 ]
 Deadband = Annotated[
     float | None,
     typer.Option(
-        "--deadband", metavar="FRACTION", help="Send only what changes the force by more than this; 0.1: unnoticed."
+        "--deadband", metavar="FRACTION", help="Send only changes of the force above this fraction; 0.1 is hardly felt."
     ),
 ]
 Figure = Annotated[
@@ -234,12 +242,12 @@ Only = Annotated[
     str | None,
     typer.Option(
         metavar="NAME[,NAME]",
-        help="Rows to measure, patterns too: servo_*,device_tick.",
+        help="Rows to measure, as names or patterns: servo_*,device_tick.",
         autocompletion=complete.rows,
     ),
 ]
 Host = Annotated[
-    str, typer.Option(help="Serve the page on this address; 0.0.0.0: to others too, who may press every button.")
+    str, typer.Option(help="Serve the page on this address; 0.0.0.0: others can open it too, and press every button.")
 ]
-Port = Annotated[int, typer.Option(min=0, max=65535, help="Serve it on this port, or on the next free one.")]
-Browser = Annotated[bool, typer.Option("--browser/--no-browser", help="Open it in a browser.")]
+Port = Annotated[int, typer.Option(min=0, max=65535, help="Serve the page on this port, or on the next free one.")]
+Browser = Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in a browser.")]

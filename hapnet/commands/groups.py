@@ -1,4 +1,4 @@
-"""Groups of options: a frozen dataclass of flags is declared once, and is one parameter of every command that has them.
+"""Groups of options: a frozen dataclass of flags, declared once, is one parameter of each command that has these flags.
 
 ::
 
@@ -12,7 +12,7 @@
     def run(*, seed: flags.Seed = 0, links: LinkOptions, out: flags.Out = None) -> int: ...
 
 typer sees ``--seed --delay --loss --out``, in this order; `run` gets ``links=LinkOptions(delay=..., loss=...)``.
-A command that has not all of a group's flags says so: ``links: Annotated[LinkOptions, Without("loss")]``.
+A command can leave out some of a group's flags: ``links: Annotated[LinkOptions, Without("loss")]``.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 @dataclass(frozen=True, init=False)
 class Without:
-    """Beside a group in a command's annotation: fields that the command has no flags for. They keep their defaults."""
+    """In a command's annotation of a group: fields without flags in this command. They keep their defaults."""
 
     names: tuple[str, ...]
 
@@ -35,11 +35,11 @@ class Without:
 
 
 def grouped(command: Callable[..., int]) -> Callable[..., int]:
-    """The command as typer wants it: each parameter that is a group is replaced by the group's fields.
+    """The command in the form that typer needs: each parameter that is a group is replaced by the group's fields.
 
     Raises
     ------
-    TypeError : `Without` names a field that the group has not. ValueError : two flags of one name.
+    TypeError : `Without` names a field that the group does not have. ValueError : two flags have the same name.
     """
     hints = get_type_hints(command, include_extras=True)
     flags: list[inspect.Parameter] = []
@@ -71,7 +71,7 @@ def grouped(command: Callable[..., int]) -> Callable[..., int]:
 
 
 def _group(hint: Any) -> tuple[Any, set[str]]:
-    """The group that an annotation stands for and what it leaves out; None for a plain flag."""
+    """The group that an annotation stands for, and the fields it leaves out; None for a plain flag."""
     kind, *beside = get_args(hint) if get_origin(hint) is Annotated else (hint,)
     if not (isinstance(kind, type) and is_dataclass(kind)):
         return None, set()

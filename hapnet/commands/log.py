@@ -22,21 +22,21 @@ STYLES = {"info": "", "warning": "yellow", "error": "red"}
 
 
 class Log:
-    """Writes notices; what cannot be written (a full disk, a reader that left) is left out and never ends a run.
+    """Writes notices. A notice that cannot be written (full disk, the reader has left) is skipped; the run continues.
 
-    Lines are stamped with the monotonic clock, and with the time of day that it stands for: the clock on the wall is
-    read once, at the start, so that later steps of it do not show.
+    Each line has the time of the monotonic clock and the time of day. The system clock is read only once, at the start,
+    so its later steps do not show.
 
     Parameters
     ----------
-    role : which side speaks.
-    words : where words for people go; None: nowhere.
+    role : of this side.
+    words : the console for people; None: none.
     target : where JSON lines go: a file, "-" for standard output, None: nowhere.
-    progress : write down how far the run is, too.
+    progress : log the run's progress too.
 
     Attributes
     ----------
-    failure : in a line, why the file is not complete; None: it is.
+    failure : one line on why the file is not complete; None if it is.
 
     Raises
     ------

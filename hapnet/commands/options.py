@@ -1,4 +1,4 @@
-"""The groups of options that commands share, and what they make of them: parameters, Zenoh's settings, outputs."""
+"""The groups of options that commands share, and what follows from them: parameters, Zenoh's settings, outputs."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from hapnet.transport.security import Security
 
 NO_LINK = LinkParams("", "")
-"""What two hosts on a real network start from: nothing is emulated unless asked for."""
+"""The default for two hosts on a real network: no emulation unless asked for."""
 
 
 @dataclass(frozen=True)
 class ModelOptions:
-    """What is coupled, and how."""
+    """The parts that are coupled, and the coupling."""
 
     scene: flags.Scene = None
     operator: flags.Operator = None
@@ -39,7 +39,7 @@ class ModelOptions:
     deadband: flags.Deadband = None
 
     def named(self, *sides: str) -> dict[str, object]:
-        """The parameters that are given, by their dotted names; those of silence for each of these sides."""
+        """The given parameters by their dotted names; those about silence for each of these sides."""
         found: dict[str, object] = {
             "hardware": self.hardware,
             "scene": self.scene,
@@ -75,7 +75,7 @@ class LinkOptions:
     down_timeline: flags.DownTimeline = None
 
     def over(self, params: Params) -> Params:
-        """Parameters with what these flags make of their link.
+        """`params` with the link that these flags describe.
 
         Raises
         ------
@@ -87,19 +87,19 @@ class LinkOptions:
         for name, given in (("up", self.up_timeline), ("down", self.down_timeline)):
             text = self.timeline if given is None else given
             if text is not None:
-                from netem import Timeline  # which brings numpy: not for --help
+                from netem import Timeline  # it imports numpy, which --help must not do
 
                 changes[f"link.{name}_timeline"] = str(Timeline.read(text))
         return params.set(changes)
 
     def for_all_of(self, params: Params) -> Params:
-        """`params` without the timelines of the directions that these flags give another link."""
+        """`params` without the timelines of those directions for which these flags give another link."""
         both = any(flag is not None for flag in (self.link, self.profile, *self._effects.values()))
         given = {"up": both or self.uplink is not None, "down": both or self.downlink is not None}
         return params.set({f"link.{way}_timeline": "" for way, other in given.items() if other})
 
     def _way(self, default: str) -> str:
-        """The words of one direction: what the flags make of the default."""
+        """The words of one direction: the default, changed by the flags."""
         if self.link is None and self.profile is None and all(flag is None for flag in self._effects.values()):
             return default
         words = None if self.link is None else PRESETS.get(self.link, self.link)
@@ -107,7 +107,7 @@ class LinkOptions:
 
     @property
     def _effects(self) -> dict[str, str | None]:
-        """The flags of one property each, by their names."""
+        """The flags that set one property, by their names."""
         return {
             "delay": self.delay,
             "jitter": self.jitter,
@@ -124,7 +124,7 @@ OneWay = Annotated[LinkOptions, Without("uplink", "downlink", "up_timeline", "do
 
 @dataclass(frozen=True)
 class ParamsOptions:
-    """Where parameters come from beside the flags that have names of their own."""
+    """Where parameters come from, besides the flags with names of their own."""
 
     params_file: flags.ParamsFile = None
     assign: flags.Assign = None
@@ -134,7 +134,7 @@ class ParamsOptions:
     def over(self, base: Params, named: Mapping[str, object] | None = None, links: LinkOptions | None = None) -> Params:
         """Defaults, then the file, then `named` (None: not given), then the link flags, then `--set`.
 
-        Each overrides what is before.
+        Each overrides those before it.
 
         Raises
         ------
@@ -180,7 +180,7 @@ class ZenohOptions:
 
     @property
     def security(self) -> Security:
-        """The security flags, and the password in the environment for who wants none in a file."""
+        """The security flags, with the password from the environment for users who do not want it in a file."""
         from hapnet.transport.security import PASSWORD_VARIABLE, Security
 
         password = os.environ.get(PASSWORD_VARIABLE)
@@ -197,12 +197,12 @@ class ZenohOptions:
 
 
 Dialling = Annotated[ZenohOptions, Without("mode", "listen", "config", "no_multicast_scouting", "cfg", "users")]
-"""What a command needs that only dials."""
+"""The options of a command that only dials."""
 
 
 @dataclass(frozen=True)
 class SideFlags:
-    """What one side's process is told beside its parameters."""
+    """The options of one side's process besides its parameters."""
 
     seed: flags.OwnSeed = None
     session: flags.Session = "default"
@@ -226,7 +226,7 @@ class PageOptions:
 
 
 def json_target(target: str | None) -> Path | None:
-    """Where `--json` writes: None for standard output."""
+    """The file to which `--json` writes; None for standard output, or without `--json`."""
     if target in (None, "-"):
         return None
     assert target is not None

@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
 
 INCOMPLETE = 3
-"""Exit code: the run went well, but not all that it was to write is there."""
+"""Exit code: the run went well, but its output is not complete."""
 
 NOT_PASSIVE = 4
-"""Exit code: a coupling that claims to be passive here was not. It goes before all others but those of errors."""
+"""Exit code: a coupling that claims to be passive here was not. It takes precedence over all codes but an error's."""
 
 
 def console(json_to: str | None) -> Console:
-    """Where words for people go: standard error if the JSON object has standard output for itself."""
+    """The console for people: standard error if the JSON object goes to standard output, otherwise standard output."""
     from rich.console import Console
 
     stream = _Patient(sys.stderr if json_to == "-" else sys.stdout)
@@ -36,7 +36,7 @@ def console(json_to: str | None) -> Console:
 
 
 class _Patient:
-    """A stream whose reader may go (``| head``, a closed terminal, a full disk): then no more is said, and no error."""
+    """A stream whose reader may leave (``| head``, a closed terminal, a full disk): then it is silent, and no error."""
 
     def __init__(self, stream: IO[str]) -> None:
         self._stream = stream
@@ -68,11 +68,11 @@ def silence(stream: IO[str]) -> None:
 
 
 class Written:
-    """The files of a run. Each part is written even if another one failed, and what is missing is kept.
+    """Tracks the output of a run: each part is written even if another one has failed.
 
     Attributes
     ----------
-    missing : a line for each part that is not there, or not all of it. broken : a line for each claim not kept.
+    missing : a line for each part that is missing or not complete. broken : a line for each claim that was not kept.
     """
 
     def __init__(self) -> None:
@@ -80,7 +80,7 @@ class Written:
         self.broken: list[str] = []
 
     def judge(self, summary: Mapping[str, Any], params: Params | None, *, virtual: bool) -> None:
-        """Check whether the coupling of a run kept its claim; the arguments are those of `verdict.broken`."""
+        """Note if the coupling of a run broke its claim; the arguments are those of `verdict.broken`."""
         from hapnet.summary import verdict
 
         if verdict.broken(summary, params, virtual=virtual):
@@ -89,14 +89,14 @@ class Written:
 
     @contextmanager
     def part(self) -> Iterator[None]:
-        """Write one part inside; a failure is kept for the end."""
+        """A context to write one part in; a failure is reported at the end."""
         try:
             yield
         except (OutputError, RecordingError) as error:
             self.missing.append(str(error))
 
     def code(self, code: int = 0) -> int:
-        """The exit code of a run that otherwise ends with `code`; says what is missing and broken, one line each."""
+        """The exit code of a run that otherwise ends with `code`; prints what is missing and broken, one line each."""
         for lines in (self.missing, self.broken):
             if lines:
                 complain("; ".join(dict.fromkeys(lines)))
@@ -112,23 +112,23 @@ def complain(line: str) -> None:
 
 
 def run_directory(out: Path | None, which: int | str | None) -> Path:
-    """The directory for everything a command writes, made if need be: `out`, or runs/<UTC time>-<seed, or name>."""
+    """The directory for a command's output, made if needed: `out`, or runs/<UTC time>-<seed or name>."""
     name = f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{which}"
     path = out if out is not None else Path("runs") / name
     try:
         path.mkdir(parents=True, exist_ok=True)
     except FileExistsError:
-        raise HapnetError(f"cannot write to {path}: it is a file, and --out names a directory") from None
+        raise HapnetError(f"cannot write to {path}: it is a file, but --out must name a directory") from None
     except OSError as error:
         raise HapnetError(f"cannot write to {path}: {error.strerror or error}") from None
     return path
 
 
 def write_json(value: Mapping[str, Any] | Sequence[Mapping[str, Any]], json_to: str | None) -> None:
-    """`--json`: to a file, to standard output for "-", nowhere for None. Raises OutputError if it cannot be written."""
+    """Write `value` to a file, or to standard output for "-"; None: nowhere. Raises OutputError if that fails."""
     if json_to is None:
         return
-    from hapnet.recording.samples import plain  # what diverged is no number that JSON has
+    from hapnet.recording.samples import plain  # JSON has no infinities and no NaN
 
     text = json.dumps(plain(value), indent=2, allow_nan=False)
     try:
@@ -147,7 +147,7 @@ def write_json(value: Mapping[str, Any] | Sequence[Mapping[str, Any]], json_to: 
 def write_line(file: int, line: bytes, name: str) -> None:
     """Append to the open file called `name`. Raises OutputError if it cannot be written."""
     try:
-        while line:  # a disk that is nearly full takes a part
+        while line:  # a disk that is nearly full may take only a part
             line = line[os.write(file, line) :]
     except OSError as error:
         raise OutputError(f"cannot write {name}: {error.strerror or error}") from error
@@ -179,6 +179,6 @@ def show_summary(out: Console, summary: Mapping[str, Any], *, verbose: bool) -> 
 
 
 def show_files(out: Console, names: Iterable[str], directory: Path, more: str = "") -> None:
-    """The last line of a run: which of the files `names` are in `directory`."""
+    """Print the last line of a run: which of the files `names` are in `directory`."""
     if there := [name for name in names if (directory / name).exists()]:
         out.print(f"files: {', '.join(there)} in {directory}{more}", markup=False)

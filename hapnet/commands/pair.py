@@ -1,4 +1,4 @@
-"""The two processes of a run on this machine, started, heard and ended."""
+"""Starts, reads and ends the two processes of a run on this machine."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from hapnet.params import Params
 from hapnet.transport.config import free_address
 
 STOP_LIMIT_S = 30.0
-"""How long the processes may take to end after they were asked to [s]; after that they are killed."""
+"""How long the processes may take to end after the request [s]; then they are killed."""
 
 
 class Pair:
@@ -28,15 +28,15 @@ class Pair:
 
     Parameters
     ----------
-    params, seed : of both. directory : where the parameters go, and what they write.
-    on_notice : called with each notice: role, line as it was written, and its content.
-    record : both record, as device.mcap and world.mcap in `directory`. console : both take commands (`tell`).
-    realtime : of the device. session, address : under which they meet, and where the world listens; None: drawn.
+    params, seed : of both. directory : for the parameters, and for what both write.
+    on_notice : called with each notice: role, the raw line, and its content.
+    record : both record, to device.mcap and world.mcap in `directory`. console : both take commands (`tell`).
+    realtime : of the device. session : of both. address : where the world listens. None: a random one.
 
     Attributes
     ----------
-    parts : each side's summary, once it has left one.
-    errors : by role, what it said on standard error.
+    parts : the summary of each side that has left one.
+    errors : by role, the lines on standard error.
     """
 
     def __init__(
@@ -95,23 +95,23 @@ class Pair:
                 raise HapnetError(said[-1] if said else f"the {role} process ended with exit code {code}")
 
     def recording(self, role: str) -> Path:
-        """Where this side records."""
+        """The path of this side's recording."""
         return self._directory / f"{role}.mcap"
 
     def tell(self, role: str, **command: Any) -> None:
-        """A command for one side's console; nothing happens if it has ended."""
+        """Send a command to one side's console; nothing happens if that side has ended."""
         child = self._children.get(role)
         if child is not None and child.stdin is not None and child.returncode is None:
             with contextlib.suppress(ConnectionError):
                 child.stdin.write(json.dumps(command).encode() + b"\n")
 
     def stop(self) -> None:
-        """Ask both to end; called again: without delay. SIGINT comes from the terminal too, and would count double."""
+        """Ask both to end; called again: without delay. SIGINT would count twice, as the terminal sends it too."""
         self._told = True
         self._signal(signal.SIGTERM)
 
     async def _start(self, role: str, flag: str) -> asyncio.subprocess.Process:
-        report, theirs = os.pipe()  # a summary that needs no room on a disk
+        report, theirs = os.pipe()  # for the summary, which then needs no room on a disk
         command = [sys.executable, "-m", "hapnet", role, flag, self._address, "--no-multicast-scouting"]
         command += ["--session", self._session, "--params", str(self._directory / "params.toml")]
         command += ["--seed", str(self._seed), "--json", f"/dev/fd/{theirs}", "--log", "-", "--progress"]
@@ -120,7 +120,7 @@ class Pair:
         if self._realtime and role == "device":
             command.append("--realtime")
         pipe = asyncio.subprocess.PIPE
-        # the terminal's Ctrl-C would hit an interpreter that has no handler yet: it is held back until there is one
+        # the terminal's Ctrl-C is blocked until the child has a handler for it
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             child = await asyncio.create_subprocess_exec(
@@ -165,7 +165,7 @@ class Pair:
 
 
 async def _read(pipe: int) -> bytes:
-    """Everything that comes through a pipe until it is closed."""
+    """Read everything from a pipe until it is closed."""
     reader = asyncio.StreamReader()
     await asyncio.get_running_loop().connect_read_pipe(
         lambda: asyncio.StreamReaderProtocol(reader), os.fdopen(pipe, "rb", buffering=0)
@@ -174,7 +174,7 @@ async def _read(pipe: int) -> bytes:
 
 
 async def _notices(child: asyncio.subprocess.Process) -> AsyncIterator[tuple[bytes, dict[str, Any]]]:
-    """The lines that a process logs: each as it is, and its content."""
+    """The lines that a process logs: each as raw bytes, and its content."""
     assert child.stdout is not None
     async for line in child.stdout:
         with contextlib.suppress(json.JSONDecodeError):

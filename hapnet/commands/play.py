@@ -1,4 +1,4 @@
-"""`hapnet play`: a pair of processes whose hand is the mouse, and the page that shows and changes them."""
+"""`hapnet play`: a pair of processes with the mouse as the hand, and the page that shows and changes them."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ SESSION = "play"
 
 
 def led(params: Params) -> Params:
-    """`params` for a hand that is led by the mouse, until told to stop; relaxed where it is the default one."""
+    """`params` for a hand that the mouse leads, without an end; the default hand becomes a relaxed one."""
     hand = RELAXED_HAND if params.operator_hand == OperatorParams() else {}
     return params.set({**hand, "operator": LIVE, "duration_s": 0.0})
 
 
 def main(params: Params, seed: int, out: Path | None, options: PageOptions, *, realtime: bool) -> int:
-    """Serve the page and keep a pair running behind it, until told to stop."""
+    """Serve the page and keep a pair running behind it, until a signal ends it."""
     setup = prepare(params, "sampled")
     if params.hardware != "simulated":
-        allowed = "simulated: here the mouse is the hand; `hapnet view` shows a pair with a device of your own"
+        allowed = "simulated: the mouse is the hand here; `hapnet view` shows a pair with your own device"
         raise InvalidParameter("hardware", params.hardware, allowed)
     if not params.telemetry_hz:
         raise InvalidParameter("telemetry_hz", params.telemetry_hz, "above 0: the page shows what is published")
@@ -59,8 +59,8 @@ def main(params: Params, seed: int, out: Path | None, options: PageOptions, *, r
         closing.callback(watcher.close)
         words.print(f"open {page.url} and drag the handle; Ctrl-C ends")
         words.print(
-            "the browser shares this machine's cores with the servo: with --realtime the servo goes first, and "
-            f"`hapnet view -e {address}` shows the same to more people",
+            "the browser shares this machine's cores with the servo: --realtime gives the servo priority; "
+            f"`hapnet view -e {address}` shows the same page to more people",
             style="dim",
         )
         if options.browser:
@@ -79,8 +79,8 @@ async def _run(stage: Stage) -> int:
 class Stage:
     """Pairs of processes, one after another, under the page's `Controls`. Each pair starts with a fresh energy account.
 
-    What changes the link, the hand or a recording reaches the running pair; what changes the coupling ends it and
-    begins another.
+    Changes of the link, of the hand and of recordings go to the running pair. A change of the coupling ends that pair
+    and starts another.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ class Stage:
                 )  # fmt: skip
                 await pair.start()
                 self._pair = pair
-                if (link := self._params.link) != given:  # it was changed while the processes were started
+                if (link := self._params.link) != given:  # it changed while the processes started
                     self._link("up", link.up)
                     self._link("down", link.down)
                 if self._position is not None:
@@ -133,7 +133,7 @@ class Stage:
         stopping.cancel()
 
     def hurry(self) -> None:
-        """End without waiting for what is in flight."""
+        """End without waiting for the energy in flight."""
         if self._pair is not None:
             self._pair.stop()
 
@@ -172,7 +172,7 @@ class Stage:
 
     def _anew(self, changes: dict[str, object]) -> None:
         params = self._params.set(changes)
-        prepare(params, "sampled")  # in the page's thread, which shows what is wrong
+        prepare(params, "sampled")  # in the page's thread, which shows an error
 
         def change() -> None:
             self._params = self._params.set(changes)
@@ -194,7 +194,7 @@ class Stage:
     def _switch_recording(self, on: bool) -> None:
         self._recording = on
         if on:
-            if self._pair is not None and not self._over.is_set():  # else the next episode begins with it
+            if self._pair is not None and not self._over.is_set():  # otherwise the next episode begins with it
                 self._record()
         else:
             self._tell_both(lambda role: {"do": "record", "path": None})
@@ -212,11 +212,11 @@ class Stage:
                 self._pair.tell(role, **command(role))
 
     def _on_notice(self, role: str, line: bytes, notice: dict[str, Any]) -> None:
-        """Show what goes wrong; of late servo ticks, which are common beside a browser, only the first."""
+        """Show warnings and errors; late servo ticks are common beside a browser, so only the first is shown."""
         kind, text = notice["kind"], notice["text"]
         if notice["level"] == "info" or self._over.is_set() or (kind == "overrun" and self._overran):
             return
         if kind == "overrun":
             self._overran = True
-            text += "; it shares the processor with the browser, and is not told of again (--realtime helps)"
+            text += "; it shares the processor with the browser (--realtime helps); this is not reported again"
         self._words.print(f"{role}: {text}", style="yellow", markup=False)

@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from rich.progress import Progress as Bar
 
 BAR_AFTER_S = 1.0
-"""A command that is over before shows no bar."""
+"""A command that ends before this time shows no bar [s]."""
 LINE_EVERY_S = 5.0
 _REDRAW_S = 0.1
 
-_ERASE = b"\r\x1b[2K\x1b[?25h"  # the line, and the cursor is back
+_ERASE = b"\r\x1b[2K\x1b[?25h"  # clears the line, and shows the cursor
 
 _drawn: set[Progress] = set()
 
@@ -28,13 +28,13 @@ class Progress:
 
     Parameters
     ----------
-    words : where people read.
+    words : the console for people.
     doing : what is being done, such as "simulating".
-    total : of what `update` counts; None: unknown.
-    unit : of that; "": `doing` says it.
-    background : draw from a thread of its own, so that time passes though nobody calls `update`. Without it every
-        `update` is shown, at once, and nothing runs between: for what is measured.
-    clock : seconds.
+    total : the final value of what `update` counts; None: unknown.
+    unit : of `total`; "": `doing` contains the numbers.
+    background : draw from a separate thread, so that the time advances even if nobody calls `update`. Without it each
+        `update` is shown at once and nothing runs in between: for measurements.
+    clock : [s].
     """
 
     def __init__(
@@ -73,14 +73,14 @@ class Progress:
             self._thread.join()
 
     def stage(self, doing: str, total: float | None = None, unit: str = "s") -> None:
-        """Begin another stage, of which nothing is done yet."""
+        """Begin another stage, with nothing done yet."""
         with self._lock:
             self._doing, self._total, self._unit = doing, total, unit
             self._done = 0.0
             self._first: tuple[float, float] | None = None  # update: when, and how much was done
 
     def update(self, done: float, doing: str | None = None) -> None:
-        """So much of the total is done."""
+        """Note that `done` of the total is done."""
         self._done = done
         self._doing = doing or self._doing
         if self._first is None:
@@ -89,7 +89,7 @@ class Progress:
             self.tick()
 
     def tick(self) -> None:
-        """Show what is to be shown now; called by the thread, or by `update` where there is none."""
+        """Show the progress if it is due; the thread calls it, or `update` if there is no thread."""
         with self._lock:
             lasted_s = self._clock() - self._began
             if self._over.is_set():
@@ -107,7 +107,7 @@ class Progress:
     def erase(self) -> None:
         """Clear the line and restore the cursor at once, before the process ends."""
         self._over.set()
-        free = self._lock.acquire(timeout=_REDRAW_S)  # nobody is drawing now, unless the terminal takes nothing
+        free = self._lock.acquire(timeout=_REDRAW_S)  # fails only if the terminal blocks whoever draws
         with suppress(OSError):
             os.write(self._words.file.fileno(), _ERASE)
         if free:
@@ -131,7 +131,7 @@ class Progress:
                 console=self._words,
                 auto_refresh=False,
                 transient=True,
-                redirect_stdout=False,  # what a program reads must not go where the bar is
+                redirect_stdout=False,  # output for programs must not go to the bar's stream
                 redirect_stderr=False,
             )
             self._bar.add_task(self._doing, count="", left="")
@@ -166,7 +166,7 @@ class Progress:
 
 
 def erase() -> None:
-    """Erase all bars, before the process ends without leaving their ``with`` blocks."""
+    """Erase all bars; for a process that ends without leaving their ``with`` blocks."""
     for progress in tuple(_drawn):
         progress.erase()
 

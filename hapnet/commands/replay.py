@@ -29,7 +29,7 @@ def main(
 ) -> int:
     """Simulate with the recording's parameters and seed; write recording, figures and summary, and compare.
 
-    chosen : what the flags make of the recording's parameters.
+    chosen : changes the recording's parameters by the flags.
     """
     from dataclasses import replace as changed
 
@@ -50,7 +50,7 @@ def main(
     directory = output.run_directory(out, seed)
     target = directory / "run.mcap"
     if any(target.resolve() == file.resolve() for file in files):
-        raise InvalidParameter("--out", str(directory), "another directory than the recording's, which stays as it is")
+        raise InvalidParameter("--out", str(directory), "a directory other than the recording's, which must not change")
     output.show_warnings(words, simulation.setup.warnings)
     words.print(f"hand: {original.hand}", markup=False)
     for line in original.notes:
@@ -111,7 +111,7 @@ def table(compared: dict[str, Any]) -> Table:
 def verdict(compared: dict[str, Any]) -> str:
     """In one line, how the replay compares with the original."""
     if compared["identical"]:
-        return "the replay is identical to the original: every value of every sample, as far as both go"
+        return "the replay is identical to the original: every value of every sample that both have"
     most, rms = compared["max_position_difference_m"], compared["rms_position_difference_m"]
     if most is None:
         return "the replay differs from the original; their paths cannot be compared"

@@ -1,4 +1,4 @@
-"""`hapnet report`: one or two recordings as a page, as pictures and as a summary; a torn one is repaired beside it."""
+"""`hapnet report`: turns one or two recordings into a page, pictures and a summary; a torn one gets a repaired copy."""
 
 from __future__ import annotations
 
@@ -75,9 +75,9 @@ def write(
     names: Mapping[str, str],
     written: output.Written,
 ) -> list[str]:
-    """Write the page, and those pictures as files that have a name; what is there then.
+    """Write the page, and the pictures for which `names` has a file name; returns the names of the written files.
 
-    names : of the pictures' files. written : told what cannot be written.
+    names : the pictures' file names. written : collects what cannot be written.
     """
     from hapnet import report
 

@@ -1,4 +1,4 @@
-"""`hapnet run`: both processes on this machine, and one summary of them."""
+"""`hapnet run`: runs both processes on this machine, and makes one summary of them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, realtime: bool, verbose: bool) -> int:
-    """Start both processes, wait for them, write the run's report, figure and summary."""
+    """Start both processes, wait for them, and write the run's report, figure and summary."""
     setup = prepare(params, "sampled")
     check_sides(setup)
     words = output.console(json_to)
@@ -68,7 +68,7 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, re
         words.print(f"{role}: {text}", markup=False)
     for said in pair.errors.values():
         written.missing += said
-    if len(pair.parts) < 2:  # one that is interrupted while it starts leaves no summary
+    if len(pair.parts) < 2:  # a process that is interrupted while it starts leaves no summary
         words.print("stopped before both processes ran: there is nothing to report", style="yellow")
         return written.code(code)
     summary, recording, sources = _result(pair, setup, seed, written)
@@ -87,13 +87,13 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, re
 
 
 def _expected(notice: dict[str, Any]) -> bool:
-    """Is it in every run? Both sides wait for each other and are paired once; the summary shows the path."""
+    """Is the notice part of every run? Both sides wait and are paired once; the summary shows the path."""
     first = notice["kind"] == "paired" and notice.get("values", {}).get("pair") == 1
     return first or notice["kind"] in ("waiting", "path")
 
 
 async def _run(pair: Pair) -> int:
-    """Run to the end, or until told to stop; the exit code."""
+    """Run to the end, or until a signal stops it; returns the exit code."""
     stop = asyncio.Event()
     caught: list[signal.Signals] = []
     catch(stop, caught, again=pair.stop)
@@ -122,9 +122,9 @@ def _result(
 
 
 def check_sides(setup: Setup) -> None:
-    """Make both sides once, so that what does not fit is said here, before anything is started or written.
+    """Make both sides once, so that errors show here, before anything is started or written.
 
-    A device of the user's own is only imported: made here, it would be open when the device's process wants it.
+    A user's own device is only imported: made here, it would be open when the device's process needs it.
 
     Raises
     ------

@@ -28,17 +28,17 @@ from hapnet.transport.refusals import Refusals, heeded
 from hapnet.wire.messages import Role
 
 PARENT = "HAPNET_PARENT"
-"""In the environment of a side that `hapnet run` starts: whose child it is."""
+"""Environment variable of a side that `hapnet run` starts: the id of its parent process."""
 
 CONSOLE = "HAPNET_CONSOLE"
-"""Likewise: set if commands come on standard input."""
+"""Environment variable of such a side: set if commands come on standard input."""
 
 PARENT_EVERY_S = 0.2
 
 
 @dataclass(frozen=True)
 class SideOptions:
-    """The options of one side beside its parameters."""
+    """The options of one side besides its parameters."""
 
     role: Role
     zenoh: ZenohSettings
@@ -51,15 +51,15 @@ class SideOptions:
     """End with the first peer."""
     json_to: str | None
     log_to: str | None
-    """Notices as JSON lines: to a file, or for "-" on standard output instead of words for people."""
+    """Where notices go as JSON lines: to a file or, for "-", to standard output instead of text for people."""
     progress: bool
-    """Of these also how far the run is."""
+    """Log the run's progress too."""
     verbose: bool = False
-    """All tables of the summary, for people."""
+    """Show people all tables of the summary."""
 
 
 def zenoh_settings(options: ZenohOptions) -> ZenohSettings:
-    """Zenoh's flags. Without an endpoint or a configuration file the sides find each other by multicast scouting."""
+    """Zenoh's settings from the flags. Without an endpoint or a file, multicast scouting finds the other side."""
     alone = not options.connect and not options.listen and options.config is None
     if options.mode is not None:
         checks.one_of("mode", options.mode, get_args(Mode))
@@ -75,7 +75,7 @@ def zenoh_settings(options: ZenohOptions) -> ZenohSettings:
 
 
 def main(params: Params, options: SideOptions) -> int:
-    """Run one side until its duration is over or it is told to stop."""
+    """Run one side until its duration is over or a signal stops it; returns the exit code."""
     with heeded(options.zenoh) as refusals:
         return _main(params, options, refusals)
 
@@ -83,7 +83,7 @@ def main(params: Params, options: SideOptions) -> int:
 def _main(params: Params, options: SideOptions, refusals: Refusals) -> int:
     setup = prepare(params, "sampled")
     if params.operator == LIVE and CONSOLE not in os.environ:
-        raise InvalidParameter("operator", LIVE, f"another one: {LIVE} is led by the page of hapnet play")
+        raise InvalidParameter("operator", LIVE, f"any other: only hapnet play has the page that leads {LIVE}")
     warnings = setup.warnings + zenoh_warnings(options.zenoh)
     check_target(options.log_to, options.json_to)
     words = None if options.log_to == "-" else output.console(options.json_to)
@@ -115,7 +115,7 @@ def _main(params: Params, options: SideOptions, refusals: Refusals) -> int:
         output.show_summary(words, summary, verbose=options.verbose)
         if options.record is not None:
             output.show_files(words, [options.record.name], options.record.parent)
-    if not started_by_run:  # which judges both together
+    if not started_by_run:  # hapnet run judges both sides together
         written.judge(summary, params, virtual=False)
     with written.part():
         output.write_json(summary, options.json_to)
@@ -143,7 +143,7 @@ async def _run(side: RealtimeSide, duration_s: float, log: Log) -> tuple[Summary
 
 
 async def _outlive(parent: int, told: Callable[[signal.Signals], None]) -> None:
-    """End as on SIGTERM when `parent` has died: nobody else would end this side, and it may drive a device."""
+    """End as on SIGTERM when `parent` has died: nothing else would end this side, and it may drive a device."""
     while os.getppid() == parent:
         await asyncio.sleep(PARENT_EVERY_S)
     told(signal.SIGTERM)
@@ -152,9 +152,10 @@ async def _outlive(parent: int, told: Callable[[signal.Signals], None]) -> None:
 def catch(
     stop: asyncio.Event, caught: list[signal.Signals], *, again: Callable[[], object]
 ) -> Callable[[signal.Signals], None]:
-    """SIGINT, SIGTERM and a closed terminal ask for a clean stop, and are noted in `caught`; returns what they call.
+    """Let SIGINT, SIGTERM and a closed terminal set `stop`, and note them in `caught`; returns the signals' handler.
 
-    again : called when the same comes once more: somebody is impatient. A closing terminal may send SIGHUP twice.
+    again : called when the same signal comes once more, for a quick end; not for SIGHUP, which a closing terminal may
+        send twice.
     """
     loop = asyncio.get_running_loop()
 

@@ -11,7 +11,7 @@ from hapnet.params import Params
 
 
 def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, files: bool, verbose: bool) -> int:
-    """Simulate, write recording, figure and summary, print the summary."""
+    """Simulate; write recording, figure and summary; print the summary."""
     from hapnet.recording.mcap import save
     from hapnet.simulation.simulation import Simulation
 
@@ -36,7 +36,7 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, fi
     output.show_summary(words, result.summary, verbose=verbose)
     written.judge(result.summary, params, virtual=True)
     if directory is not None and not written.missing:
-        page = f"; a page of it all: hapnet report {directory / 'run.mcap'}"
+        page = f"; for a page with everything: hapnet report {directory / 'run.mcap'}"
         output.show_files(words, ("run.mcap", "figure.png", "summary.json"), directory, page)
     with written.part():
         output.write_json(result.summary, json_to)

@@ -1,4 +1,4 @@
-"""What `hapnet sweep` and `hapnet compare` share: running the cases of a journal that have no result."""
+"""Runs the cases of a journal that have no result, for `hapnet sweep` and `hapnet compare`."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ INTERRUPTED = 130
 
 @dataclass(frozen=True)
 class Ran:
-    """What became of the cases: `total` there are, `before` had a result before, `done` have one now.
+    """The state of the cases after a run: their `total`, how many had a result `before`, and how many are `done` now.
 
-    stopped : what ended it before all were done.
+    stopped : what ended the run before all were done; None: nothing did.
     """
 
     total: int
@@ -35,7 +35,7 @@ class Ran:
     stopped: KeyboardInterrupt | HapnetError | None
 
     def stop(self, how_to_go_on: str) -> int:
-        """The exit code of a study that was stopped; says how to go on. Raises HapnetError if an error stopped it."""
+        """The exit code of a stopped study; prints how to continue it. Raises HapnetError if an error stopped it."""
         line = f"{self.done} of {self.total} cases are done; {how_to_go_on}"
         if isinstance(self.stopped, HapnetError):
             raise HapnetError(f"{self.stopped}: {line}") from self.stopped
@@ -48,7 +48,7 @@ def run_missing(words: Console, journal: Journal, doing: str, backend: Callable[
 
     Raises
     ------
-    HapnetError : there is no such backend; nothing has begun.
+    HapnetError : the backend is not available; no case was run.
     """
     if journal.other_version is not None:
         text = f"hapnet {journal.other_version} ran the first of these cases: its results are kept, and may differ"

@@ -1,4 +1,4 @@
-"""`hapnet sweep`: the flags of its two parts. What they do is in `hapnet.commands.sweeping`, imported when they run."""
+"""`hapnet sweep`: the flags of `run` and `plot`. `hapnet.commands.sweeping` does the work; it is imported on demand."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ class RunByDefault(TyperGroup):
     """`hapnet sweep SPEC.toml` is `hapnet sweep run SPEC.toml`."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        asked_for_words = ctx.resilient_parsing and not args  # TAB: the names of both parts
+        asked_for_words = ctx.resilient_parsing and not args  # TAB: offer the names of both commands
         if not asked_for_words and (not args or args[0] not in self.commands):
             args = [RUN, *args]
         return super().parse_args(ctx, args)
 
     def shell_complete(self, ctx: Any, incomplete: str) -> list[Any]:
-        """The names of both parts, and what may follow the one that need not be named."""
+        """The names of both commands, and what may follow `run`, whose name may be left out."""
         default = self.commands[RUN]
         within = default.make_context(RUN, [], parent=ctx, resilient_parsing=True)
         offered = [*super().shell_complete(ctx, incomplete), *default.shell_complete(within, incomplete)]
@@ -53,30 +53,30 @@ def run(
     spec: Annotated[
         Path, typer.Argument(metavar="SPEC.toml", help="What is fixed and what varies.", autocompletion=_specs)
     ],
-    workers: Annotated[int, typer.Option(min=0, max=1024, help="Processes on this machine; 0: one a core.")] = 0,
+    workers: Annotated[int, typer.Option(min=0, max=1024, help="Processes on this machine; 0: one per core.")] = 0,
     dask: Annotated[
-        str | None, typer.Option(metavar="tcp://HOST:PORT", help="The workers of this Dask scheduler instead.")
+        str | None, typer.Option(metavar="tcp://HOST:PORT", help="Use the workers of this Dask scheduler instead.")
     ] = None,
     assign: flags.Assign = None,
     table: Annotated[
-        str, typer.Option("--format", help="Of the results: csv, parquet, both; auto: both where pyarrow is there.")
+        str, typer.Option("--format", help="Format of the results: csv, parquet, both; auto: both if pyarrow is there.")
     ] = "auto",
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Check the spec, say which cases it makes, and end.")
+        bool, typer.Option("--dry-run", help="Check the spec, list the first and last cases, and exit.")
     ] = False,
-    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Run cases again that failed before.")] = False,
-    fresh: Annotated[bool, typer.Option("--fresh", help="Throw away what is there of this sweep, and begin.")] = False,
+    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Run the failed cases again.")] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Discard all results of this sweep, and start again.")] = False,
     json_to: flags.Json = None,
     out: Annotated[
-        Path | None, typer.Option(help="Directory for all that is written.", show_default="runs/sweep-<SPEC>")
+        Path | None, typer.Option(help="Directory for all output files.", show_default="runs/sweep-<SPEC>")
     ] = None,
 ) -> int:
     """Run every combination of parameters, links and seeds that SPEC.toml lists, in virtual time.
 
-    The same command goes on where the one before was stopped or killed: only cases without a result are run. A case
-    that fails gets a row that says why.
+    After a stop or a crash the same command continues: it runs only cases without a result. A case that fails gets a
+    row that says why.
 
-    Writes results.csv (and results.parquet), sorted by case, and journal.sqlite, from which a later run goes on.
+    Writes results.csv (and results.parquet), sorted by case, and journal.sqlite, from which a later run continues.
     """
     json_target(json_to)
     from hapnet.commands import sweeping
@@ -87,13 +87,13 @@ def run(
 
 @app.command(short_help="Draw the results of a sweep as a heat map.")
 def plot(
-    directory: Annotated[Path, typer.Argument(metavar="DIRECTORY", help="A directory that a sweep has written.")],
+    directory: Annotated[Path, typer.Argument(metavar="DIRECTORY", help="The directory of a sweep.")],
     x: Annotated[
-        str | None, typer.Option(metavar="NAME", help="What varies to the right; alone: a line with quartiles.")
+        str | None, typer.Option(metavar="NAME", help="Parameter on the x axis; alone: a line with quartiles.")
     ] = None,
-    y: Annotated[str | None, typer.Option(metavar="NAME", help="What varies upwards.")] = None,
+    y: Annotated[str | None, typer.Option(metavar="NAME", help="Parameter on the y axis.")] = None,
     value: Annotated[
-        str | None, typer.Option(metavar="METRIC", help="What is shown.", show_default="energy_out_J")
+        str | None, typer.Option(metavar="METRIC", help="The metric to show.", show_default="energy_out_J")
     ] = None,
     where: Annotated[
         list[str] | None, typer.Option(metavar="NAME=VALUE", help="Only these cases; may be repeated.")
@@ -101,17 +101,18 @@ def plot(
     stat: Annotated[
         str | None,
         typer.Option(
-            help="Of a cell's cases: median, mean, min, max, p90, ...",
-            show_default="the worst of energy and margins, else median",
+            help="Statistic over a cell's cases: median, mean, min, max, p90, ...",
+            show_default="the worst case for energy and margins, otherwise the median",
         ),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE.png", help="The figure.", show_default="DIRECTORY/METRIC-X-Y.png")
+        Path | None,
+        typer.Option(metavar="FILE.png", help="Write the figure here.", show_default="DIRECTORY/METRIC-X-Y.png"),
     ] = None,
 ) -> int:
-    """Draw one metric of a sweep along two of what varies, as a heat map; along one, as a line with its quartiles.
+    """Draw one metric of a sweep over two varied parameters as a heat map, or over one as a line with quartiles.
 
-    Without --x and --y: the two that have the most values. Works while the sweep runs.
+    Without --x and --y: the two parameters with the most values. Works while the sweep runs.
     """
     from hapnet.commands import sweeping
 

@@ -1,4 +1,4 @@
-"""What `hapnet sweep` and `hapnet sweep plot` do."""
+"""The work of `hapnet sweep` and `hapnet sweep plot`."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from hapnet.study.task import reason
 if TYPE_CHECKING:
     from rich.console import Console
 
-_SHOWN = 3  # cases that --dry-run shows of each end
+_SHOWN = 3  # cases that --dry-run shows at each end of the list
 _REASONS = 3
 
 
@@ -41,9 +41,9 @@ class Options:
 
 
 def run(file: Path, assignments: list[str], how: Options, json_to: str | None, out: Path | None) -> int:
-    """Run what is missing, write the results of all. 3 if cases failed: their rows lack what was to be measured.
+    """Run the cases without a result, and write the results of all.
 
-    4 if the coupling of a case claims to be passive, and was not.
+    Returns 3 if cases failed (their rows lack measures), 4 if the coupling of a case claims to be passive but was not.
     """
     endings = export.formats(how.table)
     if how.dask is not None and how.workers:
@@ -53,7 +53,7 @@ def run(file: Path, assignments: list[str], how: Options, json_to: str | None, o
     directory = out or Path("runs") / f"sweep-{spec.name}"
     cases = spec.cases()
     if (twice := spec.count - len(cases)) > 0:
-        words.print(f"{twice} cases are there more than once in the spec, and are run once")
+        words.print(f"{twice} cases are repetitions in the spec: each case is run once")
     if how.dry_run or how.fresh or not (directory / NAME).exists():
         _check(words, spec, cases)
     if how.dry_run:
@@ -75,7 +75,7 @@ def plot(
     stat: str | None,
     out: Path | None,
 ) -> int:
-    """Draw the figure, and say where it is."""
+    """Draw the figure, and print its path."""
     from hapnet.report.files import save_figure
     from hapnet.study.grid import grid
     from hapnet.study.heatmap import draw
@@ -99,7 +99,7 @@ def _run(
     again = journal.forget_failed() if how.retry_failed else 0
     total, before, _ = journal.count()
     if before or again:
-        words.print(f"{before} of {total} cases are done{f', {again} failed and are run again' * bool(again)}")
+        words.print(f"{before} of {total} cases are done{f'; {again} failed and are run again' * bool(again)}")
     ran = run_missing(words, journal, "sweeping", lambda cases: _backend(words, how, cases))
     written = output.Written()
     columns = export.table(journal)
@@ -131,7 +131,7 @@ def _run(
 
 
 def _check(words: Console, spec: Spec, cases: list[Case]) -> None:
-    """Check the cases before any is run, and say what is wrong; raises HapnetError if none can run."""
+    """Check the cases before any is run, and print what is wrong; raises HapnetError if none can run."""
     sets: dict[str, list[Case]] = {}
     for case in cases:
         sets.setdefault(case.parameters, []).append(case)
@@ -141,13 +141,14 @@ def _check(words: Console, spec: Spec, cases: list[Case]) -> None:
         for done, alike in enumerate(sets.values(), 1):
             try:
                 warnings.update(check(params_of(spec.fixed, alike[0].values)))
-            except Exception as error:  # a scene of the user's own may raise anything
+            except Exception as error:  # a user's own scene may raise anything
                 wrong += [reason(error)] * len(alike)
             progress.update(done)
     if len(wrong) == len(cases):
-        raise HapnetError(f"no case can run: first: {wrong[0]}")
+        raise HapnetError(f"no case can run; the first: {wrong[0]}")
     if wrong:
-        words.print(f"{len(wrong)} of {len(cases)} cases cannot run: first: {wrong[0]}", style="yellow", markup=False)
+        line = f"{len(wrong)} of {len(cases)} cases cannot run; the first: {wrong[0]}"
+        words.print(line, style="yellow", markup=False)
     for warning, times in warnings.most_common(_REASONS):
         output.show_warnings(words, (f"{warning} (in {times} of {len(sets)} sets of parameters)",))
 
@@ -159,9 +160,7 @@ def _backend(words: Console, how: Options, cases: int) -> Backend:
 
     cluster = DaskCluster(how.dask)
     if cluster.threaded:
-        output.show_warnings(
-            words, ("workers of the cluster have several threads; dask worker --nthreads 1 is faster",)
-        )
+        output.show_warnings(words, ("the cluster's workers have several threads; dask worker --nthreads 1 is faster",))
     return cluster
 
 
@@ -176,7 +175,7 @@ def _show(words: Console, spec: Spec, cases: list[Case], directory: Path) -> Non
 
 
 def _assigned(flag: str, given: list[str]) -> dict[str, str]:
-    """NAME=VALUE, several times."""
+    """The names and values of several NAME=VALUE."""
     found: Values = {}
     for word in given:
         name, equals, value = word.partition("=")

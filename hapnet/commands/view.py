@@ -1,4 +1,4 @@
-"""`hapnet view`: the page of a pair that runs elsewhere. It watches, and changes nothing."""
+"""`hapnet view`: the page of a pair that runs elsewhere. It only watches."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LOOK_S = 0.5
 
 
 def main(zenoh: ZenohOptions, session: str | None, name: str | None, options: PageOptions) -> int:
-    """Serve the page until told to stop."""
+    """Serve the page until a signal ends it."""
     words = output.console(None)
     history = History()
     watcher = Watcher(zenoh_settings(zenoh), history.take, session=session, name=name)
@@ -39,18 +39,18 @@ def main(zenoh: ZenohOptions, session: str | None, name: str | None, options: Pa
 
 
 def show(url: str) -> None:
-    """Open the page in a browser, where somebody sits before a graphical terminal."""
+    """Open the page in a browser, if this runs in a graphical terminal."""
     if sys.stdout.isatty() and (sys.platform != "linux" or {"DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ)):
         webbrowser.open(url)
 
 
 def _state(watcher: Watcher) -> str:
-    """What is watched, in words."""
+    """What the page watches, in words."""
     if watcher.pair is None:
         problem = f" ({watcher.problem})" if watcher.problem else ""
         return f"waiting for a pair's telemetry: {watcher.where}{problem}"
     text = "watching session {} of device {}".format(*watcher.pair)
     if watcher.others:
         more = ", ".join(" ".join(pair) for pair in sorted(watcher.others))
-        text += f"; there are others, which --session and --name choose: {more}"
+        text += f"; others that --session and --name can choose: {more}"
     return text

@@ -122,7 +122,7 @@ NOT_WAVE = "device.servo is 'continuous'; allowed: sampled with the coupling wav
 def test_combinations_that_cannot_run_are_rows_that_say_why(directory: Path, capsys: Capture) -> None:
     spec_file(directory, MIXED)
     assert cli.main(["sweep", "study.toml", "--dry-run"]) == 0
-    line = f"6 of 24 cases cannot run: first: {NOT_WAVE}"
+    line = f"6 of 24 cases cannot run; the first: {NOT_WAVE}"
     assert capsys.readouterr().out.splitlines()[0] == line
     told = summary("study.toml", "--workers", 1, code=3)
     out = capsys.readouterr().out.splitlines()
@@ -139,7 +139,7 @@ def test_where_no_case_can_run_the_spec_is_refused(directory: Path, capsys: Capt
     spec_file(directory, MIXED.replace('"sampled", ', "").replace(', "zoh"', ""))
     for flags in ([], ["--dry-run"]):
         assert cli.main(["sweep", "study.toml", *flags]) == 2
-        assert capsys.readouterr() == ("", f"hapnet: no case can run: first: {NOT_WAVE}\n")
+        assert capsys.readouterr() == ("", f"hapnet: no case can run; the first: {NOT_WAVE}\n")
     assert not (directory / "runs").exists()
 
 
@@ -159,7 +159,7 @@ def test_parameters_that_a_scene_does_not_read_are_told(directory: Path, capsys:
     ("argv", "said"),
     [
         (["none.toml"], "SPEC is 'none.toml'; allowed: a TOML file (No such file or directory)"),
-        (["bad.toml"], "no case can run: first: scene is 'wal'; allowed: free, wall, box, paper"),
+        (["bad.toml"], "no case can run; the first: scene is 'wal'; allowed: free, wall, box, paper"),
         (["nothing.toml"], "duration_s is 0.0; allowed: above 0 in virtual time"),
         (["study.toml", "--set", "duration_s"], "--set is 'duration_s'; allowed: NAME=VALUE"),
         (["study.toml", "--set", "seed=3"], "--set is 'seed=3'; allowed: a parameter that does not vary"),
@@ -167,7 +167,7 @@ def test_parameters_that_a_scene_does_not_read_are_told(directory: Path, capsys:
         (["study.toml", "--workers", "-1"], "--workers"),
         (["study.toml", "--dask", "here"], "--dask is 'here'; allowed: a scheduler's address"),
         (["study.toml", "--dask", "tcp://127.0.0.1:9", "--workers", "2"], "the cluster has its own"),
-        (["study.toml", "--out", "study.toml"], "--out names a directory"),
+        (["study.toml", "--out", "study.toml"], "--out must name a directory"),
         ([], "Missing argument 'SPEC.toml'"),
         (["plot"], "Missing argument 'DIRECTORY'"),
         (["plot", "nowhere"], f"no sweep in nowhere: {NAME} is not there"),
