@@ -5,17 +5,16 @@
 >>> result.summary["theorem"]["margin_J"] > 0.0
 True
 
-What is imported from here, and stays:
+The public names, which stay stable:
 
 * `Params`: every parameter of a run. `HapnetError` and, where a value is not allowed, `InvalidParameter`.
 * `simulate`, `simulate_batch`: both sides in virtual time, once or many times.
-* `RealtimeSide`: one side in real time, in an asyncio program of yours; made from what `prepare` checks, and from
-  `ZenohSettings`, which say how to reach the other side. It tells its `Notice`s.
-* `Scene`, `Wall`: what a world of your own is made of. A device of your own needs no base class
-  (`hapnet.plant.device.Device`).
-* `CouplingSpec`, made from a law's two ends by `held_law` and `stepped_law`, which are given a `CouplingStart`: a
-  coupling of your own (`hapnet.control.coupling` says what a law is asked).
-* `SetPositionModulator`, `PassiveIntegrator`: the paper's two laws, for a servo or a world loop of your own.
+* `RealtimeSide`: one side in real time, in your asyncio program. It is made from the result of `prepare` and from
+  `ZenohSettings`, which say how to reach the other side. It reports `Notice`s.
+* `Scene`, `Wall`: for your own world. Your own device needs no base class (`hapnet.plant.device.Device`).
+* `CouplingSpec`: your own coupling. `held_law` and `stepped_law` make its two ends from your functions of a
+  `CouplingStart` (`hapnet.control.coupling` says what a law must do).
+* `SetPositionModulator`, `PassiveIntegrator`: the paper's two laws, for your own servo or world loop.
 
 `examples/` has a short program for each.
 """

@@ -1,4 +1,4 @@
-"""The command `hapnet`, and `python -m hapnet`: what must be settled before anything slow is imported."""
+"""The command `hapnet`, and `python -m hapnet`: sets the signal handlers before anything slow is imported."""
 
 import os
 import signal
@@ -9,12 +9,12 @@ EVALUATED = ("<string>", "<module>")
 
 
 def main() -> int:
-    """Run the command; its exit code."""
+    """Run the command; returns its exit code."""
     signal.signal(signal.SIGINT, _interrupt)
     signal.signal(signal.SIGTERM, _leave)
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup
         signal.signal(signal.SIGHUP, _leave)
-    if signal.SIGINT in signal.sigpending():  # held back by who started this, as the interpreter was starting
+    if signal.SIGINT in signal.sigpending():  # the parent had blocked it while this interpreter started
         os._exit(128 + signal.SIGINT)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     from hapnet.cli import main
@@ -23,10 +23,10 @@ def main() -> int:
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    """Ctrl-C. Where an exception would not do, it ends the process at once.
+    """Handle Ctrl-C: raise KeyboardInterrupt or, where an exception does not work, end the process at once.
 
-    An import may swallow it, or print it; and once it has passed through an evaluated string (an annotation, say),
-    Python ends by the signal itself, whoever has caught it.
+    An import may swallow the exception, or print it. And if it passes through an evaluated string (an annotation, for
+    example), Python ends by the signal itself, even if the exception was caught.
     """
     while frame is not None:
         code = frame.f_code
@@ -38,7 +38,7 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 def _leave(number: int, frame: FrameType | None) -> None:
     progress = sys.modules.get("hapnet.commands.progress")
-    if progress is not None and hasattr(progress, "erase"):  # an import of it may be what is interrupted
+    if progress is not None and hasattr(progress, "erase"):  # the signal may interrupt its import
         progress.erase()
     os._exit(128 + number)
 

@@ -1,4 +1,4 @@
-"""Checks of what a user gives: each returns the checked value or raises `InvalidParameter`, naming it."""
+"""Checks of a user's values: each returns the checked value, or raises `InvalidParameter` with its name."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from hapnet.errors import InvalidParameter
 
 Vector = tuple[float, ...]
-"""A point or a force, one float an axis. Hot loops run on these: for one to six axes they beat arrays."""
+"""A point or a force, one float per axis. Hot loops use these: for one to six axes they are faster than arrays."""
 
 Array = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ def vector(name: str, value: ArrayLike, n: int | None = None) -> Vector:
     except (TypeError, ValueError):
         raise InvalidParameter(name, value, "a list of finite numbers") from None
     if array.ndim != 1 or (n is not None and array.size != n) or array.size == 0:
-        raise InvalidParameter(name, value, f"{'some' if n is None else n} finite numbers, one an axis")
+        raise InvalidParameter(name, value, f"{'some' if n is None else n} finite numbers, one per axis")
     if not np.all(np.isfinite(array)):
         raise InvalidParameter(name, value, "finite numbers")
     return tuple(array.tolist())

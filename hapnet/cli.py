@@ -1,4 +1,4 @@
-"""The `hapnet` command: declarations only. What a command does is in `hapnet.commands`, imported when it runs."""
+"""The `hapnet` command: declarations only. `hapnet.commands` does the work; each part is imported when it runs."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ app = typer.Typer(
     name="hapnet",
     help="Passive haptics over bad networks: a haptic device and a virtual world, coupled by passive set-position "
     "modulation (PSPM) over Zenoh through an emulated lossy link. `hapnet run` shows it.",
-    epilog="Exit codes: 0 all is well; 2 something given is wrong, or the run failed: one line says what; 3 the run "
-    "went to its end, but what it was to write is not complete, or the device's force was stopped; 4 a coupling that "
-    "claims to be passive was not; 128 + N told to stop by signal N (Ctrl-C: 130).",
+    epilog="Exit codes: 0 all is well; 2 an argument or file is wrong, or the run failed: one line says what; 3 the "
+    "run went to its end, but its output is not complete, or the device's force was stopped; 4 a coupling that claims "
+    "to be passive was not; 128 + N stopped by signal N (Ctrl-C: 130).",
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -54,10 +54,10 @@ app.add_typer(sweep.app, name="sweep")
 def before_any_command(
     version: Annotated[
         bool,
-        typer.Option("--version", help="Versions for a bug report, and end.", callback=tell("hapnet"), is_eager=True),
+        typer.Option("--version", help="Print versions for bug reports.", callback=tell("hapnet"), is_eager=True),
     ] = False,
 ) -> None:
-    """What goes before a command's name."""
+    """The options before a command's name."""
 
 
 @app.command()
@@ -73,9 +73,9 @@ def run(
     verbose: flags.Verbose = False,
     realtime: flags.Realtime = False,
 ) -> int:
-    """Both processes on this machine, over Zenoh: a hand presses a virtual wall over a link that delays and loses.
+    """Run both processes on this machine, over Zenoh: a hand presses a virtual wall over a link with delay and loss.
 
-    Default: 10 s, a link with 40 ms delay, 10 ms jitter and 2 % loss each way.
+    By default for 10 s, with 40 ms delay, 10 ms jitter and 2 % loss each way.
 
     Writes two recordings, a report, its figure and a summary.
     """
@@ -101,9 +101,9 @@ def simulate(
     verbose: flags.Verbose = False,
     files: Annotated[bool, typer.Option("--files/--no-files", help="Write recording, figure and summary.")] = True,
     seeds: Annotated[str | None, typer.Option(metavar="A:B", help="Many seeds, A to B - 1: a table, no files.")] = None,
-    workers: Annotated[int, typer.Option(min=0, help="Processes for many seeds; 0: one a core.")] = 0,
+    workers: Annotated[int, typer.Option(min=0, help="Processes for many seeds; 0: one per core.")] = 0,
 ) -> int:
-    """The same in virtual time: one process, deterministic under a seed, much faster than real time."""
+    """Simulate both sides in virtual time: in one process, deterministic for a seed, much faster than real time."""
     chosen = params.over(Params(), model.named("device", "world"), links)
     if params.show_params:
         return _show(params.shown(chosen))
@@ -130,10 +130,10 @@ def play(
     realtime: flags.Realtime = False,
     page: PageOptions,
 ) -> int:
-    """Feel it: a live page with the mouse as the hand. Both processes run on this machine, as in `hapnet run`.
+    """Feel it on a live page, with the mouse as the hand. Both processes run on this machine, as in `hapnet run`.
 
-    Drag the handle into the wall; make the link worse; switch PSPM off and see it shake. The page also pauses, begins
-    anew and records. The hand is a relaxed one unless `operator_hand` is set.
+    Drag the handle into the wall, make the link worse, or switch PSPM off and see it shake. The page can also pause,
+    restart and record. The hand is a relaxed one unless `operator_hand` is set.
     """
     chosen = params.over(Params(), model.named("device", "world"), links)
     from hapnet.commands import play as command
@@ -153,9 +153,9 @@ def view(
     zenoh: Annotated[ZenohOptions, Without("users", "mutual_tls")],
     page: PageOptions,
 ) -> int:
-    """Watch a pair that runs elsewhere, on a live page, without disturbing it: `hapnet view -e tcp/HOST:17447`.
+    """Watch a pair that runs elsewhere on a live page, without disturbing it: `hapnet view -e tcp/HOST:17447`.
 
-    Dial the side that listens. What others may see of a pair is theirs to say: see the README on access control.
+    Dial the side that listens. Its access control decides what others may see: see the README.
     """
     from hapnet.commands import view as command
 
@@ -165,7 +165,7 @@ def view(
 @app.command()
 @grouped
 def device(*, model: ModelOptions, side: SideFlags, zenoh: ZenohOptions, links: OneWay, params: ParamsOptions) -> int:
-    """The device's side only: a simulated device and hand, for two hosts. Start it before or after `hapnet world`."""
+    """Run the device's side only, for two hosts: simulated device and hand. Start it before or after `hapnet world`."""
     return _side("device", model, side, zenoh, links, params)
 
 
@@ -179,7 +179,7 @@ def world(
     links: OneWay,
     params: ParamsOptions,
 ) -> int:
-    """The virtual world's side only, for two hosts. Start it before or after `hapnet device`."""
+    """Run the virtual world's side only, for two hosts. Start it before or after `hapnet device`."""
     return _side("world", model, side, zenoh, links, params)
 
 
@@ -195,7 +195,7 @@ def reproduce(
     out: flags.Out = None,
     verbose: flags.Verbose = False,
 ) -> int:
-    """The paper's Figures 4, 5 and 6, simulated with Section 4's numbers (its lost digits reconstructed)."""
+    """Simulate the paper's Figures 4, 5 and 6, with the numbers of its Section 4 (lost digits reconstructed)."""
     from hapnet.commands import reproduce as command
 
     base = Params().set(command.SECTION_4)
@@ -220,7 +220,7 @@ def replay(
         Without("operator", "hardware", "servo", "servo_hz", "dof", "on_silence", "silence_after"),
     ],
     seed: Annotated[
-        int | None, typer.Option(min=0, help="Of everything random.", show_default="the recording's")
+        int | None, typer.Option(min=0, help="Seed of everything random.", show_default="the recording's")
     ] = None,
     links: LinkOptions,
     params: Annotated[ParamsOptions, Without("show_params", "schema")],
@@ -228,9 +228,9 @@ def replay(
     out: flags.Out = None,
     verbose: flags.Verbose = False,
 ) -> int:
-    """A recorded run again, in virtual time: as it was, or the same hand through another link or coupling.
+    """Repeat a recorded run in virtual time: as it was, or with the same hand and another link or coupling.
 
-    Parameters and seed are the recording's, but for what is given here. Writes recording, figures and summary.
+    Parameters and seed are the recording's, except those given here. Writes recording, figures and summary.
     """
     json_target(json_to)
     from hapnet.commands import replay as command
@@ -247,10 +247,10 @@ def report(
         list[Path], typer.Argument(metavar="FILE", help="One recording, or the device's and the world's.")
     ],
     json_to: flags.Json = None,
-    out: Annotated[Path | None, typer.Option(help="Directory for what is written.", show_default="beside FILE")] = None,
+    out: Annotated[Path | None, typer.Option(help="Directory for output files.", show_default="beside FILE")] = None,
     verbose: flags.Verbose = False,
 ) -> int:
-    """One or two recordings as a page (HTML), figures and a summary; a torn one is repaired into a copy beside it."""
+    """Turn one or two recordings into a page (HTML), figures and a summary. A torn one gets a repaired copy."""
     json_target(json_to)
     from hapnet.commands import report as command
 
@@ -269,12 +269,12 @@ def compare(
     params: ParamsOptions,
     json_to: flags.Json = None,
     out: Annotated[
-        Path | None, typer.Option(help="Directory for all that is written.", show_default="runs/<UTC time>-compare")
+        Path | None, typer.Option(help="Directory for all output files.", show_default="runs/<UTC time>-compare")
     ] = None,
 ) -> int:
-    """Every coupling over the same links, hands and seeds, in virtual time: which are passive, how transparent.
+    """Compare couplings over the same links, hands and seeds, in virtual time: which are passive, how transparent.
 
-    Prints one table per link. Writes all cases as JSON, the traces of one case and a figure of all of them.
+    Prints one table per link. Writes all cases as JSON, the traces of one case and a figure of all cases.
     """
     chosen = params.over(compare_command.BASE, model.named())
     if params.show_params:
@@ -287,18 +287,18 @@ def compare(
 def bench(
     only: flags.Only = None,
     seconds: Annotated[float, typer.Option(help="Length of a round, in seconds.")] = 3.0,
-    rounds: Annotated[int, typer.Option(help="Figures are medians over so many rounds.")] = 3,
+    rounds: Annotated[int, typer.Option(help="Number of rounds; figures are medians over them.")] = 3,
     realtime: flags.Realtime = False,
-    beside: Annotated[int, typer.Option(help="Busy processes beside servo_traffic.")] = 0,
+    beside: Annotated[int, typer.Option(help="Number of busy processes during servo_traffic.")] = 0,
     json_to: flags.Json = None,
     out: Annotated[
-        Path | None, typer.Option(help="Directory for all that is written.", show_default="runs/<UTC time>-bench")
+        Path | None, typer.Option(help="Directory for all output files.", show_default="runs/<UTC time>-bench")
     ] = None,
 ) -> int:
-    """What the servo, the message path and the simulation cost on this machine, each beside a bare reference.
+    """Measure what the servo, the message path and the simulation cost here, each beside a bare reference.
 
-    Writes a table, bench.json and a figure of the histograms. The default takes three minutes; --seconds 60 --rounds 5
-    is for figures to publish.
+    Prints a table; writes bench.json and a figure of the histograms. The default takes three minutes; use
+    --seconds 60 --rounds 5 for figures to publish.
     """
     json_target(json_to)
     from hapnet.commands import bench as command
@@ -315,9 +315,9 @@ def doctor(
     name: flags.Name = "device",
     json_to: flags.Json = None,
 ) -> int:
-    """What this machine allows a servo to do, and what to do about what it does not.
+    """Check what this machine allows a servo to do, and say how to allow the rest.
 
-    With -e, whether Zenoh answers there, and whether the network is good enough: a side that listens there is asked.
+    With -e, also check whether Zenoh answers there, and measure the network: a side that listens there answers probes.
     """
     json_target(json_to)
     from hapnet.commands import doctor as command
@@ -326,7 +326,7 @@ def doctor(
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run the command; its exit code, with one line on standard error where that is 2 or 3."""
+    """Run the command; returns its exit code, and prints one line on standard error if that is 2 or 3."""
     args = sys.argv[1:] if argv is None else argv
     if "" not in sys.path:
         sys.path.append("")  # module:Class is looked up from the current directory too
@@ -343,7 +343,7 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
-        output.silence(sys.stdout)  # who read our output has gone
+        output.silence(sys.stdout)  # the reader of our output has gone
         return 141
     except OSError as error:
         if error.filename is None:
@@ -361,7 +361,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _complete() -> int:
-    """A shell asks, after TAB or for its script: the environment says what. Somebody types: nothing else is said."""
+    """Answer a shell's question, after TAB or for its script: the environment holds it. Print nothing else."""
     warnings.simplefilter("ignore")
     offered = io.StringIO()
     code, glued = 1, False

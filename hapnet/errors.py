@@ -1,4 +1,4 @@
-"""What hapnet raises: one root, and every message names the offending value and what is allowed."""
+"""The exceptions of hapnet: one root; every message names the offending value and what is allowed."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ class InvalidParameter(HapnetError, ValueError):
 
     Parameters
     ----------
-    name : the parameter, as its user knows it (``"stiffness"``, ``"world.wall.stiffness"``).
-    value : what was given.
-    allowed : what would have been accepted, in words.
+    name : the parameter by the user's name (``"stiffness"``, ``"world.wall.stiffness"``).
+    value : the given value.
+    allowed : in words, what is accepted.
     """
 
     def __init__(self, name: str, value: object, allowed: str) -> None:
@@ -32,11 +32,11 @@ class ProtocolError(HapnetError):
 
 
 class LocalProtocolError(ProtocolError):
-    """This side's own program asks for what the protocol does not allow: a defect here, never a peer's doing."""
+    """This side's own program asks for something that the protocol does not allow: a defect here, never in a peer."""
 
 
 class BadMessage(ProtocolError):
-    """A received message does not follow the protocol, by its sender's fault or the network's.
+    """A received message does not follow the protocol, through a fault of its sender or of the network.
 
     It is counted under `kind` and dropped. (h11 calls such an error remote.)
     """
@@ -54,11 +54,11 @@ class RecordingError(HapnetError):
 
 
 class OutputError(HapnetError):
-    """What a run was to write is missing or not complete, though the run went well."""
+    """The output of a run is missing or not complete, although the run went well."""
 
 
 class MissingLibrary(HapnetError):
-    """Something needs a library of an extra that is not installed."""
+    """A feature needs a library that belongs to an extra and is not installed."""
 
     def __init__(self, what: str, library: str, extra: str) -> None:
         self.what, self.library, self.extra = what, library, extra

@@ -1,4 +1,4 @@
-"""How often which value came, for quantiles of what goes on for hours."""
+"""A histogram of fixed size, for quantiles of values that are measured for hours."""
 
 from __future__ import annotations
 
@@ -37,16 +37,16 @@ class Histogram:
             self.max = value
 
     def since(self, earlier: Histogram) -> Histogram:
-        """What was counted since `earlier`, a `copy` of this one; but `max` is of all."""
+        """The values counted since `earlier`, a `copy` of this histogram; `max` is that of all values."""
         return Histogram([now - before for now, before in zip(self.counts, earlier.counts, strict=True)], self.max)
 
     def copy(self) -> Histogram:
-        """The same counts, for itself."""
+        """An independent copy."""
         return Histogram(self._counts, self.max)
 
     @property
     def counts(self) -> list[int]:
-        """Of each bin, as they are now."""
+        """The present counts of all bins."""
         return self._counts.copy()
 
     def bins(self) -> tuple[tuple[int, int], ...]:

@@ -1,4 +1,4 @@
-"""Parts of the user's own, given as ``module:Name``: imported by name, and what goes wrong in them said in one line."""
+"""Imports a user's own parts, given as ``module:Name``, and reports their errors in one line."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from hapnet.errors import InvalidParameter
 
 
 def load(parameter: str, name: str, allowed: str) -> Any:
-    """What ``module:Name`` stands for; importing runs code of the user's, which may raise anything.
+    """The object that ``module:Name`` names. Importing it runs the user's code, which may raise anything.
 
     Raises
     ------
-    InvalidParameter : `name` has no colon, or the import failed; names `parameter` and says what is `allowed`.
+    InvalidParameter : `name` has no colon, or the import failed; it names `parameter` and says what is `allowed`.
     """
     module, colon, attribute = name.partition(":")
     if not (module and colon and attribute):

@@ -10,7 +10,7 @@ from typing import Any
 from hapnet.param_values import Allowed, Range
 
 DIALECT = "http://json-schema.org/draft-07/schema#"
-"""The one that editors for TOML know."""
+"""The dialect that editors for TOML support."""
 
 _TYPES = {str: "string", bool: "boolean", int: "integer", float: "number"}
 

@@ -14,7 +14,7 @@ from hapnet.errors import InvalidParameter
 
 @dataclass(frozen=True)
 class Range:
-    """The numbers that a parameter may be. For a matrix this holds if it is given as one number."""
+    """The numbers that a parameter may have. For a matrix the range applies if it is given as one number."""
 
     above: float | None = None
     at_least: float | None = None
@@ -34,7 +34,7 @@ class Range:
 
 
 Allowed = tuple[str, ...] | Range
-"""The words or the numbers that a parameter may be."""
+"""The words or the numbers that a parameter may have."""
 
 
 def check_allowed(name: str, value: object, allowed: Allowed) -> None:
@@ -63,12 +63,12 @@ def leaves(node: Any, prefix: str = "") -> Iterator[tuple[str, Any, dataclasses.
 
 
 def toml_value(value: object) -> str:
-    """The value as TOML, by way of JSON: they differ in surrogates, so none is written, and in the bare DEL."""
+    """The value as TOML, made from JSON. They differ in escaped surrogates, so none is escaped, and in the bare DEL."""
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def flatten(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """(dotted name, value) of all that a table and its tables hold."""
+    """(dotted name, value) of every entry in a table and its nested tables."""
     for name, value in table.items():
         if isinstance(value, Mapping):
             yield from flatten(value, f"{prefix}{name}.")
@@ -83,7 +83,7 @@ def replaced(node: Any, tree: Mapping[str, Any]) -> Any:
 
 
 def converted(name: str, value: object, default: Any, spec: dataclasses.Field[Any]) -> object:
-    """`value` in the type of its parameter, whose default and field are given; else InvalidParameter."""
+    """`value` in the type of its parameter, whose default and field are given; raises InvalidParameter otherwise."""
     matrix = spec.type == "Matrix"
     words = {str: "text", bool: "true or false", int: "a whole number", float: "a number"}[
         float if matrix else type(default)

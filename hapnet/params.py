@@ -1,8 +1,8 @@
 """Every physical and timing parameter with its default, unit and meaning. They are read from TOML and `--set`, and
 recorded with a run.
 
-This is the one place for defaults: whoever needs one elsewhere takes it from here. They are those of the paper's
-Section 4; digits that its printing lost are reconstructed (marked "rec.").
+This is the only place for defaults; other modules take them from here. They are those of the paper's Section 4; digits
+that its printing lost are reconstructed (marked "rec.").
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class DeviceParams:
                     ("auto", "continuous", "sampled"))  # fmt: skip
     servo_hz: float = _p(1000.0, "servo rate [Hz]", Range(at_least=10.0, at_most=20_000.0))
     watchdog_s: float = _p(
-        0.02, "a servo that is late by more renders no force until it is on time again [s]; 0: off", _NOT_NEGATIVE
+        0.02, "a servo that is later than this renders no force until it is on time again [s]; 0: off", _NOT_NEGATIVE
     )
     pspm_period_s: float = _p(0.005, "PSPM runs at least this often, and on new data [s]", _POSITIVE)
     stiffness: Matrix = _p(100.0, "K [N/m]: a number, one per axis, or a matrix (rec.)", _POSITIVE)
@@ -57,7 +57,7 @@ class DeviceParams:
     spring_share: float = _p(0.9, "share of the force limit at which the spring saturates; the rest is the damper's",
                              Range(above=0.0, at_most=1.0))  # fmt: skip
     step_limit_N: float = _p(
-        0.5, "largest step of the force [N], in a tick if it is held, else in an update; 0: no limit", _NOT_NEGATIVE
+        0.5, "largest step of the force [N], per tick if it is held, otherwise per update; 0: no limit", _NOT_NEGATIVE
     )
     smoothing_s: float = _p(0.0, "time constant of the smoothing filter before PSPM [s]; 0: none", _NOT_NEGATIVE)
     predict_s: float = _p(0.0, "horizon of the velocity predictor before PSPM [s]; 0: none", _NOT_NEGATIVE)
@@ -66,7 +66,7 @@ class DeviceParams:
     )
     silence_after_s: float = _p(0.5, "after this time without a new message the peer is silent [s]", _POSITIVE)
     greatest_speed: float = _p(
-        1.0, "greatest speed of the handle [m/s]: it bounds the energy that a held torque can put out", _POSITIVE
+        1.0, "greatest speed of the handle [m/s]: it bounds the energy that a held torque can give out", _POSITIVE
     )
     mass: float = _p(0.045, "apparent mass of the simulated device [kg]", _POSITIVE)
     own_damping: float = _p(0.3, "own damping of the simulated device [Ns/m]", _NOT_NEGATIVE)
@@ -78,7 +78,7 @@ class DeviceParams:
     )
     workspace_m: Matrix = _p(
         2.0,
-        "how far the device reaches from its origin, either way: a number, or one per axis [m]",
+        "reach of the device from its origin, in both directions: a number, or one per axis [m]",
         Range(0.0, 1e-3, 10.0),
     )
     stiffness_range: Matrix = _p((1.0, 1e5), "least and greatest stiffness that the device renders [N/m]")
@@ -96,7 +96,7 @@ class OperatorParams:
     frequency_hz: float = _p(0.5, "frequency of the sine [Hz]", _NOT_NEGATIVE)
     start_m: float = _p(0.0, "where the press begins, along the wall's normal [m]")
     goal_m: float = _p(0.04, "where the press aims, along the wall's normal [m]")
-    reach_s: float = _p(1.0, "duration of the press's way in, and of its way out [s]", _POSITIVE)
+    reach_s: float = _p(1.0, "duration of the press's motion in, and of its motion out [s]", _POSITIVE)
     hold_s: float = _p(1.5, "how long the press is held [s]", _NOT_NEGATIVE)
     wait_s: float = _p(0.5, "pause between presses [s]", _NOT_NEGATIVE)
     press_depth_m: float = _p(0.008, "depth at which a recorded pen aims at full pressure [m]", _NOT_NEGATIVE)
@@ -127,7 +127,7 @@ class WorldParams:
         0.050, "longest integration step T_k [s]; steps are uniform between the two (rec.)", _POSITIVE
     )
     step_limit_N: float = _p(
-        25.0, "largest step of the virtual coupling's force in an update [N]; 0: no limit", _NOT_NEGATIVE
+        25.0, "largest step of the virtual coupling's force per update [N]; 0: no limit", _NOT_NEGATIVE
     )
     smoothing_s: float = _p(0.0, "time constant of the smoothing filter before PSPM [s]; 0: none", _NOT_NEGATIVE)
     predict_s: float = _p(0.0, "horizon of the velocity predictor before PSPM [s]; 0: none", _NOT_NEGATIVE)
@@ -142,8 +142,8 @@ class WorldParams:
 class PopcParams:
     """Passivity observer and controller at the device's port (Hannaford, Ryu 2002)."""
 
-    velocity_floor: float = _p(0.002, "slower than this the controller cannot damp [m/s]", Range(0.0, at_most=1.0))
-    damping_cap: float = _p(0.0, "most damping that it may inject [Ns/m]; 0: by a rule", _NOT_NEGATIVE)
+    velocity_floor: float = _p(0.002, "the controller cannot damp below this speed [m/s]", Range(0.0, at_most=1.0))
+    damping_cap: float = _p(0.0, "the most damping that it may inject [Ns/m]; 0: by a rule", _NOT_NEGATIVE)
 
 
 @dataclass(frozen=True)
@@ -155,12 +155,12 @@ class TdpaParams:
     )
     damping: float = _p(0.0, "damping of that coupling [Ns/m]; 0: by a rule", _NOT_NEGATIVE)
     velocity_floor: float = _p(
-        0.002, "slower than this the device's controller cannot damp [m/s]", Range(0.0, at_most=1.0)
+        0.002, "the device's controller cannot damp below this speed [m/s]", Range(0.0, at_most=1.0)
     )
-    force_floor: float = _p(0.05, "with less force than this the world's controller cannot yield [N]", _POSITIVE)
-    damping_cap: float = _p(0.0, "most damping at the device [Ns/m]; 0: by a rule", _NOT_NEGATIVE)
+    force_floor: float = _p(0.05, "the world's controller cannot yield below this force [N]", _POSITIVE)
+    damping_cap: float = _p(0.0, "the most damping at the device [Ns/m]; 0: by a rule", _NOT_NEGATIVE)
     speed_limit: float = _p(0.25, "greatest speed of the world's set-position [m/s]", Range(0.0, at_most=100.0))
-    debt_limit_J: float = _p(0.02, "a side that owes this much energy puts nothing more out [J]", _POSITIVE)
+    debt_limit_J: float = _p(0.02, "a side that owes this much energy gives out no more [J]", _POSITIVE)
     recovery_s: float = _p(
         0.02,
         "time constant of the drift compensation, as far as there is energy [s]; 0: none, as first published",
@@ -184,7 +184,7 @@ class WaveParams:
     damping: float = _p(0.0, "damping of that coupling [Ns/m]; 0: by a rule", _NOT_NEGATIVE)
     smoothing_s: float = _p(0.005, "time constant of the filter of the device's incoming waves [s]; 0: none",
                             _NOT_NEGATIVE)  # fmt: skip
-    missing: str = _p("zero", "what replaces a wave that has not come; hold, the last one, is not passive",
+    missing: str = _p("zero", "replaces a wave that has not come; hold (the last wave) is not passive",
                       ("zero", "hold"))  # fmt: skip
 
 
@@ -206,7 +206,7 @@ class LinkParams:
     up_timeline: str = _p("", "changes of the uplink, in time from pairing, such as at 5s: down; at 9s: up")
     down_timeline: str = _p("", "changes of the downlink, likewise")
     path_s: float = _p(
-        0.0, "round trip of the real network below, for couplings that are tuned to a delay [s]", _NOT_NEGATIVE
+        0.0, "round trip of the real network, for couplings that are tuned to a delay [s]", _NOT_NEGATIVE
     )
 
 
@@ -221,15 +221,15 @@ class WireParams:
         0.010, "least time between two messages with new energy [s]", Range(at_least=0.001, at_most=10.0)
     )
     admission_W: float = _p(
-        5.0, "shuffled power that is credited at most in the long run [W]", Range(at_least=1e-9, at_most=1e9)
+        5.0, "the most shuffled power that is credited in the long run [W]", Range(at_least=1e-9, at_most=1e9)
     )
     admission_burst_J: float = _p(
-        0.5, "shuffled energy that is credited at once at most [J]", Range(at_least=1e-9, at_most=1e9)
+        0.5, "the most shuffled energy that is credited at once [J]", Range(at_least=1e-9, at_most=1e9)
     )
-    accept_stale: bool = _p(False, "use set-positions that arrive after newer ones too")
+    accept_stale: bool = _p(False, "also use set-positions that arrive after newer ones")
     deadband: float = _p(
         0.0,
-        "perceptual deadband (Weber): what changes the force by less than this fraction is not sent; 0: all is sent",
+        "perceptual deadband (Weber): a change of the force below this fraction is not sent; 0: all is sent",
         Range(at_least=0.0, at_most=1.0),
     )
 

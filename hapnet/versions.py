@@ -1,4 +1,4 @@
-"""The versions that matter in a bug report, without importing what they are of."""
+"""The versions that matter in a bug report, found without importing the packages."""
 
 from __future__ import annotations
 
@@ -14,5 +14,5 @@ def _found() -> dict[str, str]:
 
 
 def versions() -> dict[str, str]:
-    """By name of the distribution, and Python's, as summaries and recordings have them."""
+    """The versions by the name of the distribution, with Python's, as in summaries and recordings."""
     return {**_found(), "python": platform.python_version()}

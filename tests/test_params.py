@@ -139,6 +139,6 @@ def test_the_schema_knows_what_is_shown_and_nothing_else() -> None:
         assert not judge.is_valid(shown | {"wire": {"admision_W": 1.0}})
     described = schema(chosen)["properties"]["wire"]["properties"]["admission_W"]
     assert described == {
-        "description": "shuffled power that is credited at most in the long run [W]",
+        "description": "the most shuffled power that is credited in the long run [W]",
         "default": 5.0, "type": "number", "minimum": 1e-9, "maximum": 1e9,
     }  # fmt: skip
