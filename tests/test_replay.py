@@ -633,7 +633,7 @@ def test_a_recording_is_an_operator_everywhere(tmp_path: Path) -> None:
         (["replay", "a.mcap", "--duration", "0"], "above 0 in virtual time"),
         (["replay", "a.mcap", "--delay", "soon"], "soon"),
         (["replay", "a.mcap", "--set", "hardware=mine:Device"], "a real device does not run in virtual time"),
-        (["replay", "run.mcap", "--out", "."], "another directory than the recording's"),
+        (["replay", "run.mcap", "--out", "."], "a directory other than the recording's"),
         (["replay", "bare.mcap"], "does not say with which parameters"),
         (["simulate", "--operator", "a.mcap", "--dof", "2", "--scene", "free"], "a recording with 2 axes"),
         (["simulate", "--operator", "nothing.mcap"], "cannot read recording nothing.mcap"),
