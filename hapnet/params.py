@@ -82,7 +82,7 @@ class DeviceParams:
         Range(0.0, 1e-3, 10.0),
     )
     stiffness_range: Matrix = _p((1.0, 1e5), "least and greatest stiffness that the device renders [N/m]")
-    substeps: int = _p(4, "integration substeps of the simulated device in a tick", Range(at_least=1, at_most=1000))
+    substeps: int = _p(4, "integration substeps of the simulated device per tick", Range(at_least=1, at_most=1000))
 
 
 @dataclass(frozen=True)
@@ -204,7 +204,7 @@ class LinkParams:
     up: str = _p("delay 40ms 10ms loss 2%", "link from the device to the world")
     down: str = _p("delay 40ms 10ms loss 2%", "link from the world to the device")
     up_timeline: str = _p("", "changes of the uplink, in time from pairing, such as at 5s: down; at 9s: up")
-    down_timeline: str = _p("", "changes of the downlink, likewise")
+    down_timeline: str = _p("", "changes of the downlink, in the same words")
     path_s: float = _p(
         0.0, "round trip of the real network, for couplings that are tuned to a delay [s]", _NOT_NEGATIVE
     )

@@ -72,7 +72,7 @@ Schema = Annotated[
     typer.Option("--schema", help="With --show-params: print a JSON schema for editors.", rich_help_panel=_PARAMS),
 ]
 Json = Annotated[
-    str | None, typer.Option("--json", metavar="FILE|-", help="Write the summary as JSON; -: alone on stdout.")
+    str | None, typer.Option("--json", metavar="FILE|-", help="Write the result as JSON; -: alone on stdout.")
 ]
 Out = Annotated[
     Path | None, typer.Option(help="Directory for all output files.", show_default="runs/<UTC time>-<seed>")

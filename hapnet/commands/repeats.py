@@ -1,4 +1,4 @@
-"""A notice that repeats is shown a few times to people, then only counted; a log for programs has every one."""
+"""A repeated notice is shown to people a few times, and then only counted; a log for programs has all of them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ TOLD = 3
 EVERY_NS = 10_000_000_000
 
 REPEATING = frozenset({"silent", "heard", "overrun", "link"})
-"""Kinds of notices that a bad network or a busy machine brings about without end."""
+"""Kinds of notices that a bad network or a busy machine causes again and again."""
 
 
 @dataclass
@@ -22,7 +22,7 @@ class _Kind:
 
 
 class Repeats:
-    """Decides which notices people see; `who` says whose they are."""
+    """Decides which notices people see; `who` names the side that sends them."""
 
     def __init__(self) -> None:
         self._kinds: dict[tuple[str, str], _Kind] = {}
@@ -44,7 +44,7 @@ class Repeats:
         return None
 
     def rest(self) -> list[tuple[str, str]]:
-        """At the end: for each kind with notices not shown, whose they are and a line about them."""
+        """At the end: for each kind with notices that were not shown, its side and a line about them."""
         untold = [(who, kind) for (who, _), kind in self._kinds.items() if kind.untold]
         self._kinds.clear()
         return [(who, f"{kind.text} (the last of {kind.untold} more like this)") for who, kind in untold]

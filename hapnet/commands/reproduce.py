@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 FIGURES = ("fig4", "fig5", "fig6")
 SECTION_4 = {"scene": "wall", "operator": "press", "link.up": "", "link.down": "", "record_hz": 1000.0}
-"""One computer: device and virtual world on the same machine, no link between."""
+"""One computer: device and virtual world on the same machine, without a link between them."""
 SMOOTHING_S = 0.015
 
 
@@ -102,7 +102,7 @@ def profiles(recording: Recording, params: Params) -> Figure:
 
 
 def _stiffness(params: Params, name: str) -> float:
-    """A coupling's stiffness along the first axis [N/m]: a parameter that is a scalar, a diagonal or a matrix."""
+    """A coupling's stiffness along the first axis [N/m]; the parameter may be a scalar, a diagonal or a matrix."""
     return float(np.ravel(params.get(name))[0])
 
 

@@ -72,7 +72,7 @@ def tables(plan: Plan, found: Sequence[Group], width: int) -> list[Table]:
 
 
 def note(plan: Plan) -> str:
-    """The note beneath the tables."""
+    """The note below the tables."""
     seeds = f"{len(plan.seeds)} seeds" if len(plan.seeds) > 1 else f"seed {plan.seeds[0]}"
     return _NOTE.format(operators=", ".join(plan.operators), seeds=seeds)
 

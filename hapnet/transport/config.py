@@ -143,7 +143,7 @@ def zenoh_warnings(settings: ZenohSettings) -> tuple[str, ...]:
     exposed = [endpoint for endpoint in endpoints_of(config, "listen") if is_exposed(endpoint)]
     if exposed:
         warnings += (
-            f"listening on {', '.join(exposed)} without encryption: whoever reaches it can read and send; "
+            f"listening on {', '.join(exposed)} without encryption: anybody who reaches it can read and send; "
             "use tls/ or quic/ with --tls-cert, --tls-key, --tls-ca and --mutual-tls, or 127.0.0.1",
         )
     return warnings

@@ -21,7 +21,7 @@ class Account:
 
     def __init__(self) -> None:
         self.margin_J: float | None = None
-        """The sum of both sides' present margins."""
+        """The sum of both sides' present margins [J]."""
         self.least_J: float | None = None
         self.later_J: float | None = None
         """The least sum: over all samples, and over those from `START_S` after the first on."""

@@ -56,7 +56,7 @@ class ControlSender:
         self._bye, self._byes_left, self._bye_ns = bye, BYE_COPIES, now_ns
 
     def poll(self, now_ns: int, *, searching: bool) -> list[ControlMessage]:
-        """The messages to send now. `searching`: hellos go on at their period; else one is enough."""
+        """The messages to send now. `searching`: hellos repeat at their period; otherwise one is enough."""
         if self._bye is not None:
             if not self._byes_left or now_ns < self._bye_ns:
                 return []

@@ -10,14 +10,14 @@ An incarnation, 64 random bits, is one start of a process. The rules:
   old one has restarted. Its welcome must repeat a hello that is later than the current pairing. So what dead processes
   left in the network can never displace a living peer.
 * Nor can a living stranger: while the peer is heard, strangers (such as a second device under the same name) are
-  dropped and not answered; only a hello that does not fit is refused. A stranger goes on saying hello, and its turn
-  comes when the peer is silent.
+  dropped and not answered; only a hello that does not fit is refused. A stranger keeps saying hello; its turn comes
+  when the peer is silent.
 * Of several that look for a peer at once the first is the candidate. The others are dropped until it has become the
   peer, or was not heard for `CANDIDATE_NS`. If all were welcomed, each would take itself for the peer and start with a
   full reservoir.
-* A peer that was displaced, left or refused is retired for as long as this side runs, and is told so when it speaks:
-  its totals go on where they were, so to pair with it anew, from zero, would credit them twice. A side that has seen
-  `MAX_PEERS` pairs with nobody else: so the list is bounded and never forgets.
+* A peer that was displaced, left or refused is retired for as long as this side runs, and is refused when it speaks.
+  Its totals continue where they were, so a new pair with it, counted from zero, would credit them twice. After
+  `MAX_PEERS` retired peers a side pairs with nobody else, so the list is bounded and never shortened.
 
 Each message passes three steps: `_classify` says which input it is and changes nothing, the table decides, and
 `_act` does what the table says.

@@ -20,7 +20,7 @@ from __future__ import annotations
 from enum import Enum
 
 LEAST_PERIOD_NS, MOST_AT_ONCE = 50_000, 2_000
-"""In the long run a sender's messages are at least this far apart; at most so many may come ahead of that."""
+"""In the long run a sender's messages are at least this far apart; at most this many may come ahead of that."""
 
 RUN = 2
 """This many messages that continue each other are a run. Every side sends a message at least every 0.1 s, a world every

@@ -63,7 +63,7 @@ class Action(Enum):
     SEND_REFUSAL = "answer with a refusal that says why, and report the mismatch"
     REFUSE_RETIRED = "answer with a refusal: an incarnation that was the peer once never is again"
     SEND_HELLO = "say hello soon"
-    PAIR = "the sender is the peer from now on; the one before is retired, and told so"
+    PAIR = "the sender is the peer from now on; the one before is retired, and refused"
     END_PAIR = "the peer is retired; say hello soon"
     REPORT_REFUSAL = "report that a stranger refuses this side"
     REPORT_END_BY_REFUSAL = "report that the peer refused this side"
