@@ -139,7 +139,7 @@ class StampedSide(RealtimeSide):
         self.refusal = ""
         """Why real-time scheduling was refused; empty if it was not, or was not asked for."""
         setup = prepare(params, "sampled")
-        super().__init__(setup, role, where, session="bench", seed=0, realtime=realtime, notify=self._heed)
+        super().__init__(setup, role, where, session="bench", seed=0, realtime=realtime, notify=self._note_refusal)
         self.handed_over: Stamps = []
         self.arrived: Stamps = []
         receive, arrived, clock = self.wire.receive, self.arrived, time.monotonic_ns
@@ -151,7 +151,7 @@ class StampedSide(RealtimeSide):
 
         vars(self.wire)["receive"] = stamped  # an attribute of the instance, which hides the class's method
 
-    def _heed(self, notice: Notice) -> None:
+    def _note_refusal(self, notice: Notice) -> None:
         if notice.kind == "realtime":
             self.refusal = notice.text
 

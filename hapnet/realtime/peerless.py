@@ -43,7 +43,7 @@ class PeerAbsence:
                     self._notify(Notice("waiting", text, now_ns))
 
     def watch(self, now_ns: int, partners: int) -> None:
-        """End a side with `--once` whose peer is gone. `partners`: how many play the other side now, by Zenoh."""
+        """End a side with `--once` whose peer is gone. `partners`: how many play the other side, by Zenoh's count."""
         since_ns = self._silent_since_ns
         if self._once and since_ns is not None and not partners and now_ns - since_ns > GONE_NS:
             gone_s = (now_ns - since_ns) * NANO

@@ -1,7 +1,7 @@
 """Real time: one side in this process, over Zenoh, through the emulated link.
 
-Three kinds of thread share a side. The control thread (the servo, or the world's stepper) owns the control half; a
-position that the link does not delay it puts on the wire itself. Zenoh's receiving thread decodes what arrives into the
+Three kinds of thread share a side. The control thread (the servo, or the world's stepper) owns the control half, and
+puts positions on the wire itself unless the link delays them. Zenoh's receiving thread decodes what arrives into the
 control half's slots. The event loop does the rest: delayed release, retransmission, housekeeping (housekeeping.py) and
 reports (reporter.py, figures.py). One lock guards what the threads share: the wire half and the link (link_driver.py).
 """

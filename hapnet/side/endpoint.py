@@ -134,11 +134,11 @@ class ControlHalf:
         coupling = self._coupling
         assert coupling is not None, "control has not started"
         if self._pair < self._pairs:
-            self._renew(coupling, self._pairs)
+            self._change_peer(coupling, self._pairs)
         while self._arrived:
             sample, sent_ns, came_ns, pair = self._arrived.popleft()
             if pair > self._pair:  # paired since this tick began
-                self._renew(coupling, pair)
+                self._change_peer(coupling, pair)
             if pair == self._pair:
                 coupling.receive(sample, sent_ns * NANO)
                 self._positions.echo(sent_ns, came_ns)
@@ -146,7 +146,7 @@ class ControlHalf:
             coupling.credit(self._credits.popleft() * NANO)
         return coupling
 
-    def _renew(self, coupling: CouplingState, pair: int) -> None:
+    def _change_peer(self, coupling: CouplingState, pair: int) -> None:
         self._pair = pair
         self._positions.echo(0, 0)
         if self.deadband is not None:
@@ -180,7 +180,7 @@ class ControlHalf:
 
 
 class WireHalf:
-    """The half that the code that moves bytes owns.
+    """The wire half. The code that moves bytes owns it.
 
     Parameters
     ----------
@@ -228,7 +228,7 @@ class WireHalf:
             if isinstance(event, PositionReceived):
                 self._control.on_sample(event.position, event.sent_ns, now_ns)
             elif isinstance(event, SampleReceived):
-                self._control.on_sample(_datum(event.message), event.message.sent_ns, now_ns)
+                self._control.on_sample(_sample_of(event.message), event.message.sent_ns, now_ns)
             elif isinstance(event, EnergyCredited):
                 self._control.credit(event.credited_nJ)
             elif isinstance(event, Paired):
@@ -330,7 +330,7 @@ class WorldEndpoint(WireHalf, WorldControl):
         WireHalf.__init__(self, session, self)
 
 
-def _datum(message: messages.Motion | messages.Port | messages.Wave) -> CouplingSample:
+def _sample_of(message: messages.Motion | messages.Port | messages.Wave) -> CouplingSample:
     """The content of a message, in SI units."""
     match message:
         case messages.Motion():
