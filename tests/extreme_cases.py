@@ -51,7 +51,7 @@ def extreme_link(rng: np.random.Generator) -> str:
     delay_ms = spread(rng, 0.01, 500.0)
     words = f"delay {delay_ms:.4f}ms"
     if rng.random() < 0.6:
-        words += f" {rng.uniform(0.0, 1.0) * delay_ms:.4f}ms"
+        words += f" {max(1e-4, rng.uniform(0.0, 1.0) * delay_ms):.4f}ms"  # 0 would be no jitter
         if rng.random() < 0.5:
             words += " distribution " + str(rng.choice(["normal", "pareto", "paretonormal"]))
     kind = rng.integers(4)
