@@ -24,7 +24,7 @@ from hapnet.side.notices import Notice
 from hapnet.summary.structure import Summary
 from hapnet.summary.verdict import stopped
 from hapnet.transport.config import Mode, ZenohSettings, zenoh_warnings
-from hapnet.transport.refusals import Refusals, heeded
+from hapnet.transport.refusals import Refusals, watched
 from hapnet.wire.messages import Role
 
 PARENT = "HAPNET_PARENT"
@@ -76,7 +76,7 @@ def zenoh_settings(options: ZenohOptions) -> ZenohSettings:
 
 def main(params: Params, options: SideOptions) -> int:
     """Run one side until its duration is over or a signal stops it; returns the exit code."""
-    with heeded(options.zenoh) as refusals:
+    with watched(options.zenoh) as refusals:
         return _main(params, options, refusals)
 
 

@@ -14,7 +14,7 @@ from hapnet.realtime.reporter import Reporter
 from hapnet.side.device import Clock
 from hapnet.side.endpoint import NANO
 from hapnet.side.notices import notice_of
-from hapnet.summary.path import PathTeller
+from hapnet.summary.path import PathReporter
 from hapnet.transport.diagnosis import UNANSWERED_NS, ConnectionDiagnosis
 from hapnet.transport.zenoh import ZenohTransport
 from hapnet.wire.events import Event, Mismatch, PeerRefused
@@ -64,7 +64,7 @@ class Housekeeping:
         self._figures, self._reporter = figures, reporter
         self._alone, self._diagnosis, self._timeline = alone, diagnosis, timeline
         self._refused, self._fail = refused, fail
-        self._path = PathTeller(role, control.wire.session.path)
+        self._path = PathReporter(role, control.wire.session.path)
         self._started_ns = clock()
         self._duration_s = 0.0
 

@@ -73,7 +73,7 @@ class PathMeter:
         return of_side(self.role, figures)
 
 
-class PathTeller:
+class PathReporter:
     """Reports the state of the path at intervals."""
 
     def __init__(self, role: Role, path: Path) -> None:

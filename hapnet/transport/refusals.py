@@ -86,7 +86,7 @@ class Refusals:
 
 
 @contextlib.contextmanager
-def heeded(settings: ZenohSettings) -> Iterator[Refusals]:
+def watched(settings: ZenohSettings) -> Iterator[Refusals]:
     """Read Zenoh's log inside this context, if others who dial this side may be refused.
 
     Access control logs a line for each message, allowed or denied, which costs some microseconds a message.
