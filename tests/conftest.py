@@ -24,11 +24,12 @@ _REAL_TIME = ("hapnet.bench", "hapnet.realtime", "hapnet.transport", "netem.benc
 _VIRTUAL_TIME = ("tests.study", "tests.test_processes")
 
 
-@pytest.hookimpl(tryfirst=True)  # before the plugin of the workers, which reads the groups then
+@pytest.hookimpl(tryfirst=True)  # before those who read marks and groups then
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """What runs in real time, or starts processes, is one worker's, one after the other; all else is the other's."""
     for item in items:
         if isinstance(item, pytest.Function) and _in_real_time(item.module):
+            item.add_marker(pytest.mark.realtime)
             item.add_marker(pytest.mark.xdist_group("real time"))
 
 
