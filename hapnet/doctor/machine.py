@@ -1,7 +1,7 @@
 """What this machine allows a servo and its messages: one check a function, each with what to do about it.
 
-Every check that asks for something (real-time scheduling, locked memory) does so in a thread or gives it back, so that
-the process is as it was before.
+A check that requests something (real-time scheduling, locked memory) does so in a thread of its own or releases it, so
+the process stays as it was.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ OK, WARNING, MISSING, SKIPPED = "ok", "warning", "missing", "skipped"
 REACH_S = 3.0
 """How long an endpoint may take to answer [s]."""
 
-_LATE_US = 100.0  # a sleep that is later than that in the median is a default timer slack, or worse
+_LATE_US = 100.0  # if the median sleep is later than this, the timer slack is the default or worse
 _TICKS = 300
 _PERIOD_NS = 1_000_000
 _MCL_CURRENT_AND_FUTURE = 3
@@ -48,20 +48,20 @@ class Check:
     advice: str = ""
 
     def as_dict(self) -> dict[str, Any]:
-        """As `--json` has it."""
+        """The row as `--json` writes it."""
         return asdict(self)
 
 
 def examine(
     connect: Sequence[str] = (), security: Security = ANYBODY, session: str = "default", name: str = "device"
 ) -> Iterator[Check]:
-    """All checks, in the order in which they are shown, each as soon as it is known.
+    """Yields all checks in the order in which they are shown, each as soon as it is known.
 
-    `session` and `name`: under which the sides talk that are asked how good the network is.
+    `session` and `name`: the names under which the sides of the probed network talk.
 
     Raises
     ------
-    InvalidParameter : an endpoint that Zenoh would not take, or security that does not fit it.
+    InvalidParameter : an endpoint that Zenoh does not accept, or security that does not fit it.
     """
     _require_endpoints(connect, security)
     checks: tuple[Callable[[], Check], ...] = (
@@ -201,7 +201,7 @@ def real_time_share() -> Check:
 
 
 def locked_memory() -> Check:
-    """The servo locks what it has and all it will have: under any limit it may be refused, or memory be, later on."""
+    """The servo locks all its memory, future memory too. Under a limit this, or a later allocation, may be refused."""
     name = "locked memory"
     if sys.platform != "linux":
         return Check(name, WARNING, f"not available on {sys.platform}", "use Linux for --realtime")
@@ -235,7 +235,7 @@ def frequency_scaling() -> Check:
 
 
 def tls_handshake(endpoint: str, security: Security = ANYBODY) -> Check:
-    """Shake hands with the certificates that a device would have: Zenoh does not say what is wrong with them."""
+    """Do the TLS handshake with a device's certificates: Zenoh does not say what is wrong with them."""
     from hapnet.transport.config import ZenohSettings, zenoh_config
     from hapnet.transport.diagnosis import Trust, probe
 
@@ -247,7 +247,7 @@ def tls_handshake(endpoint: str, security: Security = ANYBODY) -> Check:
 
 
 def zenoh_reachable(endpoint: str, security: Security = ANYBODY) -> Check:
-    """Dial, as a device would, for at most `REACH_S` seconds."""
+    """Dial as a device does, for at most `REACH_S` seconds."""
     name = "zenoh reachable"
     advice = "start the other side (hapnet world -l ...), and check address, port and firewall"
     try:
@@ -260,13 +260,13 @@ def zenoh_reachable(endpoint: str, security: Security = ANYBODY) -> Check:
 
 
 def network(endpoint: str, security: Security, session: str, name: str) -> Check:
-    """Is the way there good enough?"""
+    """Is the path to that endpoint good enough?"""
     from hapnet.doctor.network import probed
 
     return probed(endpoint, security, session, name)
 
 
-# Zenoh is imported where it is needed, so that the checks tell when it is not there.
+# Zenoh is imported where it is needed, so that a check can report that it is missing.
 
 
 def _require_endpoints(connect: Sequence[str], security: Security) -> None:
@@ -310,7 +310,7 @@ def _sleep() -> Histogram:
 
 
 def _ask_for_fifo() -> str | None:
-    """For this thread only, which ends; why not, if not."""
+    """Requests it for this thread only, which ends. Returns the reason if it was refused."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIFO_PRIORITY))
     except OSError as error:
@@ -319,7 +319,7 @@ def _ask_for_fifo() -> str | None:
 
 
 def _in_thread(call: Callable[[], _T]) -> _T:
-    """What `call` returns in a thread of its own, so that what it asks for ends with it."""
+    """Returns what `call` returns in a thread of its own, so that what it requests ends with that thread."""
     results: list[_T] = []
     thread = threading.Thread(target=lambda: results.append(call()))
     thread.start()
@@ -335,7 +335,7 @@ def _limit(name: str) -> str:
 
 
 def _capable(capability: int) -> bool:
-    """Has this process the capability, by number?"""
+    """Does this process have the capability with this number?"""
     for line in _read("/proc/self/status").splitlines():
         if line.startswith("CapEff:"):
             return bool(int(line.split()[1], 16) >> capability & 1)

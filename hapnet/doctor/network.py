@@ -1,4 +1,4 @@
-"""Is this network good enough? What probes measure, in words, beside what is asked of networks for haptics."""
+"""Is this network good enough? What probes measure, in words, beside the requirements of haptics."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ PROBED_S = 4.0
 FAST_MS, SLOW_MS = 20.0, 100.0
 """One way, 3GPP TR 22.847 (tactile and multi-modal communication): up to 20 ms where things move fast, 100 ms else."""
 RELIABILITY = 0.9999
-"""The share of messages that is to come, ibid."""
+"""The required share of messages that arrive (same source)."""
 BAD_LOSS = 0.05
 
 NAME = "network"
@@ -23,14 +23,14 @@ NAME = "network"
 def probed(
     endpoint: str, security: Security, session: str, name: str, seconds: float = PROBED_S, patience_s: float = REACH_S
 ) -> Check:
-    """Ask whoever listens at `endpoint` under these names what the way to it is like. Raises as `zenoh_config` does."""
+    """Probe the path to the side that listens at `endpoint` under these names. Raises as `zenoh_config` does."""
     import zenoh
 
     from hapnet.transport.config import ZenohSettings, reason, zenoh_config
 
     up, down = (f"hapnet/{session}/{name}/{way}/{PROBE}" for way in ("up", "down"))
     answers = None
-    for asked, answered in ((up, down), (down, up), (up, down)):  # over udp a declaration may be lost: once more
+    for asked, answered in ((up, down), (down, up), (up, down)):  # over udp a declaration may be lost: probe once more
         try:
             with zenoh.open(zenoh_config(ZenohSettings(connect=(endpoint,), security=security))) as opened:
                 answers = ask(opened, asked, answered, seconds, patience_s)
@@ -48,7 +48,7 @@ def probed(
 
 
 def judged(answers: Answers) -> Check:
-    """What was measured, and what it is good for."""
+    """What was measured, and for which tasks it suffices."""
     p50, p99 = (1e-6 * (answers.trips.quantile(q) or 0) for q in (0.5, 0.99))
     there, back = answers.losses
     one_way, worst = p99 / 2, max(there, back)

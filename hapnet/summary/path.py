@@ -1,4 +1,4 @@
-"""The summary's `path`: what the streams showed of the way between the sides, emulated links included."""
+"""The summary's `path`: what the streams showed of the path between the sides, emulated links included."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ Section = structure.Path
 RoundTrip = Literal["round_trip_min_ms", "round_trip_p50_ms", "round_trip_p99_ms"]
 ROUND_TRIP: tuple[RoundTrip, ...] = ("round_trip_min_ms", "round_trip_p50_ms", "round_trip_p99_ms")
 WAYS: dict[Role, Way] = {"device": "down", "world": "up"}
-"""The direction that a role hears."""
+"""The direction that each role receives."""
 
 TOLD_EVERY_NS = 10_000_000_000
 
 
 def unknown() -> Section:
-    """The same keys, None."""
+    """The same keys with value None."""
     return structure.unknown(Section)
 
 
 def of_side(role: Role, figures: PathFigures) -> Section:
-    """What one side knows: the round trip, and the way to it."""
+    """What one side knows: the round trip, and the direction towards it."""
     if not figures.sent:
         return unknown()
     way: PathWay = {
@@ -49,7 +49,7 @@ def of_side(role: Role, figures: PathFigures) -> Section:
 
 
 def of_both(device: Section | None, world: Section | None) -> Section:
-    """Both sides together: each knows the way to itself; the round trip is the device's, if it knows one."""
+    """Both sides together: each knows the direction towards itself. The round trip is the device's, if it has one."""
     sides = [side for side in (device, world) if side is not None]
     whole = unknown()
     for key in ROUND_TRIP:
@@ -60,7 +60,7 @@ def of_both(device: Section | None, world: Section | None) -> Section:
 
 
 class PathMeter:
-    """What one side knows of the path since it was last asked."""
+    """The path's figures of one side since the last reading."""
 
     def __init__(self, role: Role, path: Path) -> None:
         self.role = role
@@ -81,7 +81,7 @@ class PathReporter:
         self._next_ns: int | None = None
 
     def look(self, now_ns: int) -> Notice | None:
-        """The notice to give, if it is time for one."""
+        """Returns the notice to send, if one is due."""
         if self._next_ns is not None and now_ns < self._next_ns:
             return None
         first, self._next_ns = self._next_ns is None, now_ns + TOLD_EVERY_NS
@@ -94,7 +94,7 @@ class PathReporter:
 
 
 def words(section: Section, role: Role) -> str:
-    """What this side knows, in one line; "" while it knows nothing."""
+    """Returns the figures of this side in one line; "" while there are none."""
     way = section[WAYS[role]]
     if way is None or section["round_trip_p50_ms"] is None:
         return ""

@@ -1,4 +1,4 @@
-"""The summary of recordings: what the processes said at their end or, where they were killed, what the samples tell."""
+"""The summary of recordings: what the processes reported at their end; if they were killed, what the samples show."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from netem import LinkStats
 
 
 def from_recording(recording: Recording) -> Summary:
-    """The summary of a recording whose writer was killed: what its samples tell, at their rate; None for the rest."""
+    """The summary of a recording whose writer was killed: what its samples show, at their rate; None for the rest."""
     meta = recording.meta
     coupling = meta.get("coupling", "pspm")
     device = None if recording.device is None else _device_columns(recording.device, coupling)
@@ -58,7 +58,7 @@ def _world_columns(columns: Columns, coupling_name: str) -> SidePart:
 
 
 def _side_columns(columns: Columns, coupling_name: str) -> SidePart:
-    """The keys that both sides have."""
+    """The keys that both sides share."""
     slack = None if jointly_passive(coupling_name) else _extreme(columns["slack_J"], np.min)
     return {
         "ledger": unknown(Ledger)
@@ -86,7 +86,7 @@ def _side_columns(columns: Columns, coupling_name: str) -> SidePart:
 
 
 def _extreme(values: NDArray[np.float64], pick: Callable[[NDArray[np.float64]], float]) -> float | None:
-    """Of those that are known."""
+    """What `pick` finds among the known values; None if there are none."""
     known = values[np.isfinite(values)]
     return float(pick(known)) if len(known) else None
 
@@ -96,11 +96,11 @@ def _nanojoules(energy_J: float) -> int | None:
 
 
 def of_recordings(files: Sequence[Path], recordings: Sequence[Recording]) -> Summary:
-    """The summary of a run from its one or two recordings: what the processes said at their end, or what is recorded.
+    """The summary of a run from its one or two recordings: what the processes reported at their end, or the samples.
 
     Raises
     ------
-    RecordingError : what a file says of itself is no summary.
+    RecordingError : the summary in a file is not one.
     """
     parts = [cast(Summary, recording.summary) or from_recording(recording) for recording in recordings]
     for file, part in zip(files, parts, strict=True):

@@ -44,11 +44,11 @@ _HELD = (
     "hand_work_J",
     "stopped",
 )
-"""What is known of a held torque, of the hand where it is simulated, and of a force that was stopped."""
+"""The entries about held torques, the simulated hand and a stopped force."""
 
 
 def device_summary(side: DeviceSide, coupling_name: str, servo: Mapping[str, Any] | None = None) -> SidePart:
-    """The device's part, as its control half knows it. `servo`: timing of the servo, in real time."""
+    """The device's part, as its control half knows it. `servo`: the servo's timing in real time."""
     result = _control_summary(side.endpoint, coupling_name)
     result["servo"] = cast(Servo, {**unknown(Servo), "ticks": side.ticks, **(servo or {})})
     result["quantisation_J"] = side.quantisation
@@ -83,7 +83,7 @@ def _stopped(side: DeviceSide) -> Stopped | None:
 
 
 def unknown_device() -> SidePart:
-    """The device's part if its servo reported nothing: the same keys, all None."""
+    """The device's part if its servo reported nothing: the same keys with value None."""
     return {
         "ledger": unknown(Ledger),
         "reservoir_min_J": None,
@@ -147,21 +147,20 @@ def combine(
     torn: Sequence[str] = (),
     path: Path | None = None,
 ) -> Summary:
-    """One summary of both sides. `tuning`: what the coupling's own rule made of the link. `path`: see path.py.
+    """One summary of both sides. `tuning`: what the coupling's rule derived from the link. `path`: see path.py.
 
     `two_port_J` is the minimum over time of the energy put in at both ports, where one clock saw both;
     `two_port_end_J` its value at the end, `two_port_later_J` its minimum from `START_S` on, `hand_two_port_J` its
-    minimum with the simulated hand's port in place of the actuator's. Else the
-    theorem's margin is the sum of both sides' margins, a lower bound of the true one; None with one side only, after a
-    restart, as what the process put in that ended is not known here, and where energy was credited that nobody sent.
-    `total_later_J` is the least sum of both margins from `START_S` on, as it was recorded. `torn` names the sides of
-    which only samples are known.
+    minimum with the simulated hand's port in place of the actuator's. Without one clock the theorem's margin is the sum
+    of both sides' margins, a lower bound of the true one. It is None with one side only, after a restart (the energy
+    that the ended process put in is not known here), and if energy was credited that nobody sent. `total_later_J` is
+    the least recorded sum of both margins from `START_S` on. `torn` names the sides of which only samples are known.
 
-    Of a coupling that is passive jointly only, both sides' least margins are of different times, and their sum bounds
-    nothing. There `total_margin_J` counts, the least of both margins' sum as far as both were recorded on one clock, at
-    the samples' rate; the start, where it is d^2, with it. Without it the margin is None.
+    If a coupling is passive only jointly, both sides' least margins belong to different times, and their sum bounds
+    nothing. Then `total_margin_J` counts: the least sum of both margins while both were recorded on one clock, at the
+    samples' rate, with the start, where it is d^2. Without it the margin is None.
 
-    The bound d^2 sums the initial energies of all processes that took part, by their own word those that ended.
+    The bound d^2 sums the initial energies of all processes that took part; each that ended reported its own.
     """
     sides = [side for side in (device, world) if side is not None]
     margins = [side["ledger"]["margin_J"] for side in sides]
@@ -212,19 +211,19 @@ def combine(
 
 
 def judged(summary: Summary) -> Summary:
-    """`summary` with its verdict. Call it again after adding something that the verdict depends on."""
+    """`summary` with its verdict. Call it again after a change that the verdict depends on."""
     rest = {name: value for name, value in summary.items() if name != "verdict"}
     return cast(Summary, {"verdict": judge(summary), **rest})
 
 
 def _environment(world: SidePart | None) -> Environment:
-    """The environment's port: what it put in, and the least slack of that half of the theorem [J]."""
+    """The environment's port: the energy that it put in, and the least slack of its half of the theorem [J]."""
     ledger = unknown(Ledger) if world is None else world["ledger"]
     return {"work_J": ledger.get("work_J"), "slack_J": ledger.get("slack_J")}
 
 
 def _bound(device: SidePart | None, world: SidePart | None) -> float | None:
-    """d^2 over all incarnations, by each side's own word or by its peer's, who also knows its predecessors."""
+    """d^2 over all incarnations, as each side reports it, or its peer, who also knows its predecessors."""
     initial = []
     for side, peer in ((device, world), (world, device)):
         own = None if side is None else side["ledger"]["bound_J"]
@@ -237,7 +236,7 @@ def _bound(device: SidePart | None, world: SidePart | None) -> float | None:
 
 
 def merge(device: Summary, world: Summary, *, seed: int | None = None, recording: Recording | None = None) -> Summary:
-    """One summary out of the device's and the world's own. `recording` : both sides', if there is one."""
+    """Combine the device's and the world's summaries. `recording`: of both sides, if there is one."""
     whole = combine(
         device["device"],
         world["world"],
@@ -255,7 +254,7 @@ def merge(device: Summary, world: Summary, *, seed: int | None = None, recording
 
 
 def recorded_margins(recording: Recording | None) -> dict[str, Any]:
-    """What is recorded of both ports together, as `combine` takes it."""
+    """What was recorded of both ports together, as `combine` takes it."""
     if recording is None:
         return {}
     return {
@@ -296,7 +295,7 @@ def _control_summary(control: ControlHalf, coupling_name: str) -> SidePart:
 def _flow(sender: SidePart | None, receiver: SidePart | None) -> Flow:
     """Shuffled energy one way [nJ]: sent = credited + in flight + abandoned.
 
-    A sender that leaves gives up what is not acknowledged; what of that was credited nevertheless, the receiver knows.
+    A sender that leaves abandons what is not acknowledged. The receiver knows how much of that it credited.
     """
     if sender is None:
         credited = None if receiver is None else receiver["credited_nJ"]

@@ -1,7 +1,7 @@
 """What a run's summary is made of: typed dictionaries whose keys are those of the JSON. None where a value is unknown.
 
-Summaries also come from files: of an older version, torn, or of anybody's making. `read` makes of whatever it is given
-a summary that has every key, so that nobody else has to look twice.
+Summaries also come from files: of an older version, torn, or edited by hand. `read` turns whatever it is given into a
+summary that has every key, so no other code has to check.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Verdict(TypedDict):
 
 
 class Theorem(TypedDict):
-    """Both ports together [J]: see theorem 1. `bound_J` is d^2, `energy_out_J` the most that ever came out."""
+    """Both ports together [J], see Theorem 1. `bound_J` is d^2, `energy_out_J` the most energy that ever came out."""
 
     margin_J: Number
     bound_J: Number
@@ -71,7 +71,7 @@ class Ledger(TypedDict):
 
 
 class Outages(TypedDict):
-    """When one side heard nothing of the other."""
+    """The times in which one side heard nothing from the other."""
 
     count: Count
     longest_s: Number
@@ -110,7 +110,7 @@ class Stopped(TypedDict):
 
 
 class SidePart(TypedDict, total=False):
-    """What one side knows of itself. The device alone has the entries from `servo` on, the world alone has `step`.
+    """What one side knows of itself. Only the device has the entries from `servo` on, only the world has `step`.
 
     More than twenty attributes: one for each key of the summary's `device` and `world`.
     """
@@ -177,7 +177,7 @@ class PathWay(TypedDict):
 
 
 class Path(TypedDict):
-    """What the streams showed of the way between the sides, the network and the emulated links together."""
+    """What the streams showed of the path between the sides, network and emulated links together."""
 
     round_trip_min_ms: Number
     round_trip_p50_ms: Number
@@ -205,7 +205,7 @@ class LinkPart(TypedDict, total=False):
 
 
 class Links(TypedDict):
-    """The emulated links; None where a side did not say."""
+    """The emulated links; None if a side did not report it."""
 
     up: LinkPart | None
     down: LinkPart | None
@@ -245,19 +245,19 @@ def known(value: object) -> float | None:
 
 
 def unknown(shape: type[Shape]) -> Shape:
-    """All keys of a typed dictionary, and nothing known: None, and so in what is within it."""
+    """All keys of a typed dictionary with value None, nested ones too."""
     reader: Callable[[object], Any] = _reader_of(cast(Any, shape))
     return cast(Shape, reader({}))
 
 
 def read(tree: object) -> Summary:
-    """A summary with every key, of whatever `tree` is: what is missing, or is no such value, is unknown."""
+    """A summary with every key, whatever `tree` is. A value that is missing or of another type is None."""
     return cast(Summary, _reader_of(Summary)(tree))
 
 
 @cache
 def _reader_of(shape: Any) -> Callable[[object], dict[str, Any]]:
-    """What makes a typed dictionary of anything."""
+    """Returns a function that turns anything into this typed dictionary."""
     readers = tuple((name, _reader(hint)) for name, hint in get_type_hints(shape).items())
 
     def reader(tree: object) -> dict[str, Any]:
@@ -268,7 +268,7 @@ def _reader_of(shape: Any) -> Callable[[object], dict[str, Any]]:
 
 
 def _reader(hint: Any) -> Callable[[Any], Any]:
-    """What makes a value of the type `hint` of anything."""
+    """Returns a function that turns anything into a value of the type `hint`."""
     optional = NoneType in get_args(hint)
     kind = next(kind for kind in get_args(hint) if kind is not NoneType) if optional else hint
     if is_typeddict(kind):

@@ -1,13 +1,13 @@
 """Was a run passive? The rules by which its summary is judged, and whether a coupling kept what is claimed of it.
 
-`judge` reads nothing but a summary. What an older one does not have is unknown: it speaks neither for nor against.
+`judge` reads only a summary. A value that an older one lacks is unknown and counts neither for nor against.
 
-Not passive: more energy came out of both ports than d^2 (of one port, where only that is known); a half of Theorem 1
-below zero; energy credited that was never sent. Not known: what could be judged was kept, but part of the account is
-missing (a side, the end of a torn recording, what a process before a restart did, one clock for both ports), or
-something happened that it does not cover (a deficit, a servo that was away, a speed above the declared one, a force
-that was stopped as the device could not be right, encoders that blur more than the margin, an energy stream that nobody
-answers).
+Not passive: more energy than d^2 came out of both ports (of one port, if only that is known), a half of Theorem 1 is
+below zero, or energy was credited that nobody sent. Not known: all that could be judged was kept, but part of the
+account is missing (a side, the end of a torn recording, the process before a restart, one clock for both ports), or
+something happened that the account does not cover (a deficit, a servo that was away, a speed above the declared one, a
+force that was stopped because a reading was impossible, encoders that blur more than the margin, an energy stream
+without acknowledgements).
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ from hapnet.summary.structure import SIDES, Flow, SidePart, Summary, Verdict, Wa
 from hapnet.wire.messages import Role
 
 ROUNDING_J = 1e-9
-"""An energy is called negative below minus this [J]: what minutes of double precision may add up to."""
+"""An energy below minus this is negative [J]; rounding may add up to so much in minutes."""
 
 DEFICIT_J = 1e-12
 """A deficit up to this is rounding [J]."""
 
 UNANSWERED_S = 5.0
-"""An energy stream is dead if for longer nothing of it was acknowledged, though positions came [s]."""
+"""An energy stream is dead if nothing was acknowledged for longer, although positions came [s]."""
 
 START_S = 1.0
-"""The least margin is told from then on too [s]: at the start it is d^2, whatever comes later."""
+"""The least margin from then on is shown too [s]: at the start it is d^2 in any case."""
 
 _WAYS: tuple[tuple[Way, Role, Role], ...] = (("up", "device", "world"), ("down", "world", "device"))  # from, to
 
 
 def judge(tree: object) -> Verdict:
-    """The verdict on the run of which `tree` is the summary, of both sides or of one; see `structure.read`."""
+    """The verdict on the run with the summary `tree`, of both sides or of one; see `structure.read`."""
     summary = _with_margin(read(tree), tree)
     if against := list(_against(summary)):
         return {"passive": False, "reason": "; ".join(against)}
@@ -49,10 +49,10 @@ def judge(tree: object) -> Verdict:
 
 
 def broken(tree: object, params: Params | None = None, *, virtual: bool = False) -> bool:
-    """Was a coupling not passive that claims to be so here? Then the exit code is 4.
+    """Was a coupling that claims to be passive here not passive? Then the exit code is 4.
 
-    params : of the run; None: not known, then a claim counts that needs no more than the link to be any. virtual : in
-    virtual time, so that the link is the emulated one and nothing else.
+    params : of the run. None: unknown; then only a claim that holds on any link counts. virtual : the run was in
+    virtual time, so the emulated link is the only one.
     """
     if judge(tree)["passive"] is not False:
         return False
@@ -66,7 +66,7 @@ def broken(tree: object, params: Params | None = None, *, virtual: bool = False)
 
 
 def excess_nJ(energy: Flow) -> int:
-    """What was credited one way beyond what was sent [nJ]."""
+    """How much more was credited than sent in one direction [nJ]."""
     sent, credited, abandoned = energy["sent_nJ"], energy["credited_nJ"], energy["abandoned_nJ"]
     beyond = 0 if sent is None or credited is None else credited - sent
     return int(max(beyond, 0 if abandoned is None else -abandoned, 0))
@@ -87,16 +87,16 @@ def restarted(*sides: SidePart | None) -> bool:
 
 
 def has_reservoirs(coupling: object) -> bool:
-    """Does it shuffle energy between reservoirs, so that each side has a half of Theorem 1 to keep?
+    """Does it shuffle energy between reservoirs, so that each side must keep a half of Theorem 1?
 
-    Not the couplings that are known to do without.
+    Couplings that are known to have none do not.
     """
     spec = registry.known(coupling)
     return ":" not in str(coupling) if spec is None else spec.halves
 
 
 def _with_margin(summary: Summary, tree: object) -> Summary:
-    """The margin of both ports: where nobody has summed their halves up, as an older version did, their sum."""
+    """Adds the margin of both ports as the sum of their halves, if an older version did not write it."""
     told = tree.get("theorem") if isinstance(tree, Mapping) else None
     if isinstance(told, Mapping) and "margin_J" in told:
         return summary
@@ -171,7 +171,7 @@ def _halves(summary: Summary) -> Iterator[str]:
 
 
 def _true_ports(summary: Summary, bound: float | None) -> Iterator[str]:
-    """Of a simulated device its hand's port is known too, whatever the device says of its actuator."""
+    """The port of a simulated device's hand is known too, whatever the device reports of its actuator."""
     least, by_hand, by_world = summary["hand"]["margin_J"], summary["hand"]["work_J"], summary["environment"]["work_J"]
     if least is None and bound is not None and by_hand is not None and by_world is not None:
         least = None if _restarted(summary) else bound + by_hand + by_world
@@ -198,7 +198,7 @@ def _doubts(summary: Summary) -> Iterator[str]:
 
 
 def _doubts_of_device(device: SidePart, margin: float | None) -> Iterator[str]:
-    """Doubts that come from its servo and its encoders. `margin` : of both ports [J]."""
+    """Doubts that come from the servo and the encoders. `margin`: of both ports [J]."""
     leak, risk = device["overrun_leak_J"], device["overrun_risk_J"]
     if leak is not None and leak > 0.0:
         yield f"while the servo was away for longer than watchdog_s, {_milli(leak)} mJ came out beyond the reserve"
@@ -215,7 +215,7 @@ def _doubts_of_device(device: SidePart, margin: float | None) -> Iterator[str]:
 
 
 def _missing(summary: Summary, accounts: list[Role]) -> Iterator[str]:
-    """Why both ports together have no margin, though `accounts` are there."""
+    """Why both ports together have no margin, although `accounts` exist."""
     jointly = jointly_passive(_coupling(summary))
     if not accounts:
         yield "there is no energy account"
@@ -240,7 +240,7 @@ def _of_half(side: SidePart | None) -> str:
 
 
 def _kept(summary: Summary) -> str:
-    """How far it was from not being passive."""
+    """How far the run was from not being passive."""
     theorem = summary["theorem"]
     margin, bound, out = theorem["margin_J"], theorem["bound_J"], theorem["energy_out_J"]
     end, later = theorem["margin_end_J"], theorem["margin_later_J"]
@@ -255,7 +255,7 @@ def _kept(summary: Summary) -> str:
 
 
 def _milli(energy_J: float | None) -> str:
-    """In mJ with four digits; pure rounding is shown as 0."""
+    """An energy in mJ with four digits; pure rounding shows as 0."""
     if energy_J is None or abs(energy_J) < DEFICIT_J:
         return "0"
     value = energy_J * 1e3
