@@ -105,15 +105,17 @@ def samples(side: Side) -> Columns:
 def sent_ns(receiver: Columns, sender: Columns) -> Array:
     """When the sender was where the receiver's set-position is, at each of the receiver's samples; -1: never before.
 
-    A target is, bit for bit, a position that the sender had; the last time counts if there are several.
+    A target is, bit for bit, a position that the sender had; the last time counts if there are several. A tick reads
+    the clock, then takes what has arrived. It may be held up in between: what it uses was sent before the next tick.
     """
     times: dict[bytes, list[int]] = {}
     for time_ns, position in zip(sender["time_ns"].tolist(), sender["position_m"], strict=True):
         times.setdefault(position.tobytes(), []).append(time_ns)
     found = []
-    for now_ns, target in zip(receiver["time_ns"].tolist(), receiver["target_m"], strict=True):
+    ends_ns = [*receiver["time_ns"].tolist()[1:], sender["time_ns"][-1]]
+    for end_ns, target in zip(ends_ns, receiver["target_m"], strict=True):
         had = times.get(target.tobytes(), [])
-        before = bisect_right(had, now_ns)
+        before = bisect_right(had, end_ns)
         found.append(had[before - 1] if before else -1)
     return np.array(found)
 
