@@ -224,9 +224,9 @@ def examine(case: int, params: Params | None = None) -> Examined:
 
 
 def _speed(witness: Witness) -> float:
-    """The greatest mean speed over a tick [m/s]."""
-    way = np.diff(np.array(witness.positions), axis=0)
-    return float(np.max(np.linalg.norm(way, axis=1), initial=0.0)) * witness.params.device.servo_hz
+    """The greatest mean speed over a tick [m/s] that its readings show: a count may be rounding."""
+    way = np.linalg.norm(np.diff(np.array(witness.readings), axis=0), axis=1) - witness.params.device.resolution_m
+    return float(np.max(way, initial=0.0)) * witness.params.device.servo_hz
 
 
 def _not_finite(result: Result) -> Iterator[str]:
@@ -252,15 +252,6 @@ def _energy(summary: dict[str, Any]) -> Iterator[str]:
     ):
         if value is None or not value >= least:
             yield f"{name}: {value} J"
-
-
-def _verdict(summary: dict[str, Any], too_fast: bool, broken: list[str]) -> Iterator[str]:
-    """The summary's word of it: not "passive" where that is not so or not known, nor "not passive" where it is."""
-    passive = summary.get("verdict", {}).get("passive")
-    if passive is True and (too_fast or broken):
-        yield "verdict: passive"
-    if passive is False and not (too_fast or broken):
-        yield f"verdict: not passive, {summary['verdict']['reason']}"
 
 
 def _verdict(summary: dict[str, Any], too_fast: bool, broken: bool) -> Iterator[str]:

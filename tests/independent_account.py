@@ -254,7 +254,8 @@ def _actuator(witness: Witness, positions: Sequence[Vector], count: float) -> Ar
     device, x = witness.params.device, np.array(positions)
     dx = np.diff(x, axis=0)
     forces = np.vstack([np.zeros((1, dx.shape[1])), np.array(witness.applied)])[: len(dx)]
-    trusted = device.trusted_damping * np.maximum(0.0, np.abs(dx) - count) ** 2 * device.servo_hz
+    tick_s = max(1.0 / device.servo_hz, round(1e9 / device.servo_hz) * NANO)  # the servo's clock has whole nanoseconds
+    trusted = device.trusted_damping * np.maximum(0.0, np.abs(dx) - count) ** 2 / tick_s
     return _running(np.sum(trusted - forces * dx, axis=1))
 
 
