@@ -6,12 +6,15 @@ import dataclasses
 import math
 from dataclasses import dataclass
 from operator import mul
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 _PER_OCTAVE = 64  # a bin is 1.1 % wide
 _FEWEST = 8  # bins_ms never joins to fewer than this many filled bins
 _FLOOR_NS, _OCTAVES = 1000, 40  # 1 us to 10^6 s; values outside count in the outermost bins
+BINS = _PER_OCTAVE * _OCTAVES
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,31 +71,52 @@ class LinkStats:
         return dataclasses.asdict(self) | {"delay_histogram_ms": [list(pair) for pair in self.delay_histogram_ms]}
 
 
+class Delays(NamedTuple):
+    """What a `DelayHistogram` knows of some delays, at least one."""
+
+    total_ns: int
+    total_square: int
+    """The sum of their squares [ns^2]."""
+    least_ns: int
+    most_ns: int
+    counts: NDArray[np.int64]
+    """How many there are in each of the `BINS`; see `bin_of`."""
+
+
+def bin_of(delays_ns: ArrayLike) -> NDArray[np.intp]:
+    """The bin that each of these delays counts in."""
+    octaves = np.log2(np.maximum(delays_ns, _FLOOR_NS) / _FLOOR_NS)
+    return np.minimum((octaves * _PER_OCTAVE).astype(np.intp), BINS - 1)
+
+
 class DelayHistogram:
     """Counts delays [ns] in a fixed number of log-spaced bins. Append to `pending`; `fold` at `PENDING` or before."""
 
     PENDING = 256
 
     def __init__(self) -> None:
-        self._counts = np.zeros(_PER_OCTAVE * _OCTAVES, dtype=np.int64)
+        self._counts = np.zeros(BINS, dtype=np.int64)
         self._total_ns, self._total_square, self._least_ns, self._most_ns = 0, 0, 0, 0
         self._count = 0
         self.pending: list[int] = []
 
     def fold(self) -> None:
         """Move the pending delays into the bins, which costs less for many at once."""
-        if not self.pending:
+        if not (delays := self.pending):
             return
-        least, most = min(self.pending), max(self.pending)
-        self._least_ns = min(self._least_ns, least) if self._count else least
-        self._most_ns = max(self._most_ns, most) if self._count else most
-        self._total_ns += sum(self.pending)
-        self._total_square += sum(map(mul, self.pending, self.pending))
-        self._count += len(self.pending)
-        octaves = np.log2(np.maximum(self.pending, _FLOOR_NS) / _FLOOR_NS)
-        bins = np.minimum((octaves * _PER_OCTAVE).astype(np.intp), len(self._counts) - 1)
-        np.add.at(self._counts, bins, 1)
-        self.pending.clear()
+        square = sum(map(mul, delays, delays))
+        counts = np.bincount(bin_of(delays), minlength=BINS)
+        self.add(Delays(sum(delays), square, min(delays), max(delays), counts))
+        delays.clear()
+
+    def add(self, delays: Delays) -> None:
+        """Count these too."""
+        self._least_ns = min(self._least_ns, delays.least_ns) if self._count else delays.least_ns
+        self._most_ns = max(self._most_ns, delays.most_ns) if self._count else delays.most_ns
+        self._total_ns += delays.total_ns
+        self._total_square += delays.total_square
+        self._count += int(delays.counts.sum())
+        self._counts += delays.counts
 
     def mean_ms(self) -> float | None:
         """Mean delay in ms; None if nothing was counted."""

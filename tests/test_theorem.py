@@ -18,7 +18,8 @@ from hapnet.params import Params
 from hapnet.plant.operator import Impedance, Operator, Press, Sine
 from hapnet.recording.samples import Columns
 from hapnet.side.endpoint import WireHalf
-from hapnet.simulation.simulation import Result, TwoPort, simulate
+from hapnet.simulation.simulation import Result, simulate
+from hapnet.simulation.two_port import TwoPort
 from hapnet.wire.events import EnergyCredited, Event
 from tests.conftest import random_spd
 from tests.theorem_cases import TOLERANCE_J, Outcome, random_case, run_case

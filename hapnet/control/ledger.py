@@ -13,6 +13,23 @@ credits more than the other has sent.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
+
+
+class LedgerState(NamedTuple):
+    """`Ledger`'s attributes, and what rounding has added too much to its sums [J]."""
+
+    bound: float
+    work: float
+    credited: float
+    sent: float
+    margin: float
+    margin_min: float
+    slack: float
+    slack_min: float
+    carry: float
+    sent_carry: float
+    credited_carry: float
 
 
 class Ledger:
@@ -67,6 +84,20 @@ class Ledger:
             self.margin_min = margin
         if slack < self.slack_min:
             self.slack_min = slack
+
+    def state(self) -> LedgerState:
+        """What `restore` takes."""
+        return LedgerState(
+            self.bound, self.work, self.credited, self.sent, self.margin, self.margin_min, self.slack, self.slack_min,
+            self._carry, self._sent_carry, self._credited_carry,
+        )  # fmt: skip
+
+    def restore(self, state: LedgerState) -> None:
+        """Go on from there."""
+        (
+            self.bound, self.work, self.credited, self.sent, self.margin, self.margin_min, self.slack, self.slack_min,
+            self._carry, self._sent_carry, self._credited_carry,
+        ) = state  # fmt: skip
 
 
 def _added(total: float, term: float, carry: float) -> tuple[float, float]:

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from operator import sub
-from typing import Literal, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -86,7 +86,7 @@ class SetPositionModulator:
     """
 
     __slots__ = (
-        "_harvested_only", "ceiling", "damping", "deficit", "dof", "energy", "reserve", "set_position", "spring",
+        "ceiling", "damping", "deficit", "dof", "energy", "harvested_only", "reserve", "set_position", "spring",
     )  # fmt: skip
 
     def __init__(
@@ -106,7 +106,7 @@ class SetPositionModulator:
         self.spring = shared_spring(stiffness, self.dof, force_limit)
         self.ceiling = checks.non_negative("ceiling", ceiling)
         self.damping = None if damping is None else checks.diagonal("damping", damping, self.dof)
-        self._harvested_only = checks.one_of("shuffle", shuffle, SHUFFLES) == "harvested"
+        self.harvested_only: Final = checks.one_of("shuffle", shuffle, SHUFFLES) == "harvested"
         self.energy = self.ceiling if energy is None else checks.non_negative("energy", energy)
         if self.energy > self.ceiling:
             raise InvalidParameter("energy", energy, f"at most the ceiling, {self.ceiling} J")
@@ -200,7 +200,7 @@ class SetPositionModulator:
         ceiling = self.ceiling if keep - after <= self.ceiling else keep - after
         if energy > ceiling:
             surplus = energy - ceiling
-            sent = max(0.0, surplus - received) if self._harvested_only else surplus
+            sent = max(0.0, surplus - received) if self.harvested_only else surplus
             discarded = surplus - sent
             energy = ceiling
         self.energy = energy

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from hapnet.checks import Vector
 from hapnet.control.coupling import CouplingSample, Mass, S, Update, vector_of
@@ -35,6 +35,17 @@ class Modulator(Protocol):
 
     def modulate(self, y: Vector, x: Vector, dissipated: float, received: float, keep: float = 0.0) -> Modulation: ...
     def split_reservoir(self, most: float = ...) -> float: ...
+
+
+class Arrived(NamedTuple):
+    """What the next update uses."""
+
+    set_position: Vector
+    """The newest that was received [m]."""
+    credit: float
+    """Shuffled energy that no update has used yet [J]."""
+    has_sample: bool
+    """Has either of them arrived since the last update?"""
 
 
 class SetPositionCoupling:
@@ -108,6 +119,15 @@ class SetPositionCoupling:
         """Shuffled energy arrived [J]; the next update uses it, once."""
         self._credit += energy
         self.has_sample = True
+
+    @property
+    def arrived(self) -> Arrived:
+        """What the next update uses."""
+        return Arrived(self._received, self._credit, self.has_sample)
+
+    def restore(self, arrived: Arrived) -> None:
+        """The next update uses this instead."""
+        self._received, self._credit, self.has_sample = arrived
 
     def on_peer_changed(self) -> float:
         """A new peer has replaced the old one. Returns the energy to shuffle to it [J]: half of the reservoir.

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from operator import mul, sub
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 from hapnet.checks import Vector
 from hapnet.control.coupling import TICK_SLACK_S, Update
@@ -40,8 +40,10 @@ class ContinuousServo:
     def __init__(self, coupling: SetPositionCoupling, *, damping: Vector, period: float) -> None:
         self.coupling = coupling
         self.damping = damping
-        self._due = period - TICK_SLACK_S
-        self._elapsed = 0.0
+        self.due: Final = period - TICK_SLACK_S
+        """PSPM runs in the tick at which so much time has passed since it last ran [s]."""
+        self.elapsed = 0.0
+        """The time since PSPM last ran [s]. The servo has no other state but its coupling's, so a batch may set it."""
 
     def tick(
         self, dt: float, x: Vector, passage: Passage, work: float, kinetic: float, *, release: bool = False
@@ -53,14 +55,14 @@ class ContinuousServo:
         device's kinetic energy now [J].
         """
         self.rest(dt, x, work, kinetic)
-        coupling, elapsed = self.coupling, self._elapsed
-        if elapsed < self._due and not coupling.has_sample and not release:
+        coupling, elapsed = self.coupling, self.elapsed
+        if elapsed < self.due and not coupling.has_sample and not release:
             return None
         low, high, dissipated = passage()
         if dissipated is None:
             dissipated = dissipated_by_range(self.damping, low, high, elapsed)
         result = coupling.release(x, dissipated) if release else coupling.update(elapsed, x, dissipated)
-        self._elapsed = 0.0
+        self.elapsed = 0.0
         coupling.ledger.observe(kinetic + coupling.potential(x), coupling.account)
         return Update(x, result.sent)
 
@@ -68,15 +70,15 @@ class ContinuousServo:
         """Number of coming ticks, `dt` seconds apart, without PSPM if no sample arrives: each needs only `rest`."""
         if self.coupling.has_sample:
             return 0
-        ticks, elapsed = 0, self._elapsed + dt
-        while elapsed < self._due:
+        ticks, elapsed = 0, self.elapsed + dt
+        while elapsed < self.due:
             ticks += 1
             elapsed += dt
         return ticks
 
     def rest(self, dt: float, x: Vector, work: float, kinetic: float) -> None:
         """Keep the account, as every tick does first. The arguments are those of `tick`."""
-        self._elapsed += dt
+        self.elapsed += dt
         coupling = self.coupling
         ledger = coupling.ledger
         ledger.put_in(work)

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from math import inf, isfinite
 from operator import add, mul, sub
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -73,8 +73,8 @@ class PassiveIntegrator:
         B = _positive_definite("damping", damping, n)
         K = _positive_definite("stiffness", stiffness, n)
         self._M, self._B, self._K = _product(M), _product(B), _product(K)
-        # Lower triangle of A in powers of T: 2M, B', K'/2.
-        self._terms = [[(2.0 * M[i][j], B[i][j], 0.5 * K[i][j]) for j in range(i + 1)] for i in range(n)]
+        self.terms: Final = [[(2.0 * M[i][j], B[i][j], 0.5 * K[i][j]) for j in range(i + 1)] for i in range(n)]
+        """Lower triangle of A in powers of T: 2M, B', K'/2."""
         self._diagonal = all(_is_diagonal(matrix) for matrix in (M, B, K))
         self._factored: tuple[float, float | None] = (0.0, None)
         self._contacts: Surroundings | None = None
@@ -127,6 +127,10 @@ class PassiveIntegrator:
         if self._contacts is not None:
             self._contacts.require_outside(x)
         self._x, self._v = x, (0.0,) * self._n
+
+    def restore(self, position: Vector, velocity: Vector) -> None:
+        """Go on from the state [m], [m/s] that another integrator with the same M, B', K' and contacts has reached."""
+        self._x, self._v = position, velocity
 
     def step(
         self,
@@ -228,7 +232,7 @@ class PassiveIntegrator:
         """Factor A = L D L' for this step. Keeps the strict lower rows of L and 1/D. `drag` replaces B' + K' T/2."""
         if not 0.0 < dt < inf:
             raise InvalidParameter("dt", dt, "a positive, finite number of seconds")
-        all_terms = self._terms
+        all_terms = self.terms
         if drag is not None:
             all_terms = [
                 [(m, drag * (i == j), 0.0) for j, (m, *_) in enumerate(row)] for i, row in enumerate(all_terms)

@@ -146,6 +146,11 @@ class DeviceSide(ABC):
         """
         assert ticks == 0, "no tick of this servo may wait"
 
+    def resume(self, now_ns: int, ticks: int) -> None:
+        """Go on after so many ticks that were made elsewhere, each in time, the last at `now_ns`."""
+        self._last_ns = self._expected_ns = now_ns
+        self.ticks += ticks
+
     def stop(self) -> None:
         """Set the force to zero, for good."""
         self.device.apply((0.0,) * self.device.dof)
@@ -191,6 +196,8 @@ class ContinuousDeviceSide(DeviceSide):
     make_servo : called with a position [m], a kinetic energy [J], and whether the reservoir is empty; makes the law.
     """
 
+    device: SimulatedDevice
+
     def __init__(
         self,
         endpoint: DeviceControl,
@@ -199,13 +206,17 @@ class ContinuousDeviceSide(DeviceSide):
         drive: Drive,
     ) -> None:
         super().__init__(endpoint, device, drive)
-        self._simulated = device
         self._make_servo = make_servo
         self._resting_dt = max(drive.period_ns * NANO, device.period)
         self._ahead: TickResult | None = None  # of the next tick, up to which the device was advanced already
 
+    @property
+    def servo(self) -> ContinuousServo:
+        """The servo's law; it exists once control has started."""
+        return self._servo
+
     def _start(self, x: Vector) -> None:
-        device = self._simulated
+        device = self.device
         servo = self._servo = self._make_servo(x, device.kinetic, self.endpoint.restarted)
         self.endpoint.start_continuous(servo)
         spring = servo.coupling.spring
@@ -219,7 +230,7 @@ class ContinuousDeviceSide(DeviceSide):
         return self._servo.resting(self._resting_dt)
 
     def rest(self, now_ns: int, ticks: int, observe: Callable[[float], None], *, then_tick: bool) -> None:
-        device, servo, ledger, dt = self._simulated, self._servo, self.ledger, self._resting_dt
+        device, servo, ledger, dt = self.device, self._servo, self.ledger, self._resting_dt
         assert ledger is not None, "control has not started"
         lived = device.run(ticks + then_tick)
         if then_tick:
@@ -243,7 +254,7 @@ class ContinuousDeviceSide(DeviceSide):
         self.ticks = tick
 
     def _control(self, now_ns: int, *, release: bool) -> bytes | None:
-        device, last_ns = self._simulated, self._last_ns
+        device, last_ns = self.device, self._last_ns
         periods = self._periods(now_ns)
         if self._ahead is not None:
             work, self._ahead = self._ahead[0], None
@@ -260,7 +271,7 @@ class ContinuousDeviceSide(DeviceSide):
         return message
 
     def _sample(self, now_ns: int) -> DeviceSample:
-        device = self._simulated
+        device = self.device
         return self._sampled(now_ns, device.position, device.actuator_force, device.hand_force, device.references[-1])
 
 

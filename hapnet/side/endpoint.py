@@ -126,7 +126,7 @@ class ControlHalf:
         """The newest sample that control has not taken yet."""
         return self._arrived[-1][0] if self._arrived else None
 
-    def _take(self) -> CouplingState:
+    def take(self) -> CouplingState:
         """Give the coupling what has arrived since the last tick, and a new peer its share of the reservoir.
 
         Samples of an earlier peer are dropped.
@@ -254,7 +254,7 @@ class DeviceControl(ControlHalf):
         `release`: release the spring, no force in this tick. Returns the position message to send, if there is one.
         """
         if self._arrived or self._credits:
-            self._take()
+            self.take()
         update = self._held.tick(dt, x, v, release=release)
         return None if update is None else self._send(now_ns, update)
 
@@ -279,7 +279,7 @@ class DeviceControl(ControlHalf):
         The arguments are `ContinuousServo.tick`'s. Returns the position message to send, if there is one.
         """
         if self._arrived or self._credits:
-            self._take()
+            self.take()
         update = self._continuous.tick(dt, x, passage, work, kinetic, release=release)
         return None if update is None else self._send(now_ns, update)
 
@@ -305,7 +305,7 @@ class WorldControl(ControlHalf):
         Returns the position message to send, unless it is held back. The ledger is checked before the law (steps to k-1
         with ybar_{k-1}) and after it (with ybar_k): both pairings of Theorem 1.
         """
-        coupling = self._take()
+        coupling = self.take()
         ledger = coupling.ledger
         ledger.put_in(work)
         ledger.observe(kinetic + coupling.potential(x), coupling.account)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,16 @@ from hapnet.plant.worlds.protocol import World
 from hapnet.recording.samples import WorldSample
 from hapnet.side.device import Write
 from hapnet.side.endpoint import NANO, WorldControl
+
+
+class WorldState(NamedTuple):
+    """The steps of a `WorldSide` so far, but for the mass and the coupling."""
+
+    steps: int
+    stepped_s: float
+    longest_step_s: float
+    last_ns: int
+    """When the running step began."""
 
 
 class WorldSide:
@@ -49,7 +60,7 @@ class WorldSide:
         self.paused = False
         """The virtual mass stands still and nothing is recorded; all else continues."""
         self._make_coupling = make_coupling
-        self._rng = rng
+        self.rng: Final = rng
         self._name = name
         self._write = write
         self._last_ns = 0
@@ -96,9 +107,17 @@ class WorldSide:
         )  # fmt: skip
         return message
 
+    def state(self) -> WorldState:
+        """What `restore` takes."""
+        return WorldState(self.steps, self.stepped_s, self.longest_step_s, self._last_ns)
+
+    def restore(self, state: WorldState) -> None:
+        """Go on from there."""
+        self.steps, self.stepped_s, self.longest_step_s, self._last_ns = state
+
     def next_step_ns(self) -> int:
         """The length that the scene asks for the step that has begun [ns]; HapnetError if the scene fails."""
         try:
-            return max(1, round(self.scene.next_step_s(self._rng) / NANO))
+            return max(1, round(self.scene.next_step_s(self.rng) / NANO))
         except Exception as error:
             raise HapnetError(f"the scene {self._name} failed: next_step_s() raised {cause(error)}") from error

@@ -7,9 +7,9 @@ step, the device's tick.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from hapnet.side.link_port import LinkPort
 from hapnet.side.packet import Packet
 from hapnet.side.world import WorldSide
 from hapnet.simulation.garbage_collector import collector_paused
+from hapnet.simulation.two_port import TwoPort
 from hapnet.summary import path
 from hapnet.summary.run import Summary, combine, device_summary, versions, with_wire, world_summary
 from hapnet.summary.verdict import START_S
@@ -55,65 +56,6 @@ class Result:
     """The margin over the hand's port and the world's, whatever the servo. Some couplings claim passivity there,
     because they rely on the device's own damping. With a sampled servo the summary's margin is over the actuator's
     port."""
-
-
-class TwoPort:
-    """Theorem 1 over both ports: the minimum over time of the energy put in at both, plus d^2.
-
-    For every time T the world's sum includes the step that has begun by then. A step's work is known only at its end.
-    So each step is paired with the smallest work of the device's port since it began, both with and without that step.
-    """
-
-    def __init__(self) -> None:
-        self._lowest = 0.0
-        self._device = 0.0
-        self._device_low = 0.0
-        self._device_lowest = 0.0
-        self._world = 0.0
-        self._before: float | None = None
-        self._open: float | None = None  # the device's lowest before `begin`, in the step that was running then
-
-    def begin(self) -> None:
-        """End the start: `later` counts from now on."""
-        self._before, self._device_lowest = self.lowest, self.device_lowest
-        self._open = self._device_low
-        self._lowest, self._device_low = math.inf, self._device
-
-    @property
-    def lowest(self) -> float:
-        """The minimum so far [J]. The running step counts without its work, which is not known yet."""
-        least = min(self._lowest, self._device_low + self._world)
-        return least if self._before is None else min(least, self._before)
-
-    @property
-    def later(self) -> float | None:
-        """The minimum since the start ended [J]; None: it has not ended."""
-        return None if self._before is None else min(self._lowest, self._device_low + self._world)
-
-    @property
-    def now(self) -> float:
-        """The energy put in at both ports so far [J]."""
-        return self._device + self._world
-
-    @property
-    def device_lowest(self) -> float:
-        """The minimum of the device's port alone so far [J]."""
-        return min(self._device_lowest, self._device_low)
-
-    def device(self, work: float) -> None:
-        """Set the device port's W so far [J]."""
-        self._device = work
-        if work < self._device_low:
-            self._device_low = work
-
-    def world(self, work: float) -> None:
-        """Set the world port's W so far, including its last step [J]."""
-        if self._before is not None and self._open is not None:
-            self._before, self._open = min(self._before, self._open + work), None
-        self._lowest = min(self._lowest, self._device_low + self._world, self._device_low + work)
-        self._device_lowest = min(self._device_lowest, self._device_low)
-        self._world = work
-        self._device_low = self._device
 
 
 class Simulation:
@@ -150,9 +92,9 @@ class Simulation:
         self.down: Link[Packet] = Link(self.setup.down, seed=down)
         self.device_port = LinkPort(self.device_endpoint, self.up)
         self.world_port = LinkPort(self.world_endpoint, self.down)
-        self._period_ns = round(1e9 / params.device.servo_hz)
-        self._due = [_NEVER, _NEVER, 0, 0, 0, self._period_ns]
-        self._tick_ns = self._period_ns  # time of the next tick to compute; ticks before the due one may wait
+        self.period_ns: Final = round(1e9 / params.device.servo_hz)
+        self._due = [_NEVER, _NEVER, 0, 0, 0, self.period_ns]
+        self._tick_ns = self.period_ns  # time of the next tick to compute; ticks before the due one may wait
         self._later_ns = _NEVER  # time of the tick at which the start ends
 
     def _writer(self) -> Write:
@@ -212,8 +154,30 @@ class Simulation:
             if timeline is not None:
                 port.play(timeline, self.now_ns)
                 self._due[source] = _or_never(port.release_due_ns)
-        self._later_ns = (self.now_ns + round(START_S / NANO)) // self._period_ns * self._period_ns
+        self._later_ns = (self.now_ns + round(START_S / NANO)) // self.period_ns * self.period_ns
         return self.now_ns
+
+    @property
+    def later_ns(self) -> int:
+        """When the start ends."""
+        return self._later_ns
+
+    @property
+    def step_due_ns(self) -> int:
+        """When the world's running step ends."""
+        return self._due[_STEP]
+
+    def resume(self, now_ns: int, step_ns: int, tick_ns: int) -> None:
+        """Continue at `now_ns`, after everything until then was computed elsewhere and the state was written back.
+
+        The world's running step ends at `step_ns`, the next tick is at `tick_ns`.
+        """
+        self.now_ns, self._tick_ns = now_ns, tick_ns
+        if self.two_port.later is not None:
+            self._later_ns = _NEVER
+        due = (self.up.next_due_ns, self.down.next_due_ns,
+               self.device_endpoint.next_due_ns, self.world_endpoint.next_due_ns)  # fmt: skip
+        self._due[:] = [*map(_or_never, due), step_ns, tick_ns]
 
     def close(self, end_ns: int) -> Summary:
         """After the end: let the links deliver what is in flight, and return the summary without its motion."""
@@ -313,7 +277,7 @@ class Simulation:
         now, world, port, due = self.now_ns, self.world, self.world_port, self._due
         message = world.step(now)
         if world.origin_ns is None:
-            due[_STEP] = now + self._period_ns  # not paired yet
+            due[_STEP] = now + self.period_ns  # not paired yet
             return
         packets = () if message is None else port.send(now, message)
         port.collect()
@@ -342,8 +306,8 @@ class Simulation:
             self.two_port.device(device.ledger.work)
             if self.hand is not self.two_port:
                 self.hand.device(device.hand_work)
-        self._tick_ns = now + self._period_ns
-        due[_TICK] = self._tick_ns + device.resting * self._period_ns
+        self._tick_ns = now + self.period_ns
+        due[_TICK] = self._tick_ns + device.resting * self.period_ns
         if packets:
             self._to_world(packets)
 
@@ -353,10 +317,10 @@ class Simulation:
         Nothing depends on them before the device's next message, or the world's next step, whose work is paired with
         theirs.
         """
-        ticks = -((self._tick_ns - until_ns) // self._period_ns)
+        ticks = -((self._tick_ns - until_ns) // self.period_ns)
         if ticks > 0:
             self.device.rest(self._tick_ns, ticks, self.two_port.device, then_tick=then_tick)
-            self._tick_ns += ticks * self._period_ns
+            self._tick_ns += ticks * self.period_ns
 
     def _wake(self) -> None:
         """The device's next tick may not wait if something has arrived for it."""

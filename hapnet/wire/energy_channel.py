@@ -23,6 +23,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 from math import floor
+from typing import Final, NamedTuple
 
 from hapnet.errors import BadMessage, InvalidParameter
 from hapnet.wire.fields import MAX_TOTAL_NJ
@@ -32,6 +33,28 @@ from hapnet.wire.token_bucket import TokenBucket
 ACK_DELAY_NS = 10_000_000  # the usual spacing: while energy flows both ways, no acknowledgement is sent alone
 ADMISSION_STEP_NS = 10_000_000
 MAX_TIMED = 256  # messages whose round trip is being measured: 2.5 s of them, above any timeout
+
+
+class ChannelState(NamedTuple):
+    """Of an open channel; its `rto` and its `admission` have states of their own."""
+
+    sent_nJ: int
+    acked_nJ: int
+    credited_nJ: int
+    residue_J: float
+    announced_nJ: int
+    """The highest total that was announced in a message."""
+    claimed_nJ: int
+    """The highest total that the peer has announced, as far as it may wait for tokens."""
+    timed: tuple[tuple[int, int], ...]
+    """(total, time of sending) of the messages whose round trip is being measured, oldest first."""
+    spaced_ns: int
+    """New energy may leave from then on."""
+    retransmit_ns: int | None
+    ack_ns: int | None
+    """When an acknowledgement is sent alone; None: none is owed."""
+    asked: tuple[int, int] | None
+    """When energy was announced that waits for its acknowledgement, and what was acknowledged then."""
 
 
 class EnergyChannel:
@@ -58,9 +81,10 @@ class EnergyChannel:
         self.credited_nJ = 0
         self.residue_J = residue_J
         self.rto = RtoEstimator()
-        self._admission = admission
+        self.admission: Final = admission
         self._most_waiting_nJ = admission.most_waiting_nJ
-        self._spacing_ns, self._ack_delay_ns = spacing_ns, ack_delay_ns
+        self.spacing_ns: Final = spacing_ns
+        self.ack_delay_ns: Final = ack_delay_ns
         self._told_nJ = 0  # the highest total that was announced in a message
         self._claimed_nJ = 0  # the highest total that the peer has announced
         self._timed: deque[tuple[int, int]] = deque(
@@ -123,7 +147,7 @@ class EnergyChannel:
         else:  # credited in part: the messages under way would measure the peer's bucket, not the path
             self._timed.clear()
         if self._told_nJ > acked_nJ:  # the peer credits slowly; it must still hear the total again
-            last_ns = self._spaced_ns - self._spacing_ns
+            last_ns = self._spaced_ns - self.spacing_ns
             self._retransmit_ns = min(now_ns + self.rto.rto_ns, last_ns + CEILING_NS)
         else:
             self._retransmit_ns = None
@@ -133,7 +157,7 @@ class EnergyChannel:
         waiting_nJ = self._claimed_nJ - self.credited_nJ
         if self._closed or waiting_nJ == 0:
             return 0
-        credit_nJ = self._admission.take(waiting_nJ, now_ns)
+        credit_nJ = self.admission.take(waiting_nJ, now_ns)
         if credit_nJ:
             self.credited_nJ += credit_nJ
             self._owe_ack(now_ns)
@@ -152,7 +176,7 @@ class EnergyChannel:
                 self._timed.append((self.sent_nJ, now_ns))
             elif self._timed and self._timed[-1][0] == self._told_nJ:
                 self._timed.pop()  # Karn: its acknowledgement could belong to either copy
-            self._spaced_ns = now_ns + self._spacing_ns
+            self._spaced_ns = now_ns + self.spacing_ns
             self._retransmit_ns = now_ns + self.rto.rto_ns
             self._ack_ns = None
             if self._asked is None or self._asked[1] != self.acked_nJ:
@@ -174,7 +198,7 @@ class EnergyChannel:
         if self.sent_nJ > self._told_nJ and (due is None or self._spaced_ns < due):
             due = self._spaced_ns
         if self._claimed_nJ > self.credited_nJ:
-            admission_ns = self._admission.due_ns(self._claimed_nJ - self.credited_nJ, ADMISSION_STEP_NS)
+            admission_ns = self.admission.due_ns(self._claimed_nJ - self.credited_nJ, ADMISSION_STEP_NS)
             due = admission_ns if due is None else min(due, admission_ns)
         return due
 
@@ -198,9 +222,24 @@ class EnergyChannel:
         self.abandoned_nJ += given_up_nJ
         return given_up_nJ
 
+    def state(self) -> ChannelState:
+        """What `restore` takes."""
+        return ChannelState(
+            self.sent_nJ, self.acked_nJ, self.credited_nJ, self.residue_J, self._told_nJ, self._claimed_nJ,
+            tuple(self._timed), self._spaced_ns, self._retransmit_ns, self._ack_ns, self._asked,
+        )  # fmt: skip
+
+    def restore(self, state: ChannelState) -> None:
+        """Go on from there."""
+        (
+            self.sent_nJ, self.acked_nJ, self.credited_nJ, self.residue_J, self._told_nJ, self._claimed_nJ,
+            timed, self._spaced_ns, self._retransmit_ns, self._ack_ns, self._asked,
+        ) = state  # fmt: skip
+        self._timed = deque(timed, maxlen=MAX_TIMED)
+
     def _owe_ack(self, now_ns: int) -> None:
         if self._ack_ns is None:
-            self._ack_ns = now_ns + self._ack_delay_ns
+            self._ack_ns = now_ns + self.ack_delay_ns
 
 
 @dataclass(slots=True)

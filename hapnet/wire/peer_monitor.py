@@ -7,6 +7,7 @@ not.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 from hapnet.wire.events import PeerHeard, PeerSilent
 from hapnet.wire.numbering import Numbering
@@ -46,7 +47,8 @@ class PeerMonitor:
     """
 
     def __init__(self, silence_ns: int, living_ns: int = LIVING_NS) -> None:
-        self._silence_ns, self._living_ns = silence_ns, living_ns
+        self.silence_ns: Final = silence_ns
+        self._living_ns = living_ns
         self._life_ns: int | None = None  # of the last new position, or of the pair's beginning
         self._heard_ns: int | None = None  # the same, but a new pair does not end a silence
         self.numbers = Numbering()  # what came before the pair's first position was for somebody else
@@ -69,7 +71,7 @@ class PeerMonitor:
 
     def on_any_message(self, now_ns: int) -> None:
         """A message of any kind came from the other side, from the peer or from one that may become it."""
-        if self._sign_ns is None and self._heard_ns is not None and now_ns - self._heard_ns > self._silence_ns:
+        if self._sign_ns is None and self._heard_ns is not None and now_ns - self._heard_ns > self.silence_ns:
             self._sign_ns = now_ns
 
     def on_position(self, now_ns: int, since: int) -> PeerHeard | None:
@@ -81,7 +83,7 @@ class PeerMonitor:
         self._received += 1
         self._missing = max(0, self._missing + missing)
         heard_ns, self._heard_ns, self._life_ns = self._heard_ns, now_ns, now_ns
-        if heard_ns is None or now_ns - heard_ns <= self._silence_ns:
+        if heard_ns is None or now_ns - heard_ns <= self.silence_ns:
             return None
         silence_ns = now_ns - heard_ns
         recovery_ns = 0 if self._sign_ns is None else now_ns - self._sign_ns
@@ -92,9 +94,19 @@ class PeerMonitor:
         self._reported, self._sign_ns = False, None
         return PeerHeard(silence_ns, recovery_ns, max(0, missing))
 
+    def resume(self, heard_ns: int, newest: int, received: int, missing: int) -> None:
+        """Go on after so many positions that were counted elsewhere, with no silence.
+
+        The newest of them has number `newest` and came at `heard_ns`.
+        """
+        self._heard_ns = self._life_ns = heard_ns
+        self._received += received
+        self._missing += missing
+        self.numbers.resume(heard_ns, newest)
+
     def watch(self, now_ns: int) -> PeerSilent | None:
         """The present silence, if it was not reported yet."""
-        if self._reported or self._heard_ns is None or now_ns - self._heard_ns <= self._silence_ns:
+        if self._reported or self._heard_ns is None or now_ns - self._heard_ns <= self.silence_ns:
             return None
         self._reported = True
         return PeerSilent(self._heard_ns)
@@ -106,7 +118,7 @@ class PeerMonitor:
     def outages(self, now_ns: int) -> Outages:
         """The account at `now_ns`, with a silence that still lasts."""
         lasting_ns = 0 if self._heard_ns is None else now_ns - self._heard_ns
-        if lasting_ns <= self._silence_ns:
+        if lasting_ns <= self.silence_ns:
             lasting_ns = 0
         return Outages(
             self._count + (lasting_ns > 0),

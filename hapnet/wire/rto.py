@@ -8,12 +8,23 @@ ceiling is at least 60 s (2.5); here a side must notice soon that a link has com
 
 from __future__ import annotations
 
+from typing import Final, NamedTuple
+
 from hapnet.errors import InvalidParameter
 
 FLOOR_NS = 20_000_000  # RFC 6298: 1 s
 INITIAL_NS = 250_000_000  # RFC 6298: 1 s
 CEILING_NS = 1_500_000_000  # RFC 6298: none, or at least 60 s
 GRANULARITY_NS = 1_000_000  # of the coarsest timer that a runtime may have: an event loop counts whole milliseconds
+
+
+class RtoState(NamedTuple):
+    """The timeout without back-off, how often it was doubled, SRTT (None: no sample yet) and RTTVAR."""
+
+    base_ns: int
+    backed_off: int
+    srtt_ns: int | None
+    rttvar_ns: int
 
 
 class RtoEstimator:
@@ -29,7 +40,8 @@ class RtoEstimator:
     def __init__(self, *, floor_ns: int = FLOOR_NS, initial_ns: int = INITIAL_NS, ceiling_ns: int = CEILING_NS) -> None:
         if not 0 < floor_ns <= initial_ns <= ceiling_ns:
             raise InvalidParameter("initial_ns", initial_ns, f"0 < {floor_ns} (floor) to {ceiling_ns} (ceiling)")
-        self._floor_ns, self._ceiling_ns = floor_ns, ceiling_ns
+        self.floor_ns: Final = floor_ns
+        self.ceiling_ns: Final = ceiling_ns
         self._base_ns = initial_ns
         self._backed_off = 0
         self.srtt_ns: int | None = None
@@ -38,7 +50,7 @@ class RtoEstimator:
     @property
     def rto_ns(self) -> int:
         """The timeout to set now, back-off included."""
-        return min(self._base_ns << self._backed_off, self._ceiling_ns)
+        return min(self._base_ns << self._backed_off, self.ceiling_ns)
 
     def sample(self, rtt_ns: int) -> None:
         """Learn from one round trip; clears the back-off."""
@@ -49,10 +61,18 @@ class RtoEstimator:
             self.rttvar_ns = (3 * self.rttvar_ns + abs(self.srtt_ns - rtt_ns)) // 4  # (2.3), before SRTT
             self.srtt_ns = (7 * self.srtt_ns + rtt_ns) // 8
         rto_ns = self.srtt_ns + max(GRANULARITY_NS, 4 * self.rttvar_ns)
-        self._base_ns = min(max(rto_ns, self._floor_ns), self._ceiling_ns)
+        self._base_ns = min(max(rto_ns, self.floor_ns), self.ceiling_ns)
         self._backed_off = 0
 
     def back_off(self) -> None:
         """The timer expired: double the timeout, up to the ceiling (5.5)."""
-        if self.rto_ns < self._ceiling_ns:
+        if self.rto_ns < self.ceiling_ns:
             self._backed_off += 1
+
+    def state(self) -> RtoState:
+        """What `restore` takes."""
+        return RtoState(self._base_ns, self._backed_off, self.srtt_ns, self.rttvar_ns)
+
+    def restore(self, state: RtoState) -> None:
+        """Go on from there."""
+        self._base_ns, self._backed_off, self.srtt_ns, self.rttvar_ns = state

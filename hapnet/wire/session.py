@@ -144,6 +144,21 @@ class Session:
         """The peer, while paired."""
         return self._handshake.peer
 
+    @property
+    def channel(self) -> EnergyChannel:
+        """The stream of energy of the present pair."""
+        return self._channel
+
+    @property
+    def monitor(self) -> PeerMonitor:
+        """What is known of when the peer was heard."""
+        return self._monitor
+
+    @property
+    def handshake_over(self) -> bool:
+        """Has the handshake nothing more to send?"""
+        return self._handshake.next_due_ns is None
+
     def shuffle(self, energy_J: float) -> None:
         """Send `energy_J` [J] to the peer. While there is none it is abandoned, which is safe, and counted.
 

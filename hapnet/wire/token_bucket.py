@@ -7,6 +7,7 @@ session and not to the pair, so that a peer earns no fresh burst by restarting.
 from __future__ import annotations
 
 from math import isfinite
+from typing import Final, NamedTuple
 
 from hapnet.errors import InvalidParameter
 
@@ -14,6 +15,13 @@ REPEATED_NS = 2_000_000_000
 """A sender repeats a total without acknowledgement within this time [ns]: its timer is at most 1.5 s."""
 
 _AJ_PER_NJ = 1_000_000_000
+
+
+class BucketState(NamedTuple):
+    """The tokens, and when they were last counted; None: not yet."""
+
+    level_aJ: int
+    filled_ns: int | None
 
 
 class TokenBucket:
@@ -33,22 +41,22 @@ class TokenBucket:
         for name, value, unit in (("admission_W", power_W, "W"), ("admission_burst_J", burst_J, "J")):
             if not (isfinite(value) and 1e-9 <= value <= 1e9):
                 raise InvalidParameter(name, value, f"1e-9 to 1e9 {unit}")
-        self._rate_nW = round(power_W * 1e9)
-        self._burst_aJ = round(burst_J * 1e9) * _AJ_PER_NJ
-        self._level_aJ = self._burst_aJ
+        self.rate_nW: Final = round(power_W * 1e9)
+        self.burst_aJ: Final = round(burst_J * 1e9) * _AJ_PER_NJ
+        self._level_aJ = self.burst_aJ
         self._filled_ns: int | None = None
 
     @property
     def most_waiting_nJ(self) -> int:
         """How much may wait for tokens: what the tokens can pay before the sender repeats its total."""
-        return (self._burst_aJ + self._rate_nW * REPEATED_NS) // _AJ_PER_NJ
+        return (self.burst_aJ + self.rate_nW * REPEATED_NS) // _AJ_PER_NJ
 
     def take(self, wanted_nJ: int, now_ns: int) -> int:
         """Take up to `wanted_nJ` from the bucket, as far as the tokens go; returns what was taken [nJ]."""
         if self._filled_ns is None:
             self._filled_ns = now_ns
         if now_ns > self._filled_ns:
-            self._level_aJ = min(self._burst_aJ, self._level_aJ + self._rate_nW * (now_ns - self._filled_ns))
+            self._level_aJ = min(self.burst_aJ, self._level_aJ + self.rate_nW * (now_ns - self._filled_ns))
             self._filled_ns = now_ns
         taken_nJ = min(wanted_nJ, self._level_aJ // _AJ_PER_NJ)
         self._level_aJ -= taken_nJ * _AJ_PER_NJ
@@ -56,6 +64,14 @@ class TokenBucket:
 
     def due_ns(self, wanted_nJ: int, step_ns: int) -> int:
         """When to take next: tokens for all of `wanted_nJ` are there, or `step_ns` of power if that is sooner."""
-        step_nJ = max(1, self._rate_nW * step_ns // _AJ_PER_NJ)
-        lacking_aJ = min(wanted_nJ * _AJ_PER_NJ, self._burst_aJ, step_nJ * _AJ_PER_NJ) - self._level_aJ
-        return (self._filled_ns or 0) + max(0, -(-lacking_aJ // self._rate_nW))
+        step_nJ = max(1, self.rate_nW * step_ns // _AJ_PER_NJ)
+        lacking_aJ = min(wanted_nJ * _AJ_PER_NJ, self.burst_aJ, step_nJ * _AJ_PER_NJ) - self._level_aJ
+        return (self._filled_ns or 0) + max(0, -(-lacking_aJ // self.rate_nW))
+
+    def state(self) -> BucketState:
+        """What `restore` takes."""
+        return BucketState(self._level_aJ, self._filled_ns)
+
+    def restore(self, state: BucketState) -> None:
+        """Go on from there."""
+        self._level_aJ, self._filled_ns = state

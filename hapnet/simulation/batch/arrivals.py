@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapnet.checks import Array
-from hapnet.simulation.batch.channels import NEVER, Whole
-from hapnet.simulation.batch.couplings import Index
+from hapnet.simulation.batch.arrays import NEVER, Index, Whole
 
 
 class Positions:

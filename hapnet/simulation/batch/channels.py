@@ -1,25 +1,19 @@
-"""One side's energy channels in many scenarios at once: `hapnet.wire.energy_channel`, with its RTO and its admission.
+"""One side's energy channels in many scenarios at once: `hapnet.wire.energy_channel`.
 
 All values are whole numbers, so the order of operations does not matter here.
 """
 
 from __future__ import annotations
 
-from collections import deque
+from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapnet.checks import Array
-from hapnet.simulation.batch.couplings import Index
-from hapnet.wire.energy_channel import ADMISSION_STEP_NS, MAX_TIMED, EnergyChannel
-from hapnet.wire.rto import GRANULARITY_NS
-
-Whole = NDArray[np.int64]
-
-NEVER = 2**62
-_AJ_PER_NJ = 1_000_000_000
-_FEW = np.arange(2)  # messages that are acknowledged together, most often
+from hapnet.simulation.batch.arrays import NEVER, Index, Whole
+from hapnet.simulation.batch.round_trips import RtoEstimators, TimedMessages
+from hapnet.simulation.batch.token_buckets import TokenBuckets
+from hapnet.wire.energy_channel import ADMISSION_STEP_NS, ChannelState, EnergyChannel
 
 
 class Channels:
@@ -29,71 +23,63 @@ class Channels:
     """
 
     def __init__(self, channels: list[EnergyChannel], shift_ns: Whole) -> None:
-        first = channels[0]
-        self._spacing_ns, self._ack_delay_ns = first._spacing_ns, first._ack_delay_ns
-        admission, rto = first._admission, first.rto
-        self._rate_nW, self._burst_aJ = admission._rate_nW, admission._burst_aJ
-        self._floor_ns, self._ceiling_ns = rto._floor_ns, rto._ceiling_ns
+        self._spacing_ns, self._ack_delay_ns = channels[0].spacing_ns, channels[0].ack_delay_ns
+        self._buckets = TokenBuckets([channel.admission for channel in channels], shift_ns)
+        self._rto = RtoEstimators([channel.rto for channel in channels])
+        states = [channel.state() for channel in channels]
 
-        def whole(values: list[int]) -> Whole:
-            return np.array(values, dtype=np.int64)
+        def whole(values: Iterable[int]) -> Whole:
+            return np.array(list(values), dtype=np.int64)
+
+        def moments(values: Iterable[int | None]) -> Whole:
+            """Times may lie before the load, so `NEVER` stands for none."""
+            return whole(NEVER if t is None else t - s for t, s in zip(values, shift_ns.tolist(), strict=True))
 
         self._shift_ns = shift_ns
-        self.sent_nJ = whole([c.sent_nJ for c in channels])
-        self.acked_nJ = whole([c.acked_nJ for c in channels])
-        self.credited_nJ = whole([c.credited_nJ for c in channels])
+        self.sent_nJ = whole(s.sent_nJ for s in states)
+        self.acked_nJ = whole(s.acked_nJ for s in states)
+        self.credited_nJ = whole(s.credited_nJ for s in states)
         self._shown_nJ = self.credited_nJ.copy()
         """The credited energy that messages acknowledge: less than was credited, while a window is deferred."""
-        self._told_nJ = whole([c._told_nJ for c in channels])
-        self._most_waiting_nJ = channels[0]._most_waiting_nJ
-        self._claimed_nJ = whole([c._claimed_nJ for c in channels])
-        self._residue_J = np.array([c.residue_J for c in channels])
-        self._level_aJ = whole([c._admission._level_aJ for c in channels])
-        self._filled_ns = whole([(c._admission._filled_ns or 0) - s for c, s in zip(channels, shift_ns, strict=True)])
-        self._base_ns = whole([c.rto._base_ns for c in channels])
-        self._backed_off = whole([c.rto._backed_off for c in channels])
-        self._srtt_ns = whole([-1 if c.rto.srtt_ns is None else c.rto.srtt_ns for c in channels])
-        self._rttvar_ns = whole([c.rto.rttvar_ns for c in channels])
-        # Times may lie before the load, so NEVER stands for none.
-        self._spaced_ns = whole([c._spaced_ns for c in channels]) - shift_ns
-        self._retransmit_ns = self._moments([c._retransmit_ns for c in channels])
-        self._ack_ns = self._moments([c._ack_ns for c in channels])
-        asked = [c._asked or (None, -1) for c in channels]
-        self._asked_ns, self._asked_nJ = self._moments([at for at, _ in asked]), whole([nJ for _, nJ in asked])
-        self._timed_nJ = np.zeros((MAX_TIMED, len(channels)), dtype=np.int64)
-        self._timed_ns = np.zeros((MAX_TIMED, len(channels)), dtype=np.int64)
-        self._first = np.zeros(len(channels), dtype=np.int64)
-        self._last = whole([len(c._timed) for c in channels])
-        for i, channel in enumerate(channels):
-            for k, (total_nJ, at_ns) in enumerate(channel._timed):
-                self._timed_nJ[k, i], self._timed_ns[k, i] = total_nJ, at_ns - shift_ns[i]
+        self._announced_nJ = whole(s.announced_nJ for s in states)
+        self._claimed_nJ = whole(s.claimed_nJ for s in states)
+        self._residue_J = np.array([s.residue_J for s in states])
+        self._spaced_ns = moments(s.spaced_ns for s in states)
+        self._retransmit_ns = moments(s.retransmit_ns for s in states)
+        self._ack_ns = moments(s.ack_ns for s in states)
+        asked = [s.asked or (None, -1) for s in states]
+        self._asked_ns, self._asked_nJ = moments(at for at, _ in asked), whole(nJ for _, nJ in asked)
+        shifts = shift_ns.tolist()
+        timed = [[(nJ, at - shift) for nJ, at in s.timed] for s, shift in zip(states, shifts, strict=True)]
+        self._timed = TimedMessages(timed)
         self.next_due_ns = np.full(len(channels), NEVER, dtype=np.int64)
         self.plan(np.arange(len(channels)))
-
-    def _moments(self, values: list[int | None]) -> Whole:
-        shifts = self._shift_ns.tolist()
-        return np.array([NEVER if t is None else t - s for t, s in zip(values, shifts, strict=True)], dtype=np.int64)
 
     def land(self, i: int, channel: EnergyChannel) -> None:
         """Give scenario i's state back."""
         shift = int(self._shift_ns[i])
-        channel.sent_nJ, channel.acked_nJ = int(self.sent_nJ[i]), int(self.acked_nJ[i])
-        channel.credited_nJ, channel.residue_J = int(self.credited_nJ[i]), float(self._residue_J[i])
-        channel._told_nJ, channel._claimed_nJ = int(self._told_nJ[i]), int(self._claimed_nJ[i])
-        channel._spaced_ns = int(self._spaced_ns[i]) + shift
-        channel._retransmit_ns, channel._ack_ns = (
-            None if at[i] == NEVER else int(at[i]) + shift for at in (self._retransmit_ns, self._ack_ns)
+
+        def moment(values: Whole) -> int | None:
+            return None if values[i] == NEVER else int(values[i]) + shift
+
+        asked_ns = moment(self._asked_ns)
+        channel.restore(
+            ChannelState(
+                sent_nJ=int(self.sent_nJ[i]),
+                acked_nJ=int(self.acked_nJ[i]),
+                credited_nJ=int(self.credited_nJ[i]),
+                residue_J=float(self._residue_J[i]),
+                announced_nJ=int(self._announced_nJ[i]),
+                claimed_nJ=int(self._claimed_nJ[i]),
+                timed=tuple((nJ, at + shift) for nJ, at in self._timed.of(i)),
+                spaced_ns=int(self._spaced_ns[i]) + shift,
+                retransmit_ns=moment(self._retransmit_ns),
+                ack_ns=moment(self._ack_ns),
+                asked=None if asked_ns is None else (asked_ns, int(self._asked_nJ[i])),
+            )
         )
-        asked_nJ = int(self._asked_nJ[i])
-        channel._asked = None if asked_nJ < 0 else (int(self._asked_ns[i]) + shift, asked_nJ)
-        row = np.arange(self._first[i], self._last[i]) % MAX_TIMED
-        timed = zip(self._timed_nJ[row, i].tolist(), (self._timed_ns[row, i] + shift).tolist(), strict=True)
-        channel._timed = deque(timed, maxlen=MAX_TIMED)
-        admission, rto = channel._admission, channel.rto
-        admission._level_aJ, admission._filled_ns = int(self._level_aJ[i]), int(self._filled_ns[i]) + shift
-        rto._base_ns, rto._backed_off = int(self._base_ns[i]), int(self._backed_off[i])
-        rto.srtt_ns = None if self._srtt_ns[i] < 0 else int(self._srtt_ns[i])
-        rto.rttvar_ns = int(self._rttvar_ns[i])
+        self._buckets.land(i, channel.admission)
+        self._rto.land(i, channel.rto)
 
     def shuffle(self, at: Index, energy_J: Array) -> None:
         """`EnergyChannel.send`."""
@@ -108,7 +94,7 @@ class Channels:
         self._acknowledge(at, acked_nJ, now_ns)
         asking = total_nJ > 0
         self._owe_ack(at[asking], now_ns[asking])
-        most = self.credited_nJ[at] + self._most_waiting_nJ
+        most = self.credited_nJ[at] + self._buckets.most_waiting_nJ
         self._claimed_nJ[at] = np.maximum(self._claimed_nJ[at], np.minimum(total_nJ, most))
         return self.admit(at, now_ns)
 
@@ -128,7 +114,7 @@ class Channels:
 
     def plentiful(self, total_nJ: Whole) -> bool:
         """True if totals as high as these would be credited at once in every scenario."""
-        enough = self._level_aJ // _AJ_PER_NJ >= total_nJ - self.credited_nJ
+        enough = self._buckets.hold(total_nJ - self.credited_nJ)
         return bool((enough & (self._claimed_nJ == self.credited_nJ)).all())
 
     def foresee(self, at: Index, total_nJ: Whole, now_ns: Whole) -> Whole:
@@ -148,59 +134,49 @@ class Channels:
 
     def _take(self, which: Index, waiting_nJ: Whole, now_ns: Whole) -> Whole:
         """`TokenBucket.take`, and credit the energy taken."""
-        level = self._level_aJ[which]
-        passed = now_ns - self._filled_ns[which]
-        # Compare before multiplying: a long pause would overflow.
-        filling = passed < (self._burst_aJ - level) // self._rate_nW + 1
-        level = np.where(filling, level + self._rate_nW * np.where(filling, passed, 0), self._burst_aJ)
-        level = np.minimum(level, self._burst_aJ)
-        self._filled_ns[which] = now_ns
-        taken = np.minimum(waiting_nJ, level // _AJ_PER_NJ)
-        self._level_aJ[which] = level - taken * _AJ_PER_NJ
+        taken = self._buckets.take(which, waiting_nJ, now_ns)
         self.credited_nJ[which] += taken
         return taken
 
     def poll(self, at: Index, now_ns: Whole) -> tuple[Index, Whole, Whole]:
         """(which of `at` send now, their total_nJ, their acked_nJ)."""
-        announced, sent = self._told_nJ[at], self.sent_nJ[at]
+        announced, sent = self._announced_nJ[at], self.sent_nJ[at]
         news = sent > announced
         expired = self._retransmit_ns[at] <= now_ns
         leaving = expired | (news & (self._spaced_ns[at] <= now_ns))
         alone = ~leaving & (self._ack_ns[at] <= now_ns)
         if (gone := expired.nonzero()[0]).size:
-            which = at[gone]
-            self._backed_off[which] += self._rto_ns(which) < self._ceiling_ns
+            self._rto.back_off(at[gone])
         if (going := leaving.nonzero()[0]).size:
             which, leaving_ns = at[going], now_ns[going]
             fresh = news[going].nonzero()[0]
-            self._time(which[fresh], sent[going[fresh]], leaving_ns[fresh])
+            self._announced_nJ[which[fresh]] = sent[going[fresh]]
+            self._timed.append(which[fresh], sent[going[fresh]], leaving_ns[fresh])
             if fresh.size < going.size:
-                self._untime(which[~news[going]])
+                repeating = which[~news[going]]
+                self._timed.forget_repeated(repeating, self._announced_nJ[repeating])
             self._spaced_ns[which] = leaving_ns + self._spacing_ns
-            self._retransmit_ns[which] = leaving_ns + self._rto_ns(which)
+            self._retransmit_ns[which] = leaving_ns + self._rto.rto_ns(which)
             anew = (self._asked_nJ[which] != self.acked_nJ[which]).nonzero()[0]
             self._asked_ns[which[anew]] = leaving_ns[anew]
             self._asked_nJ[which[anew]] = self.acked_nJ[which[anew]]
         out = (leaving | alone).nonzero()[0]
         which = at[out]
         self._ack_ns[which] = NEVER
-        total = np.where(alone[out], 0, self._told_nJ[which])
+        total = np.where(alone[out], 0, self._announced_nJ[which])
         return out, total, self._shown_nJ[which]
 
     def plan(self, at: Index) -> None:
         """Compute when to poll next, after any change."""
         due = np.minimum(self._retransmit_ns[at], self._ack_ns[at])
-        news = (self.sent_nJ[at] > self._told_nJ[at]).nonzero()[0]
+        news = (self.sent_nJ[at] > self._announced_nJ[at]).nonzero()[0]
         if news.size:
             due[news] = np.minimum(due[news], self._spaced_ns[at[news]])
         waiting = (self._claimed_nJ[at] > self.credited_nJ[at]).nonzero()[0]
         if waiting.size:
             which = at[waiting]
             wanted = self._claimed_nJ[which] - self.credited_nJ[which]
-            step_nJ = max(1, self._rate_nW * ADMISSION_STEP_NS // _AJ_PER_NJ)
-            most = min(self._burst_aJ // _AJ_PER_NJ + 1, step_nJ)
-            lacking = np.minimum(np.minimum(wanted, most) * _AJ_PER_NJ, self._burst_aJ) - self._level_aJ[which]
-            filled = self._filled_ns[which] + np.maximum(0, -(-lacking // self._rate_nW))
+            filled = self._buckets.due_ns(which, wanted, ADMISSION_STEP_NS)
             due[waiting] = np.minimum(due[waiting], filled)
         self.next_due_ns[at] = due
 
@@ -210,56 +186,13 @@ class Channels:
             return
         at, acked_nJ, now_ns = at[newer], acked_nJ[newer], now_ns[newer]
         self.acked_nJ[at] = acked_nJ
-        total_nJ, sent_ns = np.zeros_like(acked_nJ), np.zeros_like(acked_nJ)
-        left = np.arange(len(at))
-        while left.size:
-            which = at[left]
-            first, last = self._first[which], self._last[which]
-            row = (first + _FEW[:, None]) % MAX_TIMED
-            covered = (self._timed_nJ[row, which] <= acked_nJ[left]) & (first + _FEW[:, None] < last)
-            taken = covered.sum(axis=0)  # totals increase: what is covered comes first
-            self._first[which] = first + taken
-            some = taken.nonzero()[0]
-            newest = row[taken[some] - 1, some]
-            total_nJ[left[some]] = self._timed_nJ[newest, which[some]]
-            sent_ns[left[some]] = self._timed_ns[newest, which[some]]
-            left = left[taken == len(_FEW)]
+        total_nJ, sent_ns = self._timed.take(at, acked_nJ)
         whole = total_nJ == acked_nJ
-        self._sample(at[whole], now_ns[whole] - sent_ns[whole])
-        self._first[at[~whole]] = self._last[at[~whole]]
-        due_ns = np.minimum(now_ns + self._rto_ns(at), self._spaced_ns[at] - self._spacing_ns + self._ceiling_ns)
-        self._retransmit_ns[at] = np.where(self._told_nJ[at] > acked_nJ, due_ns, NEVER)
+        self._rto.sample(at[whole], now_ns[whole] - sent_ns[whole])
+        self._timed.clear(at[~whole])
+        last_ns = self._spaced_ns[at] - self._spacing_ns
+        due_ns = np.minimum(now_ns + self._rto.rto_ns(at), last_ns + self._rto.ceiling_ns)
+        self._retransmit_ns[at] = np.where(self._announced_nJ[at] > acked_nJ, due_ns, NEVER)
 
     def _owe_ack(self, at: Index, now_ns: Whole) -> None:
         self._ack_ns[at] = np.minimum(self._ack_ns[at], now_ns + self._ack_delay_ns)
-
-    def _time(self, at: Index, total_nJ: Whole, now_ns: Whole) -> None:
-        self._told_nJ[at] = total_nJ
-        last = self._last[at]
-        row = last % MAX_TIMED
-        self._timed_nJ[row, at], self._timed_ns[row, at] = total_nJ, now_ns
-        self._last[at] = last + 1
-        self._first[at] = np.maximum(self._first[at], last + 1 - MAX_TIMED)
-
-    def _untime(self, at: Index) -> None:
-        last = self._last[at]
-        repeated = (last > self._first[at]) & (self._timed_nJ[(last - 1) % MAX_TIMED, at] == self._told_nJ[at])
-        self._last[at[repeated]] -= 1
-
-    def _rto_ns(self, at: Index) -> Whole:
-        rto_ns: Whole = np.minimum(self._base_ns[at] << self._backed_off[at], self._ceiling_ns)
-        return rto_ns
-
-    def _sample(self, at: Index, rtt_ns: Whole) -> None:
-        """`RtoEstimator.sample`."""
-        if not at.size:
-            return
-        rtt_ns = np.maximum(0, rtt_ns)
-        srtt, rttvar = self._srtt_ns[at], self._rttvar_ns[at]
-        known = srtt >= 0
-        rttvar = np.where(known, (3 * rttvar + np.abs(srtt - rtt_ns)) // 4, rtt_ns // 2)
-        srtt = np.where(known, (7 * srtt + rtt_ns) // 8, rtt_ns)
-        self._srtt_ns[at], self._rttvar_ns[at] = srtt, rttvar
-        rto_ns = srtt + np.maximum(GRANULARITY_NS, 4 * rttvar)
-        self._base_ns[at] = np.minimum(np.maximum(rto_ns, self._floor_ns), self._ceiling_ns)
-        self._backed_off[at] = 0

@@ -8,39 +8,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapnet.checks import Array
-from hapnet.control.ledger import Ledger
+from hapnet.control.ledger import Ledger, LedgerState
 from hapnet.control.pspm import SetPositionModulator
-from hapnet.control.set_position_coupling import SetPositionCoupling
+from hapnet.control.set_position_coupling import Arrived, SetPositionCoupling
 from hapnet.control.zoh import ZeroOrderHold
+from hapnet.simulation.batch.arrays import Index, pick, place, vectors
 from hapnet.simulation.batch.springs import Springs
-
-Index = NDArray[np.intp]
-
-_LEDGER = ("bound", "work", "credited", "sent", "margin", "margin_min", "slack", "slack_min",
-           "_carry", "_sent_carry", "_credited_carry")  # fmt: skip
 
 
 class Ledgers:
     """The ledgers of one side, an array (N,) for each of `Ledger`'s sums."""
 
     def __init__(self, ledgers: list[Ledger]) -> None:
-        columns = {name: np.array([getattr(ledger, name) for ledger in ledgers]) for name in _LEDGER}
-        self.bound: Array = columns["bound"]
-        self.work: Array = columns["work"]
-        self.credited: Array = columns["credited"]
-        self.sent: Array = columns["sent"]
-        self.margin: Array = columns["margin"]
-        self.margin_min: Array = columns["margin_min"]
-        self.slack: Array = columns["slack"]
-        self.slack_min: Array = columns["slack_min"]
-        self._carry: Array = columns["_carry"]
-        self._sent_carry: Array = columns["_sent_carry"]
-        self._credited_carry: Array = columns["_credited_carry"]
+        sums: list[Array] = list(vectors([ledger.state() for ledger in ledgers]))
+        (
+            self.bound, self.work, self.credited, self.sent, self.margin, self.margin_min, self.slack, self.slack_min,
+            self._carry, self._sent_carry, self._credited_carry,
+        ) = sums  # fmt: skip
 
     def land(self, i: int, ledger: Ledger) -> None:
         """Give scenario i's sums back."""
-        for name in _LEDGER:
-            setattr(ledger, name, float(getattr(self, name)[i]))
+        sums = (
+            self.bound, self.work, self.credited, self.sent, self.margin, self.margin_min, self.slack, self.slack_min,
+            self._carry, self._sent_carry, self._credited_carry,
+        )  # fmt: skip
+        ledger.restore(LedgerState(*(float(values[i]) for values in sums)))
 
     def put_in_all(self, work: Array, stored: Array, reservoir: Array) -> None:
         """`put_in` and `observe` for every scenario."""
@@ -98,12 +90,13 @@ class Couplings:
         modulator = first.modulator
         self._pspm = modulator if isinstance(modulator, SetPositionModulator) else None
         self.set_position = vectors([c.modulator.set_position for c in couplings])
-        self.received = vectors([c._received for c in couplings])
+        arrived = [c.arrived for c in couplings]
+        self.received = vectors([each.set_position for each in arrived])
         self.account = np.array([c.account for c in couplings])
         self._least = np.array([-c.deficit_max if c.deficit_max else c.energy_min for c in couplings])
         self.discarded = np.array([c.discarded for c in couplings])
-        self.credit = np.array([c._credit for c in couplings])
-        self.has_sample = np.array([c.has_sample for c in couplings])
+        self.credit = np.array([each.credit for each in arrived])
+        self.has_sample = np.array([each.has_sample for each in arrived])
 
     def land(self, i: int, coupling: SetPositionCoupling) -> None:
         """Write scenario i's state back, except the target, which only recordings use."""
@@ -115,10 +108,9 @@ class Couplings:
             modulator.energy, modulator.deficit = max(account, 0.0), max(-account, 0.0)
             coupling.energy_min, coupling.deficit_max = max(least, 0.0), max(-least, 0.0)
         coupling.account = account
-        coupling._received = tuple(self.received[:, i].tolist())
         coupling.discarded = float(self.discarded[i])
-        coupling._credit = float(self.credit[i])
-        coupling.has_sample = bool(self.has_sample[i])
+        received = tuple(self.received[:, i].tolist())
+        coupling.restore(Arrived(received, float(self.credit[i]), bool(self.has_sample[i])))
         self.ledgers.land(i, coupling.ledger)
 
     def take(self, at: Index, energy_nJ: NDArray[np.int64]) -> None:
@@ -167,7 +159,7 @@ class Couplings:
         full = (left > pspm.ceiling).nonzero()[0]
         if full.size:
             surplus = left[full] - pspm.ceiling
-            given = np.maximum(0.0, surplus - credit[full]) if pspm._harvested_only else surplus
+            given = np.maximum(0.0, surplus - credit[full]) if pspm.harvested_only else surplus
             self.discarded[at[full]] += surplus - given
             sent[full] = given
             left[full] = pspm.ceiling
@@ -195,21 +187,6 @@ class Couplings:
             after[out] = springs.potential(x[:, out] - ybar[:, out])
             excess *= 2.0
         return ybar, after
-
-
-def vectors(rows: list[tuple[float, ...]]) -> Array:
-    return np.ascontiguousarray(np.array(rows).T)
-
-
-def pick(rows: Array, at: Index) -> Array:
-    """``rows[:, at]``, faster."""
-    return rows.take(at, axis=1)
-
-
-def place(rows: Array, at: Index, values: Array) -> None:
-    """``rows[:, at] = values``, faster."""
-    for row, value in zip(rows, values, strict=True):
-        row[at] = value
 
 
 def _step_towards(start: Array, goal: Array, longest: float) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from hapnet.checks import Array, Vector
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.limited_coupling import ROUNDS
-from hapnet.simulation.batch.couplings import Index, pick, vectors
+from hapnet.simulation.batch.arrays import Index, pick, vectors
 
 _CHUNK = 4096
 _ROUNDING = 1.0 + 1e-12
@@ -67,6 +68,24 @@ class Motion:
             self._hands.append(np.hstack([hand[:, :1], hand]))  # tick k's row is computed from points k - 1 and k
 
 
+class _Axes(NamedTuple):
+    """The constants of each axis, if the axes are independent: k, k + K_h, 1/A and B."""
+
+    k: Array | float
+    whole: Array | float
+    inverse: Array | float
+    B: Array | float
+
+
+class _Coupling(NamedTuple):
+    """K, its modes with their values, and B's diagonal."""
+
+    K: Array
+    values: Array
+    modes: Array
+    damping: Array
+
+
 class Devices:
     """The devices' state, vectors (n, N)."""
 
@@ -92,17 +111,13 @@ class Devices:
         self._bench = copy.copy(first.state)
         """State in which single scenarios compute a tick again if the damper is limited."""
         self._half_mass = 0.5 * first.mass
+        self._axes: _Axes | None = None
         if model.decoupled:
             # With one axis these are plain numbers, which broadcast faster.
             constants = model.decoupled[0] if self.dof == 1 else np.array(model.decoupled).T[:, :, None]
-            self._k: Array | float
-            self._whole: Array | float
-            self._inverse: Array | float
-            self._B: Array | float
-            self._k, self._whole, self._inverse, self._B, _ = constants
-        values, modes = model.coupling.modes
-        self._K, self._mode_values, self._modes = np.array(model.coupling.rows), np.array(values), np.array(modes)
-        self._damping = np.array(model.damping)
+            self._axes = _Axes(*constants[:4])
+        values, modes = map(np.array, model.coupling.modes)
+        self._coupling = _Coupling(np.array(model.coupling.rows), values, modes, np.array(model.damping))
 
     def land(self, i: int, device: SimulatedDevice, set_position: Vector) -> None:
         """Give scenario i's state back."""
@@ -132,7 +147,10 @@ class Devices:
         hands = self.motion.at(self.ticks)
         before = self.position, self.velocity, self.low, self.high, self.dissipated
         model = self._model
-        work, dissipated, stretch, drag = (self._advance_axes if model.decoupled else self._advance_linear)(hands, ybar)
+        if self._axes is None:
+            work, dissipated, stretch, drag = self._advance_linear(hands, ybar)
+        else:
+            work, dissipated, stretch, drag = self._advance_axes(self._axes, hands, ybar)
         self.dissipated = before[-1] + dissipated
         if self._has_limits:
             beyond = stretch > model.knee_square
@@ -164,21 +182,21 @@ class Devices:
                 work[k] = self._advance_alone(k, references[:, k].tolist(), ybar[:, k].tolist(), before)
         self._any_at_limit = bool(self._at_limit.any())
 
-    def _advance_axes(self, hands: list[Array], ybar: Array) -> tuple[Array, Array, Array, Array]:
+    def _advance_axes(self, axes: _Axes, hands: list[Array], ybar: Array) -> tuple[Array, Array, Array, Array]:
         """Compute each axis alone: (work, dissipated, bound of ``|e|_K^2``, bound of the damper's force).
 
         Nothing is allocated: the new state goes into the other of two sets of arrays.
         """
         model = self._model
         h, kh, inertia = model.h, model.hand.stiffness, model.inertia
-        hand_mass, response, whole, inverse = model.hand_mass, model.response, self._whole, self._inverse
+        hand_mass, response, whole, inverse = model.hand_mass, model.response, axes.whole, axes.inverse
         x, v, low, high = self.position, self.velocity, self.low, self.high
         self.position, self.velocity, self.low, self.high = self._other
         self._other = x, v, low, high
         new_x, new_v, new_low, new_high = self.position, self.velocity, self.low, self.high
         drive, middle, term, work, squares = self._room
         f = self.hand_force
-        np.multiply(ybar, self._k, out=drive)
+        np.multiply(ybar, axes.k, out=drive)
         work.fill(0.0)
         squares.fill(0.0)
         for hand in hands:
@@ -207,10 +225,10 @@ class Devices:
         np.subtract(high, ybar, out=term)
         np.subtract(ybar, low, out=middle)
         farthest = np.maximum(term, middle, out=term)
-        stretch = np.multiply(farthest, self._k, out=middle)
+        stretch = np.multiply(farthest, axes.k, out=middle)
         stretch *= farthest
-        drag = np.sqrt(_sum(self._B * self._B * squares))
-        return _sum(work) * h, _sum(self._B * h * squares), _sum(stretch), drag
+        drag = np.sqrt(_sum(axes.B * axes.B * squares))
+        return _sum(work) * h, _sum(axes.B * h * squares), _sum(stretch), drag
 
     def _advance_linear(self, hands: list[Array], ybar: Array) -> tuple[Array, Array, Array, Array]:
         """The same for any K, as one linear map."""
@@ -231,7 +249,7 @@ class Devices:
         self, at: Index, hands: list[Array], ybar: Array, before: tuple[Array, ...]
     ) -> tuple[Array, NDArray[np.bool_]]:
         """`TickModel.limited` with an unlimited damper: the works, and which scenarios must be computed alone."""
-        model, K, B = self._model, self._K, self._damping[:, None]
+        model, K, B = self._model, self._coupling.K, self._coupling.damping[:, None]
         h, kh, inertia, hand_mass, response = (
             model.h,
             model.hand.stiffness,
@@ -286,9 +304,9 @@ class Devices:
 
         A scenario that has reached its fixed point is not changed any more.
         """
-        model, modes = self._model, self._modes
+        model, modes = self._model, self._coupling.modes
         h, knee = model.h, model.knee
-        values = self._mode_values[:, None]
+        values = self._coupling.values[:, None]
         a, b = _times(modes, push), _times(modes, pull)
         start = np.sqrt(np.maximum(0.0, square))
         c = np.ones(len(start))

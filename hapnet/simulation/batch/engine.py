@@ -17,14 +17,12 @@ import numpy as np
 
 from hapnet.checks import Array
 from hapnet.side.endpoint import NANO
-from hapnet.simulation.batch.channels import NEVER, Whole
-from hapnet.simulation.batch.couplings import Index, pick, place
+from hapnet.simulation.batch.arrays import NEVER, Index, Whole, pick, place
 from hapnet.simulation.batch.lines import shortest_ns
 from hapnet.simulation.batch.scenario import Scenario
 from hapnet.simulation.batch.state import BatchState
 
 _LONGEST_LAG = 32  # ticks
-_BLOCK = 256
 
 Events = tuple[Whole, Callable[[Index, Whole], None]]
 """When the next event of a kind is due in each scenario, and the function that handles it."""
@@ -38,7 +36,7 @@ class Engine:
         self._count = len(scenarios)
         self._period_ns = state.period_ns
         self._lived_s = max(self._period_ns * NANO, state.device_period_s)
-        self._due_s = state.servo._due
+        self._due_s = state.servo.due
         self._damping = np.array(state.servo.damping)[:, None]
         self._landing = state.end_ns // self._period_ns
         self._later = state.later_ns // self._period_ns
@@ -49,8 +47,6 @@ class Engine:
         self._rows: Array | None = None
         self._ticks_counted = np.zeros(self._count, dtype=np.int64)
         self._window = 0
-        self._lengths = np.zeros((self._count, _BLOCK), dtype=np.int64)
-        self._drawn = np.full(self._count, _BLOCK)
         device, world = state.device_wire, state.world_wire
         self._on_device: tuple[Events, ...] = (
             (device.mailbox.next_due_ns, device.on_mail),
@@ -64,7 +60,7 @@ class Engine:
         self._on_world: tuple[Events, ...] = (
             (world.mailbox.next_due_ns, world.on_mail),
             (world.channels.next_due_ns, world.on_timer),
-            (state.step_ns, self._step),
+            (state.steps.due_ns, self._step),
         )
         up, down = self._on_world[0], self._on_device[0]
         self._on_both: tuple[Events, ...] = (up, down, self._on_device[1], *self._on_world[1:])
@@ -174,8 +170,7 @@ class Engine:
         state, wire = self._state, self._state.world_wire
         masses, couplings = state.masses, wire.couplings
         wire.look(at, now_ns)
-        dt = np.multiply(now_ns - state.last_step_ns[at], NANO, dtype=np.float64)
-        state.last_step_ns[at] = now_ns
+        dt = state.steps.end(at, now_ns)
         work, dissipated = masses.step(at, dt, pick(couplings.set_position, at))
         x, kinetic = pick(masses.position, at), masses.kinetic(at)
         ledgers = couplings.ledgers
@@ -183,22 +178,8 @@ class Engine:
         ledgers.observe(at, kinetic + couplings.potential(at, x), couplings.account[at])
         sent = couplings.update(at, x, dissipated)
         ledgers.observe(at, kinetic + couplings.potential(at, x), couplings.account[at])
-        state.steps[at] += 1
-        state.stepped_s[at] += dt
-        state.longest_step_s[at] = np.maximum(state.longest_step_s[at], dt)
-        state.step_ns[at] = now_ns + self._next_step_ns(at)
         self._observe_ports(at, now_ns)
         wire.on_update(at, now_ns, x, sent)
-
-    def _next_step_ns(self, at: Index) -> Whole:
-        drawn = self._drawn[at]
-        for i in at[drawn == _BLOCK].tolist():
-            self._lengths[i] = self._state.draw_steps(i, _BLOCK)
-            self._drawn[i] = 0
-        drawn = self._drawn[at]
-        self._drawn[at] = drawn + 1
-        lengths: Whole = self._lengths[at, drawn]
-        return lengths
 
     # -- both ports --------------------------------------------------------------------------------------------------
 
@@ -235,8 +216,6 @@ class Engine:
 
     def _land(self, at: Index, tick: int) -> None:
         self._drain(self._on_both, tick * self._period_ns)
-        for i, used in zip(at.tolist(), self._drawn[at].tolist(), strict=True):
-            self._state.return_steps(i, used)  # steps after the last tick are drawn one at a time
         self._state.land(at, tick)
         self._alive[at] = False
         self._all_alive = False

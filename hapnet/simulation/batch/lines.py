@@ -6,34 +6,44 @@ from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hapnet.params import Params
-from hapnet.side.packet import FRAME_OVERHEAD
-from hapnet.simulation.batch.channels import NEVER, Whole
-from hapnet.simulation.batch.couplings import Index
+from hapnet.side.packet import FRAME_OVERHEAD, Packet
+from hapnet.simulation.batch.arrays import LONG_AGO, Index, Whole
 from hapnet.wire.energy_channel import ACK_DELAY_NS
 from hapnet.wire.messages import Position, encode
 from hapnet.wire.numbering import EARLY_NS
-from netem import LinkProfile, models
+from netem import Link, LinkProfile, models
+from netem.line import RateLine
 
 _HANDSHAKE = 100
 """As many positions as the handshake messages that may be in flight when a scenario is loaded, and some to spare."""
 
 
 class Lines:
-    """The rate-limited lines of one direction; links without a rate are not changed."""
+    """The rate-limited lines of one direction; links without a rate are not changed.
 
-    def __init__(self, profiles: Sequence[LinkProfile]) -> None:
+    Parameters
+    ----------
+    links : the scenarios' own. shift_ns : time on their clocks when the batch's clock shows 0.
+    """
+
+    def __init__(self, links: Sequence[Link[Packet]], shift_ns: Whole) -> None:
+        profiles = [link.profile for link in links]
         self.timed = any(profile.rate_bit_s for profile in profiles)
         self._rate_bit_s = np.array([profile.rate_bit_s for profile in profiles])
         self._overhead = np.array([profile.overhead for profile in profiles])
         self._cell_size = np.array([profile.cell_size for profile in profiles])
         self._cell_bytes = self._cell_size + np.array([profile.cell_overhead for profile in profiles])
+        free_ns = [max(link.line.free_ns, LONG_AGO) if isinstance(link.line, RateLine) else LONG_AGO for link in links]
+        self._free_ns = np.maximum(np.array(free_ns) - shift_ns, LONG_AGO)
+        self._shift_ns = shift_ns
 
-    def release(self, at: Index, due_ns: Whole, last_ns: Whole, size: Whole) -> Whole:
+    def release(self, at: Index, due_ns: Whole, size: Whole, arriving: NDArray[np.bool_]) -> Whole:
         """When messages leave the line that would be due at `due_ns` if it were free: after the last, one at a time.
 
-        `NEVER` for links without a rate.
+        Only messages that are `arriving` occupy the line.
         """
         rate = self._rate_bit_s[at]
         length = np.maximum(0, size + self._overhead[at])
@@ -41,8 +51,15 @@ class Lines:
         if cell.any():
             cells = -(-length // np.maximum(cell, 1)) * self._cell_bytes[at]
             length = np.where(cell > 0, cells, length)
-        released: Whole = np.maximum(due_ns, last_ns) + length * 8_000_000_000 // np.maximum(rate, 1)
-        return np.where(rate > 0, released, NEVER)
+        released: Whole = np.maximum(due_ns, self._free_ns[at]) + length * 8_000_000_000 // np.maximum(rate, 1)
+        timed = arriving & (rate > 0)
+        self._free_ns[at[timed]] = released[timed]
+        return np.where(timed, released, due_ns)
+
+    def land(self, i: int, link: Link[Packet]) -> None:
+        """Write scenario i's state back."""
+        if isinstance(link.line, RateLine) and self._free_ns[i] > LONG_AGO:
+            link.line.free_ns = int(self._free_ns[i] + self._shift_ns[i])
 
 
 @cache

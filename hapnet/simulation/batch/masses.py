@@ -7,7 +7,7 @@ import numpy as np
 from hapnet.checks import Array
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.walls import Axis, Contacts
-from hapnet.simulation.batch.couplings import Index, pick, place, vectors
+from hapnet.simulation.batch.arrays import Index, pick, place, vectors
 
 
 class Masses:
@@ -18,14 +18,14 @@ class Masses:
         self.dof = len(first.position)
         self.position = vectors([mass.position for mass in masses])
         self.velocity = vectors([mass.velocity for mass in masses])
-        doubled, self._B, halved = (_symmetric([[term[k] for term in line] for line in first._terms]) for k in range(3))
+        doubled, self._B, halved = (_symmetric([[term[k] for term in line] for line in first.terms]) for k in range(3))
         self._M, self._K = 0.5 * doubled, 2.0 * halved
-        self._terms = first._terms
+        self._terms = first.terms
         self._contacts = contacts
 
     def land(self, i: int, mass: PassiveIntegrator) -> None:
         """Give scenario i's state back."""
-        mass._x, mass._v = tuple(self.position[:, i].tolist()), tuple(self.velocity[:, i].tolist())
+        mass.restore(tuple(self.position[:, i].tolist()), tuple(self.velocity[:, i].tolist()))
 
     def kinetic(self, at: Index) -> Array:
         """kappa [J]."""

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hapnet.simulation.batch.channels import Whole
-from hapnet.simulation.batch.couplings import Index
+from hapnet.simulation.batch.arrays import Index, Whole
 from hapnet.wire.peer_monitor import PeerMonitor
 
 
@@ -14,11 +13,11 @@ class PeerMonitors:
     """One receiver per scenario. shift_ns : time on their clocks when the batch's clock shows 0."""
 
     def __init__(self, monitors: list[PeerMonitor], shift_ns: Whole) -> None:
-        self._monitor, self._shift_ns = monitors, shift_ns
+        self._monitors, self._shift_ns = monitors, shift_ns
         self.newest = np.array([one.numbers.newest for one in monitors])
         """Number of the newest position received in each scenario."""
-        self._heard_ns = np.array([one._heard_ns or 0 for one in monitors]) - shift_ns
-        self._silence_ns = np.array([one._silence_ns for one in monitors])
+        self._heard_ns = np.array([one.heard_ns or 0 for one in monitors]) - shift_ns
+        self._silence_ns = np.array([one.silence_ns for one in monitors])
         self._received = np.zeros(len(monitors), dtype=np.int64)
         self._missing = np.zeros(len(monitors), dtype=np.int64)
 
@@ -42,17 +41,15 @@ class PeerMonitors:
 
     def land(self, i: int) -> None:
         """Give scenario i's state back."""
-        one = self._monitor[i]
-        one._received += int(self._received[i])
-        one._missing += int(self._missing[i])
+        heard_ns = int(self._heard_ns[i] + self._shift_ns[i])
+        received, missing = int(self._received[i]), int(self._missing[i])
+        self._monitors[i].resume(heard_ns, int(self.newest[i]), received, missing)
         self._received[i] = self._missing[i] = 0
-        one._heard_ns = one._life_ns = int(self._heard_ns[i] + self._shift_ns[i])
-        one.numbers.resume(one._life_ns, int(self.newest[i]))
 
     def _one_by_one(self, i: int, due_ns: Whole, number: Whole, new: NDArray[np.bool_]) -> None:
         """Count a scenario with a silence, which is rare, with its own `PeerMonitor`."""
         self.land(i)
-        one, shift = self._monitor[i], int(self._shift_ns[i])
+        one, shift = self._monitors[i], int(self._shift_ns[i])
         for k in np.argsort(due_ns, kind="stable").tolist():
             now_ns = int(due_ns[k]) + shift
             one.on_any_message(now_ns)
@@ -61,4 +58,4 @@ class PeerMonitors:
                 one.on_position(now_ns, 1 if newest < 0 else int(number[k]) - newest)
                 one.numbers.resume(now_ns, int(number[k]))
         self.newest[i] = one.numbers.newest
-        self._heard_ns[i] = (one._heard_ns or 0) - shift
+        self._heard_ns[i] = (one.heard_ns or 0) - shift

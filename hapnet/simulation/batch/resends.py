@@ -7,12 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hapnet.simulation.batch.channels import NEVER, Whole
-from hapnet.simulation.batch.couplings import Index
+from hapnet.simulation.batch.arrays import LONG_AGO, Index, Whole
 from netem import Link, models
 from netem.draws import Fates
-
-_LONG_AGO = -NEVER
 
 
 class Resends:
@@ -28,8 +25,8 @@ class Resends:
         kinds = [link.profile.resend for link in links]
         self._after_ns = np.array([0 if kind is None else kind.after_ns for kind in kinds])
         self._ordered = np.array([kind is not None and kind.ordered for kind in kinds])
-        in_order = [max(link.in_order_ns, _LONG_AGO) for link in links]
-        self._in_order_ns = np.maximum(np.array(in_order) - shift_ns, _LONG_AGO)
+        in_order = [max(link.in_order_ns, LONG_AGO) for link in links]
+        self._in_order_ns = np.maximum(np.array(in_order) - shift_ns, LONG_AGO)
         self._taken = np.zeros((len(links), models.BLOCK), dtype=np.int64)
         self._resent = np.zeros(len(links), dtype=np.int64)
         self._recovered = np.zeros(len(links), dtype=np.int64)
@@ -57,5 +54,5 @@ class Resends:
         """Give scenario i's state back."""
         link.counters.resent += int(self._resent[i])
         link.counters.recovered += int(self._recovered[i])
-        if self._in_order_ns[i] > _LONG_AGO:
+        if self._in_order_ns[i] > LONG_AGO:
             link.in_order_ns = int(self._in_order_ns[i] + self._shift_ns[i])

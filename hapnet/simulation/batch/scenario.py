@@ -21,7 +21,7 @@ from hapnet.side.endpoint import NANO, Endpoint
 from hapnet.side.packet import Packet
 from hapnet.side.world import WorldSide
 from hapnet.simulation.batch.lines import vectorisable
-from hapnet.simulation.simulation import Simulation, _or_never
+from hapnet.simulation.simulation import Simulation
 from hapnet.summary import path
 from hapnet.summary.run import Summary
 from hapnet.wire.messages import Energy, Position, decode
@@ -100,7 +100,7 @@ class Scenario(Simulation):
         """Run until right after a tick with the handshake complete. Returns False if the run's end came first."""
         start_ns = self.pair()
         self.end_ns = start_ns + round(self.setup.params.duration_s / NANO)
-        while (tick_ns := self._tick_ns + _LOOK * self._period_ns) <= self.end_ns:
+        while (tick_ns := self._tick_ns + _LOOK * self.period_ns) <= self.end_ns:
             self._until(tick_ns)
             if self._quiet:
                 return True
@@ -109,16 +109,9 @@ class Scenario(Simulation):
     @property
     def _quiet(self) -> bool:
         endpoints = (self.device_endpoint, self.world_endpoint)
-        return all(endpoint.session._handshake.next_due_ns is None for endpoint in endpoints) and not any(
+        return all(endpoint.session.handshake_over for endpoint in endpoints) and not any(
             entry[2].kind == "control" for link in (self.up, self.down) for entry in link.queue
         )
-
-    def resume(self, step_ns: int, tick_ns: int) -> None:
-        """Continue as an ordinary `Simulation`, after the state was written back."""
-        due = (self.up.next_due_ns, self.down.next_due_ns,
-               self.device_endpoint.next_due_ns, self.world_endpoint.next_due_ns)  # fmt: skip
-        self._due[:] = [*map(_or_never, due), step_ns, tick_ns]
-        self._tick_ns = tick_ns
 
     def run_on(self, *, vectorised: bool) -> BatchRun:
         """Run from the present state to the end."""
@@ -137,7 +130,7 @@ class Scenario(Simulation):
 def hand_over(endpoint: Endpoint) -> None:
     """Give the coupling the sample and energy that wait for the next tick."""
     assert not endpoint.has_shuffled
-    endpoint._take()
+    endpoint.take()
 
 
 def under_way(link: Link[Packet]) -> Iterator[UnderWay]:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hapnet.side.packet import FRAME_OVERHEAD
-from hapnet.simulation.batch.channels import Whole
-from hapnet.simulation.batch.couplings import Index
+from hapnet.simulation.batch.arrays import Index, Whole
 from hapnet.wire.messages import Energy, Position, encode
 from hapnet.wire.session import Session
 

@@ -5,25 +5,26 @@ The batch's clock shows 0 at the tick at which each scenario is loaded.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from hapnet.checks import Array
 from hapnet.side.device import ContinuousDeviceSide
-from hapnet.side.endpoint import NANO
 from hapnet.side.packet import Packet
+from hapnet.simulation.batch.arrays import NEVER, Index, Whole, vectors
 from hapnet.simulation.batch.arrivals import Mailbox, Positions, TickedPositions
-from hapnet.simulation.batch.channels import NEVER, Channels, Whole
-from hapnet.simulation.batch.couplings import Couplings, Index
+from hapnet.simulation.batch.channels import Channels
+from hapnet.simulation.batch.couplings import Couplings
 from hapnet.simulation.batch.devices import Devices
 from hapnet.simulation.batch.links import ENERGY, Links
 from hapnet.simulation.batch.masses import Masses
 from hapnet.simulation.batch.scenario import Scenario, hand_over, modulating, under_way, walls
 from hapnet.simulation.batch.sizes import Sizes
+from hapnet.simulation.batch.steps import WorldSteps
 from hapnet.simulation.batch.wires import Wire
-from hapnet.simulation.simulation import _STEP, TwoPort
+from hapnet.simulation.two_port import TwoPort, TwoPortState
 from hapnet.wire.messages import Energy, Position, encode
 from hapnet.wire.peer_monitor import PeerMonitor
 from hapnet.wire.session import Session
@@ -33,14 +34,9 @@ class Ports:
     """`TwoPort` of each scenario."""
 
     def __init__(self, ports: list[TwoPort]) -> None:
-        self.lowest = np.array([port._lowest for port in ports])
-        self.device = np.array([port._device for port in ports])
-        self.device_low = np.array([port._device_low for port in ports])
-        self.world = np.array([port._world for port in ports])
-        self.before, self.open = (
-            np.array([np.nan if value is None else value for value in values])  # NaN: none
-            for values in ([port._before for port in ports], [port._open for port in ports])
-        )
+        # NaN: none
+        sums: list[Array] = list(vectors([tuple(np.nan if x is None else x for x in port.state()) for port in ports]))
+        self.lowest, self.device, self.device_low, self.world, self.before, self.open = sums
 
     def begin(self, at: Index) -> None:
         """`TwoPort.begin`."""
@@ -55,9 +51,11 @@ class Ports:
 
     def land(self, i: int, port: TwoPort) -> None:
         """Give scenario i's state back."""
-        port._lowest, port._device = float(self.lowest[i]), float(self.device[i])
-        port._device_low, port._world = float(self.device_low[i]), float(self.world[i])
-        port._before, port._open = (None if np.isnan(x[i]) else float(x[i]) for x in (self.before, self.open))
+        lowest, device, device_low, world, before, open_ = (
+            float(x[i]) for x in (self.lowest, self.device, self.device_low, self.world, self.before, self.open)
+        )
+        begun = None if math.isnan(before) else before, None if math.isnan(open_) else open_
+        port.restore(TwoPortState(lowest, device, device_low, world, *begun))
 
 
 class BatchState:
@@ -66,36 +64,31 @@ class BatchState:
     def __init__(self, scenarios: Sequence[Scenario]) -> None:
         self.scenarios = scenarios
         first = scenarios[0]
-        self.period_ns = first._period_ns
+        self.period_ns = first.period_ns
         self._sides = sides = [_continuous(scenario) for scenario in scenarios]
         worlds = [scenario.world for scenario in scenarios]
-        self.servo, self.device_period_s = sides[0]._servo, sides[0]._simulated.period
+        self.servo, self.device_period_s = sides[0].servo, sides[0].device.period
         for scenario in scenarios:
             hand_over(scenario.device_endpoint)
             hand_over(scenario.world_endpoint)
         shift = self._shift_ns = np.array([scenario.now_ns for scenario in scenarios])
         self.end_ns = np.array([scenario.end_ns for scenario in scenarios]) - shift
-        self.later_ns = np.array([min(scenario._later_ns, NEVER) for scenario in scenarios]) - shift
-        self.devices = Devices([side._simulated for side in sides], sides[0]._simulated.operator.reference)
-        self.elapsed_s: Array = np.array([side._servo._elapsed for side in sides])
+        self.later_ns = np.array([min(scenario.later_ns, NEVER) for scenario in scenarios]) - shift
+        self.devices = Devices([side.device for side in sides], sides[0].device.operator.reference)
+        self.elapsed_s: Array = np.array([side.servo.elapsed for side in sides])
         self.masses = Masses([world.mass for world in worlds], walls(first).contacts)
-        self.step_ns: Whole = np.array([scenario._due[_STEP] for scenario in scenarios]) - shift
-        self.last_step_ns: Whole = np.array([world._last_ns for world in worlds]) - shift
-        self.steps = np.array([world.steps for world in worlds])
-        self.stepped_s = np.array([world.stepped_s for world in worlds])
-        self.longest_step_s = np.array([world.longest_step_s for world in worlds])
-        self._before_draw: dict[int, Mapping[str, Any]] = {}
+        self.steps = WorldSteps(scenarios, shift)
         self.ports = Ports([scenario.two_port for scenario in scenarios])
         count, dof = len(scenarios), first.setup.dof
         self._devices = [scenario.device_endpoint.session for scenario in scenarios]
         self._worlds = [scenario.world_endpoint.session for scenario in scenarios]
-        at_worlds = [session._monitor for session in self._worlds]
-        at_devices = [session._monitor for session in self._devices]
+        at_worlds = [session.monitor for session in self._worlds]
+        at_devices = [session.monitor for session in self._devices]
         self.up = Links([scenario.up for scenario in scenarios], shift, at_worlds)
         self.down = Links([scenario.down for scenario in scenarios], shift, at_devices)
         self.device_positions = TickedPositions(count, dof, _newest(at_devices), self.period_ns)
         self.device_wire = Wire(
-            Channels([session._channel for session in self._devices], shift),
+            Channels([session.channel for session in self._devices], shift),
             Mailbox(count),
             self.device_positions,
             Couplings([modulating(side) for side in sides]),
@@ -104,7 +97,7 @@ class BatchState:
             np.array([session.positions.next_sequence for session in self._devices]),
         )
         self.world_wire = Wire(
-            Channels([session._channel for session in self._worlds], shift),
+            Channels([session.channel for session in self._worlds], shift),
             Mailbox(count),
             Positions(count, dof, _newest(at_worlds)),
             Couplings([modulating(world) for world in worlds]),
@@ -116,20 +109,6 @@ class BatchState:
         for i, scenario in enumerate(scenarios):
             self._gather(i, scenario, self.device_wire)
             self._gather(i, scenario, self.world_wire)
-
-    def draw_steps(self, i: int, count: int) -> Whole:
-        """Draw the lengths of scenario i's next steps [ns]; `return_steps` undoes the draws that are not used."""
-        scene, rng = walls(self.scenarios[i]), self.scenarios[i].world._rng
-        self._before_draw[i] = rng.bit_generator.state
-        seconds = np.minimum(scene.max_s, scene.min_s + (scene.max_s - scene.min_s) * rng.random(count))
-        return np.maximum(1, np.rint(seconds / NANO).astype(np.int64))
-
-    def return_steps(self, i: int, used: int) -> None:
-        """Undo all but the first `used` draws of scenario i's last `draw_steps`."""
-        if i in self._before_draw:
-            rng = self.scenarios[i].world._rng
-            rng.bit_generator.state = self._before_draw.pop(i)
-            rng.random(used)
 
     def land(self, at: Index, tick: int) -> None:
         """Write the state of the scenarios `at` back; everything up to this tick is done."""
@@ -143,27 +122,22 @@ class BatchState:
     def _land(self, i: int, tick: int) -> None:
         scenario, side = self.scenarios[i], self._sides[i]
         world = scenario.world
-        now_ns = scenario.now_ns = int(self._shift_ns[i]) + tick * self.period_ns
-        side._last_ns = side._expected_ns = now_ns
-        side.ticks += tick
-        side.longest_ns = max(side.longest_ns, self.period_ns)
-        side._servo._elapsed = float(self.elapsed_s[i])
+        now_ns = int(self._shift_ns[i]) + tick * self.period_ns
+        side.resume(now_ns, tick)
+        side.servo.elapsed = float(self.elapsed_s[i])
         self.device_wire.couplings.land(i, modulating(side))
-        self.devices.land(i, side._simulated, side.coupling.set_position)
+        self.devices.land(i, side.device, side.coupling.set_position)
         self.world_wire.couplings.land(i, modulating(world))
         self.masses.land(i, world.mass)
-        world._last_ns = int(self.last_step_ns[i] + self._shift_ns[i])
-        world.steps, world.stepped_s = int(self.steps[i]), float(self.stepped_s[i])
-        world.longest_step_s = float(self.longest_step_s[i])
+        self.steps.land(i)
         self.ports.land(i, scenario.two_port)
-        scenario._later_ns = NEVER if scenario.two_port.later is not None else scenario._later_ns
         self._land_session(i, self._devices[i], self.device_wire, self.world_wire)
         self._land_session(i, self._worlds[i], self.world_wire, self.device_wire)
-        scenario.resume(int(self.step_ns[i] + self._shift_ns[i]), now_ns + self.period_ns)
+        scenario.resume(now_ns, int(self.steps.due_ns[i] + self._shift_ns[i]), now_ns + self.period_ns)
 
     def _land_session(self, i: int, session: Session, wire: Wire, peer: Wire) -> None:
         """Write back one side's session, and the link that it sends on."""
-        wire.channels.land(i, session._channel)
+        wire.channels.land(i, session.channel)
         session.positions.next_sequence = int(wire.next_number[i])
         if peer.links.stale[i]:
             session.dropped["stale"] += int(peer.links.stale[i])

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from hapnet.checks import Array
+from hapnet.simulation.batch.arrays import Index, Whole, place
 from hapnet.simulation.batch.arrivals import Mailbox, Positions, Queues
-from hapnet.simulation.batch.channels import Channels, Whole
-from hapnet.simulation.batch.couplings import Couplings, Index, place
+from hapnet.simulation.batch.channels import Channels
+from hapnet.simulation.batch.couplings import Couplings
 from hapnet.simulation.batch.links import ENERGY, Links
 from hapnet.simulation.batch.sizes import Sizes
 
