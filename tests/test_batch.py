@@ -12,9 +12,10 @@ import pytest
 
 from hapnet import HapnetError, InvalidParameter, Params, cli, simulate, simulate_batch
 from hapnet.simulation.batch import run as batch_run
+from hapnet.simulation.batch.engine import Engine
 from hapnet.simulation.batch.lines import longest_ns, shortest_ns
 from hapnet.simulation.batch.run import SMALLEST
-from hapnet.simulation.batch.scenario import BatchRun
+from hapnet.simulation.batch.scenario import BatchRun, Scenario
 from netem import Link, LinkProfile
 from tests.theorem_cases import random_case
 
@@ -152,6 +153,24 @@ ONE_AXIS: dict[str, dict[str, object]] = {
 @pytest.mark.parametrize("changes", cases(ONE_AXIS))
 def test_one_axis_is_the_same_bit_for_bit(changes: dict[str, object]) -> None:
     check(simulate_batch(Params().set({"duration_s": 1.6, **changes}), SEEDS))
+
+
+@pytest.mark.parametrize("name", ["bursts and reordering", "a slow line, reordering", "lossy-wifi", "small reservoirs"])
+def test_the_state_that_it_gives_back_is_whole(name: str) -> None:
+    """A scenario that leaves the batch half-way, and runs on as an ordinary simulation, ends bit for bit the same."""
+    params = Params().set({"duration_s": 1.0, **ONE_AXIS[name]})
+    scenarios = [Scenario(params, seed) for seed in range(2)]
+    for scenario in scenarios:
+        assert scenario.load()
+        assert scenario.is_vectorised
+    ends_ns = [scenario.end_ns for scenario in scenarios]
+    for scenario in scenarios:
+        scenario.end_ns = (scenario.now_ns + scenario.end_ns) // 2
+    Engine(scenarios).run()
+    for scenario, end_ns in zip(scenarios, ends_ns, strict=True):
+        assert scenario.now_ns < end_ns
+        scenario.end_ns = end_ns
+        check([scenario.run_on(vectorised=True)])
 
 
 def test_energy_flows_in_these_cases() -> None:
