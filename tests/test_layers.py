@@ -15,6 +15,7 @@ MODULES = sorted(path.relative_to(ROOT) for package in ("hapnet", "netem") for p
 OUTSIDE_WORLD = {"time", "asyncio", "threading", "random", "socket", "zenoh"}
 PURE_NETEM = {"netem/profile.py", "netem/models.py", "netem/link.py"}
 LONGEST = 420
+MOST_ATTRIBUTES = 20
 
 BASE = {"errors", "checks", "params", "param_values", "param_schema", "loading", "versions", "histogram"}
 BELOW_ASSEMBLY = {"mechanics", "control", "plant", "wire", "recording", "side", "couplings", "metrics"}
@@ -135,3 +136,36 @@ def test_only_commands_measure(module: Path) -> None:
 @pytest.mark.parametrize("module", MODULES, ids=str)
 def test_modules_stay_short(module: Path) -> None:
     assert len((ROOT / module).read_text("utf-8").splitlines()) <= LONGEST
+
+
+def attributes_of(source: str) -> Iterator[tuple[ast.ClassDef, set[str]]]:
+    """Every class of a module with the names that it declares, or sets on `self`."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.ClassDef):
+            declared = {
+                line.target.id
+                for line in node.body
+                if isinstance(line, ast.AnnAssign) and isinstance(line.target, ast.Name)
+            }
+            yield (
+                node,
+                declared
+                | {
+                    part.attr
+                    for part in ast.walk(node)
+                    if isinstance(part, ast.Attribute) and isinstance(part.ctx, ast.Store)
+                    if isinstance(part.value, ast.Name) and part.value.id == "self"
+                },
+            )
+
+
+def test_all_attributes_of_a_class_are_seen() -> None:
+    source = "class A:\n    a: int\n    def f(self):\n        self.b, other.c = self.d = self.e[0] = 1"
+    assert [(node.name, found) for node, found in attributes_of(source)] == [("A", {"a", "b", "d"})]
+
+
+@pytest.mark.parametrize("module", MODULES, ids=str)
+def test_a_class_of_many_attributes_says_why(module: Path) -> None:
+    for node, found in attributes_of((ROOT / module).read_text("utf-8")):
+        if len(found) > MOST_ATTRIBUTES:
+            assert "More than twenty attributes:" in (ast.get_docstring(node) or ""), (node.name, len(found))
