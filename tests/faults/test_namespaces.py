@@ -160,7 +160,8 @@ def test_the_hosts_have_nothing_in_common_but_the_cable(tmp_path: Path) -> None:
 
 def _cable(protocol: str, where: Role, on_silence: str, *down_s: float) -> Any:
     times = "-".join(f"{each:g}s" for each in down_s)
-    return pytest.param(protocol, down_s, where, on_silence, marks=pytest.mark.slow, id=f"{protocol}-{where}-{times}")
+    mark = pytest.mark.soak if max(down_s) > 10.0 else pytest.mark.slow
+    return pytest.param(protocol, down_s, where, on_silence, marks=mark, id=f"{protocol}-{where}-{times}")
 
 
 @pytest.mark.parametrize(

@@ -75,7 +75,13 @@ def lengths(count: int, longest_s: float, seed: int) -> list[float]:
 
 
 @pytest.mark.parametrize(
-    ("count", "longest_s"), [(2, 1.2), pytest.param(20, 10.0, marks=pytest.mark.slow)], ids=["short", "full"]
+    ("count", "longest_s"),
+    [
+        (2, 1.2),
+        pytest.param(6, 5.0, marks=pytest.mark.slow),
+        pytest.param(20, 10.0, marks=pytest.mark.soak),
+    ],
+    ids=["short", "longer", "full"],
 )
 def test_partitions(count: int, longest_s: float, tmp_path: Path) -> None:
     partitions = list(plan(lengths(count, longest_s, seed=1)))

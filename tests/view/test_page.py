@@ -134,7 +134,7 @@ def test_a_run_that_is_not_passive_says_so(browser: Browser, tmp_path: Path) -> 
         keep(shown.page, tmp_path, "not-passive")
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_who_watches_only_can_press_and_drag_nothing(browser: Browser) -> None:
     with opened(browser, watching=True) as shown:
         page = shown.page
@@ -169,7 +169,7 @@ def test_a_drag_leads_the_hand_where_the_mouse_is(playing: Open) -> None:
     assert len(controls.named("lead")) == before + 1  # a mouse that let go leads nobody
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_slider_changes_both_links(playing: Open) -> None:
     page, controls = playing.page, playing.controls
     before = len(controls.named("link"))
@@ -181,7 +181,7 @@ def test_a_slider_changes_both_links(playing: Open) -> None:
     expect(page.locator("form input").first).to_have_value(words)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_each_direction_may_have_a_link_of_its_own(playing: Open) -> None:
     page, controls = playing.page, playing.controls
     alike = playing.switch("alike both ways")
@@ -197,7 +197,7 @@ def test_each_direction_may_have_a_link_of_its_own(playing: Open) -> None:
     expect(page.get_by_role("slider")).to_have_count(3)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_words_are_put_in_force_by_enter_and_bad_ones_are_told(playing: Open) -> None:
     controls = playing.controls
     words = playing.page.locator("form input").first
