@@ -225,7 +225,9 @@ def examine(case: int, params: Params | None = None) -> Examined:
 
 def _speed(witness: Witness) -> float:
     """The greatest mean speed over a tick [m/s] that its readings show: a count may be rounding."""
-    way = np.linalg.norm(np.diff(np.array(witness.readings), axis=0), axis=1) - witness.params.device.resolution_m
+    readings = np.array(witness.readings)
+    count = witness.params.device.resolution_m * math.sqrt(readings.shape[1])
+    way = np.linalg.norm(np.diff(readings, axis=0), axis=1) - count
     return float(np.max(way, initial=0.0)) * witness.params.device.servo_hz
 
 

@@ -118,11 +118,13 @@ def test_no_stretch_needs_more_than_the_reserve(seed: int) -> None:
         assert found <= 2.0 * most + v * period * step if step < math.inf else found == pytest.approx(most, rel=1e-3)
 
 
+@pytest.mark.parametrize("coarse", [False, True], ids=["exact", "encoders"])
 @pytest.mark.parametrize("seed", mostly_slow(range(60), 20))
-def test_a_sampled_servo_never_overdraws_its_account_nor_steps_too_far(seed: int) -> None:
+def test_a_sampled_servo_never_overdraws_its_account_nor_steps_too_far(seed: int, coarse: bool) -> None:
     """Any motion within the declared speed, half of the time the worst; set-positions, energy and peers at random.
 
-    Judged by forces and positions alone: W + d^2 + credited - sent stays above zero, with any ceiling, at any rate.
+    Judged by forces and measured positions alone: W + d^2 + credited - sent stays above zero, with any ceiling, at any
+    rate, though each axis is rounded to whole counts of the encoders.
     """
     rng = np.random.default_rng([seed, 13])
     n, period = 1 + seed % 3, float(10.0 ** rng.uniform(-3.7, -2.0))
@@ -131,9 +133,11 @@ def test_a_sampled_servo_never_overdraws_its_account_nor_steps_too_far(seed: int
     limit = float(rng.choice([math.inf, 10.0 ** rng.uniform(-1.0, 1.0)]))
     step = float(rng.choice([math.inf, 10.0 ** rng.uniform(-2.0, 1.0)]))
     ceiling = float(rng.choice([0.0, 10.0 ** rng.uniform(-5.0, 0.0)]))
+    resolution = speed * period * float(10.0 ** rng.uniform(-1.0, 0.5)) if coarse else 0.0
+    count = resolution * math.sqrt(n)
     needed = reserve(
         stiffness=float(np.linalg.eigvalsh(K)[-1]), damping=B, speed=speed, period=period, hold=period,
-        limit=limit, step=step,
+        limit=limit, step=step, resolution=count,
     )  # fmt: skip
     coupling = SetPositionCoupling(
         SetPositionModulator(
@@ -144,10 +148,10 @@ def test_a_sampled_servo_never_overdraws_its_account_nor_steps_too_far(seed: int
     )  # fmt: skip
     servo = SampledServo(
         coupling, damping=(B,) * n, period=5 * period, position=(0.0,) * n,
-        guard=ForceGuard(limit=limit, step=step, reach=speed * period),
-        holding=Holding(speed, period, 0.0, needed),
+        guard=ForceGuard(limit=limit, step=step, reach=speed * period + count),
+        holding=Holding(speed, period, count, needed, min(needed, ceiling / 2.0)), resolution=resolution,
     )  # fmt: skip
-    x, force = np.zeros(n), np.zeros(n)
+    x, read, force = np.zeros(n), np.zeros(n), np.zeros(n)
     work = 0.0
     for k in range(1500):
         way = unit(rng, n) * rng.uniform(0.0, 1.0)
@@ -155,14 +159,15 @@ def test_a_sampled_servo_never_overdraws_its_account_nor_steps_too_far(seed: int
             way = force / np.linalg.norm(force)
         way = way * speed * period
         x = x + way
-        work -= float(force @ way)
+        before, read = read, np.round(x / resolution) * resolution if coarse else x
+        work -= float(force @ (read - before))
         if rng.random() < 0.1:
             coupling.receive(tuple((x + unit(rng, n) * 10.0 ** rng.uniform(-4.0, 0.0)).tolist()), 0.0)
         if rng.random() < 0.05:
             coupling.credit(float(10.0 ** rng.uniform(-6.0, -1.0)))
         if rng.random() < 0.01:
             coupling.on_peer_changed()
-        servo.tick(period, tuple(x.tolist()), tuple((way / period).tolist()))
+        servo.tick(period, tuple(read.tolist()), tuple((way / period).tolist()))
         new = np.array(servo.force)
         assert np.linalg.norm(new - force) <= step * (1.0 + 1e-12), k
         assert np.linalg.norm(new) <= limit * (1.0 + 1e-12), k

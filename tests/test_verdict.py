@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import random
 from dataclasses import asdict
 from typing import Any
 
 import pytest
 
+from examples.own_law import MINE
 from hapnet import cli
 from hapnet.assembly.build import prepare
 from hapnet.couplings.registry import COUPLINGS
@@ -67,6 +69,10 @@ AGAINST: dict[str, tuple[dict[str, Any], str]] = {
         "the device credited 10466 mJ that the world",
     ),
     "abandoned": ({"energy.down": FLOW | {"abandoned_nJ": -10_466_000_000}}, "the device credited 10466 mJ that the"),
+    "abandoned by one that began anew": (
+        {"energy.down": FLOW | {"abandoned_nJ": -10_466_000_000}, "world.incarnations": 2},
+        "the device credited 10466 mJ that the",
+    ),
     "hand": ({"hand": {"work_J": 9.0, "margin_J": -0.15}}, "at the hand and the walls: margin -150 mJ"),
     "hand at the end": ({"hand": {"work_J": -0.3}, "environment": {"work_J": 0.05}}, "the walls: margin -150 mJ"),
     "diverged": ({"theorem.margin_J": None, "theorem.diverged": True}, "it diverged"),
@@ -306,3 +312,13 @@ def test_a_coupling_that_did_not_keep_its_claim_ends_with_4(
     assert out.startswith(f"NOT passive: {why}")
     assert err == f"hapnet: the coupling pspm did not keep passivity, as it claims: {why}\n"
     assert cli.main([*words, "--coupling", "zoh"]) == 0
+
+
+def test_a_law_of_ones_own_is_held_to_its_claim_where_it_runs_but_not_by_a_file_that_names_it() -> None:
+    tuning = {"stiffness_N_m": 50.0, "damping_Ns_m": 1.5}
+    summary = but({"coupling": "examples.own_law:MINE", "tuning": tuning, "theorem.margin_J": -0.2})
+    assert judge(summary)["passive"] is False
+    claiming = dataclasses.replace(MINE, covers=lambda params, tuning, virtual: True)
+    assert broken(summary, spec=claiming)
+    assert not broken(summary, spec=MINE)  # which claims nothing
+    assert not broken(summary)

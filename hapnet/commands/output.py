@@ -79,11 +79,16 @@ class Written:
         self.missing: list[str] = []
         self.broken: list[str] = []
 
-    def judge(self, summary: Mapping[str, Any], params: Params | None, *, virtual: bool) -> None:
-        """Note if the coupling of a run broke its claim; the arguments are those of `verdict.broken`."""
+    def judge(self, summary: Mapping[str, Any], params: Params | None, *, virtual: bool, ran: bool = True) -> None:
+        """Note if the coupling of a run broke its claim; the arguments are those of `verdict.broken`.
+
+        ran : it ran here. A file may name any module, and none is loaded because of that.
+        """
+        from hapnet.couplings import registry
         from hapnet.summary import verdict
 
-        if verdict.broken(summary, params, virtual=virtual):
+        spec = registry.coupling(params.coupling) if ran and params is not None else None
+        if verdict.broken(summary, params, virtual=virtual, spec=spec):
             why = verdict.judge(summary)["reason"]
             self.broken.append(f"the coupling {summary.get('coupling')} did not keep passivity, as it claims: {why}")
 

@@ -49,7 +49,7 @@ def main(files: list[Path], json_to: str | None, out: Path | None, *, verbose: b
     names = {"run": f"{stem}.png", "link": f"{stem}-link.png", "servo": f"{stem}-servo.png"}
     there = write(shown, sources, directory, f"{stem}.html", names, written)
     output.show_summary(words, shown.summary or {}, verbose=verbose)
-    written.judge(summary, asked(recordings), virtual=whole.meta.get("clock") == "virtual")
+    written.judge(summary, asked(recordings), virtual=whole.meta.get("clock") == "virtual", ran=False)
     output.show_files(words, there, directory)
     with written.part():
         output.write_json(summary, json_to)

@@ -1,9 +1,9 @@
 """The energy that a held torque can output, the torque that an account can cover, and the reserve needed (ours).
 
 A torque tau, computed at a tick and held until the next, outputs ``tau . dx``. Whatever the hand does, the device moves
-at most ``a = v T + r`` in one tick: v is its greatest speed, T the period, r one encoder count. So a torque costs at
-most ``|tau| a``; this needs no damping in the device. If the force may change by at most D a tick, a force F cannot end
-at once: reduced by D a tick, it costs at most
+at most ``a = v T + r`` in one tick: v is its greatest speed, T the period, r an encoder count times the root of the
+number of axes, as each axis is rounded. So a torque costs at most ``|tau| a``; this needs no damping in the device. If
+the force may change by at most D a tick, a force F cannot end at once: reduced by D a tick, it costs at most
 
     L(F) = a S(F),    S(F) = F + (F - D) + (F - 2 D) + ...      (the positive terms; S(F) = F without a limit)
 
@@ -156,10 +156,12 @@ class Holding(NamedTuple):
     """Greatest speed of the device, as declared [m/s]."""
     time: float
     """How long a torque may be held before it is dropped, h [s]."""
-    resolution: float
-    """Of the encoders [m]."""
-    reserve: float
+    rounding: float
+    """How far rounding to whole encoder counts may move a position, r [m]: of n axes a count times sqrt(n)."""
+    needed: float
     """Energy that the account must hold for it [J]; infinite if no account is enough."""
+    reserve: float
+    """Energy that the account keeps for it [J]: what is needed, unless the ceiling is too low for that."""
 
 
 def ramp(force: float, step: float) -> float:

@@ -169,6 +169,7 @@ class SampledServo:
             return {}
         return {
             "reserve_J": self.holding.reserve,
+            "reserve_needed_J": self.holding.needed,
             "overrun_leak_J": self.overrun_leak,
             "overrun_risk_J": self.overrun_risk,
             "speed_max_mps": self.speed_max,
@@ -242,12 +243,13 @@ class SampledServo:
 
     def _watch(self, dt: float, x: Vector, travel: float) -> None:
         """Record the greatest speed, and the energy output by a torque that was held for too long."""
+        count = self.resolution * math.sqrt(len(x))
         if dt > 0.0:
-            self.speed_max = max(self.speed_max, (travel - self.resolution) / dt)
+            self.speed_max = max(self.speed_max, (travel - count) / dt)
         if dt > self._longest_hold and self.holding is not None:
             held = max(0.0, self._stored)
             leak = sum(map(mul, self.force, map(sub, x, self._position)))
-            far = self.holding.speed * dt + self.resolution
+            far = self.holding.speed * dt + count
             self.overrun_leak += max(0.0, leak - held)
             self.overrun_risk = max(self.overrun_risk, math.hypot(*self.force) * far - held)
 

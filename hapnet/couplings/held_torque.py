@@ -32,7 +32,7 @@ def guard(device: DeviceParams, harvest: Harvest, dof: int) -> tuple[ForceGuard,
         ForceGuard(
             limit=device.force_limit_N or math.inf,
             step=device.step_limit_N or math.inf,
-            reach=speed * period + device.resolution_m if measured else 0.0,
+            reach=speed * period + holding.rounding if measured else 0.0,
             speed=speed if measured else math.inf,
             inertia=device.mass / period,
         ),
@@ -43,17 +43,18 @@ def guard(device: DeviceParams, harvest: Harvest, dof: int) -> tuple[ForceGuard,
 def _holding(device: DeviceParams, dof: int) -> Holding:
     period, speed = 1.0 / device.servo_hz, device.greatest_speed
     hold = period + device.watchdog_s
+    count = device.resolution_m * math.sqrt(dof)
     needed = reserve(
         stiffness=float(np.linalg.eigvalsh(checks.spd("device.stiffness", device.stiffness, dof))[-1]),
         damping=max(checks.diagonal("device.damping", device.damping, dof)),
         speed=speed,
         period=period,
         hold=hold,
-        resolution=device.resolution_m,
+        resolution=count,
         limit=device.force_limit_N or math.inf,
         step=device.step_limit_N or math.inf,
     )
-    return Holding(speed, hold, device.resolution_m, needed)
+    return Holding(speed, hold, count, needed, min(needed, device.ceiling_J * RESERVED_SHARE))
 
 
 def check(device: DeviceParams, harvest: Harvest, dof: int) -> list[str]:
@@ -67,12 +68,12 @@ def check(device: DeviceParams, harvest: Harvest, dof: int) -> list[str]:
         return _range(device, dof)
     warnings = []
     holding = _holding(device, dof)
-    if holding.reserve > device.ceiling_J:
-        need = f"{holding.reserve:.3g} J" if holding.reserve < math.inf else "no ceiling is enough"
+    if holding.reserve < holding.needed:
+        enough = f"{holding.needed / RESERVED_SHARE:.3g} J would do" if holding.needed < math.inf else "none is enough"
         warnings.append(
-            f"device.ceiling_J {device.ceiling_J:g} leaves too little in reserve for a torque that is held for "
-            f"{holding.time:g} s at up to {holding.speed:g} m/s ({need}): a low reservoir limits the force, and a "
-            f"servo that stops may output more energy than the account held"
+            f"device.ceiling_J {device.ceiling_J:g} keeps {holding.reserve:.3g} J in reserve, too little for a torque "
+            f"that is held for {holding.time:g} s at up to {holding.speed:g} m/s ({enough}): a low reservoir limits "
+            f"the force, and a servo that stops may output more energy than the account held"
         )
     B = max(checks.diagonal("device.damping", device.damping, dof))
     least = B / device.servo_hz / 2.0  # B T < 2 m: a lighter device is reversed at each tick, faster each time

@@ -41,7 +41,7 @@ def _pspm(side: Side, spring: Spring, position: Vector, energy: float, reserve: 
         shuffle=cast(Shuffle, side.shuffle),
         force_limit=spring.force_limit,
         energy=energy,
-        reserve=min(reserve, side.ceiling_J * held_torque.RESERVED_SHARE),
+        reserve=reserve,
     )
 
 

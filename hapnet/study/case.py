@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 
+from hapnet.couplings import registry
 from hapnet.couplings.registry import ideal_stiffness
 from hapnet.errors import InvalidParameter
 from hapnet.metrics.contact import first_felt_s, pressed_wall, rendered_stiffness
@@ -115,7 +116,7 @@ def measures(run: Run, ideal: Recording) -> Measures:
         "packets_per_s": sum(per_s),
         "packets_up_per_s": per_s[0],
         "packets_down_per_s": per_s[1],
-        "claim_kept": float(not broken(summary, run.params, virtual=True)),
+        "claim_kept": float(not broken(summary, run.params, virtual=True, spec=registry.coupling(run.params.coupling))),
         "slack_J": _slack(summary),
     }
     return {name: found[name] for name in METRICS}

@@ -35,6 +35,7 @@ from hapnet.wire.session import Session
 
 _HELD = (
     "reserve_J",
+    "reserve_needed_J",
     "overrun_leak_J",
     "overrun_risk_J",
     "speed_max_mps",
@@ -66,7 +67,7 @@ def _held(side: DeviceSide) -> SidePart:
         result["force"] = "applied" if side.applied else "commanded"
     figures = side.held_forces()
     if figures:
-        figures["reserve_J"] = _known(figures["reserve_J"])
+        figures["reserve_needed_J"] = _known(figures["reserve_needed_J"])
     return cast(SidePart, {**result, **figures})
 
 

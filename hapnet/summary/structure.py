@@ -136,6 +136,7 @@ class SidePart(TypedDict, total=False):
     quantisation_J: Number
     true_slack_J: Number
     reserve_J: Number
+    reserve_needed_J: Number
     overrun_leak_J: Number
     overrun_risk_J: Number
     speed_max_mps: Number

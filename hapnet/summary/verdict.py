@@ -13,9 +13,11 @@ without acknowledgements).
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 from hapnet.couplings import registry
 from hapnet.couplings.registry import jointly_passive
+from hapnet.couplings.spec import CouplingSpec
 from hapnet.params import Params
 from hapnet.summary.structure import SIDES, Flow, SidePart, Summary, Verdict, Way, read
 from hapnet.wire.messages import Role
@@ -48,16 +50,19 @@ def judge(tree: object) -> Verdict:
     return {"passive": True, "reason": "; ".join(said)}
 
 
-def broken(tree: object, params: Params | None = None, *, virtual: bool = False) -> bool:
+def broken(
+    tree: object, params: Params | None = None, *, virtual: bool = False, spec: CouplingSpec[Any] | None = None
+) -> bool:
     """Was a coupling that claims to be passive here not passive? Then the exit code is 4.
 
     params : of the run. None: unknown; then only a claim that holds on any link counts. virtual : the run was in
-    virtual time, so the emulated link is the only one.
+    virtual time, so the emulated link is the only one. spec : of the coupling; None: hapnet's own of that name, so the
+    claim of a user's own law is unknown.
     """
     if judge(tree)["passive"] is not False:
         return False
     summary = read(tree)
-    spec, margin = registry.known(summary["coupling"]), summary["theorem"]["margin_J"]
+    spec, margin = spec or registry.known(summary["coupling"]), summary["theorem"]["margin_J"]
     tuning = None if spec is None else spec.recorded(summary["tuning"])
     if spec is None or tuning is None or not spec.covers(params or Params(), tuning, virtual):
         return False
@@ -155,8 +160,9 @@ def _against(summary: Summary) -> Iterator[str]:
     yield from _true_ports(summary, bound)
     torn = _torn(summary)
     for way, sender, receiver in _WAYS:
-        beyond = excess_nJ(summary["energy"][way])
-        if beyond and not _restarted(summary) and sender not in torn:
+        flow = summary["energy"][way]
+        beyond, certain = excess_nJ(flow), flow["abandoned_nJ"] is not None and flow["abandoned_nJ"] < 0
+        if beyond and sender not in torn and (certain or not _restarted(summary)):
             yield f"the {receiver} credited {_milli(beyond * 1e-9)} mJ that the {sender} never sent"
 
 
