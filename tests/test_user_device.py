@@ -17,6 +17,7 @@ from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Impedance, Rest
+from hapnet.recording.samples import Event, Sample
 from hapnet.side.device import SampledDeviceSide
 from hapnet.side.endpoint import DeviceEndpoint
 from hapnet.simulation.simulation import simulate
@@ -218,6 +219,37 @@ class TellingNonsense(Telling):
 class Silent(Telling):
     def apply(self, force: Vector) -> object:
         return None
+
+
+class Light(Telling):
+    greatest_speed, smallest_mass = 5.0, 0.001
+
+
+class Unweighed(Telling):
+    smallest_mass = None
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("Telling", []),
+        # B T/2 = 0.02 kg; 5 m/s for 21 ms
+        ("Light", ["at up to 5 m/s", "this device has 0.001 kg"]),
+        ("Unweighed", ["it declares no smallest_mass"]),
+    ],
+)
+def test_what_it_declares_is_what_is_warned_of(name: str, words: list[str]) -> None:
+    changes = {"scene": "free", "hardware": f"tests.test_user_device:{name}", "device.damping": 40.0}
+    setup = prepare(Params().set({**changes, "device.ceiling_J": 10.0 if name != "Light" else 0.05}), "sampled")
+    told: list[str] = []
+
+    def write(sample: Sample) -> None:
+        assert isinstance(sample, Event)
+        told.append(sample.text)
+
+    device_side(setup, DeviceEndpoint(device_session(setup, 1)), lambda: 0, write)
+    assert setup.warnings == ()
+    assert [word in text for word, text in zip(words, told, strict=True)] == [True] * len(words)
 
 
 def driven(name: str) -> SampledDeviceSide:

@@ -29,6 +29,7 @@ from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.registry import SCENES, make_scene, scene_parameters
+from hapnet.recording.samples import Event
 from hapnet.side.device import Clock, ContinuousDeviceSide, DeviceSide, Drive, SampledDeviceSide, Write
 from hapnet.side.endpoint import NANO, DeviceControl, WorldControl
 from hapnet.side.world import WorldSide
@@ -119,8 +120,9 @@ def prepare(params: Params, default_servo: str = "sampled") -> Setup:
     if params.hardware != "simulated" and servo != "sampled":
         raise InvalidParameter("device.servo", servo, "sampled with a device of your own")
     if servo == "sampled" and spec.limited:
-        known = device if params.hardware == "simulated" else dataclasses.replace(device, mass=held_torque.UNKNOWN_MASS)
-        warnings.extend(held_torque.check(known, harvest, scene.dof))
+        found = held_torque.check(device, harvest, scene.dof)
+        if params.hardware == "simulated" or harvest == "range":  # else what the device itself declares counts
+            warnings.extend(found)
     up, down = link_profile("link.up", params.link.up), link_profile("link.down", params.link.down)
     tuning = spec.tune(params, delays(up, down, params.link.path_s))
     warnings.extend(spec.warn(params, tuning))
@@ -216,6 +218,9 @@ def _own_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write:
         greatest_speed=device.greatest_speed or params.device.greatest_speed,
         mass=device.smallest_mass or held_torque.UNKNOWN_MASS,
     )
+    if setup.coupling.limited and setup.harvest == "measured":
+        for warning in held_torque.check(own, setup.harvest, setup.dof):
+            write(Event(clock(), "warning", warning))
     hold = _held(dataclasses.replace(setup, params=dataclasses.replace(params, device=own)))
     with _named("device"):
         hold((0.0,) * setup.dof, False)

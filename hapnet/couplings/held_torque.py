@@ -16,6 +16,9 @@ from hapnet.params import DeviceParams
 UNKNOWN_MASS = 1e9
 """Mass assumed for a device that does not declare its own [kg]: so heavy that no torque speeds it up."""
 
+LIGHT_MASS = 0.01
+"""No handle that a hand holds is lighter [kg]."""
+
 RESERVED_SHARE = 0.5
 """Largest share of the ceiling that is kept in reserve: the spring needs the rest to move."""
 
@@ -81,6 +84,11 @@ def check(device: DeviceParams, harvest: Harvest, dof: int) -> list[str]:
         warnings.append(
             f"device.damping {B:g} is held for a tick and slows down only masses above {least:.3g} kg; this device has "
             f"{device.mass:g} kg, so its damper is limited by the energy account and the greatest speed"
+        )
+    elif device.mass == UNKNOWN_MASS and least > LIGHT_MASS:
+        warnings.append(
+            f"device.damping {B:g} is held for a tick and slows down only masses above {least:.3g} kg; it is not known "
+            f"whether this device is heavier, as it declares no smallest_mass"
         )
     return warnings
 
