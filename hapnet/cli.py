@@ -27,7 +27,7 @@ from hapnet.commands.options import (
     ZenohOptions,
     json_target,
 )
-from hapnet.errors import HapnetError, OutputError
+from hapnet.errors import HapnetError, InvalidParameter, OutputError
 from hapnet.params import Params
 from netem.errors import NetemError
 from netem.version_flag import tell
@@ -112,6 +112,8 @@ def simulate(
     from hapnet.commands import simulate as command
 
     if seeds is not None:
+        if out is not None:
+            raise InvalidParameter("--out", out, "no --out with --seeds, which writes no files but --json FILE")
         return batch.main(chosen, batch.seed_range(seeds), json_to, workers)
     return command.main(chosen, seed, json_to, out, files=files, verbose=verbose)
 
@@ -326,7 +328,7 @@ def doctor(
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run the command; returns its exit code, and prints one line on standard error if that is 2 or 3."""
+    """Run the command; returns its exit code, and prints one line on standard error if that is 2, 3 or 4."""
     args = sys.argv[1:] if argv is None else argv
     if "" not in sys.path:
         sys.path.append("")  # module:Class is looked up from the current directory too

@@ -306,6 +306,12 @@ def test_seeds_are_a_range(words: str, capsys: pytest.CaptureFixture[str]) -> No
     assert "--seeds" in capsys.readouterr().err
 
 
+def test_many_seeds_write_no_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["simulate", "--seeds", "0:2", "--out", str(tmp_path / "runs")]) == 2
+    assert "no --out with --seeds" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize(
     "case", [pytest.param(case, marks=pytest.mark.slow if case < 15 else pytest.mark.soak) for case in range(60)]
 )

@@ -161,7 +161,9 @@ def test_the_readme_has_every_coupling() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("coupling", "more"), [("popc", ()), ("eba", ()), ("pd", ("--realtime",))], ids=["popc", "eba", "pd-realtime"]
+    ("coupling", "more"),
+    [("pd", ("--realtime",)), *(pytest.param(name, (), marks=pytest.mark.soak) for name in ("popc", "eba"))],
+    ids=["pd-realtime", "popc", "eba"],
 )
 def test_two_processes_over_zenoh(coupling: str, more: tuple[str, ...], tmp_path: Path) -> None:
     words = ("--coupling", coupling, "--duration", 3, "--seed", 1, "--json", "-", "--out", tmp_path / "run", *more)

@@ -1,7 +1,7 @@
 """Theorem 1 in extreme cases, every margin checked by an account that shares nothing with the program's own.
 
-Default: 30 cases; ``-m slow``: 300; by hand, ``pytest -s -m soak tests/test_extremes.py``: 4,000. Each of the sabotages
-at the end is seen by the very checks that the cases pass.
+Default: 30 cases; ``-m slow``: 300; by hand, ``pytest -n 0 -s -m soak tests/test_extremes.py``: 4,000. Each of the
+sabotages at the end is seen by the very checks that the cases pass.
 """
 
 from __future__ import annotations

@@ -134,7 +134,7 @@ async def test_a_led_hand_goes_where_it_is_told() -> None:
         await device.until(lambda: abs(handle.read()[0][0] - x) < 1e-3 and abs(mass.position[0] - p) < 1e-3)
         with pytest.raises(InvalidParameter, match="position"):
             device.side.lead((0.1, 0.2))
-        with pytest.raises(InvalidParameter, match="at the device"):
+        with pytest.raises(InvalidParameter, match="on a device's side"):
             world.side.lead((0.1,))
 
 

@@ -1,4 +1,4 @@
-"""A lossy network below Zenoh: no key is dead, all energy arrives. ``pytest -s -m soak`` counts 100 sessions each."""
+"""A lossy network below Zenoh: no key is dead, all energy arrives. ``pytest -n 0 -s -m soak``: 100 sessions each."""
 
 from __future__ import annotations
 

@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -91,6 +92,29 @@ def test_workers_never_hear_ctrl_c() -> None:
     )
     assert blocked == [1, 1, 1, 1]
     assert ignored[2:] == [1, 1]
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_kill"), reason="no signal can be sent to a thread here")
+def test_ctrl_c_that_another_thread_receives_waits_until_a_process_has_started() -> None:
+    def receive() -> None:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+        signal.pthread_kill(threading.get_ident(), signal.SIGINT)
+
+    started = False
+
+    def start() -> None:
+        nonlocal started
+        with processes.for_children():
+            other = threading.Thread(target=receive)
+            other.start()
+            other.join()
+            started = True
+
+    handler = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        start()
+    assert started
+    assert signal.getsignal(signal.SIGINT) is handler
 
 
 def test_processes_that_do_not_start_are_an_error_not_a_loop(monkeypatch: pytest.MonkeyPatch) -> None:

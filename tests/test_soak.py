@@ -1,4 +1,4 @@
-"""Long runs under the worst profile: the accounts stay exact and memory flat. By hand: ``pytest -s -m soak``."""
+"""Long runs under the worst profile: the accounts stay exact and memory flat. By hand: ``pytest -n 0 -s -m soak``."""
 
 from __future__ import annotations
 

@@ -11,6 +11,7 @@ import multiprocessing
 import os
 import pickle
 import signal
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -191,9 +192,17 @@ def usable_cores() -> int:
 
 @contextmanager
 def for_children() -> Iterator[None]:
-    """Processes started in this context leave Ctrl-C to their parent, and use one thread each."""
+    """Processes started in this context leave Ctrl-C to their parent, and use one thread each.
+
+    A Ctrl-C that comes meanwhile is raised at the end: a process whose start is interrupted ends in a traceback. The
+    children inherit the mask. It does not protect this thread, as Python raises here what any other thread receives.
+    """
     before = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, "1"))
+    came: list[int] = []
+    handler = signal.getsignal(signal.SIGINT) if threading.current_thread() is threading.main_thread() else None
+    if callable(handler):
+        signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
     masked = None
     if hasattr(signal, "pthread_sigmask"):
         resource_tracker.ensure_running()  # started along with the first process, it would unblock Ctrl-C there
@@ -206,8 +215,12 @@ def for_children() -> Iterator[None]:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
-        if masked is not None:  # last, because a Ctrl-C that came meanwhile is raised here
+        if masked is not None:
             signal.pthread_sigmask(signal.SIG_SETMASK, masked)
+        if callable(handler):
+            signal.signal(signal.SIGINT, handler)
+        if came:
+            signal.raise_signal(signal.SIGINT)
 
 
 def _serve(pipe: Connection, work: Callable[[Any, Progress], Any]) -> None:
