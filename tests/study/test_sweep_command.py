@@ -235,7 +235,7 @@ def test_the_spec_of_the_readme_is_one(directory: Path, capsys: Capture) -> None
     assert cli.main(["sweep", "study.toml", "--dry-run"]) == 0
     *warnings, first = capsys.readouterr().out.partition(", into runs/sweep-study")[0].splitlines()
     few = "warning: device.ceiling_J 0.05 keeps 0.025 J in reserve, too little"
-    assert [line.startswith(few) for line in warnings] == [True] * 3  # for 100 to 400 N/m
+    assert [line.startswith(few) for line in warnings] == [True] * 3  # for the three stiffest of five
     assert first == "2000 cases, 50 seeds"
 
 
