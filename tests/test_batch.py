@@ -78,7 +78,8 @@ def check(runs: list[BatchRun], tolerance: float = 0.0, *, vectorised: bool = Tr
 SLOW = {
     "no delay", "states, correlated delays", "heavy jitter", "everything shuffled", "other rates", "no limits",
     "geo and lan", "4g", "box", "zoh", "resends on one way", "paper, coupled axes", "uneven, decoupled",
-    "damper limited", "resends, in order and not", "uneven, damper limited",
+    "damper limited", "resends, in order and not", "uneven, damper limited", "saturated", "a slow line, reordering",
+    "uneven, saturated, short of energy",
 }  # fmt: skip
 """What the default run leaves to the long one."""
 
