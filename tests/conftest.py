@@ -26,7 +26,7 @@ _VIRTUAL_TIME = ("tests.study", "tests.test_processes")
 
 @pytest.hookimpl(tryfirst=True)  # before those who read marks and groups then
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What runs in real time, or starts processes, is one worker's, one after the other; all else is the other's."""
+    """Tests that run in real time are one worker's, one after the other; all others are the other worker's."""
     for item in items:
         if isinstance(item, pytest.Function) and _in_real_time(item.module):
             item.add_marker(pytest.mark.realtime)

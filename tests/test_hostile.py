@@ -20,7 +20,7 @@ from hapnet.wire.messages import Energy, Position, decode, encode
 from tests.conftest import mostly_slow
 from tests.fuzzing.storm import MS, US, Rig
 
-SIDES = ("device", pytest.param("continuous", marks=pytest.mark.slow), "world")
+SIDES = ("device", "world", "continuous")
 DURATION_NS = 2_000 * MS
 EVERY_NS = 200 * US  # five times the servo's rate
 LEVEL_NJ = 2**63 - 1
@@ -114,7 +114,7 @@ def admitted(rig: Rig) -> float:
 
 
 @pytest.mark.parametrize("style", STYLES)
-@pytest.mark.parametrize("side", mostly_slow(("device", "continuous", "world"), 1))
+@pytest.mark.parametrize("side", mostly_slow(SIDES, 1))
 def test_a_hostile_peer_buys_no_more_than_admission_lets_in(side: str, style: Style) -> None:
     done = attack(side, style, STRONG, rising=style is random_)
     rig = done.rig
@@ -125,7 +125,7 @@ def test_a_hostile_peer_buys_no_more_than_admission_lets_in(side: str, style: St
     assert done.longest_step <= section.step_limit_N * (1.0 + 1e-9)
 
 
-@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize("side", mostly_slow(SIDES, 2))
 def test_with_the_limits_of_a_small_device_and_positions_in_any_order(side: str) -> None:
     done = attack(side, pumping, {"wire.accept_stale": True, "dof": 3, "scene": "box"})
     assert done.lowest >= -admitted(done.rig)
@@ -134,7 +134,7 @@ def test_with_the_limits_of_a_small_device_and_positions_in_any_order(side: str)
     assert done.longest_step <= section.step_limit_N * (1.0 + 1e-9)
 
 
-@pytest.mark.parametrize("side", mostly_slow(("device", "continuous", "world"), 1))
+@pytest.mark.parametrize("side", mostly_slow(SIDES, 1))
 def test_without_admission_it_would_buy_more(side: str) -> None:
     """The control: the same attack, admission wide open."""
     guarded, opened = attack(side, pumping, STRONG), attack(side, pumping, STRONG | OPEN)

@@ -156,8 +156,6 @@ class Holding(NamedTuple):
     """Greatest speed of the device, as declared [m/s]."""
     time: float
     """How long a torque may be held before it is dropped, h [s]."""
-    rounding: float
-    """How far rounding to whole encoder counts may move a position, r [m]: of n axes a count times sqrt(n)."""
     needed: float
     """Energy that the account must hold for it [J]; infinite if no account is enough."""
     reserve: float
@@ -189,7 +187,7 @@ def reserve(
     speed: float,
     period: float,
     hold: float,
-    resolution: float = 0.0,
+    rounding: float = 0.0,
     limit: float = math.inf,
     step: float = math.inf,
 ) -> float:
@@ -198,10 +196,10 @@ def reserve(
     Parameters
     ----------
     stiffness, damping : the largest of K [N/m] and of B [Ns/m]. speed : greatest speed [m/s].
-    period : T [s]. hold : how long a torque may be held before it is dropped, h [s]. resolution : r [m].
+    period : T [s]. hold : how long a torque may be held before it is dropped, h [s]. rounding : r [m].
     limit, step : of the force [N], as in `ForceGuard`.
     """
-    reach, far = speed * period + resolution, speed * hold + resolution
+    reach, far = speed * period + rounding, speed * hold + rounding
     drag = damping * speed
     # S(F) <= (F + D/2)^2 / 2D, with equality where F is an odd number of half steps
     ramped = (

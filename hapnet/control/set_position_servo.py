@@ -18,6 +18,7 @@ from hapnet.control.coupling import TICK_SLACK_S, Update
 from hapnet.control.harvest import MeasuredHarvest, dissipated_by_range
 from hapnet.control.reserve import ForceGuard, Holding
 from hapnet.control.set_position_coupling import SetPositionCoupling
+from hapnet.mechanics.encoders import rounding
 
 Harvest = Literal["range", "measured"]
 HARVESTS: tuple[Harvest, ...] = ("range", "measured")
@@ -243,7 +244,7 @@ class SampledServo:
 
     def _watch(self, dt: float, x: Vector, travel: float) -> None:
         """Record the greatest speed, and the energy output by a torque that was held for too long."""
-        count = self.resolution * math.sqrt(len(x))
+        count = rounding(self.resolution, len(x))
         if dt > 0.0:
             self.speed_max = max(self.speed_max, (travel - count) / dt)
         if dt > self._longest_hold and self.holding is not None:

@@ -11,6 +11,7 @@ from hapnet.control.harvest import damping_conditions
 from hapnet.control.reserve import ForceGuard, Holding, reserve
 from hapnet.control.set_position_servo import Harvest
 from hapnet.errors import InvalidParameter
+from hapnet.mechanics.encoders import rounding
 from hapnet.params import DeviceParams
 
 UNKNOWN_MASS = 1e9
@@ -35,7 +36,7 @@ def guard(device: DeviceParams, harvest: Harvest, dof: int) -> tuple[ForceGuard,
         ForceGuard(
             limit=device.force_limit_N or math.inf,
             step=device.step_limit_N or math.inf,
-            reach=speed * period + holding.rounding if measured else 0.0,
+            reach=speed * period + rounding(device.resolution_m, dof) if measured else 0.0,
             speed=speed if measured else math.inf,
             inertia=device.mass / period,
         ),
@@ -46,18 +47,17 @@ def guard(device: DeviceParams, harvest: Harvest, dof: int) -> tuple[ForceGuard,
 def _holding(device: DeviceParams, dof: int) -> Holding:
     period, speed = 1.0 / device.servo_hz, device.greatest_speed
     hold = period + device.watchdog_s
-    count = device.resolution_m * math.sqrt(dof)
     needed = reserve(
         stiffness=float(np.linalg.eigvalsh(checks.spd("device.stiffness", device.stiffness, dof))[-1]),
         damping=max(checks.diagonal("device.damping", device.damping, dof)),
         speed=speed,
         period=period,
         hold=hold,
-        resolution=count,
+        rounding=rounding(device.resolution_m, dof),
         limit=device.force_limit_N or math.inf,
         step=device.step_limit_N or math.inf,
     )
-    return Holding(speed, hold, count, needed, min(needed, device.ceiling_J * RESERVED_SHARE))
+    return Holding(speed, hold, needed, min(needed, device.ceiling_J * RESERVED_SHARE))
 
 
 def check(device: DeviceParams, harvest: Harvest, dof: int) -> list[str]:

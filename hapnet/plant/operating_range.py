@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from hapnet import checks
 from hapnet.checks import Array, Vector
 from hapnet.errors import InvalidParameter
+from hapnet.mechanics.encoders import rounding
 
 WORKSPACE_M = 1e-3, 10.0
 SPEED_MPS = 1e-2, 100.0
@@ -100,7 +101,7 @@ class RangeWatch:
 
     def __init__(self, declared: OperatingRange, resolution: float, position: Vector) -> None:
         self._declared = declared
-        self._count = resolution * math.sqrt(len(position))
+        self._count = rounding(resolution, len(position))
         self._last = position
         self._fast = 0
         self.why: str | None = None
