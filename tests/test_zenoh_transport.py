@@ -152,7 +152,8 @@ async def test_a_session_that_is_lost_is_opened_again() -> None:
             session = lost.transport._session
             assert session is not None
             await asyncio.to_thread(session.close)
-            assert not lost.transport.put("position", b"nowhere")
+            went = lost.transport.put("position", b"nowhere")
+            assert not went or lost.transport.reopened  # another session may be open by now
             async with asyncio.timeout(10.0):
                 while not lost.transport.reopened:
                     await asyncio.sleep(0.01)
