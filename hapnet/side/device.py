@@ -232,14 +232,14 @@ class ContinuousDeviceSide(DeviceSide):
     def rest(self, now_ns: int, ticks: int, observe: Callable[[float], None], *, then_tick: bool) -> None:
         device, servo, ledger, dt = self.device, self._servo, self.ledger, self._resting_dt
         assert ledger is not None, "control has not started"
-        lived = device.run(ticks + then_tick)
+        results = device.run(ticks + then_tick)
         if then_tick:
-            self._ahead = lived.pop()
+            self._ahead = results.pop()
         rest, kinetic_at = servo.rest, device.kinetic_at
         tick, every = self.ticks, self._record_every
         lowest = ledger.work
         for (work, x, v, hand_force, force), target in zip(
-            lived, device.references, strict=False
+            results, device.references, strict=False
         ):  # the tick that follows too
             rest(dt, x, work, kinetic_at(v))
             if ledger.work < lowest:
@@ -264,8 +264,8 @@ class ContinuousDeviceSide(DeviceSide):
             work = sum([device.advance() for _ in range(periods)])
         x = device.position
         dt = (self._clock() - last_ns) * NANO
-        if dt < (lived := periods * device.period):
-            dt = lived
+        if dt < (elapsed_s := periods * device.period):
+            dt = elapsed_s
         message = self.endpoint.tick_continuous(now_ns, dt, x, device.passage, work, device.kinetic, release=release)
         device.move_set_position(self._servo.coupling.modulator.set_position)
         return message
@@ -335,16 +335,16 @@ class SampledDeviceSide(DeviceSide):
     def _control(self, now_ns: int, *, release: bool) -> bytes | None:
         simulated, servo = self._simulated, self._servo
         before: Vector = ()
-        lived = hand_work = 0.0
+        elapsed_s = hand_work = 0.0
         if simulated is not None:
             before = simulated.position
             periods = self._periods(now_ns)
-            lived = periods * simulated.period
+            elapsed_s = periods * simulated.period
             for _ in range(periods):
                 hand_work += simulated.advance()
             self._hand.put_in(hand_work)
         x, v = self.device.read()
-        dt = max((self._clock() - self._last_ns) * NANO, lived)
+        dt = max((self._clock() - self._last_ns) * NANO, elapsed_s)
         if self._watch is None or self._watch.passes(dt, x, v):
             self._x = x
         else:

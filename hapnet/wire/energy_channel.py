@@ -85,7 +85,7 @@ class EnergyChannel:
         self._most_waiting_nJ = admission.most_waiting_nJ
         self.spacing_ns: Final = spacing_ns
         self.ack_delay_ns: Final = ack_delay_ns
-        self._told_nJ = 0  # the highest total that was announced in a message
+        self._announced_nJ = 0  # the highest total that was announced in a message
         self._claimed_nJ = 0  # the highest total that the peer has announced
         self._timed: deque[tuple[int, int]] = deque(
             maxlen=MAX_TIMED
@@ -134,8 +134,8 @@ class EnergyChannel:
 
     def acknowledge(self, acked_nJ: int, now_ns: int) -> None:
         """The peer has credited `acked_nJ` in all; a lower value than before is stale and ignored."""
-        if acked_nJ > self._told_nJ:
-            raise BadMessage("acknowledgement", f"{acked_nJ} nJ acknowledged of {self._told_nJ} nJ announced")
+        if acked_nJ > self._announced_nJ:
+            raise BadMessage("acknowledgement", f"{acked_nJ} nJ acknowledged of {self._announced_nJ} nJ announced")
         if self._closed or acked_nJ <= self.acked_nJ:
             return
         self.acked_nJ = acked_nJ
@@ -146,7 +146,7 @@ class EnergyChannel:
             self.rto.sample(now_ns - sent_ns)
         else:  # credited in part: the messages under way would measure the peer's bucket, not the path
             self._timed.clear()
-        if self._told_nJ > acked_nJ:  # the peer credits slowly; it must still hear the total again
+        if self._announced_nJ > acked_nJ:  # the peer credits slowly; it must still hear the total again
             last_ns = self._spaced_ns - self.spacing_ns
             self._retransmit_ns = min(now_ns + self.rto.rto_ns, last_ns + CEILING_NS)
         else:
@@ -168,20 +168,20 @@ class EnergyChannel:
         if self._closed:
             return None
         expired = self._retransmit_ns is not None and now_ns >= self._retransmit_ns
-        if expired or (self.sent_nJ > self._told_nJ and now_ns >= self._spaced_ns):
+        if expired or (self.sent_nJ > self._announced_nJ and now_ns >= self._spaced_ns):
             if expired:
                 self.rto.back_off()
-            if self.sent_nJ > self._told_nJ:
-                self._told_nJ = self.sent_nJ
+            if self.sent_nJ > self._announced_nJ:
+                self._announced_nJ = self.sent_nJ
                 self._timed.append((self.sent_nJ, now_ns))
-            elif self._timed and self._timed[-1][0] == self._told_nJ:
+            elif self._timed and self._timed[-1][0] == self._announced_nJ:
                 self._timed.pop()  # Karn: its acknowledgement could belong to either copy
             self._spaced_ns = now_ns + self.spacing_ns
             self._retransmit_ns = now_ns + self.rto.rto_ns
             self._ack_ns = None
             if self._asked is None or self._asked[1] != self.acked_nJ:
                 self._asked = now_ns, self.acked_nJ
-            return self._told_nJ, self.credited_nJ
+            return self._announced_nJ, self.credited_nJ
         if self._ack_ns is not None and now_ns >= self._ack_ns:
             self._ack_ns = None
             return 0, self.credited_nJ
@@ -195,7 +195,7 @@ class EnergyChannel:
         due = self._retransmit_ns
         if self._ack_ns is not None and (due is None or self._ack_ns < due):
             due = self._ack_ns
-        if self.sent_nJ > self._told_nJ and (due is None or self._spaced_ns < due):
+        if self.sent_nJ > self._announced_nJ and (due is None or self._spaced_ns < due):
             due = self._spaced_ns
         if self._claimed_nJ > self.credited_nJ:
             admission_ns = self.admission.due_ns(self._claimed_nJ - self.credited_nJ, ADMISSION_STEP_NS)
@@ -225,14 +225,14 @@ class EnergyChannel:
     def state(self) -> ChannelState:
         """What `restore` takes."""
         return ChannelState(
-            self.sent_nJ, self.acked_nJ, self.credited_nJ, self.residue_J, self._told_nJ, self._claimed_nJ,
+            self.sent_nJ, self.acked_nJ, self.credited_nJ, self.residue_J, self._announced_nJ, self._claimed_nJ,
             tuple(self._timed), self._spaced_ns, self._retransmit_ns, self._ack_ns, self._asked,
         )  # fmt: skip
 
     def restore(self, state: ChannelState) -> None:
         """Go on from there."""
         (
-            self.sent_nJ, self.acked_nJ, self.credited_nJ, self.residue_J, self._told_nJ, self._claimed_nJ,
+            self.sent_nJ, self.acked_nJ, self.credited_nJ, self.residue_J, self._announced_nJ, self._claimed_nJ,
             timed, self._spaced_ns, self._retransmit_ns, self._ack_ns, self._asked,
         ) = state  # fmt: skip
         self._timed = deque(timed, maxlen=MAX_TIMED)
