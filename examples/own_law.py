@@ -1,6 +1,6 @@
 """A coupling of your own: a spring to where the other side was last, softer the longer the link delays, and a damper.
 
-hapnet run --coupling examples.own_law:MINE
+hapnet run --coupling examples.own_law:Mine
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class SpringAndDamper:
 
 
 ENDS = held_law(SpringAndDamper), stepped_law(SpringAndDamper)
-MINE = CouplingSpec("mine", "spring and damper", "this file", "nowhere", *ENDS, Tuning, tune, shared=("stiffness_N_m",))
+Mine = CouplingSpec("mine", "spring and damper", "this file", "nowhere", *ENDS, Tuning, tune, shared=("stiffness_N_m",))
 
 if __name__ == "__main__":
-    print(simulate(Params(coupling=f"{__name__}:MINE"), seed=1).summary["verdict"]["reason"])
+    print(simulate(Params(coupling=f"{__name__}:Mine"), seed=1).summary["verdict"]["reason"])

@@ -13,7 +13,7 @@ from netem.link import Link
 from netem.profile import LinkProfile
 from netem.stats import LinkStats
 
-_TELL_EVERY = 10_000
+_REPORT_EVERY = 10_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ def run(
     link: Link[int] = Link(profile, seed)
     delays = np.full(count, -1, dtype=np.int64)
     for number in range(count):
-        if progress is not None and number % _TELL_EVERY == 0:
+        if progress is not None and number % _REPORT_EVERY == 0:
             progress(number / count)
         link.send(number * interval_ns, number, size)
         for due_ns, arrived in link.poll(number * interval_ns):

@@ -17,7 +17,7 @@ import pytest
 
 from hapnet import cli
 from hapnet.bench import latency, servo, sides, simulation, traffic, watched
-from hapnet.bench.children import Child, Gate, together
+from hapnet.bench.children import Child, WaitForStart, together
 from hapnet.bench.cost import Call, cost
 from hapnet.bench.link import link_release
 from hapnet.bench.recovery import credit_times
@@ -33,12 +33,12 @@ from netem.errors import ProfileError
 SHORT = Options(seconds=0.1, rounds=1)
 
 
-def double(gate: Gate, value: int) -> tuple[int, int]:
-    gate()
+def double(wait_for_start: WaitForStart, value: int) -> tuple[int, int]:
+    wait_for_start()
     return 2 * value, os.getpid()
 
 
-def fail(gate: Gate) -> None:
+def fail(wait_for_start: WaitForStart) -> None:
     raise ValueError("no such luck")
 
 

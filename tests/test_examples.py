@@ -106,10 +106,10 @@ def test_own_world(tmp_path: Path) -> None:
 def test_own_law_over_zenoh(tmp_path: Path) -> None:
     """Two processes. 100 N/m, softened by 40 + 10 ms each way: 100/(1 + 0.1/0.1); a law of one's own claims nothing."""
     link = ("--delay", "40ms", "--jitter", "10ms", "--duration", "3", "--seed", "1")
-    argv = ["run", "--coupling", "examples.own_law:MINE", *link, "--json", "-", "--out", str(tmp_path / "run")]
+    argv = ["run", "--coupling", "examples.own_law:Mine", *link, "--json", "-", "--out", str(tmp_path / "run")]
     stdout = printed([sys.executable, "-m", "hapnet", *argv], tmp_path)
     summary = json.loads(stdout)
-    assert summary["coupling"] == "examples.own_law:MINE"
+    assert summary["coupling"] == "examples.own_law:Mine"
     assert summary["tuning"] == pytest.approx({"stiffness_N_m": 50.0, "damping_Ns_m": 1.5}, rel=0.05)
     assert summary["motion"]["peak_force_N"] > 0.2
     for way in ("up", "down"):

@@ -6,20 +6,20 @@ from collections import Counter
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapnet.realtime.notifier import MOST_TOLD, PATIENCE_NS, ROUTINE, TOLD_EVERY_NS, Drops, Notifier
+from hapnet.realtime.notifier import MOST_REPORTED, PATIENCE_NS, REPORT_EVERY_NS, ROUTINE, Drops, Notifier
 from hapnet.side.notices import Notice
 from hapnet.wire.events import Mismatch, PeerLeft, PeerRefused, PeerSilent
 
 SECOND = 1_000_000_000
 
 
-def teller(role: str = "device") -> tuple[Notifier, list[Notice]]:
+def notifier_of(role: str = "device") -> tuple[Notifier, list[Notice]]:
     told: list[Notice] = []
     return Notifier(role, "hold", told.append), told
 
 
 def test_what_it_waits_for_is_told_when_it_changes() -> None:
-    side, told = teller()
+    side, told = notifier_of()
     for at in range(3):
         side.waiting(at, "dialling x", 0)
     side.waiting(3, "connected", 1)
@@ -34,7 +34,7 @@ def test_what_it_waits_for_is_told_when_it_changes() -> None:
 
 
 def test_keys_that_are_silent_are_told_at_a_bounded_rate() -> None:
-    side, told = teller()
+    side, told = notifier_of()
     for at in range(30):
         side.keys(at * SECOND, ["energy"] if at >= 5 else [])
     assert [notice.at_ns for notice in told] == [at * SECOND for at in (5, 15, 25)]
@@ -42,25 +42,25 @@ def test_keys_that_are_silent_are_told_at_a_bounded_rate() -> None:
 
 
 def test_refusals_are_told_at_a_bounded_rate() -> None:
-    side, told = teller("world")
+    side, told = notifier_of("world")
     for at in range(100):
         side.happened((Mismatch if at % 2 else PeerRefused)(f"reason {at}"), at * SECOND)
-    assert [notice.at_ns for notice in told] == list(range(0, 100 * SECOND, TOLD_EVERY_NS))
+    assert [notice.at_ns for notice in told] == list(range(0, 100 * SECOND, REPORT_EVERY_NS))
 
 
 def test_whoever_comes_and_goes_does_not_fill_the_log() -> None:
     """Pairs and ends, a hundred times a second for a minute: 20 in 10 s, and how many were left out."""
     told: list[Notice] = []
-    teller = Notifier("world", "hold", told.append)
+    notifier = Notifier("world", "hold", told.append)
     for k in range(6000):
-        teller.happened(PeerLeft("over") if k % 2 else PeerSilent(0), k * 10_000_000)
-    assert len(told) == 6 * MOST_TOLD
+        notifier.happened(PeerLeft("over") if k % 2 else PeerSilent(0), k * 10_000_000)
+    assert len(told) == 6 * MOST_REPORTED
     left_out = [int(found[1]) for notice in told if (found := re.search(r"\((\d+) events", notice.text))]
-    assert left_out == [1000 - MOST_TOLD] * 5
+    assert left_out == [1000 - MOST_REPORTED] * 5
 
 
 def test_a_lost_connection_is_told_once_and_how_long_it_was_gone() -> None:
-    side, told = teller()
+    side, told = notifier_of()
     for at, up in enumerate((True, False, False, False, True, True)):
         side.link(at * SECOND, up=up)
     assert [(notice.at_ns, notice.level, notice.text) for notice in told] == [
@@ -81,8 +81,8 @@ def test_the_first_of_a_kind_is_told_at_once_and_others_wait() -> None:
     new = drops.look(3 * SECOND, {"range": 60, "size": 2}, {"range": "x", "size": "5000 bytes"})
     assert new is not None
     assert new.text == "dropped 61 messages in the last 2 s: 59 range (x), 2 size (5000 bytes)"
-    assert drops.look(3 * SECOND + TOLD_EVERY_NS - 1, {"range": 61, "size": 2}, {}) is None
-    later = drops.look(3 * SECOND + TOLD_EVERY_NS, {"range": 61, "size": 2}, {"range": "y"})
+    assert drops.look(3 * SECOND + REPORT_EVERY_NS - 1, {"range": 61, "size": 2}, {}) is None
+    later = drops.look(3 * SECOND + REPORT_EVERY_NS, {"range": 61, "size": 2}, {"range": "y"})
     assert later is not None
     assert later.text == "dropped 1 message in the last 10 s: 1 range (y)"
 
@@ -92,7 +92,7 @@ def test_nothing_new_is_nothing_to_say_and_routine_is_never_said() -> None:
     assert drops.look(0, dict.fromkeys(ROUTINE, 100), {}) is None
     assert drops.look(0, {"kind": 1, "stale": 5}, {"kind": "9"}) is not None
     for at in range(1, 100):
-        assert drops.look(at * TOLD_EVERY_NS, {"kind": 1, "stale": 5 + at}, {"kind": "9"}) is None
+        assert drops.look(at * REPORT_EVERY_NS, {"kind": 1, "stale": 5 + at}, {"kind": "9"}) is None
 
 
 KINDS = ("size", "malformed", "kind", "type", "range", "stranger", "stale", "closed")
@@ -107,7 +107,7 @@ KINDS = ("size", "malformed", "kind", "type", "range", "stranger", "stale", "clo
 def test_whatever_arrives_the_rate_is_bounded_and_nothing_is_counted_twice(
     arrivals: list[tuple[str, int, int]],
 ) -> None:
-    """At most one notice per `TOLD_EVERY_NS`, and one for each kind's first; the counts told and those owed add up."""
+    """At most one notice per `REPORT_EVERY_NS`, and one for each kind's first; all counts add up."""
     drops, dropped, told = Drops(), Counter[str](), Counter[str]()
     now = 0
     notices = []
@@ -122,9 +122,9 @@ def test_whatever_arrives_the_rate_is_bounded_and_nothing_is_counted_twice(
             assert said is not None
             assert int(said[1]) == sum(int(value) for value in notice.values.values())
         assert all(told[kind] for kind in dropped if kind not in ROUTINE)  # the first of a kind does not wait
-    assert len(notices) <= now // TOLD_EVERY_NS + 1 + len(KINDS)
+    assert len(notices) <= now // REPORT_EVERY_NS + 1 + len(KINDS)
     assert all(told[kind] <= dropped[kind] for kind in told)
-    last = drops.look(now + TOLD_EVERY_NS, dropped, {})
+    last = drops.look(now + REPORT_EVERY_NS, dropped, {})
     if last is not None:
         told.update({name: int(value) for name, value in last.values.items()})
     assert told == {kind: count for kind, count in dropped.items() if kind not in ROUTINE}

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from hapnet.assembly.build import device_session, device_side, prepare
 from hapnet.assembly.operators import operator
-from hapnet.assembly.user_device import OwnDevice, declared_range
-from hapnet.assembly.user_operator import OwnOperator
+from hapnet.assembly.user_device import UserDevice, declared_range
+from hapnet.assembly.user_operator import UserOperator
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import DeviceParams, Params
@@ -106,7 +106,7 @@ def named(device: type) -> str:
 )
 def test_a_device_that_is_not_in_metres_is_refused_in_one_line(device: type, dof: int, says: str) -> None:
     with pytest.raises(InvalidParameter) as caught:
-        OwnDevice(named(device), dof)
+        UserDevice(named(device), dof)
     assert str(caught.value).startswith(f"hardware is '{named(device)}'; allowed: ")
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -114,10 +114,10 @@ def test_a_device_that_is_not_in_metres_is_refused_in_one_line(device: type, dof
 
 def test_what_a_device_declares_holds_and_else_the_parameters() -> None:
     params = DeviceParams(workspace_m=0.5, stiffness_range=(10.0, 1000.0))
-    assert OwnDevice(named(Short), 1, params).declared == OperatingRange((0.1,), 1.0, (10.0, 1000.0))
-    assert OwnDevice(named(PerAxis), 2, params).declared.workspace == (0.1, 0.02)
-    assert OwnDevice(named(Soft), 1, params).declared.stiffness == (0.0, 80.0)
-    assert OwnDevice(named(Arm), 1, params).declared.workspace == (0.5,)
+    assert UserDevice(named(Short), 1, params).declared == OperatingRange((0.1,), 1.0, (10.0, 1000.0))
+    assert UserDevice(named(PerAxis), 2, params).declared.workspace == (0.1, 0.02)
+    assert UserDevice(named(Soft), 1, params).declared.stiffness == (0.0, 80.0)
+    assert UserDevice(named(Arm), 1, params).declared.workspace == (0.5,)
 
 
 def test_a_stiffness_that_a_device_does_not_render_is_refused() -> None:
@@ -181,7 +181,7 @@ def test_a_recorded_hand_is_in_metres(scale: float, tmp_path: Path) -> None:
 
 
 def test_a_hand_of_ones_own_is_named_when_it_goes_out_of_reach() -> None:
-    hand = OwnOperator(named(FarHand), 1, Impedance(), 2.0)
+    hand = UserOperator(named(FarHand), 1, Impedance(), 2.0)
     assert hand.reference(0.05) == (1.5,)
     with pytest.raises(
         HapnetError, match=r"FarHand failed: reference\(0\.1\) gave \(3\.0,\) instead of a place within"
@@ -204,7 +204,7 @@ def begun(device: type, **changes: object) -> tuple[DeviceSide, Arm, list[Sample
     side.tick(0)
     if changes.get("coupling", "pspm") in ("pspm", "zoh"):
         side.endpoint.on_sample((0.02,), 0, 0)
-    assert isinstance(side.device, OwnDevice)
+    assert isinstance(side.device, UserDevice)
     arm = side.device.device
     assert isinstance(arm, Arm)
     return side, arm, written
@@ -249,7 +249,7 @@ def test_a_device_that_leaves_its_workspace_renders_no_force_any_more_and_says_w
 def test_one_that_is_outside_when_it_is_to_begin_does_not_begin() -> None:
     setup = prepare(PARAMS.set({"hardware": named(Short), "scene": "free"}))
     side = device_side(setup, DeviceEndpoint(device_session(setup, 1)), lambda: 0, lambda sample: None)
-    assert isinstance(side.device, OwnDevice)
+    assert isinstance(side.device, UserDevice)
     side.device.device.x = 0.5  # type: ignore[attr-defined]
     side.endpoint.pair(False)
     with pytest.raises(HapnetError, match=r"the device cannot begin: it reads 0\.5 m from its origin"):

@@ -8,7 +8,7 @@ from hapnet.transport.rate_limit import RateLimiter
 
 def test_the_gate_lets_a_burst_through_and_then_the_rate() -> None:
     """Against a plain token bucket that fills at each nanosecond asked."""
-    gate, rng = RateLimiter(1000, 50), random.Random(3)
+    limiter, rng = RateLimiter(1000, 50), random.Random(3)
     tokens, last, passed, refused = Fraction(50), 0, 0, 0
     now = 10**9
     last = now
@@ -19,9 +19,9 @@ def test_the_gate_lets_a_burst_through_and_then_the_rate() -> None:
         if tokens >= 1:
             tokens -= 1
             passed += 1
-            assert gate.admit(now)
+            assert limiter.admit(now)
         else:
             refused += 1
-            assert not gate.admit(now)
-    assert gate.refused == refused > 5000
+            assert not limiter.admit(now)
+    assert limiter.refused == refused > 5000
     assert passed > 5000

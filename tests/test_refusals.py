@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from hapnet.transport.config import ZenohSettings, free_address
-from hapnet.transport.refusals import AGAIN_NS, MOST_TOLD, Log, Refusals
+from hapnet.transport.refusals import AGAIN_NS, MOST_REPORTED, Log, Refusals
 from tests.processes import started
 from tests.transports import Side, opened, own
 
@@ -56,10 +56,10 @@ def test_each_is_told_once_in_a_while_and_not_too_many() -> None:
     assert refusals.take(AGAIN_NS - 1) == []
     refusals.read(line)
     assert len(refusals.take(AGAIN_NS)) == 1
-    for number in range(3 * MOST_TOLD):
+    for number in range(3 * MOST_REPORTED):
         refusals.read(ACCESS + f"Using cached result: {number} is unauthorized to Put (ingress) on a/b/c")
     told = refusals.take(AGAIN_NS + 1)
-    assert 0 < len(told) < MOST_TOLD
+    assert 0 < len(told) < MOST_REPORTED
     assert not refusals.read("what the program itself prints\n")
 
 

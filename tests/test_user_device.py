@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from hapnet.assembly.build import device_session, device_side, prepare
-from hapnet.assembly.user_device import OwnDevice, load_class
+from hapnet.assembly.user_device import UserDevice, load_class
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
@@ -110,7 +110,7 @@ class Simulated(SimulatedDevice):
 )
 def test_a_device_that_cannot_be_is_named_with_the_cause(name: str, says: str) -> None:
     with pytest.raises(InvalidParameter) as caught:
-        OwnDevice(f"tests.test_user_device:{name}", 3)
+        UserDevice(f"tests.test_user_device:{name}", 3)
     assert str(caught.value).startswith(f"hardware is 'tests.test_user_device:{name}'")
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -134,7 +134,7 @@ def test_loading_the_class_does_not_make_it() -> None:
 
 
 def test_a_driver_that_fails_while_running_is_named() -> None:
-    device = OwnDevice("tests.test_user_device:Unplugged", 1)
+    device = UserDevice("tests.test_user_device:Unplugged", 1)
     assert isinstance(device.device, Unplugged)
     device.device.plugged = False
     with pytest.raises(HapnetError, match=r"^the device tests\.test_user_device:Unplugged failed.*OSError: unplugged"):
@@ -144,12 +144,12 @@ def test_a_driver_that_fails_while_running_is_named() -> None:
 
 
 def test_a_device_that_works_is_passed_through() -> None:
-    device = OwnDevice("tests.test_user_device:Still", 2)
+    device = UserDevice("tests.test_user_device:Still", 2)
     assert (device.dof, device.force_limit, device.resolution) == (2, 2.0, 1e-5)
     device.apply((0.5, -0.5))
     assert isinstance(device.device, Still)
     assert device.device.held == (0.5, -0.5)
-    position, velocity = OwnDevice("tests.test_user_device:InArrays", 2).read()
+    position, velocity = UserDevice("tests.test_user_device:InArrays", 2).read()
     assert (position, velocity) == ((0.25, 0.25), (0.0, 0.0))
     assert all(type(value) is float for value in (*position, *velocity))
 
@@ -184,7 +184,7 @@ def test_one_that_fails_right_after_pairing_says_so_and_ends_in_order() -> None:
     with pytest.raises(HapnetError, match=r"PulledOut failed: read\(\) raised OSError: the cable is out"):
         side.tick(0)
     side.stop()
-    assert isinstance(side.device, OwnDevice)
+    assert isinstance(side.device, UserDevice)
     assert isinstance(side.device.device, PulledOut)
     assert side.device.device.held == (0.0,)
     assert device_summary(side, "pspm")["quantisation_J"] is None

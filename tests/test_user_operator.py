@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import pytest
 
-from hapnet.assembly.user_operator import OwnOperator
+from hapnet.assembly.user_operator import UserOperator
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
 from hapnet.plant.operator import Impedance, Sine
@@ -78,7 +78,7 @@ class Handless:
     ],
 )
 def test_whatever_it_does_wrong_later_names_it(name: str, says: str) -> None:
-    hand = OwnOperator(f"tests.test_user_operator:{name}", 2, HAND)
+    hand = UserOperator(f"tests.test_user_operator:{name}", 2, HAND)
     assert hand.impedance is HAND
     assert hand.reference(0.009) == (0.0, 0.0)
     with pytest.raises(HapnetError, match=rf"the operator tests\.test_user_operator:{name} failed: {says}"):
@@ -90,7 +90,7 @@ def test_whatever_it_does_wrong_later_names_it(name: str, says: str) -> None:
 )
 def test_what_is_wrong_at_once_is_a_parameter(name: str, says: str) -> None:
     with pytest.raises(InvalidParameter, match=rf"operator is 'tests\.test_user_operator:{name}'; .*{says}"):
-        OwnOperator(f"tests.test_user_operator:{name}", 1, HAND)
+        UserOperator(f"tests.test_user_operator:{name}", 1, HAND)
 
 
 def test_a_guard_changes_nothing() -> None:

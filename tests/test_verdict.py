@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from examples.own_law import MINE
+from examples.own_law import Mine
 from hapnet import cli
 from hapnet.assembly.build import prepare
 from hapnet.couplings.registry import COUPLINGS
@@ -316,9 +316,9 @@ def test_a_coupling_that_did_not_keep_its_claim_ends_with_4(
 
 def test_a_law_of_ones_own_is_held_to_its_claim_where_it_runs_but_not_by_a_file_that_names_it() -> None:
     tuning = {"stiffness_N_m": 50.0, "damping_Ns_m": 1.5}
-    summary = but({"coupling": "examples.own_law:MINE", "tuning": tuning, "theorem.margin_J": -0.2})
+    summary = but({"coupling": "examples.own_law:Mine", "tuning": tuning, "theorem.margin_J": -0.2})
     assert judge(summary)["passive"] is False
-    claiming = dataclasses.replace(MINE, covers=lambda params, tuning, virtual: True)
+    claiming = dataclasses.replace(Mine, covers=lambda params, tuning, virtual: True)
     assert broken(summary, spec=claiming)
-    assert not broken(summary, spec=MINE)  # which claims nothing
+    assert not broken(summary, spec=Mine)  # which claims nothing
     assert not broken(summary)

@@ -13,7 +13,7 @@ import numpy as np
 from hapnet.assembly.operators import LIVE as LIVE
 from hapnet.assembly.operators import operator
 from hapnet.assembly.units import check_units
-from hapnet.assembly.user_device import OwnDevice
+from hapnet.assembly.user_device import UserDevice
 from hapnet.checks import Vector
 from hapnet.control.coupling import DeviceCoupling, WorldCoupling
 from hapnet.control.set_position_servo import ContinuousServo, Harvest
@@ -162,7 +162,7 @@ def device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Writ
     """The device (simulated in its hand, or the user's own) with its servo, for an endpoint or its control half."""
     endpoint.deadband = deadband(setup.params, "device")
     if setup.params.hardware != "simulated":
-        return _own_device_side(setup, endpoint, clock, write)
+        return _user_device_side(setup, endpoint, clock, write)
     params = setup.params
     device = params.device
     period = 1.0 / device.servo_hz
@@ -205,10 +205,10 @@ def _drive(setup: Setup, clock: Clock, write: Write) -> Drive:
     )
 
 
-def _own_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write) -> DeviceSide:
+def _user_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write) -> DeviceSide:
     """The side of a user's own device, which only a sampled servo can drive."""
     params = setup.params
-    device = OwnDevice(params.hardware, setup.dof, params.device)
+    device = UserDevice(params.hardware, setup.dof, params.device)
     device.declared.check_stiffness("device.stiffness", params.device.stiffness, setup.dof)
     limits = [limit for limit in (params.device.force_limit_N, device.force_limit) if limit]
     own = dataclasses.replace(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from hapnet.assembly.user_device import declared_range
-from hapnet.assembly.user_operator import OwnOperator
+from hapnet.assembly.user_operator import UserOperator
 from hapnet.params import Params
 from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.operator import Impedance, Operator, Press, Rest, Sine, read_motion
@@ -38,4 +38,4 @@ def operator(params: Params, scene: World) -> Operator:
     if name.endswith(".csv") or Path(name).exists():
         depths = {"press_depth": hand.press_depth_m, "hover": hand.hover_m}
         return read_motion(Path(name), dof, impedance, **depths, reach=reach)
-    return OwnOperator(name, dof, impedance, reach)
+    return UserOperator(name, dof, impedance, reach)

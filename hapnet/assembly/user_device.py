@@ -17,7 +17,7 @@ from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.loading import cause, load
 from hapnet.params import DeviceParams
 from hapnet.plant.device import Device
-from hapnet.plant.operating_range import SPEED_MPS, OperatingRange, Told, operating_range
+from hapnet.plant.operating_range import SPEED_MPS, NamedValue, OperatingRange, operating_range
 
 ALLOWED = "simulated, or module:Class with dof, force_limit, resolution, read and apply"
 
@@ -44,15 +44,15 @@ def declared_range(params: DeviceParams, dof: int, device: Device | None = None)
     InvalidParameter : a number in it is impossible.
     """
 
-    def told(part: str, name: str, value: object) -> Told:
+    def declared_or(part: str, name: str, value: object) -> NamedValue:
         declared = getattr(device, part, None)
         return (name, value) if declared is None else (part, declared)
 
     return operating_range(
         dof,
-        told("workspace", "device.workspace_m", params.workspace_m),
-        told("greatest_speed", "device.greatest_speed", _unless_declared(params.greatest_speed)),
-        told("stiffness_range", "device.stiffness_range", params.stiffness_range),
+        declared_or("workspace", "device.workspace_m", params.workspace_m),
+        declared_or("greatest_speed", "device.greatest_speed", _unless_declared(params.greatest_speed)),
+        declared_or("stiffness_range", "device.stiffness_range", params.stiffness_range),
     )
 
 
@@ -61,7 +61,7 @@ def _unless_declared(speed: float) -> float:
     return min(max(10.0 * speed, low), high)
 
 
-class OwnDevice:
+class UserDevice:
     """The device `name`, made with ``dof`` and read once. `params` stand in for what it does not declare.
 
     Its driver may fail at any time, and a NaN would become a force. So whatever it raises, and any reading that is not

@@ -14,7 +14,7 @@ from hapnet.plant.operator import Impedance, Operator
 ALLOWED = "rest, sine, press, a recording's path (.csv, .mcap), or module:Class taking dof and impedance"
 
 
-class OwnOperator:
+class UserOperator:
     """The operator `name`, made with ``dof`` and ``impedance``, and asked once for its reference.
 
     Later errors become one HapnetError that names the operator: whatever it raises, and a reference that is not as many

@@ -15,7 +15,7 @@ from typing import Any
 
 from hapnet.errors import HapnetError
 
-Gate = Callable[[], None]
+WaitForStart = Callable[[], None]
 """A child's function calls it when it is ready; it returns when all children begin."""
 
 READY_S = 60.0
@@ -35,7 +35,7 @@ while True:
 
 
 class Child:
-    """A process of its own that runs ``function(gate, *args)``; use it as a context, which ends it.
+    """A process of its own that runs ``function(wait_for_start, *args)``; use it as a context, which ends it.
 
     function : at the top level of a module. args, and the result, must be picklable.
     """
@@ -59,11 +59,11 @@ class Child:
         self._pipe.close()
 
     def wait_ready(self) -> None:
-        """Wait until the function has reached its gate."""
+        """Wait until the function calls `wait_for_start`."""
         self._receive(READY_S)
 
     def go(self) -> None:
-        """Open the gate."""
+        """Let the function go on."""
         self._pipe.send(None)
 
     def result(self, timeout_s: float) -> Any:
@@ -134,13 +134,13 @@ def busy(count: int) -> Iterator[None]:
 
 
 def _run(pipe: Connection, function: Callable[..., Any], args: tuple[Any, ...]) -> None:
-    def gate() -> None:
+    def wait_for_start() -> None:
         pipe.send((None, None))
         pipe.recv()
 
     answer: tuple[Any, str | None]
     try:
-        answer = function(gate, *args), None
+        answer = function(wait_for_start, *args), None
     except Exception as error:
         answer = None, f"{type(error).__name__}: {error}"
     with contextlib.suppress(BrokenPipeError):

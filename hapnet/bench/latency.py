@@ -18,7 +18,7 @@ from typing import Literal
 import zenoh
 
 from hapnet.assembly.build import prepare
-from hapnet.bench.children import Child, Gate
+from hapnet.bench.children import Child, WaitForStart
 from hapnet.bench.row import Distribution, Limit, Options, Row, row
 from hapnet.bench.traffic import KILOHERTZ
 from hapnet.errors import HapnetError
@@ -161,7 +161,7 @@ class StampedSide(RealtimeSide):
 
 
 def run_side(
-    gate: Gate, role: Literal["device", "world"], address: str, seconds: float, realtime: bool
+    wait_for_start: WaitForStart, role: Literal["device", "world"], address: str, seconds: float, realtime: bool
 ) -> tuple[Stamps, str]:
     """Run one side for `seconds` after pairing: the device's hand-overs or the world's arrivals, and `refusal`."""
     words = {"device.pspm_period_s": KILOHERTZ["device.pspm_period_s"], "link.up": "", "link.down": ""}
@@ -176,7 +176,7 @@ def run_side(
     return side.handed_over if role == "device" else side.arrived, side.refusal
 
 
-def send_raw(gate: Gate, address: str, seconds: float) -> Stamps:
+def send_raw(wait_for_start: WaitForStart, address: str, seconds: float) -> Stamps:
     """Put messages of the same form on absolute deadlines, as the servo does."""
     set_timer_slack()
     with zenoh.open(zenoh_config(ZenohSettings(connect=(address,)))) as session, tuned_interpreter():
@@ -190,7 +190,7 @@ def send_raw(gate: Gate, address: str, seconds: float) -> Stamps:
         give_up = time.monotonic() + 10.0
         while not session.info.transports() and time.monotonic() < give_up:
             time.sleep(0.01)
-        gate()
+        wait_for_start()
         deadline_ns = time.monotonic_ns()
         frames = [
             encode(Position(2**62, number, deadline_ns, (0.0123,)))
@@ -207,7 +207,7 @@ def send_raw(gate: Gate, address: str, seconds: float) -> Stamps:
         return stamps
 
 
-def receive_raw(gate: Gate, address: str, seconds: float) -> Stamps:
+def receive_raw(wait_for_start: WaitForStart, address: str, seconds: float) -> Stamps:
     """Stamp what arrives, on Zenoh's own thread."""
     stamps: Stamps = []
 
@@ -217,6 +217,6 @@ def receive_raw(gate: Gate, address: str, seconds: float) -> Stamps:
 
     with zenoh.open(zenoh_config(ZenohSettings(listen=(address,)))) as session, tuned_interpreter():
         session.declare_subscriber(_KEY, zenoh.handlers.Callback(on_sample, indirect=False))
-        gate()
+        wait_for_start()
         time.sleep(seconds + _SETTLE_S + 0.5)
         return list(stamps)

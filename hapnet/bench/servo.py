@@ -7,7 +7,7 @@ import threading
 import time
 from dataclasses import dataclass
 
-from hapnet.bench.children import Child, Gate, together
+from hapnet.bench.children import Child, WaitForStart, together
 from hapnet.bench.row import Distribution, Options, Row, row
 from hapnet.realtime.servo import DeadlineGrid, Histogram, Servo, request_realtime, set_timer_slack, tuned_interpreter
 
@@ -38,12 +38,12 @@ class Lateness:
         return Distribution.of_bins(self.bins, 1e-3)
 
 
-def bare_loop(gate: Gate, seconds: float, realtime: bool) -> Lateness:
+def bare_loop(wait_for_start: WaitForStart, seconds: float, realtime: bool) -> Lateness:
     """The reference: a loop that wakes at each deadline and does nothing else."""
     set_timer_slack()
     late: list[int] = []
     clock, sleep = time.monotonic_ns, time.sleep
-    gate()
+    wait_for_start()
     refusal = request_realtime() if realtime else None
     gc.disable()
     grid = DeadlineGrid(clock() + PERIOD_NS, PERIOD_NS)
@@ -61,7 +61,7 @@ def bare_loop(gate: Gate, seconds: float, realtime: bool) -> Lateness:
     return Lateness(tuple(histogram.bins()), grid.skipped, refusal)
 
 
-def servo_loop(gate: Gate, seconds: float, realtime: bool, busy_thread: bool) -> Lateness:
+def servo_loop(wait_for_start: WaitForStart, seconds: float, realtime: bool, busy_thread: bool) -> Lateness:
     """The servo with an empty tick and, if `busy_thread`, a second thread that computes all the time."""
     stop = threading.Event()
 
@@ -72,7 +72,7 @@ def servo_loop(gate: Gate, seconds: float, realtime: bool, busy_thread: bool) ->
 
     servo = Servo(PERIOD_NS, lambda now_ns: None, realtime=realtime)
     thread = threading.Thread(target=compute, daemon=True)
-    gate()
+    wait_for_start()
     with tuned_interpreter():
         if busy_thread:
             thread.start()

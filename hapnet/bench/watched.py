@@ -11,7 +11,7 @@ from functools import partial
 from importlib.util import find_spec
 from tempfile import TemporaryDirectory
 
-from hapnet.bench.children import Child, Gate, uninterrupted
+from hapnet.bench.children import Child, WaitForStart, uninterrupted
 from hapnet.bench.row import Limit, Options, Row, row
 from hapnet.bench.servo import Lateness, late_share
 from hapnet.bench.sides import lateness, start_pair
@@ -76,7 +76,7 @@ def _watching(browser: str | None, seconds: float, address: str) -> Iterator[Non
         yield
 
 
-def _read(gate: Gate, address: str, seconds: float) -> None:
+def _read(wait_for_start: WaitForStart, address: str, seconds: float) -> None:
     from hapnet.view.history import History
     from hapnet.view.watcher import Watcher
 
@@ -84,11 +84,11 @@ def _read(gate: Gate, address: str, seconds: float) -> None:
     watcher.open()
     while watcher.pair is None:  # until then nothing is read
         time.sleep(0.05)
-    gate()
+    wait_for_start()
     time.sleep(2.0 * seconds + 60.0)  # the benchmark ends this process earlier
 
 
-def _show(gate: Gate, address: str, seconds: float, port: int) -> None:
+def _show(wait_for_start: WaitForStart, address: str, seconds: float, port: int) -> None:
     from hapnet.view.history import History
     from hapnet.view.server import serve
     from hapnet.view.watcher import Watcher
@@ -99,5 +99,5 @@ def _show(gate: Gate, address: str, seconds: float, port: int) -> None:
     with serve(history, port=port) as page:
         while not page.watched or watcher.pair is None:
             time.sleep(0.1)
-        gate()
+        wait_for_start()
         time.sleep(2.0 * seconds + 60.0)

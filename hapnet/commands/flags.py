@@ -49,7 +49,7 @@ ServoRate = Annotated[float | None, typer.Option("--servo-hz", help="Rate of the
 Duration = Annotated[float | None, typer.Option(help="Seconds from pairing; 0: until Ctrl-C (not in virtual time).")]
 Dof = Annotated[int | None, typer.Option(help="Degrees of freedom, 1 to 3; the scene's own by default.")]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of everything random.")]
-OwnSeed = Annotated[
+SideSeed = Annotated[
     int | None, typer.Option("--seed", min=0, help="Seed of this side's link and steps; random by default.")
 ]
 ParamsFile = Annotated[

@@ -204,7 +204,7 @@ Dialling = Annotated[ZenohOptions, Without("mode", "listen", "config", "no_multi
 class SideFlags:
     """The options of one side's process besides its parameters."""
 
-    seed: flags.OwnSeed = None
+    seed: flags.SideSeed = None
     session: flags.Session = "default"
     name: flags.Name = "device"
     record: flags.Record = None

@@ -31,11 +31,11 @@ def console(json_to: str | None) -> Console:
     """The console for people: standard error if the JSON object goes to standard output, otherwise standard output."""
     from rich.console import Console
 
-    stream = _Patient(sys.stderr if json_to == "-" else sys.stdout)
+    stream = _ForgivingStream(sys.stderr if json_to == "-" else sys.stdout)
     return Console(file=cast(IO[str], stream), highlight=False, soft_wrap=True)
 
 
-class _Patient:
+class _ForgivingStream:
     """A stream whose reader may leave (``| head``, a closed terminal, a full disk): then it is silent, and no error."""
 
     def __init__(self, stream: IO[str]) -> None:
@@ -45,16 +45,16 @@ class _Patient:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
-        with self._forgiven():
+        with self._ignoring_errors():
             self._stream.write(text)
         return len(text)
 
     def flush(self) -> None:
-        with self._forgiven():
+        with self._ignoring_errors():
             self._stream.flush()
 
     @contextmanager
-    def _forgiven(self) -> Iterator[None]:
+    def _ignoring_errors(self) -> Iterator[None]:
         try:
             yield
         except OSError:

@@ -21,7 +21,7 @@ INTERRUPTED = 130
 
 
 @dataclass(frozen=True)
-class Ran:
+class StudyOutcome:
     """The state of the cases after a run: their `total`, how many had a result `before`, and how many are `done` now.
 
     stopped : what ended the run before all were done; None: nothing did.
@@ -43,7 +43,7 @@ class Ran:
         return INTERRUPTED
 
 
-def run_missing(words: Console, journal: Journal, doing: str, backend: Callable[[int], Backend]) -> Ran:
+def run_missing(words: Console, journal: Journal, doing: str, backend: Callable[[int], Backend]) -> StudyOutcome:
     """Run the cases of `journal` that have no result, on ``backend(number of these cases)``.
 
     Raises
@@ -71,4 +71,4 @@ def run_missing(words: Console, journal: Journal, doing: str, backend: Callable[
                 workers.close()
     lasted_s = time.monotonic() - began
     total, done, failed = journal.count()
-    return Ran(total, before, done, failed, lasted_s, stopped)
+    return StudyOutcome(total, before, done, failed, lasted_s, stopped)

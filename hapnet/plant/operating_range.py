@@ -74,11 +74,11 @@ class OperatingRange:
             raise InvalidParameter(name, stiffness, allowed)
 
 
-Told = tuple[str, object]
+NamedValue = tuple[str, object]
 """The user's name for a value, and the value given."""
 
 
-def operating_range(dof: int, workspace: Told, speed: Told, stiffness: Told) -> OperatingRange:
+def operating_range(dof: int, workspace: NamedValue, speed: NamedValue, stiffness: NamedValue) -> OperatingRange:
     """The declared range of a device with `dof` axes, checked.
 
     Raises

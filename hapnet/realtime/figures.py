@@ -66,7 +66,7 @@ class Figures:
 
     def dropped(self) -> dict[str, int]:
         """How many messages were dropped, by kind. The caller holds the driver's lock."""
-        flood = self._transport.gate.refused
+        flood = self._transport.rate_limiter.refused
         return dict(self._control.wire.session.dropped) | ({"flood": flood} if flood else {})
 
     def summary(self) -> Summary:

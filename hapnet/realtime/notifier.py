@@ -10,11 +10,11 @@ from hapnet.side.endpoint import NANO
 from hapnet.side.notices import Notice, notice_of
 from hapnet.wire.events import Event
 
-TOLD_EVERY_NS = 10_000_000_000
+REPORT_EVERY_NS = 10_000_000_000
 """What strangers can cause is reported once in this time [ns]; a new kind of dropped message is reported at once."""
 
-MOST_TOLD = 20
-"""At most this many events of the session are reported in `TOLD_EVERY_NS`."""
+MOST_REPORTED = 20
+"""At most this many events of the session are reported in `REPORT_EVERY_NS`."""
 
 ROUTINE = frozenset({"stale", "closed", "unpaired", "retired", "addressee"})
 """Kinds of dropped messages that delays, starts, ends and restarts cause: they are in the summary only."""
@@ -34,7 +34,7 @@ class Notifier:
         self._other = "world" if role == "device" else "device"
         self._drops = Drops()
         self._waiting = ""
-        self._told_ns: deque[int] = deque(maxlen=MOST_TOLD)
+        self._reported_ns: deque[int] = deque(maxlen=MOST_REPORTED)
         self._untold = 0
         self._met_ns: int | None = None
         self._refused_ns: int | None = None
@@ -68,13 +68,13 @@ class Notifier:
         if notice is None:
             return None
         if notice.kind == "refused":
-            if self._refused_ns is not None and now_ns - self._refused_ns < TOLD_EVERY_NS:
+            if self._refused_ns is not None and now_ns - self._refused_ns < REPORT_EVERY_NS:
                 return None
             self._refused_ns = now_ns
-        if len(self._told_ns) == MOST_TOLD and now_ns - self._told_ns[0] < TOLD_EVERY_NS:
+        if len(self._reported_ns) == MOST_REPORTED and now_ns - self._reported_ns[0] < REPORT_EVERY_NS:
             self._untold += 1
             return None
-        self._told_ns.append(now_ns)
+        self._reported_ns.append(now_ns)
         if self._untold:
             notice = replace(notice, text=f"{notice.text} ({self._untold} events before this one were not shown)")
             self._untold = 0
@@ -101,7 +101,7 @@ class Notifier:
     def keys(self, now_ns: int, silent: Sequence[str]) -> None:
         """Report the kinds of message that do not arrive although other kinds do, at a bounded rate."""
         for kind in silent:
-            if now_ns - self._silent.get(kind, -TOLD_EVERY_NS) >= TOLD_EVERY_NS:
+            if now_ns - self._silent.get(kind, -REPORT_EVERY_NS) >= REPORT_EVERY_NS:
                 self._silent[kind] = now_ns
                 text = f"no {kind} messages arrive from the {self._other}, although others do; subscribing again"
                 self._notify(Notice("link", text, now_ns, "warning"))
@@ -112,22 +112,22 @@ class Drops:
 
     def __init__(self) -> None:
         self._told: Counter[str] = Counter()
-        self._told_ns: int | None = None
+        self._reported_ns: int | None = None
 
     def look(self, now_ns: int, dropped: Mapping[str, int], why: Mapping[str, str]) -> Notice | None:
         """The notice about the messages dropped since the last one. `why` : the reason of the last one of each kind."""
         new = {kind: count - self._told[kind] for kind, count in dropped.items() if kind not in ROUTINE}
         new = {kind: count for kind, count in new.items() if count > 0}
         known = all(self._told[kind] for kind in new)
-        if not new or (known and self._told_ns is not None and now_ns - self._told_ns < TOLD_EVERY_NS):
+        if not new or (known and self._reported_ns is not None and now_ns - self._reported_ns < REPORT_EVERY_NS):
             return None
         total = sum(new.values())
         text = f"dropped {total} message{'s' * (total > 1)}"
-        if self._told_ns is not None:
-            text += f" in the last {(now_ns - self._told_ns) * NANO:.0f} s"
+        if self._reported_ns is not None:
+            text += f" in the last {(now_ns - self._reported_ns) * NANO:.0f} s"
         text += ": " + ", ".join(
             f"{count} {kind}{f' ({why[kind]})' if kind in why else ''}" for kind, count in sorted(new.items())
         )
         self._told.update(new)
-        self._told_ns = now_ns
+        self._reported_ns = now_ns
         return Notice("dropped", text, now_ns, "warning", dict(new))

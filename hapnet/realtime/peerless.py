@@ -12,7 +12,7 @@ from hapnet.wire.messages import Role
 GONE_NS = 10_000_000_000
 """A peer counts as gone when it has been silent for this time [ns] and Zenoh does not see it either."""
 
-_WORTH_TELLING_S = 1.0
+_WORTH_REPORTING_S = 1.0
 
 
 class PeerAbsence:
@@ -37,7 +37,7 @@ class PeerAbsence:
                 self._silent_since_ns = None
                 if self._once:
                     self._part(now_ns, f"ends with its first {self._other}")
-                elif left_s is None or left_s >= _WORTH_TELLING_S:
+                elif left_s is None or left_s >= _WORTH_REPORTING_S:
                     how_long = "until it is stopped" if left_s is None else f"for the {left_s:.0f} s that are left"
                     text = f"waits for another {self._other} {how_long} (--once would end it now)"
                     self._notify(Notice("waiting", text, now_ns))

@@ -25,7 +25,7 @@ class Reporter:
     Parameters
     ----------
     role : this side's. on_silence : what it does when nothing arrives. clock : [ns].
-    notify : called with each notice. telemeter : publishes telemetry; None: nobody can watch.
+    notify : called with each notice. telemetry : publishes telemetry; None: nobody can watch.
 
     Attributes
     ----------
@@ -38,19 +38,19 @@ class Reporter:
         on_silence: str,
         clock: Clock,
         notify: Callable[[Notice], None],
-        telemeter: TelemetryPublisher | None,
+        telemetry: TelemetryPublisher | None,
     ) -> None:
         self.notifier = Notifier(role, on_silence, self.notify)
         self.recordings = Recordings(lambda text: self.notifier.tell("recording", text, clock()))
-        self._notify, self._telemeter = notify, telemeter
+        self._notify, self._telemetry = notify, telemetry
         self._notes: deque[Note] = deque(maxlen=_MOST_NOTES)
 
     def keep(self, sample: Sample) -> None:
         """Keep a sample or a note from control, from any thread; `tell_notes` reports the notes."""
         if isinstance(sample, Note):
             self._notes.append(sample)
-        elif self._telemeter is not None:
-            self._telemeter.keep(sample)
+        elif self._telemetry is not None:
+            self._telemetry.keep(sample)
         self.recordings.keep(sample)
 
     def notify(self, notice: Notice) -> None:
@@ -59,8 +59,8 @@ class Reporter:
         note = Note(notice.at_ns, notice.kind, notice.text)
         if notice.kind in (link_events.KIND, "pause"):
             self.recordings.keep(note)
-        if self._telemeter is not None and notice.kind != "progress":
-            self._telemeter.keep(note)
+        if self._telemetry is not None and notice.kind != "progress":
+            self._telemetry.keep(note)
 
     def happened(self, event: Event, now_ns: int) -> None:
         """Report an event of the session, and record the notice."""

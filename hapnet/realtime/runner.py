@@ -103,8 +103,8 @@ class RealtimeSide:
         period_ns = round(1e9 / setup.params.device.servo_hz) if role == "device" else None
         self._link_driver = LinkDriver(port, self._transport.put, clock, period_ns=period_ns)
         rate_hz = setup.params.telemetry_hz
-        self._telemeter = TelemetryPublisher(rate_hz, self._put, self._status) if rate_hz else None
-        self._reporter = Reporter(role, own.on_silence, clock, notify, self._telemeter)
+        self._telemetry = TelemetryPublisher(rate_hz, self._put, self._status) if rate_hz else None
+        self._reporter = Reporter(role, own.on_silence, clock, notify, self._telemetry)
         self._figures = Figures(setup, role, seed, (session, name), control, self._link_driver, self._transport, clock)
         self._housekeeping = Housekeeping(
             role, control, self._link_driver, self._transport, self._figures, self._reporter, clock,
@@ -162,7 +162,7 @@ class RealtimeSide:
         """
         self._loop, self._stop = asyncio.get_running_loop(), stop
         self._link_driver.open(self._loop, self._pump)
-        telemetry = None if self._telemeter is None else self._loop.create_task(self._telemeter.run())
+        telemetry = None if self._telemetry is None else self._loop.create_task(self._telemetry.run())
         try:
             with tuned_interpreter() as collect:
                 refused = await asyncio.to_thread(self.control.start)

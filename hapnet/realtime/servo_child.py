@@ -25,7 +25,7 @@ from hapnet.side.endpoint import DeviceControl, backlog
 from hapnet.summary.run import device_summary
 from hapnet.wire.session import PositionStream
 
-LAST_WORDS_S = 2.0
+FINAL_SEND_S = 2.0
 """How long the last frames may wait for a parent that does not read [s]."""
 
 _COLLECT_EVERY_S = 1.0
@@ -64,10 +64,10 @@ class ServoChild:
         """Send the last frames, after the servo has ended."""
         self._flush_samples()
         if self.servo.unsafe is not None:
-            self._pipe.send(LAST_WORDS_S, "note", tuple(unsafe(time.monotonic_ns(), self.servo)))
+            self._pipe.send(FINAL_SEND_S, "note", tuple(unsafe(time.monotonic_ns(), self.servo)))
         part = device_summary(self.side, self._coupling, servo_timing(self.servo, self.side))
         part["servo"]["unsent"] = self._unsent
-        self._pipe.send(LAST_WORDS_S, "end", part, self._unrecorded, self._shuffled + self._control.shuffled())
+        self._pipe.send(FINAL_SEND_S, "end", part, self._unrecorded, self._shuffled + self._control.shuffled())
 
     def _tick(self, now_ns: int) -> None:
         self._take()
@@ -122,7 +122,7 @@ class ServoChild:
 
     def _fail(self, error: BaseException) -> None:
         known = isinstance(error, HapnetError)
-        self._pipe.send(LAST_WORDS_S, "failed", str(error) if known else f"{type(error).__name__}: {error}")
+        self._pipe.send(FINAL_SEND_S, "failed", str(error) if known else f"{type(error).__name__}: {error}")
 
 
 def main(descriptor: int) -> int:

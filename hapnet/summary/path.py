@@ -17,7 +17,7 @@ ROUND_TRIP: tuple[RoundTrip, ...] = ("round_trip_min_ms", "round_trip_p50_ms", "
 WAYS: dict[Role, Way] = {"device": "down", "world": "up"}
 """The direction that each role receives."""
 
-TOLD_EVERY_NS = 10_000_000_000
+REPORT_EVERY_NS = 10_000_000_000
 
 
 def unknown() -> Section:
@@ -84,7 +84,7 @@ class PathReporter:
         """Returns the notice to send, if one is due."""
         if self._next_ns is not None and now_ns < self._next_ns:
             return None
-        first, self._next_ns = self._next_ns is None, now_ns + TOLD_EVERY_NS
+        first, self._next_ns = self._next_ns is None, now_ns + REPORT_EVERY_NS
         section = self._meter.read()
         if first or not (text := words(section, self._meter.role)):
             return None

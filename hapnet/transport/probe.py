@@ -36,13 +36,13 @@ class Answering:
 
     def __init__(self, put: Callable[[bytes], object], clock: Callable[[], int] = time.monotonic_ns) -> None:
         self._put, self._clock = put, clock
-        self._gate = RateLimiter(MOST_HZ, MOST_AT_ONCE)
+        self._rate_limiter = RateLimiter(MOST_HZ, MOST_AT_ONCE)
         self._lock = threading.Lock()
         self._answered = 0
 
     def answer(self, data: bytes) -> None:
         """Answer a probe; on one of Zenoh's threads."""
-        if not 1 <= len(data) <= LONGEST or not self._gate.admit(self._clock()):
+        if not 1 <= len(data) <= LONGEST or not self._rate_limiter.admit(self._clock()):
             return
         with self._lock:
             self._answered += 1

@@ -23,7 +23,7 @@ from hapnet.transport.security import ENCRYPTED
 AGAIN_NS = 10_000_000_000
 """The same refusal is reported once in this time [ns]."""
 
-MOST_TOLD = 20
+MOST_REPORTED = 20
 """How many different refusals are remembered, so that a stranger cannot fill a log."""
 
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")
@@ -68,20 +68,20 @@ class Refusals:
     def __init__(self) -> None:
         self._log = Log()
         self._new: dict[str, None] = {}
-        self._told_ns: dict[str, int] = {}
+        self._reported_ns: dict[str, int] = {}
 
     def read(self, line: str) -> bool:
         """Read a line of output; False if it is not from Zenoh's log."""
-        if (text := self._log.refusal(line)) is not None and len(self._new) < MOST_TOLD:
+        if (text := self._log.refusal(line)) is not None and len(self._new) < MOST_REPORTED:
             self._new[text] = None
         return _OWN.match(_COLOURS.sub("", line)) is not None
 
     def take(self, now_ns: int) -> list[str]:
         """The refusals to report now."""
         new, self._new = self._new, {}
-        self._told_ns = {text: at_ns for text, at_ns in self._told_ns.items() if now_ns - at_ns < AGAIN_NS}
-        told = [text for text in new if text not in self._told_ns][: MOST_TOLD - len(self._told_ns)]
-        self._told_ns.update(dict.fromkeys(told, now_ns))
+        self._reported_ns = {text: at_ns for text, at_ns in self._reported_ns.items() if now_ns - at_ns < AGAIN_NS}
+        told = [text for text in new if text not in self._reported_ns][: MOST_REPORTED - len(self._reported_ns)]
+        self._reported_ns.update(dict.fromkeys(told, now_ns))
         return told
 
 

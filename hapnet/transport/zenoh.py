@@ -40,7 +40,7 @@ EXIT_TIMEOUT_S = 2.0
 KEEP_ALIVE = b""
 """The payload of a key that has nothing else to carry."""
 
-TOLD_NS = 1_000_000_000
+REPORT_AFTER_NS = 1_000_000_000
 """A key that is silent for longer is reported [ns]: a new declaration takes no longer to repair one."""
 
 LOOK_EVERY_NS = 1_000_000_000
@@ -80,7 +80,7 @@ class ZenohTransport:
     ----------
     failed_puts : messages that Zenoh did not take (not open yet, closed).
     callback_errors : exceptions from `on_message`.
-    gate : limits the rate of incoming messages.
+    rate_limiter : limits the rate of incoming messages.
     reopened : how many times Zenoh's whole session was lost and opened again.
     declared_again : how many times a subscription was declared again because a key was silent.
     doubled : another process plays this same side, and none plays the other.
@@ -129,7 +129,7 @@ class ZenohTransport:
         self.doubled = False
         self._answers: zenoh.handlers.Handler[zenoh.Reply] | None = None
         self._look_ns = 0
-        self.gate = RateLimiter(MOST_HZ, MOST_AT_ONCE)
+        self.rate_limiter = RateLimiter(MOST_HZ, MOST_AT_ONCE)
 
     async def open(self) -> None:
         """Open, once. A peer returns within a second, connected or not; a client returns when its router answers.
@@ -188,7 +188,7 @@ class ZenohTransport:
     @property
     def silent(self) -> list[str]:
         """The kinds of message that do not arrive, although somebody is connected and other kinds do."""
-        silent = self._watch.silent(time.monotonic_ns(), TOLD_NS)
+        silent = self._watch.silent(time.monotonic_ns(), REPORT_AFTER_NS)
         return [] if len(silent) == len(KINDS) else silent
 
     @property
@@ -348,7 +348,12 @@ class ZenohTransport:
     # On Zenoh's threads
 
     def _receiver(self, kind: str) -> Callable[[zenoh.Sample], None]:
-        on_message, clock, admit, heard = self._on_message, time.monotonic_ns, self.gate.admit, self._watch.heard
+        on_message, clock, admit, heard = (
+            self._on_message,
+            time.monotonic_ns,
+            self.rate_limiter.admit,
+            self._watch.heard,
+        )
 
         def receive(sample: zenoh.Sample) -> None:
             now_ns = clock()

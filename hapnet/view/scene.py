@@ -62,8 +62,8 @@ class Scene:
         _add_grid(scene, dof)
         for number, surface in enumerate(surfaces):
             _add_wall(scene, number, dof, list(surfaces), surface)
-        self._ghost = scene.add_icosphere(
-            "/ghost", _HANDLE_RADIUS, SLATE, opacity=0.25, cast_shadow=False, receive_shadow=False, visible=False
+        self._target = scene.add_icosphere(
+            "/target", _HANDLE_RADIUS, SLATE, opacity=0.25, cast_shadow=False, receive_shadow=False, visible=False
         )
         self._handle = scene.add_icosphere("/handle", _HANDLE_RADIUS, BLUE, cast_shadow=False, receive_shadow=False)
         self._proxy = scene.add_icosphere("/proxy", _PROXY_RADIUS, ORANGE, cast_shadow=False, receive_shadow=False)
@@ -92,9 +92,9 @@ class Scene:
 
     def show_target(self, position: Vector | None) -> None:
         """Show the hand's target; None: unknown, not shown."""
-        self._ghost.visible = position is not None
+        self._target.visible = position is not None
         if position is not None:
-            self._ghost.position = _spot(position)
+            self._target.position = _spot(position)
 
     def update(self, snapshot: Snapshot) -> None:
         """Draw the newest sample of each side."""

@@ -101,7 +101,7 @@ class TickedPositions(Positions):
         self._calendar = longer
 
 
-class Mailbox:
+class EnergyQueue:
     """Energy messages in flight to one side, a few per scenario; `next_due_ns` is when the next one arrives."""
 
     def __init__(self, count: int) -> None:

@@ -35,7 +35,7 @@ class Engine:
         self._state = state = BatchState(scenarios)
         self._count = len(scenarios)
         self._period_ns = state.period_ns
-        self._lived_s = max(self._period_ns * NANO, state.device_period_s)
+        self._tick_s = max(self._period_ns * NANO, state.device_period_s)
         self._due_s = state.servo.due
         self._damping = np.array(state.servo.damping)[:, None]
         self._landing = state.end_ns // self._period_ns
@@ -49,16 +49,16 @@ class Engine:
         self._window = 0
         device, world = state.device_wire, state.world_wire
         self._on_device: tuple[Events, ...] = (
-            (device.mailbox.next_due_ns, device.on_mail),
+            (device.incoming.next_due_ns, device.on_energy),
             (device.channels.next_due_ns, device.on_timer),
         )
         self._deferred: tuple[Events, ...] = (
-            (device.letters.next_due_ns, device.on_letter),
+            (device.deferred_energy.next_due_ns, device.on_deferred_energy),
             (device.channels.next_due_ns, device.on_timer),
-            (device.outbox.next_due_ns, device.on_departure),
+            (device.deferred_updates.next_due_ns, device.on_deferred_update),
         )
         self._on_world: tuple[Events, ...] = (
-            (world.mailbox.next_due_ns, world.on_mail),
+            (world.incoming.next_due_ns, world.on_energy),
             (world.channels.next_due_ns, world.on_timer),
             (state.steps.due_ns, self._step),
         )
@@ -73,7 +73,7 @@ class Engine:
             end = min(tick + max(1, self._lag), int(self._landing[self._alive].min()), int(later.min(initial=NEVER)))
             self._state.up.safe_ns = self._state.down.safe_ns = tick * self._period_ns - 1
             self._window = tick
-            self._fly(tick, end)
+            self._run_window(tick, end)
             if progress is not None and end // 500 != tick // 500:
                 progress(end * self._period_ns * NANO)
             tick = end
@@ -84,7 +84,7 @@ class Engine:
             if landing.size:
                 self._land(landing, tick)
 
-    def _fly(self, start: int, end: int) -> None:
+    def _run_window(self, start: int, end: int) -> None:
         """Run a window, from after tick `start` to after tick `end`."""
         wire = self._state.device_wire
         end_ns = end * self._period_ns
@@ -132,7 +132,7 @@ class Engine:
         kinetic = devices.kinetic()
         potential = couplings.springs.potential(devices.position - couplings.set_position)
         couplings.ledgers.put_in_all(work, kinetic + potential, couplings.account)
-        state.elapsed_s += self._lived_s
+        state.elapsed_s += self._tick_s
         due = state.elapsed_s >= self._due_s
         due |= couplings.has_sample
         if not self._all_alive:

@@ -14,7 +14,7 @@ from hapnet.checks import Array
 from hapnet.side.device import ContinuousDeviceSide
 from hapnet.side.packet import Packet
 from hapnet.simulation.batch.arrays import NEVER, Index, Whole, vectors
-from hapnet.simulation.batch.arrivals import Mailbox, Positions, TickedPositions
+from hapnet.simulation.batch.arrivals import EnergyQueue, Positions, TickedPositions
 from hapnet.simulation.batch.channels import Channels
 from hapnet.simulation.batch.couplings import Couplings
 from hapnet.simulation.batch.devices import Devices
@@ -89,7 +89,7 @@ class BatchState:
         self.device_positions = TickedPositions(count, dof, _newest(at_devices), self.period_ns)
         self.device_wire = Wire(
             Channels([session.channel for session in self._devices], shift),
-            Mailbox(count),
+            EnergyQueue(count),
             self.device_positions,
             Couplings([modulating(side) for side in sides]),
             self.up,
@@ -98,7 +98,7 @@ class BatchState:
         )
         self.world_wire = Wire(
             Channels([session.channel for session in self._worlds], shift),
-            Mailbox(count),
+            EnergyQueue(count),
             Positions(count, dof, _newest(at_worlds)),
             Couplings([modulating(world) for world in worlds]),
             self.down,
@@ -147,7 +147,7 @@ class BatchState:
         def packet(order: int, note: int, sent_ns: int) -> Packet:
             if note != ENERGY:
                 return Packet("position", encode(Position(me, note, sent_ns, peer.positions.position(i, note))))
-            return Packet("energy", encode(Energy(me, other.incarnation, *peer.mailbox.find(i, order))))
+            return Packet("energy", encode(Energy(me, other.incarnation, *peer.incoming.find(i, order))))
 
         wire.links.land(i, packet)
 
@@ -164,7 +164,7 @@ class BatchState:
             else:
                 wire.links.under_way(i, order, due_ns - shift, sent_ns - shift, ENERGY)
                 total, acked = np.array([content.total_nJ]), np.array([content.acked_nJ])
-                wire.peer.mailbox.put(at, np.array([order]), due, total, acked)
+                wire.peer.incoming.put(at, np.array([order]), due, total, acked)
 
 
 def _continuous(scenario: Scenario) -> ContinuousDeviceSide:

@@ -6,7 +6,7 @@ import numpy as np
 
 from hapnet.checks import Array
 from hapnet.simulation.batch.arrays import Index, Whole, place
-from hapnet.simulation.batch.arrivals import Mailbox, Positions, Queues
+from hapnet.simulation.batch.arrivals import EnergyQueue, Positions, Queues
 from hapnet.simulation.batch.channels import Channels
 from hapnet.simulation.batch.couplings import Couplings
 from hapnet.simulation.batch.links import ENERGY, Links
@@ -18,31 +18,31 @@ class Wire:
 
     Parameters
     ----------
-    channels, mailbox, positions, couplings : of this side; its coupling gets what `mailbox` and `positions` deliver.
+    channels, incoming, positions, couplings : of this side; its coupling gets what `incoming` and `positions` deliver.
     links : this side sends on them. sizes : of its messages. next_number : of its next position in each scenario.
     """
 
     def __init__(
         self,
         channels: Channels,
-        mailbox: Mailbox,
+        incoming: EnergyQueue,
         positions: Positions,
         couplings: Couplings,
         links: Links,
         sizes: Sizes,
         next_number: Whole,
     ) -> None:
-        self.channels, self.mailbox, self.positions, self.couplings = channels, mailbox, positions, couplings
+        self.channels, self.incoming, self.positions, self.couplings = channels, incoming, positions, couplings
         self.links, self._sizes, self.next_number = links, sizes, next_number
         self.peer = self
         self.deferring = False
         count, dof = len(next_number), len(couplings.received)
-        self.letters = Queues(count, np.int64, np.int64, np.int64)
-        self.outbox = Queues(count, np.int64, np.float64, *[np.float64] * dof)
+        self.deferred_energy = Queues(count, np.int64, np.int64, np.int64)
+        self.deferred_updates = Queues(count, np.int64, np.float64, *[np.float64] * dof)
 
-    def on_mail(self, at: Index, now_ns: Whole) -> None:
+    def on_energy(self, at: Index, now_ns: Whole) -> None:
         """An energy message arrived in each of `at`."""
-        total_nJ, acked_nJ = self.mailbox.take(at)
+        total_nJ, acked_nJ = self.incoming.take(at)
         self.couplings.take(at, self.channels.receive(at, total_nJ, acked_nJ, now_ns))
         self.channels.plan(at)
 
@@ -55,7 +55,7 @@ class Wire:
             which = at[out]
             size = self._sizes.energy(which, total_nJ, acked_nJ) if self.links.timed else None
             order, due_ns = self.links.send(which, now_ns[out], ENERGY, size)
-            self.peer.mailbox.put(which, order, due_ns, total_nJ, acked_nJ)
+            self.peer.incoming.put(which, order, due_ns, total_nJ, acked_nJ)
         channels.plan(at)
 
     def on_update(self, at: Index, now_ns: Whole, x: Array, sent_J: Array) -> None:
@@ -63,7 +63,7 @@ class Wire:
         number = self.next_number[at]
         self.next_number[at] = number + 1
         if self.deferring:
-            self.outbox.put(at, now_ns, number, sent_J, *x)
+            self.deferred_updates.put(at, now_ns, number, sent_J, *x)
         else:
             self._send(at, now_ns, number, x, sent_J)
 
@@ -101,17 +101,17 @@ class Wire:
         tick is known, unless admission limits it. The rest of the wire's work affects only the other side, and only
         after the window.
         """
-        mailbox, channels = self.mailbox, self.channels
-        if not channels.plentiful(mailbox.greatest_nJ()):
+        incoming, channels = self.incoming, self.channels
+        if not channels.plentiful(incoming.greatest_nJ()):
             return False
         self._credits = np.zeros((end - start, len(self.next_number)))
         self._window = start + 1
         until_ns = end * period_ns
-        while (at := (mailbox.next_due_ns <= until_ns).nonzero()[0]).size:
-            now_ns = mailbox.next_due_ns[at]
-            total_nJ, acked_nJ = mailbox.take(at)
+        while (at := (incoming.next_due_ns <= until_ns).nonzero()[0]).size:
+            now_ns = incoming.next_due_ns[at]
+            total_nJ, acked_nJ = incoming.take(at)
             credit_nJ = channels.foresee(at, total_nJ, now_ns)
-            self.letters.put(at, now_ns, total_nJ, acked_nJ, credit_nJ)
+            self.deferred_energy.put(at, now_ns, total_nJ, acked_nJ, credit_nJ)
             self._credits[-(-now_ns // period_ns) - self._window, at] += credit_nJ * 1e-9
         self.deferring = True
         return True
@@ -123,13 +123,13 @@ class Wire:
         self.couplings.credit[at] += credits[at]
         self.couplings.has_sample[at] = True
 
-    def on_letter(self, at: Index, now_ns: Whole) -> None:
-        """`on_mail`, deferred."""
-        total_nJ, acked_nJ, credit_nJ = self.letters.take(at)
+    def on_deferred_energy(self, at: Index, now_ns: Whole) -> None:
+        """`on_energy`, deferred."""
+        total_nJ, acked_nJ, credit_nJ = self.deferred_energy.take(at)
         self.channels.catch_up(at, total_nJ, acked_nJ, credit_nJ, now_ns)
         self.channels.plan(at)
 
-    def on_departure(self, at: Index, now_ns: Whole) -> None:
+    def on_deferred_update(self, at: Index, now_ns: Whole) -> None:
         """`on_update`, deferred."""
-        number, sent_J, *x = self.outbox.take(at)
+        number, sent_J, *x = self.deferred_updates.take(at)
         self._send(at, now_ns, number, np.array(x), sent_J)
