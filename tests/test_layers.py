@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from hapnet.params import COUPLING_NAMES
+
 ROOT = Path(__file__).resolve().parents[1]
 MODULES = sorted(path.relative_to(ROOT) for package in ("hapnet", "netem") for path in (ROOT / package).rglob("*.py"))
 
@@ -136,6 +138,14 @@ def test_only_commands_measure(module: Path) -> None:
 @pytest.mark.parametrize("module", MODULES, ids=str)
 def test_modules_stay_short(module: Path) -> None:
     assert len((ROOT / module).read_text("utf-8").splitlines()) <= LONGEST
+
+
+@pytest.mark.parametrize("module", [module for module in MODULES if module.parts[0] == "hapnet"], ids=str)
+def test_nobody_asks_for_a_coupling_by_its_name(module: Path) -> None:
+    """What a coupling is or needs is said by its `CouplingSpec`."""
+    asked = [part for part in ast.walk(ast.parse((ROOT / module).read_text("utf-8"))) if isinstance(part, ast.Compare)]
+    constants = [part for each in asked for part in ast.walk(each) if isinstance(part, ast.Constant)]
+    assert not [(part.lineno, part.value) for part in constants if part.value in COUPLING_NAMES]
 
 
 def attributes_of(source: str) -> Iterator[tuple[ast.ClassDef, set[str]]]:

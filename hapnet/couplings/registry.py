@@ -47,6 +47,12 @@ def known(name: object) -> CouplingSpec[Any] | None:
     return COUPLINGS.get(str(name))
 
 
+def limited(name: object) -> bool:
+    """Does the coupling of this name limit the set-position's step, as PSPM does? False for a user's own."""
+    spec = known(name)
+    return spec is not None and spec.limited
+
+
 def jointly_passive(name: object) -> bool:
     """Does energy pass through the link itself with the coupling of this name, so that neither side keeps a half?
 

@@ -214,7 +214,7 @@ class RealtimeSide:
         """
         profile = link_profile(f"link.{self._figures.way}", words)
         self._link_driver.change(profile)
-        self._reporter.notify(Notice(link_events.KIND, link_events.told(profile), self._clock()))
+        self._reporter.notify(Notice(link_events.KIND, link_events.text_of(profile), self._clock()))
 
     def pause(self, paused: bool) -> None:
         """Halt the simulated device or world, or let it continue. Servo, protocol and link keep running."""
@@ -250,7 +250,7 @@ class RealtimeSide:
         if path is not None:
             recordings.begin(path)
             if not self._link_driver.port.link.is_up:
-                recordings.keep(Note(self._clock(), link_events.KIND, link_events.told("down")))
+                recordings.keep(Note(self._clock(), link_events.KIND, link_events.text_of("down")))
 
     async def _part(self, reason: str, *, linger: bool) -> None:
         """After control has stopped, let the energy in flight be acknowledged, then say goodbye."""
@@ -262,7 +262,7 @@ class RealtimeSide:
         _, events, changes = self._link_driver.pump()
         self._report(events)
         for at_ns, entry in changes:
-            self._reporter.notify(Notice(link_events.KIND, link_events.told(entry), at_ns))
+            self._reporter.notify(Notice(link_events.KIND, link_events.text_of(entry), at_ns))
 
     def _on_connection(self) -> None:
         self._housekeeping.on_connection()

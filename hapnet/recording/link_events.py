@@ -16,13 +16,13 @@ _PREFIX = "emulated link, "
 Change: TypeAlias = LinkProfile | Literal["down", "up"]
 
 
-def told(change: Change | Entry) -> str:
+def text_of(change: Change | Entry) -> str:
     """The text of the event: a change by hand, or an entry of the side's timeline."""
     return f"{_PREFIX}{str(change) or 'ideal'}"
 
 
 def read(text: str) -> Change:
-    """The change in a text from `told`. ValueError if there is none, or if a file that it names cannot be read."""
+    """The change in a text from `text_of`. ValueError if there is none, or if a file that it names cannot be read."""
     words = text.removeprefix(_PREFIX)
     if words == text:
         raise ValueError(f"{text!r:.60} is not a change of the link")

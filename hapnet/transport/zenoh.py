@@ -348,12 +348,8 @@ class ZenohTransport:
     # On Zenoh's threads
 
     def _receiver(self, kind: str) -> Callable[[zenoh.Sample], None]:
-        on_message, clock, admit, heard = (
-            self._on_message,
-            time.monotonic_ns,
-            self.rate_limiter.admit,
-            self._watch.heard,
-        )
+        on_message, clock = self._on_message, time.monotonic_ns
+        admit, heard = self.rate_limiter.admit, self._watch.heard
 
         def receive(sample: zenoh.Sample) -> None:
             now_ns = clock()

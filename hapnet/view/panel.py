@@ -11,6 +11,8 @@ from typing import Any
 import viser
 
 from hapnet.checks import Vector
+from hapnet.couplings.registry import limited
+from hapnet.couplings.set_position import PSPM, ZOH
 from hapnet.errors import HapnetError
 from hapnet.recording.telemetry import Status
 from hapnet.summary.structure import Verdict
@@ -50,7 +52,7 @@ class Numbers:
             self._html.content = content
 
 
-_SWITCHED = {"pspm": "PSPM", "zoh": "PSPM off"}
+_SWITCHED = {PSPM.name: "PSPM", ZOH.name: "PSPM off"}
 
 
 class ControlPanel:
@@ -77,7 +79,7 @@ class ControlPanel:
         self._record = gui.add_button("record", icon=viser.Icon.PLAYER_RECORD, color="red")
         reset = gui.add_button("reset", icon=viser.Icon.RELOAD, color="gray")
         home = gui.add_button("hand home", icon=viser.Icon.HOME, color="gray", hint="lead the hand back to the middle")
-        self._other = "zoh"
+        self._other = ZOH.name
         self._pspm = gui.add_checkbox("PSPM", True, hint="off: the coupling asked for, or a plain virtual one")
         self._smoothing = gui.add_checkbox("smoothing filter", False, hint=f"{1e3 * SMOOTHING_S:.0f} ms, before PSPM")
         self._alike = gui.add_checkbox("alike both ways", True)
@@ -111,11 +113,11 @@ class ControlPanel:
                 self._recording = bool(device.recording)
                 self._record.label = "stop recording" if device.recording else "record"
                 self._record.icon = viser.Icon.PLAYER_STOP if device.recording else viser.Icon.PLAYER_RECORD
-            coupling = device.about.get("coupling", "pspm")
+            coupling = str(device.about.get("coupling", PSPM.name))
             if self._is_new("coupling", (device.incarnation, coupling)):
-                put(self._pspm, coupling == "pspm")
-                if coupling != "pspm":
-                    self._other = str(coupling)
+                put(self._pspm, limited(coupling))
+                if not limited(coupling):
+                    self._other = coupling
             smoothing = float(device.about.get("params", {}).get("device", {}).get("smoothing_s", 0.0))
             if self._is_new("smoothing", (device.incarnation, smoothing)):
                 put(self._smoothing, smoothing > 0.0)
@@ -148,7 +150,7 @@ class ControlPanel:
         self._recording = not self._recording
 
     def _couple(self, on: bool) -> None:
-        self._controls.coupling("pspm" if on else self._other)
+        self._controls.coupling(PSPM.name if on else self._other)
 
     def _on_click(self, button: viser.GuiButtonHandle, act: Callable[[], None], anew: bool = False) -> None:
         @button.on_click
