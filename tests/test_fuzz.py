@@ -18,7 +18,8 @@ from hapnet.wire.replay_window import ReplayWindow
 from hapnet.wire.session import SessionSettings
 from tests.fuzzing import corpus, coverage_guided, lives, storm
 from tests.fuzzing.__main__ import main
-from tests.fuzzing.invariants import Audited, allowed, decoded
+from tests.fuzzing.decoder import allowed, decoded
+from tests.fuzzing.invariants import Audited
 from tests.fuzzing.mutator import Mutator
 from tests.fuzzing.storm import TARGETS, run_many
 

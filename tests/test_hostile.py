@@ -18,7 +18,7 @@ from hapnet.checks import Vector
 from hapnet.params import Params
 from hapnet.wire.messages import Energy, Position, decode, encode
 from tests.conftest import mostly_slow
-from tests.fuzzing.storm import MS, US, Rig
+from tests.fuzzing.rig import MS, US, Rig
 
 SIDES = ("device", "world", "continuous")
 DURATION_NS = 2_000 * MS

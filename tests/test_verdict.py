@@ -19,7 +19,7 @@ from hapnet.simulation.simulation import Simulation, simulate
 from hapnet.summary.run import combine, device_summary, judged, with_wire, world_summary
 from hapnet.summary.verdict import broken, judge
 from hapnet.wire.messages import Energy, decode, encode
-from tests.fuzzing.storm import MS, Rig
+from tests.fuzzing.rig import MS, Rig
 
 SIDE = {
     "ledger": {"margin_J": 0.05, "slack_J": 0.0, "bound_J": 0.05, "energy_out_J": 0.0, "margin_end_J": 0.06},

@@ -7,8 +7,8 @@ import random
 from hapnet.assembly.build import prepare
 from hapnet.params import Params
 from tests.fuzzing import corpus
-from tests.fuzzing.invariants import decoded, hold
-from tests.fuzzing.storm import MS, Rig
+from tests.fuzzing.decoder import decoded, hold
+from tests.fuzzing.rig import MS, Rig
 
 _WAITS_NS = tuple(100_000 << power for power in range(10))  # to 51 ms
 _HEADER = 3

@@ -1,0 +1,146 @@
+"""What a decoder must say of any bytes, written from hapnet/wire/README.md, not from the code."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import msgpack
+
+from hapnet.errors import BadMessage
+from hapnet.wire.messages import Message, Refuse, decode, encode
+from tests.fuzzing.mutator import BYE, ENERGY, HELLO, MOTION, PORT, POSITION, REFUSE, WAVE, WELCOME
+
+LENGTHS = {POSITION: 8, ENERGY: 6, HELLO: 8, WELCOME: 9, REFUSE: 5, BYE: 6, MOTION: 9, PORT: 9, WAVE: 9}
+
+BAD_FRAMES = {"size", "malformed", "version", "kind", "length", "type", "range", "dimension"}
+
+
+class Broken(AssertionError):
+    """Something that must hold does not."""
+
+
+def hold(truth: bool, *words: object) -> None:
+    """Raise Broken, with these words, unless it is true."""
+    if not truth:
+        raise Broken(" ".join(map(str, words)))
+
+
+def allowed(data: bytes) -> list[Any] | None:
+    """The elements of the frame in `data` if the protocol's page allows it, else None."""
+    if len(data) > 4096:
+        return None
+    try:
+        frame = msgpack.unpackb(data, strict_map_key=True, max_array_len=65)  # no array may be longer
+    except (ValueError, TypeError, msgpack.UnpackException):
+        return None
+    if not isinstance(frame, list) or len(frame) < 3:
+        return None
+    version, kind = frame[:2]
+    if not (_integer(version, -(2**63)) and _integer(kind, 1, max(LENGTHS)) and _integer(frame[2], 1)):
+        return None
+    length = LENGTHS[kind]
+    if (version != 2 and kind != REFUSE) or len(frame) not in (length, length + (kind != REFUSE)):
+        return None
+    return frame if _fields(kind, frame[3:length]) and all(map(_further, frame[length:])) else None
+
+
+def _fields(kind: int, fields: list[Any]) -> bool:
+    match kind, fields:
+        case 1 | 7 | 8 | 9, [sequence, sent_ns, *values, echo_ns, came_ns]:
+            return all(map(_integer, (sequence, sent_ns, echo_ns, came_ns))) and _values(kind, values)
+        case 2, [addressee, total_nJ, acked_nJ]:
+            return _integer(addressee) and _integer(total_nJ, 0, 2**63 - 1) and _integer(acked_nJ, 0, 2**63 - 1)
+        case 3, [number, *identity]:
+            return _integer(number) and _identity(*identity)
+        case 4, [addressee, number, *identity]:
+            return _integer(addressee) and _integer(number) and _identity(*identity)
+        case 5, [addressee, reason]:
+            return _integer(addressee) and _text(reason)
+        case 6, [addressee, acked_nJ, reason]:
+            return _integer(addressee) and _integer(acked_nJ, 0, 2**63 - 1) and _text(reason)
+    return False
+
+
+def _values(kind: int, values: list[Any]) -> bool:
+    match kind, values:
+        case 1, [position]:
+            return _floats(position)
+        case 7, [position, velocity]:
+            return _floats(position) and _floats(velocity) and len(position) == len(velocity)
+        case 8, [value, energy_nJ]:
+            return _floats(value) and _integer(energy_nJ, 0, 2**63 - 1)
+        case 9, [wave, span_ns]:
+            return _floats(wave) and _integer(span_ns, 1, 10**10)
+    return False
+
+
+def _further(value: object) -> bool:
+    return isinstance(value, dict) and len(value) <= 32 and all(map(_text, value))
+
+
+def _floats(value: object) -> bool:
+    if not (isinstance(value, list) and 1 <= len(value) <= 64):
+        return False
+    return all(isinstance(x, float) and math.isfinite(x) and abs(x) <= 1e6 for x in value)
+
+
+def _identity(role: object, dof: object, name: object, about: object) -> bool:
+    if not (isinstance(about, dict) and len(about) <= 32 and role in ("device", "world") and _text(role)):
+        return False
+    return _integer(dof, 1, 64) and _text(name) and all(_text(key) and _scalar(about[key]) for key in about)
+
+
+def _scalar(value: object) -> bool:
+    if isinstance(value, float):
+        return math.isfinite(value)
+    return value is None or isinstance(value, int) or _text(value)
+
+
+def _integer(value: object, least: int = 0, most: int = 2**64 - 1) -> bool:
+    if value is True or value is False or not isinstance(value, int):
+        return False
+    return least <= value <= most
+
+
+def _text(value: object) -> bool:
+    return isinstance(value, str) and len(value) <= 256 and value.isprintable()
+
+
+def decoded(data: bytes) -> Message | None:
+    """Decode `data`, see that this went as it must, and return the message, or None if it is a bad one."""
+    frame = allowed(data)
+    try:
+        message = decode(data)
+    except BadMessage as error:
+        hold(frame is None, "a frame that is allowed was refused:", error)
+        hold(error.kind in BAD_FRAMES, "a kind that nobody counts:", error.kind)
+        hold(len(str(error)) < 1000, "an error of", len(str(error)), "characters")
+        return None
+    if frame is None:
+        raise Broken(f"a frame that is not allowed was taken: {message}")
+    fields = tuple(message) if isinstance(message, tuple) else dataclasses.astuple(message)
+    if not isinstance(message, Refuse):
+        fields, further = fields[:-1], fields[-1]
+        hold(repr(further or {}) == repr(_tupled(frame[len(fields) + 2 :] or [{}])[0]), "further", further, frame)
+        frame = frame[: len(fields) + 2]
+    hold(frame[1] == message.KIND, "kind", frame[1], "became", message)
+    hold(_same(list(fields), frame[2:]), "fields", frame[2:], "became", message)
+    again = decode(encode(message))
+    hold(type(again) is type(message) and repr(again) == repr(message), message, "encoded is", again)
+    return message
+
+
+def _tupled(value: object) -> Any:
+    """With tuples in place of arrays, wherever they are."""
+    if isinstance(value, list):
+        return tuple(map(_tupled, value))
+    return {key: _tupled(inner) for key, inner in value.items()} if isinstance(value, dict) else value
+
+
+def _same(fields: object, elements: object) -> bool:
+    """Equal in value and in type, a tuple being as good as a list; zeros have signs."""
+    if isinstance(fields, list | tuple) and isinstance(elements, list):
+        return len(fields) == len(elements) and all(map(_same, fields, elements))
+    return type(fields) is type(elements) and repr(fields) == repr(elements)
