@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 from hapnet.checks import Array
 
@@ -17,6 +18,9 @@ ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / "shared" / "data"
 ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))}
 """For processes that a test starts, in a directory of its own perhaps: they run this tree's hapnet."""
+
+settings.register_profile("hapnet", deadline=None)  # how long an example takes depends on what else runs here
+settings.load_profile("hapnet")
 
 
 _REAL_TIME = ("hapnet.bench", "hapnet.realtime", "hapnet.transport", "netem.bench", "netem.relay", "netem.zenoh_relay",

@@ -1,7 +1,8 @@
+"""A session: who is paired with whom, what is refused and dropped, and what is said of it."""
+
 from __future__ import annotations
 
 import random
-from collections import Counter
 from typing import Any
 
 import msgpack
@@ -9,110 +10,11 @@ import pytest
 
 from hapnet.errors import InvalidParameter
 from hapnet.wire.control_sender import MAX_REPLIES
-from hapnet.wire.events import (
-    EnergyCredited,
-    Event,
-    Mismatch,
-    Paired,
-    PeerHeard,
-    PeerLeft,
-    PeerRefused,
-    PeerSilent,
-    PositionReceived,
-    SampleReceived,
-)
-from hapnet.wire.messages import (
-    Bye,
-    Energy,
-    Hello,
-    Identity,
-    Motion,
-    Port,
-    Position,
-    Refuse,
-    Role,
-    Stream,
-    Wave,
-    Welcome,
-    decode,
-    encode,
-)
+from hapnet.wire.events import Mismatch, Paired, PeerHeard, PeerRefused, PeerSilent, PositionReceived
+from hapnet.wire.messages import Bye, Energy, Hello, Identity, Position, Refuse, Welcome, decode, encode
 from hapnet.wire.peer_monitor import Outages
 from hapnet.wire.session import Session, SessionSettings
-
-MS = 1_000_000
-OPEN = SessionSettings(admission_W=1e6, admission_burst_J=1e6)
-
-
-def session(role: Role, incarnation: int, *, dof: int = 1, settings: SessionSettings = OPEN) -> Session:
-    return Session(role=role, dof=dof, name=f"{role}-{incarnation}", incarnation=incarnation, settings=settings)
-
-
-class Network:
-    """Sessions on one pair of keys: what one says, the other role hears late, in any order, repeatedly or never."""
-
-    def __init__(self, *sessions: Session, seed: int = 0, loss: float = 0.0, repeat: float = 0.0, jitter: int = 0):
-        self.sessions = list(sessions)
-        self.gone: list[Session] = []
-        self.one_key = False  # everybody hears everybody
-        self.rng = random.Random(seed)
-        self.loss, self.repeat, self.jitter = loss, repeat, jitter
-        self.now = 0
-        self.path: list[tuple[int, Session, bytes]] = []
-        self.events: dict[int, list[Event]] = {}
-        self.sent: list[bytes] = []
-
-    def kill(self, s: Session) -> None:
-        self.sessions.remove(s)
-        self.gone.append(s)
-
-    def put(self, sender: Session, data: bytes) -> None:
-        self.sent.append(data)
-        copies = 0 if self.rng.random() < self.loss else 1 + (self.rng.random() < self.repeat)
-        for _ in range(copies):
-            self.path.append((self.now + 5 * MS + self.rng.randrange(self.jitter + 1), sender, data))
-
-    def happened(self, s: Session, *kinds: type[Event]) -> list[Event]:
-        return [e for e in self.events.get(s.identity.incarnation, []) if isinstance(e, kinds or object)]
-
-    def run(self, duration_ns: int) -> None:
-        end = self.now + duration_ns
-        while self.now < end:
-            for s in self.sessions:
-                due = s.next_due_ns
-                if due is not None and due <= self.now:
-                    outgoing, events = s.poll(self.now)
-                    self.events.setdefault(s.identity.incarnation, []).extend(events)
-                    for frame in outgoing:
-                        assert frame.kind == decode(frame.data).CHANNEL
-                        self.put(s, frame.data)
-            self.now += MS
-            ready = [item for item in self.path if item[0] <= self.now]
-            self.path = [item for item in self.path if item[0] > self.now]
-            for _, sender, data in ready:
-                for s in self.sessions:
-                    if s is not sender and (self.one_key or s.identity.role != sender.identity.role):
-                        self.events.setdefault(s.identity.incarnation, []).extend(s.receive(self.now, data))
-            self.check()
-
-    def check(self) -> None:
-        sent, credited = Counter[str](), Counter[str]()
-        for s in self.sessions + self.gone:
-            assert s.sent_nJ == s.acked_nJ + s.in_flight_nJ + s.abandoned_nJ
-            assert s.credited_nJ == sum(e.credited_nJ for e in self.happened(s) if isinstance(e, EnergyCredited))
-            sent[s.identity.role] += s.sent_nJ
-            credited[s.identity.role] += s.credited_nJ
-        assert credited["device"] <= sent["world"]
-        assert credited["world"] <= sent["device"]
-
-
-def paired(**kwargs: Any) -> tuple[Network, Session, Session]:
-    device, world = session("device", 1), session("world", 2)
-    network = Network(device, world, **kwargs)
-    network.run(300 * MS)
-    assert device.peer == world.identity
-    assert world.peer == device.identity
-    return network, device, world
+from tests.sessions import MS, Network, paired, session
 
 
 def test_pairs_once_and_falls_silent() -> None:
@@ -135,28 +37,6 @@ def test_the_second_may_start_much_later() -> None:
     network.run(230 * MS)
     assert device.peer is not None
     assert world.peer is not None
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_hostile_channel_loses_and_creates_no_energy(seed: int) -> None:
-    device, world = session("device", 1), session("world", 2)
-    network = Network(device, world, seed=seed, loss=0.4, repeat=0.3, jitter=80 * MS)
-    for _ in range(100):
-        for s in (device, world):
-            s.shuffle(network.rng.expovariate(1e3))
-            network.put(s, s.position(network.now, [0.5]))
-        network.run(network.rng.randrange(1, 30) * MS)
-    network.loss = 0.0
-    network.run(6000 * MS)
-    assert device.settled
-    assert world.settled
-    for here, there in ((device, world), (world, device)):
-        assert there.credited_nJ == here.acked_nJ == here.sent_nJ - here.abandoned_nJ > 0
-        received = [e.sequence for e in network.happened(here) if isinstance(e, PositionReceived)]
-        assert received == sorted(set(received))
-        assert len(received) > 10
-    assert device.next_due_ns is None
-    assert set(device.dropped) <= {"stale", "unpaired"}
 
 
 def test_positions_newest_wins_unless_stale_ones_are_wanted() -> None:
@@ -324,26 +204,6 @@ def test_a_silence_is_told_once_and_counted() -> None:
     assert world.outages(last + 740 * MS) == Outages(1, 730 * MS, 730 * MS, 30 * MS, received=4, missing=1)
 
 
-def test_the_reservoirs_of_the_peers_are_added_up_and_a_restarted_one_starts_with_none() -> None:
-    def with_reservoir(role: Role, incarnation: int, value: Any) -> Session:
-        return Session(role=role, dof=1, name=role, incarnation=incarnation, about={"reservoir_J": value})
-
-    device, world = with_reservoir("device", 1, 0.03), with_reservoir("world", 2, 0.05)
-    network = Network(device, world)
-    network.run(300 * MS)
-    assert (device.peers_J, world.peers_J) == (0.05, 0.03)
-    network.kill(world)
-    network.run(600 * MS)
-    reborn = with_reservoir("world", 3, 0.05)
-    network.sessions.append(reborn)
-    network.run(600 * MS)
-    assert (device.incarnations, device.peers_J, reborn.peers_J) == (2, 0.05, 0.03)
-    for nonsense in (-1.0, "much", True, None):
-        network = Network(one := session("device", 1), with_reservoir("world", 2, nonsense))
-        network.run(300 * MS)
-        assert (one.incarnations, one.peers_J) == (1, 0.0)
-
-
 def test_a_displaced_peer_is_told_and_never_comes_back() -> None:
     network, device, world = paired()
     rival = session("world", 3)
@@ -406,106 +266,6 @@ def test_version_1_is_refused_in_words_that_it_understands() -> None:
     assert world.dropped == {"version": 2}
     answer = msgpack.packb([1, 5, sender, 2, "peer speaks protocol 2, this side speaks 1"])  # to a hello of version 2
     assert world.receive(0, answer) == (PeerRefused("peer speaks protocol 2, this side speaks 1"),)
-
-
-def test_bye_settles_the_account_exactly() -> None:
-    network, device, world = paired()
-    world.shuffle(3e-6)
-    device.shuffle(5e-6)
-    network.run(8 * MS)  # delivered; the acknowledgements are still owed
-    assert (device.credited_nJ, world.acked_nJ) == (3000, 0)
-    device.close(network.now, "the\nend")
-    assert device.settled
-    network.run(300 * MS)
-    assert network.happened(world)[-1] == PeerLeft("the end")
-    assert (world.acked_nJ, world.abandoned_nJ, world.peer) == (3000, 0, None)
-    assert (device.next_due_ns, device.poll(network.now)) == (None, ([], ()))
-    byes = [d for d in network.sent if isinstance(decode(d), Bye)]
-    assert len(byes) == 3
-    assert device.receive(network.now, b"x") == ()
-    assert device.dropped["closed"] > 0
-
-
-@pytest.mark.parametrize("addressee", [0, 77])
-def test_a_bye_to_somebody_else_ends_the_pair_and_acknowledges_nothing(addressee: int) -> None:
-    """The sender is gone whoever it says so to; but what it credited, it credited to the one that it speaks to."""
-    network, device, _ = paired()
-    device.shuffle(3e-6)
-    device.poll(network.now)
-    assert device.receive(network.now, encode(Bye(2, addressee, 2000, "gone"))) == (PeerLeft("gone"),)
-    assert (device.peer, device.acked_nJ, device.abandoned_nJ) == (None, 0, 3000)
-    network, device, _ = paired()
-    device.shuffle(3e-6)
-    device.poll(network.now)
-    device.receive(network.now, encode(Bye(2, 1, 2000, "gone")))
-    assert (device.peer, device.acked_nJ, device.abandoned_nJ) == (None, 2000, 1000)
-
-
-def test_energy_given_after_the_end_is_abandoned() -> None:
-    network, device, _ = paired()
-    device.shuffle(1e-6)
-    network.run(300 * MS)
-    device.close(network.now, "the end")
-    assert device.peer is not None
-    device.shuffle(2e-6)
-    assert (device.sent_nJ, device.acked_nJ, device.abandoned_nJ, device.in_flight_nJ) == (3000, 1000, 2000, 0)
-    assert device.settled
-
-
-def test_what_the_first_peer_began_with_counts_and_what_a_later_one_says_does_not() -> None:
-    """Those after it begin with nothing, whatever they say: else a crash loop would raise the bound."""
-    device = session("device", 1)
-    network = Network(device)
-    for incarnation, reservoir_J, counted_J in ((2, 0.05, 0.05), (3, 0.5, 0.05), (4, 7.0, 0.05)):
-        about: dict[str, Any] = {"reservoir_J": reservoir_J}
-        world = Session(role="world", dof=1, name="world", incarnation=incarnation, about=about)
-        network.sessions.append(world)
-        network.run(1200 * MS)
-        assert device.peer == world.identity
-        assert device.peers_J == counted_J
-        network.kill(world)
-        network.run(600 * MS)
-
-
-def test_energy_without_a_peer_is_abandoned_and_counted() -> None:
-    device = session("device", 1)
-    for _ in range(2):
-        device.shuffle(2.6e-9)
-    assert (device.sent_nJ, device.abandoned_nJ, device.settled) == (5, 5, True)
-    world = session("world", 2)
-    device.shuffle(0.4e-9)
-    Network(device, world).run(300 * MS)
-    assert device.peer is not None
-    device.shuffle(0.5e-9)  # the fraction came along
-    assert device.sent_nJ == 6
-
-
-def test_what_the_bucket_kept_waiting_comes_from_poll() -> None:
-    device = session("device", 1, settings=SessionSettings(admission_W=1.0, admission_burst_J=0.001))
-    world = session("world", 2)
-    network = Network(device, world)
-    network.run(300 * MS)
-    world.shuffle(0.003)
-    network.run(5 * MS)
-    assert device.credited_nJ == 10**6
-    network.run(100 * MS)
-    assert (device.credited_nJ, world.settled) == (3 * 10**6, True)
-
-
-def test_a_restart_earns_no_fresh_burst() -> None:
-    device = session("device", 1, settings=SessionSettings(admission_W=1e-9, admission_burst_J=0.001))
-    network = Network(device)
-    for incarnation in range(2, 7):
-        world = session("world", incarnation)
-        network.sessions.append(world)
-        network.run(400 * MS)
-        assert device.peer == world.identity
-        world.shuffle(1.0)
-        network.run(50 * MS)
-        network.kill(world)
-        network.run(400 * MS)  # with the 50 before, so long that the next one is no rival
-        assert 10**6 <= device.credited_nJ <= 10**6 + 5
-    assert device.incarnations == 5
 
 
 @pytest.mark.parametrize(
@@ -591,142 +351,3 @@ def test_identity_is_what_the_peer_sees() -> None:
     world = session("world", 2, dof=2)
     Network(device, world).run(300 * MS)
     assert world.peer == Identity(5, "device", 2, "pen", {"program": "x", "sampled": True})
-
-
-# -- the streams of other couplings ------------------------------------------------------------------------------------
-
-
-def expecting(kind: type[Stream], **more: Any) -> tuple[Session, Session]:
-    """A device that takes this kind, and its peer."""
-    device = session("device", 1, settings=SessionSettings(expects=kind, **more))
-    world = session("world", 2)
-    Network(device, world).run(300 * MS)
-    assert device.peer == world.identity
-    return device, world
-
-
-def of_kind(kind: type[Stream], number: int, *, dof: int = 1) -> Stream:
-    value = (0.1 * number,) * dof
-    last: dict[type[Stream], Any] = {Motion: (value,), Port: (number,), Wave: (1 + number,)}
-    return kind(2, number, 1, value, *last.get(kind, ()))
-
-
-KINDS: tuple[type[Stream], ...] = (Position, Motion, Port, Wave)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_only_the_stream_that_the_coupling_takes_is_handed_out(kind: type[Stream]) -> None:
-    device, _ = expecting(kind)
-    for number, other in enumerate(KINDS):
-        message = of_kind(other, number)
-        events = device.receive(300 * MS, encode(message))
-        if other is not kind:
-            assert events == ()
-        elif isinstance(message, Position):
-            assert events == (PositionReceived(*message[1:4]),)
-        else:
-            assert events == (SampleReceived(message),)
-    assert device.dropped == {"stream": 3}
-    assert device.dropped_for["stream"].endswith(f"allowed with this coupling: a {kind.__name__.lower()}")
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_of_other_dimensions_or_from_others_it_is_dropped(kind: type[Stream]) -> None:
-    device, _ = expecting(kind)
-    assert device.receive(300 * MS, encode(of_kind(kind, 1, dof=2))) == ()
-    assert device.receive(300 * MS, encode(of_kind(kind, 1)._replace(incarnation=9))) == ()
-    assert device.dropped == {"dimension": 1, "rival": 1}
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_what_comes_late_is_taken_by_its_kind(kind: type[Stream]) -> None:
-    """0, 3, 1, 3, 2, 1: of waves all once; of positions none that is older, unless asked for; of the rest none."""
-    for stale, taken in ((False, [0, 3]), (True, [0, 3, 1, 3, 2, 1] if kind is Position else [0, 3])):
-        device, _ = expecting(kind, accept_stale=stale)
-        if kind is Wave:
-            taken = [0, 3, 1, 2]
-        order = (0, 3, 1, 3, 2, 1)
-        assert [n for n in order if device.receive(300 * MS, encode(of_kind(kind, n)))] == taken
-        assert device.dropped["stale"] == len(order) - len(taken)
-
-
-def test_each_wave_of_a_bad_link_is_used_once() -> None:
-    """Lost, repeated, and each up to 200 places late: those that came at all are handed out once each."""
-    device, world = expecting(Wave)
-    rng = random.Random(3)
-    frames = [(number, world.positions.wave(number, (0.0,), 1)) for number in range(2000)]
-    arrive = sorted(
-        (number + rng.uniform(0.0, 200.0), number, data)
-        for number, data in frames
-        for _ in range(rng.choice((0, 1, 1, 2)))
-    )
-    taken = []
-    for place, _, data in arrive:
-        for event in device.receive(300 * MS + round(place * 5 * MS), data):
-            assert isinstance(event, SampleReceived)
-            taken.append(event.message.sequence)
-    assert sorted(taken) == sorted({number for _, number, _ in arrive})
-    assert device.dropped["stale"] == len(arrive) - len(taken) > 0
-
-
-def test_a_wave_far_behind_counts_as_used() -> None:
-    device, _ = expecting(Wave)
-    for number in (0, 1500):
-        assert device.receive(300 * MS, encode(of_kind(Wave, number)))
-    assert device.receive(300 * MS, encode(of_kind(Wave, 476))) == ()
-    assert device.receive(300 * MS, encode(of_kind(Wave, 477)))
-
-
-def test_a_forged_wave_far_ahead_silences_nobody() -> None:
-    device, world = expecting(Wave)
-    for k in range(10):
-        assert device.receive(300 * MS + 5 * k * MS, world.positions.wave(5 * k * MS, (0.0,), 1))
-    assert device.receive(350 * MS, encode(Wave(2, 1900, 50 * MS, (0.5,), 1)))
-    taken = [
-        len(device.receive(350 * MS + 5 * k * MS, world.positions.wave(50 * MS + 5 * k * MS, (0.0,), 1)))
-        for k in range(1, 10)
-    ]
-    assert taken == [0, *[1] * 8]
-
-
-def test_another_peers_waves_are_counted_anew() -> None:
-    device, world = expecting(Wave)
-    assert device.receive(300 * MS, encode(of_kind(Wave, 5)))
-    other = session("world", 3)
-    network = Network(device, other)
-    network.now = 2000 * MS
-    network.run(300 * MS)
-    assert device.peer == other.identity
-    assert device.receive(network.now, encode(of_kind(Wave, 5)._replace(incarnation=3)))
-    assert device.receive(network.now, encode(of_kind(Wave, 6))) == ()
-    assert world.identity.incarnation == 2
-
-
-def test_a_streams_energy_is_as_the_newest_says_it() -> None:
-    """One that leapt by a flipped bit is repaired by the next."""
-    device, _ = expecting(Port)
-    for number, energy_nJ in enumerate((5, 2**62, 6)):
-        message = Port(2, number, 1, (0.0,), energy_nJ)
-        assert device.receive(300 * MS, encode(message)) == (SampleReceived(message),)
-
-
-@pytest.mark.parametrize(
-    ("mine", "theirs", "fits"),
-    [
-        ({"shared.b": 2.5}, {"shared.b": 2.5}, True),
-        ({"shared.b": 2.5}, {"shared.b": 2.6}, False),
-        ({"shared.b": 2.5}, {"shared.b": "2.5"}, False),
-        ({"shared.b": 2.5}, {}, True),
-        ({}, {"shared.b": 2.5}, True),
-        ({"b": 2.5}, {"b": 2.6}, True),
-    ],
-)
-def test_what_is_shared_must_be_the_same(mine: dict[str, Any], theirs: dict[str, Any], fits: bool) -> None:
-    device = Session(role="device", dof=1, name="pen", incarnation=1, about=mine)
-    world = Session(role="world", dof=1, name="wall", incarnation=2, about=theirs)
-    network = Network(device, world)
-    network.run(300 * MS)
-    assert (device.peer == world.identity) is fits
-    if not fits:
-        (mismatch,) = network.happened(device, Mismatch)
-        assert mismatch == Mismatch(f"wall has b {theirs['shared.b']}, pen has 2.5: both must have the same")

@@ -15,6 +15,7 @@ from netem.link import Link
 from netem.profile import LinkProfile
 from netem.trace import CapacityTrace, ConditionTrace
 
+MS = 1_000_000
 RECORDED = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "tc-netem"
 
 fractions = st.one_of(st.floats(0, 1), st.integers(0, 100).map(lambda n: n / 100))
@@ -105,3 +106,12 @@ def burst_lengths(lost: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Lengths of the runs of True."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], lost, [False])).astype(np.int8)))
     return edges[1::2] - edges[::2]
+
+
+def link_of(words: str, seed: int = 1) -> Link[int]:
+    return Link(LinkProfile.parse(words), seed)
+
+
+def release_times(link: Link[int], count: int) -> dict[int, int]:
+    """When each of `count` messages that are offered 1 ms apart is released [ns], by its number."""
+    return {number: due_ns for due_ns, number in drive(link, count, MS)}

@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 import ast
-import gc
 import inspect
-import json
-import sys
-import tracemalloc
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.random import SeedSequence
 from scipy import stats
 
 import netem
@@ -36,20 +30,10 @@ from netem import (
 )
 from netem import profile as netem_profile
 from netem import stats as netem_stats
-from tests.netem.support import drive, recorded, traced_profiles
-
-MS = 1_000_000
+from tests.netem.support import MS, drive, link_of, recorded, release_times, traced_profiles
 
 short_times = st.one_of(st.just(0), st.integers(0, 50 * MS), st.integers(0, 50).map(lambda n: n * MS))
 gaps = st.lists(st.one_of(st.just(0), st.integers(0, 20 * MS)), max_size=60)
-
-
-def link_of(words: str, seed: int = 1) -> Link[int]:
-    return Link(LinkProfile.parse(words), seed)
-
-
-def release_times(link: Link[int], count: int) -> dict[int, int]:
-    return {number: due_ns for due_ns, number in drive(link, count, MS)}
 
 
 @settings(max_examples=200, deadline=None)
@@ -105,93 +89,6 @@ def test_a_change_loses_and_repeats_nothing(first: LinkProfile, second: LinkProf
     assert all(due >= number * MS for due, number in out)
     assert all(earlier <= later for (earlier, _), (later, _) in pairwise(out))
     assert len(out) + link.stats.lost + link.stats.dropped_limit == 100
-
-
-EVERYTHING = (
-    "delay 40ms 10ms 25% distribution normal loss gemodel 1% 20% corrupt 1% reorder 5% 10% rate 10mbit slot 1ms 5ms"
-)
-
-
-def test_same_seed_same_releases() -> None:
-    first, again, other = (drive(link_of(EVERYTHING, seed), 2000, MS) for seed in (1, 1, 2))
-    assert first == again
-    assert first != other
-
-
-def test_seed_sequences_and_the_words_seed() -> None:
-    profile = LinkProfile.parse(EVERYTHING)
-    up, down = SeedSequence(1).spawn(2)
-    assert drive(Link(profile, up), 500, MS) != drive(Link(profile, down), 500, MS)
-    assert drive(Link(profile, SeedSequence(1)), 500, MS) == drive(Link(profile, 1), 500, MS)
-    seeded = profile.replace(seed=7)
-    assert drive(Link(seeded, 1), 500, MS) == drive(Link(profile, 7), 500, MS)
-    assert drive(Link(seeded, up), 500, MS) != drive(Link(seeded, down), 500, MS)
-
-
-def test_directions_are_independent() -> None:
-    """Neither the delays nor the losses of two spawned links are correlated; nor are a link's own."""
-    count, profile = 20_000, LinkProfile.parse("delay 40ms 10ms loss 20%")
-    series = []
-    for seed in SeedSequence(1).spawn(2):
-        delays = np.full(count, np.nan)
-        for due, number in drive(Link(profile, seed), count, MS):
-            delays[number] = due - number * MS
-        series.append(delays)
-    lost = [np.isnan(delays) for delays in series]
-    both = ~(lost[0] | lost[1])
-    assert stats.pearsonr(series[0][both], series[1][both]).pvalue > 1e-3
-    assert stats.pearsonr(series[0][both], lost[1][np.roll(both, 1)]).pvalue > 1e-3
-    assert stats.chi2_contingency(np.histogram2d(*lost, bins=2)[0]).pvalue > 1e-3
-
-
-def test_a_change_without_a_seed_keeps_the_streams_and_one_with_another_starts_new_ones() -> None:
-    def releases(*words: str) -> list[tuple[int, int]]:
-        link = link_of("delay 5ms 1ms loss 10% seed 7")
-        out = []
-        for number in range(600):
-            if number == 300:
-                for some in words:
-                    link.change(LinkProfile.parse(some), number * MS)
-            link.send(number * MS, number)
-            out += link.poll(number * MS)
-        return out + link.poll(10**12)
-
-    unchanged = releases()
-    assert releases("delay 5ms 1ms loss 10%") == unchanged == releases("delay 5ms 1ms loss 10% seed 7")
-    assert releases("delay 5ms 1ms loss 10% seed 8") != unchanged
-
-
-@pytest.mark.parametrize("other", ["loss gemodel 5% 20%", "reorder 20%", "corrupt 50%", "loss 30% 50%"])
-def test_another_effect_leaves_the_delays(other: str) -> None:
-    """Messages that both links only delay are delayed alike: nobody's draws were reshuffled."""
-    plain = release_times(link_of("delay 40ms 10ms"), 2000)
-    changed = release_times(link_of(f"delay 40ms 10ms {other}"), 2000)
-    delayed = {number: due for number, due in changed.items() if due > number * MS}
-    assert len(delayed) > 1000
-    assert all(plain[number] == due for number, due in delayed.items())
-
-
-def test_another_delay_leaves_the_losses() -> None:
-    def arrived(words: str) -> set[int]:
-        return {number for _, number in drive(link_of(words), 2000, MS)}
-
-    assert (
-        arrived("loss 10%") == arrived("loss 10% delay 4ms 2ms distribution pareto") == arrived("loss 10% rate 9mbit")
-    )
-
-
-def test_a_live_change_leaves_the_other_effects_streams() -> None:
-    def arrived(changed: bool) -> set[int]:
-        link = link_of("loss 10% delay 5ms 1ms")
-        out = []
-        for number in range(2000):
-            if changed and number == 700:
-                link.change(LinkProfile.parse("loss 10% delay 50ms"), number * MS)
-            link.send(number * MS, number)
-            out += link.poll(number * MS)
-        return {number for _, number in out + link.poll(10**12)}
-
-    assert arrived(True) == arrived(False)
 
 
 def test_an_ideal_link_passes_everything_at_once() -> None:
@@ -257,72 +154,6 @@ def test_correlated_reordering_reorders_as_often_as_asked() -> None:
     assert link.stats.sent_ahead / 50_000 == pytest.approx(0.25, abs=5 * error)
 
 
-def test_the_limit_counts_what_is_in_flight() -> None:
-    link = link_of("delay 10ms limit 3")
-    for number in range(5):
-        link.send(number, number)
-    assert link.stats.dropped_limit == 2
-    link.send(10 * MS, 5)  # the first is due, so there is room, whether or not somebody polled
-    assert link.stats.dropped_limit == 2
-    assert [number for _, number in link.poll(10**9)] == [0, 1, 2, 5]
-
-
-def test_the_limit_comes_after_corruption_and_before_reordering() -> None:
-    link: Link[bytes] = Link(LinkProfile.parse("delay 10ms gap 2 limit 1 corrupt 100%"))
-    for now in range(4):
-        link.send(now, b"abc")
-    assert (link.stats.corrupted, link.stats.dropped_limit, link.stats.sent_ahead) == (4, 3, 0)
-    link.send(20 * MS, b"abc")  # what the limit dropped does not count for the gap, so this one is the second
-    assert link.stats.sent_ahead == 1
-
-
-def test_messages_sent_ahead_do_not_wait_for_the_line() -> None:
-    out = drive(link_of("delay 1ms reorder 100% rate 8bit"), 10, MS)
-    assert out == [(number * MS, number) for number in range(10)]
-
-
-def test_a_smaller_limit_loses_nothing_in_flight() -> None:
-    link = link_of("delay 10ms")
-    for number in range(5):
-        link.send(0, number)
-    link.change(LinkProfile.parse("delay 10ms limit 2"), 1)
-    link.send(1, 5)
-    assert [number for _, number in link.poll(10**9)] == [0, 1, 2, 3, 4]
-    assert link.stats.dropped_limit == 1
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("count", [50_000, 1_000_000])
-def test_a_million_messages_in_flight_cost_their_own_memory_only(count: int) -> None:
-    """One tuple of five, three numbers and a place in a list each; all of it given back when they have left."""
-    link: Link[None] = Link(LinkProfile.parse(f"delay 10s 1s loss 1% rate 1tbit limit {count}"))
-    entry = sys.getsizeof((0,) * 5) + 3 * sys.getsizeof(10**12) + 2 * 8  # a list has up to 1/8 to spare
-    gc.collect()
-    tracemalloc.start()
-    try:
-        before, _ = tracemalloc.get_traced_memory()
-        for number in range(count):
-            link.send(1000 * number, None, 64)
-        in_flight = link.stats.in_flight
-        during, _ = tracemalloc.get_traced_memory()
-        delivered = 0
-        while (due_ns := link.next_due_ns) is not None:
-            delivered += len(link.poll(due_ns + MS))
-        after, peak = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
-    assert 0.98 * count < in_flight == delivered
-    assert during - before < in_flight * (entry + 8)
-    assert peak < during + in_flight * 16
-    assert after - before < 1_000_000
-
-
-def test_losses_do_not_count_for_the_limit() -> None:
-    link = link_of("delay 10ms limit 3 loss 100%")
-    drive(link, 10, 1)
-    assert (link.stats.lost, link.stats.dropped_limit) == (10, 0)
-
-
 def test_a_link_that_is_down_loses_what_is_offered_only() -> None:
     link = link_of("delay 10ms")
     link.send(0, 0)
@@ -345,37 +176,6 @@ def test_corruption_flips_one_bit_of_bytes() -> None:
     assert stats.binomtest(sum(flipped), 5000, 0.1).pvalue > 1e-3
     link.send(0, "text")
     assert link.poll(0) == [(0, "text")]
-
-
-def test_slots_gather_what_became_ready() -> None:
-    """Every 10 ms from the first arrival on, while there is something to wait for."""
-    out = drive(link_of("slot 10ms"), 35, MS)
-    assert sorted({due // MS for due, _ in out}) == [10, 21, 32, 43]
-    assert [number for _, number in out] == list(range(35))
-
-
-def test_a_slot_lets_out_its_packets_and_bytes_only() -> None:
-    link = link_of("slot 10ms packets 2")
-    for number in range(5):
-        link.send(0, number)
-    assert [(due // MS, number) for due, number in link.poll(10**9)] == [(10, 0), (10, 1), (20, 2), (20, 3), (30, 4)]
-    link = link_of("slot 10ms bytes 150")
-    for number in range(5):
-        link.send(0, number, 100)
-    assert [due // MS for due, _ in link.poll(10**9)] == [10, 10, 20, 20, 30]
-
-
-def test_reordered_messages_do_not_wait_for_slots() -> None:
-    link = link_of("delay 1ms reorder 100% slot 50ms")
-    link.send(7, 0)
-    assert link.poll(7) == [(7, 0)]
-
-
-def test_what_a_slot_held_back_leaves_when_slots_are_switched_off() -> None:
-    link = link_of("slot 50ms")
-    link.send(0, 0)
-    link.change(LinkProfile(), 10 * MS)
-    assert link.poll(10 * MS) == [(10 * MS, 0)]
 
 
 def test_size_is_the_items_length_unless_given() -> None:
@@ -462,13 +262,6 @@ def test_the_core_has_no_clock_and_no_io() -> None:
         assert not banned & {name.split(".")[0] for name in names}
 
 
-def test_draws_are_those_recorded_before() -> None:
-    """A seed written down today gives the same link tomorrow: release times (ns) and numbers, made by it once."""
-    golden = json.loads((Path(__file__).parent / "golden_link.json").read_text())
-    for words, expected in golden.items():
-        assert [list(entry) for entry in drive(link_of(words, 1), 40, MS)] == expected
-
-
 def test_what_is_taken_out_late_shows_as_lateness_not_as_delay() -> None:
     link: Link[int] = Link(LinkProfile.parse("delay 10ms"))
     link.send(0, 1)
@@ -488,26 +281,6 @@ def test_corruption_reaches_the_bytes_inside_an_item() -> None:
     assert key == "key"
     assert sum(byte.bit_count() for byte in data) == 1
     assert link.stats.corrupted == 1
-
-
-@pytest.mark.parametrize(
-    "words", ["delay 10ms 5ms loss 10%", "delay 10ms 3ms 40% distribution normal loss gemodel 5% 20%"]
-)
-def test_draws_taken_in_arrays_are_those_of_messages_sent(words: str) -> None:
-    profile = LinkProfile.parse(words)
-    sent: Link[int] = Link(profile, seed=4)
-    taken: Link[int] = Link(profile, seed=4)
-    for order in range(1000):
-        sent.send(0, order)
-    due = {order: due_ns for due_ns, order in sent.poll(10**12)}
-    for order in range(100):
-        taken.send(0, order)
-    first, second = taken.streams.many(100, 600), taken.streams.many(700, 300)
-    lost = [*first.lost.tolist(), *second.lost.tolist()]
-    delays = [*first.delay_ns.tolist(), *second.delay_ns.tolist()]
-    assert {k + 100: d for k, (d, gone) in enumerate(zip(delays, lost, strict=True)) if not gone} == {
-        order: due_ns for order, due_ns in due.items() if order >= 100
-    }
 
 
 # The short way
