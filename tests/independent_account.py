@@ -123,9 +123,9 @@ class Witness:
         tied: list[Vector] = []
 
         def watched_run(ticks: int) -> Any:
-            lived = run(ticks)
-            self.positions.extend(one[1] for one in lived)
-            return lived
+            results = run(ticks)
+            self.positions.extend(one[1] for one in results)
+            return results
 
         def watched_read() -> tuple[Vector, Vector]:
             seen: tuple[Vector, Vector] = read()

@@ -6,14 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapnet.assembly.build import (
-    Setup,
-    device_session,
-    device_side,
-    prepare,
-    world_session,
-    world_side,
-)
+from hapnet.assembly.build import Setup, device_session, device_side, prepare, world_session, world_side
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params

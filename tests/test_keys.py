@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapnet.transport.config import ZenohSettings, free_address, may_lose, zenoh_config
-from hapnet.transport.keys import (
+from hapnet.transport.keys import (  # fmt: skip
     AGAIN_NS,
     DEAD_NS,
     KEEP_ALIVE_NS,
@@ -16,7 +16,7 @@ from hapnet.transport.keys import (
     WATCH_NS,
     KeyWatch,
     key_expressions,
-)  # fmt: skip
+)
 from hapnet.transport.zenoh import KINDS
 from netem import LinkProfile
 from netem.relay import UdpRelay

@@ -12,16 +12,7 @@ from hapnet.control import deadband
 from hapnet.couplings.registry import COUPLINGS
 from hapnet.params import Params
 from hapnet.transport import keys, probe, zenoh
-from hapnet.wire import (
-    control_sender,
-    energy_channel,
-    handshake,
-    messages,
-    numbering,
-    peer_monitor,
-    replay_window,
-    rto,
-)
+from hapnet.wire import control_sender, energy_channel, handshake, messages, numbering, peer_monitor, replay_window, rto
 from hapnet.wire.messages import Message
 from hapnet.wire.session import SessionSettings
 

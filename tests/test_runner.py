@@ -33,8 +33,6 @@ from hapnet.wire.messages import VERSION, Role
 from netem import Link
 from tests.pairs import WAIT_S, Running, idle, parameters, running
 
-# The link
-
 
 @pytest.mark.parametrize(("role", "way"), [("device", "up"), ("world", "down")])
 def test_a_sides_link_is_that_of_its_seed(role: Role, way: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -153,9 +153,9 @@ class Watch:
             return result
 
         def watched_run(device: SimulatedDevice, ticks: int) -> list[TickResult]:
-            lived = run(device, ticks)
-            self.hand += sum(max(0.0, tick[0]) for tick in lived)
-            return lived
+            results = run(device, ticks)
+            self.hand += sum(max(0.0, tick[0]) for tick in results)
+            return results
 
         patch.setattr(SetPositionCoupling, "update", watched_update)
         patch.setattr(SimulatedDevice, "run", watched_run)

@@ -8,8 +8,6 @@ import time
 from hapnet.realtime.world_thread import Stepper
 from tests.pairs import WAIT_S
 
-# The world's stepper
-
 
 class Steps:
     """A step function with lengths given, which remembers when it was called."""

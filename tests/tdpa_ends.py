@@ -1,0 +1,91 @@
+"""Ends of the coupling tdpa, and their accounts watched."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from hapnet.checks import Vector
+from hapnet.control import tdpa
+from hapnet.control.coupling import Port
+from hapnet.control.tdpa import PassivityObserver, TdpaDevice, TdpaWorld
+from hapnet.params import Params
+from hapnet.side.device import DeviceSide
+from hapnet.side.world import WorldSide
+from hapnet.simulation.simulation import Result, Simulation
+
+TICK = 1e-3
+NOTHING: dict[str, object] = {}
+OFF: dict[str, object] = {
+    "tdpa.velocity_floor": 1.0,
+    "tdpa.damping_cap": 1e-9,
+    "tdpa.force_floor": 1e9,
+    "tdpa.debt_limit_J": 1e9,
+    "tdpa.speed_limit": 100.0,
+}
+"""Both controllers switched off."""
+
+
+def device(x: Vector = (0.0,), **changes: float) -> TdpaDevice:
+    values = {"velocity_floor": 0.002, "damping_cap": 5.0, "debt_limit": 0.02, "stiffness": 100.0} | changes
+    return TdpaDevice(position=x, **values)
+
+
+def world(x: Vector = (0.0,), **changes: float) -> TdpaWorld:
+    values = {"stiffness": 100.0, "damping": 3.0, "force_floor": 0.05, "speed_limit": 0.25, "debt_limit": 0.02}
+    return TdpaWorld(position=x, **(values | changes))
+
+
+def told(law: TdpaDevice | TdpaWorld, x: Vector = (0.0,)) -> Port:
+    sample = law.next_sample(x, x) if isinstance(law, TdpaDevice) else law.next_sample()
+    assert isinstance(sample, Port)
+    return sample
+
+
+class Watched(PassivityObserver):
+    """What was granted, the most that was owed, and the most that came out of a tick or a step."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.granted = self.most_owed = self.most_given = 0.0
+
+    def observe(self, given: float, dissipated: float) -> None:
+        super().observe(given, dissipated)
+        self.most_owed = max(self.most_owed, self.debt)
+        self.most_given = max(self.most_given, given)
+
+    def receive(self, energy: float) -> None:
+        before = self.debt
+        super().receive(energy)
+        self.granted += before - self.debt
+
+
+@pytest.fixture(autouse=True, scope="module")
+def watched() -> Iterator[None]:
+    """Every law has its account watched."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tdpa, "PassivityObserver", Watched)
+        yield
+
+
+def account(side: DeviceSide | WorldSide) -> Watched:
+    law: Any = side.endpoint.coupling.law  # type: ignore[union-attr]
+    assert isinstance(law.observer, Watched)
+    return law.observer
+
+
+def simulated(
+    link: str, operator: str, duration: float, changes: dict[str, object] = NOTHING, *, seed: int = 1
+) -> tuple[float, Result]:
+    """The least energy put in at both ports [J], and the result."""
+    params = Params().set(
+        {
+            "coupling": "tdpa", "operator": operator, "duration_s": duration, "link.up": link, "link.down": link,
+            "record_hz": 100.0, **changes,
+        }
+    )  # fmt: skip
+    run = Simulation(params, seed)
+    result = run.run()
+    return run.two_port.lowest, result
