@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from hapnet.errors import InvalidParameter
-from hapnet.plant.operator import Impedance, Press, Recorded, Rest, Sine, minimum_jerk, read_motion
+from hapnet.plant.operator import Impedance, Press, Recorded, Rest, Sine, minimum_jerk
+from hapnet.recording.motion import read_motion
 
 HAND = Impedance()
 

@@ -8,9 +8,10 @@ from hapnet.assembly.user_device import declared_range
 from hapnet.assembly.user_operator import UserOperator
 from hapnet.params import Params
 from hapnet.plant.live_hand import LiveHand
-from hapnet.plant.operator import Impedance, Operator, Press, Rest, Sine, read_motion
+from hapnet.plant.operator import Impedance, Operator, Press, Rest, Sine
 from hapnet.plant.worlds.protocol import World
 from hapnet.recording.hand import is_recording, recorded_hand
+from hapnet.recording.motion import read_motion
 
 LIVE = "mouse"
 """The operator that the user leads during the run; in real time only."""
