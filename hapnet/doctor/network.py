@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from hapnet.doctor.machine import OK, REACH_S, WARNING, Check
+from hapnet.errors import TransportError
+from hapnet.transport.config import ZenohSettings, zenoh_config
 from hapnet.transport.probe import PROBE, Answers, ask
 from hapnet.transport.security import Security
 
@@ -24,18 +26,14 @@ def probed(
     endpoint: str, security: Security, session: str, name: str, seconds: float = PROBED_S, patience_s: float = REACH_S
 ) -> Check:
     """Probe the path to the side that listens at `endpoint` under these names. Raises as `zenoh_config` does."""
-    import zenoh
-
-    from hapnet.transport.config import ZenohSettings, reason, zenoh_config
-
     up, down = (f"hapnet/{session}/{name}/{way}/{PROBE}" for way in ("up", "down"))
+    config = zenoh_config(ZenohSettings(connect=(endpoint,), security=security))
     answers = None
     for asked, answered in ((up, down), (down, up), (up, down)):  # over udp a declaration may be lost: probe once more
         try:
-            with zenoh.open(zenoh_config(ZenohSettings(connect=(endpoint,), security=security))) as opened:
-                answers = ask(opened, asked, answered, seconds, patience_s)
-        except zenoh.ZError as error:
-            return Check(NAME, WARNING, f"{endpoint}: {reason(error)}", "see the line on Zenoh")
+            answers = ask(config, asked, answered, seconds, patience_s)
+        except TransportError as error:
+            return Check(NAME, WARNING, f"{endpoint}: {error}", "see the line on Zenoh")
         if answers is not None:
             break
     else:

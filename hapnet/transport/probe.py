@@ -14,7 +14,9 @@ from dataclasses import dataclass, field
 
 import zenoh
 
+from hapnet.errors import TransportError
 from hapnet.histogram import Histogram
+from hapnet.transport.config import reason
 from hapnet.transport.rate_limit import RateLimiter
 from hapnet.wire.path import STALL_NS
 
@@ -102,8 +104,21 @@ class Answers:
         return max(0.0, 1.0 - answered / sent), max(0.0, 1.0 - self.received / answered)
 
 
-def ask(session: zenoh.Session, asked: str, answered: str, seconds: float, patience_s: float) -> Answers | None:
-    """Send probes until `seconds` after the first answer; None if none comes within `patience_s`. Blocks."""
+def ask(config: zenoh.Config, asked: str, answered: str, seconds: float, patience_s: float) -> Answers | None:
+    """Open Zenoh, and send probes until `seconds` after the first answer; None if none comes in `patience_s`. Blocks.
+
+    Raises
+    ------
+    TransportError : Zenoh cannot be opened, or fails.
+    """
+    try:
+        with zenoh.open(config) as session:
+            return _ask(session, asked, answered, seconds, patience_s)
+    except zenoh.ZError as error:
+        raise TransportError(reason(error)) from None
+
+
+def _ask(session: zenoh.Session, asked: str, answered: str, seconds: float, patience_s: float) -> Answers | None:
     answers = Answers()
     lock = threading.Lock()
 

@@ -2,23 +2,14 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable
-from dataclasses import replace
-
-import zenoh
 
 from hapnet.errors import BadMessage
 from hapnet.recording.telemetry import Telemetry, decode
-from hapnet.transport.config import ZenohSettings, reason, where, zenoh_config
+from hapnet.transport.config import ZenohSettings
+from hapnet.transport.subscription import Subscription
 from hapnet.transport.zenoh import TELEMETRY
-
-LOOK_S = 0.2
-"""How often the connection is checked [s]."""
-
-LOST_S = 1.0
-"""After this time without any connection, Zenoh is opened again [s]."""
 
 GONE_S = 5.0
 """A pair that is not heard for this time is given up, and the next one heard is watched [s]."""
@@ -27,8 +18,7 @@ GONE_S = 5.0
 class Watcher:
     """Hands each message of one pair's telemetry to `take`, on one of Zenoh's threads, where nothing may block.
 
-    Of several pairs it watches the first that is heard. It dials as a Zenoh client: the process that it dials then
-    forwards what the other one publishes.
+    Of several pairs it watches the first that is heard.
 
     Parameters
     ----------
@@ -38,7 +28,6 @@ class Watcher:
     Attributes
     ----------
     others : other pairs that were heard. unreadable : messages that could not be read.
-    problem : why Zenoh is not open, if it is not.
 
     Raises
     ------
@@ -53,19 +42,14 @@ class Watcher:
         session: str | None = None,
         name: str | None = None,
     ) -> None:
-        if settings.mode is None and settings.connect:
-            settings = replace(settings, mode="client")
-        self._config = zenoh_config(settings)
-        self._take = take
         # two keys: under access control a subscription must lie within what may be read
-        self._keys = [f"hapnet/{session or '*'}/{name or '*'}/{way}/{TELEMETRY}" for way in ("up", "down")]
-        self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._main, name="watcher", daemon=True)
+        keys = [f"hapnet/{session or '*'}/{name or '*'}/{way}/{TELEMETRY}" for way in ("up", "down")]
+        self._subscription = Subscription(settings, keys, self._receive)
+        self._take = take
         self._pair: tuple[str, str] | None = None
         self._heard_s = 0.0
         self.others: set[tuple[str, str]] = set()
         self.unreadable = 0
-        self.problem = ""
 
     @property
     def pair(self) -> tuple[str, str] | None:
@@ -73,42 +57,25 @@ class Watcher:
         return self._pair if time.monotonic() - self._heard_s < GONE_S else None
 
     @property
+    def problem(self) -> str:
+        """Why Zenoh is not open; empty if it is."""
+        return self._subscription.problem
+
+    @property
     def where(self) -> str:
         """How the pair is reached, in words."""
-        return where(self._config)
+        return self._subscription.where
 
     def open(self) -> None:
         """Start listening in the background; returns at once."""
-        self._thread.start()
+        self._subscription.open()
 
     def close(self) -> None:
         """Stop listening."""
-        self._stopping.set()
-        if self._thread.ident is not None:
-            self._thread.join()
+        self._subscription.close()
 
-    def _main(self) -> None:
-        while not self._stopping.is_set():
-            try:
-                with zenoh.open(self._config) as session:
-                    self.problem = ""
-                    for key in self._keys:
-                        session.declare_subscriber(key, zenoh.handlers.Callback(self._hear, indirect=False))
-                    self._keep(session)
-            except zenoh.ZError as error:
-                self.problem = reason(error)
-            self._stopping.wait(LOOK_S)
-
-    def _keep(self, session: zenoh.Session) -> None:
-        """Listen until the session is lost, or has had no connection for `LOST_S`."""
-        alone_s = 0.0
-        while not self._stopping.wait(LOOK_S) and not session.is_closed():
-            alone_s = 0.0 if session.info.transports() else alone_s + LOOK_S
-            if alone_s > LOST_S:
-                return
-
-    def _hear(self, sample: zenoh.Sample) -> None:
-        _, session, name, *_ = str(sample.key_expr).split("/")
+    def _receive(self, key: str, data: bytes) -> None:
+        _, session, name, *_ = key.split("/")
         if self.pair not in (None, (session, name)):
             self.others.add((session, name))
             return
@@ -117,7 +84,7 @@ class Watcher:
             self.others.clear()
         self._heard_s = time.monotonic()
         try:
-            message = decode(sample.payload.to_bytes())
+            message = decode(data)
         except BadMessage:
             self.unreadable += 1
             return

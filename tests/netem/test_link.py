@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import ast
-import inspect
 from itertools import pairwise
 
 import numpy as np
@@ -12,24 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-import netem
-from netem import (
-    Link,
-    LinkProfile,
-    NetemError,
-    draws,
-    effects,
-    expectation,
-    loss_chain,
-    models,
-    presets,
-    resend,
-    timeline,
-    trace,
-    units,
-)
-from netem import profile as netem_profile
-from netem import stats as netem_stats
+from netem import Link, LinkProfile, NetemError
 from tests.netem.support import MS, drive, link_of, recorded, release_times, traced_profiles
 
 short_times = st.one_of(st.just(0), st.integers(0, 50 * MS), st.integers(0, 50).map(lambda n: n * MS))
@@ -249,17 +230,6 @@ def test_reordering_puts_messages_where_the_kernel_puts_them() -> None:
     # one sent ahead meets one that is due just then (10 ms are 20 messages), and the recording's noise decides
     assert np.mean(moved <= 1) > 0.998
     assert moved.max() <= 5
-
-
-def test_the_core_has_no_clock_and_no_io() -> None:
-    banned = {"time", "asyncio", "threading", "random", "socket", "zenoh", "hapnet"}
-    core = (netem_profile, effects, units, models, netem.link, netem_stats, trace, timeline, expectation, presets)
-    core += (draws, loss_chain, resend)
-    for module in core:
-        tree = ast.parse(inspect.getsource(module))
-        names = [alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names]
-        names += [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
-        assert not banned & {name.split(".")[0] for name in names}
 
 
 def test_what_is_taken_out_late_shows_as_lateness_not_as_delay() -> None:
