@@ -1,7 +1,9 @@
-"""One side's port to its emulated link, without clock or I/O: what virtual time tests is what real time runs.
+"""One side's port to its emulated link, without clock or I/O; both runtimes use it.
 
-A runtime hands in the messages of control (`send`) and of the network (`receive`), calls `pump` when `next_due_ns` says
-so, and puts the packets that come out on the wire, in their order.
+A runtime hands in the messages of control (`send`) and of the network (`receive`), and puts the packets that come out
+on the wire, in their order. Real time calls `pump` when `next_due_ns` says so. The simulation calls the two parts of
+`pump`, `release` and `poll`, each when it is due: of what is due at the same nanosecond, the packets that one side's
+link releases reach the other side before either side's protocol runs (see `hapnet.simulation.simulation`).
 """
 
 from __future__ import annotations
@@ -30,8 +32,8 @@ class Pumped(NamedTuple):
 class LinkPort:
     """A side's wire half, the link that shapes all that it sends, and the timeline that changes the link.
 
-    If several things are due at the same time, they run in this order: changes of the link, packets that the link
-    releases, messages of the protocol. Not thread-safe: two users need a lock.
+    What is due in one port at the same time runs in this order in both runtimes: changes of the link, packets that the
+    link releases, messages of the protocol. Not thread-safe: two users need a lock.
 
     Parameters
     ----------

@@ -2,7 +2,7 @@
 
 Each side uses the same link port as in real time (`hapnet.side.link_port`). The clock jumps to the next due event.
 Events at the same nanosecond run in a fixed order: changes of the links and deliveries, protocol timers, the world's
-step, the device's tick.
+step, the device's tick. In each of the first two the device's side comes before the world's.
 """
 
 from __future__ import annotations
