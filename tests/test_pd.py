@@ -117,7 +117,7 @@ class TwoPort:
         self._motions = device, world
         self._delay, self._steps, self._period, self._tick, self._loss = delay, steps, period, tick, loss
         self._rng = np.random.default_rng(seed)
-        self._flying: tuple[list[tuple[float, float, Motion]], ...] = [], []
+        self._in_flight: tuple[list[tuple[float, float, Motion]], ...] = [], []
         self._newest = [-1.0, -1.0]
         self.energy = self.lowest = 0.0
 
@@ -125,11 +125,11 @@ class TwoPort:
         assert isinstance(sample, Motion)
         due = now + float(self._rng.uniform(*self._delay))
         if self._rng.random() >= self._loss:
-            self._flying[to].append((due, now, sample))
+            self._in_flight[to].append((due, now, sample))
 
     def _deliver(self, to: int, now: float) -> None:
-        for item in sorted(item for item in self._flying[to] if item[0] <= now + 1e-12):
-            self._flying[to].remove(item)
+        for item in sorted(item for item in self._in_flight[to] if item[0] <= now + 1e-12):
+            self._in_flight[to].remove(item)
             if item[1] > self._newest[to]:
                 self._newest[to] = item[1]
                 self.laws[to].receive(item[2])

@@ -55,7 +55,7 @@ class Channels:
         self.next_due_ns = np.full(len(channels), NEVER, dtype=np.int64)
         self.plan(np.arange(len(channels)))
 
-    def land(self, i: int, channel: EnergyChannel) -> None:
+    def write_back(self, i: int, channel: EnergyChannel) -> None:
         """Give scenario i's state back."""
         shift = int(self._shift_ns[i])
 
@@ -78,8 +78,8 @@ class Channels:
                 asked=None if asked_ns is None else (asked_ns, int(self._asked_nJ[i])),
             )
         )
-        self._buckets.land(i, channel.admission)
-        self._rto.land(i, channel.rto)
+        self._buckets.write_back(i, channel.admission)
+        self._rto.write_back(i, channel.rto)
 
     def shuffle(self, at: Index, energy_J: Array) -> None:
         """`EnergyChannel.send`."""

@@ -26,7 +26,7 @@ class Ledgers:
             self._carry, self._sent_carry, self._credited_carry,
         ) = sums  # fmt: skip
 
-    def land(self, i: int, ledger: Ledger) -> None:
+    def write_back(self, i: int, ledger: Ledger) -> None:
         """Give scenario i's sums back."""
         sums = (
             self.bound, self.work, self.credited, self.sent, self.margin, self.margin_min, self.slack, self.slack_min,
@@ -98,7 +98,7 @@ class Couplings:
         self.credit = np.array([each.credit for each in arrived])
         self.has_sample = np.array([each.has_sample for each in arrived])
 
-    def land(self, i: int, coupling: SetPositionCoupling) -> None:
+    def write_back(self, i: int, coupling: SetPositionCoupling) -> None:
         """Write scenario i's state back, except the target, which only recordings use."""
         modulator = coupling.modulator
         assert isinstance(modulator, SetPositionModulator | ZeroOrderHold)
@@ -111,7 +111,7 @@ class Couplings:
         coupling.discarded = float(self.discarded[i])
         received = tuple(self.received[:, i].tolist())
         coupling.restore(Arrived(received, float(self.credit[i]), bool(self.has_sample[i])))
-        self.ledgers.land(i, coupling.ledger)
+        self.ledgers.write_back(i, coupling.ledger)
 
     def take(self, at: Index, energy_nJ: NDArray[np.int64]) -> None:
         """Shuffled energy was credited [nJ]; a zero does not count as a new sample."""

@@ -34,7 +34,7 @@ class DelayHistograms:
         for total, term in zip(self._sums, (delay_ns, high * high, high * rest, rest * rest), strict=True):
             total[at] += term.sum(axis=0)
 
-    def land(self, i: int, histogram: DelayHistogram) -> None:
+    def write_back(self, i: int, histogram: DelayHistogram) -> None:
         """Give scenario i's delays back."""
         if not self._counts[i].any():
             return

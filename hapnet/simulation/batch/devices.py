@@ -119,7 +119,7 @@ class Devices:
         values, modes = map(np.array, model.coupling.modes)
         self._coupling = _Coupling(np.array(model.coupling.rows), values, modes, np.array(model.damping))
 
-    def land(self, i: int, device: SimulatedDevice, set_position: Vector) -> None:
+    def write_back(self, i: int, device: SimulatedDevice, set_position: Vector) -> None:
         """Give scenario i's state back."""
         device.ticks = int(self.ticks[i])
         device.time = device.ticks * device.period

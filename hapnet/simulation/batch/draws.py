@@ -63,7 +63,7 @@ class Draws:
             row[_ahead(fates.lost, fates.ahead, self._since_reorder[i], gap)[0]] = AHEAD
         self._before[i] = offered - begun
 
-    def land(self, i: int, link: Link[Packet], offered: int) -> None:
+    def write_back(self, i: int, link: Link[Packet], offered: int) -> None:
         """Give the draws that were not used back to scenario i's link."""
         lost, ahead, delays, luck = self._drawn[i]
         done = offered - (int(self._before[i]) + _BLOCK - len(lost))

@@ -38,7 +38,7 @@ class Engine:
         self._tick_s = max(self._period_ns * NANO, state.device_period_s)
         self._due_s = state.servo.due
         self._damping = np.array(state.servo.damping)[:, None]
-        self._landing = state.end_ns // self._period_ns
+        self._end_tick = state.end_ns // self._period_ns
         self._later = state.later_ns // self._period_ns
         self._alive = np.ones(self._count, dtype=np.bool_)
         self._all_alive = True
@@ -70,7 +70,7 @@ class Engine:
         tick = 0
         while self._alive.any():
             later = self._later[self._alive & (self._later > tick)]
-            end = min(tick + max(1, self._lag), int(self._landing[self._alive].min()), int(later.min(initial=NEVER)))
+            end = min(tick + max(1, self._lag), int(self._end_tick[self._alive].min()), int(later.min(initial=NEVER)))
             self._state.up.safe_ns = self._state.down.safe_ns = tick * self._period_ns - 1
             self._window = tick
             self._run_window(tick, end)
@@ -80,9 +80,9 @@ class Engine:
             begun = (self._alive & (self._later == tick)).nonzero()[0]
             if begun.size:
                 self._state.ports.begin(begun)
-            landing = (self._alive & (self._landing <= tick)).nonzero()[0]
-            if landing.size:
-                self._land(landing, tick)
+            ended = (self._alive & (self._end_tick <= tick)).nonzero()[0]
+            if ended.size:
+                self._write_back(ended, tick)
 
     def _run_window(self, start: int, end: int) -> None:
         """Run a window, from after tick `start` to after tick `end`."""
@@ -214,9 +214,9 @@ class Engine:
         if ahead:
             self._ticks_counted.fill(0)
 
-    def _land(self, at: Index, tick: int) -> None:
+    def _write_back(self, at: Index, tick: int) -> None:
         self._drain(self._on_both, tick * self._period_ns)
-        self._state.land(at, tick)
+        self._state.write_back(at, tick)
         self._alive[at] = False
         self._all_alive = False
         for due in (kind[0] for kind in self._on_both):

@@ -56,7 +56,7 @@ class Lines:
         self._free_ns[at[timed]] = released[timed]
         return np.where(timed, released, due_ns)
 
-    def land(self, i: int, link: Link[Packet]) -> None:
+    def write_back(self, i: int, link: Link[Packet]) -> None:
         """Write scenario i's state back."""
         if isinstance(link.line, RateLine) and self._free_ns[i] > LONG_AGO:
             link.line.free_ns = int(self._free_ns[i] + self._shift_ns[i])

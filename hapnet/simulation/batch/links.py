@@ -129,9 +129,9 @@ class Links:
         note[counted] = DONE
         self._note[:, at] = note
 
-    def land(self, i: int, packet: Callable[[int, int, int], Packet]) -> None:
+    def write_back(self, i: int, packet: Callable[[int, int, int], Packet]) -> None:
         """Write scenario i's folded state back; `packet(order, note, sent_ns)` makes the packets in flight again."""
-        self._peer_monitors.land(i)
+        self._peer_monitors.write_back(i)
         link = self._links[i]
         shift = int(self._shift_ns[i])
         offered = int(self.offered[i])
@@ -143,11 +143,11 @@ class Links:
         counters.sent_ahead += int(self._ahead[i])
         counters.reordered += int(self._reordered[i])
         counters.newest = int(self._newest[i])
-        self._draws.land(i, link, offered)
+        self._draws.write_back(i, link, offered)
         if self._resends is not None:
-            self._resends.land(i, link)
-        self._lines.land(i, link)
-        self._delays.land(i, counters.delays)
+            self._resends.write_back(i, link)
+        self._lines.write_back(i, link)
+        self._delays.write_back(i, counters.delays)
         link.queue.clear()
         for row in (self._note[:, i] > DONE).nonzero()[0].tolist():
             order, due = row + int(self._base[i]), int(self._due[row, i]) + shift

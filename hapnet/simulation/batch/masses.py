@@ -23,7 +23,7 @@ class Masses:
         self._terms = first.terms
         self._contacts = contacts
 
-    def land(self, i: int, mass: PassiveIntegrator) -> None:
+    def write_back(self, i: int, mass: PassiveIntegrator) -> None:
         """Give scenario i's state back."""
         mass.restore(tuple(self.position[:, i].tolist()), tuple(self.velocity[:, i].tolist()))
 

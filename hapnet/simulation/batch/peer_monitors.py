@@ -39,7 +39,7 @@ class PeerMonitors:
         self._received[at] += received
         self.newest[at], self._heard_ns[at] = newest, since[-1]
 
-    def land(self, i: int) -> None:
+    def write_back(self, i: int) -> None:
         """Give scenario i's state back."""
         heard_ns = int(self._heard_ns[i] + self._shift_ns[i])
         received, missing = int(self._received[i]), int(self._missing[i])
@@ -48,7 +48,7 @@ class PeerMonitors:
 
     def _one_by_one(self, i: int, due_ns: Whole, number: Whole, new: NDArray[np.bool_]) -> None:
         """Count a scenario with a silence, which is rare, with its own `PeerMonitor`."""
-        self.land(i)
+        self.write_back(i)
         one, shift = self._monitors[i], int(self._shift_ns[i])
         for k in np.argsort(due_ns, kind="stable").tolist():
             now_ns = int(due_ns[k]) + shift

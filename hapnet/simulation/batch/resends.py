@@ -50,7 +50,7 @@ class Resends:
         found: Whole = np.where(self._ordered[at], in_order, offered)
         return found
 
-    def land(self, i: int, link: Link[Any]) -> None:
+    def write_back(self, i: int, link: Link[Any]) -> None:
         """Give scenario i's state back."""
         link.counters.resent += int(self._resent[i])
         link.counters.recovered += int(self._recovered[i])

@@ -24,7 +24,7 @@ class RtoEstimators:
         self._srtt_ns = np.array([-1 if s.srtt_ns is None else s.srtt_ns for s in states], dtype=np.int64)
         self._rttvar_ns = np.array([s.rttvar_ns for s in states], dtype=np.int64)
 
-    def land(self, i: int, estimator: RtoEstimator) -> None:
+    def write_back(self, i: int, estimator: RtoEstimator) -> None:
         """Write scenario i's state back."""
         base_ns, backed_off, srtt_ns, rttvar_ns = (
             int(values[i]) for values in (self._base_ns, self._backed_off, self._srtt_ns, self._rttvar_ns)

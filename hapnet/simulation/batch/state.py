@@ -49,7 +49,7 @@ class Ports:
         self.before[at] = np.fmin(self.before[at], self.open[at] + work)
         self.open[at] = np.nan
 
-    def land(self, i: int, port: TwoPort) -> None:
+    def write_back(self, i: int, port: TwoPort) -> None:
         """Give scenario i's state back."""
         lowest, device, device_low, world, before, open_ = (
             float(x[i]) for x in (self.lowest, self.device, self.device_low, self.world, self.before, self.open)
@@ -110,34 +110,34 @@ class BatchState:
             self._gather(i, scenario, self.device_wire)
             self._gather(i, scenario, self.world_wire)
 
-    def land(self, at: Index, tick: int) -> None:
+    def write_back(self, at: Index, tick: int) -> None:
         """Write the state of the scenarios `at` back; everything up to this tick is done."""
         now_ns = tick * self.period_ns
         self.world_wire.look(at, np.full(len(at), now_ns))
         self.up.fold(at, now_ns)
         self.down.fold(at, now_ns)
         for i in at.tolist():
-            self._land(i, tick)
+            self._write_back(i, tick)
 
-    def _land(self, i: int, tick: int) -> None:
+    def _write_back(self, i: int, tick: int) -> None:
         scenario, side = self.scenarios[i], self._sides[i]
         world = scenario.world
         now_ns = int(self._shift_ns[i]) + tick * self.period_ns
         side.resume(now_ns, tick)
         side.servo.elapsed = float(self.elapsed_s[i])
-        self.device_wire.couplings.land(i, modulating(side))
-        self.devices.land(i, side.device, side.coupling.set_position)
-        self.world_wire.couplings.land(i, modulating(world))
-        self.masses.land(i, world.mass)
-        self.steps.land(i)
-        self.ports.land(i, scenario.two_port)
-        self._land_session(i, self._devices[i], self.device_wire, self.world_wire)
-        self._land_session(i, self._worlds[i], self.world_wire, self.device_wire)
+        self.device_wire.couplings.write_back(i, modulating(side))
+        self.devices.write_back(i, side.device, side.coupling.set_position)
+        self.world_wire.couplings.write_back(i, modulating(world))
+        self.masses.write_back(i, world.mass)
+        self.steps.write_back(i)
+        self.ports.write_back(i, scenario.two_port)
+        self._write_back_session(i, self._devices[i], self.device_wire, self.world_wire)
+        self._write_back_session(i, self._worlds[i], self.world_wire, self.device_wire)
         scenario.resume(now_ns, int(self.steps.due_ns[i] + self._shift_ns[i]), now_ns + self.period_ns)
 
-    def _land_session(self, i: int, session: Session, wire: Wire, peer: Wire) -> None:
+    def _write_back_session(self, i: int, session: Session, wire: Wire, peer: Wire) -> None:
         """Write back one side's session, and the link that it sends on."""
-        wire.channels.land(i, session.channel)
+        wire.channels.write_back(i, session.channel)
         session.positions.next_sequence = int(wire.next_number[i])
         if peer.links.stale[i]:
             session.dropped["stale"] += int(peer.links.stale[i])
@@ -149,7 +149,7 @@ class BatchState:
                 return Packet("position", encode(Position(me, note, sent_ns, peer.positions.position(i, note))))
             return Packet("energy", encode(Energy(me, other.incarnation, *peer.incoming.find(i, order))))
 
-        wire.links.land(i, packet)
+        wire.links.write_back(i, packet)
 
     def _gather(self, i: int, scenario: Scenario, wire: Wire) -> None:
         """Read the messages in flight from one side of scenario i."""

@@ -61,7 +61,7 @@ class WorldSteps:
         self._lengths[i] = np.maximum(1, np.rint(seconds / NANO).astype(np.int64))
         self._drawn[i] = 0
 
-    def land(self, i: int) -> None:
+    def write_back(self, i: int) -> None:
         """Write scenario i's state back, its generator as if the used lengths had been drawn one at a time."""
         world = self._scenarios[i].world
         if i in self._before_draw:

@@ -23,7 +23,7 @@ class TokenBuckets:
         self._filled_ns = np.array([s.filled_ns or 0 for s in states], dtype=np.int64) - shift_ns
         self._shift_ns = shift_ns
 
-    def land(self, i: int, bucket: TokenBucket) -> None:
+    def write_back(self, i: int, bucket: TokenBucket) -> None:
         """Write scenario i's state back."""
         bucket.restore(BucketState(int(self._level_aJ[i]), int(self._filled_ns[i] + self._shift_ns[i])))
 
