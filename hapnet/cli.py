@@ -30,7 +30,7 @@ from hapnet.commands.options import (
 from hapnet.errors import HapnetError, InvalidParameter, OutputError
 from hapnet.params import Params
 from netem.errors import NetemError
-from netem.version_flag import tell
+from netem.version_flag import versions
 
 if TYPE_CHECKING:
     from hapnet.wire.messages import Role
@@ -54,7 +54,7 @@ app.add_typer(sweep.app, name="sweep")
 def before_any_command(
     version: Annotated[
         bool,
-        typer.Option("--version", help="Print versions for bug reports.", callback=tell("hapnet"), is_eager=True),
+        typer.Option("--version", help="Print versions for bug reports.", callback=versions("hapnet"), is_eager=True),
     ] = False,
 ) -> None:
     """The options before a command's name."""

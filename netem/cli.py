@@ -18,7 +18,7 @@ from netem import units
 from netem.errors import NetemError
 from netem.profile import PRESETS, LinkProfile, compose
 from netem.progress import Progress
-from netem.version_flag import tell
+from netem.version_flag import versions
 
 if TYPE_CHECKING:
     from netem.live import RelayFigures
@@ -94,7 +94,7 @@ class Benchmark(StrEnum):
 def before_any_command(
     version: Annotated[
         bool,
-        typer.Option("--version", help="Print versions for a bug report.", callback=tell("netem"), is_eager=True),
+        typer.Option("--version", help="Print versions for a bug report.", callback=versions("netem"), is_eager=True),
     ] = False,
 ) -> None:
     """Options before a command's name."""

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import typer
 
 
-def tell(program: str) -> Callable[[typer.Context, bool], None]:
+def versions(program: str) -> Callable[[typer.Context, bool], None]:
     """The flag's callback: it prints the versions and ends the program."""
 
     def print_versions(context: typer.Context, wanted: bool) -> None:

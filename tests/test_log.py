@@ -37,8 +37,8 @@ def test_a_notice_is_a_json_object_and_a_line_of_words(tmp_path: Path) -> None:
     console, file = words(), tmp_path / "x.jsonl"
     log = Log("device", console, str(file))
     now_ns, wall = time.monotonic_ns(), time.time()
-    log.tell(Notice("silent", "nothing for 1 s", now_ns, "warning", {"silence_s": 1.0}))
-    log.tell(Notice("left", "[red]gone[/red] \u2014\nfor good", now_ns))
+    log.notify(Notice("silent", "nothing for 1 s", now_ns, "warning", {"silence_s": 1.0}))
+    log.notify(Notice("left", "[red]gone[/red] \u2014\nfor good", now_ns))
     log.close()
     first, second = lines(file)
     assert set(first) == KEYS | {"values"}
@@ -57,11 +57,11 @@ def test_a_step_of_the_wall_clock_does_not_show(tmp_path: Path, monkeypatch: pyt
     """Set back by an hour in the middle: the stamps go on as the monotonic clock does."""
     log = Log("world", None, str(tmp_path / "x.jsonl"))
     begin = time.monotonic_ns()
-    log.tell(Notice("a", "before", begin))
+    log.notify(Notice("a", "before", begin))
     real = time.time_ns
     monkeypatch.setattr(time, "time_ns", lambda: real() - 3600 * 10**9)
-    log.tell(Notice("a", "after", begin + 2_500_000_000))
-    log.tell(Notice("a", "later", begin + 2_500_001_000))
+    log.notify(Notice("a", "after", begin + 2_500_000_000))
+    log.notify(Notice("a", "later", begin + 2_500_001_000))
     log.close()
     stamps = [datetime.fromisoformat(line["time"]) for line in lines(tmp_path / "x.jsonl")]
     assert (stamps[1] - stamps[0]).total_seconds() == pytest.approx(2.5, abs=2e-6)
@@ -73,7 +73,7 @@ def test_how_far_the_run_is_is_written_on_request_and_never_said(tmp_path: Path)
     for progress in (False, True):
         console, file = words(), tmp_path / f"{progress}.jsonl"
         log = Log("world", console, str(file), progress=progress)
-        log.tell(Notice("progress", "1.0", 5))
+        log.notify(Notice("progress", "1.0", 5))
         log.close()
         assert [line["text"] for line in lines(file)] == (["1.0"] if progress else [])
         assert said(console) == ""
@@ -82,7 +82,7 @@ def test_how_far_the_run_is_is_written_on_request_and_never_said(tmp_path: Path)
 def test_a_log_goes_on_where_the_last_one_ended(tmp_path: Path) -> None:
     for text in ("one", "two"):
         log = Log("world", None, str(tmp_path / "x.jsonl"))
-        log.tell(Notice("a", text, 5))
+        log.notify(Notice("a", text, 5))
         log.close()
     assert [line["text"] for line in lines(tmp_path / "x.jsonl")] == ["one", "two"]
 
@@ -97,10 +97,10 @@ def test_a_log_that_cannot_be_written_is_refused(target: str, tmp_path: Path, mo
 def test_a_log_that_can_be_written_no_more_ends_no_run_and_is_told_once(tmp_path: Path) -> None:
     console, file = words(), tmp_path / "x.jsonl"
     log = Log("world", console, str(file))
-    log.tell(Notice("a", "first", 5))
+    log.notify(Notice("a", "first", 5))
     with no_room(file.stat().st_size + 20):
         for _ in range(3):
-            log.tell(Notice("a", "then", 5))
+            log.notify(Notice("a", "then", 5))
     log.close()
     assert log.failure == f"cannot write the log {file}: File too large"
     assert said(console).count("cannot write the log") == 1
@@ -112,7 +112,7 @@ def test_a_reader_that_has_left_is_no_failure(monkeypatch: pytest.MonkeyPatch) -
     read, write = os.pipe()
     log = Log("world", None, f"/dev/fd/{write}")
     os.close(read)
-    log.tell(Notice("a", "to nobody", 5))
+    log.notify(Notice("a", "to nobody", 5))
     log.close()
     os.close(write)
     assert log.failure is None

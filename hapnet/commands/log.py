@@ -58,7 +58,7 @@ class Log:
         except OSError as error:
             raise HapnetError(f"cannot write the log {target}: {error.strerror or error}") from None
 
-    def tell(self, notice: Notice) -> None:
+    def notify(self, notice: Notice) -> None:
         """Log a notice, for programs and for people."""
         if notice.kind == "progress" and not self._progress:
             return

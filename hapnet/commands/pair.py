@@ -30,7 +30,7 @@ class Pair:
     ----------
     params, seed : of both. directory : for the parameters, and for what both write.
     on_notice : called with each notice: role, the raw line, and its content.
-    record : both record, to device.mcap and world.mcap in `directory`. console : both take commands (`tell`).
+    record : both record, to device.mcap and world.mcap in `directory`. console : both take commands (`send`).
     realtime : of the device. session : of both. address : where the world listens. None: a random one.
 
     Attributes
@@ -98,7 +98,7 @@ class Pair:
         """The path of this side's recording."""
         return self._directory / f"{role}.mcap"
 
-    def tell(self, role: str, **command: Any) -> None:
+    def send(self, role: str, **command: Any) -> None:
         """Send a command to one side's console; nothing happens if that side has ended."""
         child = self._children.get(role)
         if child is not None and child.stdin is not None and child.returncode is None:

@@ -156,7 +156,7 @@ class Stage:
         self._anew({})
 
     def pause(self, on: bool) -> None:
-        self._call(self._tell_both, lambda role: {"do": "pause", "on": on})
+        self._call(self._send_both, lambda role: {"do": "pause", "on": on})
 
     def record(self, on: bool) -> None:
         if on and self._directory is None:
@@ -176,7 +176,7 @@ class Stage:
 
         def change() -> None:
             self._params = self._params.set(changes)
-            self._tell_both(lambda role: {"do": "hurry"})
+            self._send_both(lambda role: {"do": "hurry"})
             self._over.set()
 
         self._call(change)
@@ -184,12 +184,12 @@ class Stage:
     def _lead(self, position: Vector) -> None:
         self._position = position
         if self._pair is not None:
-            self._pair.tell("device", do="lead", position=position)
+            self._pair.send("device", do="lead", position=position)
 
     def _link(self, way: Way, words: str) -> None:
         self._params = self._params.set({f"link.{way}": words})
         if self._pair is not None:
-            self._pair.tell("device" if way == "up" else "world", do="link", words=words)
+            self._pair.send("device" if way == "up" else "world", do="link", words=words)
 
     def _switch_recording(self, on: bool) -> None:
         self._recording = on
@@ -197,19 +197,19 @@ class Stage:
             if self._pair is not None and not self._over.is_set():  # otherwise the next episode begins with it
                 self._record()
         else:
-            self._tell_both(lambda role: {"do": "record", "path": None})
+            self._send_both(lambda role: {"do": "record", "path": None})
 
     def _record(self) -> None:
         assert self._directory is not None
         self._recorded += 1
         stem = self._directory.absolute() / f"{self._recorded:02d}"
-        self._tell_both(lambda role: {"do": "record", "path": f"{stem}-{role}.mcap"})
+        self._send_both(lambda role: {"do": "record", "path": f"{stem}-{role}.mcap"})
         self._words.print(f"recording {stem}-device.mcap and -world.mcap; afterwards: hapnet report {stem}-*.mcap")
 
-    def _tell_both(self, command: Callable[[str], dict[str, Any]]) -> None:
+    def _send_both(self, command: Callable[[str], dict[str, Any]]) -> None:
         if self._pair is not None:
             for role in ("device", "world"):
-                self._pair.tell(role, **command(role))
+                self._pair.send(role, **command(role))
 
     def _on_notice(self, role: str, line: bytes, notice: dict[str, Any]) -> None:
         """Show warnings and errors; late servo ticks are common beside a browser, so only the first is shown."""

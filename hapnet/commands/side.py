@@ -104,7 +104,7 @@ def _main(params: Params, options: SideOptions, refusals: Refusals) -> int:
             record=options.record,
             realtime=options.realtime,
             once=options.once,
-            notify=log.tell,
+            notify=log.notify,
             refused=refusals.take,
         )
         summary, code = asyncio.run(_run(side, params.duration_s, log))
@@ -131,7 +131,7 @@ async def _run(side: RealtimeSide, duration_s: float, log: Log) -> tuple[Summary
     if os.environ.pop(CONSOLE, None) is not None:
 
         def complain(text: str) -> None:
-            log.tell(Notice("console", text, time.monotonic_ns(), "warning"))
+            log.notify(Notice("console", text, time.monotonic_ns(), "warning"))
 
         beside.append(asyncio.create_task(run_console(side, complain)))
     try:

@@ -109,7 +109,7 @@ class Housekeeping:
         self._alone.watch(now_ns, self._transport.partners)
         notifier.dropped(now_ns, counts, why)
         for text in self._refused(now_ns):
-            notifier.tell("access", text, now_ns)
+            notifier.notify("access", text, now_ns)
         notifier.keys(now_ns, self._transport.silent if session.peer is not None else [])
 
     def on_events(self, events: Iterable[Event], now_ns: int) -> None:
@@ -128,7 +128,7 @@ class Housekeeping:
 
     def drain(self) -> None:
         """Report control's notes, and write the samples, that came since the last call."""
-        self._reporter.tell_notes()
+        self._reporter.report_notes()
         if self._control.origin_ns is not None:
             self._reporter.recordings.drain(self._clock(), self._figures.meta)
 

@@ -41,7 +41,7 @@ class Notifier:
         self._link_lost_ns: int | None = None
         self._silent: dict[str, int] = {}
 
-    def tell(self, kind: str, text: str, now_ns: int) -> None:
+    def notify(self, kind: str, text: str, now_ns: int) -> None:
         """Send a warning in plain words."""
         self._notify(Notice(kind, text, now_ns, "warning"))
 

@@ -28,25 +28,25 @@ class Recorder:
     Parameters
     ----------
     path : of the recording.
-    tell : called with words that say what is missing in it.
+    report : called with words that say what is missing in it.
 
     Attributes
     ----------
     broken : it ended too early.
-    missing : what `tell` was called with last; None: nothing is missing.
+    missing : what `report` was called with last; None: nothing is missing.
 
     Raises
     ------
     RecordingError : it cannot be written.
     """
 
-    def __init__(self, path: Path, tell: Callable[[str], None]) -> None:
+    def __init__(self, path: Path, report: Callable[[str], None]) -> None:
         _require_writable(path)
         preload()
         self.broken = False
         self.missing: str | None = None
         self.path = path
-        self._tell = tell
+        self._report = report
         self._writer: RecordingWriter | None = None
         self._samples: deque[Sample] = deque()
         self._unrecorded = 0
@@ -93,22 +93,22 @@ class Recorder:
 
     def _say(self, text: str) -> None:
         self.missing = text
-        self._tell(text)
+        self._report(text)
 
 
 class Recordings:
     """The recordings of a side, one after another. Between them, samples are dropped.
 
-    tell : called with words that say what is missing in a recording.
+    report : called with words that say what is missing in a recording.
 
     Attributes
     ----------
     missing : what is missing in those that have ended, in words.
     """
 
-    def __init__(self, tell: Callable[[str], None]) -> None:
+    def __init__(self, report: Callable[[str], None]) -> None:
         self.missing: list[str] = []
-        self._tell = tell
+        self._report = report
         self._recorder: Recorder | None = None
         self._lost_before = 0
 
@@ -120,7 +120,7 @@ class Recordings:
 
     def begin(self, path: Path) -> None:
         """From now on record at `path`. Raises RecordingError if that is not possible."""
-        self._recorder = Recorder(path, self._tell)
+        self._recorder = Recorder(path, self._report)
 
     def keep(self, sample: Sample) -> None:
         """Keep one more sample, from any thread."""

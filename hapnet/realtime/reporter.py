@@ -41,12 +41,12 @@ class Reporter:
         telemetry: TelemetryPublisher | None,
     ) -> None:
         self.notifier = Notifier(role, on_silence, self.notify)
-        self.recordings = Recordings(lambda text: self.notifier.tell("recording", text, clock()))
+        self.recordings = Recordings(lambda text: self.notifier.notify("recording", text, clock()))
         self._notify, self._telemetry = notify, telemetry
         self._notes: deque[Note] = deque(maxlen=_MOST_NOTES)
 
     def keep(self, sample: Sample) -> None:
-        """Keep a sample or a note from control, from any thread; `tell_notes` reports the notes."""
+        """Keep a sample or a note from control, from any thread; `report_notes` reports the notes."""
         if isinstance(sample, Note):
             self._notes.append(sample)
         elif self._telemetry is not None:
@@ -67,8 +67,8 @@ class Reporter:
         if (notice := self.notifier.happened(event, now_ns)) is not None:
             self.recordings.keep(Note(now_ns, notice.kind, notice.text))
 
-    def tell_notes(self) -> None:
+    def report_notes(self) -> None:
         """Report control's notes since the last call."""
         while self._notes:
             note = self._notes.popleft()
-            self.notifier.tell(note.kind, note.text, note.time_ns)
+            self.notifier.notify(note.kind, note.text, note.time_ns)

@@ -168,7 +168,7 @@ class RealtimeSide:
                 refused = await asyncio.to_thread(self.control.start)
                 await self._transport.open()  # only now: when a peer is answered, control must be ready for it
                 if refused:
-                    self._reporter.notifier.tell("realtime", refused, self._clock())
+                    self._reporter.notifier.notify("realtime", refused, self._clock())
                 self._link_driver.arm()
                 await self._housekeeping.run(stop, duration_s, collect)
                 await asyncio.to_thread(self.control.stop)

@@ -97,7 +97,7 @@ class LinkForm:
                 for way in self._ways():
                     self._controls.link(way, str(profile))
             except (HapnetError, NetemError) as error:
-                tell(client, "The link stays as it was", str(error))
+                show_notification(client, "The link stays as it was", str(error))
             else:
                 self._changed_s = time.monotonic()
                 if str(profile) != str(self._profile):
@@ -121,7 +121,7 @@ def put(element: Any, value: object) -> None:
     element.value = value
 
 
-def tell(client: viser.ClientHandle | None, title: str, text: str) -> None:
+def show_notification(client: viser.ClientHandle | None, title: str, text: str) -> None:
     """Show a notification on the page of the client that asked."""
     if client is not None:
         client.add_notification(title, text, color="red", auto_close_seconds=8.0)

@@ -19,7 +19,7 @@ from hapnet.summary.structure import Verdict
 from hapnet.summary.verdict import judge
 from hapnet.view.controls import Controls, Way
 from hapnet.view.history import Snapshot
-from hapnet.view.link_form import LinkForm, put, tell
+from hapnet.view.link_form import LinkForm, put, show_notification
 from netem import NetemError
 
 SMOOTHING_S = 0.02
@@ -172,7 +172,7 @@ class ControlPanel:
                 act()
             except (HapnetError, NetemError) as error:
                 self._starting(False)
-                tell(client, "This did not work", str(error))
+                show_notification(client, "This did not work", str(error))
                 return False
             return True
 
