@@ -111,6 +111,7 @@ class WallParams:
     damping: float = _p(10.0, "B_w [Ns/m] (rec.)", _NOT_NEGATIVE)
     position_m: float = _p(0.02, "position of the wall in scene wall, on the first axis [m]")
     half_width_m: float = _p(0.03, "half the inner width of the box in scene box [m]", _POSITIVE)
+    timeline: str = _p("", "changes of the wall in scene moving, such as at 2s: shift 3mm; at 4s: gone; at 6s: back")
 
 
 @dataclass(frozen=True)
@@ -238,7 +239,7 @@ class WireParams:
 class Params:
     """All parameters of a run."""
 
-    scene: str = _p("wall", "free, wall, box, paper, or module:Class")
+    scene: str = _p("wall", "free, wall, box, paper, moving, or module:Class")
     operator: str = _p("press", "rest, sine, press, a recording's path (.csv, .mcap), module:Class; mouse: hapnet play")
     hardware: str = _p("simulated", "the device: simulated, or your own as module:Class")
     coupling: str = _p("pspm", f"pspm; for comparison {', '.join(COUPLING_NAMES[1:])}, or your own as module:NAME")

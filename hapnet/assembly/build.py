@@ -45,6 +45,7 @@ _SCENE_PARAMETERS = {
     "damping": "world.wall.damping",
     "position": "world.wall.position_m",
     "size": "world.wall.half_width_m",
+    "timeline": "world.wall.timeline",
     "step_min_s": "world.step_min_s",
     "step_max_s": "world.step_max_s",
 }
@@ -317,13 +318,17 @@ def _scene(params: Params) -> tuple[World, list[str]]:
             if named or changed:  # a scene of the user's own has defaults of its own
                 values[keyword] = value
         elif changed:
-            warnings.append(f"{name} is {value:g}, but the scene {params.scene} does not read it")
+            shown = repr(value) if isinstance(value, str) else f"{value:g}"
+            warnings.append(f"{name} is {shown}, but the scene {params.scene} does not read it")
     try:
         return make_scene(params.scene, **values), warnings
     except InvalidParameter as error:
-        if error.name not in _SCENE_PARAMETERS:
+        keyword, _, entry = error.name.partition(" ")  # a timeline names its entry
+        if keyword not in _SCENE_PARAMETERS:
             raise
-        name = _SCENE_PARAMETERS[error.name]
+        name = _SCENE_PARAMETERS[keyword]
+        if entry:
+            raise InvalidParameter(f"{name}, {entry}", error.value, error.allowed) from error
         raise InvalidParameter(name, params.get(name), error.allowed) from error
 
 

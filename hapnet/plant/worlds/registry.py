@@ -18,10 +18,11 @@ from typing import Any
 from hapnet.errors import InvalidParameter
 from hapnet.loading import cause, load
 from hapnet.plant.worlds.box import box
+from hapnet.plant.worlds.moving_wall import moving
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.wall import free, paper, wall
 
-SCENES: dict[str, Callable[..., World]] = {"free": free, "wall": wall, "box": box, "paper": paper}
+SCENES: dict[str, Callable[..., World]] = {"free": free, "wall": wall, "box": box, "paper": paper, "moving": moving}
 
 
 def scene_parameters(name: str) -> dict[str, Any]:
