@@ -23,7 +23,7 @@ from tests.conftest import ENVIRONMENT
 Capture = pytest.CaptureFixture[str]
 
 PROFILES = list(PRESETS)
-WALL = ["world.wall.stiffness=", "world.wall.damping=", "world.wall.position_m=", "world.wall.half_width_m="]
+WALL = [f"world.wall.{name}=" for name in ("stiffness", "damping", "position_m", "half_width_m", "timeline")]
 
 
 @pytest.fixture(autouse=True)
