@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hapnet.checks import Array
-from hapnet.metrics.contact import first_felt_s, pressed_wall, rendered_stiffness
+from hapnet.metrics.contact import pressed_wall, rendered_stiffness
 from hapnet.plant.worlds.walls import Wall
 from tests.metric_recordings import RATE_HZ, SURFACE, TICK_S, WALL, device, exact, recording, sampled
 
@@ -49,33 +49,6 @@ def test_no_stiffness_without_settled_contact() -> None:
     assert rendered_stiffness(recording(device(0, (1.0,), (0.0,))), [WALL], 0.0) is None
 
 
-def test_when_a_contact_is_felt() -> None:
-    """Drag of 0.5 N until 80 ms after the crossing at 0.5 s, then 10 N/s more: it exceeds 0.6 N 10 ms later."""
-    t, depth = presses()
-    crossing = int(np.flatnonzero(depth > 0.0)[0]) / RATE_HZ
-    force = 0.5 + np.where(depth > 0.0, np.clip(10.0 * (t % 2.0 - crossing - 0.08), 0.0, None), 0.0)
-    run = sampled(depth[:, None] + WALL.offset, -force[:, None])
-    assert first_felt_s(run, [WALL], 0.08) == pytest.approx(0.0105, abs=0.001)
-    assert first_felt_s(run, [WALL], 0.05) == pytest.approx(0.0405, abs=0.001)
-    strong = run.device
-    assert strong is not None
-    strong["force_N"][100] = -9.0  # felt before, and stronger: 10 % more than that counts
-    assert first_felt_s(run, [WALL], 0.08) is None
-    strong["force_N"][100] = -2.0
-    assert first_felt_s(run, [WALL], 0.08) == pytest.approx(0.1705, abs=0.001)  # 2.2 N
-
-
-def test_drag_that_grows_is_no_contact() -> None:
-    """Nothing can be felt before word of the crossing is back, nor what comes long after the device has left."""
-    t, depth = presses()
-    force = np.where(t < 0.7, t, 0.6)
-    force[(t > 1.7) & (t < 1.8)] = 3.0
-    run = sampled(depth[:, None] + WALL.offset, -force[:, None])
-    assert first_felt_s(run, [WALL], 0.2) is None
-    assert first_felt_s(run, [], 0.2) is None
-    assert first_felt_s(run, [Wall((1.0,), 0.0, 3000.0)], 0.2) is None  # it began in there
-
-
 def test_a_visit_has_settled_just_after_the_time_that_word_takes() -> None:
     """9 samples in the wall, the last before at 0: those more than 4 ticks after it count, 5 to 9: not 0.1 s."""
     depth = np.zeros(40)
@@ -105,50 +78,3 @@ def test_a_tenth_of_a_second_of_contact_is_enough() -> None:
     assert shorter.device is not None
     shorter.device["time_s"] = np.arange(11) * 0.02
     assert rendered_stiffness(shorter, [SURFACE], 0.0) is None
-
-
-def test_on_the_surface_is_outside() -> None:
-    """A device that only touches presses no wall, and one that begins on the surface has not begun inside."""
-    touching = exact(np.zeros(40), np.ones(40))
-    assert pressed_wall(touching.device, [SURFACE]) is None
-    assert first_felt_s(touching, [SURFACE], 0.0) is None
-    depth = np.zeros(40)
-    depth[8:16] = 1.0
-    force = np.zeros(40)
-    force[10:] = 5.0
-    assert first_felt_s(exact(depth, force), [SURFACE], 0.0) == 2 * TICK_S
-
-
-def test_felt_is_more_than_a_tenth_and_a_tenth_of_a_newton_more() -> None:
-    """Drag of 2 N until word is back: 2.2 N is not felt, what is more is. Of 0.5 N: not 0.6."""
-    for drag, same, more in ((2.0, 2.0 + 0.1 * 2.0, 2.21), (0.5, 0.5 + 0.1, 0.61)):
-        depth = np.zeros(64)
-        depth[8:32] = 1.0
-        force = np.full(64, drag)
-        force[12:16] = same
-        force[16:] = more
-        assert first_felt_s(exact(depth, force), [SURFACE], 0.0) == 8 * TICK_S
-        force[16:] = same
-        assert first_felt_s(exact(depth, force), [SURFACE], 0.0) is None
-
-
-def test_a_device_that_comes_back_within_a_tenth_of_a_second_has_not_left() -> None:
-    """Six ticks away, 94 ms, are a tremble: what is felt after that is of the same visit. Seven, 109 ms, are not."""
-    for away, felt in ((6, True), (7, False)):
-        depth = np.zeros(64)
-        depth[8:12] = 1.0
-        depth[11 + away : 40] = 1.0
-        force = np.zeros(64)
-        force[30:] = 5.0
-        found = first_felt_s(exact(depth, force), [SURFACE], 0.0)
-        assert found == (22 * TICK_S if felt else None)
-
-
-def test_a_force_is_felt_from_when_word_is_back_until_a_round_trip_after_the_visit() -> None:
-    """A visit from tick 8 to 15, a round trip of 4: a force that is there from tick 12 on counts, from 19 on not."""
-    for begin, felt in ((11, None), (12, 0.0), (18, 6 * TICK_S), (19, None)):
-        depth = np.zeros(64)
-        depth[8:16] = 1.0
-        force = np.zeros(64)
-        force[begin:] = 5.0
-        assert first_felt_s(exact(depth, force), [SURFACE], 4 * TICK_S) == felt

@@ -1,4 +1,4 @@
-"""How stiff a wall feels, and how late its contact is felt."""
+"""How stiff a wall feels, and how hard it pushes."""
 
 from __future__ import annotations
 
@@ -12,10 +12,6 @@ from hapnet.plant.worlds.walls import Wall
 from hapnet.recording.samples import Columns, Recording
 
 _LEAST_S = 0.1  # shortest settled contact for which a slope is computed
-_AWAY_S = 0.1
-"""A device that returns into the wall later than this makes a new visit [s]; earlier, it only trembles."""
-_MORE, _LEAST_N = 0.1, 0.1
-"""A contact is felt when the force exceeds the earlier force by this share of it and by this much [N]."""
 
 
 def rendered_stiffness(recording: Recording, walls: Sequence[Wall], round_trip_s: float) -> float | None:
@@ -27,42 +23,17 @@ def rendered_stiffness(recording: Recording, walls: Sequence[Wall], round_trip_s
     intercept would depend on those samples, and on the damper's force during entry and exit. None with less than 0.1 s
     of settled contact: there is no wall, or the visits are too short.
     """
-    device, world = recording.device, recording.world
-    found = _deepest(device, walls)
-    if device is None or world is None or found is None:
+    settled = _settled_contact(recording, walls, round_trip_s)
+    if settled is None:
         return None
-    depth, resistance = found
-    settled = _settled(device, depth, round_trip_s + 2.0 * float(world["step_s"].max()))
-    if np.count_nonzero(settled) * _period_s(device) < _LEAST_S:
-        return None
-    p = depth[settled]
-    return float(resistance[settled] @ p / (p @ p))
+    p, resistance = settled
+    return float(resistance @ p / (p @ p))
 
 
-def first_felt_s(recording: Recording, walls: Sequence[Wall], round_trip_s: float) -> float | None:
-    """Time from the device's first crossing of the surface until its contact is felt, less a round trip [s].
-
-    A contact is felt when the outward force along the wall's normal exceeds, by 10 % and by 0.1 N, the greatest force
-    before the world's answer to the crossing could arrive. That earlier force is drag, which keeps growing until then.
-    The contact must be felt during the visit or within a round trip after it; later forces are drag. With several
-    walls, the one where the device was deepest counts. None: no wall was entered, or no contact was felt.
-    """
-    device = recording.device
-    found = _deepest(device, walls)
-    if device is None or found is None:
-        return None
-    depth, resistance = found
-    inside = np.flatnonzero(depth > 0.0)
-    if inside[0] == 0:
-        return None
-    times = device["time_s"]
-    gone = np.flatnonzero(np.diff(times[inside]) > _AWAY_S)
-    leaving_s = times[inside[gone[0]] if len(gone) else inside[-1]]
-    answer_s = times[inside[0]] + round_trip_s
-    answered, end = np.searchsorted(times, [answer_s, leaving_s + round_trip_s])
-    before = max(float(resistance[:answered].max()), 0.0)
-    felt = np.flatnonzero(resistance[answered:end] > before + max(_MORE * before, _LEAST_N))
-    return float(times[answered + felt[0]] - answer_s) if len(felt) else None
+def contact_force(recording: Recording, walls: Sequence[Wall], round_trip_s: float) -> float | None:
+    """Median of the resisting force in settled contact [N], as `rendered_stiffness` says; None as it says."""
+    settled = _settled_contact(recording, walls, round_trip_s)
+    return None if settled is None else float(np.median(settled[1]))
 
 
 def pressed_wall(device: Columns | None, walls: Sequence[Wall]) -> Wall | None:
@@ -73,12 +44,25 @@ def pressed_wall(device: Columns | None, walls: Sequence[Wall]) -> Wall | None:
     return walls[int(np.argmax(depths))] if max(depths) > 0.0 else None
 
 
-def _deepest(device: Columns | None, walls: Sequence[Wall]) -> tuple[Array, Array] | None:
+def depth_and_resistance(device: Columns | None, walls: Sequence[Wall]) -> tuple[Array, Array] | None:
     """The device's penetration of `pressed_wall` [m], and the outward force on the device along its normal [N]."""
     wall = pressed_wall(device, walls)
     if device is None or wall is None:
         return None
     return _depth(device, wall), -np.asarray(device["force_N"] @ np.array(wall.normal))
+
+
+def _settled_contact(recording: Recording, walls: Sequence[Wall], round_trip_s: float) -> tuple[Array, Array] | None:
+    """Depth [m] and resisting force [N] in the samples of settled contact; None with less than 0.1 s of them."""
+    device, world = recording.device, recording.world
+    found = depth_and_resistance(device, walls)
+    if device is None or world is None or found is None:
+        return None
+    depth, resistance = found
+    settled = _settled(device, depth, round_trip_s + 2.0 * float(world["step_s"].max()))
+    if np.count_nonzero(settled) * _period_s(device) < _LEAST_S:
+        return None
+    return depth[settled], resistance[settled]
 
 
 def _depth(device: Columns, wall: Wall) -> Array:

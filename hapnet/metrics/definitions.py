@@ -22,6 +22,8 @@ class Metric:
     name : its key in dictionaries and files; it ends in the unit, as in `margin_J` or `packets_per_s`.
     label : its name for people, short enough for a column.
     unit : of its values; "" for a bare number. better : which way. meaning : how it is defined, in a sentence or two.
+    missed : the metric that counts how often a run missed this one; where it did and there is no value, medians and
+        quartiles take it as infinite. "": nothing can be missed.
     """
 
     name: str
@@ -29,6 +31,7 @@ class Metric:
     unit: str
     better: Better
     meaning: str
+    missed: str = ""
 
     @property
     def heading(self) -> str:
@@ -95,6 +98,31 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "the same in % of the ideal run's peak force",
             ),
             Metric(
+                "true_force_error_N", "true force error", "N", "lower",
+                "root mean square over time of the difference between the force on the device and that of the true "
+                "environment at the device's place: the walls, rendered locally and at once through the given springs "
+                "in series, and nothing in free space (transparency: Lawrence 1993). Drag, lag and softness all count",
+            ),
+            Metric(
+                "true_force_error_percent", "true force error", "%", "lower",
+                "the same in % of the true environment's peak force in this run",
+            ),
+            Metric(
+                "drag_N", "drag at 67 mm/s", "N", "nearer 0",
+                "force against the motion in free space, by linear regression on the device's velocity, at 67 mm/s; both "
+                "are means over a third of a second, so that no swing hides it. Samples within a round trip and two of the world's longest steps of a contact are left out",
+            ),
+            Metric(
+                "contact_to_drag", "contact to drag", "", "higher",
+                "median resisting force in settled contact over the drag at 67 mm/s (0.01 N if the drag is less): at "
+                "1, free motion feels as hard as the wall",
+            ),
+            Metric(
+                "swing_N", "residual swing", "N", "lower",
+                "root mean square of the force without its mean, from 1 to 3 s after the hand's reference has stopped; "
+                "the greatest if it stops more than once. None: it never stops for 3 s (see operator_hand.end_hold_s)",
+            ),
+            Metric(
                 "buzz_N2", "buzz", "N²", "lower",
                 "power of the force on the device above 20 Hz, summed over the axes: Welch's spectrum with Hann "
                 "windows of one second that overlap by three quarters, each without its mean",
@@ -107,9 +135,23 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
             Metric(
                 "first_contact_ms", "first felt contact", "ms", "lower",
                 "time from the device's first crossing of the wall's surface until the contact is felt, less the "
-                "median delays of both links. Felt: the resisting force exceeds, by 10 % and by 0.1 N, the greatest "
-                "one before the world's answer could arrive. None: not felt above the drag",
+                "median delays of both links; below 0: felt before word of it could be back. Felt: the resisting force "
+                "exceeds, by 10 % and by 0.1 N, the greatest one of the 100 ms before the crossing",
+                missed="first_contact_missed",
             ),
+            Metric(
+                "first_contact_missed", "first contact missed", "", "lower",
+                "1: the first contact was not felt before the device left, and a round trip more. 0: it was. None: no "
+                "wall was entered deep enough for an ideal local spring to take 0.1 N",
+            ),
+            Metric(
+                "later_contact_ms", "later contacts", "ms", "lower",
+                "median over all contacts after the first of the time until they are felt, from when an ideal local "
+                "spring would take 0.1 N. One that is not felt counts as infinite",
+                missed="later_contacts_missed",
+            ),
+            Metric("later_contacts", "later contacts", "", "higher", "how many contacts followed the first"),
+            Metric("later_contacts_missed", "later contacts missed", "", "lower", "how many of these were not felt"),
             Metric(
                 "peak_force_N", "peak force", "N", "lower",
                 "largest force on the device",

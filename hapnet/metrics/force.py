@@ -34,6 +34,13 @@ def force_error(recording: Recording, ideal: Recording) -> tuple[float, float | 
     return rms, 100.0 * rms / peak if peak > 0.0 else None
 
 
+def rms_difference(device: Columns, wanted: Array) -> tuple[float, float | None]:
+    """(rms of the difference between the force on the device and `wanted` (N, n) [N], in % of the peak of `wanted`)."""
+    rms = float(np.sqrt(np.mean(np.sum((device["force_N"] - wanted) ** 2, axis=1))))
+    peak = float(np.linalg.norm(wanted, axis=1).max())
+    return rms, 100.0 * rms / peak if peak > 0.0 else None
+
+
 def buzz(device: Columns) -> float | None:
     """Power of the force from `BUZZ_HZ` to half the sampling rate, summed over the axes [N^2].
 

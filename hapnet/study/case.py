@@ -9,11 +9,17 @@ from functools import lru_cache
 from hapnet.couplings import registry
 from hapnet.couplings.registry import ideal_stiffness
 from hapnet.errors import InvalidParameter
-from hapnet.metrics.contact import first_felt_s, pressed_wall, rendered_stiffness
+from hapnet.metrics.contact import contact_force, pressed_wall, rendered_stiffness
 from hapnet.metrics.definitions import METRICS
 from hapnet.metrics.drift import drift
-from hapnet.metrics.force import buzz, force_error
+from hapnet.metrics.environment import environment_force
+from hapnet.metrics.force import buzz, force_error, rms_difference
+from hapnet.metrics.free_motion import drag
+from hapnet.metrics.swing import residual_swing
+from hapnet.metrics.touch import latency, touches
 from hapnet.params import Params
+from hapnet.plant.worlds.moving_wall import MovingWall
+from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.walls import Wall
 from hapnet.recording.samples import Recording
 from hapnet.side.device import SampledDeviceSide
@@ -26,6 +32,9 @@ Measures = dict[str, float | None]
 
 DEADBAND = "wire.deadband"
 """The deadband's parameter: the reference run over an ideal link has no deadband either."""
+
+_LEAST_DRAG_N = 0.01
+"""A drag below this is taken as this, where forces are compared with it [N]: nobody would feel it."""
 
 _REFERENCES = 4
 """How many reference runs are kept, a few megabytes each: cases that differ only in their link follow each other."""
@@ -44,11 +53,15 @@ def kept(measures: Measures) -> bool:
 
 @dataclass(frozen=True)
 class Run:
-    """A simulated run with each tick of the servo recorded, and the walls of its scene."""
+    """A simulated run with each tick of the servo recorded, and its scene."""
 
     params: Params
     result: Result
-    walls: tuple[Wall, ...]
+    scene: World
+
+    @property
+    def walls(self) -> tuple[Wall, ...]:
+        return self.scene.walls
 
     @property
     def recording(self) -> Recording:
@@ -78,7 +91,7 @@ def check(params: Params) -> tuple[str, ...]:
 def simulated(params: Params, seed: int) -> Run:
     """The run of a case."""
     simulation = Simulation(params.set({"record_hz": params.device.servo_hz}), seed)
-    return Run(params, simulation.run(), simulation.setup.scene.walls)
+    return Run(params, simulation.run(), simulation.setup.scene)
 
 
 def measures(run: Run, ideal: Recording) -> Measures:
@@ -94,8 +107,7 @@ def measures(run: Run, ideal: Recording) -> Measures:
     assert hand_bound is not None
     up_ms, down_ms = up["delay_p50_ms"], down["delay_p50_ms"]
     delay_ms = None if up_ms is None or down_ms is None else up_ms + down_ms
-    felt_s = None if delay_ms is None else first_felt_s(recording, walls, delay_ms / 1e3)
-    error = force_error(recording, ideal)
+    error, true_error = force_error(recording, ideal), _true_force_error(run)
     per_s = [(way["offered"] or 0) / (summary["duration_s"] or math.inf) for way in (up, down)]
     found = {
         "margin_J": bound + result.hand.lowest,
@@ -109,9 +121,13 @@ def measures(run: Run, ideal: Recording) -> Measures:
         "stiffness_percent": None if delay_ms is None else _stiffness_percent(run, delay_ms / 1e3),
         "force_error_N": None if error is None else error[0],
         "force_error_percent": None if error is None else error[1],
+        "true_force_error_N": None if true_error is None else true_error[0],
+        "true_force_error_percent": None if true_error is None else true_error[1],
+        **_dragged(run, delay_ms),
+        "swing_N": residual_swing(recording),
         "buzz_N2": buzz(device),
         "drift_mm_per_min": _times(60e3, drift(recording, walls)),
-        "first_contact_ms": _times(1e3, felt_s),
+        **_touched(run, delay_ms),
         "peak_force_N": motion["peak_force_N"],
         "packets_per_s": sum(per_s),
         "packets_up_per_s": per_s[0],
@@ -141,12 +157,68 @@ def _ideal(params: Params) -> Params:
     return params.set({**nothing, DEADBAND: 0.0})
 
 
+def _true_force_error(run: Run) -> tuple[float, float | None] | None:
+    """As `rms_difference`, against the true environment; None if the springs are no scalars."""
+    scene, device, walls = run.scene, run.recording.device, run.walls
+    if device is None or not _scalar(run.params):
+        return None
+    if isinstance(scene, MovingWall) and scene.schedule.changes:
+        since_s = (run.result.world.origin_ns or 0) / 1e9
+        wanted = environment_force(
+            device["position_m"], (device["time_ns"] / 1e9 - since_s).tolist(),
+            lambda t: [wall] if (wall := scene.schedule.at(t)) is not None else [],
+            lambda wall: ideal_stiffness(run.params, wall.stiffness),
+        )  # fmt: skip
+    else:
+        wanted = environment_force(
+            device["position_m"], device["time_s"].tolist(), lambda t: walls,
+            lambda wall: ideal_stiffness(run.params, wall.stiffness),
+        )  # fmt: skip
+    return rms_difference(device, wanted)
+
+
+def _dragged(run: Run, delay_ms: float | None) -> Measures:
+    """Drag in free motion, and how much harder a contact is."""
+    world = run.recording.world
+    if delay_ms is None or world is None:
+        return {"drag_N": None, "contact_to_drag": None}
+    delay_s = delay_ms / 1e3
+    found = drag(run.recording, run.walls, delay_s + 2.0 * float(world["step_s"].max()))
+    pushed = contact_force(run.recording, run.walls, delay_s)
+    ratio = None if found is None or pushed is None else pushed / max(found, _LEAST_DRAG_N)
+    return {"drag_N": found, "contact_to_drag": ratio}
+
+
+def _touched(run: Run, delay_ms: float | None) -> Measures:
+    """When contacts were felt, and how many were not."""
+    wall = pressed_wall(run.recording.device, run.walls)
+    first = later = count = felt = None
+    if delay_ms is not None and (wall is None or _scalar(run.params)):
+        stiffness = 0.0 if wall is None else ideal_stiffness(run.params, wall.stiffness)
+        found = touches(run.recording, run.walls, stiffness, delay_ms / 1e3)
+        first, later, count, felt = latency(found, delay_ms / 1e3)
+    return {
+        "first_contact_ms": _finite_ms(first),
+        "first_contact_missed": None if first is None else float(math.isinf(first)),
+        "later_contact_ms": _finite_ms(later),
+        "later_contacts": None if count is None else float(count),
+        "later_contacts_missed": None if count is None or felt is None else float(count - felt),
+    }
+
+
+def _finite_ms(seconds: float | None) -> float | None:
+    return None if seconds is None or math.isinf(seconds) else 1e3 * seconds
+
+
+def _scalar(params: Params) -> bool:
+    return isinstance(params.device.stiffness, float) and isinstance(params.world.stiffness, float)
+
+
 def _stiffness_percent(run: Run, round_trip_s: float) -> float | None:
     params = run.params
     wall = pressed_wall(run.recording.device, run.walls)
-    scalar = isinstance(params.device.stiffness, float) and isinstance(params.world.stiffness, float)
     rendered = rendered_stiffness(run.recording, run.walls, round_trip_s)
-    if wall is None or not scalar or rendered is None:
+    if wall is None or not _scalar(params) or rendered is None:
         return None
     return 100.0 * rendered / ideal_stiffness(params, wall.stiffness)
 

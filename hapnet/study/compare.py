@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
+from math import inf, isfinite
 from typing import Any, NamedTuple
-
-import numpy as np
 
 from hapnet.metrics import METRICS
 from hapnet.params import RELAXED_HAND, Params
 from hapnet.study.case import DEADBAND, Measures
 from hapnet.study.journal import Row
+from hapnet.study.misses import quantile, value_of
 from hapnet.study.spec import LINK, SEED, Spec, Values
 from hapnet.summary.verdict import ROUNDING_J
 
@@ -156,7 +156,11 @@ class Plan:
 
 @dataclass(frozen=True)
 class Spread:
-    """A metric over several cases: how many have a value, and these values' median, quartiles (linear) and extremes."""
+    """A metric over several cases.
+
+    count : how many have a value. missed : how many missed it, as a contact that was not felt. The median and the
+    quartiles (linear) are over both, each miss being infinite; the extremes are those of the values.
+    """
 
     count: int
     median: float
@@ -164,6 +168,7 @@ class Spread:
     q3: float
     least: float
     most: float
+    missed: int = 0
 
 
 @dataclass(frozen=True)
@@ -226,7 +231,9 @@ def _positive(known: Sequence[Measures], margin: str) -> int:
 
 def _spreads(known: Sequence[Measures]) -> Iterator[tuple[str, Spread]]:
     for metric in METRICS:
-        values = [value for measures in known if (value := measures[metric]) is not None]
+        values = [value for measures in known if (value := value_of(measures, metric)) is not None]
         if values:
-            q1, median, q3 = np.percentile(values, (25.0, 50.0, 75.0)).tolist()
-            yield metric, Spread(len(values), median, q1, q3, min(values), max(values))
+            q1, median, q3 = (quantile(values, share) for share in (0.25, 0.5, 0.75))
+            finite = [value for value in values if isfinite(value)] or [inf]
+            missed = sum(not isfinite(value) for value in values)
+            yield metric, Spread(len(values) - missed, median, q1, q3, min(finite), max(finite), missed)

@@ -13,9 +13,15 @@ from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.metrics import METRICS
 from hapnet.study.case import was_passive
 from hapnet.study.journal import Journal, Row
+from hapnet.study.misses import quantile, value_of
 from hapnet.study.spec import LINK, SEED, value_words
 
-STATS: Mapping[str, Callable[[Any], Any]] = {"median": np.median, "mean": np.mean, "min": np.min, "max": np.max}
+STATS: Mapping[str, Callable[[Any], Any]] = {
+    "median": lambda values: quantile(values, 0.5),
+    "mean": np.mean,
+    "min": np.min,
+    "max": np.max,
+}
 
 USUAL = "energy_out_J"
 """The default metric: how near a run came to the energy that d^2 allows."""
@@ -34,7 +40,7 @@ class Cell:
     not_passive: int = 0
 
     def add(self, row: Row, metric: str) -> None:
-        value = row.measures.get(metric)
+        value = value_of(row.measures, metric)
         self.not_passive += not was_passive(row.measures)
         if not row.done:
             self.missing += 1
@@ -145,7 +151,7 @@ def statistic(name: str) -> Callable[[Any], float]:
     """``median``, ``mean``, ``min``, ``max`` or a percentile such as ``p90``; raises InvalidParameter for another."""
     percent = re.fullmatch(r"p(\d{1,2}|100)", name)
     if percent is not None:
-        return lambda values: float(np.percentile(values, int(percent[1])))
+        return lambda values: quantile(values, int(percent[1]) / 100.0)
     if name not in STATS:
         raise InvalidParameter("--stat", name, f"{', '.join(STATS)}, or a percentile such as p90")
     return lambda values: float(STATS[name](values))

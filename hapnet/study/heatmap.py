@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from hapnet.report.style import MM, STYLE
 from hapnet.study.grid import USUAL, Axis, Cell, Grid, metric_label, statistic, usual_statistic
+from hapnet.study.misses import quantile
 from hapnet.summary.verdict import ROUNDING_J
 
 if TYPE_CHECKING:
@@ -148,7 +149,7 @@ def _draw_line(
     cells = [grid.cells.get((i, 0), Cell()) for i in range(len(x))]
     line = np.array([figures.get((i, 0), np.nan) for i in range(len(x))])
     low, high = (
-        np.array([np.percentile(cell.values, q) * scale if cell.values else np.nan for cell in cells]) for q in (25, 75)
+        np.array([quantile(cell.values, q) * scale if cell.values else np.nan for cell in cells]) for q in (0.25, 0.75)
     )
     if grid.x.numeric:
         panel.fill_between(x, low, high, color=_LINE, alpha=0.2, linewidth=0, label="quartiles")

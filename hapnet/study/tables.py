@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from math import isinf
 from typing import Any, NamedTuple
 
 from rich.markup import escape
@@ -138,6 +139,8 @@ def _cell(group: Group, column: _Column, *, wide: bool) -> str:
     if spread is None:
         return "–"
     median, q1, q3 = (_number(column.factor * v, column.digits) for v in (spread.median, spread.q1, spread.q3))
+    if isinf(spread.median):
+        median = "not felt"
     if spread.count < group.measured:  # how often matters as much as how much
         median += f" [dim]({spread.count})[/]"
     return f"{median}\n[dim]{q1}..{q3}[/]" if wide else median
@@ -145,6 +148,8 @@ def _cell(group: Group, column: _Column, *, wide: bool) -> str:
 
 def _number(value: float, digits: int) -> str:
     """A fixed number of digits, fewer for a large number; no minus before a zero."""
+    if isinf(value):
+        return "∞"
     size = abs(value)
     shown = f"{value:.{0 if size >= 100.0 else min(digits, 1) if size >= 10.0 else digits}f}"
     return shown.removeprefix("-") if float(shown) == 0.0 else shown

@@ -1,0 +1,39 @@
+"""The force that the true environment would have: the walls, felt at once through the springs that the user gave."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from itertools import groupby
+
+import numpy as np
+
+from hapnet.checks import Array
+from hapnet.plant.worlds.walls import Wall
+
+
+def environment_force(
+    position: Array,
+    times: Sequence[float],
+    walls: Callable[[float], Iterable[Wall]],
+    stiffness: Callable[[Wall], float],
+) -> Array:
+    """Force of the true environment on a device at `position` (N, n) [m]: (N, n) [N].
+
+    It is what a local, ideal rendering without delay would give there at rest: each wall pushes the device out along
+    its normal, with the stiffness of the springs and the wall in series, and free space does nothing. So it is the same
+    environment for all couplings (the "transparency" of D. A. Lawrence 1993 is that its force is felt), while drag, lag
+    and softness of a coupling all count as its error.
+
+    Parameters
+    ----------
+    times : of the positions [s]. walls : those that stand at such a time. stiffness : of a wall in series with the
+        springs [N/m].
+    """
+    force = np.zeros_like(position)
+    first = 0
+    for standing, group in groupby(tuple(walls(t)) for t in times):
+        piece = slice(first, first := first + sum(1 for _ in group))
+        for wall in standing:
+            depth = np.maximum(position[piece] @ np.array(wall.normal) - wall.offset, 0.0)
+            force[piece] -= stiffness(wall) * np.outer(depth, wall.normal)
+    return force

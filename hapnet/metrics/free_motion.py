@@ -1,0 +1,49 @@
+"""How hard the coupling drags in free motion. Over a transparent one it would not (D. A. Lawrence 1993)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hapnet.plant.worlds.walls import Wall
+from hapnet.recording.samples import Recording
+
+DRAG_MPS = 0.067
+"""The speed at which drag is told [m/s]: that of a hand that moves by 30 mm at 0.5 Hz, root mean square."""
+
+_WINDOW_S = 1.0 / 3.0
+"""Force and velocity are means over this time [s]: the regression sees the hand's motion, not a swing at 3 Hz or more,
+during which the force and the speed are great and the drag hides."""
+_LEAST_S, _LEAST_MPS = 0.3, 0.005
+
+
+def drag(recording: Recording, walls: Sequence[Wall], settling_s: float) -> float | None:
+    """The force that resists free motion at `DRAG_MPS` [N]: a linear regression of force on velocity.
+
+    The slope is ``-sum F.v / sum v.v`` with means F and v over a third of a second. A force that only accelerates and
+    brakes, such as a mass's, has none. A window counts if neither the device nor the proxy was in a wall in it, nor
+    during `settling_s` seconds before it. None with less than 0.3 s of such windows, or if they are slower than 5 mm/s
+    (root mean square), or if the two sides are not on one clock.
+    """
+    device, world = recording.device, recording.world
+    if device is None or world is None or not recording.meta.get("aligned", True) or len(device["time_s"]) < 2:
+        return None
+    times, x = device["time_s"], device["position_m"]
+    period_s = float(times[-1] - times[0]) / (len(times) - 1)
+    width = max(1, round(_WINDOW_S / period_s))
+    if len(times) <= width:
+        return None
+    latest = np.maximum(np.searchsorted(world["time_s"], times, side="right") - 1, 0)
+    touching = world["penetration_m"][latest] > 0.0
+    for wall in walls:
+        touching |= x @ np.array(wall.normal) > wall.offset
+    untouched_s = times - np.maximum.accumulate(np.where(touching, times, -np.inf))
+    free = untouched_s[width:] > settling_s + width * period_s
+    v = ((x[width:] - x[:-width]) / (width * period_s))[free]
+    total = np.cumsum(device["force_N"], axis=0)
+    force = ((total[width:] - total[:-width]) / width)[free]
+    squared = float(np.sum(v * v))
+    if len(v) * period_s < _LEAST_S or squared < len(v) * _LEAST_MPS**2:
+        return None
+    return -DRAG_MPS * float(np.sum(force * v)) / squared
