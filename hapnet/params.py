@@ -94,6 +94,15 @@ class OperatorParams:
     stiffness: float = _p(135.0, "stiffness of hand and arm [N/m]", _NOT_NEGATIVE)
     amplitude_m: float = _p(0.03, "amplitude of the sine [m]", _NOT_NEGATIVE)
     frequency_hz: float = _p(0.5, "frequency of the sine [Hz]", _NOT_NEGATIVE)
+    start_periods: float = _p(
+        0.5, "the sine grows from rest over so many of its periods (minimum jerk); 0: full from the start",
+        Range(at_least=0.0, at_most=100.0),
+    )  # fmt: skip
+    end_hold_s: float = _p(
+        0.0,
+        "the hand comes to rest and holds still for so long at the end of the run [s]; 0, or a short run: never",
+        _NOT_NEGATIVE,
+    )
     start_m: float = _p(0.0, "where the press begins, along the wall's normal [m]")
     goal_m: float = _p(0.04, "where the press aims, along the wall's normal [m]")
     reach_s: float = _p(1.0, "duration of the press's motion in, and of its motion out [s]", _POSITIVE)

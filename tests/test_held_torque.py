@@ -13,8 +13,8 @@ from hapnet.plant.device import SimulatedDevice
 from hapnet.simulation.simulation import Result, simulate
 
 LIGHT = {
-    "scene": "free", "operator": "sine", "link.up": "4g", "link.down": "4g", "device.servo": "sampled",
-    "duration_s": 5.0, **RELAXED_HAND,
+    "scene": "free", "operator": "sine", "operator_hand.start_periods": 0.0, "link.up": "4g", "link.down": "4g",
+    "device.servo": "sampled", "duration_s": 5.0, **RELAXED_HAND,
 }  # fmt: skip
 
 

@@ -172,7 +172,7 @@ def audited(seed: int) -> tuple[Params, Callable[[], Operator], int]:
         }
     )  # fmt: skip
     start, goal = (-0.01, *(0.0,) * (n - 1)), (0.04, *(0.0,) * (n - 1))
-    return params, lambda: Press(start, goal, arm) if seed % 2 else Sine(n, arm), n
+    return params, lambda: Press(start, goal, arm) if seed % 2 else Sine(n, arm, start_s=1.0), n
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -6,9 +6,10 @@ from pathlib import Path
 
 from hapnet.assembly.user_device import declared_range
 from hapnet.assembly.user_operator import UserOperator
+from hapnet.checks import Vector
 from hapnet.params import Params
 from hapnet.plant.live_hand import LiveHand
-from hapnet.plant.operator import Impedance, Operator, Press, Rest, Sine
+from hapnet.plant.operator import HeldAtEnd, Impedance, Operator, Press, Rest, Sine
 from hapnet.plant.worlds.protocol import World
 from hapnet.recording.hand import is_recording, recorded_hand
 from hapnet.recording.motion import read_motion
@@ -17,22 +18,46 @@ LIVE = "mouse"
 """The operator that the user leads during the run; in real time only."""
 
 
+_BLEND_S = 1.0
+"""How long it takes a recorded hand, or a user's own, to come to rest at the end [s]."""
+
+
 def operator(params: Params, scene: World) -> Operator:
     """The hand in this scene. Raises InvalidParameter."""
+    hand = params.operator_hand
+    moving = _moving(params, scene)
+    if not hand.end_hold_s or isinstance(moving, LiveHand | Rest):
+        return moving
+    # The sine ends as it begins, at rest in its centre; a press ends at its goal, in the wall.
+    over_s, at = _BLEND_S, None
+    if isinstance(moving, Sine):
+        over_s, at = 0.5 / hand.frequency_hz if hand.frequency_hz else _BLEND_S, (0.0,) * scene.dof
+    elif isinstance(moving, Press):
+        over_s, at = hand.reach_s, _along(scene, hand.goal_m)
+    from_s = params.duration_s - hand.end_hold_s - over_s
+    return HeldAtEnd(moving, from_s, over_s, at) if from_s >= hand.end_hold_s else moving
+
+
+def _along(scene: World, distance: float) -> Vector:
+    """The point at this distance from the origin along the first wall's normal [m]."""
+    normal = scene.walls[0].normal if scene.walls else (1.0, *(0.0,) * (scene.dof - 1))
+    return tuple([distance * component for component in normal])
+
+
+def _moving(params: Params, scene: World) -> Operator:
     name, hand, dof = params.operator, params.operator_hand, scene.dof
     impedance = Impedance(hand.mass, hand.damping, hand.stiffness)
     reach = declared_range(params.device, dof).reach
-    walls = scene.walls
-    normal = walls[0].normal if walls else (1.0, *(0.0,) * (dof - 1))
-    start = tuple([hand.start_m * component for component in normal])
+    start = _along(scene, hand.start_m)
     if name == LIVE:
         return LiveHand(start, impedance)
     if name == "rest":
         return Rest(dof, impedance, start)
     if name == "sine":
-        return Sine(dof, impedance, hand.amplitude_m, hand.frequency_hz)
+        start_s = hand.start_periods / hand.frequency_hz if hand.frequency_hz else 0.0
+        return Sine(dof, impedance, hand.amplitude_m, hand.frequency_hz, start_s=start_s)
     if name == "press":
-        goal = tuple([hand.goal_m * component for component in normal])
+        goal = _along(scene, hand.goal_m)
         return Press(start, goal, impedance, reach=hand.reach_s, hold=hand.hold_s, wait=hand.wait_s)
     if is_recording(name):
         return recorded_hand(name, dof, impedance, reach)

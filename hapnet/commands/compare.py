@@ -29,8 +29,8 @@ LINKS = {"ideal": "ideal", "lan": "lan", "4g": "4g", "intercontinental": "wan-in
 
 OPERATORS = ("press", "sine", "press@light", "sine@light")
 
-BASE = Params().set({"device.servo": "sampled"})
-"""All cases have the sampled servo of real hardware, at 1 kHz."""
+BASE = Params().set({"device.servo": "sampled", "operator_hand.end_hold_s": 3.0})
+"""All cases have the sampled servo of real hardware, at 1 kHz. The hand holds still at the end, which shows a swing."""
 
 NOTICED = 0.1
 """The first coupling is also tried with this Weber fraction: people notice about a tenth."""

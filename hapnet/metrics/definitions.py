@@ -109,8 +109,9 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
             ),
             Metric(
                 "drag_N", "drag at 67 mm/s", "N", "nearer 0",
-                "force against the motion in free space, by linear regression on the device's velocity, at 67 mm/s; both "
-                "are means over a third of a second, so that no swing hides it. Samples within a round trip and two of the world's longest steps of a contact are left out",
+                "force against the motion in free space, by linear regression on the device's velocity, at 67 mm/s; "
+                "both are means over a third of a second, so that no swing hides it. Not within a round trip and two "
+                "of the world's longest steps after a contact",
             ),
             Metric(
                 "contact_to_drag", "contact to drag", "", "higher",

@@ -59,9 +59,13 @@ class Rest:
 class Sine:
     """A sine on each axis, ``centre + amplitude sin(2 pi f t + i pi / 2)``: a circle in two axes.
 
+    It grows from rest at the centre: during the first `start_s` seconds the amplitude is multiplied by Flash and
+    Hogan's minimum-jerk share (J. Neuroscience, 1985), so that speed and acceleration start at zero. With 0 it is full
+    from the start, at full speed.
+
     Parameters
     ----------
-    amplitude : [m]; frequency : [Hz]; centre : [m], shape (n,).
+    amplitude : [m]; frequency : [Hz]; centre : [m], shape (n,); start_s : [s].
     """
 
     def __init__(
@@ -71,14 +75,18 @@ class Sine:
         amplitude: float = 0.03,
         frequency: float = 0.5,
         centre: Vector | None = None,
+        start_s: float = 0.0,
     ) -> None:
         self.impedance = impedance
+        self._start = checks.non_negative("start_s", start_s)
         self._amplitude = checks.non_negative("operator.amplitude", amplitude)
         self._omega = 2.0 * math.pi * checks.non_negative("operator.frequency", frequency)
         self._axes = [(middle, axis * math.pi / 2.0) for axis, middle in enumerate(centre or (0.0,) * dof)]
 
     def reference(self, t: float) -> Vector:
         phase, amplitude, sin = self._omega * t, self._amplitude, math.sin
+        if t < self._start:
+            amplitude *= minimum_jerk(t / self._start)
         return tuple([middle + amplitude * sin(phase + ahead) for middle, ahead in self._axes])
 
 
@@ -122,6 +130,31 @@ class Press:
             else:
                 self._point = tuple([a + share * way for a, way in self._axes])
         return self._point
+
+
+class HeldAtEnd:
+    """A hand that ends its motion: it goes to rest in a minimum-jerk blend, and holds still from then on.
+
+    Parameters
+    ----------
+    hand : whose motion it is. from_s : when the blend begins [s]. over_s : how long it takes [s].
+    at : where the hand then rests [m], shape (n,); None: where it was when the blend began.
+    """
+
+    def __init__(self, hand: Operator, from_s: float, over_s: float, at: Vector | None = None) -> None:
+        self.impedance = hand.impedance
+        self._hand, self._from, self._over = hand, from_s, checks.positive("over_s", over_s)
+        self._at = at
+
+    def reference(self, t: float) -> Vector:
+        if t <= self._from:
+            return self._hand.reference(t)
+        if self._at is None:
+            self._at = self._hand.reference(self._from)
+        if t >= self._from + self._over:
+            return self._at
+        share = minimum_jerk((t - self._from) / self._over)
+        return tuple([x + share * (rest - x) for x, rest in zip(self._hand.reference(t), self._at, strict=True)])
 
 
 class Recorded:
