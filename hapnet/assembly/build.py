@@ -27,6 +27,7 @@ from hapnet.params import DeviceParams, Params, WorldParams
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.live_hand import LiveHand
+from hapnet.plant.operator import Operator
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.registry import SCENES, make_scene, scene_parameters
 from hapnet.recording.samples import Event
@@ -71,6 +72,8 @@ class Setup:
     up_timeline: Timeline | None = None
     down_timeline: Timeline | None = None
     warnings: tuple[str, ...] = field(default=())
+    hand: Operator | None = None
+    """The simulated hand, instead of the one that the parameters name."""
 
     @property
     def dof(self) -> int:
@@ -167,7 +170,7 @@ def device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Writ
     params = setup.params
     device = params.device
     period = 1.0 / device.servo_hz
-    hand = operator(params, setup.scene)
+    hand = setup.hand or operator(params, setup.scene)
     simulated = SimulatedDevice(
         hand,
         mass=device.mass,

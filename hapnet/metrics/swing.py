@@ -9,6 +9,9 @@ from hapnet.recording.samples import Recording
 FROM_S, UNTIL_S = 1.0, 3.0
 """The swing is measured from this long to this long after the hand's reference has stopped [s]."""
 
+LIMIT_CYCLE_N = 0.02
+"""A swing below this [N] is no limit cycle: nobody feels it."""
+
 _STILL_M = 1e-9
 
 
@@ -18,17 +21,40 @@ def residual_swing(recording: Recording) -> float | None:
     All axes count together. A reference that rests from the start has stopped then. If it stops more than once for as
     long as that, the greatest counts. None if it never does, or if the recording has no reference.
     """
+    return max((_swing(recording, stop, FROM_S, UNTIL_S) for stop in _stops(recording)), default=None)
+
+
+def limit_cycles(recording: Recording) -> bool | None:
+    """Does the force go on to swing after the hand has stopped?
+
+    It does if the force without its mean is at least `LIMIT_CYCLE_N` (rms) from 2 to 3 s after a stop, and not less
+    than half of what it was from 1 to 2 s after it: what decays faster is the end of a transient. None without a stop
+    of 3 s.
+    """
+    found = None
+    for stop in _stops(recording):
+        before, after = (_swing(recording, stop, since, since + 1.0) for since in (1.0, 2.0))
+        found = found or (after >= LIMIT_CYCLE_N and after >= 0.5 * before)
+    return found
+
+
+def _stops(recording: Recording) -> list[float]:
+    """When the hand's reference came to rest for at least 3 s [s]."""
     device = recording.device
     if device is None or "operator_target_m" not in device:
-        return None
+        return []
     times, target = device["time_s"], device["operator_target_m"]
     moves = np.abs(np.diff(target, axis=0)).max(axis=1, initial=0.0)
     stops = np.flatnonzero(np.r_[True, ~(moves <= _STILL_M)])  # an unknown reference moves
-    found = []
-    for first, end in zip(stops, np.r_[stops[1:], len(times)], strict=True):
-        if times[end - 1] - times[first] < UNTIL_S or not np.isfinite(target[first]).all():
-            continue
-        window = slice(*np.searchsorted(times, [times[first] + FROM_S, times[first] + UNTIL_S]))
-        force = device["force_N"][window]
-        found.append(float(np.sqrt(np.mean(np.sum((force - force.mean(axis=0)) ** 2, axis=1)))))
-    return max(found, default=None)
+    ends = np.r_[stops[1:], len(times)]
+    return [
+        float(times[first]) for first, end in zip(stops, ends, strict=True)
+        if times[end - 1] - times[first] >= UNTIL_S and np.isfinite(target[first]).all()
+    ]  # fmt: skip
+
+
+def _swing(recording: Recording, stop_s: float, since_s: float, until_s: float) -> float:
+    assert recording.device is not None
+    first, end = np.searchsorted(recording.device["time_s"], [stop_s + since_s, stop_s + until_s])
+    force = recording.device["force_N"][first:end]
+    return float(np.sqrt(np.mean(np.sum((force - force.mean(axis=0)) ** 2, axis=1))))
