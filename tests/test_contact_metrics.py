@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import csv
 import math
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hapnet.checks import Array
+from hapnet.commands.output import write_csv
 from hapnet.metrics import METRICS
 from hapnet.metrics.contact import contact_force, pressed_wall
 from hapnet.metrics.environment import environment_force
@@ -22,6 +25,7 @@ from hapnet.recording.samples import DeviceSample, MemoryRecorder, Recording, Wo
 from hapnet.study import case
 from hapnet.study.compare import Outcome, Plan, groups
 from hapnet.study.misses import quantile, value_of
+from hapnet.study.tables import as_rows
 
 TICK_S = 2.0**-6
 """Exact in binary, so that what is just as long as a limit can be had."""
@@ -314,3 +318,20 @@ def test_a_wall_that_moved_is_true_where_it_is_then() -> None:
     assert error is not None
     assert error < 15.0
     assert found["stiffness_percent"] is None  # of walls at rest only
+
+
+def test_a_comparison_as_rows_has_medians_and_quartiles(tmp_path: Path) -> None:
+    """One row per group; each metric with its quartiles, and misses where it can be missed; a miss is ``inf``."""
+    plan = Plan(Params(), ("pspm",), {"lan": ("", "")}, ("press",), (0, 1, 2))
+    outcomes = [
+        Outcome(one, {**dict.fromkeys(METRICS), "drag_N": 0.1 * one.seed, "first_contact_missed": float(one.seed > 0)})
+        for one in plan.cases()
+    ]
+    write_csv(as_rows(groups(plan, outcomes)), tmp_path / "compare.csv")
+    with (tmp_path / "compare.csv").open(encoding="utf-8") as file:
+        (row,) = csv.DictReader(file)
+    assert (row["coupling"], row["link"], row["cases"]) == ("pspm", "lan", "3")
+    assert [float(row[f"drag_N{end}"]) for end in ("", "_q1", "_q3")] == pytest.approx([0.1, 0.05, 0.15])
+    assert (row["first_contact_ms"], row["first_contact_ms_missed"]) == ("inf", "2")
+    assert row["swing_N"] == row["swing_N_q1"] == ""
+    assert all(name + end in row for name in METRICS for end in ("", "_q1", "_q3"))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from hapnet.commands import output
@@ -22,6 +21,10 @@ if TYPE_CHECKING:
 
 LONG_S = 1000.0
 """From this total simulated time on [s], starting processes is worthwhile."""
+
+
+_WIDE = 100
+"""From this width of a terminal on [columns] the table has quartiles."""
 
 
 def seed_range(words: str) -> range:
@@ -52,7 +55,7 @@ def main(params: Params, seeds: range, json_to: str | None, workers: int) -> int
     output.show_warnings(words, prepare(params, "continuous").warnings)
     with Progress(words, "simulating", len(seeds), "seeds") as bar:
         runs = simulate_batch(params, seeds, workers=workers, progress=lambda share: bar.update(share * len(seeds)))
-    words.print(_table(runs))
+    words.print(_table(runs, words.width))
     verdicts = Counter(run.summary["verdict"]["passive"] for run in runs)
     words.print(
         f"of {len(runs)} scenarios {verdicts[True]} were passive, {verdicts[False]} were not", style=_style(verdicts)
@@ -87,15 +90,20 @@ def as_dict(run: BatchRun) -> dict[str, Any]:
     return {**run.summary, "final": final, "vectorised": run.vectorised}
 
 
-def _table(runs: list[BatchRun]) -> Table:
+def _table(runs: list[BatchRun], width: int) -> Table:
+    """Median, extremes and, in a terminal of `_WIDE` columns, quartiles over the runs."""
     from rich.markup import escape
     from rich.table import Table
 
-    table = Table("", "median", "least", "most")
+    from hapnet.study.misses import quantile
+
+    wanted = {"median": 0.5, "least": 0.0, "q1": 0.25, "q3": 0.75, "most": 1.0}
+    shares = [(name, share) for name, share in wanted.items() if width >= _WIDE or name not in ("q1", "q3")]
+    table = Table("", *(name for name, _ in shares))
     for name, value, scale in _figures():
-        known = [float(x) for x in (value(run.summary) for run in runs) if x is not None]
+        known = [scale * float(x) for x in (value(run.summary) for run in runs) if x is not None]
         if known:
-            table.add_row(escape(name), *(_words(x * scale) for x in (median(known), min(known), max(known))))
+            table.add_row(escape(name), *(_words(quantile(known, share)) for _, share in shares))
     return table
 
 

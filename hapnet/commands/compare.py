@@ -21,7 +21,7 @@ from netem.units import format_path
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from hapnet.study.compare import Case, Outcome, Plan
+    from hapnet.study.compare import Case, Group, Outcome, Plan
     from hapnet.study.journal import Journal
 
 LINKS = {"ideal": "ideal", "lan": "lan", "4g": "4g", "intercontinental": "wan-intercontinental"}
@@ -106,7 +106,12 @@ class CompareOptions:
             show_default="the slowest link, the last operator, the first seed",
         ),
     ] = None
-    files: Annotated[bool, typer.Option("--files/--no-files", help="Write compare.json, figures and a journal.")] = True
+    files: Annotated[
+        bool,
+        typer.Option(
+            "--files/--no-files", help="Write compare.json, compare.csv (medians and quartiles), figures and a journal."
+        ),
+    ] = True
     fresh: Annotated[bool, typer.Option("--fresh", help="Discard an earlier comparison in --out, and start again.")] = (
         False
     )
@@ -165,7 +170,7 @@ def _compare(
     there = []
     if given.files:
         with Progress(words, "drawing"):
-            there = _write(directory, plan, drawn, outcomes, whole, written)
+            there = _write(directory, plan, drawn, outcomes, found, whole, written)
     for table in tables.tables(plan, found, words.width):
         words.print(table, soft_wrap=False)
     words.print(tables.note(plan), markup=False, soft_wrap=False)
@@ -190,17 +195,21 @@ def _write(
     plan: Plan,
     drawn: Case,
     outcomes: Sequence[Outcome],
+    found: Sequence[Group],
     whole: dict[str, Any],
     written: output.Written,
 ) -> list[str]:
-    """Write compare.json and the figures; returns what was written, in words."""
+    """Write compare.json, compare.csv and the figures; returns what was written, in words."""
     from hapnet.report.files import save_figure
-    from hapnet.study import figures
+    from hapnet.study import figures, tables
 
     there = []
     with written.part():
         output.write_json(whole, str(directory / "compare.json"))
         there.append("compare.json")
+    with written.part():
+        output.write_csv(tables.as_rows(found), directory / "compare.csv")
+        there.append("compare.csv")
     same = _same(drawn, outcomes)
     if same:
         with written.part():

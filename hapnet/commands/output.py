@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import sys
@@ -147,6 +148,17 @@ def write_json(value: Mapping[str, Any] | Sequence[Mapping[str, Any]], json_to: 
             silence(sys.stdout)
         where = "standard output" if json_to == "-" else json_to
         raise OutputError(f"cannot write {where}: {error.strerror or error}") from None
+
+
+def write_csv(rows: Sequence[Mapping[str, Any]], file: Path) -> None:
+    """Write `rows`, which have the same keys; None is an empty cell. Raises OutputError if that fails."""
+    try:
+        with file.open("w", newline="", encoding="utf-8") as text:
+            writer = csv.DictWriter(text, list(rows[0]) if rows else [], lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(rows)
+    except OSError as error:
+        raise OutputError(f"cannot write {file}: {error.strerror or error}") from None
 
 
 def write_line(file: int, line: bytes, name: str) -> None:

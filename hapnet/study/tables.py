@@ -116,6 +116,24 @@ def as_dict(plan: Plan, outcomes: Sequence[Outcome], found: Sequence[Group]) -> 
     return {str(key): value for key, value in plain(whole).items()}
 
 
+def as_rows(found: Sequence[Group]) -> list[dict[str, Any]]:
+    """A row per group: of each metric the median, ``_q1`` and ``_q3``, and where it can be missed ``_missed``.
+
+    A quantile that reaches a miss is ``inf``; None: no case has a value.
+    """
+    rows = []
+    for group in found:
+        row = {key: value for key, value in _group(group).items() if key != "metrics"}
+        for name, metric in METRICS.items():
+            spread = group.spreads.get(name)
+            for suffix, figure in (("", "median"), ("_q1", "q1"), ("_q3", "q3")):
+                row[name + suffix] = None if spread is None else getattr(spread, figure)
+            if metric.missed:
+                row[f"{name}_missed"] = 0 if spread is None else spread.missed
+        rows.append(row)
+    return rows
+
+
 def _table(title: str, rows: Sequence[Group], *, wide: bool) -> Table:
     columns = _FULL if wide else _BRIEF
     table = Table(title=title, title_justify="left", title_style="bold", padding=(0, 1 if wide else 0))

@@ -209,7 +209,7 @@ def test_what_is_written(tmp_path: Path, capsys: Capture) -> None:
     assert cli.main([*asked, "--json", "-"]) == 0
     whole = json.loads(capsys.readouterr().out)
     assert whole == json.loads((out / "compare.json").read_text("utf-8"))
-    written = {"compare.json", "traces.png", "tradeoff.png"}
+    written = {"compare.json", "compare.csv", "traces.png", "tradeoff.png"}
     assert {file.name for file in out.iterdir()} == {*written, "journal.sqlite", "lock"}
     assert all((out / name).read_bytes().startswith(b"\x89PNG") for name in ("traces.png", "tradeoff.png"))
     couplings = whole["settings"]["couplings"]
