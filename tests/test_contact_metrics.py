@@ -79,6 +79,19 @@ def test_felt_is_more_than_a_tenth_and_a_tenth_of_a_newton_more_than_just_before
         assert visit(depth, force)[0].felt_s is None
 
 
+@pytest.mark.parametrize("phase", np.linspace(0.0, 2.0 * math.pi, 16, endpoint=False).tolist())
+def test_a_swing_is_not_felt_as_a_wall(phase: float) -> None:
+    """2 N at 6 Hz: at some phases it exceeds all of the last 100 ms, but not for long. A wall is."""
+    t = np.arange(0.0, 2.0, 0.002)
+    depth = np.where((t > 1.0) & (t < 1.8), 0.01, -0.01)
+    swing = 2.0 * np.sin(12.0 * math.pi * t + phase)
+    for wall_N, felt in ((0.0, False), (5.0, True)):
+        run = recorded(depth[:, None], -(swing + wall_N * (t > 1.1))[:, None], 0.002)
+        (touch,) = touches(run, [SURFACE], 100.0, 0.05)
+        assert (touch.felt_s is not None) is felt
+        assert touch.felt_s is None or 0.95 < touch.felt_s < 1.2
+
+
 def test_a_contact_may_be_felt_before_word_of_it_is_back() -> None:
     """A local model can do that: felt 4 ticks after the crossing, over a round trip of 6."""
     force = np.where(np.arange(96) >= 28, 5.0, 0.0)

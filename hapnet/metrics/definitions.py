@@ -137,7 +137,8 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "first_contact_ms", "first felt contact", "ms", "lower",
                 "time from the device's first crossing of the wall's surface until the contact is felt, less the "
                 "median delays of both links; below 0: felt before word of it could be back. Felt: the resisting force "
-                "exceeds, by 10 % and by 0.1 N, the greatest one of the 100 ms before the crossing",
+                "exceeds, by 10 % and by 0.1 N, the greatest one of the 100 ms before the crossing, also on average "
+                "over the next 150 ms, as no swing does",
                 missed="first_contact_missed",
             ),
             Metric(

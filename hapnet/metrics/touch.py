@@ -19,6 +19,10 @@ _MORE, _LEAST_N = 0.1, 0.1
 notice about a tenth (Weber's fraction of force)."""
 
 
+_LASTING_S = 0.15
+"""And it must exceed that on average for so long [s]: a swing at 4 Hz or more is not felt as a wall."""
+
+
 class Touch(NamedTuple):
     """One visit to a wall; times since the recording's origin [s].
 
@@ -35,9 +39,10 @@ def touches(recording: Recording, walls: Sequence[Wall], stiffness: float, round
     """Every touch of the wall that was pressed most, in the order of time.
 
     A contact is felt when the outward force along the wall's normal exceeds, by 10 % and by 0.1 N, the greatest force
-    of the 100 ms before the device crossed the surface. That is looked for until a round trip after the device left, or
-    until it enters again. A visit too shallow for an ideal local spring of `stiffness` [N/m] to take 0.1 N is no touch;
-    nor is one that had begun before the first sample. Empty: no wall was entered.
+    of the 100 ms before the device crossed the surface, and does so on average over the next 150 ms. That is looked for
+    until a round trip after the device left, or until it enters again. A visit too shallow for an ideal local spring of
+    `stiffness` [N/m] to take 0.1 N is no touch; nor is one that had begun before the first sample. Empty: no wall was
+    entered.
     """
     device = recording.device
     found = depth_and_resistance(device, walls)
@@ -49,6 +54,7 @@ def touches(recording: Recording, walls: Sequence[Wall], stiffness: float, round
     gone = np.flatnonzero(np.diff(times[inside]) > _AWAY_S)
     first, last = inside[np.r_[0, gone + 1]], inside[np.r_[gone, len(inside) - 1]]
     ends_s = np.minimum(times[last] + round_trip_s, np.r_[times[first[1:]], np.inf])
+    total = np.r_[0.0, np.cumsum(resistance)]
     result = []
     for enter, leave, end_s in zip(first, last, ends_s, strict=True):
         stiff = enter + np.flatnonzero(stiffness * depth[enter : leave + 1] >= _LEAST_N)
@@ -56,12 +62,11 @@ def touches(recording: Recording, walls: Sequence[Wall], stiffness: float, round
             continue
         before = max(float(resistance[np.searchsorted(times, times[enter] - _BEFORE_S) : enter].max()), 0.0)
         end = np.searchsorted(times, end_s)
-        felt = np.flatnonzero(resistance[enter:end] > before + max(_MORE * before, _LEAST_N))
-        result.append(
-            Touch(
-                float(times[enter]), float(times[stiff[0]]), float(times[enter + felt[0]]) if len(felt) else None
-            )
-        )  # fmt: skip
+        felt = enter + np.flatnonzero(resistance[enter:end] > (level := before + max(_MORE * before, _LEAST_N)))
+        until = np.searchsorted(times, times[felt] + _LASTING_S)
+        felt = felt[total[until] - total[felt] > level * (until - felt)]
+        felt_s = float(times[felt[0]]) if len(felt) else None
+        result.append(Touch(float(times[enter]), float(times[stiff[0]]), felt_s))
     return result
 
 

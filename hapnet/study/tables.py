@@ -40,7 +40,6 @@ _BRIEF = (
     _Column("first_contact_ms", "felt\n[ms]", 1.0, 0),
 )
 _FULL = (
-    _Column("margin_end_J", "margin,\nend\n[mJ]", 1e3, 0),
     _Column("stiffness_percent", "rendered\nstiffness\n[%]", 1.0, 0),
     _Column("true_force_error_percent", "true\nerror\n[%]", 1.0, 1),
     _Column("free_rms_mm", "error,\nfree\n[mm]", 1.0, 1),
