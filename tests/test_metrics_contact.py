@@ -1,4 +1,4 @@
-"""Metrics of contact: the stiffness that is rendered, and when a contact is felt."""
+"""Metrics of contact: the stiffness that is rendered. When a contact is felt is in `tests/test_metrics_felt.py`."""
 
 from __future__ import annotations
 
