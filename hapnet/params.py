@@ -40,13 +40,15 @@ class DeviceParams:
     More than twenty attributes: one for each key of `[device]`.
     """
 
-    servo: str = _p("auto", "auto: continuous in simulate and reproduce, else sampled",
+    servo: str = _p("auto", "auto: continuous in virtual time with the paper's feel, else sampled",
                     ("auto", "continuous", "sampled"))  # fmt: skip
     servo_hz: float = _p(1000.0, "servo rate [Hz]", Range(at_least=10.0, at_most=20_000.0))
     watchdog_s: float = _p(
         0.02, "a servo that is later than this renders no force until it is on time again [s]; 0: off", _NOT_NEGATIVE
     )
-    pspm_period_s: float = _p(0.005, "PSPM runs at least this often, and on new data [s]", _POSITIVE)
+    pspm_period_s: float = _p(
+        0.005, "positions are sent this often; with the paper's feel PSPM runs as often, and on new data [s]", _POSITIVE
+    )
     stiffness: Matrix = _p(100.0, "K [N/m]: a number, one per axis, or a matrix (rec.)", _POSITIVE)
     damping: Matrix = _p(0.1, "B [Ns/m]: a number, or one per axis", _POSITIVE)
     ceiling_J: float = _p(0.05, "the reservoir's ceiling [J]", _NOT_NEGATIVE)
@@ -149,6 +151,24 @@ class WorldParams:
 
 
 @dataclass(frozen=True)
+class ContactModelParams:
+    """The local contact model at the device, and the world's prediction of the device. `hapnet tune` found the values.
+
+    hapnet/couplings/feel.py says which rule each of them enters.
+    """
+
+    damping_ratio: float = _p(0.25, "of the device's mass on K; damping is added up to it", _NOT_NEGATIVE)
+    lead: float = _p(0.5, "share of all that drag that is cancelled in free motion", Range(at_least=0.0, at_most=1.0))
+    lead_s: float = _p(0.05, "time constant of the velocity that cancels it [s]", _POSITIVE)
+    fade_s: float = _p(0.005, "time constant with which a change of planes takes effect [s]", _POSITIVE)
+    shift_s: float = _p(0.05, "time constant with which planes move to where the proxy feels them [s]", _POSITIVE)
+    window_s: float = _p(0.06, "the world predicts the device from the positions of so long a time [s]", _POSITIVE)
+    longest_s: float = _p(0.2, "longest prediction [s]", _POSITIVE)
+    curve_s: float = _p(0.1, "longest time for which an acceleration is predicted to last [s]", _NOT_NEGATIVE)
+    reach_m: float = _p(0.05, "planes within this distance of the proxy are told [m]", _NOT_NEGATIVE)
+
+
+@dataclass(frozen=True)
 class PopcParams:
     """Passivity observer and controller at the device's port (Hannaford, Ryu 2002)."""
 
@@ -244,6 +264,10 @@ class WireParams:
     )
 
 
+_BEFORE: Mapping[str, object] = {"feel": "paper"}
+"""What recordings without such an entry were made with."""
+
+
 @dataclass(frozen=True)
 class Params:
     """All parameters of a run."""
@@ -252,6 +276,8 @@ class Params:
     operator: str = _p("press", "rest, sine, press, a recording's path (.csv, .mcap), module:Class; mouse: hapnet play")
     hardware: str = _p("simulated", "the device: simulated, or your own as module:Class")
     coupling: str = _p("pspm", f"pspm; for comparison {', '.join(COUPLING_NAMES[1:])}, or your own as module:NAME")
+    feel: str = _p("hapnet", "of the set-position couplings: hapnet (local contact model, prediction) or paper",
+                   ("hapnet", "paper"))  # fmt: skip
     dof: int = _p(0, "degrees of freedom; 0: the scene's own", _NOT_NEGATIVE)
     duration_s: float = _p(10.0, "duration from pairing [s]; 0: until stopped", Range(at_least=0.0, at_most=1e9))
     record_hz: float = _p(200.0, "recorded samples of the device per second [Hz]", _POSITIVE)
@@ -265,6 +291,7 @@ class Params:
     world: WorldParams = field(default_factory=WorldParams)
     link: LinkParams = field(default_factory=LinkParams)
     wire: WireParams = field(default_factory=WireParams)
+    contact_model: ContactModelParams = field(default_factory=ContactModelParams)
     popc: PopcParams = field(default_factory=PopcParams)
     tdpa: TdpaParams = field(default_factory=TdpaParams)
     eba: EbaParams = field(default_factory=EbaParams)
@@ -317,6 +344,16 @@ class Params:
                 raise InvalidParameter("parameter", name, hint)
             values[name] = converted(name, value, self.get(name), known[name])
         return values
+
+    @classmethod
+    def recorded(cls, flat: Mapping[str, object]) -> Params:
+        """The parameters of a recording. What an older version did not record yet is as it was then.
+
+        Raises
+        ------
+        InvalidParameter : as `set`.
+        """
+        return cls().set({**_BEFORE, **flat})
 
     def set_words(self, assignments: Iterable[str]) -> Params:
         """`set` from words such as ``world.wall.stiffness=30000``."""

@@ -88,6 +88,7 @@ def extreme_case(seed: int) -> Params:
     own_damping = sometimes(rng, 0.7, spread(rng, 1e-4, 10.0))
     stiffness = full(rng, n, 0.1, 1e4)
     changes: dict[str, Any] = {
+        "feel": ("paper", "hapnet")[seed % 2],
         "duration_s": duration_s,
         "record_hz": servo_hz,
         "scene": scene,

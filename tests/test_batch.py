@@ -17,6 +17,7 @@ from hapnet.simulation.batch.lines import longest_ns, shortest_ns
 from hapnet.simulation.batch.run import SMALLEST
 from hapnet.simulation.batch.scenario import BatchRun, Scenario
 from netem import Link, LinkProfile
+from tests.paper import PAPER
 from tests.theorem_cases import random_case
 
 SEEDS = range(6)
@@ -153,13 +154,13 @@ ONE_AXIS: dict[str, dict[str, object]] = {
 
 @pytest.mark.parametrize("changes", cases(ONE_AXIS))
 def test_one_axis_is_the_same_bit_for_bit(changes: dict[str, object]) -> None:
-    check(simulate_batch(Params().set({"duration_s": 1.6, **changes}), SEEDS))
+    check(simulate_batch(PAPER.set({"duration_s": 1.6, **changes}), SEEDS))
 
 
 @pytest.mark.parametrize("name", ["bursts and reordering", "a slow line, reordering", "lossy-wifi", "small reservoirs"])
 def test_the_state_that_it_gives_back_is_whole(name: str) -> None:
     """A scenario that leaves the batch half-way, and runs on as an ordinary simulation, ends bit for bit the same."""
-    params = Params().set({"duration_s": 1.0, **ONE_AXIS[name]})
+    params = PAPER.set({"duration_s": 1.0, **ONE_AXIS[name]})
     scenarios = [Scenario(params, seed) for seed in range(2)]
     for scenario in scenarios:
         assert scenario.load()
@@ -175,13 +176,13 @@ def test_the_state_that_it_gives_back_is_whole(name: str) -> None:
 
 
 def test_energy_flows_in_these_cases() -> None:
-    runs = simulate_batch(Params().set({"duration_s": 2.0, **LIVELY}), SEEDS)
+    runs = simulate_batch(PAPER.set({"duration_s": 2.0, **LIVELY}), SEEDS)
     assert all(run.summary["energy"][way]["credited_nJ"] > 1_000_000 for run in runs for way in ("up", "down"))
     assert all(run.summary["world"]["dropped"]["stale"] > 0 for run in runs)
 
 
 def test_links_may_differ_within_a_batch() -> None:
-    base = Params().set({"duration_s": 1.5, **LIVELY})
+    base = PAPER.set({"duration_s": 1.5, **LIVELY})
     several = [base.set({"link.up": words, "link.down": words}) for words in ("delay 35ms", "delay 5ms 5ms", "loss 5%")]
     runs = simulate_batch(several, range(3))
     assert [(run.params.link.up, run.seed) for run in runs] == [(p.link.up, s) for p in several for s in range(3)]
@@ -223,7 +224,7 @@ SEVERAL_AXES: dict[str, dict[str, object]] = {
 
 @pytest.mark.parametrize("changes", cases(SEVERAL_AXES))
 def test_several_axes_are_the_same_to_rounding(changes: dict[str, object]) -> None:
-    check(simulate_batch(Params().set({"duration_s": 1.2, **changes}), SEEDS), 1e-9)
+    check(simulate_batch(PAPER.set({"duration_s": 1.2, **changes}), SEEDS), 1e-9)
 
 
 @pytest.mark.parametrize(
@@ -242,15 +243,15 @@ def test_several_axes_are_the_same_to_rounding(changes: dict[str, object]) -> No
     ids=str,
 )
 def test_what_is_not_vectorised_is_simulated_alone(changes: dict[str, object]) -> None:
-    check(simulate_batch(Params().set({"duration_s": 0.3, **changes}), SEEDS), vectorised=False)
+    check(simulate_batch(PAPER.set({"duration_s": 0.3, **changes}), SEEDS), vectorised=False)
 
 
 def test_a_few_are_simulated_alone() -> None:
-    check(simulate_batch(Params().set({"duration_s": 0.3}), [4, 2]), vectorised=False)
+    check(simulate_batch(PAPER.set({"duration_s": 0.3}), [4, 2]), vectorised=False)
 
 
 def test_runs_that_end_before_the_handshake_are_right_too() -> None:
-    runs = simulate_batch(Params().set({"duration_s": 0.07}), range(20))
+    runs = simulate_batch(PAPER.set({"duration_s": 0.07}), range(20))
     assert {run.vectorised for run in runs} == {True, False}
     for run in runs:
         check([run], vectorised=run.vectorised)
@@ -258,7 +259,7 @@ def test_runs_that_end_before_the_handshake_are_right_too() -> None:
 
 def test_processes_share_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(batch_run, "SMALLEST", SMALLEST)  # as in the processes
-    params = Params().set({"duration_s": 0.3})
+    params = PAPER.set({"duration_s": 0.3})
     told: list[float] = []
     alone = simulate_batch(params, range(2 * SMALLEST), progress=told.append)
     assert simulate_batch(params, range(2 * SMALLEST), workers=2) == alone
@@ -270,10 +271,10 @@ def test_nothing_is_refused_in_silence() -> None:
     with pytest.raises(InvalidParameter, match="workers"):
         simulate_batch(workers=0)
     with pytest.raises(HapnetError, match=r"seed 3: .*did not find each other"):
-        simulate_batch(Params().set({"link.up": "loss 100%"}), [3])
+        simulate_batch(PAPER.set({"link.up": "loss 100%"}), [3])
     with pytest.raises(HapnetError, match="duration"):
-        simulate_batch(Params().set({"duration_s": 0.0}))
-    assert simulate_batch(Params(), []) == []
+        simulate_batch(PAPER.set({"duration_s": 0.0}))
+    assert simulate_batch(PAPER, []) == []
 
 
 @pytest.mark.parametrize("words", ["", "delay 40ms 10ms", "delay 5ms 9ms", "delay 9ms 3ms distribution paretonormal",
@@ -291,7 +292,7 @@ def test_the_bounds_of_a_delay_hold(words: str) -> None:
 
 def test_the_command_prints_one_table_and_one_object_a_seed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "batch.json"
-    assert cli.main(["simulate", "--seeds", "3:13", "--duration", "0.3", "--json", str(file)]) == 0
+    assert cli.main(["simulate", "--feel", "paper", "--seeds", "3:13", "--duration", "0.3", "--json", str(file)]) == 0
     out = capsys.readouterr().out
     assert "came out of both ports, most" in out
     assert "credited down [mJ]" in out

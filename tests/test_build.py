@@ -9,7 +9,6 @@ import pytest
 from hapnet.assembly.build import Setup, device_session, device_side, prepare, world_session, world_side
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
-from hapnet.params import Params
 from hapnet.plant.operator import Impedance, Rest
 from hapnet.plant.worlds.box import box_walls
 from hapnet.plant.worlds.scene import Scene
@@ -19,10 +18,11 @@ from hapnet.side.endpoint import DeviceEndpoint, WorldEndpoint
 from hapnet.side.world import WorldSide
 from netem import LinkProfile
 from netem.errors import NetemError
+from tests.paper import PAPER
 
 
 def setup_of(default_servo: str = "continuous", /, **changes: object) -> Setup:
-    params = Params().set({name.replace("__", "."): value for name, value in changes.items()})
+    params = PAPER.set({name.replace("__", "."): value for name, value in changes.items()})
     return prepare(params, default_servo)
 
 
@@ -277,18 +277,23 @@ def test_sessions_tell_the_peer_what_this_side_runs() -> None:
     for session, role in ((device_session(setup, 5), "device"), (world_session(setup, 6), "world")):
         assert session.identity.role == role
         assert session.identity.dof == 3
-        assert session.identity.about == {"scene": "paper", "coupling": "zoh", "reservoir_J": 0.05}
+        assert session.identity.about == {
+            "scene": "paper",
+            "coupling": "zoh",
+            "reservoir_J": 0.05,
+            "shared.contact_model": False,
+        }
 
 
 def test_a_corrupting_link_is_refused_since_checksums_make_it_loss() -> None:
     with pytest.raises(InvalidParameter, match=r"link\.down.*checksums"):
-        prepare(Params().set({"link.down": "delay 1ms corrupt 1%"}), "continuous")
+        prepare(PAPER.set({"link.down": "delay 1ms corrupt 1%"}), "continuous")
 
 
 @pytest.mark.parametrize("name", ["device.smoothing_s", "device.predict_s"])
 def test_a_filter_of_set_positions_is_refused_where_a_law_takes_something_else(name: str) -> None:
     with pytest.raises(InvalidParameter, match=rf"{name} is 0\.01; allowed: 0\.0 with the coupling eba"):
-        prepare(Params().set({"coupling": "eba", name: 0.01}))
-    prepare(Params().set({"coupling": "eba", name.replace("device", "world"): 0.01}))  # its world takes set-positions
+        prepare(PAPER.set({"coupling": "eba", name: 0.01}))
+    prepare(PAPER.set({"coupling": "eba", name.replace("device", "world"): 0.01}))  # its world takes set-positions
     with pytest.raises(InvalidParameter, match=r"world\..*with the coupling pd"):
-        prepare(Params().set({"coupling": "pd", name.replace("device", "world"): 0.01}))
+        prepare(PAPER.set({"coupling": "pd", name.replace("device", "world"): 0.01}))

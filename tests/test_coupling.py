@@ -121,7 +121,7 @@ def test_the_limit_keeps_the_direction() -> None:
 def test_a_coupling_passes_on_what_concerns_the_law() -> None:
     law = Spring(1.0, 0.0)
     coupling = LawState(law, 0.05)
-    coupling.receive((0.3,), 12.0)
+    coupling.receive((0.3,), 12.0, 0.0)
     coupling.credit(1.0)
     assert coupling.on_peer_changed() == 0.0
     assert (coupling.set_position, coupling.target, law.renewals) == ((0.3,), (0.3,), 1)
@@ -157,6 +157,6 @@ class Order:
 def test_a_step_begins_with_what_has_arrived_and_then_says_its_own() -> None:
     law = Order()
     steps = LawSteps(law, 0.0)
-    steps.coupling.receive(Port((1.0,), 2.0), 0.0)
+    steps.coupling.receive(Port((1.0,), 2.0), 0.0, 0.0)
     assert steps.update(0.01, (0.0,), 0.0) == Update(Wave((1.0,), 0.5))
     assert law.asked == [f"receive {Port((1.0,), 2.0)}", "begin", "sample"]

@@ -120,7 +120,9 @@ def test_the_ideal_is_the_spring_that_was_asked_for() -> None:
 @pytest.mark.parametrize("coupling", ["popc", "eba"])
 def test_a_device_law_differs_from_the_plain_coupling_in_what_it_adds_alone(coupling: str) -> None:
     """In the default hand neither has anything to add: the same run, but for when data are sent."""
-    base = Params().set({"device.servo": "sampled", "duration_s": 4.0, "link.up": "ideal", "link.down": "ideal"})
+    base = Params().set(
+        {"feel": "paper", "device.servo": "sampled", "duration_s": 4.0, "link.up": "ideal", "link.down": "ideal"}
+    )
     plain, law = (simulate(base.set({"coupling": name}), seed=3) for name in ("zoh", coupling))
     assert isinstance(law.device.coupling, LawState)
     assert not isinstance(law.world.coupling, LawState)

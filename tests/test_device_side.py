@@ -11,13 +11,14 @@ import pytest
 
 from hapnet.assembly.build import device_session, device_side, prepare, world_session, world_side
 from hapnet.errors import HapnetError
-from hapnet.params import RELAXED_HAND, Params
+from hapnet.params import RELAXED_HAND
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.worlds.scene import Scene
 from hapnet.recording.samples import Event
 from hapnet.side.device import DeviceSide
 from hapnet.side.endpoint import DeviceEndpoint, WorldEndpoint
 from hapnet.summary.run import device_summary
+from tests.paper import PAPER
 
 MS = 1_000_000
 
@@ -33,7 +34,7 @@ class LateClock:
 def run_late(words: dict[str, object], late_ns: list[int]) -> tuple[DeviceSide, SimulatedDevice, float, float]:
     """Ticks due every millisecond, each called so late; (side, device, hand's work, kinetic energy at the start)."""
     clock = LateClock()
-    setup = prepare(Params().set({"operator": "sine", **words}), "sampled")
+    setup = prepare(PAPER.set({"operator": "sine", **words}), "sampled")
     side = device_side(setup, DeviceEndpoint(device_session(setup, 7)), clock, lambda sample: None)
     device = side.device
     assert isinstance(device, SimulatedDevice)
@@ -85,7 +86,7 @@ def stopped(stop_ms: int, words: dict[str, object]) -> tuple[dict[str, Any], flo
 
     Between two stops the servo runs for 100 ms, pulled 20 mm away from where the hand wants to be.
     """
-    setup = prepare(Params().set({"operator": "sine", "device.servo": "sampled", **RELAXED_HAND, **words}), "sampled")
+    setup = prepare(PAPER.set({"operator": "sine", "device.servo": "sampled", **RELAXED_HAND, **words}), "sampled")
     clock = LateClock()
     endpoint = DeviceEndpoint(device_session(setup, 7))
     side = device_side(setup, endpoint, clock, lambda sample: None)
@@ -104,7 +105,7 @@ def stopped(stop_ms: int, words: dict[str, object]) -> tuple[dict[str, Any], flo
     side.tick(0)
     for k in range(22):
         for _ in range(100):
-            side.coupling.receive((0.02 * (-1) ** k,), 0.0)
+            side.coupling.receive((0.02 * (-1) ** k,), 0.0, 0.0)
             tick(1)
         tick(stop_ms)
     return device_summary(side, "pspm"), given - side.coupling.ledger.credited + side.coupling.ledger.sent
@@ -132,7 +133,7 @@ def test_a_servo_that_is_away_for_as_long_as_its_watchdog_allows_stays_within_it
 @pytest.mark.parametrize("servo", ["sampled", "continuous"])
 def test_a_servo_that_was_away_renders_nothing_until_it_is_on_time_and_the_account_holds(servo: str) -> None:
     """In contact with a set-position 20 mm off; away for 300 ms, twice 50 ms late after that, then on time again."""
-    setup = prepare(Params().set({"operator": "sine", "device.servo": servo, "device.watchdog_s": 0.02}), "sampled")
+    setup = prepare(PAPER.set({"operator": "sine", "device.servo": servo, "device.watchdog_s": 0.02}), "sampled")
     notes: list[Event] = []
     clock = LateClock()
     side = device_side(
@@ -149,7 +150,7 @@ def test_a_servo_that_was_away_renders_nothing_until_it_is_on_time_and_the_accou
     def tick(now_ns: int) -> float:
         """What the device renders after a tick [N]: what it was told to, or its spring's."""
         clock.now_ns = now_ns
-        side.coupling.receive((-0.02,), 0.0)
+        side.coupling.receive((-0.02,), 0.0, 0.0)
         side.tick(now_ns)
         set_position = device.position if device.state.set_position is None else device.state.set_position
         forces.append(abs(device.state.torque[0]) + abs(100.0 * (device.position[0] - set_position[0])))
@@ -185,7 +186,7 @@ def test_a_watchdog_that_is_off_lets_nothing_go() -> None:
 
 def test_a_restarted_side_starts_with_nothing() -> None:
     for restarted, energy in ((False, 0.05), (True, 0.0)):
-        setup = prepare(Params(), "sampled")
+        setup = prepare(PAPER, "sampled")
         side = device_side(setup, DeviceEndpoint(device_session(setup, 7)), lambda: 0, lambda sample: None)
         side.endpoint.paired, side.endpoint.restarted = True, restarted
         side.tick(0)
@@ -205,7 +206,7 @@ def timeless(*, dof: int = 1) -> Scene:
 
 
 def test_a_scene_that_cannot_say_how_long_a_step_is_is_named() -> None:
-    setup = prepare(Params().set({"scene": "tests.test_device_side:timeless"}), "sampled")
+    setup = prepare(PAPER.set({"scene": "tests.test_device_side:timeless"}), "sampled")
     endpoint = WorldEndpoint(world_session(setup, 7))
     side = world_side(setup, endpoint, np.random.default_rng(0), lambda sample: None)
     with pytest.raises(HapnetError, match=r"the scene tests\.test_device_side:timeless failed: next_step_s\(\) .*NaN"):

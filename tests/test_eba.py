@@ -7,8 +7,8 @@ import pytest
 
 from hapnet.control.eba import EnergyBounding
 from hapnet.mechanics.spring import Spring
-from hapnet.params import Params
 from tests.hand_port import LIGHT_HAND, lowest_energies
+from tests.paper import PAPER
 
 T = 0.001
 b = 0.3
@@ -173,7 +173,7 @@ def test_chatter_of_a_count_is_not_harvested() -> None:
 
 @pytest.mark.parametrize("link", ["delay 40ms 10ms loss 2%", "wan-intercontinental", "delay 20ms loss gemodel 5% 10%"])
 def test_in_a_light_hand_it_is_passive_on_links_where_the_plain_coupling_is_not(link: str) -> None:
-    params = Params().set({**LIGHT_HAND, "link.up": link, "link.down": link})
+    params = PAPER.set({**LIGHT_HAND, "link.up": link, "link.down": link})
     params = params.set({"device.stiffness": 500.0, "world.stiffness": 2500.0})
     hand, _, _ = lowest_energies(params.set({"coupling": "eba"}), seed=2)
     assert hand >= -1e-12
@@ -181,6 +181,6 @@ def test_in_a_light_hand_it_is_passive_on_links_where_the_plain_coupling_is_not(
 
 
 def test_in_a_light_hand_a_lie_shows() -> None:
-    params = Params().set({**LIGHT_HAND, "coupling": "eba", "device.stiffness": 500.0, "world.stiffness": 2500.0})
+    params = PAPER.set({**LIGHT_HAND, "coupling": "eba", "device.stiffness": 500.0, "world.stiffness": 2500.0})
     params = params.set({"device.own_damping": 0.02, "eba.damping": 3.0})
     assert lowest_energies(params, seed=2)[0] < -1.0

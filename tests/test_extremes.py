@@ -29,6 +29,7 @@ from tests import independent_account
 from tests.conftest import random_spd
 from tests.extreme_cases import UNCHECKED, Examined, examine, extreme_case
 from tests.independent_account import Witness
+from tests.paper import PAPER
 
 MOST_REFUSED = 0.05
 MOST_TOO_FAST = 0.02
@@ -106,7 +107,7 @@ def test_the_account_knows_nothing_of_what_it_checks() -> None:
 def audited(servo: str, n: int) -> Params:
     """A hand that shakes a stiff spring beyond its limit, over a link that is down for a while, deadband and all."""
     rng = np.random.default_rng(n)
-    return Params().set(
+    return PAPER.set(
         {
             "duration_s": 1.5, "dof": n, "record_hz": 1000.0, "scene": "wall", "operator": "sine",
             "world.wall.position_m": 0.004,

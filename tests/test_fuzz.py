@@ -24,9 +24,11 @@ from tests.fuzzing.mutator import Mutator
 from tests.fuzzing.storm import TARGETS, run_many
 
 DEFAULT = {"decoder": 15_000, "device": 7_000, "continuous": 7_000, "world": 7_000}
-DEFAULT |= {"motion": 1_000, "port": 1_000, "wave": 2_000}  # 40,000 in all
+DEFAULT |= {"motion": 1_000, "port": 1_000, "wave": 2_000, "proxy": 2_000}  # 42,000 in all
 SLOW = {"decoder": 300_000, "device": 200_000, "continuous": 150_000, "world": 200_000}
-SLOW |= dict.fromkeys(("motion", "port", "wave"), 50_000)  # a million in all; a million each: python -m tests.fuzzing
+SLOW |= dict.fromkeys(
+    ("motion", "port", "wave", "proxy"), 50_000
+)  # a million in all; a million each: python -m tests.fuzzing
 SLOW_STORM = 20_000
 
 

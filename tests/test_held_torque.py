@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from hapnet.checks import Vector
-from hapnet.params import RELAXED_HAND, Params
+from hapnet.params import RELAXED_HAND
 from hapnet.plant.device import SimulatedDevice
 from hapnet.simulation.simulation import Result, simulate
+from tests.paper import PAPER
 
 LIGHT = {
     "scene": "free", "operator": "sine", "operator_hand.start_periods": 0.0, "link.up": "4g", "link.down": "4g",
@@ -55,7 +56,7 @@ def kept(result: Result) -> None:
 )  # fmt: skip
 def test_an_empty_reservoir_leaves_no_held_torque_to_leak(words: dict[str, object]) -> None:
     """As found by an attack: a damper that was held on while the spring was off diverged to 1e34 J."""
-    kept(simulate(Params().set({**LIGHT, **words}), seed=1))
+    kept(simulate(PAPER.set({**LIGHT, **words}), seed=1))
 
 
 @pytest.mark.parametrize("step", [0.5, 0.02])
@@ -63,7 +64,7 @@ def test_the_rendered_force_never_steps_by_more_than_its_limit(step: float, monk
     """2000 N/m and a light hand over 4g used to step by 2.51 N where 0.5 N were allowed, the reservoir empty."""
     forces = held_forces(monkeypatch)
     words = {"device.stiffness": 2000.0, "world.stiffness": 1e4, "device.step_limit_N": step}
-    result = simulate(Params().set({**LIGHT, **words}), seed=1)
+    result = simulate(PAPER.set({**LIGHT, **words}), seed=1)
     kept(result)
     held = np.array([(0.0,), *forces[:-1]])  # the last one is the end's, which takes the force away at once
     assert len(held) >= 5000
@@ -77,7 +78,7 @@ def test_the_held_force_keeps_to_its_limit(limit: float, monkeypatch: pytest.Mon
     """Whatever spring and damper ask for, in two axes."""
     forces = held_forces(monkeypatch)
     words = {"dof": 2, "device.stiffness": 500.0, "device.damping": 5.0, "device.force_limit_N": limit}
-    result = simulate(Params().set({**LIGHT, **words}), seed=1)
+    result = simulate(PAPER.set({**LIGHT, **words}), seed=1)
     kept(result)
     lengths = np.linalg.norm(np.array(forces), axis=1)
     assert lengths.max() <= limit * (1.0 + 1e-12)

@@ -15,10 +15,10 @@ import pytest
 
 from hapnet.assembly.build import prepare
 from hapnet.checks import Vector
-from hapnet.params import Params
 from hapnet.wire.messages import Energy, Position, decode, encode
 from tests.conftest import mostly_slow
 from tests.fuzzing.rig import MS, US, Rig
+from tests.paper import PAPER
 
 SIDES = ("device", "world", "continuous")
 DURATION_NS = 2_000 * MS
@@ -79,7 +79,7 @@ def attack(side: str, style: Style, words: dict[str, object], *, rising: bool = 
     """
     servo = "continuous" if side == "continuous" else "sampled"
     rng = random.Random(1)
-    rig = Rig(side, rng, prepare(Params().set({"device.servo": servo, **words}), servo))
+    rig = Rig(side, rng, prepare(PAPER.set({"device.servo": servo, **words}), servo))
     for _ in range(10):
         rig.run(MS)
     assert rig.paired

@@ -22,6 +22,7 @@ from hapnet.wire.messages import (
     OtherVersion,
     Port,
     Position,
+    Proxy,
     Refuse,
     Wave,
     Welcome,
@@ -41,6 +42,9 @@ GOLDEN: dict[str, Message] = {
     "motion": Motion(A, 7, 1_000_000_000, (0.01,), (-0.25,)),
     "port": Port(B, 7, 1_000_000_000, (1.5,), 1_500_000),
     "wave": Wave(A, 7, 1_000_000_000, (0.5,), 5_000_000),
+    "proxy": Proxy(
+        B, 7, 1_000_000_000, (0.01, 0.0), 2_000_000_000, (-1.5, 0.0), (((1.0, 0.0), 0.02, 3000.0, 10.0, 0.0),)
+    ),
     "further": Energy(B, A, 0, 1_500_000, {"example": (1, True)}),
 }
 FRAMES = dict(
@@ -86,6 +90,9 @@ def test_golden_frames_are_what_the_msgpack_specification_says() -> None:
     assert (port + none).hex() == FRAMES["port"]
     wave = b"\x99\x02\x09" + u64(A) + u64(7) + u64(10**9) + f64(0.5) + b"\xce" + struct.pack(">I", 5_000_000)
     assert (wave + none).hex() == FRAMES["wave"]
+    proxy = b"\x9b\x02\x0a" + u64(B) + u64(7) + u64(10**9) + f64(0.01, 0.0) + b"\xce" + struct.pack(">I", 2 * 10**9)
+    plane = b"\x91\x95" + f64(1.0, 0.0) + b"".join(f64(value)[1:] for value in (0.02, 3000.0, 10.0, 0.0))
+    assert (proxy + f64(-1.5, 0.0) + plane + none).hex() == FRAMES["proxy"]
 
 
 def test_integers_may_be_as_short_as_msgpack_makes_them() -> None:
@@ -111,6 +118,20 @@ naturals = st.integers(0, 2**64 - 1)
 stamps = (naturals, naturals)
 totals = st.integers(0, 2**63 - 1)
 texts = st.text(st.characters(codec="utf-8"), max_size=20).filter(str.isprintable)
+
+
+def vectors(n: int) -> st.SearchStrategy[tuple[float, ...]]:
+    return st.tuples(*[st.floats(-1e6, 1e6)] * n)
+
+
+def planes(n: int) -> st.SearchStrategy[Any]:
+    unit = tuple([1.0] + [0.0] * (n - 1))
+    numbers = st.tuples(
+        st.just(unit), st.floats(-1e6, 1e6), st.floats(1e-3, 1e6), st.floats(0.0, 1e6), st.floats(-9, 9)
+    )
+    return st.lists(numbers, max_size=4).map(tuple)
+
+
 scalars = st.one_of(
     texts, st.integers(-(2**63), 2**64 - 1), st.floats(allow_nan=False, allow_infinity=False), st.none()
 )
@@ -129,6 +150,11 @@ any_message = st.one_of(
     motions,
     st.builds(Port, incarnations, *stamps, coordinates, totals, *stamps, further),
     st.builds(Wave, incarnations, *stamps, coordinates, st.integers(1, 10**10), *stamps, further),
+    st.integers(1, 4).flatmap(
+        lambda n: st.builds(
+            Proxy, incarnations, *stamps, vectors(n), naturals, vectors(n), st.none() | planes(n), *stamps, further
+        )
+    ),
     st.builds(Position, incarnations, *stamps, coordinates, *stamps, further),
     st.builds(Energy, incarnations, naturals, totals, totals, further),
     st.builds(Hello, incarnations, naturals, *identity, further),

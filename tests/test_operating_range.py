@@ -17,7 +17,7 @@ from hapnet.assembly.user_device import UserDevice, declared_range
 from hapnet.assembly.user_operator import UserOperator
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.params import DeviceParams, Params
+from hapnet.params import DeviceParams
 from hapnet.plant.operating_range import OperatingRange, RangeWatch
 from hapnet.plant.operator import Impedance
 from hapnet.recording.samples import DeviceSample, Event, Sample
@@ -25,10 +25,11 @@ from hapnet.side.device import DeviceSide
 from hapnet.side.endpoint import DeviceEndpoint
 from hapnet.summary.run import device_summary, unknown_device
 from hapnet.summary.verdict import judge, stopped
+from tests.paper import PAPER
 from tests.processes import read_json, started
 
 MS = 1_000_000
-PARAMS = Params()
+PARAMS = PAPER
 
 
 class Arm:
@@ -203,7 +204,7 @@ def begun(device: type, **changes: object) -> tuple[DeviceSide, Arm, list[Sample
     side.clock = clock  # type: ignore[attr-defined]
     side.tick(0)
     if changes.get("coupling", "pspm") in ("pspm", "zoh"):
-        side.endpoint.on_sample((0.02,), 0, 0)
+        side.endpoint.on_sample((0.02,), 0, 0, 0)
     assert isinstance(side.device, UserDevice)
     arm = side.device.device
     assert isinstance(arm, Arm)

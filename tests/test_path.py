@@ -27,7 +27,7 @@ PERIODS = {"device": 5 * MS, "world": 30 * MS}
 class SetPositionCoupling:
     """A coupling of which nothing is asked but to take what comes."""
 
-    def receive(self, sample: Vector, sent_s: float) -> None:
+    def receive(self, sample: Vector, sent_s: float, age_s: float) -> None:
         self.sample = sample
 
     def credit(self, energy_J: float) -> None:
@@ -47,7 +47,7 @@ class Side(ControlHalf, WireHalf):
         self._coupling: Any = SetPositionCoupling()
 
     def speak(self, now_ns: int) -> bytes:
-        self.take()
+        self.take(0)
         return self.session.position(now_ns, (0.0,))
 
 
@@ -155,7 +155,7 @@ def test_what_a_side_echoes_is_what_its_control_has_used() -> None:
     side = Side("device", 1)
     frames: list[Any] = [decode(side.speak(100))]
     side.pair(restarted=False)
-    side.on_sample((0.1,), 7, 150)
+    side.on_sample((0.1,), 7, 150, 0)
     frames.append(decode(side.session.position(160, (0.0,))))  # it has come, and no tick has taken it yet
     frames.append(decode(side.speak(200)))
     side.pair(restarted=False)  # another peer, whose clock is another

@@ -9,8 +9,8 @@ import pytest
 
 from hapnet.control.popc import PassivityController, damping_cap
 from hapnet.mechanics.spring import Spring
-from hapnet.params import Params
 from tests.hand_port import LIGHT_HAND, lowest_energies
+from tests.paper import PAPER
 
 T = 0.001
 
@@ -140,7 +140,7 @@ def test_the_cap_is_what_may_be_held() -> None:
 @pytest.mark.parametrize("K", [100.0, 300.0])
 def test_on_a_bad_link_it_keeps_the_port_where_the_plain_coupling_does_not(K: float) -> None:
     """The plain coupling shakes the hand with joules; the controller leaves hundredths."""
-    params = Params().set({**LIGHT_HAND, "device.stiffness": K, "world.stiffness": 5 * K})
+    params = PAPER.set({**LIGHT_HAND, "device.stiffness": K, "world.stiffness": 5 * K})
     hand, actuator, _ = lowest_energies(params.set({"coupling": "popc"}), seed=1)
     plain_hand, plain_actuator, _ = lowest_energies(params.set({"coupling": "zoh"}), seed=1)
     assert plain_hand < -1.0
@@ -151,5 +151,5 @@ def test_on_a_bad_link_it_keeps_the_port_where_the_plain_coupling_does_not(K: fl
 
 def test_its_limits_show() -> None:
     """With hardly any damping to inject it is not passive: the claim is the controller's, not the observer's."""
-    params = Params().set({**LIGHT_HAND, "coupling": "popc", "popc.damping_cap": 0.5})
+    params = PAPER.set({**LIGHT_HAND, "coupling": "popc", "popc.damping_cap": 0.5})
     assert lowest_energies(params, seed=1)[1] < -0.5

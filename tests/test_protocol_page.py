@@ -114,5 +114,5 @@ def test_the_page_names_the_streams_of_each_coupling() -> None:
     section = PAGE.partition("| coupling | device to world | world to device |")[2].partition("\n\n")[0]
     rows = re.findall(r"^\| (`.*`) \| (\w+).* \| (\w+).* \|$", section, re.MULTILINE)
     told = {name: (up, down) for names, up, down in rows for name in re.findall(r"`([^`]+)`", names)}
-    sent = {name: (spec.device_sends, spec.world_sends) for name, spec in COUPLINGS.items()}
+    sent = {name: tuple(spec.sends(role, Params()) for role in ("device", "world")) for name, spec in COUPLINGS.items()}
     assert told == {name: (up.__name__.lower(), down.__name__.lower()) for name, (up, down) in sent.items()}

@@ -123,9 +123,9 @@ def test_settings_of_another_version_are_told(tmp_path: Path) -> None:
     recorded(tmp_path / "a.mcap", duration_s=0.2)
 
     def newer(recording: Recording) -> Recording:
-        params = {**recording.meta["params"], "device": {"new": 3, "servo_hz": 1000.0}, "feel": "soft"}
+        params = {**recording.meta["params"], "device": {"new": 3, "servo_hz": 1000.0}, "texture": "soft"}
         return with_meta(recording, params=params)
 
     original = read_original([rewritten(tmp_path / "a.mcap", newer, "new.mcap")])
-    assert original.notes == ("this version does not know these parameters and leaves them out: device.new, feel",)
+    assert original.notes == ("this version does not know these parameters and leaves them out: device.new, texture",)
     assert original.params.device == Params().device

@@ -292,7 +292,8 @@ def test_settings_of_two_processes_and_of_another_version() -> None:
     del recording.meta["sides"]["device"]["params"]["later"]
     line = next(c.line for c in commands(recording, []) if "simulate" in c.line)
     assert shlex.split(line)[2:] == [
-        "--set", "duration_s=3.457", "--set", "device.servo=sampled", "--set", "world.mass=[[1.0, 0.0], [0.0, 2.0]]",
+        "--set", "feel=paper", "--set", "duration_s=3.457", "--set", "device.servo=sampled",
+        "--set", "world.mass=[[1.0, 0.0], [0.0, 2.0]]",
         "--set", "link.up=delay 1ms", "--set", "link.down=delay 2ms",
     ]  # fmt: skip
 

@@ -162,7 +162,7 @@ def test_a_sampled_servo_never_overdraws_its_account_nor_steps_too_far(seed: int
         before, read = read, np.round(x / resolution) * resolution if coarse else x
         work -= float(force @ (read - before))
         if rng.random() < 0.1:
-            coupling.receive(tuple((x + unit(rng, n) * 10.0 ** rng.uniform(-4.0, 0.0)).tolist()), 0.0)
+            coupling.receive(tuple((x + unit(rng, n) * 10.0 ** rng.uniform(-4.0, 0.0)).tolist()), 0.0, 0.0)
         if rng.random() < 0.05:
             coupling.credit(float(10.0 ** rng.uniform(-6.0, -1.0)))
         if rng.random() < 0.01:

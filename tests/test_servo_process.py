@@ -173,7 +173,7 @@ def test_it_ticks_renders_and_gives_its_account(running: Running, diary: Path) -
     running.paired()
     servo = running.servo
     until(lambda: len(running.messages) >= 5)
-    servo.on_sample((0.01, 0.0), 0, 0)
+    servo.on_sample((0.01, 0.0), 0, 0, 0)
     until(lambda: diary.exists() and float(diary.read_text() or 0.0) > 0.3)  # 100 N/m at 10 mm, on its way there
     servo.credit(1_000_000)
     until(lambda: any(isinstance(s, DeviceSample) and s.credited_J == 0.001 for s in running.samples))
@@ -206,7 +206,7 @@ def test_what_is_credited_arrives_once_though_the_pipe_was_full(running: Running
     os.kill(running.pid, signal.SIGCONT)
 
     def credited() -> float:
-        servo.on_sample((0.0, 0.0), 0, 0)
+        servo.on_sample((0.0, 0.0), 0, 0, 0)
         return max((s.credited_J for s in running.samples if isinstance(s, DeviceSample)), default=0.0)
 
     until(lambda: round(credited() * 1e9) == 200_000)
@@ -360,7 +360,7 @@ def test_no_surplus_is_lost_to_a_parent_that_does_not_read(diary: Path, monkeypa
 
 def test_ctrl_c_is_its_parents_affair_and_sigterm_ends_it_with_zero_force(running: Running, diary: Path) -> None:
     running.paired()
-    running.servo.on_sample((0.02, 0.0), 0, 0)
+    running.servo.on_sample((0.02, 0.0), 0, 0, 0)
     until(lambda: diary.exists() and float(diary.read_text() or 0.0) > 0.3)
     os.kill(running.pid, signal.SIGINT)
     before = len(running.messages)
@@ -379,7 +379,7 @@ sys.path.insert(0, {str(FILE.parents[1])!r})
 from tests.test_servo_process import Running
 running = Running()
 running.paired()
-running.servo.on_sample((0.02, 0.0), 0, 0)
+running.servo.on_sample((0.02, 0.0), 0, 0, 0)
 fork = os.fork() if {fork} else 1
 if fork:
     print(running.pid, fork, flush=True)

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from hapnet.wire.events import Mismatch, PositionReceived, SampleReceived
-from hapnet.wire.messages import Motion, Port, Position, Stream, Wave, encode
+from hapnet.wire.messages import Motion, Port, Position, Proxy, Stream, Wave, encode
 from hapnet.wire.session import Session, SessionSettings
 from tests.sessions import MS, Network, session
 
@@ -25,10 +25,11 @@ def expecting(kind: type[Stream], **more: Any) -> tuple[Session, Session]:
 def of_kind(kind: type[Stream], number: int, *, dof: int = 1) -> Stream:
     value = (0.1 * number,) * dof
     last: dict[type[Stream], Any] = {Motion: (value,), Port: (number,), Wave: (1 + number,)}
+    last[Proxy] = (number, value, None)
     return kind(2, number, 1, value, *last.get(kind, ()))
 
 
-KINDS: tuple[type[Stream], ...] = (Position, Motion, Port, Wave)
+KINDS: tuple[type[Stream], ...] = (Position, Motion, Port, Wave, Proxy)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -40,10 +41,10 @@ def test_only_the_stream_that_the_coupling_takes_is_handed_out(kind: type[Stream
         if other is not kind:
             assert events == ()
         elif isinstance(message, Position):
-            assert events == (PositionReceived(*message[1:4]),)
+            assert events == (PositionReceived(*message[1:4], 0),)
         else:
             assert events == (SampleReceived(message),)
-    assert device.dropped == {"stream": 3}
+    assert device.dropped == {"stream": len(KINDS) - 1}
     assert device.dropped_for["stream"].endswith(f"allowed with this coupling: a {kind.__name__.lower()}")
 
 

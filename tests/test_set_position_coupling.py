@@ -38,7 +38,7 @@ def test_at_the_start_it_is_at_rest() -> None:
 def test_a_set_position_is_taken_and_kept() -> None:
     """y = 20 mm costs 20 mJ of 50; it stays asked for when nothing new arrives."""
     c = coupling()
-    c.receive((0.02,), 1.0)
+    c.receive((0.02,), 1.0, 0.0)
     waiting = [c.has_sample]
     result = c.update(0.005, (0.0,), 0.0)
     waiting.append(c.has_sample)
@@ -51,15 +51,15 @@ def test_a_set_position_is_taken_and_kept() -> None:
 
 def test_only_the_newest_set_position_counts() -> None:
     c = coupling()
-    c.receive((0.01,), 1.0)
-    c.receive((0.02,), 1.1)
+    c.receive((0.01,), 1.0, 0.0)
+    c.receive((0.02,), 1.1, 0.0)
     assert c.update(0.005, (0.0,), 0.0).set_position == (0.02,)
 
 
 def test_energy_is_credited_once() -> None:
     """10 + 5 mJ arrive between two updates; the third update finds nothing more."""
     c = coupling(ceiling=0.1)
-    c.receive((0.04,), 1.0)
+    c.receive((0.04,), 1.0, 0.0)
     c.update(0.005, (0.0,), 0.0)  # 80 mJ of 100
     c.credit(0.010)
     c.credit(0.005)
@@ -83,7 +83,7 @@ def test_what_is_sent_and_discarded_is_counted() -> None:
 
 def test_minimum_and_deficit_are_remembered() -> None:
     c = coupling(ceiling=0.02)
-    c.receive((0.02,), 1.0)
+    c.receive((0.02,), 1.0, 0.0)
     c.update(0.005, (0.0,), 0.0)  # exactly all of it: 1/2 100 0.02^2
     c.update(0.005, (0.02,), -0.007)
     assert c.energy_min == 0.0
@@ -97,7 +97,7 @@ def test_minimum_and_deficit_are_remembered() -> None:
 def test_the_step_of_the_spring_is_limited() -> None:
     """5 mm an update, so 0.5 N; `target` is what was asked for."""
     c = coupling(longest=0.005)
-    c.receive((0.02,), 1.0)
+    c.receive((0.02,), 1.0, 0.0)
     steps = [c.update(0.005, (0.0,), 0.0).set_position[0] for _ in range(5)]
     assert steps == pytest.approx([0.005, 0.010, 0.015, 0.02, 0.02])
     assert c.target == (0.02,)
@@ -107,18 +107,18 @@ def test_the_step_of_the_spring_is_limited() -> None:
 def test_silence_lets_go(longest: float) -> None:
     """After 20 ms without data y = x, under the step limit; the first sample after that takes hold again."""
     c = coupling(policy="release", longest=longest)
-    c.receive((0.001,), 1.0)
+    c.receive((0.001,), 1.0, 0.0)
     positions = [c.update(0.005, (0.01,), 0.0).set_position[0] for _ in range(5)]
     assert positions == [0.001] * 5
     assert c.update(0.005, (0.01,), 0.0).set_position[0] == pytest.approx(0.01 if longest == math.inf else 0.002)
-    c.receive((0.001,), 2.0)
+    c.receive((0.001,), 2.0, 0.0)
     assert c.update(0.005, (0.01,), 0.0).set_position[0] == 0.001
 
 
 def test_the_filter_stands_before_the_modulator() -> None:
     """Backward Euler from rest at 0: y_f = dt/(tau + dt) y = 0.02/3 with tau = 2 dt."""
     c = coupling(smoothing=0.010)
-    c.receive((0.02,), 1.0)
+    c.receive((0.02,), 1.0, 0.0)
     assert c.update(0.005, (0.0,), 0.0).set_position[0] == pytest.approx(0.02 / 3.0)
     assert c.target[0] == pytest.approx(0.02 / 3.0)
 
@@ -126,14 +126,14 @@ def test_the_filter_stands_before_the_modulator() -> None:
 def test_a_release_forgets_what_came_before_it() -> None:
     """A filter on its way to 20 mm: after a release at 5 mm it stays there until something new arrives."""
     c = coupling(smoothing=0.05, ceiling=1.0)
-    c.receive((0.02,), 1.0)
+    c.receive((0.02,), 1.0, 0.0)
     for _ in range(5):
         c.update(0.005, (0.0,), 0.0)
     assert 0.0 < c.set_position[0] < 0.02
     c.release((0.005,), 0.0)
     for _ in range(5):
         assert c.update(0.005, (0.005,), 0.0).set_position == (0.005,)
-    c.receive((0.02,), 2.0)
+    c.receive((0.02,), 2.0, 0.0)
     assert 0.005 < c.update(0.005, (0.005,), 0.0).set_position[0] < 0.02
 
 
@@ -141,7 +141,7 @@ def test_switched_off_it_follows_at_any_price() -> None:
     c = SetPositionCoupling(
         ZeroOrderHold(Spring(100.0, 1), (0.0,), 0.05), stages=Pipeline(), silence=Silence("hold", 1.0)
     )
-    c.receive((1.0,), 1.0)
+    c.receive((1.0,), 1.0, 0.0)
     c.credit(0.3)
     result = c.update(0.005, (0.0,), 0.2)
     assert result.set_position == (1.0,)
@@ -178,7 +178,7 @@ def test_the_ledger_balances_whatever_happens(seed: int) -> None:
         dissipated = float(rng.exponential(1e-4))
         c.ledger.put_in(phi(x) - before + dissipated)
         if rng.random() < 0.4:
-            c.receive(tuple((rng.normal(size=n) * 0.05).tolist()), 0.0)
+            c.receive(tuple((rng.normal(size=n) * 0.05).tolist()), 0.0, 0.0)
         if rng.random() < 0.3:
             c.credit(float(rng.exponential(0.01)))
         c.update(0.005, tuple(x.tolist()), dissipated)
@@ -189,7 +189,7 @@ def test_the_ledger_balances_whatever_happens(seed: int) -> None:
 
 def test_what_is_shared_with_a_peer_that_begins_with_nothing_is_sent_and_leaves_the_slack_as_it_was() -> None:
     c = coupling(ceiling=0.05)
-    c.receive((0.02,), 1.0)
+    c.receive((0.02,), 1.0, 0.0)
     c.update(0.005, (0.0,), 0.0)  # 20 mJ of the 50 are in the spring
     before = c.modulator.energy
     c.ledger.observe(c.potential((0.0,)), c.account)
@@ -215,7 +215,7 @@ def test_of_the_last_energy_each_new_peer_gets_a_little() -> None:
         SetPositionModulator(stiffness=100.0, position=[0.0], ceiling=0.05, reserve=1e-4),
         stages=Pipeline(), silence=Silence("hold", 1.0), kept_for_peers=1e-4,
     )  # fmt: skip
-    c.receive((1.0,), 1.0)
+    c.receive((1.0,), 1.0, 0.0)
     c.update(0.005, (0.0,), 0.0)  # the spring takes all that may be spent
     assert c.reservoir == pytest.approx(1e-4)
     given = [c.on_peer_changed() for _ in range(100)]

@@ -54,7 +54,7 @@ def test_continuous_runs_on_its_clock_and_at_once_on_data() -> None:
     ran = []
     for tick in range(1, 21):
         if tick == 7:
-            c.receive((0.001,), 0.0)
+            c.receive((0.001,), 0.0, 0.0)
         if servo.tick(T, (0.0,), lambda: ((0.0,), (0.0,), None), 0.0, 0.0) is not None:
             ran.append(tick)
     assert ran == [5, 7, 12, 17]
@@ -67,14 +67,14 @@ def test_ticks_that_rest_are_those_before_the_next_update() -> None:
     assert servo.resting(T) == 4
     servo.rest(2 * T, (0.0,), 0.0, 0.0)
     assert servo.resting(T) == 2
-    c.receive((0.001,), 0.0)
+    c.receive((0.001,), 0.0, 0.0)
     assert servo.resting(T) == 0
 
 
 def test_continuous_harvests_the_range_over_the_whole_interval() -> None:
     """From an empty reservoir: 0.1 Ns/m (4 mm)^2 / 5 ms = 0.32 mJ; the extremes are asked for once an update."""
     c = coupling(ceiling=0.01)
-    c.receive((math.sqrt(2e-4),), 0.0)  # takes all 10 mJ
+    c.receive((math.sqrt(2e-4),), 0.0, 0.0)  # takes all 10 mJ
     servo = ContinuousServo(c, damping=(0.1,), period=5 * T)
     asked = []
 
@@ -93,7 +93,7 @@ def test_continuous_harvests_the_range_over_the_whole_interval() -> None:
 def test_continuous_harvests_what_was_dissipated_where_a_limit_acted() -> None:
     """The range says 0.32 mJ as above, but a limited damper took 0.05 mJ only."""
     c = coupling(ceiling=0.01)
-    c.receive((math.sqrt(2e-4),), 0.0)
+    c.receive((math.sqrt(2e-4),), 0.0, 0.0)
     servo = ContinuousServo(c, damping=(0.1,), period=5 * T)
     servo.tick(T, (0.0,), lambda: ((0.0,), (0.0,), None), 0.0, 0.0)
     for _ in range(5):
@@ -150,7 +150,7 @@ def test_measured_carries_a_deficit_when_the_leak_exceeds_the_reservoir() -> Non
     c = coupling(ceiling=0.0)
     servo = sampled(c, damping=0.0)
     servo.tick(T, (0.002,), (0.0,))
-    c.receive((0.05,), 0.0)
+    c.receive((0.05,), 0.0, 0.0)
     result = servo.tick(T, (0.0,), (0.0,))  # back: port -0.2 N 2 mm -> -0.4 mJ, spring 0 -> 0: D = -0.4 mJ
     assert result is not None
     assert servo.coupling.reservoir == 0.0
@@ -173,7 +173,7 @@ def test_range_harvest_takes_a_count_off_and_nothing_where_the_force_was_cut() -
     """0.1 Ns/m over 3 mm less a count of 1 mm, in 5 ms: 0.08 mJ. Cut at 0.1 N, nothing; uncut again, as before."""
     for limit, expected in ((None, 0.1 * 0.002**2 / 0.005), (0.1, 0.0)):
         c = coupling()
-        c.receive((0.01,), 0.0)  # 5 mJ, so that there is room below the ceiling
+        c.receive((0.01,), 0.0, 0.0)  # 5 mJ, so that there is room below the ceiling
         servo = sampled(c, harvest="range", limit=limit, resolution=1e-3)
         servo.tick(T, (0.0,), (0.0,))
         energy = c.account
@@ -241,7 +241,7 @@ def test_the_true_slack_stays_within_the_quantisation_at_every_tick(seed: int) -
         new = new_counted - error * r / 2
         work -= float(force @ (new - true))
         if k % 7 == 0:
-            c.receive(tuple((rng.normal(size=n) * 3 * r).tolist()), 0.0)
+            c.receive(tuple((rng.normal(size=n) * 3 * r).tolist()), 0.0, 0.0)
         servo.tick(T, tuple(new_counted.tolist()), tuple(((new_counted - counted) / T).tolist()))
         true, counted = new, new_counted
         slack = work + start - phi(true) + 0.05 - servo.account + c.ledger.credited - c.ledger.sent
@@ -263,7 +263,7 @@ def test_release_lets_the_spring_go_and_keeps_the_account(harvest: Harvest) -> N
     """
     c = coupling(ceiling=0.05)
     servo = sampled(c, damping=0.0001, harvest=harvest)
-    c.receive((-0.02,), 0.0)
+    c.receive((-0.02,), 0.0, 0.0)
     servo.tick(T, (0.0,), (0.0,))
     assert servo.force == pytest.approx((-2.0,))
     assert c.account == pytest.approx(0.03)
@@ -284,7 +284,7 @@ def test_release_of_a_stretched_spring_that_cannot_pay_is_zero_all_the_same() ->
     """The held torque gave out more than there is: a deficit remains, ybar = x, no force."""
     c = coupling(ceiling=0.02)
     servo = sampled(c)
-    c.receive((0.02,), 0.0)
+    c.receive((0.02,), 0.0, 0.0)
     servo.tick(T, (0.0,), (0.0,))
     assert servo.force == pytest.approx((2.0,))
     result = servo.tick(1.0, (0.06,), (0.0,), release=True)  # 2 N over 60 mm: 120 mJ given, 20 stored
@@ -297,7 +297,7 @@ def test_release_of_a_stretched_spring_that_cannot_pay_is_zero_all_the_same() ->
 def test_a_continuous_servo_releases_too() -> None:
     c = coupling()
     servo = ContinuousServo(c, damping=(0.1,), period=5 * T)
-    c.receive((0.02,), 0.0)
+    c.receive((0.02,), 0.0, 0.0)
     servo.tick(T, (0.0,), lambda: ((0.0,), (0.0,), None), 0.0, 0.0)
     assert c.set_position == (0.02,)
     assert servo.tick(T, (0.001,), lambda: ((0.0,), (0.001,), None), 0.0, 0.0, release=True) is not None
@@ -314,7 +314,7 @@ def test_a_release_under_the_range_harvest_counts_its_own_interval_only() -> Non
     interval is measured: -0.1 N, held at 1 mm, over no way, and the spring gives back what the way out put in.
     """
     c = coupling(ceiling=0.01)
-    c.receive((math.sqrt(2e-4),), 0.0)  # takes all 10 mJ
+    c.receive((math.sqrt(2e-4),), 0.0, 0.0)  # takes all 10 mJ
     servo = sampled(c, harvest="range")
     servo.tick(T, (0.0,), (0.0,))
     account = c.account

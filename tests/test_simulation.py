@@ -25,6 +25,7 @@ from hapnet.recording.samples import Columns
 from hapnet.side.device import ContinuousDeviceSide, DeviceSide
 from hapnet.simulation.simulation import Result, simulate
 from tests.conftest import mostly_slow
+from tests.paper import PAPER
 from tests.theorem_cases import TOLERANCE_J, diagonal, matrix, random_case, random_link, sides
 
 # -- ticks at rest ---------------------------------------------------------------------------------------------------
@@ -32,7 +33,7 @@ from tests.theorem_cases import TOLERANCE_J, diagonal, matrix, random_case, rand
 
 def test_ticks_made_together_are_the_same_ticks(monkeypatch: pytest.MonkeyPatch) -> None:
     """`rest` makes the ticks in which nothing happens; the run is, to the bit, the one that makes each by `tick`."""
-    params = Params().set({"duration_s": 3.0, "record_hz": 250.0, "link.up": "delay 7ms 3ms loss 5%"})
+    params = PAPER.set({"duration_s": 3.0, "record_hz": 250.0, "link.up": "delay 7ms 3ms loss 5%"})
     together = simulate(params, seed=3)
     monkeypatch.setattr(ContinuousDeviceSide, "resting", DeviceSide.resting)
     singly = simulate(params, seed=3)
@@ -51,7 +52,7 @@ def test_ticks_made_together_are_the_same_ticks(monkeypatch: pytest.MonkeyPatch)
 def sampled_case(seed: int, changes: dict[str, object]) -> Params:
     rng = np.random.default_rng([seed, 7])
     n = int(rng.integers(1, 4))
-    return Params().set(
+    return PAPER.set(
         {
             "duration_s": 2.0, "dof": n, "scene": str(rng.choice(["free", "wall"])),
             "operator": str(rng.choice(["sine", "press"])), "device.servo": "sampled",
@@ -127,7 +128,7 @@ def test_the_range_harvest_needs_own_damping_on_a_sampled_servo(seeds: range, mo
 
 def test_a_stiffness_that_couples_the_axes_needs_more_damping_than_its_diagonal_says() -> None:
     """K = [[200, 190], [190, 200]]: 390 N/m along (1, 1). 0.1 + 2 B would do for its diagonal alone."""
-    params = Params().set(
+    params = PAPER.set(
         {"dof": 2, "device.servo": "sampled", "device.harvest": "range", "device.damping": 0.01, "duration_s": 0.1,
          "device.stiffness": [[200.0, 190.0], [190.0, 200.0]], "device.own_damping": 0.15}
     )  # fmt: skip
@@ -166,7 +167,7 @@ def compare_shufflings(duration_s: float) -> None:
     for shuffle in ("harvested", "all"):
         with pytest.MonkeyPatch.context() as patch:
             watch = Watch(patch)
-            params = Params().set({"device.shuffle": shuffle, "world.shuffle": shuffle})
+            params = PAPER.set({"device.shuffle": shuffle, "world.shuffle": shuffle})
             result = simulate(params.set({"duration_s": duration_s, "record_hz": 10.0}), 1)
         couplings = result.device.coupling, result.world.coupling
         sent[shuffle] = [coupling.ledger.sent for coupling in couplings]
@@ -229,7 +230,7 @@ def test_a_partition_leaves_both_sides_passive_and_heals(up: str, down: str, pol
     }  # fmt: skip
     for side in ("device", "world"):
         changes |= {f"{side}.on_silence": policy, f"{side}.silence_after_s": 0.2}
-    result = simulate(Params().set(changes), 3)
+    result = simulate(PAPER.set(changes), 3)
     summary = result.summary
     assert summary["theorem"]["margin_J"] >= -1e-9
     for name, heard, other in (("device", down, "up"), ("world", up, "down")):
@@ -278,7 +279,7 @@ def test_the_same_seed_gives_the_same_run_bit_for_bit(servo: str) -> None:
 
 
 def test_switched_off_it_neither_harvests_nor_sends() -> None:
-    summary = simulate(Params().set({"coupling": "zoh", "duration_s": 3.0}), 1).summary
+    summary = simulate(PAPER.set({"coupling": "zoh", "duration_s": 3.0}), 1).summary
     for side in sides(summary):
         assert side["reservoir_min_J"] is None
         assert (side["sent_nJ"], side["credited_nJ"]) == (0, 0)
@@ -288,7 +289,7 @@ def test_switched_off_it_neither_harvests_nor_sends() -> None:
 
 def test_a_link_that_carries_nothing_is_named() -> None:
     with pytest.raises(HapnetError, match="did not find each other"):
-        simulate(Params().set({"link.up": "loss 100%"}))
+        simulate(PAPER.set({"link.up": "loss 100%"}))
 
 
 @pytest.mark.parametrize(
@@ -306,12 +307,12 @@ def test_a_link_that_carries_nothing_is_named() -> None:
 )
 def test_what_does_not_fit_together_is_named(changes: dict[str, object], name: str) -> None:
     with pytest.raises(InvalidParameter, match=name):
-        simulate(Params().set({"duration_s": 0.1, **changes}))
+        simulate(PAPER.set({"duration_s": 0.1, **changes}))
 
 
 def test_a_simulation_needs_an_end() -> None:
     with pytest.raises(HapnetError, match="duration"):
-        simulate(Params().set({"duration_s": 0.0}))
+        simulate(PAPER.set({"duration_s": 0.0}))
 
 
 # -- golden ----------------------------------------------------------------------------------------------------------
@@ -342,14 +343,14 @@ def golden_run(params: Params) -> dict[str, list[float]]:
 
 
 def write_golden() -> None:
-    params = Params().set({"duration_s": 2.0, "record_hz": 100.0})
+    params = PAPER.set({"duration_s": 2.0, "record_hz": 100.0})
     content = {"how": HOW, "params": flat(params.as_dict()), "columns": golden_run(params)}
     GOLDEN.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
 def test_the_golden_trajectory() -> None:
     content = json.loads(GOLDEN.read_text(encoding="utf-8"))
-    columns = golden_run(Params().set(content["params"]))
+    columns = golden_run(PAPER.set(content["params"]))
     assert columns.keys() == content["columns"].keys()
     for name, values in content["columns"].items():
         assert columns[name] == pytest.approx(values, abs=1e-9), name

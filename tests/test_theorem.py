@@ -22,6 +22,7 @@ from hapnet.simulation.simulation import Result, simulate
 from hapnet.simulation.two_port import TwoPort
 from hapnet.wire.events import EnergyCredited, Event
 from tests.conftest import random_spd
+from tests.paper import PAPER
 from tests.theorem_cases import TOLERANCE_J, Outcome, random_case, run_case
 
 NJ = 1e9
@@ -159,7 +160,7 @@ def audited(seed: int) -> tuple[Params, Callable[[], Operator], int]:
     rng = np.random.default_rng(seed)
     n = 1 + seed % 3
     arm = Impedance()
-    params = Params().set(
+    params = PAPER.set(
         {
             "duration_s": 2.5, "dof": n, "record_hz": 1000.0, "scene": "wall", "operator": ("sine", "press")[seed % 2],
             "operator_hand.start_m": -0.01, "operator_hand.goal_m": 0.04,
@@ -254,7 +255,7 @@ def test_energy_credited_twice_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
         once(self, tuple(event for event in events if isinstance(event, EnergyCredited)), now_ns)
 
     monkeypatch.setattr(WireHalf, "_hand_over", twice)
-    params = Params().set({"duration_s": 2.0, "scene": "free", "operator": "sine", "record_hz": 1000.0})
+    params = PAPER.set({"duration_s": 2.0, "scene": "free", "operator": "sine", "record_hz": 1000.0})
     recording = simulate(params, 1).recording
     assert recording.device is not None
     assert recording.world is not None
@@ -266,6 +267,6 @@ def test_a_half_that_is_broken_shows_in_the_slack(monkeypatch: pytest.MonkeyPatc
     """A ledger that counts a hundredth too much of the work at its port no longer closes."""
     exact = Ledger.put_in
     monkeypatch.setattr(Ledger, "put_in", lambda self, work: exact(self, 1.01 * work))
-    params = Params().set({"duration_s": 5.0, "device.shuffle": "all", "world.shuffle": "all"})
+    params = PAPER.set({"duration_s": 5.0, "device.shuffle": "all", "world.shuffle": "all"})
     summary = simulate(params, 1).summary
     assert min(summary[side]["ledger"]["slack_J"] for side in ("device", "world")) < -1e-6

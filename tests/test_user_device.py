@@ -14,7 +14,6 @@ from hapnet.assembly.build import device_session, device_side, prepare
 from hapnet.assembly.user_device import UserDevice, load_class
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.params import Params
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Impedance, Rest
 from hapnet.recording.samples import Event, Sample
@@ -22,6 +21,7 @@ from hapnet.side.device import SampledDeviceSide
 from hapnet.side.endpoint import DeviceEndpoint
 from hapnet.simulation.simulation import simulate
 from hapnet.summary.run import device_summary
+from tests.paper import PAPER
 
 
 class Still:
@@ -156,7 +156,7 @@ def test_a_device_that_works_is_passed_through() -> None:
 
 @pytest.mark.parametrize("name", ["Still", "Simulated"])
 def test_a_side_is_made_around_it(name: str) -> None:
-    params = Params().set({"scene": "free", "dof": 2, "hardware": f"tests.test_user_device:{name}"})
+    params = PAPER.set({"scene": "free", "dof": 2, "hardware": f"tests.test_user_device:{name}"})
     setup = prepare(params, "sampled")
     side = device_side(setup, DeviceEndpoint(device_session(setup, 1)), lambda: 0, lambda sample: None)
     assert side.device.dof == 2
@@ -178,7 +178,7 @@ class PulledOut(Still):
 
 
 def test_one_that_fails_right_after_pairing_says_so_and_ends_in_order() -> None:
-    setup = prepare(Params().set({"scene": "free", "hardware": "tests.test_user_device:PulledOut"}), "sampled")
+    setup = prepare(PAPER.set({"scene": "free", "hardware": "tests.test_user_device:PulledOut"}), "sampled")
     side = device_side(setup, DeviceEndpoint(device_session(setup, 1)), lambda: 0, lambda sample: None)
     side.endpoint.paired = True
     with pytest.raises(HapnetError, match=r"PulledOut failed: read\(\) raised OSError: the cable is out"):
@@ -191,7 +191,7 @@ def test_one_that_fails_right_after_pairing_says_so_and_ends_in_order() -> None:
 
 
 def test_its_coupling_is_checked_before_pairing() -> None:
-    params = Params().set({"scene": "free", "dof": 2, "hardware": "tests.test_user_device:Still"})
+    params = PAPER.set({"scene": "free", "dof": 2, "hardware": "tests.test_user_device:Still"})
     with pytest.raises(InvalidParameter, match=r"^device\.stiffness is"):
         prepare(params.set({"device.stiffness": ((1, 2), (2, 1))}), "sampled")
 
@@ -240,7 +240,7 @@ class Unweighed(Telling):
 )
 def test_what_it_declares_is_what_is_warned_of(name: str, words: list[str]) -> None:
     changes = {"scene": "free", "hardware": f"tests.test_user_device:{name}", "device.damping": 40.0}
-    setup = prepare(Params().set({**changes, "device.ceiling_J": 10.0 if name != "Light" else 0.05}), "sampled")
+    setup = prepare(PAPER.set({**changes, "device.ceiling_J": 10.0 if name != "Light" else 0.05}), "sampled")
     told: list[str] = []
 
     def write(sample: Sample) -> None:
@@ -255,7 +255,7 @@ def test_what_it_declares_is_what_is_warned_of(name: str, words: list[str]) -> N
 def driven(name: str) -> SampledDeviceSide:
     """A side around the device, paired, with a set-position 10 mm off; 10 ticks, the handle going 0.1 mm in each."""
     words = {"device.damping": 1e-9, "device.step_limit_N": 0.0}
-    params = Params().set({"scene": "free", "hardware": f"tests.test_user_device:{name}", **words})
+    params = PAPER.set({"scene": "free", "hardware": f"tests.test_user_device:{name}", **words})
     setup = prepare(params, "sampled")
     now_ns = 0
     side = device_side(setup, DeviceEndpoint(device_session(setup, 1)), lambda: now_ns, lambda sample: None)
@@ -263,7 +263,7 @@ def driven(name: str) -> SampledDeviceSide:
     device = side.device.device  # type: ignore[attr-defined]  # the user's, inside
     side.endpoint.paired = True
     side.tick(0)
-    side.coupling.receive((0.01,), 0.0)
+    side.coupling.receive((0.01,), 0.0, 0.0)
     for _ in range(10):
         device.x += 1e-4
         now_ns += 1_000_000
@@ -311,7 +311,7 @@ def test_a_motor_connected_the_wrong_way_round_is_seen_and_rationed(monkeypatch:
 
     monkeypatch.setattr(SimulatedDevice, "apply", reversed_)
     result = simulate(
-        Params().set({"device.servo": "sampled", "operator": "sine", "scene": "free", "duration_s": 3.0}), seed=2
+        PAPER.set({"device.servo": "sampled", "operator": "sine", "scene": "free", "duration_s": 3.0}), seed=2
     )
     work = -sum(
         sum(f * (b - a) for f, a, b in zip(force, before, after, strict=True))

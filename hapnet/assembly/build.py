@@ -98,7 +98,7 @@ def prepare(params: Params, default_servo: str = "sampled") -> Setup:
     spec = coupling(params.coupling)
     servo = device.servo
     if servo == "auto":
-        servo = default_servo if spec.continuous is not None else "sampled"
+        servo = default_servo if spec.continuous is not None and params.feel == "paper" else "sampled"
     elif servo == "continuous" and spec.continuous is None:
         raise InvalidParameter("device.servo", servo, f"sampled with the coupling {params.coupling}")
     harvest = cast(
@@ -300,7 +300,7 @@ def _session(setup: Setup, role: Role, name: str, incarnation: int) -> Session:
             hello_period_ns=round(wire.hello_period_s / NANO),
             spacing_ns=round(wire.energy_spacing_s / NANO),
             silence_ns=round(side.silence_after_s / NANO),
-            expects=setup.coupling.world_sends if role == "device" else setup.coupling.device_sends,
+            expects=setup.coupling.sends("world" if role == "device" else "device", setup.params),
         ),
     )
 

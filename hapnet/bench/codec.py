@@ -9,7 +9,8 @@ import msgpack
 
 from hapnet.bench.cost import Call, cost
 from hapnet.bench.row import Options, Row, row
-from hapnet.wire.messages import Position, decode, echo_of, encode_position, start_of
+from hapnet.wire.messages import Position, decode
+from hapnet.wire.stream_frames import echo_of, encode_position, start_of
 
 _INCARNATION = 2**63 - 25
 _ECHO = (123_450_000_000, 123_451_000_000)

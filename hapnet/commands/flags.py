@@ -37,6 +37,13 @@ Coupling = Annotated[
         autocompletion=complete.words(*COUPLING_NAMES),
     ),
 ]
+Feel = Annotated[
+    str | None,
+    typer.Option(
+        help="hapnet (a local contact model and prediction before PSPM, the default) or paper (as published).",
+        autocompletion=complete.choices("feel"),
+    ),
+]
 ServoKind = Annotated[
     str | None,
     typer.Option(

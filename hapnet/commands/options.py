@@ -30,6 +30,7 @@ class ModelOptions:
     operator: flags.Operator = None
     hardware: flags.Hardware = None
     coupling: flags.Coupling = None
+    feel: flags.Feel = None
     servo: flags.ServoKind = None
     servo_hz: flags.ServoRate = None
     dof: flags.Dof = None
@@ -45,6 +46,7 @@ class ModelOptions:
             "scene": self.scene,
             "operator": self.operator,
             "coupling": self.coupling,
+            "feel": self.feel,
             "device.servo": self.servo,
             "device.servo_hz": self.servo_hz,
             "dof": self.dof,

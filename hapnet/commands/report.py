@@ -63,7 +63,7 @@ def asked(recordings: Sequence[Recording]) -> Params | None:
         if isinstance(tree, Mapping):
             names = set(Params().flat())
             with suppress(InvalidParameter):
-                return Params().set({name: value for name, value in flatten(tree) if name in names})
+                return Params.recorded({name: value for name, value in flatten(tree) if name in names})
     return None
 
 

@@ -20,6 +20,7 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 from hapnet.checks import Vector
 from hapnet.control.ledger import Ledger
+from hapnet.mechanics.plane import Plane
 
 TICK_SLACK_S = 1e-9  # s: a clock in whole nanoseconds may measure a period one nanosecond short
 
@@ -45,23 +46,36 @@ class Wave(NamedTuple):
     span: float
 
 
-CouplingSample = Vector | Motion | Port | Wave
+class Proxy(NamedTuple):
+    """The virtual mass's position with what its world knows of the place."""
+
+    position: Vector
+    """[m]"""
+    aimed_s: float
+    """The time on the device's clock for which the position stands [s]; 0: the world does not know."""
+    force: Vector
+    """Of the environment on the mass in the last step [N]; zero: it moves freely."""
+    planes: tuple[Plane, ...] | None
+    """The planes that it touches or is near; None: this world can tell no planes."""
+
+
+CouplingSample = Vector | Motion | Port | Wave | Proxy
 """What one side sends to the other. A bare vector is a position [m]."""
 
 
 def vector_of(sample: CouplingSample) -> Vector:
     """The vector in a sample: a position, a port's value or a wave."""
     match sample:
-        case Motion(vector, _) | Port(vector, _) | Wave(vector, _):
+        case Motion(vector, _) | Port(vector, _) | Wave(vector, _) | Proxy(vector, _, _, _):
             return vector
         case _:
             return sample
 
 
 class Update(NamedTuple):
-    """The result of an update at either end: the sample to send, and the energy to shuffle with it [J]."""
+    """The result of an update at either end: the sample to send, if it is time, and the energy to shuffle [J]."""
 
-    sample: CouplingSample
+    sample: CouplingSample | None
     shuffled: float = 0.0
 
 
@@ -95,10 +109,14 @@ class CouplingState(Protocol):
     def potential(self, x: Vector) -> float:
         """Energy stored in its spring at x [J]."""
 
-    def receive(self, sample: CouplingSample, sent_s: float) -> None:
-        """A sample arrived. It was sent at `sent_s` on the other side's clock [s].
+    def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
+        """A sample arrived. No sample arrives twice, and none comes from an earlier peer.
 
-        No sample arrives twice, and none comes from an earlier peer.
+        Parameters
+        ----------
+        sent_s : when it was sent, on the other side's clock [s].
+        age_s : how old it is now [s]. Of a `Proxy` that has aimed: the time since the device's own time for which it
+            stands, exactly. Of another sample: since it was sent, estimated from the least round trip.
         """
 
     def credit(self, energy: float) -> None:
@@ -149,6 +167,9 @@ class Step(Protocol):
     def velocity(self) -> Vector: ...
     @property
     def position(self) -> Vector: ...
+    @property
+    def force(self) -> Vector:
+        """Of the environment on the mass [N]."""
 
 
 S = TypeVar("S", bound=Step, covariant=True)
@@ -256,7 +277,7 @@ class LawState(Generic[L]):
         """Zero [J]: a law keeps account of its own springs."""
         return 0.0
 
-    def receive(self, sample: CouplingSample, sent_s: float) -> None:
+    def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
         self.law.receive(sample)
 
     def credit(self, energy: float) -> None:

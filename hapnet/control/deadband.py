@@ -26,8 +26,9 @@ from math import dist, hypot
 from typing import Literal
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import TICK_SLACK_S, CouplingSample, Motion, Port, Wave, vector_of
+from hapnet.control.coupling import TICK_SLACK_S, CouplingSample, Motion, Port, Proxy, Wave, vector_of
 from hapnet.errors import InvalidParameter
+from hapnet.mechanics.plane import Plane
 
 LONGEST_S = 0.1
 """Longest time between two samples sent [s], even at rest; the next sample after it is sent. So several samples arrive
@@ -81,6 +82,7 @@ class Deadband:
         self._value: Vector = ()
         self._velocity: Vector = ()
         self._waiting: Wave | None = None
+        self._planes: tuple[Plane, ...] | None = None
 
     def offer(self, now_s: float, sample: CouplingSample, opposite: Vector) -> CouplingSample | None:
         """What to send for `sample` at the time `now_s` [s]; None: nothing.
@@ -98,6 +100,8 @@ class Deadband:
         self._value = vector_of(sample)
         if isinstance(sample, Motion):
             self._velocity = sample.velocity
+        elif isinstance(sample, Proxy):
+            self._planes = sample.planes
         return sample
 
     def _noticed(self, sample: CouplingSample, opposite: Vector) -> bool:
@@ -108,6 +112,8 @@ class Deadband:
                 return self._changed(value, self._value, LEAST_N)
             case Port(value, _):
                 return self._moved(value, opposite)
+            case Proxy(position, _, _, planes):
+                return self._moved(position, opposite) or planes != self._planes
             case Wave(value, _):
                 return self._changed(value, self._value, LEAST_WAVE)
             case _:

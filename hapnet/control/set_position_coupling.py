@@ -7,15 +7,17 @@ differ only in how they harvest energy.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import CouplingSample, Mass, S, Update, vector_of
+from hapnet.control.coupling import CouplingSample, Mass, Proxy, S, Update, vector_of
 from hapnet.control.ledger import Ledger
 from hapnet.control.limits import Silence, step_towards
+from hapnet.control.prediction import PredictedDevice
 from hapnet.control.pspm import Modulation
 from hapnet.control.smoothing import Pipeline
+from hapnet.mechanics.plane import Plane
 from hapnet.mechanics.spring import Spring
 
 
@@ -37,6 +39,19 @@ class Modulator(Protocol):
     def split_reservoir(self, most: float = ...) -> float: ...
 
 
+class Source(Protocol):
+    """Computes y from all that has arrived."""
+
+    def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
+        """As `CouplingState.receive`."""
+
+    def step(self, dt: float, x: Vector) -> Vector:
+        """y [m] at the own position x [m], `dt` seconds after the last step."""
+
+    def reset(self, position: Vector) -> None:
+        """Start again at `position` [m]: the peer was replaced, or the spring was released."""
+
+
 class Arrived(NamedTuple):
     """What the next update uses."""
 
@@ -55,6 +70,7 @@ class SetPositionCoupling:
     ----------
     modulator : `SetPositionModulator` or `ZeroOrderHold`, at rest at the side's position.
     stages : filters and predictors before the modulator.
+    source : computes y, before the stages, from all that has arrived; None: y is the newest set-position.
     silence : what to do when nothing arrives.
     longest_step : how far the set-position may move in one update [m]; infinite: no limit.
     kinetic : kinetic energy at the start [J].
@@ -67,6 +83,7 @@ class SetPositionCoupling:
         *,
         stages: Pipeline,
         silence: Silence,
+        source: Source | None = None,
         longest_step: float = math.inf,
         kinetic: float = 0.0,
         kept_for_peers: float = 0.0,
@@ -74,6 +91,7 @@ class SetPositionCoupling:
         self.modulator = modulator
         self.spring = modulator.spring
         self.stages = stages
+        self.source = source
         self.silence = silence
         self.longest_step = longest_step
         self.ledger = Ledger(kinetic, modulator.account)
@@ -109,8 +127,10 @@ class SetPositionCoupling:
         """The part of a measured, negative D that the reservoir could not cover [J]."""
         return self.modulator.deficit
 
-    def receive(self, sample: CouplingSample, sent_s: float) -> None:
-        """A set-position arrived [m]; `sent_s` is the sender's time [s]."""
+    def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
+        """A set-position arrived [m]; see `CouplingState.receive`."""
+        if self.source is not None:
+            self.source.receive(sample, sent_s, age_s)
         self._received = vector_of(sample)
         self._sent_s = sent_s
         self.has_sample = True
@@ -137,7 +157,7 @@ class SetPositionCoupling:
         for later peers. The stages start again, because the new peer's clock and position have nothing to do with the
         old one's.
         """
-        self.stages.reset(self.target)
+        self._reset(self.target)
         most, energy = self.spare(), self.modulator.energy
         if energy <= 2.0 * self._kept_for_peers:
             most = min(most, energy / 100.0)
@@ -158,7 +178,8 @@ class SetPositionCoupling:
         """
         sent_s = self._sent_s
         self._sent_s = None
-        y = self.stages.step(dt, self._received, sent_s)
+        y = self._received if self.source is None else self.source.step(dt, x)
+        y = self.stages.step(dt, y, sent_s)
         if self.silence.step(dt, fresh=sent_s is not None):
             y = x
         self.target = y
@@ -173,8 +194,13 @@ class SetPositionCoupling:
         """
         self._received = self.target = x
         self._sent_s = None
-        self.stages.reset(x)
+        self._reset(x)
         return self._modulate(x, x, dissipated)
+
+    def _reset(self, position: Vector) -> None:
+        self.stages.reset(position)
+        if self.source is not None:
+            self.source.reset(position)
 
     def _modulate(self, y: Vector, x: Vector, dissipated: float, keep: float = 0.0) -> Modulation:
         credit = self._credit
@@ -200,14 +226,32 @@ class SetPositionSteps:
     Parameters
     ----------
     coupling : this side's set-position coupling.
+    predicted : the coupling's source, if the proxy is sent with the planes around it; None: only its position is sent.
+    reach : planes within this distance are told [m].
     """
 
-    def __init__(self, coupling: SetPositionCoupling) -> None:
+    def __init__(
+        self, coupling: SetPositionCoupling, predicted: PredictedDevice | None = None, reach: float = 0.0
+    ) -> None:
         self.coupling = coupling
+        self._predicted = predicted
+        self._reach = reach
+        self._contacts: Any = None
+        self._force: Vector = (0.0,) * len(coupling.set_position)
 
-    def advance(self, mass: Mass[S], dt: float, contacts: Sequence[Any]) -> S:
-        return mass.step(dt, self.coupling.set_position, contacts)
+    def advance(self, mass: Mass[S], dt: float, contacts: Any) -> S:
+        done = mass.step(dt, self.coupling.set_position, contacts)
+        self._contacts, self._force = contacts, done.force
+        return done
 
     def update(self, dt: float, x: Vector, dissipated: float) -> Update:
-        """Run PSPM at the start of a step. The sample for the device is x."""
-        return Update(x, self.coupling.update(dt, x, dissipated).sent)
+        """Run PSPM at the start of a step. The sample for the device is x, with what is known of the place."""
+        predicted = self._predicted
+        if predicted is None:
+            return Update(x, self.coupling.update(dt, x, dissipated).sent)
+        planes: tuple[Plane, ...] | None = ()  # it starts outside of every obstacle
+        if self._contacts is not None:
+            tell = getattr(self._contacts, "planes", None)  # a user's own world may have been written without it
+            planes = None if tell is None else tell(x, self._reach)
+        proxy = Proxy(x, predicted.stands_for(dt), self._force, planes)
+        return Update(proxy, self.coupling.update(dt, x, dissipated).sent)

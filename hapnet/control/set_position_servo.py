@@ -36,11 +36,13 @@ class ContinuousServo:
     coupling : this side's set-position coupling.
     damping : B's diagonal [Ns/m].
     period : longest time between two runs of PSPM [s]; it also runs on the first tick after a sample.
+    sending : time between two samples sent [s]; 0: each run of PSPM sends one.
     """
 
-    def __init__(self, coupling: SetPositionCoupling, *, damping: Vector, period: float) -> None:
+    def __init__(self, coupling: SetPositionCoupling, *, damping: Vector, period: float, sending: float = 0.0) -> None:
         self.coupling = coupling
         self.damping = damping
+        self._sender = _Sender(sending)
         self.due: Final = period - TICK_SLACK_S
         """PSPM runs in the tick at which so much time has passed since it last ran [s]."""
         self.elapsed = 0.0
@@ -65,7 +67,7 @@ class ContinuousServo:
         result = coupling.release(x, dissipated) if release else coupling.update(elapsed, x, dissipated)
         self.elapsed = 0.0
         coupling.ledger.observe(kinetic + coupling.potential(x), coupling.account)
-        return Update(x, result.sent)
+        return self._sender.update(elapsed, x, result.sent)
 
     def resting(self, dt: float) -> int:
         """Number of coming ticks, `dt` seconds apart, without PSPM if no sample arrives: each needs only `rest`."""
@@ -87,6 +89,24 @@ class ContinuousServo:
         ledger.observe(stored, coupling.account)
 
 
+class _Sender:
+    """Decides which runs of PSPM send a sample, if not every one does; all of them send their energy."""
+
+    __slots__ = ("_due", "_elapsed")
+
+    def __init__(self, period: float) -> None:
+        self._due = period - TICK_SLACK_S
+        self._elapsed = 0.0
+
+    def update(self, dt: float, x: Vector, shuffled: float) -> Update | None:
+        """What to send, `dt` seconds after the last run of PSPM."""
+        self._elapsed += dt
+        if self._elapsed >= self._due:
+            self._elapsed = 0.0
+            return Update(x, shuffled)
+        return Update(None, shuffled) if shuffled else None
+
+
 class SampledServo:
     """PSPM and force of a device whose torque is held from tick to tick; its ledger is at the actuator's port.
 
@@ -95,7 +115,7 @@ class SampledServo:
 
     Parameters
     ----------
-    coupling, damping, period : as in `ContinuousServo`.
+    coupling, damping, period, sending : as in `ContinuousServo`.
     harvest : "measured" (default) or "range".
     trusted_damping : lower bound of the device's own damping on each axis, harvested too with "measured" [Ns/m].
     guard : limits the force, with "measured" also to what the account can cover; the spring should saturate a little
@@ -111,6 +131,7 @@ class SampledServo:
         *,
         damping: Vector,
         period: float,
+        sending: float = 0.0,
         position: Vector,
         harvest: Harvest = "measured",
         trusted_damping: Vector | None = None,
@@ -121,6 +142,7 @@ class SampledServo:
         self.coupling = coupling
         self.damping = damping
         self._due = period - TICK_SLACK_S
+        self._sender = _Sender(sending)
         self.harvest = harvest
         self.resolution = resolution
         self.force: Vector = (0.0,) * len(position)
@@ -231,7 +253,7 @@ class SampledServo:
             else:
                 keep = self._guard.needed_after(self._commanded)
                 result = coupling.update(self._elapsed, x, self._dissipated(x), keep)
-            update = Update(x, result.sent)
+            update = self._sender.update(self._elapsed, x, result.sent)
             self._potential = coupling.potential(x)
             self._elapsed = 0.0
             self._low = self._high = x

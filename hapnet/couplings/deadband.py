@@ -16,7 +16,7 @@ def deadband(params: Params, role: Role) -> Deadband | None:
     if params.wire.deadband == 0.0:
         return None
     spec = coupling(params.coupling)
-    sends = spec.device_sends if role == "device" else spec.world_sends
+    sends = spec.sends(role, params)
     silence_s = min(params.device.silence_after_s, params.world.silence_after_s)
     return Deadband(
         params.wire.deadband,

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import cast
+from typing import Any, cast
 
 from hapnet import checks
 from hapnet.checks import Vector
@@ -13,12 +14,13 @@ from hapnet.control.coupling import DeviceCoupling, WorldCoupling
 from hapnet.control.limits import OnSilence, Silence
 from hapnet.control.pspm import SetPositionModulator, Shuffle
 from hapnet.control.reserve import ForceGuard
-from hapnet.control.set_position_coupling import Modulator, SetPositionCoupling, SetPositionSteps
+from hapnet.control.set_position_coupling import Modulator, SetPositionCoupling, SetPositionSteps, Source
 from hapnet.control.set_position_servo import ContinuousServo, SampledServo
 from hapnet.control.smoothing import Pipeline, SmoothingFilter, Stage, VelocityPredictor
 from hapnet.control.zoh import ZeroOrderHold
-from hapnet.couplings import held_torque
-from hapnet.couplings.spec import CouplingSpec, CouplingStart, NoTuning, untuned
+from hapnet.couplings import feel, held_torque
+from hapnet.couplings.feel import FeelTuning
+from hapnet.couplings.spec import CouplingSpec, CouplingStart
 from hapnet.mechanics.spring import Spring, shared_spring
 from hapnet.params import DeviceParams, Params, WorldParams
 
@@ -50,7 +52,13 @@ def _plain(side: Side, spring: Spring, position: Vector, energy: float, reserve:
 
 
 def _coupling(
-    start: CouplingStart[object], side: Side, spring: Spring, modulator: Modulator, longest: float, kept: float = 0.0
+    start: CouplingStart[Any],
+    side: Side,
+    spring: Spring,
+    modulator: Modulator,
+    longest: float,
+    source: Source | None,
+    kept: float = 0.0,
 ) -> SetPositionCoupling:
     stages: list[Stage] = []
     if side.predict_s:
@@ -60,6 +68,7 @@ def _coupling(
     return SetPositionCoupling(
         modulator,
         stages=Pipeline(stages),
+        source=source,
         silence=Silence(cast(OnSilence, side.on_silence), side.silence_after_s),
         longest_step=longest,
         kinetic=start.kinetic,
@@ -82,29 +91,39 @@ def device_spring(params: Params, dof: int) -> tuple[Spring, Vector]:
 
 
 def _at_device(
-    start: CouplingStart[object], make: MakeModulator, limited: bool, reserve: float = 0.0
+    start: CouplingStart[FeelTuning], make: MakeModulator, limited: bool, reserve: float = 0.0
 ) -> tuple[SetPositionCoupling, Vector]:
     device = start.params.device
     spring, damping = device_spring(start.params, len(start.position))
     modulator = make(device, spring, start.position, start.initial_energy, reserve)
-    return _coupling(start, device, spring, modulator, _longest_step(device, spring, limited)), damping
+    longest = _longest_step(device, spring, limited)
+    return _coupling(start, device, spring, modulator, longest, feel.at_device(start)), damping
 
 
-def _continuous(start: CouplingStart[object], make: MakeModulator, limited: bool) -> ContinuousServo:
+def _rates(start: CouplingStart[FeelTuning]) -> tuple[float, float]:
+    """The longest times between two runs of PSPM, and between two positions sent [s]; 0: every tick, every run."""
+    period = start.params.device.pspm_period_s
+    return (0.0, period) if start.tuning.contact_model else (period, 0.0)
+
+
+def _continuous(start: CouplingStart[FeelTuning], make: MakeModulator, limited: bool) -> ContinuousServo:
     coupling, damping = _at_device(start, make, limited)
-    return ContinuousServo(coupling, damping=damping, period=start.params.device.pspm_period_s)
+    period, sending = _rates(start)
+    return ContinuousServo(coupling, damping=damping, period=period, sending=sending)
 
 
-def _sampled(start: CouplingStart[object], make: MakeModulator, limited: bool) -> DeviceCoupling:
+def _sampled(start: CouplingStart[FeelTuning], make: MakeModulator, limited: bool) -> DeviceCoupling:
     device, dof = start.params.device, len(start.position)
     guard, holding = ForceGuard(limit=device.force_limit_N or math.inf), None
     if limited:
         guard, holding = held_torque.guard(device, start.harvest, dof)
     coupling, damping = _at_device(start, make, limited, 0.0 if holding is None else holding.reserve)
+    period, sending = _rates(start)
     return SampledServo(
         coupling,
         damping=damping,
-        period=device.pspm_period_s,
+        period=period,
+        sending=sending,
         position=start.position,
         harvest=start.harvest,
         trusted_damping=(device.trusted_damping,) * dof,
@@ -114,22 +133,29 @@ def _sampled(start: CouplingStart[object], make: MakeModulator, limited: bool) -
     )
 
 
-def _world(start: CouplingStart[object], make: MakeModulator, limited: bool) -> WorldCoupling:
+def _world(
+    start: CouplingStart[Any], make: MakeModulator, limited: bool, tuning: FeelTuning | None = None
+) -> WorldCoupling:
+    if tuning is not None:
+        start = dataclasses.replace(start, tuning=tuning)
     world = start.params.world
     spring = shared_spring(world.stiffness, len(start.position))
     kept = world.ceiling_J * KEPT_FOR_PEERS
     modulator = make(world, spring, start.position, start.initial_energy, kept)
-    return SetPositionSteps(_coupling(start, world, spring, modulator, _longest_step(world, spring, limited), kept))
+    predicted = feel.at_world(start)
+    longest = _longest_step(world, spring, limited)
+    coupling = _coupling(start, world, spring, modulator, longest, predicted, kept)
+    return SetPositionSteps(coupling, predicted, start.tuning.reach_m)
 
 
-plain_world = partial(_world, make=_plain, limited=False)
+plain_world = partial(_world, make=_plain, limited=False, tuning=FeelTuning(contact_model=False))
 """The world's end of the plain coupling, and of couplings that have a law only at the device."""
 
 
-def _covers(params: Params, tuning: NoTuning, virtual: bool) -> bool:
+def _covers(params: Params, tuning: FeelTuning, virtual: bool) -> bool:
     """True, except with the range harvest of a held force: it relies on own damping (`held_torque.check`)."""
     device = params.device
-    sampled = device.servo == "sampled" or (device.servo == "auto" and not virtual)
+    sampled = device.servo == "sampled" or (device.servo == "auto" and (tuning.contact_model or not virtual))
     return not (sampled and device.harvest == "range")
 
 
@@ -141,8 +167,10 @@ PSPM = CouplingSpec(
     device=partial(_sampled, make=_pspm, limited=True),
     world=partial(_world, make=_pspm, limited=True),
     continuous=partial(_continuous, make=_pspm, limited=True),
-    tuning=NoTuning,
-    tune=untuned,
+    tuning=FeelTuning,
+    tune=feel.tune,
+    shared=("contact_model",),
+    world_tells=True,
     set_positions=BOTH_SIDES,
     limited=True,
     scaled=True,
@@ -157,10 +185,12 @@ ZOH = CouplingSpec(
     source="Colgate, Stanley, Brown 1995",
     claim="passive without delay, with a new position every tick, if the device's own damping exceeds K T/2 + B",
     device=partial(_sampled, make=_plain, limited=False),
-    world=plain_world,
+    world=partial(_world, make=_plain, limited=False),
     continuous=partial(_continuous, make=_plain, limited=False),
-    tuning=NoTuning,
-    tune=untuned,
+    tuning=FeelTuning,
+    tune=feel.tune,
+    shared=("contact_model",),
+    world_tells=True,
     set_positions=BOTH_SIDES,
     scaled=True,
     joint=False,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from inspect import signature
+from inspect import Parameter, signature
 from typing import Any, Generic, Protocol, TypeVar
 
 from hapnet.checks import Vector
@@ -19,7 +19,7 @@ from hapnet.control.set_position_servo import ContinuousServo, Harvest
 from hapnet.couplings.link_delays import Delays
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
-from hapnet.wire.messages import Position, Stream
+from hapnet.wire.messages import Position, Proxy, Role, Stream
 
 RENDERED_DAMPING = 5.0
 """Greatest damping that a desktop device renders stably [Ns/m]: the Phantom Omni's in CHAI3D's device table."""
@@ -62,6 +62,8 @@ class Covers(Protocol[T_contra]):
 class CouplingSpec(Generic[T]):
     """One way to couple.
 
+    More than twenty attributes: all that the rest of hapnet asks about a law stands here, and has a default.
+
     name : what users call it. title : its full name. source : who published it. claim : when it is passive, according
         to its source.
     device, world : make the two ends. continuous : makes a device's end that acts within a simulated device's tick;
@@ -70,6 +72,7 @@ class CouplingSpec(Generic[T]):
         the link's delays.
     shared : fields of the tuning that must have the same value at both ends.
     device_sends, world_sends : the messages that carry the ends' samples.
+    world_tells : does the world send its proxy with the planes around it, unless the feel is the paper's?
     set_positions : the sides that receive set-positions, and so have filters, a silence policy and step limits.
     limited : does it limit the set-position's step, and a held force to what the account can cover?
     scaled : is the felt force K/K' of the virtual one, as with PSPM?
@@ -91,6 +94,7 @@ class CouplingSpec(Generic[T]):
     shared: tuple[str, ...] = ()
     device_sends: type[Stream] = Position
     world_sends: type[Stream] = Position
+    world_tells: bool = False
     set_positions: frozenset[str] = frozenset()
     limited: bool = False
     scaled: bool = False
@@ -100,10 +104,17 @@ class CouplingSpec(Generic[T]):
     allowance_J: Callable[[T], float] = lambda tuning: 0.0
     warn: Callable[[Params, T], tuple[str, ...]] = lambda params, tuning: ()
 
+    def sends(self, role: Role, params: Params) -> type[Stream]:
+        """The message that carries the samples of this side."""
+        if role == "device":
+            return self.device_sends
+        return Proxy if self.world_tells and params.feel != "paper" else self.world_sends
+
     def recorded(self, tuning: Mapping[str, Any] | None) -> T | None:
-        """The tuning read from a summary or a recording; None if a field is missing or unknown."""
-        found = tuning or {}
-        return self.tuning(**found) if set(found) == set(signature(self.tuning).parameters) else None
+        """The tuning read from a summary or a recording; None if a field without a default is missing, or unknown."""
+        found, fields = tuning or {}, signature(self.tuning).parameters
+        needed = {name for name, one in fields.items() if one.default is Parameter.empty}
+        return self.tuning(**found) if needed <= set(found) <= set(fields) else None
 
 
 def untuned(params: Params, link: Delays) -> NoTuning:

@@ -40,7 +40,7 @@ class ServoChild:
         self._pipe = pipe
         self._coupling = params.coupling
         prepared = prepare(params, "sampled")
-        waiting = backlog(prepared.coupling.world_sends)
+        waiting = backlog(prepared.coupling.sends("world", params))
         self._control = DeviceControl(PositionStream(setup["incarnation"]), waiting)
         self.side = device_side(prepared, self._control, time.monotonic_ns, self._write)
         self.servo = Servo(
@@ -94,8 +94,8 @@ class ServoChild:
         try:
             while (frame := self._pipe.look()) is not None:
                 match frame:
-                    case ("arrive", kind, values, sent_ns, came_ns):
-                        control.on_sample(sample_of(kind, values), sent_ns, came_ns)
+                    case ("arrive", kind, values, sent_ns, came_ns, took_ns):
+                        control.on_sample(sample_of(kind, values), sent_ns, came_ns, took_ns)
                     case ("credit", credited_nJ):
                         control.credit(credited_nJ)
                     case ("pair", restarted):

@@ -14,13 +14,14 @@ from typing import Any
 
 import msgpack
 
-from hapnet.control.coupling import CouplingSample, Motion, Port, Wave
+from hapnet.control.coupling import CouplingSample, Motion, Port, Proxy, Wave
+from hapnet.mechanics.plane import Plane
 
 LONGEST_FRAME = 1 << 17
 _TO_SERVO, _FROM_SERVO = 1 << 16, 1 << 20
 """Buffer sizes; a frame takes some 800 bytes. What waits for a servo is soon out of date; what it says is kept."""
 
-_KINDS: tuple[Any, ...] = (tuple, Motion, Port, Wave)
+_KINDS: tuple[Any, ...] = (tuple, Motion, Port, Wave, Proxy)
 
 _pack = msgpack.packb
 _unpack = msgpack.unpackb
@@ -35,6 +36,8 @@ def kind_of(sample: CouplingSample) -> int:
 def sample_of(kind: int, values: tuple[Any, ...]) -> CouplingSample:
     """The sample of this kind that came through a pipe."""
     sample: CouplingSample = _KINDS[kind](*values) if kind else values
+    if isinstance(sample, Proxy) and sample.planes is not None:
+        return sample._replace(planes=tuple([Plane(*plane) for plane in sample.planes]))
     return sample
 
 

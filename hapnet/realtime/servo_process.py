@@ -66,10 +66,10 @@ class ServoProcess:
     def pair(self, restarted: bool) -> None:
         self._deliver("pair", restarted)
 
-    def on_sample(self, sample: CouplingSample, sent_ns: int, came_ns: int) -> None:
+    def on_sample(self, sample: CouplingSample, sent_ns: int, came_ns: int, took_ns: int) -> None:
         self._pay()
         if not self._owed:  # a new peer that waits here must arrive before that peer's data
-            self._pipe.offer("arrive", kind_of(sample), sample, sent_ns, came_ns)
+            self._pipe.offer("arrive", kind_of(sample), sample, sent_ns, came_ns, took_ns)
 
     def credit(self, credited_nJ: int) -> None:
         self._deliver("credit", credited_nJ)

@@ -89,7 +89,7 @@ def _params(recording: Recording) -> Params | None:
     if not known(flat.get("duration_s")):
         flat["duration_s"] = round(read(recording.summary)["duration_s"] or Params().duration_s, 3)
     try:
-        return Params().set(flat)
+        return Params.recorded(flat)
     except InvalidParameter:
         return None
 

@@ -19,12 +19,14 @@ from hapnet.control.coupling import (
     DeviceCoupling,
     Motion,
     Port,
+    Proxy,
     Update,
     Wave,
     WorldCoupling,
 )
 from hapnet.control.deadband import Deadband
 from hapnet.control.set_position_servo import ContinuousServo, Passage
+from hapnet.mechanics.plane import Plane
 from hapnet.wire import messages
 from hapnet.wire.events import EnergyCredited, Event, Paired, PositionReceived, SampleReceived
 from hapnet.wire.handshake import EARLIER
@@ -32,12 +34,13 @@ from hapnet.wire.session import Outgoing, PositionStream, Session
 
 NANO = 1e-9
 BACKLOG = 128
-"""How many waves may wait for the next tick."""
+"""How many waves or positions may wait for the next tick."""
 
 
 def backlog(expects: type[messages.Stream]) -> int:
-    """How many messages of a peer's stream may wait for the next tick: every wave counts; otherwise only the newest."""
-    return BACKLOG if expects is messages.Wave else 1
+    """How many messages of a peer's stream may wait for the next tick: every wave counts, and a predictor uses every
+    position; of the other kinds only the newest counts."""
+    return BACKLOG if expects in (messages.Wave, messages.Position) else 1
 
 
 class ControlInbox(Protocol):
@@ -49,8 +52,11 @@ class ControlInbox(Protocol):
         `restarted`: the peer was paired before, with another side in this side's place.
         """
 
-    def on_sample(self, sample: CouplingSample, sent_ns: int, came_ns: int) -> None:
-        """A sample, mostly a set-position [m], came at `came_ns`. `sent_ns`: when it left, on its sender's clock."""
+    def on_sample(self, sample: CouplingSample, sent_ns: int, came_ns: int, took_ns: int) -> None:
+        """A sample, mostly a set-position [m], came at `came_ns`.
+
+        `sent_ns`: when it left, on its sender's clock. `took_ns`: estimate of how long it was under way.
+        """
 
     def credit(self, credited_nJ: int) -> None:
         """Shuffled energy came [nJ]."""
@@ -83,7 +89,9 @@ class ControlHalf:
         self._pairs = 0
         self._pair = 1  # the one that control knows; another peer has another clock and another position
         self._coupling: CouplingState | None = None
-        self._arrived: deque[tuple[CouplingSample, int, int, int]] = deque(maxlen=backlog)  # sent, came, pair
+        self._arrived: deque[tuple[CouplingSample, int, int, int, int]] = deque(
+            maxlen=backlog
+        )  # sent, came, took, pair
         self._credits: deque[int] = deque()
         self._shuffled: deque[float] = deque()
 
@@ -106,8 +114,8 @@ class ControlHalf:
         self._pairs += 1
         self.paired = True
 
-    def on_sample(self, sample: CouplingSample, sent_ns: int, came_ns: int) -> None:
-        self._arrived.append((sample, sent_ns, came_ns, self._pairs))
+    def on_sample(self, sample: CouplingSample, sent_ns: int, came_ns: int, took_ns: int) -> None:
+        self._arrived.append((sample, sent_ns, came_ns, took_ns, self._pairs))
 
     def credit(self, credited_nJ: int) -> None:
         self._credits.append(credited_nJ)
@@ -126,7 +134,7 @@ class ControlHalf:
         """The newest sample that control has not taken yet."""
         return self._arrived[-1][0] if self._arrived else None
 
-    def take(self) -> CouplingState:
+    def take(self, now_ns: int) -> CouplingState:
         """Give the coupling what has arrived since the last tick, and a new peer its share of the reservoir.
 
         Samples of an earlier peer are dropped.
@@ -136,11 +144,15 @@ class ControlHalf:
         if self._pair < self._pairs:
             self._change_peer(coupling, self._pairs)
         while self._arrived:
-            sample, sent_ns, came_ns, pair = self._arrived.popleft()
+            sample, sent_ns, came_ns, took_ns, pair = self._arrived.popleft()
             if pair > self._pair:  # paired since this tick began
                 self._change_peer(coupling, pair)
             if pair == self._pair:
-                coupling.receive(sample, sent_ns * NANO)
+                if type(sample) is Proxy and sample.aimed_s:
+                    age_s = now_ns * NANO - sample.aimed_s
+                else:
+                    age_s = (now_ns - came_ns + took_ns) * NANO
+                coupling.receive(sample, sent_ns * NANO, age_s)
                 self._positions.echo(sent_ns, came_ns)
         while self._credits:
             coupling.credit(self._credits.popleft() * NANO)
@@ -157,11 +169,13 @@ class ControlHalf:
     def _send(self, now_ns: int, update: Update) -> bytes | None:
         """Hand on the energy that an update shuffles; returns the message with its sample.
 
-        None if the deadband holds the sample back. Energy is never held back.
+        None if there is none, or the deadband holds it back. Energy is never held back.
         """
         sample, shuffled = update
         if shuffled > 0.0:
             self._shuffled.append(shuffled)
+        if sample is None:
+            return None
         if self.deadband is not None:
             offered = self.deadband.offer(now_ns * NANO, sample, self.coupling.set_position)
             if offered is None:
@@ -173,6 +187,8 @@ class ControlHalf:
                 return positions.motion(now_ns, position, velocity)
             case Port(value, energy):
                 return positions.port(now_ns, value, max(0, math.floor(energy / NANO)))  # never too much
+            case Proxy(position, aimed_s, force, planes):
+                return positions.proxy(now_ns, position, max(0, round(aimed_s / NANO)), force, planes)
             case Wave(value, span):
                 return positions.wave(now_ns, value, max(1, round(span / NANO)))
             case _:
@@ -226,9 +242,9 @@ class WireHalf:
     def _hand_over(self, events: tuple[Event, ...], now_ns: int) -> None:
         for event in events:
             if isinstance(event, PositionReceived):
-                self._control.on_sample(event.position, event.sent_ns, now_ns)
+                self._control.on_sample(event.position, event.sent_ns, now_ns, event.took_ns)
             elif isinstance(event, SampleReceived):
-                self._control.on_sample(_sample_of(event.message), event.message.sent_ns, now_ns)
+                self._control.on_sample(_sample_of(event.message), event.message.sent_ns, now_ns, event.took_ns)
             elif isinstance(event, EnergyCredited):
                 self._control.credit(event.credited_nJ)
             elif isinstance(event, Paired):
@@ -254,7 +270,7 @@ class DeviceControl(ControlHalf):
         `release`: release the spring, no force in this tick. Returns the position message to send, if there is one.
         """
         if self._arrived or self._credits:
-            self.take()
+            self.take(now_ns)
         update = self._held.tick(dt, x, v, release=release)
         return None if update is None else self._send(now_ns, update)
 
@@ -279,7 +295,7 @@ class DeviceControl(ControlHalf):
         The arguments are `ContinuousServo.tick`'s. Returns the position message to send, if there is one.
         """
         if self._arrived or self._credits:
-            self.take()
+            self.take(now_ns)
         update = self._continuous.tick(dt, x, passage, work, kinetic, release=release)
         return None if update is None else self._send(now_ns, update)
 
@@ -305,7 +321,7 @@ class WorldControl(ControlHalf):
         Returns the position message to send, unless it is held back. The ledger is checked before the law (steps to k-1
         with ybar_{k-1}) and after it (with ybar_k): both pairings of Theorem 1.
         """
-        coupling = self.take()
+        coupling = self.take(now_ns)
         ledger = coupling.ledger
         ledger.put_in(work)
         ledger.observe(kinetic + coupling.potential(x), coupling.account)
@@ -330,7 +346,7 @@ class WorldEndpoint(WireHalf, WorldControl):
         WireHalf.__init__(self, session, self)
 
 
-def _sample_of(message: messages.Motion | messages.Port | messages.Wave) -> CouplingSample:
+def _sample_of(message: messages.Motion | messages.Port | messages.Wave | messages.Proxy) -> CouplingSample:
     """The content of a message, in SI units."""
     match message:
         case messages.Motion():
@@ -339,6 +355,9 @@ def _sample_of(message: messages.Motion | messages.Port | messages.Wave) -> Coup
             return Port(message.value, message.energy_nJ * NANO)
         case messages.Wave():
             return Wave(message.wave, message.span_ns * NANO)
+        case messages.Proxy():
+            planes = None if message.planes is None else tuple([Plane(*plane) for plane in message.planes])
+            return Proxy(message.position, message.aimed_ns * NANO, message.force, planes)
 
 
 Endpoint = DeviceEndpoint | WorldEndpoint

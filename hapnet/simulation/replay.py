@@ -95,7 +95,7 @@ def read_original(files: Sequence[Path]) -> Original:
     }
     if not simulated and asked.get("device.servo") == "auto":
         asked["device.servo"] = "sampled"
-    params, seed = Params().set(asked), device.meta.get("seed")
+    params, seed = Params.recorded(asked), device.meta.get("seed")
     if ":" not in params.coupling:  # a user's own is loaded when it runs
         coupling(params.coupling)
     if not isinstance(seed, int) or seed < 0:

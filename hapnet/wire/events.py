@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from hapnet.wire.messages import Identity, Motion, Port, Wave
+from hapnet.wire.messages import Identity, Motion, Port, Proxy, Wave
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,17 +17,22 @@ class Paired:
 
 
 class PositionReceived(NamedTuple):
-    """The peer's set-position [m or rad], its number and its sender's clock [ns]."""
+    """The peer's set-position [m or rad], its number and its sender's clock [ns].
+
+    took_ns : estimate of how long it was under way [ns].
+    """
 
     sequence: int
     sent_ns: int
     position: tuple[float, ...]
+    took_ns: int = 0
 
 
 class SampleReceived(NamedTuple):
     """A message that a coupling sends in place of a set-position."""
 
-    message: Motion | Port | Wave
+    message: Motion | Port | Wave | Proxy
+    took_ns: int = 0
 
 
 class EnergyCredited(NamedTuple):

@@ -17,6 +17,8 @@ MAX_ABOUT = 32
 MAX_MORE = 32
 MAX_COORDINATE = 1e6  # m or rad; keeps every square and product of the control layer finite
 MAX_TOTAL_NJ = 2**63  # exclusive: totals fit a signed 64-bit integer
+MAX_PLANES = 4
+UNIT_TOLERANCE = 1e-6  # of a normal's squared length
 MAX_SPAN_NS = 10**10  # of a wave: every side sends far more often
 
 
@@ -92,6 +94,26 @@ def more(value: object) -> None:
         text(key)
 
 
+def planes(value: object) -> None:
+    """Nothing, or up to four planes: unit normal, offset, stiffness above 0, damping and velocity."""
+    if value is None:
+        return
+    if type(value) is not tuple:
+        raise BadMessage("type", f"{_kind(value)}; allowed: an array of planes, or nil")
+    if len(value) > MAX_PLANES:
+        raise BadMessage("range", f"{len(value)} planes; allowed: up to {MAX_PLANES}")
+    for plane in value:
+        if type(plane) is not tuple or len(plane) != 5:
+            raise BadMessage("type", "a plane is not an array of normal, offset, stiffness, damping, velocity")
+        normal, *numbers = plane
+        coordinates(normal)
+        coordinates(tuple(numbers))
+        if abs(sum([n * n for n in normal]) - 1.0) > UNIT_TOLERANCE:
+            raise BadMessage("range", f"a plane's normal {normal}; allowed: of length 1")
+        if plane[2] <= 0.0 or plane[3] < 0.0:
+            raise BadMessage("range", f"a plane's stiffness {plane[2]} and damping {plane[3]}; allowed: above 0, 0")
+
+
 def _kind(value: object) -> str:
     return f"of type {type(value).__name__}"
 
@@ -106,6 +128,7 @@ Coordinates = Annotated[tuple[float, ...], coordinates]
 Text = Annotated[str, text]
 RoleName = Annotated[Role, role]
 Dof = Annotated[int, dof]
+Planes = Annotated[tuple[tuple[tuple[float, ...], float, float, float, float], ...] | None, planes]
 About = Annotated[dict[str, Scalar], about]
 More = Annotated[dict[str, Any], more]
 """What a frame's map of further entries says."""

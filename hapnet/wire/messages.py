@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from struct import Struct
 from typing import Any, ClassVar, Literal, NamedTuple, get_args
 
 import msgpack
@@ -26,14 +25,16 @@ from hapnet.wire.fields import (
     Dof,
     More,
     Nanojoules,
+    Planes,
     RoleName,
     Span,
     Text,
 )
 from hapnet.wire.fields import Role as Role
 from hapnet.wire.fields import Scalar as Scalar
+from hapnet.wire.stream_frames import VERSION as VERSION
+from hapnet.wire.stream_frames import echo_of, encode_stream, start_of
 
-VERSION = 2
 MAX_FRAME_BYTES = 4096
 MAX_ARRAY = MAX_DOF + 1  # msgpack allocates what an array announces: 4 kB of nested headers took 20 ms and 30 MB
 
@@ -150,7 +151,35 @@ class Wave(_WaveFields):
     vector = _WaveFields.wave
 
 
-Stream = Position | Motion | Port | Wave
+class _ProxyFields(NamedTuple):
+    incarnation: U64
+    sequence: U64
+    sent_ns: U64
+    position: Coordinates
+    aimed_ns: U64
+    force: Coordinates
+    planes: Planes
+    echo_ns: U64 = 0
+    came_ns: U64 = 0
+    more: More | None = None
+
+
+class Proxy(_ProxyFields):
+    """The world's virtual mass with the planes that it touches or is near, sent in place of a `Position`.
+
+    aimed_ns : the time on the device's clock for which the position stands; 0: the world does not know.
+    force : of the environment on the mass in the last step [N].
+    planes : each is a unit normal that points into the solid, an offset along it [m], a stiffness [N/m], a damping
+        [Ns/m] and a velocity along the normal [m/s]. None: this world can tell no planes.
+    """
+
+    __slots__ = ()
+    KIND: ClassVar[int] = 10
+    CHANNEL: ClassVar[Channel] = "position"
+    vector = _ProxyFields.position
+
+
+Stream = Position | Motion | Port | Wave | Proxy
 """The message that a side sends all the time; coupling and role decide which of these kinds. `vector` is the element
 with one number per axis, whatever the kind calls it."""
 
@@ -246,48 +275,6 @@ def encode(message: Message) -> bytes:
     return _pack((VERSION, message.KIND, *elements, *more))
 
 
-def encode_stream(
-    start: bytes,
-    sequence: int,
-    sent_ns: int,
-    values: tuple[Any, ...],
-    echo: bytes,
-    pack: Callable[..., bytes] = msgpack.packb,
-) -> bytes:
-    """`encode` for a message of a stream, from its parts.
-
-    Integers take nine bytes even if they are small, as msgpack allows. So the length of a position depends on its
-    dimension only, and its delay on a link with a rate does not depend on the clock.
-
-    start : made by `start_of`, once. values : the elements between `sent_ns` and `echo_ns`.
-    echo : made by `echo_of`, once for all messages with the same echo.
-    pack : of a `msgpack.Packer` that the calling thread keeps, which is faster than a new one each time.
-    """
-    return start + _TWO(_U64, sequence, _U64, sent_ns) + b"".join(map(pack, values)) + echo
-
-
-def encode_position(
-    start: bytes,
-    sequence: int,
-    sent_ns: int,
-    position: tuple[float, ...],
-    echo: bytes,
-    pack: Callable[..., bytes] = msgpack.packb,
-) -> bytes:
-    """`encode_stream` for a `Position`, which a servo sends at every update."""
-    return start + _TWO(_U64, sequence, _U64, sent_ns) + pack(position) + echo
-
-
-def start_of(kind: int, incarnation: int, values: int) -> bytes:
-    """The first bytes of a stream's messages; `values` is the number of elements between `sent_ns` and `echo_ns`."""
-    return _START(_ARRAY + _AROUND + values, VERSION, kind, _U64, incarnation)
-
-
-def echo_of(echo_ns: int, came_ns: int) -> bytes:
-    """The two stamps of the echo, as `encode_stream` takes them."""
-    return _TWO(_U64, echo_ns, _U64, came_ns)
-
-
 @dataclass(frozen=True, slots=True)
 class _Layout:
     """How the frames of one kind look, by the fields of its class.
@@ -378,16 +365,15 @@ def examined(frame: Any) -> Message:
     message: Message = layout.make(*frame[2:])
     if type(message) is Motion and len(message.position) != len(message.velocity):
         raise BadMessage("dimension", f"{len(message.position)} coordinates with {len(message.velocity)} velocities")
+    if type(message) is Proxy:
+        vectors = (message.force, *(plane[0] for plane in message.planes or ()))
+        if any(len(vector) != len(message.position) for vector in vectors):
+            raise BadMessage("dimension", f"{len(message.position)} coordinates with a force or a normal of others")
     return message
 
 
-_STREAM = (Position, Motion, Port, Wave)
+_STREAM = (Position, Motion, Port, Wave, Proxy)
 _LAYOUTS = {cls.KIND: _Layout.of(cls) for cls in get_args(Message)}
-_AROUND = 7
-"""The number of elements in a stream's message besides its values."""
-_ARRAY, _U64 = 0x90, 0xCF
-"""msgpack's first bytes of an array of up to 15 elements, and of an integer of 8 bytes."""
-_START, _TWO = Struct(">BBBBQ").pack, Struct(">BQBQ").pack
 _new = tuple.__new__  # takes half the time, and the fields are checked already
 _pack: Callable[..., bytes] = msgpack.packb
 _unpack: Callable[..., Any] = msgpack.unpackb

@@ -115,6 +115,10 @@ class Path:
         if self._least_trip_ns is None or trip_ns < self._least_trip_ns:
             self._least_trip_ns = trip_ns
 
+    def took_ns(self, now_ns: int, sent_ns: int, least_ns: int) -> int:
+        """Estimate of how long a message that comes now was under way, without a common clock [ns]."""
+        return min(max(0, now_ns - sent_ns - least_ns), LONGEST_NS) + (self._least_trip_ns or 0) // 2
+
     def counts(self) -> Counts:
         """The counts so far, for `figures` of the time from now on."""
         return self._all.copy()

@@ -37,6 +37,7 @@ from hapnet.wire.messages import (
     OtherVersion,
     Port,
     Position,
+    Proxy,
     Refuse,
     Role,
     Scalar,
@@ -281,7 +282,7 @@ class Session:
     def _dispatch(self, message: Message, now_ns: int) -> tuple[Event, ...]:
         self._monitor.on_any_message(now_ns)
         match message:
-            case Position() | Motion() | Port() | Wave():
+            case Position() | Motion() | Port() | Wave() | Proxy():
                 return self._on_stream(message, now_ns)
             case Energy():
                 self._handshake.on_data(message.incarnation, now_ns, message.addressee)
@@ -310,10 +311,11 @@ class Session:
         self.path.on_position(now_ns, sent_ns, since, numbers.least_ns, place)
         if message.echo_ns:
             self.path.on_echo(now_ns, sent_ns, message.echo_ns, message.came_ns)
+        took_ns = self.path.took_ns(now_ns, sent_ns, numbers.least_ns)
         received = (
-            PositionReceived(sequence, sent_ns, message.position)
+            PositionReceived(sequence, sent_ns, message.position, took_ns)
             if isinstance(message, Position)
-            else SampleReceived(message)
+            else SampleReceived(message, took_ns)
         )
         if place is not Place.LATE:
             heard = monitor.on_position(now_ns, since)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import msgpack
 
-from hapnet.wire.messages import Motion, Port, Position, Wave, echo_of, encode_position, encode_stream, start_of
+from hapnet.wire.messages import Motion, Port, Position, Proxy, Wave
+from hapnet.wire.stream_frames import echo_of, encode_position, encode_stream, start_of
 
 
 class PositionStream:
@@ -20,6 +21,7 @@ class PositionStream:
         self.next_sequence = 0
         self._start = start_of(Position.KIND, incarnation, 1)
         self._starts = {kind: start_of(kind, incarnation, 2) for kind in (Motion.KIND, Port.KIND, Wave.KIND)}
+        self._starts[Proxy.KIND] = start_of(Proxy.KIND, incarnation, 4)
         self._pack: Callable[..., bytes] = msgpack.Packer().pack
         self._echo = echo_of(0, 0)
 
@@ -44,6 +46,18 @@ class PositionStream:
     def wave(self, now_ns: int, wave: Sequence[float], span_ns: int) -> bytes:
         """The next frame: a wave [sqrt(W)], the mean over `span_ns`."""
         return self._next(Wave.KIND, now_ns, (_floats(wave), span_ns))
+
+    def proxy(
+        self,
+        now_ns: int,
+        position: Sequence[float],
+        aimed_ns: int,
+        force: Sequence[float],
+        planes: Iterable[Sequence[Any]] | None,
+    ) -> bytes:
+        """The next frame: the proxy's position [m], the device's time for which it stands, and what is around it."""
+        told = None if planes is None else tuple([(_floats(n), *map(float, numbers)) for n, *numbers in planes])
+        return self._next(Proxy.KIND, now_ns, (_floats(position), aimed_ns, _floats(force), told))
 
     def _next(self, kind: int, now_ns: int, values: tuple[Any, ...]) -> bytes:
         sequence = self.next_sequence

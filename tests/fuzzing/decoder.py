@@ -10,9 +10,9 @@ import msgpack
 
 from hapnet.errors import BadMessage
 from hapnet.wire.messages import Message, Refuse, decode, encode
-from tests.fuzzing.mutator import BYE, ENERGY, HELLO, MOTION, PORT, POSITION, REFUSE, WAVE, WELCOME
+from tests.fuzzing.mutator import BYE, ENERGY, HELLO, MOTION, PORT, POSITION, PROXY, REFUSE, WAVE, WELCOME
 
-LENGTHS = {POSITION: 8, ENERGY: 6, HELLO: 8, WELCOME: 9, REFUSE: 5, BYE: 6, MOTION: 9, PORT: 9, WAVE: 9}
+LENGTHS = {POSITION: 8, ENERGY: 6, HELLO: 8, WELCOME: 9, REFUSE: 5, BYE: 6, MOTION: 9, PORT: 9, WAVE: 9, PROXY: 11}
 
 BAD_FRAMES = {"size", "malformed", "version", "kind", "length", "type", "range", "dimension"}
 
@@ -48,7 +48,7 @@ def allowed(data: bytes) -> list[Any] | None:
 
 def _fields(kind: int, fields: list[Any]) -> bool:
     match kind, fields:
-        case 1 | 7 | 8 | 9, [sequence, sent_ns, *values, echo_ns, came_ns]:
+        case 1 | 7 | 8 | 9 | 10, [sequence, sent_ns, *values, echo_ns, came_ns]:
             return all(map(_integer, (sequence, sent_ns, echo_ns, came_ns))) and _values(kind, values)
         case 2, [addressee, total_nJ, acked_nJ]:
             return _integer(addressee) and _integer(total_nJ, 0, 2**63 - 1) and _integer(acked_nJ, 0, 2**63 - 1)
@@ -73,7 +73,25 @@ def _values(kind: int, values: list[Any]) -> bool:
             return _floats(value) and _integer(energy_nJ, 0, 2**63 - 1)
         case 9, [wave, span_ns]:
             return _floats(wave) and _integer(span_ns, 1, 10**10)
+        case 10, [position, aimed_ns, force, planes]:
+            alike = _floats(position) and _floats(force) and len(force) == len(position)
+            return alike and _integer(aimed_ns) and _planes(planes, len(position))
     return False
+
+
+def _planes(planes: object, dof: int) -> bool:
+    if planes is None:
+        return True
+    if not (isinstance(planes, list) and len(planes) <= 4):
+        return False
+    return all(isinstance(plane, list) and len(plane) == 5 and _plane(plane, dof) for plane in planes)
+
+
+def _plane(plane: list[Any], dof: int) -> bool:
+    normal, *numbers = plane
+    if not (_floats(normal) and len(normal) == dof and _floats(numbers)):
+        return False
+    return abs(math.fsum(n * n for n in normal) - 1.0) <= 1e-6 and numbers[1] > 0.0 and numbers[2] >= 0.0
 
 
 def _further(value: object) -> bool:

@@ -5,15 +5,15 @@ from __future__ import annotations
 import random
 
 from hapnet.assembly.build import prepare
-from hapnet.params import Params
 from tests.fuzzing import corpus
 from tests.fuzzing.decoder import decoded, hold
 from tests.fuzzing.rig import MS, Rig
+from tests.paper import PAPER
 
 _WAITS_NS = tuple(100_000 << power for power in range(10))  # to 51 ms
 _HEADER = 3
 _SETUPS = tuple(
-    prepare(Params().set({"operator": "rest", "wire.accept_stale": stale, "wire.admission_W": watts}), "sampled")
+    prepare(PAPER.set({"operator": "rest", "wire.accept_stale": stale, "wire.admission_W": watts}), "sampled")
     for stale, watts in ((False, 5.0), (True, 0.05))
 )
 

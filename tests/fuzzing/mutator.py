@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterable
 import msgpack
 
 INCARNATION, SEQUENCE = 2, 3
-POSITION, ENERGY, HELLO, WELCOME, REFUSE, BYE, MOTION, PORT, WAVE = range(1, 10)
-STREAMS = (POSITION, MOTION, PORT, WAVE)
+POSITION, ENERGY, HELLO, WELCOME, REFUSE, BYE, MOTION, PORT, WAVE, PROXY = range(1, 11)
+STREAMS = (POSITION, MOTION, PORT, WAVE, PROXY)
 MOST_RECORDED = 64
 
 NAN = float("nan")
@@ -221,10 +221,28 @@ class Mutator:
             MOTION: [position[: dof if r() < 0.99 else 1]],
             PORT: [self._count(self._total, 10**6, 2**63 - 1)],
             WAVE: [self._count(5 * 10**6, 10**7, 10**10)],
+            PROXY: [self._count(self._sent_ns, 10**6, 2**64 - 1), position[:], self._planes(dof)],
         }
         echo = [self._count(self._sent_ns, 10**6, 2**64 - 1), self._count(self._sent_ns, 10**6, 2**64 - 1)]
         values = [position, *more.get(kind, [])]
         return _packed([2, kind, self._who(), sequence, self._sent_ns, *values, *echo, *self._further()])
+
+    def _planes(self, dof: int) -> object:
+        """Mostly planes; some of them with numbers that no plane has."""
+        r = self.rng.random
+        if r() < 0.2:
+            return None
+        if r() < 0.05:
+            return self._odd()
+        planes: list[object] = []
+        for _ in range(int(r() * (4 if r() < 0.95 else 9))):
+            way = [self.rng.gauss(0.0, 1.0) for _ in range(dof if r() < 0.98 else 2)]
+            length = math.hypot(*way) or 1.0
+            numbers = [(r() - 0.5) * 0.1, 10 ** (6 * r()), 10 * r(), r() - 0.5]
+            if r() < 0.05:
+                numbers[int(r() * 4)] = self.rng.choice(ODD_FLOATS)
+            planes.append([[w / length if r() < 0.99 else w for w in way], *numbers])
+        return planes
 
     def _further(self) -> list[object]:
         """What later programs may say at a frame's end; mostly nothing."""

@@ -43,7 +43,8 @@ def drawn_setup(target: str, rng: random.Random, silence_after_s: float) -> Setu
     words = {f"device.{name}": value for name, value in device.items()}
     words |= {f"world.{name}": value for name, value in world.items()}
     words |= {
-        "scene": "box", "dof": dof, "operator": rng.choice(("rest", "sine")), "operator_hand.frequency_hz": 2.0,
+        "feel": "paper", "scene": "box", "dof": dof,
+        "operator": rng.choice(("rest", "sine")), "operator_hand.frequency_hz": 2.0,
         "wire.accept_stale": rng.random() < 0.3, "wire.admission_W": rng.choice((0.05, 5.0, 100.0)),
         "wire.admission_burst_J": rng.choice((1e-3, 0.5)),
     }  # fmt: skip

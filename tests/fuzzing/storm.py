@@ -7,7 +7,7 @@ import traceback
 from functools import lru_cache
 
 from hapnet.side.endpoint import DeviceEndpoint, backlog
-from hapnet.wire.messages import Motion, Port, Wave
+from hapnet.wire.messages import Motion, Port, Proxy, Wave
 from hapnet.wire.session import Session, SessionSettings
 from tests.fuzzing.corpus import stored
 from tests.fuzzing.decoder import Broken, decoded, hold
@@ -15,7 +15,7 @@ from tests.fuzzing.invariants import Watch
 from tests.fuzzing.mutator import HELLO, Mutator
 from tests.fuzzing.rig import LONG_SILENCE_S, MS, SILENCE_S, US, Rig, drawn_setup
 
-STREAMS: dict[str, type[Motion | Port | Wave]] = {"motion": Motion, "port": Port, "wave": Wave}
+STREAMS: dict[str, type[Motion | Port | Wave | Proxy]] = {"motion": Motion, "port": Port, "wave": Wave, "proxy": Proxy}
 TARGETS = ("decoder", "device", "continuous", "world", *STREAMS)
 STORM = 5_000
 """Messages in a storm; a storm has one seed, and its side and peer begin with it."""
@@ -154,11 +154,14 @@ def _stream(target: str, rng: random.Random, count: int, progress: list[bytes]) 
 
 
 def _sample(
-    kind: type[Motion | Port | Wave], honest: Session, now_ns: int, value: tuple[float, ...], index: int
+    kind: type[Motion | Port | Wave | Proxy], honest: Session, now_ns: int, value: tuple[float, ...], index: int
 ) -> bytes:
     """The next message of the honest peer's stream."""
     if kind is Motion:
         return honest.positions.motion(now_ns, value, value)
     if kind is Port:
         return honest.positions.port(now_ns, value, index)
+    if kind is Proxy:
+        plane = ((1.0, *(0.0,) * (len(value) - 1)), 0.01, 3000.0, 10.0, 0.0)
+        return honest.positions.proxy(now_ns, value, index, value, (plane,) if index % 3 else None)
     return honest.positions.wave(now_ns, value, 5 * MS)

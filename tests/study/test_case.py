@@ -101,7 +101,7 @@ def test_free_space_has_no_contact() -> None:
 
 def test_what_is_not_passive_is_seen_and_what_is_passive_too() -> None:
     """A light hand over 35 ms each way: held set-positions give it joules (Colgate and Schenkel), PSPM none."""
-    held, passive = (measure(params("4g", coupling=name, **LIGHT), 0) for name in ("zoh", "pspm"))
+    held, passive = (measure(params("4g", coupling=name, feel="paper", **LIGHT), 0) for name in ("zoh", "pspm"))
     for name in ("margin_J", "hand_margin_J", "actuator_margin_J"):
         below, above = held[name], passive[name]
         assert below is not None

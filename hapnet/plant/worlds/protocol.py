@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from hapnet.checks import Vector
+from hapnet.mechanics.plane import Plane as Plane
 
 if TYPE_CHECKING:
     from hapnet.plant.worlds.walls import Wall
@@ -37,20 +38,6 @@ class Surface(NamedTuple):
     axis: int  #: index of the coordinate
     position_m: float
     solid: int  #: +1: solid at greater coordinates, -1: at smaller ones
-
-
-class Plane(NamedTuple):
-    """The plane that the proxy touches: solid where ``normal . x > offset_m``.
-
-    stiffness, damping : of the solid behind it, along the normal [N/m], [Ns/m].
-    velocity_mps : of the plane along its normal [m/s]; 0: it stands still.
-    """
-
-    normal: Vector
-    offset_m: float
-    stiffness: float
-    damping: float
-    velocity_mps: float = 0.0
 
 
 class Surroundings(Protocol):
@@ -81,6 +68,13 @@ class Surroundings(Protocol):
 
     def plane(self, position: Sequence[float]) -> Plane | None:
         """The plane that a proxy at `position` (n,) [m] touches: of several, the one where it is deepest. Or None."""
+
+    def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...] | None:
+        """The planes that a proxy at `position` (n,) [m] touches, or has within `reach_m` [m]: at most four, the
+        deepest or nearest first. A curved obstacle gives its tangent plane at the nearest point.
+
+        None: this world can tell no planes.
+        """
 
     def stored_J(self, position: Sequence[float]) -> float:
         """Energy in the surroundings' springs and in their bodies' motion, with the proxy at `position` (n,) [m]."""

@@ -30,14 +30,18 @@ from typing import NamedTuple
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
+from hapnet.mechanics.plane import Plane
 from hapnet.params import WallParams
-from hapnet.plant.worlds.protocol import Inverse, Plane
+from hapnet.plant.worlds.protocol import Inverse
 
 _WALL = WallParams()
 WALL_STIFFNESS, WALL_DAMPING = _WALL.stiffness, _WALL.damping
 
 # Two normals count as independent up to this cosine in the metric of A^-1: it allows for rounding only.
 _SEPARATE = 1e-12
+
+MOST_PLANES = 4
+"""The most planes that are told of one place: three make a corner of a room."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,6 +227,12 @@ class Contacts:
         if wall is None or wall.penetration(position) <= 0.0:
             return None
         return Plane(wall.normal, wall.offset, wall.stiffness, wall.damping)
+
+    def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...]:
+        """The walls at `position` (n,) [m], or within `reach_m` [m] of it: at most four, the deepest first."""
+        depths = [(-wall.penetration(position), index) for index, wall in enumerate(self.walls)]
+        near = [self.walls[index] for distance, index in sorted(depths)[:MOST_PLANES] if distance <= reach_m]
+        return tuple([Plane(wall.normal, wall.offset, wall.stiffness, wall.damping) for wall in near])
 
     def stored_J(self, position: Sequence[float]) -> float:
         """Energy stored in all springs at `position` (n,) [m]."""

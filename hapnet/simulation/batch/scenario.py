@@ -127,10 +127,10 @@ class Scenario(Simulation):
         )  # fmt: skip
 
 
-def hand_over(endpoint: Endpoint) -> None:
+def hand_over(endpoint: Endpoint, now_ns: int) -> None:
     """Give the coupling the sample and energy that wait for the next tick."""
     assert not endpoint.has_shuffled
-    endpoint.take()
+    endpoint.take(now_ns)
 
 
 def under_way(link: Link[Packet]) -> Iterator[UnderWay]:

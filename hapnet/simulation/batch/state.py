@@ -69,8 +69,8 @@ class BatchState:
         worlds = [scenario.world for scenario in scenarios]
         self.servo, self.device_period_s = sides[0].servo, sides[0].device.period
         for scenario in scenarios:
-            hand_over(scenario.device_endpoint)
-            hand_over(scenario.world_endpoint)
+            hand_over(scenario.device_endpoint, scenario.now_ns)
+            hand_over(scenario.world_endpoint, scenario.now_ns)
         shift = self._shift_ns = np.array([scenario.now_ns for scenario in scenarios])
         self.end_ns = np.array([scenario.end_ns for scenario in scenarios]) - shift
         self.later_ns = np.array([min(scenario.later_ns, NEVER) for scenario in scenarios]) - shift

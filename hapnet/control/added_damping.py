@@ -1,0 +1,81 @@
+"""Damping that is added through the set-position, most of it only where something swings.
+
+    y' = y - b K^-1 v,      b = the largest of b_0, b_age(age), b_swing(envelope)
+
+* b_0 is always there. The damper B itself could do the same, but a held force of B v must be covered by the reserve for
+  as long as the watchdog allows; a spring's force is covered by the energy that it stores (control/reserve.py).
+* b_age: an old answer says little about where the proxy is. From half a second of age on, drag grows, so that the hand
+  does not leave its proxy behind.
+* b_swing, only where the world can tell no planes: the force's changes above some 2 Hz have an envelope that rises at
+  once and falls in two seconds. In contact and at rest it is zero. In free motion of a hand it is small, since the
+  force is. So it damps a limit cycle, and hardly a motion that the hand leads.
+
+It only removes energy: PSPM harvests it. `most` is what a sampled servo renders stably.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from operator import mul
+
+from hapnet.checks import Vector
+
+VELOCITY_S = 0.005
+"""Time constant of the velocity [s]: encoder counts are smoothed, and a swing of 6 Hz is delayed by a fifth of a
+radian."""
+
+AGED_S, OLD_S = 0.5, 1.5
+"""Between these ages drag grows from none to all of it [s]."""
+
+SLOW_S = 0.2
+"""Changes of the force that are slower than this are not part of a swing [s]."""
+
+CALM_S = 2.0
+"""Time constant with which a swing's envelope falls [s]."""
+
+LEAST_N, SWING_N = 0.03, 0.1
+"""Between these amplitudes of the force, damping grows from none to all of it [N]; below the first it is not felt."""
+
+
+class AddedDamping:
+    """Computes what is added to y.
+
+    Parameters
+    ----------
+    stiffness : K, (n, n) [N/m]. compliance : K^-1 [m/N]. least : b_0 [Ns/m]. most : the most
+        damping [Ns/m].
+    """
+
+    def __init__(
+        self, stiffness: Sequence[Sequence[float]], compliance: Sequence[Sequence[float]], least: float, most: float
+    ) -> None:
+        self._stiffness = [tuple(row) for row in stiffness]
+        self._compliance = [tuple(row) for row in compliance]
+        self._least, self._most = least, most
+        self._slow_x: Vector | None = None
+        self._slow_force: Vector = (0.0,) * len(self._stiffness)
+        self._envelope = 0.0
+
+    def step(self, dt: float, x: Vector, y: Vector, age: float, *, swings: bool) -> Vector:
+        """y' [m]. `age` [s] is of the world's answer; `swings`: no contact model calms the coupling."""
+        if self._slow_x is None:
+            self._slow_x = x
+        gain = dt / (VELOCITY_S + dt)
+        self._slow_x = tuple([old + gain * (new - old) for old, new in zip(self._slow_x, x, strict=True)])
+        share = min(1.0, max(0.0, (age - AGED_S) / (OLD_S - AGED_S)))
+        if swings:
+            share = max(share, self._swinging(dt, [b - a for a, b in zip(x, y, strict=True)]))
+        b = max(self._least, share * self._most)
+        if b == 0.0:
+            return y
+        factor = b / VELOCITY_S
+        drag = [factor * (new - old) for old, new in zip(self._slow_x, x, strict=True)]
+        return tuple([b - sum(map(mul, row, drag)) for b, row in zip(y, self._compliance, strict=True)])
+
+    def _swinging(self, dt: float, offset: Sequence[float]) -> float:
+        force = [sum(map(mul, row, offset)) for row in self._stiffness]
+        gain = dt / (SLOW_S + dt)
+        slow = self._slow_force = tuple([a + gain * (b - a) for a, b in zip(self._slow_force, force, strict=True)])
+        self._envelope = max(math.dist(force, slow), self._envelope * CALM_S / (CALM_S + dt))
+        return min(1.0, max(0.0, (self._envelope - LEAST_N) / (SWING_N - LEAST_N)))

@@ -1,0 +1,307 @@
+"""The device's local contact model: y at every tick, from the own position and the planes that the world tells.
+
+What a world answers comes a round trip late. So the world tells, beside its proxy's position, the planes that the proxy
+touches or is near (`Proxy`), and the device computes at every tick where the proxy rests for the position x now:
+
+    s = x - K'^-1 sum f_i n_i,      f_i = max(0, K_i (n_i . s - w_i))                  the proxy's static equilibrium
+    y = s + g B/K v                 g v: velocity, only while free of contact: it cancels a part of the damper's drag
+
+PSPM then pays for y as for any other set-position (end of Section 3). So the model need not be right: a wrong plane
+feels wrong, but creates no energy. Model-mediated teleoperation (Niemeyer, Mitra 2004; Xu et al. 2016) relies on the
+model for stability, and needs it to be right.
+
+Three things keep the model true:
+
+* A new set of planes takes effect over some milliseconds: what y would jump by is added to y and fades.
+* The proxy's own position and force say where its plane really was: w = n . x_p - f/K. While in contact, the difference
+  to the plane that was told shifts all planes (`shift`), filtered. Free of contact, the proxy must be in front.
+* A world that can tell no planes is felt through its proxy's position, less the own motion since the time for which
+  that position stands (`OwnMotion`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from operator import add, mul, sub
+
+from hapnet import checks
+from hapnet.checks import Vector
+from hapnet.control.added_damping import AddedDamping
+from hapnet.control.coupling import CouplingSample, Proxy, vector_of
+from hapnet.mechanics.plane import Plane
+from hapnet.params import ContactModelParams
+
+_DEFAULTS = ContactModelParams()
+
+FORGET_S = 0.5
+"""Time constant with which that shift goes when there is no contact [s]."""
+
+SWEEPS = 32
+"""The most Gauss-Seidel sweeps over the planes. Orthogonal ones need one, and one more to see it."""
+
+SETTLED_N = 1e-4
+"""A sweep that changes no force by more than this [N] is the last."""
+
+LONGEST_EXTRAPOLATION_S = 0.2
+"""For how long a plane is assumed to go on moving [s]."""
+
+
+class ContactModel:
+    """Computes y from the own position and the planes that the world told last.
+
+    Parameters
+    ----------
+    position : the device's at the start [m].
+    compliance : K'^-1 of the world's virtual coupling, (n, n) [m/N].
+    lead : g K^-1 B, (n, n) [s]: y leads the position by this times the velocity, in free motion.
+    lead_s : time constant of that velocity [s]. fade_s : time constant with which a change of planes takes effect, and
+        the lead goes in contact [s]. shift_s : time constant of the planes' shift in contact [s].
+    own_motion : computes y for a world that can tell no planes. added : the damping for what is left to swing.
+    """
+
+    def __init__(
+        self,
+        position: Vector,
+        *,
+        compliance: Sequence[Sequence[float]],
+        lead: Sequence[Sequence[float]],
+        own_motion: OwnMotion,
+        added: AddedDamping,
+        lead_s: float = _DEFAULTS.lead_s,
+        fade_s: float = _DEFAULTS.fade_s,
+        shift_s: float = _DEFAULTS.shift_s,
+    ) -> None:
+        self._dof = len(position)
+        self._compliance = [tuple(row) for row in compliance]
+        self._lead = [tuple(row) for row in lead]
+        self._own_motion = own_motion
+        self._added = added
+        self._lead_s = checks.positive("lead_s", lead_s)
+        self._fade_s = checks.positive("fade_s", fade_s)
+        self._shift_s = checks.positive("shift_s", shift_s)
+        self.reset(position)
+
+    def reset(self, position: Vector) -> None:
+        """Forget all planes: their world was replaced. y continues at `position` [m]."""
+        self._still = (0.0,) * self._dof
+        self._planes: tuple[_Told, ...] | None = ()
+        self._shift = self._fading = self._still
+        self._wanted_shift: Vector | None = None
+        self._pending: tuple[Proxy, float] | None = None
+        self._age = 0.0
+        self._filtered: Vector | None = None
+        self._freedom = 1.0
+        self._start: Vector | None = position
+        self._own_motion.reset(position)
+
+    @property
+    def shift(self) -> Vector:
+        """By how much all planes are moved, so that they agree with what the proxy feels [m]."""
+        return self._shift
+
+    def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
+        """The world's newest answer, and how old it is; see `CouplingState.receive`."""
+        if not isinstance(sample, Proxy):
+            sample = Proxy(vector_of(sample), 0.0, self._still, None)
+        self._pending = sample, age_s
+
+    def step(self, dt: float, x: Vector) -> Vector:
+        """y [m] at the position x [m], `dt` seconds after the last step."""
+        self._own_motion.observe(dt, x)
+        self._age += dt
+        if self._start is not None:
+            self._fading = tuple(map(sub, self._start, x))
+            self._start = None
+        if self._pending is not None:
+            self._take(*self._pending, x)
+        lead = self._lead_of(dt, x)
+        if self._planes is None:
+            y = self._faded(dt, self._own_motion.step(dt, x, lead))
+            return self._added.step(dt, x, y, self._age, swings=True)
+        s, touches = self._rest(x, self._planes)
+        self._freedom += dt / (self._fade_s + dt) * ((0.0 if touches else 1.0) - self._freedom)
+        self._settle(dt)
+        y = tuple([a + self._freedom * b for a, b in zip(s, lead, strict=True)])
+        return self._added.step(dt, x, self._faded(dt, y), self._age, swings=False)
+
+    # -- what the world told ------------------------------------------------------------------------------------------
+
+    def _take(self, told: Proxy, age_s: float, x: Vector) -> None:
+        self._pending = None
+        before = self._model(x)
+        self._age = age_s
+        if told.planes is None:
+            self._own_motion.receive(told.position, age_s)
+            self._planes = None
+        else:
+            self._planes = tuple([_Told(plane, self._compliance) for plane in told.planes])
+            self._wanted_shift = self._shift_wanted(told)
+        after = self._model(x)
+        if after != before:
+            self._fading = tuple(map(add, self._fading, map(sub, before, after)))
+
+    def _model(self, x: Vector) -> Vector:
+        """y of the present model, but for lead and fading."""
+        if self._planes is None:
+            return self._own_motion.at(x)
+        return self._rest(x, self._planes)[0]
+
+    def _shift_wanted(self, told: Proxy) -> Vector | None:
+        """The shift with which the told planes agree with the proxy's own position and force; None: nothing known."""
+        assert self._planes is not None
+        wanted: list[float] = [0.0] * self._dof
+        known = False
+        for one in self._planes:
+            depth = sum(map(mul, one.normal, told.position)) - one.offset
+            force = -sum(map(mul, one.normal, told.force))
+            if force > 0.0:
+                error = depth - force / one.stiffness  # the plane is really so much deeper
+            elif depth > 0.0 and told.force == self._still:
+                error = depth
+            else:
+                continue
+            known = True
+            for axis, n in enumerate(one.normal):
+                wanted[axis] += n * error
+        return tuple(wanted) if known else None
+
+    def _settle(self, dt: float) -> None:
+        """Let the shift approach what the last answer asks for."""
+        goal, constant = (self._still, FORGET_S) if self._wanted_shift is None else (self._wanted_shift, self._shift_s)
+        if goal == self._shift:
+            return
+        gain = dt / (constant + dt)
+        self._shift = tuple([old + gain * (new - old) for old, new in zip(self._shift, goal, strict=True)])
+
+    # -- y ------------------------------------------------------------------------------------------------------------
+
+    def _rest(self, x: Vector, planes: Sequence[_Told]) -> tuple[Vector, bool]:
+        """Where the proxy rests for the device at x [m], and whether it touches anything there."""
+        shift = self._shift
+        if len(planes) == 1:  # mostly
+            one = planes[0]
+            depth = sum(map(mul, one.normal, map(sub, x, shift))) - one.now(self._age)
+            if depth <= 0.0:
+                return x, False
+            force = depth / one.softness
+            return tuple([a - force * r for a, r in zip(x, one.response, strict=True)]), True
+        forces = [0.0] * len(planes)
+        s = x
+        for _ in range(SWEEPS):
+            moved = False
+            for i, one in enumerate(planes):
+                depth = sum(map(mul, one.normal, map(sub, s, shift))) - one.now(self._age)
+                force = max(0.0, forces[i] + (depth - forces[i] / one.stiffness) / one.softness)
+                if force != forces[i]:
+                    change = force - forces[i]
+                    forces[i] = force
+                    s = tuple([a - change * r for a, r in zip(s, one.response, strict=True)])
+                    moved = moved or abs(change) > SETTLED_N
+            if not moved:
+                break
+        return s, any(forces)
+
+    def _lead_of(self, dt: float, x: Vector) -> Vector:
+        """g K^-1 B v, with the velocity of a low-passed position: (x - x_f) / tau."""
+        if self._filtered is None:
+            self._filtered = x
+        gain = dt / (self._lead_s + dt)
+        self._filtered = tuple([old + gain * (new - old) for old, new in zip(self._filtered, x, strict=True)])
+        velocity = [(new - old) / self._lead_s for old, new in zip(self._filtered, x, strict=True)]
+        return tuple([sum(map(mul, row, velocity)) for row in self._lead])
+
+    def _faded(self, dt: float, y: Vector) -> Vector:
+        if self._fading == self._still:
+            return y
+        share = self._fade_s / (self._fade_s + dt)
+        fading = tuple([share * part for part in self._fading])
+        self._fading = fading if math.hypot(*fading) > 1e-9 else self._still
+        return tuple(map(add, y, fading))
+
+
+class _Told:
+    """A plane as told, with what follows from K'."""
+
+    __slots__ = ("normal", "offset", "response", "softness", "stiffness", "velocity")
+
+    def __init__(self, plane: Plane, compliance: Sequence[Vector]) -> None:
+        self.normal, self.offset, self.stiffness = plane.normal, plane.offset_m, plane.stiffness
+        self.velocity = plane.velocity_mps
+        self.response: Vector = tuple([sum(map(mul, row, plane.normal)) for row in compliance])
+        """K'^-1 n [m/N]."""
+        self.softness = 1.0 / plane.stiffness + sum(map(mul, plane.normal, self.response))
+        """Depth of the device per force, through the wall's spring and the virtual coupling [m/N]."""
+
+    def now(self, age: float) -> float:
+        """The plane's offset now [m]: a moving one goes on for a while."""
+        if not self.velocity:
+            return self.offset
+        return self.offset + self.velocity * min(max(age, 0.0), LONGEST_EXTRAPOLATION_S)
+
+
+class OwnMotion:
+    """y for a world that can tell no planes: its answer, plus the own motion since the time for which it stands.
+
+        y = y_w + sigma (x(t) - x(t - R)),      sigma = max(0, 1 - |y_w - x(t - R)| / distance)
+
+    sigma is near 1 while the proxy follows (free motion), and goes to 0 in contact. Both parts are low-passed.
+
+    Parameters
+    ----------
+    distance : where sigma is 0 [m]. smoothing : time constant [s]. history : longest R [s].
+    """
+
+    def __init__(self, *, distance: float = 0.015, smoothing: float = 0.02, history: float = 2.0) -> None:
+        self.distance = checks.positive("distance", distance)
+        self.smoothing = checks.positive("smoothing", smoothing)
+        self.history = checks.positive("history", history)
+        self.reset(())
+
+    def reset(self, position: Vector) -> None:
+        """Start again at `position` [m]."""
+        self._past: deque[tuple[float, Vector]] = deque()
+        self._now = 0.0
+        self._base = position
+        self._sigma = 0.0
+        self._target: tuple[Vector, float] = (position, 0.0)
+
+    def observe(self, dt: float, x: Vector) -> None:
+        """The device is at x [m], `dt` seconds after the last time."""
+        self._now += dt
+        past = self._past
+        past.append((self._now, x))
+        while past[0][0] < self._now - self.history:
+            past.popleft()
+
+    def receive(self, position: Vector, age_s: float) -> None:
+        """The world's position [m], which stands for the own position `age_s` ago."""
+        then = self.own(age_s)
+        sigma = max(0.0, 1.0 - math.dist(position, then) / self.distance)
+        self._target = tuple([y - sigma * x for y, x in zip(position, then, strict=True)]), sigma
+
+    def own(self, ago: float) -> Vector:
+        """The own position so long ago [m]; the oldest known, if that is later."""
+        past, wanted = self._past, self._now - ago
+        if wanted <= past[0][0]:
+            return past[0][1]
+        steps = len(past) - 1
+        i = min(steps, max(0, steps - int(ago / max(1e-9, (past[-1][0] - past[0][0]) / max(1, steps)))))
+        while i < steps and past[i][0] < wanted:
+            i += 1
+        while i > 0 and past[i - 1][0] >= wanted:
+            i -= 1
+        return past[i][1]
+
+    def at(self, x: Vector) -> Vector:
+        """y for the own position x [m] now."""
+        return tuple([b + self._sigma * a for b, a in zip(self._base, x, strict=True)])
+
+    def step(self, dt: float, x: Vector, lead: Vector) -> Vector:
+        """y [m], `dt` seconds after the last step; `lead` is added as far as the proxy follows."""
+        gain = dt / (self.smoothing + dt)
+        base, sigma = self._target
+        self._base = tuple([old + gain * (new - old) for old, new in zip(self._base, base, strict=True)])
+        self._sigma += gain * (sigma - self._sigma)
+        return tuple([b + self._sigma * (a + c) for b, a, c in zip(self._base, x, lead, strict=True)])

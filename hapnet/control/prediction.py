@@ -1,0 +1,169 @@
+"""Predicts the device's motion for the world's end of a coupling.
+
+The world receives positions late and in uneven steps. Its proxy follows a set-position with a lag of its own: with the
+implicit integrator it is B'/K' + T/2 behind in steps of T (theory: a ramp through one step of L_dp). So the predictor
+aims ahead by the sample's age plus that lag, and the proxy then stands where the device is now.
+
+A parabola is fitted to all positions of the last 60 ms by least squares. One position per step would leave the velocity
+to two noisy time stamps. A prediction is only another y(k), so it cannot break passivity (end of Section 3).
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+
+from hapnet import checks
+from hapnet.checks import Vector
+from hapnet.control.coupling import CouplingSample, vector_of
+from hapnet.params import ContactModelParams
+
+_DEFAULTS = ContactModelParams()
+
+SHORTEST_SPAN_S = 0.01
+"""A velocity needs positions over this time [s]; a parabola needs three times as much."""
+
+STEP_GAIN = 0.1
+"""Of the running mean of the world's steps: the next step is not known when y is chosen."""
+
+
+class MotionPredictor:
+    """Fits the positions received lately, and continues the fitted motion.
+
+    Parameters
+    ----------
+    window : how far back the fit reaches from the newest position [s].
+    longest : limit of the prediction [s]; a hand may change its mind within its reaction time.
+    longest_curve : for how long an acceleration is predicted to last [s]; beyond it the velocity stays.
+    """
+
+    def __init__(
+        self,
+        window: float = _DEFAULTS.window_s,
+        longest: float = _DEFAULTS.longest_s,
+        longest_curve: float = _DEFAULTS.curve_s,
+    ) -> None:
+        self.window = checks.positive("window", window)
+        self.longest = checks.positive("longest", longest)
+        self.longest_curve = checks.non_negative("longest_curve", longest_curve)
+        self._positions: deque[tuple[float, Vector]] = deque()
+        self._fit: tuple[Vector, Vector, Vector] | None = None
+
+    @property
+    def newest_s(self) -> float | None:
+        """When the newest position was sent, on its sender's clock [s]; None: there is none."""
+        return self._positions[-1][0] if self._positions else None
+
+    def reset(self) -> None:
+        """Forget all positions: their sender was replaced."""
+        self._positions.clear()
+        self._fit = None
+
+    def receive(self, position: Vector, sent_s: float) -> None:
+        """A position arrived [m], with its sender's time stamp [s]. One that was overtaken is used as well."""
+        positions = self._positions
+        if positions and sent_s <= positions[-1][0]:
+            if sent_s < positions[-1][0] - self.window or any(sent_s == stamp for stamp, _ in positions):
+                return
+            positions.append((sent_s, position))
+            ordered = sorted(positions)
+            positions.clear()
+            positions.extend(ordered)
+        else:
+            positions.append((sent_s, position))
+        while positions[0][0] < positions[-1][0] - self.window:
+            positions.popleft()
+        self._fit = None
+
+    def at(self, ahead: float) -> tuple[Vector, float]:
+        """The position `ahead` seconds after the newest, and how far ahead that prediction really is [s].
+
+        There must be a position. The prediction reaches at most `longest` ahead.
+        """
+        if self._fit is None:
+            self._fit = _parabola(self._positions)
+        ahead = min(max(ahead, 0.0), self.longest)
+        curve = min(ahead, self.longest_curve)
+        square = curve * (2.0 * ahead - curve)  # a parabola up to longest_curve, then its tangent
+        position, velocity, half = self._fit
+        predicted = [p + v * ahead + a * square for p, v, a in zip(position, velocity, half, strict=True)]
+        return tuple(predicted), ahead
+
+
+def _parabola(positions: Sequence[tuple[float, Vector]]) -> tuple[Vector, Vector, Vector]:
+    """Position, velocity and half of the acceleration at the newest time, by least squares."""
+    end, newest = positions[-1]
+    still = (0.0,) * len(newest)
+    times = [stamp - end for stamp, _ in positions]
+    span = -times[0]
+    if span < SHORTEST_SPAN_S or len(times) < 2:
+        return newest, still, still
+    # Orthogonal polynomials over the times: 1, t - mean, (t - mean)^2 - b (t - mean) - c.
+    count = len(times)
+    mean = sum(times) / count
+    first = [t - mean for t in times]
+    s2 = sum([p * p for p in first])
+    b, c = sum([p * p * p for p in first]) / s2, s2 / count
+    second = [p * p - b * p - c for p in first]
+    s4 = sum([p * p for p in second])
+    curved = count >= 4 and span >= 3.0 * SHORTEST_SPAN_S and s4 > 1e-9 * s2 * span * span
+    fitted: list[tuple[float, float, float]] = []
+    for axis in range(len(newest)):
+        values = [x[axis] for _, x in positions]
+        level = sum(values) / count
+        slope = sum([p * x for p, x in zip(first, values, strict=True)]) / s2
+        half = sum([p * x for p, x in zip(second, values, strict=True)]) / s4 if curved else 0.0
+        # at t = 0, where t - mean = -mean
+        fitted.append(
+            (level - slope * mean + half * (mean * mean + b * mean - c), slope + half * (-2.0 * mean - b), half)
+        )
+    position, velocity, halves = zip(*fitted, strict=True)
+    return position, velocity, halves
+
+
+class PredictedDevice:
+    """Computes the world's y: where the device will be when the proxy has followed.
+
+    Parameters
+    ----------
+    position : the mass's at the start [m].
+    lag : B'/K' [s]. predictor : predicts the device's motion.
+    """
+
+    def __init__(self, position: Vector, lag: float, predictor: MotionPredictor) -> None:
+        self._lag = lag
+        self._predictor = predictor
+        self.reset(position)
+
+    def reset(self, position: Vector) -> None:
+        """Forget the device's motion: another has taken its place. y continues at `position` [m]."""
+        self._predictor.reset()
+        self._y = position
+        self._age = 0.0
+        self._fresh = False
+        self._step = 0.0
+        self._aimed_s: float | None = None
+
+    def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
+        """The device's position, and how old it is; see `CouplingState.receive`."""
+        self._predictor.receive(vector_of(sample), sent_s)
+        if sent_s == self._predictor.newest_s:
+            self._age = age_s
+            self._fresh = True
+
+    def step(self, dt: float, x: Vector) -> Vector:
+        """y [m], `dt` seconds after the last step."""
+        if not self._fresh:
+            self._age += dt
+        self._fresh = False
+        self._step = dt if not self._step else self._step + STEP_GAIN * (dt - self._step)
+        newest_s = self._predictor.newest_s
+        if newest_s is None:
+            return self._y
+        self._y, ahead = self._predictor.at(self._age + self._lag + self._step / 2.0)
+        self._aimed_s = newest_s + ahead
+        return self._y
+
+    def stands_for(self, dt: float) -> float:
+        """The time on the device's clock for which the proxy stands after a step of `dt` seconds [s]; 0: unknown."""
+        return 0.0 if self._aimed_s is None else max(0.0, self._aimed_s - self._lag + dt / 2.0)

@@ -1,0 +1,103 @@
+"""The feel of set-position couplings: what stands before PSPM, and every number of it, by rule.
+
+``feel = "paper"``: the newest set-position goes to PSPM as it is, every `device.pspm_period_s`.
+``feel = "hapnet"``: the rules below. All of it only chooses y, or adds dissipation, so Theorem 1 holds for both.
+
+| what | rule | source |
+|---|---|---|
+| damping b, added through y | 2 zeta sqrt(K m) - B, zeta = `contact_model.damping_ratio` | critical at zeta = 1 |
+| PSPM | at every tick, harvest measured; positions are sent every `device.pspm_period_s` | least delay |
+| lead | g K^-1 (B + b) v, g = `contact_model.lead`: a part of the drag is cancelled in free motion | (2) |
+| the world's prediction | age of the sample + B'/K' + T/2, T the mean step | lag of the integrator on a ramp |
+| planes told | those within `contact_model.reach_m` | a fast hand, 0.25 m/s, in the longest prediction, 0.2 s |
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from hapnet import checks
+from hapnet.checks import Array
+from hapnet.control.added_damping import AddedDamping
+from hapnet.control.contact_model import ContactModel, OwnMotion
+from hapnet.control.prediction import MotionPredictor, PredictedDevice
+from hapnet.couplings.link_delays import Delays
+from hapnet.couplings.spec import RENDERED_DAMPING, CouplingStart
+from hapnet.params import Params
+
+
+@dataclass(frozen=True)
+class FeelTuning:
+    """contact_model : does the device compute y from the planes that the world tells? If not, the rest is 0.
+
+    lag_s : B'/K'. damping_Ns_m : b. lead_s : the velocity's factor in y. reach_m : planes that are so near are told.
+    """
+
+    contact_model: bool = False
+    lag_s: float = 0.0
+    damping_Ns_m: float = 0.0
+    lead_s: float = 0.0
+    reach_m: float = 0.0
+
+
+def tune(params: Params, link: Delays) -> FeelTuning:
+    """The numbers of the table above."""
+    if params.feel == "paper":
+        return FeelTuning(contact_model=False)
+    device, world = params.device, params.world
+    wanted = 2.0 * params.contact_model.damping_ratio * math.sqrt(_largest(device.stiffness) * device.mass)
+    added = min(max(0.0, wanted - _largest(device.damping)), RENDERED_DAMPING)
+    return FeelTuning(
+        contact_model=True,
+        lag_s=_largest(world.damping) / _smallest(world.stiffness),
+        damping_Ns_m=added,
+        lead_s=params.contact_model.lead * (_largest(device.damping) + added) / _smallest(device.stiffness),
+        reach_m=params.contact_model.reach_m,
+    )
+
+
+def at_device(start: CouplingStart[FeelTuning]) -> ContactModel | None:
+    """What computes the device's y; None: y is the newest set-position."""
+    if not start.tuning.contact_model:
+        return None
+    dof, b = len(start.position), start.tuning.damping_Ns_m
+    stiffness = checks.spd("world.stiffness", start.params.world.stiffness, dof)
+    K = checks.spd("device.stiffness", start.params.device.stiffness, dof)
+    B = np.diag(checks.diagonal("device.damping", start.params.device.damping, dof)) + b * np.eye(dof)
+    model = start.params.contact_model
+    lead = model.lead * np.linalg.solve(K, B)
+    return ContactModel(
+        start.position,
+        compliance=np.linalg.inv(stiffness).tolist(),
+        lead=lead.tolist(),
+        own_motion=OwnMotion(),
+        added=AddedDamping(K.tolist(), np.linalg.inv(K).tolist(), b, RENDERED_DAMPING),
+        lead_s=model.lead_s,
+        fade_s=model.fade_s,
+        shift_s=model.shift_s,
+    )
+
+
+def at_world(start: CouplingStart[FeelTuning]) -> PredictedDevice | None:
+    """What computes the world's y; None: y is the newest set-position."""
+    if not start.tuning.contact_model:
+        return None
+    model = start.params.contact_model
+    predictor = MotionPredictor(model.window_s, model.longest_s, model.curve_s)
+    return PredictedDevice(start.position, start.tuning.lag_s, predictor)
+
+
+def _eigenvalues(matrix: object) -> Array:
+    values = np.asarray(matrix, dtype=float)
+    return np.linalg.eigvalsh(values) if values.ndim == 2 else np.ravel(values)
+
+
+def _largest(matrix: object) -> float:
+    return float(np.max(_eigenvalues(matrix)))
+
+
+def _smallest(matrix: object) -> float:
+    return float(np.min(_eigenvalues(matrix)))

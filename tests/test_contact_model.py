@@ -1,0 +1,231 @@
+"""The device's local contact model against an independent equilibrium, and what happens when the world changes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import minimize
+
+from hapnet.checks import Vector
+from hapnet.control.added_damping import AddedDamping
+from hapnet.control.contact_model import ContactModel, OwnMotion
+from hapnet.control.coupling import Proxy
+from hapnet.mechanics.plane import Plane
+
+K_WORLD, K_WALL, K, B, TICK = 500.0, 3000.0, 100.0, 1.0, 1e-3
+SOFT = K_WALL / (K_WORLD + K_WALL)
+"""The proxy of a device at depth p rests at depth p (1 - SOFT): springs in series."""
+
+
+def model(x: Vector, lead: float = 0.0) -> ContactModel:
+    n = len(x)
+    eye = np.eye(n)
+    return ContactModel(
+        x,
+        compliance=(eye / K_WORLD).tolist(),
+        lead=(eye * lead * B / K).tolist(),
+        own_motion=OwnMotion(),
+        added=AddedDamping((eye * K).tolist(), (eye / K).tolist(), 0.0, 5.0),
+    )
+
+
+def told(planes: tuple[Plane, ...] | None, x: Vector = (0.0,), force: Vector = ()) -> Proxy:
+    return Proxy(x, 1.0, force or (0.0,) * len(x), planes)
+
+
+def wall(offset: float = 0.0, stiffness: float = K_WALL) -> Plane:
+    return Plane((1.0,), offset, stiffness, 10.0)
+
+
+def after(m: ContactModel, x: Vector, seconds: float) -> Vector:
+    y = x
+    for _ in range(round(seconds / TICK)):
+        y = m.step(TICK, x)
+    return y
+
+
+@st.composite
+def places(draw: st.DrawFn) -> tuple[Vector, tuple[Plane, ...]]:
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    n = draw(st.integers(1, 3))
+    planes = []
+    for _ in range(draw(st.integers(1, n))):
+        normal = rng.standard_normal(n)
+        normal /= np.linalg.norm(normal)
+        planes.append(Plane(tuple(normal.tolist()), rng.uniform(-0.01, 0.01), 10 ** rng.uniform(2, 4), 0.0))
+    return tuple(rng.uniform(-0.03, 0.03, n).tolist()), tuple(planes)
+
+
+@settings(max_examples=40, deadline=None)
+@given(places())
+def test_the_proxy_rests_where_the_energy_is_least(place: tuple[Vector, tuple[Plane, ...]]) -> None:
+    """Independent: minimise the energy of all springs over the proxy's position, with scipy."""
+    x, planes = place
+    m = model(x)
+    normals, offsets = np.array([p.normal for p in planes]), np.array([p.offset_m for p in planes])
+    outside = np.linalg.lstsq(normals, offsets - 1e-3, rcond=None)[0]  # a proxy that touches nothing shifts nothing
+    m.receive(told(planes, tuple(outside.tolist())), 0.0, 0.0)
+    y = after(m, x, 0.2)
+
+    def energy(s: np.ndarray) -> float:
+        depths = [max(0.0, float(np.dot(p.normal, s)) - p.offset_m) for p in planes]
+        walls = sum(0.5 * p.stiffness * d * d for p, d in zip(planes, depths, strict=True))
+        return 1e3 * (0.5 * K_WORLD * float(np.sum((s - np.array(x)) ** 2)) + walls)
+
+    least = minimize(
+        energy, np.array(x), method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-13, "maxiter": 4000}
+    )
+    assert energy(np.array(y)) <= least.fun * 1.02 + 1e-9
+
+
+def test_a_wall_is_felt_as_the_springs_in_series() -> None:
+    m = model((0.01,))
+    m.receive(told((wall(),)), 0.0, 0.0)
+    assert after(m, (0.01,), 0.1)[0] == pytest.approx(0.01 * (1.0 - SOFT), rel=1e-6)
+
+
+def test_free_motion_cancels_its_share_of_the_drag() -> None:
+    """Force K (y - x) at a steady velocity: the lead's share of B v."""
+    m, v = model((0.0,), lead=0.5), 0.067
+    for k in range(450):  # an older answer would drag
+        x = (v * TICK * k,)
+        y = m.step(TICK, x)
+    assert K * (y[0] - x[0]) == pytest.approx(0.5 * B * v, rel=0.03)
+
+
+@pytest.mark.parametrize(("before", "now"), [
+    ((wall(),), ()),
+    ((), (wall(),)),
+    ((wall(),), (wall(0.003),)),
+    ((wall(),), (wall(0.0, K_WALL / 3.0),)),
+    ((wall(),), (wall(0.0, K_WALL * 3.0),)),
+    ((wall(),), None),
+])  # fmt: skip
+def test_a_change_takes_effect_without_a_jump_and_is_over_after_100_ms(
+    before: tuple[Plane, ...], now: tuple[Plane, ...] | None
+) -> None:
+    x = (0.01,)
+    m = model(x)
+    m.receive(told(before), 0.0, 0.0)
+    y = after(m, x, 0.5)
+    m.receive(told(now, (-0.001,)), 0.5, 0.0)
+    steps = []
+    for _ in range(100):
+        later = m.step(TICK, x)
+        steps.append(abs(later[0] - y[0]))
+        y = later
+    whole = 0.01  # the farthest that anything moves here
+    assert max(steps) <= whole * TICK / (0.005 + TICK) * 1.01
+    if now is not None:
+        alone = model(x)
+        alone.receive(told(now, (-0.001,)), 0.0, 0.0)
+        assert y[0] == pytest.approx(after(alone, x, 0.5)[0], abs=1e-6)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(-0.003, 0.003), st.floats(0.3, 3.0), st.floats(0.005, 0.02))
+def test_a_wrong_plane_is_corrected_by_what_the_proxy_feels(error: float, factor: float, x: float) -> None:
+    """The world says a plane that is shifted and of another stiffness, and where its proxy is and what it feels."""
+    proxy = x * (1.0 - SOFT)  # of the true wall, at 0
+    force = K_WALL * proxy
+    m = model((x,))
+    for _ in range(20):
+        m.receive(told((wall(error, factor * K_WALL),), (proxy,), (-force,)), 0.0, 0.0)
+        y = after(m, (x,), 0.03)
+    assert K * (x - y[0]) == pytest.approx(K * (x - proxy), rel=0.01)
+
+
+def test_a_plane_in_front_of_which_the_proxy_does_not_stop_gives_way() -> None:
+    m = model((0.01,))
+    for _ in range(20):
+        m.receive(told((wall(),), (0.01,)), 0.0, 0.0)  # 10 mm behind the plane, and feels nothing
+        y = after(m, (0.01,), 0.03)
+    assert y[0] == pytest.approx(0.01, abs=1e-5)
+
+
+def test_a_shift_is_forgotten_out_of_contact() -> None:
+    m = model((0.01,))
+    m.receive(told((wall(0.003),), (0.01 * (1 - SOFT),), (-K_WALL * 0.01 * (1 - SOFT),)), 0.0, 0.0)
+    after(m, (0.01,), 0.3)
+    assert m.shift[0] == pytest.approx(-0.003, rel=0.02)
+    m.receive(told((wall(0.003),), (-0.01,)), 0.0, 0.0)
+    after(m, (-0.01,), 3.0)
+    assert abs(m.shift[0]) < 1e-5
+
+
+def test_a_moving_plane_goes_on_for_a_fifth_of_a_second() -> None:
+    m = model((0.01,))
+    m.receive(told((Plane((1.0,), 0.0, K_WALL, 0.0, 0.02),)), 0.0, 0.05)
+    assert after(m, (0.01,), 0.1)[0] == pytest.approx(0.01 - (0.01 - 0.02 * 0.15) * SOFT, rel=0.01)
+    assert after(m, (0.01,), 1.0)[0] == pytest.approx(0.01 - (0.01 - 0.02 * 0.2) * SOFT, abs=2e-4)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_random_planes_in_every_message_move_y_smoothly(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    m, x = model((0.0, 0.0)), (0.0, 0.0)
+    y = m.step(TICK, x)
+    for k in range(600):
+        x = (0.01 * math.sin(0.01 * k), 0.01 * math.cos(0.01 * k) - 0.01)
+        if k % 30 == 0:
+            normal = rng.standard_normal(2)
+            normal /= np.linalg.norm(normal)
+            plane = Plane(tuple(normal.tolist()), rng.uniform(-0.02, 0.02), 10 ** rng.uniform(2, 4), 0.0)
+            m.receive(told((plane,), tuple(rng.uniform(-0.02, 0.02, 2).tolist())), 0.0, 0.1)
+        later = m.step(TICK, x)
+        assert math.dist(later, y) < 0.06 * TICK / (0.005 + TICK)
+        y = later
+
+
+def test_without_planes_free_motion_follows_the_own_motion_and_contact_the_answer() -> None:
+    m, delay, v = model((0.0,)), 0.1, 0.067
+    for k in range(1000):
+        t = TICK * k
+        if k % 30 == 0:
+            m.receive(told(None, (v * max(0.0, t - delay),)), 0.0, delay)  # the proxy was exactly where the device was
+        y = m.step(TICK, (v * t,))
+    assert y[0] == pytest.approx(v * t, abs=5e-4)  # a half of a tick and the settling of sigma
+    for _ in range(20):
+        m.receive(told(None, (v * t - 0.02,)), 0.0, delay)  # the hand holds still, the proxy is held 20 mm before it
+        y = after(m, (v * t,), 0.03)
+    assert y[0] == pytest.approx(v * t - 0.02, abs=1e-4)
+
+
+def test_a_new_world_is_waited_for_where_y_was() -> None:
+    m, x = model((0.01,)), (0.01,)
+    m.receive(told((wall(),)), 0.0, 0.0)
+    y = after(m, x, 0.2)
+    m.reset(y)
+    first = m.step(TICK, x)
+    assert abs(first[0] - y[0]) < 0.01 * TICK / 0.005
+    assert after(m, x, 0.1) == pytest.approx(x, abs=1e-6)
+
+
+def test_an_old_answer_drags_and_a_fresh_one_does_not() -> None:
+    """5 Ns/m at an age of 1.5 s; none below 0.5 s."""
+    for age, wanted in ((0.0, 0.0), (0.4, 0.0), (1.0, 2.5), (3.0, 5.0)):
+        m, v = model((0.0,)), 0.05
+        for k in range(200):
+            m.receive(told(()), 0.0, age)
+            y = m.step(TICK, (v * TICK * k,))
+        assert K * (v * TICK * 199 - y[0]) == pytest.approx(wanted * v, rel=0.01, abs=1e-9)
+
+
+def test_a_swing_without_planes_is_damped_and_the_damping_goes() -> None:
+    added = AddedDamping(((K,),), ((1.0 / K,),), 0.0, 5.0)
+    velocity = [0.0]
+    for k in range(3000):
+        t = TICK * k
+        x, v = 0.002 * math.sin(38.0 * t), 0.002 * 38.0 * math.cos(38.0 * t)
+        y = added.step(TICK, (x,), (x - 0.3 / K * math.sin(38.0 * t + 1.0),), 0.0, swings=True)
+        damper = K * (y[0] - (x - 0.3 / K * math.sin(38.0 * t + 1.0)))
+        velocity.append(-damper * v)
+    assert sum(velocity[1000:]) * TICK > 0.8 * 5.0 * (0.002 * 38.0) ** 2 / 2.0 * 2.0  # most of b v^2, on average
+    for _ in range(12_000):
+        added.step(TICK, (0.0,), (0.01,), 0.0, swings=True)
+    assert added.step(TICK, (0.0,), (0.01,), 0.0, swings=True) == (0.01,)

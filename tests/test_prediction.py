@@ -1,0 +1,96 @@
+"""The world's prediction of the device: exact for what it assumes, bounded otherwise, and in step with the proxy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hapnet.control.prediction import MotionPredictor, PredictedDevice
+from hapnet.params import ContactModelParams
+from hapnet.plant.integrator import PassiveIntegrator
+from hapnet.plant.worlds.walls import Contacts
+
+NUMBERS = st.floats(-2.0, 2.0)
+LIMITS = ContactModelParams()
+
+
+def fed(times: list[float], motion: np.poly1d, **limits: float) -> MotionPredictor:
+    predictor = MotionPredictor(**limits)
+    for t in times:
+        predictor.receive((float(motion(t)), -float(motion(t))), t)
+    return predictor
+
+
+@given(NUMBERS, NUMBERS, NUMBERS, st.floats(0.0, 0.1), st.integers(0, 2**32 - 1))
+def test_a_parabola_is_continued_exactly(a: float, b: float, c: float, ahead: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    times = [*np.sort(5.0 + rng.uniform(0.0, 0.06, 8)).tolist(), 5.0, 5.06]
+    motion = np.poly1d([a, b, c])
+    predicted, reached = fed(sorted(times), motion).at(ahead)
+    wanted = motion(5.06 + ahead)
+    assert reached == ahead
+    assert predicted == pytest.approx((wanted, -wanted), abs=1e-6)
+
+
+def test_beyond_a_tenth_of_a_second_the_velocity_stays_and_beyond_a_fifth_nothing_is_predicted() -> None:
+    predictor = fed([0.005 * k for k in range(13)], np.poly1d([1.0, 0.0, 0.0]))  # x = t^2, newest at 0.06 s
+    at_limit = 0.16**2 + 2 * 0.16 * 0.1  # the parabola to 0.16 s, then its tangent
+    assert predictor.at(0.2) == (pytest.approx((at_limit, -at_limit)), LIMITS.longest_s)
+    assert predictor.at(5.0) == predictor.at(0.2)
+
+
+def test_noise_is_averaged_as_least_squares_averages_it() -> None:
+    """An independent fit, numpy's, gives the same."""
+    rng = np.random.default_rng(1)
+    times = np.arange(13) * 0.005
+    values = np.sin(7.0 * times) + 1e-3 * rng.standard_normal(13)
+    predictor = MotionPredictor()
+    for t, x in zip(times.tolist(), values.tolist(), strict=True):
+        predictor.receive((x,), t)
+    predicted, _ = predictor.at(0.05)
+    assert predicted[0] == pytest.approx(np.polyval(np.polyfit(times, values, 2), 0.06 + 0.05), abs=1e-9)
+
+
+@given(st.permutations(range(12)))
+def test_the_order_of_arrival_does_not_matter(order: list[int]) -> None:
+    motion = np.poly1d([0.5, 1.0, 2.0])
+    stamps = [0.005 * k for k in range(12)]
+    mixed = fed([stamps[k] for k in order if k != 11] + [stamps[11]], motion)
+    assert mixed.at(0.1)[0] == pytest.approx(fed(stamps, motion).at(0.1)[0], abs=1e-9)
+
+
+def test_what_comes_twice_counts_once_and_too_few_positions_give_no_velocity() -> None:
+    predictor = MotionPredictor()
+    for _ in range(3):
+        predictor.receive((1.0,), 1.0)
+    predictor.receive((1.5,), 1.001)
+    assert predictor.at(0.1)[0] == (1.5,)
+    predictor.reset()
+    assert predictor.newest_s is None
+
+
+@pytest.mark.parametrize("step", [0.001, 0.005, 0.03, 0.05])
+@pytest.mark.parametrize("age", [0.0, 0.02, 0.08])
+def test_the_proxy_of_a_steady_motion_stands_where_the_device_is(step: float, age: float) -> None:
+    """B'/K' + T/2 is what the integrator lags behind a ramp (its step is a discrete first-order lag, for M -> 0)."""
+    speed, damping, stiffness = 0.1, 14.0, 500.0
+    mass = PassiveIntegrator(1e-9, damping, stiffness, (0.0,))
+    mass.adopt(Contacts((), 1))
+    source = PredictedDevice((0.0,), damping / stiffness, MotionPredictor())
+    clock = 77.0  # the device's clock is so much ahead
+    now = 0.0
+    for _ in range(round(1.0 / step)):
+        for sent in np.arange(0.005 * np.ceil((now - age - 0.06) / 0.005), now - age + 1e-9, 0.005).tolist():
+            source.receive((speed * sent,), sent + clock, now - sent)
+        mass.step(step, source.step(step, mass.position), Contacts((), 1))
+        now += step
+    assert mass.position[0] == pytest.approx(speed * now, abs=1e-6)
+    assert source.stands_for(step) - clock == pytest.approx(now, abs=1e-9)
+
+
+def test_nothing_known_yet() -> None:
+    source = PredictedDevice((0.5,), 0.03, MotionPredictor())
+    assert source.step(0.01, (0.0,)) == (0.5,)
+    assert source.stands_for(0.01) == 0.0
