@@ -264,7 +264,7 @@ class WireParams:
     )
 
 
-_BEFORE: Mapping[str, object] = {"feel": "paper"}
+_BEFORE: Mapping[str, object] = {"feel": "paper", "operator_hand.start_periods": 0.0, "operator_hand.end_hold_s": 0.0}
 """What recordings without such an entry were made with."""
 
 

@@ -149,7 +149,9 @@ def test_a_plane_in_front_of_which_the_proxy_does_not_stop_gives_way() -> None:
 
 def test_a_shift_is_forgotten_out_of_contact() -> None:
     m = model((0.01,))
-    m.receive(told((wall(0.003),), (0.01 * (1 - SOFT),), (-K_WALL * 0.01 * (1 - SOFT),)), 0.0, 0.0)
+    for _ in range(2):  # what a plane says in its first message proves nothing
+        m.receive(told((wall(0.003),), (0.01 * (1 - SOFT),), (-K_WALL * 0.01 * (1 - SOFT),)), 0.0, 0.0)
+        after(m, (0.01,), 0.01)
     after(m, (0.01,), 0.3)
     assert m.shift[0] == pytest.approx(-0.003, rel=0.02)
     m.receive(told((wall(0.003),), (-0.01,)), 0.0, 0.0)

@@ -38,6 +38,13 @@ _DEFAULTS = ContactModelParams()
 FORGET_S = 0.5
 """Time constant with which that shift goes when there is no contact [s]."""
 
+SETTLED_MPS = 0.02
+"""A proxy that moves faster along a normal says nothing about the plane [m/s]: its force is the mean over a step, its
+position the step's end. In contact it moves seven times slower than the hand, with the default springs."""
+
+SAME_M, SAME_COSINE, SAME_STIFFNESS = 1e-3, 0.95, 1.2
+"""Two planes, told one after the other, are the same surface if they differ by less."""
+
 SWEEPS = 32
 """The most Gauss-Seidel sweeps over the planes. Orthogonal ones need one, and one more to see it."""
 
@@ -89,7 +96,8 @@ class ContactModel:
         self._planes: tuple[_Told, ...] | None = ()
         self._shift = self._fading = self._still
         self._wanted_shift: Vector | None = None
-        self._pending: tuple[Proxy, float] | None = None
+        self._pending: tuple[Proxy, float, float] | None = None
+        self._earlier: tuple[Vector, float] | None = None
         self._age = 0.0
         self._filtered: Vector | None = None
         self._freedom = 1.0
@@ -105,7 +113,7 @@ class ContactModel:
         """The world's newest answer, and how old it is; see `CouplingState.receive`."""
         if not isinstance(sample, Proxy):
             sample = Proxy(vector_of(sample), 0.0, self._still, None)
-        self._pending = sample, age_s
+        self._pending = sample, sent_s, age_s
 
     def step(self, dt: float, x: Vector) -> Vector:
         """y [m] at the position x [m], `dt` seconds after the last step."""
@@ -128,7 +136,7 @@ class ContactModel:
 
     # -- what the world told ------------------------------------------------------------------------------------------
 
-    def _take(self, told: Proxy, age_s: float, x: Vector) -> None:
+    def _take(self, told: Proxy, sent_s: float, age_s: float, x: Vector) -> None:
         self._pending = None
         before = self._model(x)
         self._age = age_s
@@ -136,8 +144,9 @@ class ContactModel:
             self._own_motion.receive(told.position, age_s)
             self._planes = None
         else:
+            earlier = self._planes or ()
             self._planes = tuple([_Told(plane, self._compliance) for plane in told.planes])
-            self._wanted_shift = self._shift_wanted(told)
+            self._wanted_shift = self._shift_wanted(told, self._velocity(told.position, sent_s), earlier)
         after = self._model(x)
         if after != before:
             self._fading = tuple(map(add, self._fading, map(sub, before, after)))
@@ -148,12 +157,25 @@ class ContactModel:
             return self._own_motion.at(x)
         return self._rest(x, self._planes)[0]
 
-    def _shift_wanted(self, told: Proxy) -> Vector | None:
-        """The shift with which the told planes agree with the proxy's own position and force; None: nothing known."""
+    def _velocity(self, position: Vector, sent_s: float) -> Vector:
+        """The proxy's, since the message before [m/s]; zero with the first."""
+        earlier, self._earlier = self._earlier, (position, sent_s)
+        if earlier is None or sent_s <= earlier[1]:
+            return self._still
+        return tuple([(new - old) / (sent_s - earlier[1]) for old, new in zip(earlier[0], position, strict=True)])
+
+    def _shift_wanted(self, told: Proxy, velocity: Vector, earlier: Sequence[_Told]) -> Vector | None:
+        """The shift with which the told planes agree with the proxy's own position and force; None: nothing known.
+
+        The force is of the step that has ended, so a plane that was not there before it proves nothing yet.
+        """
         assert self._planes is not None
         wanted: list[float] = [0.0] * self._dof
         known = False
         for one in self._planes:
+            moving = abs(sum(map(mul, one.normal, velocity))) > SETTLED_MPS
+            if moving or not any(one.same(other, told.position) for other in earlier):
+                return self._shift
             depth = sum(map(mul, one.normal, told.position)) - one.offset
             force = -sum(map(mul, one.normal, told.force))
             if force > 0.0:
@@ -233,6 +255,14 @@ class _Told:
         """K'^-1 n [m/N]."""
         self.softness = 1.0 / plane.stiffness + sum(map(mul, plane.normal, self.response))
         """Depth of the device per force, through the wall's spring and the virtual coupling [m/N]."""
+
+    def same(self, other: _Told, position: Vector) -> bool:
+        """Is this the same surface, near enough, for a proxy at `position` [m]?"""
+        apart = (
+            sum(map(mul, self.normal, position)) - self.offset - sum(map(mul, other.normal, position)) + other.offset
+        )
+        alike = 1.0 / SAME_STIFFNESS < self.stiffness / other.stiffness < SAME_STIFFNESS
+        return alike and abs(apart) < SAME_M and sum(map(mul, self.normal, other.normal)) > SAME_COSINE
 
     def now(self, age: float) -> float:
         """The plane's offset now [m]: a moving one goes on for a while."""
