@@ -213,10 +213,10 @@ def test_a_tenth_saves_most_messages_and_costs_less_than_a_tenth_of_the_force() 
 @pytest.mark.parametrize("servo", ["continuous", "sampled"])
 def test_the_energy_that_is_shuffled_is_not_held_back(servo: str) -> None:
     """With the widest band, most ticks that shuffle send no position; the energy goes all the same, and as soon."""
-    simulation, result = run(operator="sine", wire__deadband=1.0, device__servo=servo)
+    simulation, result = run(feel="paper", operator="sine", wire__deadband=1.0, device__servo=servo)
     up = result.summary["energy"]["up"]
     assert up["sent_nJ"] == up["credited_nJ"] > 1_000_000
-    whole, _ = run(operator="sine", device__servo=servo)
+    whole, _ = run(feel="paper", operator="sine", device__servo=servo)
     assert messages(simulation) < 0.3 * messages(whole)
     energy = [s.up.stats.offered - s.device_endpoint.session.positions.next_sequence for s in (simulation, whole)]
     assert energy[0] > 0.8 * energy[1]
