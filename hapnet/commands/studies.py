@@ -1,23 +1,31 @@
-"""Runs the cases of a journal that have no result, for `hapnet sweep` and `hapnet compare`."""
+"""Runs the cases of a journal that have no result, for `hapnet sweep`, `hapnet compare` and `hapnet tune`."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from hapnet.commands import output
 from hapnet.commands.progress import Progress
-from hapnet.errors import HapnetError
-from hapnet.study.backend import Backend
+from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.simulation.processes import usable_cores
+from hapnet.study.backend import Backend, local_workers
+from hapnet.study.case import check
 from hapnet.study.journal import Journal
 from hapnet.study.runner import Sweep
+from hapnet.study.spec import Case, Spec, params_of
+from hapnet.study.task import reason
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 INTERRUPTED = 130
+
+REASONS = 3
+"""Of many reasons or warnings the most frequent ones are shown."""
 
 
 @dataclass(frozen=True)
@@ -43,8 +51,17 @@ class StudyOutcome:
         return INTERRUPTED
 
 
-def run_missing(words: Console, journal: Journal, doing: str, backend: Callable[[int], Backend]) -> StudyOutcome:
+def run_missing(
+    words: Console,
+    journal: Journal,
+    doing: str,
+    backend: Callable[[int], Backend],
+    rounds: Iterable[object] = (None,),
+    most: int = 0,
+) -> StudyOutcome:
     """Run the cases of `journal` that have no result, on ``backend(number of these cases)``.
+
+    rounds : each step of it may add cases, which are run before the next step. most : so many there may be in the end.
 
     Raises
     ------
@@ -54,21 +71,75 @@ def run_missing(words: Console, journal: Journal, doing: str, backend: Callable[
         text = f"hapnet {journal.other_version} ran the first of these cases: its results are kept, and may differ"
         output.show_warnings(words, (text,))
     total, before, _ = journal.count()
+    most = max(most, total)
     began = time.monotonic()
     stopped: KeyboardInterrupt | HapnetError | None = None
-    if before < total:
-        workers: Backend | None = None
-        try:
-            workers = backend(total - before)
-            with Progress(words, doing, total, "cases") as progress:
-                Sweep(journal, workers, progress.update).run()
-        except (KeyboardInterrupt, HapnetError) as ended:
-            if workers is None and isinstance(ended, HapnetError):
-                raise
-            stopped = ended
-        finally:
-            if workers is not None:
-                workers.close()
+    workers: Backend | None = None
+    try:
+        with Progress(words, doing, most, "cases") as progress:
+            for _ in rounds:
+                total, done, _ = journal.count()
+                if done < total:
+                    workers = workers or backend(most - done)
+                    Sweep(journal, workers, progress.update).run()
+    except (KeyboardInterrupt, HapnetError) as ended:
+        if workers is None and isinstance(ended, HapnetError):
+            raise
+        stopped = ended
+    finally:
+        if workers is not None:
+            workers.close()
     lasted_s = time.monotonic() - began
     total, done, failed = journal.count()
-    return StudyOutcome(total, before, done, failed, lasted_s, stopped)
+    return StudyOutcome(total if stopped is None else most, before, done, failed, lasted_s, stopped)
+
+
+def local_or_dask(words: Console, workers: int, dask: str | None, cases: int) -> Backend:
+    """`workers` processes of this machine (0: one per core; no more than `cases`), or those of the scheduler at `dask`.
+
+    Raises
+    ------
+    InvalidParameter, HapnetError : as `DaskCluster` does.
+    """
+    if dask is None:
+        return local_workers(min(workers or usable_cores(), cases))
+    from hapnet.study.cluster import DaskCluster
+
+    cluster = DaskCluster(dask)
+    if cluster.threaded:
+        output.show_warnings(words, ("the cluster's workers have several threads; dask worker --nthreads 1 is faster",))
+    return cluster
+
+
+def check_cases(words: Console, spec: Spec, cases: Sequence[Case]) -> None:
+    """Check the cases before any is run, and print what is wrong; raises HapnetError if none can run."""
+    sets: dict[str, list[Case]] = {}
+    for case in cases:
+        sets.setdefault(case.parameters, []).append(case)
+    warnings = Counter[str]()
+    wrong: list[str] = []
+    with Progress(words, "checking", len(sets), "sets of parameters") as progress:
+        for done, alike in enumerate(sets.values(), 1):
+            try:
+                warnings.update(check(params_of(spec.fixed, alike[0].values)))
+            except Exception as error:  # a user's own scene may raise anything
+                wrong += [reason(error)] * len(alike)
+            progress.update(done)
+    if len(wrong) == len(cases):
+        raise HapnetError(f"no case can run; the first: {wrong[0]}")
+    if wrong:
+        line = f"{len(wrong)} of {len(cases)} cases cannot run; the first: {wrong[0]}"
+        words.print(line, style="yellow", markup=False)
+    for warning, times in warnings.most_common(REASONS):
+        output.show_warnings(words, (f"{warning} (in {times} of {len(sets)} sets of parameters)",))
+
+
+def assigned(flag: str, given: Sequence[str]) -> dict[str, str]:
+    """The names and values of several NAME=VALUE. Raises InvalidParameter."""
+    found: dict[str, str] = {}
+    for word in given:
+        name, equals, value = word.partition("=")
+        if not equals:
+            raise InvalidParameter(flag, word, "NAME=VALUE")
+        found[name.strip()] = value.strip()
+    return found

@@ -9,23 +9,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hapnet.commands import output
-from hapnet.commands.progress import Progress
-from hapnet.commands.studies import run_missing
-from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.commands.studies import REASONS, assigned, check_cases, local_or_dask, run_missing
+from hapnet.errors import InvalidParameter
 from hapnet.params import Params
-from hapnet.simulation.processes import usable_cores
 from hapnet.study import export
-from hapnet.study.backend import Backend, local_workers
-from hapnet.study.case import check
 from hapnet.study.journal import NAME, Journal
-from hapnet.study.spec import SEED, Case, Spec, Values, params_of, value_words
-from hapnet.study.task import reason
+from hapnet.study.spec import SEED, Case, Spec, value_words
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 _SHOWN = 3  # cases that --dry-run shows at each end of the list
-_REASONS = 3
 
 
 @dataclass(frozen=True)
@@ -49,13 +43,13 @@ def run(file: Path, assignments: list[str], how: Options, json_to: str | None, o
     if how.dask is not None and how.workers:
         raise InvalidParameter("--workers", how.workers, "left out with --dask: the cluster has its own")
     words = output.console(json_to)
-    spec = Spec.read(file, _assigned("--set", assignments))
+    spec = Spec.read(file, assigned("--set", assignments))
     directory = out or Path("runs") / f"sweep-{spec.name}"
     cases = spec.cases()
     if (twice := spec.count - len(cases)) > 0:
         words.print(f"{twice} cases are repetitions in the spec: each case is run once")
     if how.dry_run or how.fresh or not (directory / NAME).exists():
-        _check(words, spec, cases)
+        check_cases(words, spec, cases)
     if how.dry_run:
         _show(words, spec, cases, directory)
         return 0
@@ -82,7 +76,7 @@ def plot(
 
     journal = Journal.look(directory)
     try:
-        found = grid(journal, x, y, metric, _assigned("--where", where), _units())
+        found = grid(journal, x, y, metric, assigned("--where", where), _units())
     finally:
         journal.close()
     figure = draw(found, stat, where, journal.name)
@@ -100,7 +94,7 @@ def _run(
     total, before, _ = journal.count()
     if before or again:
         words.print(f"{before} of {total} cases are done{f'; {again} failed and are run again' * bool(again)}")
-    ran = run_missing(words, journal, "sweeping", lambda cases: _backend(words, how, cases))
+    ran = run_missing(words, journal, "sweeping", lambda cases: local_or_dask(words, how.workers, how.dask, cases))
     written = output.Written()
     columns = export.table(journal)
     files: list[Path] = []
@@ -117,7 +111,7 @@ def _run(
     reasons = Counter(error for error in columns["error"] if error is not None)
     if failed:
         words.print(f"{failed} of {total} cases failed:", style="yellow")
-        for why, times in reasons.most_common(_REASONS):
+        for why, times in reasons.most_common(REASONS):
             words.print(f"  {times} x {why}", markup=False)
     if files:
         figure = f"; a figure: hapnet sweep plot {directory}" * (done > failed)
@@ -130,40 +124,6 @@ def _run(
     return written.code(output.INCOMPLETE if failed else 0)
 
 
-def _check(words: Console, spec: Spec, cases: list[Case]) -> None:
-    """Check the cases before any is run, and print what is wrong; raises HapnetError if none can run."""
-    sets: dict[str, list[Case]] = {}
-    for case in cases:
-        sets.setdefault(case.parameters, []).append(case)
-    warnings = Counter[str]()
-    wrong: list[str] = []
-    with Progress(words, "checking", len(sets), "sets of parameters") as progress:
-        for done, alike in enumerate(sets.values(), 1):
-            try:
-                warnings.update(check(params_of(spec.fixed, alike[0].values)))
-            except Exception as error:  # a user's own scene may raise anything
-                wrong += [reason(error)] * len(alike)
-            progress.update(done)
-    if len(wrong) == len(cases):
-        raise HapnetError(f"no case can run; the first: {wrong[0]}")
-    if wrong:
-        line = f"{len(wrong)} of {len(cases)} cases cannot run; the first: {wrong[0]}"
-        words.print(line, style="yellow", markup=False)
-    for warning, times in warnings.most_common(_REASONS):
-        output.show_warnings(words, (f"{warning} (in {times} of {len(sets)} sets of parameters)",))
-
-
-def _backend(words: Console, how: Options, cases: int) -> Backend:
-    if how.dask is None:
-        return local_workers(min(how.workers or usable_cores(), cases))
-    from hapnet.study.cluster import DaskCluster
-
-    cluster = DaskCluster(how.dask)
-    if cluster.threaded:
-        output.show_warnings(words, ("the cluster's workers have several threads; dask worker --nthreads 1 is faster",))
-    return cluster
-
-
 def _show(words: Console, spec: Spec, cases: list[Case], directory: Path) -> None:
     seeds = len({case.seed for case in cases})
     words.print(f"{len(cases)} cases, {seeds} seed{'s' * (seeds != 1)}, into {directory}", markup=False)
@@ -172,17 +132,6 @@ def _show(words: Console, spec: Spec, cases: list[Case], directory: Path) -> Non
             words.print("  ...")
         told = [f"{name} = {value_words(name, value)}" for name, value in case.values.items()]
         words.print(f"  {case.number}: {', '.join([*told, f'{SEED} = {case.seed}'])}", markup=False)
-
-
-def _assigned(flag: str, given: list[str]) -> dict[str, str]:
-    """The names and values of several NAME=VALUE."""
-    found: Values = {}
-    for word in given:
-        name, equals, value = word.partition("=")
-        if not equals:
-            raise InvalidParameter(flag, word, "NAME=VALUE")
-        found[name.strip()] = value.strip()
-    return found
 
 
 def _units() -> dict[str, str]:

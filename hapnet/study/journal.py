@@ -1,4 +1,4 @@
-"""The journal of a sweep, one SQLite file: its cases, and the results of those that were run.
+"""The journal of a sweep or a tuning, one SQLite file: its cases, and the results of those that were run.
 
 Only the sweep's own process writes it, with several results in a transaction. Whatever ends that process, the file
 holds every committed transaction and nothing of an uncommitted one, and the next process continues from there.
@@ -37,6 +37,10 @@ CREATE TABLE cases (number INTEGER PRIMARY KEY, key TEXT UNIQUE NOT NULL, seed I
 CREATE TABLE results (number INTEGER PRIMARY KEY REFERENCES cases, measures TEXT NOT NULL, error TEXT, wall_s REAL,
                       worker TEXT);
 """
+_ROWS = (
+    "SELECT number, varied, seed, key, results.number IS NOT NULL, measures, error, wall_s, worker "
+    "FROM cases LEFT JOIN results USING (number)"
+)
 
 
 @dataclass(frozen=True)
@@ -117,14 +121,22 @@ class Journal:
 
     def rows(self) -> Iterator[Row]:
         """All cases, in their order."""
-        query = (
-            "SELECT number, varied, seed, key, results.number IS NOT NULL, measures, error, wall_s, worker "
-            "FROM cases LEFT JOIN results USING (number) ORDER BY number"
-        )
         with _readable(self.path):
-            for number, varied, seed, key, done, measures, *rest in self._db.execute(query):
-                case = Case(number, json.loads(varied), seed, key)
-                yield Row(case, bool(done), json.loads(measures) if done else {}, *rest)
+            for found in self._db.execute(f"{_ROWS} ORDER BY number"):
+                yield _row(found)
+
+    def find(self, keys: Sequence[str]) -> list[Row]:
+        """The cases with these keys, in this order. All must be there."""
+        with _readable(self.path):
+            return [_row(self._db.execute(f"{_ROWS} WHERE key = ?", (key,)).fetchone()) for key in keys]
+
+    def add(self, cases: Sequence[Case]) -> None:
+        """Add those cases that are not there yet. Their numbers go on from the last one's."""
+        with _readable(self.path), self._db:
+            (number,) = self._db.execute("SELECT count(*) FROM cases").fetchone()
+            for case in cases:
+                row = number, case.key, case.seed, json.dumps(case.values)
+                number += self._db.execute("INSERT OR IGNORE INTO cases VALUES (?, ?, ?, ?)", row).rowcount
 
     def record(self, results: Sequence[CaseResult]) -> None:
         """Add results; they are on the disk when this returns. Raises HapnetError if they cannot be written."""
@@ -158,6 +170,11 @@ class Journal:
             f"{self.path} is of another spec: {len(now - before)} cases are new, {len(before - now)} are gone, "
             f"{len(now & before)} are the same; --out for another directory, or --fresh to discard its results"
         )
+
+
+def _row(found: Sequence[Any]) -> Row:
+    number, varied, seed, key, done, measures, *rest = found
+    return Row(Case(number, json.loads(varied), seed, key), bool(done), json.loads(measures) if done else {}, *rest)
 
 
 def _begin(connection: sqlite3.Connection, spec: Spec, cases: Sequence[Case]) -> None:

@@ -84,28 +84,31 @@ class Spec:
         ------
         InvalidParameter : it cannot be read, or an entry is not allowed; the message names the entry.
         """
-        try:
-            table = tomllib.loads(file.read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            why = error.strerror if isinstance(error, OSError) else error
-            raise InvalidParameter("SPEC", str(file), f"a TOML file ({why})") from None
+        table = table_of(file)
         for word in table:
-            _known("table", word, ("fixed", "vary"), "[fixed], or [vary]")
-        fixed, vary = table.get("fixed", {}), table.get("vary", [])
+            known("table", word, ("fixed", "vary"), "[fixed], or [vary]")
+        return cls.of(file.stem, table, assignments)
+
+    @classmethod
+    def of(
+        cls, name: str, table: Values, assignments: Mapping[str, object] | None = None, section: str = "vary"
+    ) -> Spec:
+        """The spec in `table`, with what varies under `section`; raises as `read` does."""
+        fixed, vary = table.get("fixed", {}), table.get(section, [])
         blocks = vary if isinstance(vary, list) else [vary]
         if not isinstance(fixed, Mapping):
             raise InvalidParameter("fixed", fixed, "a table, [fixed]")
         if not blocks or not all(isinstance(block, Mapping) and block for block in blocks):
-            raise InvalidParameter("vary", vary, "a table [vary] of what varies, or several [[vary]]")
+            raise InvalidParameter(section, vary, f"a table [{section}] of what varies, or several [[{section}]]")
         products = tuple(dict(_axes(block)) for block in blocks)
-        for name, value in (assignments or {}).items():
-            if any(name in axes for axes in products):
-                raise InvalidParameter("--set", f"{name}={value}", "a parameter that does not vary in the spec")
+        for word, value in (assignments or {}).items():
+            if any(word in axes for axes in products):
+                raise InvalidParameter("--set", f"{word}={value}", "a parameter that does not vary in the spec")
         given = _fixed(fixed, assignments or {})
-        for name in given:
-            if all(name in axes for axes in products):
-                raise InvalidParameter(name, given[name], "either under [fixed] or under [vary]")
-        return cls(file.stem, given, products)
+        for word in given:
+            if all(word in axes for axes in products):
+                raise InvalidParameter(word, given[word], f"either under [fixed] or under [{section}]")
+        return cls(name, given, products)
 
     @property
     def varied(self) -> list[str]:
@@ -117,8 +120,10 @@ class Spec:
         """The number of cases; a case in more than one product counts in each."""
         return sum(math.prod(len(values) for values in axes.values()) for axes in self.products)
 
-    def cases(self) -> list[Case]:
+    def cases(self, only: slice = slice(None)) -> list[Case]:
         """Every combination, once; the last axis changes fastest. Some combinations may not be valid runs.
+
+        only : of these products; the keys are the same as if all were asked for.
 
         Raises
         ------
@@ -127,7 +132,7 @@ class Spec:
         if self.count > MOST:
             raise InvalidParameter("the number of cases", self.count, f"{MOST} at most")
         found: dict[str, Case] = {}
-        for axes in self.products:
+        for axes in self.products[only]:
             free = [name for name in axes if name != SEED]
             digests: dict[str, tuple[Values, str]] = {}
             for combination in product(*axes.values()):
@@ -158,7 +163,7 @@ class Spec:
         if LINK in names:
             names = names - {LINK} | {"link.up", "link.down"}
         told = {name: every[name] for name in names}
-        told |= {name: _profile(name, told[name]) for name in ("link.up", "link.down") if name in told}
+        told |= {name: profile(name, told[name]) for name in ("link.up", "link.down") if name in told}
         return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
 
 
@@ -170,6 +175,36 @@ def params_of(fixed: Values, values: Values) -> Params:
 def flat_of(fixed: Values, values: Values) -> Values:
     """All parameters of a case by dotted names, even if it is not a valid run; raises as `Params.typed` does."""
     return {**_DEFAULTS, **_PLAIN.typed({**_spelled(fixed), **_spelled(values)})}
+
+
+def entries(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """The entries of nested tables under dotted names; a range is one entry."""
+    for word, given in table.items():
+        if isinstance(given, Mapping) and given and not set(given) & set(_RANGE):
+            yield from entries(given, f"{prefix}{word}.")
+        else:
+            yield prefix + word, given
+
+
+def table_of(file: Path) -> Values:
+    """The table in a TOML file. Raises InvalidParameter."""
+    try:
+        return tomllib.loads(file.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        why = error.strerror if isinstance(error, OSError) else error
+        raise InvalidParameter("SPEC", str(file), f"a TOML file ({why})") from None
+
+
+def known(what: str, word: str, words: Collection[str], allowed: str) -> None:
+    """Raise InvalidParameter unless `word` is one of `words`; the message names those that are nearly the same."""
+    if word not in words:
+        near = difflib.get_close_matches(word, words, n=3, cutoff=0.5)
+        raise InvalidParameter(what, word, f"{allowed}{', such as ' + ', '.join(near) if near else ''}")
+
+
+def number(value: object) -> bool:
+    """Is this a finite number?"""
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def link_words(up: str, down: str) -> str:
@@ -207,15 +242,12 @@ def _fixed(table: Mapping[str, Any], assignments: Mapping[str, object]) -> Value
     return fixed
 
 
-def _axes(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, list[Any]]]:
+def _axes(table: Mapping[str, Any]) -> Iterator[tuple[str, list[Any]]]:
     """Names and their values, from nested tables."""
-    for word, given in table.items():
-        name = prefix + word
-        if isinstance(given, Mapping) and given and not set(given) & set(_RANGE):
-            yield from _axes(given, f"{name}.")
-            continue
+    every = dict(entries(table))
+    for name, given in every.items():
         _parameter(name)
-        if name.startswith("link.") and LINK in table:
+        if name.startswith("link.") and LINK in every:
             raise InvalidParameter(name, given, f"either {name} or link")
         values = _values_of(name, given)
         if not values:
@@ -246,12 +278,12 @@ def _values_of(name: str, given: object) -> list[Any]:
 def _range(name: str, given: Mapping[str, Any]) -> list[Any]:
     """The numbers of a range, both ends included."""
     for word in given:
-        _known(name, word, _RANGE, "from, to, steps and scale")
+        known(name, word, _RANGE, "from, to, steps and scale")
     whole = name == SEED or isinstance(_DEFAULTS.get(name), int)
     if name == LINK or isinstance(_DEFAULTS.get(name), bool | str):
         raise InvalidParameter(name, dict(given), "a list: these values have no range")
     ends: list[Any] = [given.get("from"), given.get("to")]
-    if not all(_number(end) for end in ends) or ends[0] == ends[1]:
+    if not all(number(end) for end in ends) or ends[0] == ends[1]:
         raise InvalidParameter(name, dict(given), "a range {from = A, to = B} between two different numbers")
     first, last = ends
     if whole and not all(isinstance(end, int) for end in ends):
@@ -282,17 +314,7 @@ def _range(name: str, given: Mapping[str, Any]) -> list[Any]:
 
 
 def _parameter(name: str) -> None:
-    _known("parameter", name, (*_DEFAULTS, LINK, SEED), "a parameter of --show-params, link or seed")
-
-
-def _known(what: str, word: str, known: Collection[str], allowed: str) -> None:
-    if word not in known:
-        near = difflib.get_close_matches(word, known, n=3, cutoff=0.5)
-        raise InvalidParameter(what, word, f"{allowed}{', such as ' + ', '.join(near) if near else ''}")
-
-
-def _number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    known("parameter", name, (*_DEFAULTS, LINK, SEED), "a parameter of --show-params, link or seed")
 
 
 def _seed(value: object, allowed: str) -> None:
@@ -305,10 +327,10 @@ def _link(value: object) -> None:
     if set(ways) != {"up", "down"} or not all(isinstance(words, str) for words in ways.values()):
         raise InvalidParameter(LINK, value, "a profile's name, tc's words, or {up = ..., down = ...} with these")
     for words in ways.values():
-        _profile(LINK, words)
+        profile(LINK, words)
 
 
-def _profile(name: str, words: str) -> str:
+def profile(name: str, words: str) -> str:
     """A link in tc's words; equal links give equal words."""
     try:
         return str(LinkProfile.named(words))
