@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hapnet.commands import compare as compare_command
-from hapnet.commands import complete, flags, output, sweep
+from hapnet.commands import complete, flags, output, sweep, tune
 from hapnet.commands.groups import Without, grouped
 from hapnet.commands.options import (
     NO_LINK,
@@ -283,6 +283,9 @@ def compare(
         return _show(params.shown(chosen))
     json_target(json_to)
     return compare_command.main(chosen, options, json_to, out)
+
+
+app.command()(tune.tune)
 
 
 @app.command()

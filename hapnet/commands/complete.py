@@ -94,6 +94,11 @@ def rows(incomplete: str) -> list[str]:
     return [f"{before}{comma}{row}" for row in ROWS]
 
 
+def specs(incomplete: str) -> list[str]:
+    """Files that can be the spec of a sweep or a tuning."""
+    return files(incomplete, (".toml",))
+
+
 def files(incomplete: str, endings: tuple[str, ...]) -> list[str]:
     """Paths with this beginning: files with one of these endings, and directories. A single directory is opened."""
     found: list[str] = []

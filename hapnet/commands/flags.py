@@ -92,6 +92,12 @@ Realtime = Annotated[
     ),
 ]
 
+Workers = Annotated[int, typer.Option(min=0, max=1024, help="Processes on this machine; 0: one per core.")]
+Dask = Annotated[
+    str | None, typer.Option(metavar="tcp://HOST:PORT", help="Use the workers of this Dask scheduler instead.")
+]
+RetryFailed = Annotated[bool, typer.Option("--retry-failed", help="Run the failed cases again.")]
+
 Link = Annotated[
     str | None,
     typer.Option(

@@ -40,10 +40,6 @@ app = typer.Typer(
 )
 
 
-def _specs(incomplete: str) -> list[str]:
-    return complete.files(incomplete, (".toml",))
-
-
 @app.command(
     RUN,
     short_help="Run every case that a spec describes; `hapnet sweep SPEC.toml` is enough.",
@@ -51,12 +47,10 @@ def _specs(incomplete: str) -> list[str]:
 )
 def run(
     spec: Annotated[
-        Path, typer.Argument(metavar="SPEC.toml", help="What is fixed and what varies.", autocompletion=_specs)
+        Path, typer.Argument(metavar="SPEC.toml", help="What is fixed and what varies.", autocompletion=complete.specs)
     ],
-    workers: Annotated[int, typer.Option(min=0, max=1024, help="Processes on this machine; 0: one per core.")] = 0,
-    dask: Annotated[
-        str | None, typer.Option(metavar="tcp://HOST:PORT", help="Use the workers of this Dask scheduler instead.")
-    ] = None,
+    workers: flags.Workers = 0,
+    dask: flags.Dask = None,
     assign: flags.Assign = None,
     table: Annotated[
         str, typer.Option("--format", help="Format of the results: csv, parquet, both; auto: both if pyarrow is there.")
@@ -64,7 +58,7 @@ def run(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Check the spec, list the first and last cases, and exit.")
     ] = False,
-    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Run the failed cases again.")] = False,
+    retry_failed: flags.RetryFailed = False,
     fresh: Annotated[bool, typer.Option("--fresh", help="Discard all results of this sweep, and start again.")] = False,
     json_to: flags.Json = None,
     out: Annotated[

@@ -220,7 +220,7 @@ def _group(variant: Variant, link: str, operator: str | None, outcomes: Sequence
         len(ours) - len(known),
         _positive(known, "margin_J"),
         _positive(known, "hand_margin_J"),
-        dict(_spreads(known)),
+        dict(spreads(known)),
     )
 
 
@@ -229,7 +229,8 @@ def _positive(known: Sequence[Measures], margin: str) -> int:
     return sum((value := measures[margin]) is not None and value >= -ROUNDING_J for measures in known)
 
 
-def _spreads(known: Sequence[Measures]) -> Iterator[tuple[str, Spread]]:
+def spreads(known: Sequence[Measures]) -> Iterator[tuple[str, Spread]]:
+    """Each metric for which at least one case has a value, and its spread over the cases."""
     for metric in METRICS:
         values = [value for measures in known if (value := value_of(measures, metric)) is not None]
         if values:

@@ -192,7 +192,7 @@ def _begin(connection: sqlite3.Connection, spec: Spec, cases: Sequence[Case]) ->
         for statement in _TABLES.split(";")[:-1]:
             connection.execute(statement)
         connection.executemany("INSERT INTO about VALUES (?, ?)", [(k, json.dumps(v)) for k, v in about.items()])
-        rows = ((case.number, case.key, case.seed, json.dumps(case.values)) for case in cases)
+        rows = ((number, case.key, case.seed, json.dumps(case.values)) for number, case in enumerate(cases))
         connection.executemany("INSERT INTO cases VALUES (?, ?, ?, ?)", rows)
 
 

@@ -14,10 +14,11 @@ import pytest
 from hapnet.errors import HapnetError
 from hapnet.study import journal as module
 from hapnet.study.journal import NAME, Journal
+from hapnet.study.spec import Spec
 from hapnet.study.task import CaseResult
 from netem.versions import DISTRIBUTION
 from tests.conftest import ENVIRONMENT
-from tests.study.sweeps import SHORT, journal_of
+from tests.study.sweeps import SHORT, journal_of, spec_file
 
 AXES = "[vary]\ndevice.stiffness = [50, [[100.0]]]\nlink = ['lan', { up = 'lan', down = '4g' }]\nseed = [3, 4]"
 
@@ -44,6 +45,24 @@ def test_what_is_recorded_is_there_for_the_next_process(tmp_path: Path) -> None:
     assert second.forget_failed() == 1
     assert second.count() == (8, 1, 0)
     second.close()
+
+
+def test_cases_can_be_added_and_each_is_there_once(tmp_path: Path) -> None:
+    journal = journal_of(tmp_path, "[vary]\nseed = [3, 4]")
+    journal.record([result(1)])
+    more = Spec.read(spec_file(tmp_path, "[vary]\nseed = [9, 4, 5]", "more")).cases()
+    for _ in range(2):
+        journal.add(more)
+    assert [(row.case.number, row.case.seed, row.done) for row in journal.rows()] == [
+        (0, 3, False),
+        (1, 4, True),
+        (2, 9, False),
+        (3, 5, False),
+    ]
+    found = journal.find([case.key for case in more])
+    assert [(row.case.number, row.measures.get("margin_J")) for row in found] == [(2, None), (1, 1.1), (3, None)]
+    journal.close()
+    journal_of(tmp_path, "[vary]\nseed = [3, 4]").close()  # it is still the journal of what it began with
 
 
 def test_only_one_process_runs_a_sweep(tmp_path: Path) -> None:

@@ -185,21 +185,24 @@ def test_what_is_wrong_is_one_line(directory: Path, capsys: Capture, argv: list[
     assert not list(directory.glob("runs/*/results.*"))
 
 
-@pytest.mark.parametrize("argv", [["sweep", "--help"], ["sweep", "run", "-h"], ["sweep", "plot", "--help"]])
+@pytest.mark.parametrize(
+    "argv", [["sweep", "--help"], ["sweep", "run", "-h"], ["sweep", "plot", "--help"], ["tune", "-h"]]
+)
 def test_help(argv: list[str], capsys: Capture) -> None:
     assert cli.main(argv) == 0
     out = capsys.readouterr().out
     assert ("--where" if "plot" in argv else "--retry-failed") in out
-    assert "hapnet sweep" in out
+    assert f"hapnet {argv[0]}" in out
 
 
-def test_help_loads_nothing_heavy() -> None:
+@pytest.mark.parametrize("command", ["sweep", "tune"])
+def test_help_loads_nothing_heavy(command: str) -> None:
     code = "import sys; from hapnet.cli import main; main(sys.argv[1:]); print(sorted(sys.modules), file=sys.stderr)"
     ended = subprocess.run(
-        [sys.executable, "-c", code, "sweep", "-h"], capture_output=True, text=True, timeout=30, env=ENVIRONMENT
+        [sys.executable, "-c", code, command, "-h"], capture_output=True, text=True, timeout=30, env=ENVIRONMENT
     )
     assert ended.returncode == 0
-    assert not {"numpy", "matplotlib", "sqlite3", "multiprocessing", "distributed"} & set(
+    assert not {"numpy", "matplotlib", "sqlite3", "multiprocessing", "distributed", "optuna"} & set(
         ast.literal_eval(ended.stderr)
     )
 

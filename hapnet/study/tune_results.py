@@ -1,0 +1,143 @@
+"""What a tuning has found: tables for a terminal, an object for machines, its trials as CSV, the values as TOML."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rich.markup import escape
+from rich.table import Table
+
+from hapnet.metrics.definitions import METRICS
+from hapnet.param_values import toml_value
+from hapnet.recording.mcap import complete_or_absent
+from hapnet.recording.samples import plain
+from hapnet.study.compare import Spread, spreads
+from hapnet.study.goal import Verdict
+from hapnet.study.search import Scores, Search, Trial
+from hapnet.study.spec import Values, value_words
+from hapnet.study.tune_spec import TuneSpec
+from hapnet.versions import versions
+
+PARTS = ("tuning", "scoring")
+
+
+def tables(spec: TuneSpec, scores: tuple[Scores, Scores]) -> list[Table]:
+    """The values that were found; and on the cases to tune and to score on: objective, metrics and constraints."""
+    return [_values(spec, scores[0].found), _measured(spec, scores)]
+
+
+def as_dict(search: Search) -> dict[str, Any]:
+    """Everything that two equal tunings have in common."""
+    spec, scores, best = search.spec, search.scores, search.best
+    found = None if best is None else search.trials[best].values
+    whole = {
+        "parameters": {
+            one.name: {
+                "default": one.default,
+                "found": None if found is None else found[one.name],
+                "range": list(one.choices) if one.choices else {"from": one.low, "to": one.high, "log": one.log},
+            }
+            for one in spec.space
+        },
+        "objective": [str(term) for term in spec.goal.terms],
+        "constraints": [str(one) for one in spec.goal.constraints],
+        "trials": len(search.trials),
+        "best_trial": best,
+        **{part: _part(spec, one) for part, one in zip(PARTS, scores or (), strict=False)},
+        "versions": versions(),
+    }
+    return {str(key): value for key, value in plain(whole).items()}
+
+
+def write_trials(search: Search, path: Path) -> None:
+    """Write all trials as CSV, a row each. Raises RecordingError."""
+    spec = search.spec
+    verdicts = search.verdicts() if search.trials else []
+    terms = [f"{term.metric} cost" for term in spec.goal.terms]
+    header = ["trial", "generation", *(one.name for one in spec.space), "objective", *terms]
+    header += [*map(str, spec.goal.constraints), "failed", "allowed", "chosen"]
+    with complete_or_absent(path, "trials") as part, part.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header)
+        for i, (trial, verdict) in enumerate(zip(search.trials, verdicts, strict=True)):
+            values = [value_words(one.name, trial.values[one.name]) for one in spec.space]
+            kept = [f"{held.kept}/{held.cases}" for held in verdict.held]
+            end = [verdict.failed, str(verdict.allowed).lower(), str(i == search.best).lower()]
+            writer.writerow([i, i // spec.generation, *values, verdict.objective, *verdict.terms, *kept, *end])
+
+
+def write_found(spec: TuneSpec, values: Values, path: Path) -> None:
+    """Write the values that were found as a file for `--params`. Raises RecordingError."""
+    lines = [f"{one.name} = {toml_value(values[one.name])}\n" for one in spec.space]
+    with complete_or_absent(path, "values") as part:
+        part.write_text(f"# found by hapnet tune, {spec.name}\n{''.join(lines)}", encoding="utf-8")
+
+
+def _values(spec: TuneSpec, found: Trial | None) -> Table:
+    table = Table(title="what was searched", title_justify="left", title_style="bold")
+    for heading in ("parameter", "default", "found", "range"):
+        table.add_column(heading, justify="left" if heading in ("parameter", "range") else "right", overflow="fold")
+    for one in spec.space:
+        value = "–" if found is None else value_words(one.name, found.values[one.name])
+        table.add_row(one.name, value_words(one.name, one.default), f"[bold]{escape(value)}[/]", escape(str(one)))
+    return table
+
+
+def _measured(spec: TuneSpec, scores: tuple[Scores, Scores]) -> Table:
+    tuned, scored = (len(one.default.rows) for one in scores)
+    title = f"medians (quartiles) over {tuned} cases to tune on, and over {scored} others to score on"
+    table = Table(title=title, title_justify="left", title_style="bold")
+    table.add_column("")
+    for part in PARTS:
+        for whose in ("default", "found"):
+            table.add_column(f"{part},\n{whose}", justify="right", overflow="fold")
+    verdicts = [verdict for one in scores for verdict in one.verdicts(spec)]
+    trials = [trial for one in scores for trial in one]
+    table.add_row("objective", *("–" if one is None else f"{one.objective:.4g}" for one in verdicts), end_section=True)
+    found = [None if one is None else dict(spreads(one.measures)) for one in trials]
+    for name in spec.goal.metrics:
+        table.add_row(escape(METRICS[name].heading), *(_spread(one, name) for one in found))
+    table.add_section()
+    for i, constraint in enumerate(spec.goal.constraints):
+        table.add_row(escape(str(constraint)), *(_held(verdict, i) for verdict in verdicts))
+    if any(trial is not None and trial.failed for trial in trials):
+        table.add_row("cases that failed", *("–" if one is None else str(one.failed) for one in trials))
+    return table
+
+
+def _spread(found: Mapping[str, Spread] | None, metric: str) -> str:
+    if found is None or (spread := found.get(metric)) is None:
+        return "–"
+    return f"{spread.median:.3g}\n{spread.q1:.3g}..{spread.q3:.3g}"
+
+
+def _held(verdict: Verdict | None, i: int) -> str:
+    if verdict is None:
+        return "–"
+    held = verdict.held[i]
+    words = f"{held.kept} of {held.cases}"
+    return words if held.met else f"[red]{words}[/]"
+
+
+def _part(spec: TuneSpec, scores: Scores) -> dict[str, Any]:
+    both = zip(("default", "found"), scores, scores.verdicts(spec), strict=True)
+    return {whose: _told(spec, trial, verdict) for whose, trial, verdict in both}
+
+
+def _told(spec: TuneSpec, trial: Trial | None, verdict: Verdict | None) -> dict[str, Any] | None:
+    if trial is None or verdict is None:
+        return None
+    return {
+        "cases": len(trial.rows),
+        "failed": trial.failed,
+        "objective": verdict.objective,
+        "allowed": verdict.allowed,
+        "constraints": [
+            {"constraint": str(one), "kept": held.kept, "met": held.met}
+            for one, held in zip(spec.goal.constraints, verdict.held, strict=True)
+        ],
+        "metrics": {name: vars(spread) for name, spread in spreads(trial.measures)},
+    }
