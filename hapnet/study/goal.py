@@ -50,11 +50,8 @@ class Term:
 
     def value(self, cases: Sequence[Measures], measured: Measured) -> float:
         """This part without its weight; infinite if too many cases have no value. 0 if no case is about this metric."""
-        costs = [
-            math.inf if (value := measures.get(self.metric)) is None else self._cost(value)
-            for place, measures in enumerate(cases)
-            if measures.get(self.metric) is not None or (self.metric, place) in measured
-        ]
+        values = [measures.get(self.metric) for measures in _about(self.metric, cases, measured)]
+        costs = [math.inf if value is None else self._cost(value) for value in values]
         return _quantile(costs, self.quantile) if costs else 0.0
 
     def _cost(self, value: float) -> float:
@@ -79,24 +76,20 @@ class Constraint:
     bound: float = 0.0
     share: float = 1.0
 
-    def holds(self, measures: Measures, *, counts: bool = True) -> bool:
-        """Does it hold in a case? `counts`: whether a case without a value breaks it."""
+    def holds(self, measures: Measures) -> bool:
+        """Does it hold in a case? Not in one without a value."""
         if self.metric == PASSIVE:
             return was_passive(measures)
         value = measures.get(self.metric)
-        return not counts if value is None else bool(_RELATIONS[self.relation](value, self.bound))
+        return value is not None and bool(_RELATIONS[self.relation](value, self.bound))
 
     def judge(self, cases: Sequence[Measures], measured: Measured) -> Held:
-        """Whether it holds over several cases."""
-        kept = []
-        excesses = []
-        for place, measures in enumerate(cases):
-            holds = self.holds(measures, counts=(self.metric, place) in measured)
-            kept.append(holds)
-            excesses.append(0.0 if holds else self._excess(measures))
-        needed = math.ceil(self.share * len(cases) - 1e-9)
-        worst = sorted(excesses)[needed - 1] if needed else 0.0
-        return Held(sum(kept), len(cases), sum(kept) >= needed, worst)
+        """Whether it holds over those of the cases that are about its metric."""
+        about = cases if self.metric == PASSIVE else _about(self.metric, cases, measured)
+        excesses = sorted(0.0 if self.holds(measures) else self._excess(measures) for measures in about)
+        kept = excesses.count(0.0)
+        needed = math.ceil(self.share * len(about) - 1e-9)
+        return Held(kept, len(about), kept >= needed, excesses[needed - 1] if needed else 0.0)
 
     def _excess(self, measures: Measures) -> float:
         """By how much a case breaks it, for the search: always above 0, and 1 for as much as the bound itself."""
@@ -121,7 +114,10 @@ _WORST = 1e6  # an excess
 
 @dataclass(frozen=True)
 class Held:
-    """A constraint over several cases: it holds in `kept` of `cases`. `excess`: how far from met; 0: met."""
+    """A constraint over several cases: it holds in `kept` of the `cases` that are about its metric.
+
+    excess : how far it is from being met; 0: it is.
+    """
 
     kept: int
     cases: int
@@ -178,6 +174,11 @@ def goal_of(objective: object, constraints: object) -> Goal:
     if not isinstance(constraints, list) or not all(isinstance(words, str) for words in constraints):
         raise InvalidParameter("constraints", constraints, f"a list of {_FORM}")
     return Goal(tuple(_term(*item) for item in objective.items()), tuple(map(_constraint, constraints)))
+
+
+def _about(metric: str, cases: Sequence[Measures], measured: Measured) -> list[Measures]:
+    """Those of the cases in which the metric has a value, here or in another trial."""
+    return [m for place, m in enumerate(cases) if m.get(metric) is not None or (metric, place) in measured]
 
 
 def _term(metric: str, given: Any) -> Term:

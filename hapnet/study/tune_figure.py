@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _COLUMNS = 3
+_EDGE = 0.04  # of a range, on both sides of it
+_TITLE = 105  # letters of its line
 _TOP_MM, _CELL_MM = 62.0, 46.0
 _SPREAD = 4.0  # trials that are further from the best than this many times the median's distance are drawn at the edge
 _COLOURS = "viridis_r"
@@ -41,7 +44,8 @@ def draw(search: Search) -> Figure:
     with matplotlib.rc_context(STYLE):
         fig = Figure(figsize=(180 * MM, (_TOP_MM + _CELL_MM * rows) * MM), dpi=150, layout="constrained")
         FigureCanvasAgg(fig)
-        fig.suptitle(f"{spec.name}: {' + '.join(map(str, spec.goal.terms))}", fontsize=9, parse_math=False, wrap=True)
+        title = f"{spec.name}: {' + '.join(map(str, spec.goal.terms))}"
+        fig.suptitle("\n".join(textwrap.wrap(title, _TITLE)), fontsize=9, parse_math=False)
         layout = fig.add_gridspec(1 + rows, _COLUMNS, height_ratios=[_TOP_MM, *[_CELL_MM] * rows])
         top = fig.add_subplot(layout[0, :])
         _draw_course(top, search)
@@ -61,7 +65,8 @@ def _draw_course(panel: Axes, search: Search) -> None:
     costs = _shown(search)
     _points(panel, search, numbers, costs)
     best = np.minimum.accumulate([v.objective if v.allowed else math.inf for v in verdicts])
-    panel.plot(numbers[np.isfinite(best)], best[np.isfinite(best)], label="best so far", **_LINE)
+    if np.isfinite(best).any():
+        panel.plot(numbers[np.isfinite(best)], best[np.isfinite(best)], label="best so far", **_LINE)
     default = _default_cost(search)
     if math.isfinite(default):
         panel.axhline(default, label="defaults", **_DEFAULT)
@@ -69,6 +74,7 @@ def _draw_course(panel: Axes, search: Search) -> None:
         panel.plot(search.best, costs[search.best], label="chosen", **_BEST)
     _limit(panel, [*costs, default])
     panel.set_xlabel("trial")
+    panel.locator_params(axis="x", integer=True)
     panel.set_ylabel("objective (lower is better)")
     panel.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=5, fontsize=8, borderaxespad=0.1, handlelength=1.6)
 
@@ -85,13 +91,20 @@ def _draw_slice(panel: Axes, search: Search, one: Searched) -> None:
     if one.choices:
         panel.set_xticks(range(len(one.choices)), [value_words(one.name, choice) for choice in one.choices])
         panel.set_xlim(-0.5, len(one.choices) - 0.5)
-    elif one.log:
+        return
+    low, high = float(one.low), float(one.high)
+    if one.log:
         from matplotlib.ticker import LogLocator, NullFormatter
 
         panel.set_xscale("log")
-        panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if one.high < 200.0 * one.low else (1.0,)))
+        panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 200.0 * low else (1.0,)))
         panel.xaxis.set_major_formatter("{x:g}")
         panel.xaxis.set_minor_formatter(NullFormatter())
+        edge = (high / low) ** _EDGE
+        panel.set_xlim(low / edge, high * edge)
+    else:
+        panel.locator_params(axis="x", integer=one.whole)
+        panel.set_xlim(low - _EDGE * (high - low), high + _EDGE * (high - low))
 
 
 def _points(panel: Axes, search: Search, x: Any, y: Any) -> None:

@@ -90,7 +90,7 @@ def _measured(spec: TuneSpec, scores: tuple[Scores, Scores]) -> Table:
     tuned, scored = (len(one.default.rows) for one in scores)
     title = f"medians (quartiles) over {tuned} cases to tune on, and over {scored} others to score on"
     table = Table(title=title, title_justify="left", title_style="bold")
-    table.add_column("")
+    table.add_column("", overflow="fold")
     for part in PARTS:
         for whose in ("default", "found"):
             table.add_column(f"{part},\n{whose}", justify="right", overflow="fold")

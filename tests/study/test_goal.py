@@ -40,9 +40,18 @@ def test_a_case_without_a_value_is_the_worst_where_another_trial_has_one() -> No
     goal = goal_of("first_contact_ms", ["first_contact_ms <= 30"])
     cases: list[Measures] = [{"first_contact_ms": 20.0}, {"first_contact_ms": None}, {"first_contact_ms": None}]
     alone = goal.judge(cases, {("first_contact_ms", 0)})
-    assert (alone.objective, alone.allowed) == (20.0, True)
+    assert (alone.objective, alone.held[0].kept, alone.held[0].cases, alone.allowed) == (20.0, 1, 1, True)
     other = goal.judge(cases, {("first_contact_ms", 0), ("first_contact_ms", 1)})
-    assert (other.objective, other.held[0].kept, other.allowed) == (math.inf, 2, False)
+    assert (other.objective, other.held[0].kept, other.held[0].cases, other.allowed) == (math.inf, 1, 2, False)
+
+
+def test_a_share_is_of_the_cases_that_are_about_the_metric() -> None:
+    """Of eight hands four never rest in the wall: one of the other four may be too soft, not two."""
+    free: list[Measures] = [{"stiffness_percent": None}] * 4
+    (constraint,) = goal_of("free_rms_mm", ["stiffness_percent >= 90 in 75 %"]).constraints
+    for soft in (0, 1, 2):
+        contact: list[Measures] = [{"stiffness_percent": 50.0 if i < soft else 99.0} for i in range(4)]
+        assert constraint.judge(free + contact, ()).met == (soft < 2)
 
 
 @pytest.mark.parametrize(

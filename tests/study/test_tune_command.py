@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -254,6 +255,14 @@ def test_another_spec_in_the_same_directory_is_refused(directory: Path, capsys: 
 def test_the_example_is_a_spec(capsys: Capture) -> None:
     assert cli.main(["tune", str(ROOT / "examples" / "tune_feel.toml"), "--dry-run"]) == 0
     assert "into runs/tune-tune_feel" in capsys.readouterr().out
+
+
+def test_the_spec_of_the_readme_is_one(directory: Path, capsys: Capture) -> None:
+    found = re.search(r"```toml\n(# pd.toml.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL)
+    assert found is not None
+    spec_file(directory, found[1], "pd")
+    assert cli.main(["tune", "pd.toml", "--dry-run"]) == 0
+    assert "64 trials of 8 cases, scored on 12 others, into runs/tune-pd" in capsys.readouterr().out
 
 
 def test_tab(directory: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
