@@ -137,7 +137,7 @@ class Verdict:
     @property
     def allowed(self) -> bool:
         """May these values be chosen?"""
-        return not self.failed and math.isfinite(self.objective) and all(one.met for one in self.held)
+        return math.isfinite(self.objective) and all(one.met for one in self.held)
 
     @property
     def excess(self) -> float:

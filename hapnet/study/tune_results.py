@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping
+import math
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +24,7 @@ from hapnet.study.tune_spec import TuneSpec
 from hapnet.versions import versions
 
 PARTS = ("tuning", "scoring")
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def tables(spec: TuneSpec, scores: tuple[Scores, Scores]) -> list[Table]:
@@ -99,7 +102,10 @@ def _measured(spec: TuneSpec, scores: tuple[Scores, Scores]) -> Table:
     table.add_row("objective", *("–" if one is None else f"{one.objective:.4g}" for one in verdicts), end_section=True)
     found = [None if one is None else dict(spreads(one.measures)) for one in trials]
     for name in spec.goal.metrics:
-        table.add_row(escape(METRICS[name].heading), *(_spread(one, name) for one in found))
+        shown = [None if one is None else one.get(name) for one in found]
+        power = _power([spread for spread in shown if spread is not None])
+        unit = " ".join(filter(None, (f"10{str(power).translate(_RAISED)}" if power else "", METRICS[name].unit)))
+        table.add_row(escape(replace(METRICS[name], unit=unit).heading), *(_spread(one, power) for one in shown))
     table.add_section()
     for i, constraint in enumerate(spec.goal.constraints):
         table.add_row(escape(str(constraint)), *(_held(verdict, i) for verdict in verdicts))
@@ -108,10 +114,17 @@ def _measured(spec: TuneSpec, scores: tuple[Scores, Scores]) -> Table:
     return table
 
 
-def _spread(found: Mapping[str, Spread] | None, metric: str) -> str:
-    if found is None or (spread := found.get(metric)) is None:
+def _power(spreads: Sequence[Spread]) -> int:
+    """The power of ten, a multiple of 3, with which the numbers are short."""
+    most = max((max(abs(one.q1), abs(one.q3)) for one in spreads), default=0.0)
+    return 0 if most == 0.0 or 1e-2 <= most < 1e5 else 3 * math.floor(math.log10(most) / 3.0)
+
+
+def _spread(spread: Spread | None, power: int) -> str:
+    if spread is None:
         return "–"
-    return f"{spread.median:.3g}\n{spread.q1:.3g}..{spread.q3:.3g}"
+    median, q1, q3 = (f"{value / 10.0**power:.3g}" for value in (spread.median, spread.q1, spread.q3))
+    return f"{median}\n{q1}..{q3}"
 
 
 def _held(verdict: Verdict | None, i: int) -> str:

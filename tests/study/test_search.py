@@ -88,6 +88,7 @@ def test_it_is_better_than_chance(tmp_path: Path) -> None:
     spec = read(tmp_path, trials=64, generation=8)
     late = searched(tmp_path, spec, bowl).trials[32:]
     random = propose(spec.space, [], 32, (5,), 100)
+    assert sum(trial.values["contact_model.lead"] >= 0.5 for trial in late) >= 22  # by chance 16 keep the constraint
     some = [trial.values for trial in late], random
     costs = [sorted(bowl(Case(0, values, 0, ""))["free_rms_mm"] or 0.0 for values in one) for one in some]
     assert costs[0][16] < 0.5 * costs[1][16]
