@@ -125,6 +125,8 @@ def _tell(words: Console, search: Search, written: output.Written) -> None:
     assert scores is not None
     for table in tune_results.tables(search.spec, scores):
         words.print(table)
+    for name in search.unmeasured:
+        output.show_warnings(words, (f"no case to tune on has a value of {name}: it had no part in the search",))
     if best is None:
         verdicts = search.verdicts()
         nearest = min(range(len(verdicts)), key=lambda i: verdicts[i].excess)

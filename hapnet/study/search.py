@@ -109,6 +109,13 @@ class Search:
         return min(allowed)[1] if allowed else None
 
     @property
+    def unmeasured(self) -> list[str]:
+        """The metrics of the goal that have a value in no case to tune on: it does not depend on them."""
+        tuned = [*self.trials, *(self.defaults or ())[:1]]
+        values = [measures for trial in tuned for measures in trial.measures]
+        return [name for name in self.spec.goal.metrics if all(one.get(name) is None for one in values)]
+
+    @property
     def scores(self) -> tuple[Scores, Scores] | None:
         """On the cases to tune and to score on, when all is done."""
         if self.defaults is None:

@@ -144,6 +144,15 @@ def test_interrupted_it_goes_on_where_it_was(directory: Path, capsys: Capture, m
     assert trials(directory / "cut") == whole
 
 
+def test_a_metric_without_any_value_is_told(directory: Path, capsys: Capture) -> None:
+    spec_file(directory, SPEC.replace("buzz_N2", "drift_mm_per_min"))
+    tuned()
+    out = capsys.readouterr().out.splitlines()
+    assert [line for line in out if "no case to tune on" in line] == [
+        "warning: no case to tune on has a value of drift_mm_per_min: it had no part in the search"
+    ]
+
+
 def test_where_no_trial_is_allowed_nothing_is_chosen(directory: Path, capsys: Capture) -> None:
     spec_file(directory, SPEC.replace(">= 90", ">= 151"))
     told = tuned(code=3)
