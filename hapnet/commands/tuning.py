@@ -77,7 +77,7 @@ def _run(words: Console, spec: TuneSpec, journal: Journal, directory: Path, how:
     if new:
         words.print(f"{new} cases in {ran.lasted_s:.1f} s: {new / ran.lasted_s:.1f} a second")
     written = output.Written()
-    files = _write(search, journal, directory, written)
+    files = _write(search, journal, directory, written, ended=ran.stopped is None)
     if ran.stopped is None:
         _tell(words, search, written)
     if files:
@@ -91,12 +91,12 @@ def _run(words: Console, spec: TuneSpec, journal: Journal, directory: Path, how:
     return written.code()
 
 
-def _write(search: Search, journal: Journal, directory: Path, written: output.Written) -> list[str]:
-    """Write the files; returns their names."""
+def _write(search: Search, journal: Journal, directory: Path, written: output.Written, *, ended: bool) -> list[str]:
+    """Write the files; returns their names. The values found are written only if the search has `ended`."""
     from hapnet.report.files import save_figure
     from hapnet.study.tune_figure import draw
 
-    files = []
+    files: list[str] = []
     with written.part():
         columns = export.table(journal)
         broken = sum(value == 0.0 for value in columns.get("claim_kept", ()))
@@ -112,7 +112,9 @@ def _write(search: Search, journal: Journal, directory: Path, written: output.Wr
     with written.part():
         save_figure(draw(search), directory / FIGURE)
         files.append(FIGURE)
-    if search.best is not None:
+    if search.best is None or not ended:
+        (directory / FOUND).unlink(missing_ok=True)  # of another search with the same cases
+    else:
         with written.part():
             tune_results.write_found(search.spec, search.trials[search.best].values, directory / FOUND)
             files.append(FOUND)

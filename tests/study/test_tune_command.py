@@ -135,6 +135,7 @@ def test_interrupted_it_goes_on_where_it_was(directory: Path, capsys: Capture, m
     done = cut["done"]
     assert 5 < done < 38
     assert capsys.readouterr().err == f"hapnet: stopped: {done} of 38 cases are done; the same command goes on\n"
+    assert cut["files"] == ["cut/results.csv", "cut/trials.csv", "cut/tune.png"]
     begun = trials(directory / "cut")
     assert begun
     assert [{**row, "chosen": ""} for row in begun] == [{**row, "chosen": ""} for row in whole[: len(begun)]]
@@ -154,6 +155,9 @@ def test_a_metric_without_any_value_is_told(directory: Path, capsys: Capture) ->
 
 
 def test_where_no_trial_is_allowed_nothing_is_chosen(directory: Path, capsys: Capture) -> None:
+    tuned()
+    assert (directory / "runs/tune-study/found.toml").exists()
+    capsys.readouterr()
     spec_file(directory, SPEC.replace(">= 90", ">= 151"))
     told = tuned(code=3)
     err = capsys.readouterr().err
