@@ -9,8 +9,8 @@
 A metric enters the objective by its cost: itself if lower is better, its negative if higher is better, its distance
 from 0 or 100 if nearer is better. So a quantile above 0.5 looks at the bad cases, whichever way the metric goes.
 
-A case in which a metric has no value has the worst one if the same case has a value with other parameters, be it in one
-trial only; otherwise it has nothing to do with this metric and is left out.
+A miss (`hapnet.study.misses`) is the worst value. So is a case without a value if the same case has one with other
+parameters, be it in one trial only; otherwise it has nothing to do with this metric and is left out.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from typing import Any, get_args
 from hapnet.errors import InvalidParameter
 from hapnet.metrics.definitions import METRICS, Better
 from hapnet.study.case import Measures, was_passive
+from hapnet.study.misses import quantile, value_of
 from hapnet.study.spec import known, number
 
 PASSIVE = "passive"
@@ -50,9 +51,9 @@ class Term:
 
     def value(self, cases: Sequence[Measures], measured: Measured) -> float:
         """This part without its weight; infinite if too many cases have no value. 0 if no case is about this metric."""
-        values = [measures.get(self.metric) for measures in _about(self.metric, cases, measured)]
-        costs = [math.inf if value is None else self._cost(value) for value in values]
-        return _quantile(costs, self.quantile) if costs else 0.0
+        values = [value_of(measures, self.metric) for measures in _about(self.metric, cases, measured)]
+        costs = [math.inf if value is None or math.isinf(value) else self._cost(value) for value in values]
+        return quantile(costs, self.quantile) if costs else 0.0
 
     def _cost(self, value: float) -> float:
         if self.better == "higher":
@@ -80,8 +81,8 @@ class Constraint:
         """Does it hold in a case? Not in one without a value."""
         if self.metric == PASSIVE:
             return was_passive(measures)
-        value = measures.get(self.metric)
-        return value is not None and bool(_RELATIONS[self.relation](value, self.bound))
+        value = value_of(measures, self.metric)
+        return value is not None and math.isfinite(value) and bool(_RELATIONS[self.relation](value, self.bound))
 
     def judge(self, cases: Sequence[Measures], measured: Measured) -> Held:
         """Whether it holds over those of the cases that are about its metric."""
@@ -178,7 +179,7 @@ def goal_of(objective: object, constraints: object) -> Goal:
 
 def _about(metric: str, cases: Sequence[Measures], measured: Measured) -> list[Measures]:
     """Those of the cases in which the metric has a value, here or in another trial."""
-    return [m for place, m in enumerate(cases) if m.get(metric) is not None or (metric, place) in measured]
+    return [m for i, m in enumerate(cases) if value_of(m, metric) is not None or (metric, i) in measured]
 
 
 def _term(metric: str, given: Any) -> Term:
@@ -186,15 +187,15 @@ def _term(metric: str, given: Any) -> Term:
     table = given if isinstance(given, Mapping) else {"weight": given}
     for word in table:
         known(f"objective.{metric}", word, ("weight", "quantile", "better"), "weight, quantile and better")
-    weight, quantile = table.get("weight", 1.0), table.get("quantile", 0.5)
+    weight, share = table.get("weight", 1.0), table.get("quantile", 0.5)
     better = table.get("better", METRICS[metric].better)
     if not number(weight) or weight <= 0.0:
         raise InvalidParameter(f"weight of {metric}", weight, "a number above 0; `better` says which way")
-    if not number(quantile) or not 0.0 <= quantile <= 1.0:
-        raise InvalidParameter(f"quantile of {metric}", quantile, "0 to 1; 0.5 is the median")
+    if not number(share) or not 0.0 <= share <= 1.0:
+        raise InvalidParameter(f"quantile of {metric}", share, "0 to 1; 0.5 is the median")
     if better not in _WAYS:
         raise InvalidParameter(f"better of {metric}", better, "one of " + ", ".join(_WAYS))
-    return Term(metric, float(weight), float(quantile), better)
+    return Term(metric, float(weight), float(share), better)
 
 
 def _constraint(words: str) -> Constraint:
@@ -217,11 +218,3 @@ def _float(words: str | None, absent: float) -> float:
 
 def _metric(what: str, name: str) -> None:
     known(what, name, METRICS, "a metric of `hapnet compare --metrics`")
-
-
-def _quantile(values: Sequence[float], share: float) -> float:
-    """As numpy's (linear), but infinite where it would be between a number and infinity."""
-    ordered = sorted(values)
-    place = share * (len(ordered) - 1)
-    low, high = ordered[math.floor(place)], ordered[math.ceil(place)]
-    return high if low == high or not math.isfinite(high) else low + (place - math.floor(place)) * (high - low)

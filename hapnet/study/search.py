@@ -13,6 +13,7 @@ from typing import NamedTuple
 from hapnet.study.case import Measures
 from hapnet.study.goal import Verdict
 from hapnet.study.journal import Journal, Row
+from hapnet.study.misses import value_of
 from hapnet.study.search_space import propose
 from hapnet.study.spec import Case, Values
 from hapnet.study.tune_spec import TuneSpec
@@ -113,7 +114,7 @@ class Search:
         """The metrics of the goal that have a value in no case to tune on: it does not depend on them."""
         tuned = [*self.trials, *(self.defaults or ())[:1]]
         values = [measures for trial in tuned for measures in trial.measures]
-        return [name for name in self.spec.goal.metrics if all(one.get(name) is None for one in values)]
+        return [name for name in self.spec.goal.metrics if all(value_of(one, name) is None for one in values)]
 
     @property
     def scores(self) -> tuple[Scores, Scores] | None:
@@ -139,6 +140,6 @@ def judge(spec: TuneSpec, trials: Sequence[Trial]) -> list[Verdict]:
         for trial in trials
         for place, measures in enumerate(trial.measures)
         for metric in spec.goal.metrics
-        if measures.get(metric) is not None
+        if value_of(measures, metric) is not None
     }
     return [spec.goal.judge(trial.measures, measured, trial.failed) for trial in trials]

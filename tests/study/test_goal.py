@@ -4,23 +4,15 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from hapnet.errors import InvalidParameter
 from hapnet.study.case import Measures
-from hapnet.study.goal import Constraint, Term, goal_of
+from hapnet.study.goal import Constraint, goal_of
 
-costs = st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=9)
 PASSIVE: Measures = {"margin_J": 0.1, "claim_kept": 1.0}
-
-
-@given(costs, st.floats(0.0, 1.0))
-def test_a_quantile_is_numpys(values: list[float], share: float) -> None:
-    found = Term("free_rms_mm", quantile=share).value([{"free_rms_mm": value} for value in values], ())
-    assert found == pytest.approx(np.quantile(values, share), rel=1e-9, abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -37,12 +29,21 @@ def test_a_metric_goes_the_way_of_its_definition_and_terms_add_up() -> None:
 
 
 def test_a_case_without_a_value_is_the_worst_where_another_trial_has_one() -> None:
-    goal = goal_of("first_contact_ms", ["first_contact_ms <= 30"])
-    cases: list[Measures] = [{"first_contact_ms": 20.0}, {"first_contact_ms": None}, {"first_contact_ms": None}]
-    alone = goal.judge(cases, {("first_contact_ms", 0)})
+    goal = goal_of("swing_N", ["swing_N <= 30"])
+    cases: list[Measures] = [{"swing_N": 20.0}, {"swing_N": None}, {"swing_N": None}]
+    alone = goal.judge(cases, {("swing_N", 0)})
     assert (alone.objective, alone.held[0].kept, alone.held[0].cases, alone.allowed) == (20.0, 1, 1, True)
-    other = goal.judge(cases, {("first_contact_ms", 0), ("first_contact_ms", 1)})
+    other = goal.judge(cases, {("swing_N", 0), ("swing_N", 1)})
     assert (other.objective, other.held[0].kept, other.held[0].cases, other.allowed) == (math.inf, 1, 2, False)
+
+
+def test_a_miss_is_the_worst_value() -> None:
+    goal = goal_of({"first_contact_ms": {"quantile": 0.75, "better": "higher"}}, ["first_contact_ms > 10 in 75 %"])
+    felt: Measures = {"first_contact_ms": 20.0, "first_contact_missed": 0.0}
+    missed: Measures = {"first_contact_ms": None, "first_contact_missed": 1.0}
+    assert goal.judge([felt, felt, felt, felt, missed], ()).objective == -20.0
+    told = goal.judge([felt, felt, missed, missed], ())
+    assert (told.objective, told.held[0].kept, told.held[0].cases, told.allowed) == (math.inf, 2, 4, False)
 
 
 def test_a_share_is_of_the_cases_that_are_about_the_metric() -> None:
