@@ -134,10 +134,9 @@ def _tell(words: Console, search: Search, written: output.Written) -> None:
         nearest = min(range(len(verdicts)), key=lambda i: verdicts[i].excess)
         why = [str(one) for one, held in zip(search.spec.goal.constraints, verdicts[nearest].held, strict=True)
                if not held.met]  # fmt: skip
-        written.missing.append(
-            f"no trial of {len(verdicts)} keeps all constraints; the nearest, {nearest}, breaks: "
-            f"{', '.join(why) or 'its cases failed'}"
-        )
+        told = f"no trial of {len(verdicts)} keeps all constraints and has a finite objective; the nearest, {nearest},"
+        without = "has cases that failed" if verdicts[nearest].failed else "has too many cases without a value"
+        written.missing.append(f"{told} {'breaks: ' + ', '.join(why) if why else without}")
         return
     default, found = scores[0].verdicts(search.spec)
     assert found is not None

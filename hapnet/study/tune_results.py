@@ -116,7 +116,8 @@ def _measured(spec: TuneSpec, scores: tuple[Scores, Scores]) -> Table:
 
 def _power(spreads: Sequence[Spread]) -> int:
     """The power of ten, a multiple of 3, with which the numbers are short."""
-    most = max((max(abs(one.q1), abs(one.q3)) for one in spreads), default=0.0)
+    ends = [abs(end) for one in spreads for end in (one.q1, one.q3) if math.isfinite(end)]
+    most = max(ends, default=0.0)
     return 0 if most == 0.0 or 1e-2 <= most < 1e5 else 3 * math.floor(math.log10(most) / 3.0)
 
 

@@ -154,6 +154,19 @@ def test_a_metric_without_any_value_is_told(directory: Path, capsys: Capture) ->
     ]
 
 
+def test_a_metric_that_is_missed_throughout_is_infinite(
+    directory: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    missed: Measures = {"first_contact_ms": None, "first_contact_missed": 1.0}
+    monkeypatch.setattr("hapnet.study.task.measure", lambda params, seed: formula(params, seed) | missed)
+    spec_file(directory, SPEC.replace("buzz_N2", "first_contact_ms"))
+    told = tuned(code=3)
+    out, err = capsys.readouterr()
+    assert "inf..inf" in out
+    assert err.startswith("hapnet: no trial of 16 keeps all constraints and has a finite objective")
+    assert told["tuning"]["default"]["objective"] is None
+
+
 def test_where_no_trial_is_allowed_nothing_is_chosen(directory: Path, capsys: Capture) -> None:
     tuned()
     assert (directory / "runs/tune-study/found.toml").exists()
@@ -161,7 +174,7 @@ def test_where_no_trial_is_allowed_nothing_is_chosen(directory: Path, capsys: Ca
     spec_file(directory, SPEC.replace(">= 90", ">= 151"))
     told = tuned(code=3)
     err = capsys.readouterr().err
-    assert err.startswith("hapnet: no trial of 16 keeps all constraints; the nearest, ")
+    assert err.startswith("hapnet: no trial of 16 keeps all constraints and has a finite objective; the nearest, ")
     assert err.endswith(", breaks: stiffness_percent >= 151\n")
     assert err.count("\n") == 1
     assert told["best_trial"] is None
