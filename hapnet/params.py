@@ -273,7 +273,9 @@ class Params:
     """All parameters of a run."""
 
     scene: str = _p("wall", "free, wall, box, paper, moving, or module:Class")
-    operator: str = _p("press", "rest, sine, press, a recording's path (.csv, .mcap), module:Class; mouse: hapnet play")
+    operator: str = _p(
+        "press", "rest, sine, press, hand-N (generated), a recording's path, module:Class; mouse: hapnet play"
+    )
     hardware: str = _p("simulated", "the device: simulated, or your own as module:Class")
     coupling: str = _p("pspm", f"pspm; for comparison {', '.join(COUPLING_NAMES[1:])}, or your own as module:NAME")
     feel: str = _p("hapnet", "of the set-position couplings: hapnet (local contact model, prediction) or paper",

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+
+import numpy as np
 
 from hapnet.assembly.user_device import declared_range
 from hapnet.assembly.user_operator import UserOperator
 from hapnet.checks import Vector
-from hapnet.params import Params
+from hapnet.params import RELAXED_HAND, Params
+from hapnet.plant.generated_hand import GeneratedHand
 from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.operator import HeldAtEnd, Impedance, Operator, Press, Rest, Sine
 from hapnet.plant.worlds.protocol import World
 from hapnet.recording.hand import is_recording, recorded_hand
 from hapnet.recording.motion import read_motion
+
+GENERATED = 1985
+"""Together with a hand's number, the seed of its generator."""
 
 LIVE = "mouse"
 """The operator that the user leads during the run; in real time only."""
@@ -59,6 +66,10 @@ def _moving(params: Params, scene: World) -> Operator:
     if name == "press":
         goal = _along(scene, hand.goal_m)
         return Press(start, goal, impedance, reach=hand.reach_s, hold=hand.hold_s, wait=hand.wait_s)
+    if found := re.fullmatch(r"hand-(\d{1,9})", name):
+        relaxed = Impedance(*(RELAXED_HAND[f"operator_hand.{part}"] for part in ("mass", "damping", "stiffness")))
+        rng = np.random.default_rng([int(found[1]), GENERATED])
+        return GeneratedHand(rng, _along(scene, 1.0), relaxed, Impedance())
     if is_recording(name):
         return recorded_hand(name, dof, impedance, reach)
     if name.endswith(".csv") or Path(name).exists():

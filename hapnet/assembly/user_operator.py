@@ -11,7 +11,7 @@ from hapnet.loading import cause, load
 from hapnet.plant.operating_range import in_millimetres
 from hapnet.plant.operator import Impedance, Operator
 
-ALLOWED = "rest, sine, press, a recording's path (.csv, .mcap), or module:Class taking dof and impedance"
+ALLOWED = "rest, sine, press, hand-N, a recording's path (.csv, .mcap), or module:Class taking dof and impedance"
 
 
 class UserOperator:

@@ -12,7 +12,7 @@ from typing import Any
 from hapnet.params import Params
 from netem.profile import PRESETS
 
-OPERATORS = ("rest", "sine", "press")
+OPERATORS = ("rest", "sine", "press", "hand-1")
 FIGURES = ("fig4", "fig5", "fig6")
 MODES = ("peer", "client", "router")
 MOTIONS = (".csv", ".mcap")

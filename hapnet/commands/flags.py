@@ -21,7 +21,8 @@ Scene = Annotated[
 Operator = Annotated[
     str | None,
     typer.Option(
-        help="The hand: rest, sine, press, or a recording's path (.csv, .mcap).", autocompletion=complete.operators
+        help="The hand: rest, sine, press, hand-N (generated), or a recording's path (.csv, .mcap).",
+        autocompletion=complete.operators,
     ),
 ]
 Hardware = Annotated[

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -29,7 +30,7 @@ from netem import Timeline
 _WORLDS = ("scene", "world.", "link.down")
 """Prefixes of the parameters that belong to the world; all others belong to the device."""
 
-_MADE = ("rest", "sine", "press")
+_MADE = re.compile(r"rest|sine|press|hand-\d+")
 
 
 @dataclass(frozen=True)
@@ -206,7 +207,7 @@ def _hand(device: Recording, file: Path, asked: Mapping[str, Any]) -> tuple[str,
         why = f"the device was {hardware}"
     elif begins_late(device):
         why = "the recording begins in the middle of its session"
-    elif operator in _MADE:
+    elif _MADE.fullmatch(operator):
         return operator, f"{operator}, generated again from its parameters"
     else:
         now = fingerprint(operator)

@@ -1,0 +1,82 @@
+"""Generated hands: each has a motion and an impedance of its own, so that nothing is tuned to one of them.
+
+A hand reaches from place to place with minimum jerk (Flash, Hogan 1985), into the wall and out of it, along the wall in
+between, and rests at each place. All is drawn from its number: hand 5 is the same everywhere.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from typing import NamedTuple
+
+import numpy as np
+
+from hapnet.checks import Vector
+from hapnet.plant.operator import Impedance, minimum_jerk
+
+LASTS_S = 60.0
+"""After this time the motion begins again [s]."""
+
+OUTSIDE_M, INSIDE_M = (-0.02, 0.01), (0.025, 0.045)
+"""Where the hand aims to before the wall and behind it, along its normal from the start [m]. The wall is at 20 mm by
+default; the hand is soft, so that it stays before its aim."""
+
+ALONG_M = 0.02
+"""How far it moves along the wall, in both directions [m]."""
+
+REACH_S, TOUCH_S, PAUSE_S = (0.35, 1.2), (0.2, 1.5), (0.1, 0.6)
+"""How long a motion, a touch and a pause last [s]."""
+
+FIRST_PAUSE_S = 0.5
+
+
+class _Reach(NamedTuple):
+    begin_s: float
+    span_s: float
+    start: Vector
+    goal: Vector
+
+
+class GeneratedHand:
+    """An operator whose motion and impedance are drawn.
+
+    Parameters
+    ----------
+    rng : draws everything. normal : (n,) of the wall. relaxed, firm : the impedance is drawn between these.
+    """
+
+    def __init__(self, rng: np.random.Generator, normal: Vector, relaxed: Impedance, firm: Impedance) -> None:
+        share = float(rng.random())
+        self.impedance = Impedance(
+            relaxed.mass * (firm.mass / relaxed.mass) ** share,
+            relaxed.damping * (firm.damping / relaxed.damping) ** share,
+            relaxed.stiffness * (firm.stiffness / relaxed.stiffness) ** share,
+        )
+        self._reaches = _reaches(rng, np.array(normal))
+        self._begins = [reach.begin_s for reach in self._reaches]
+
+    def reference(self, t: float) -> Vector:
+        """Where the hand aims at time t [s], (n,) [m]."""
+        t %= LASTS_S
+        reach = self._reaches[bisect_right(self._begins, t) - 1]
+        share = (t - reach.begin_s) / reach.span_s
+        if share >= 1.0:
+            return reach.goal
+        s = minimum_jerk(share)
+        return tuple([a + s * (b - a) for a, b in zip(reach.start, reach.goal, strict=True)])
+
+
+def _reaches(rng: np.random.Generator, normal: np.ndarray) -> list[_Reach]:
+    home = (0.0,) * len(normal)
+    reaches = [_Reach(0.0, FIRST_PAUSE_S, home, home)]
+    place, t, inside = home, FIRST_PAUSE_S, True
+    while t < LASTS_S - 3.0 * REACH_S[1]:
+        depth = rng.uniform(*(INSIDE_M if inside else OUTSIDE_M))
+        aside = rng.uniform(-ALONG_M, ALONG_M, len(normal))
+        goal = tuple((depth * normal + aside - normal * (normal @ aside)).tolist())
+        span = rng.uniform(*REACH_S)
+        reaches.append(_Reach(t, span, place, goal))
+        place, inside = goal, not inside
+        t += span + rng.uniform(*(PAUSE_S if inside else TOUCH_S))
+    reaches.append(_Reach(t, REACH_S[1], place, home))
+    return reaches
