@@ -224,10 +224,10 @@ def test_a_swing_without_planes_is_damped_and_the_damping_goes() -> None:
     for k in range(3000):
         t = TICK * k
         x, v = 0.002 * math.sin(38.0 * t), 0.002 * 38.0 * math.cos(38.0 * t)
-        y = added.step(TICK, (x,), (x - 0.3 / K * math.sin(38.0 * t + 1.0),), 0.0, swings=True)
+        y = added.step(TICK, (x,), (x - 0.3 / K * math.sin(38.0 * t + 1.0),), 0.0, 1.0, swings=True)
         damper = K * (y[0] - (x - 0.3 / K * math.sin(38.0 * t + 1.0)))
         velocity.append(-damper * v)
     assert sum(velocity[1000:]) * TICK > 0.8 * 5.0 * (0.002 * 38.0) ** 2 / 2.0 * 2.0  # most of b v^2, on average
     for _ in range(12_000):
-        added.step(TICK, (0.0,), (0.01,), 0.0, swings=True)
-    assert added.step(TICK, (0.0,), (0.01,), 0.0, swings=True) == (0.01,)
+        added.step(TICK, (0.0,), (0.01,), 0.0, 1.0, swings=True)
+    assert added.step(TICK, (0.0,), (0.01,), 0.0, 1.0, swings=True) == (0.01,)

@@ -2,8 +2,9 @@
 
     y' = y - b K^-1 v,      b = the largest of b_0, b_age(age), b_swing(envelope)
 
-* b_0 is always there. The damper B itself could do the same, but a held force of B v must be covered by the reserve for
-  as long as the watchdog allows; a spring's force is covered by the energy that it stores (control/reserve.py).
+* b_0 is there in free motion, where half of it is felt: a hand that nothing drags runs away from its prediction. In
+  contact it would only falsify the wall. The damper B itself is held, so that the reserve must cover B v for as long as
+  the watchdog allows; a spring's force is covered by the energy that it stores (control/reserve.py).
 * b_age: an old answer says little about where the proxy is. From half a second of age on, drag grows, so that the hand
   does not leave its proxy behind.
 * b_swing, only where the world can tell no planes: the force's changes above some 2 Hz have an envelope that rises at
@@ -57,8 +58,14 @@ class AddedDamping:
         self._slow_force: Vector = (0.0,) * len(self._stiffness)
         self._envelope = 0.0
 
-    def step(self, dt: float, x: Vector, y: Vector, age: float, *, swings: bool) -> Vector:
-        """y' [m]. `age` [s] is of the world's answer; `swings`: no contact model calms the coupling."""
+    def step(self, dt: float, x: Vector, y: Vector, age: float, freedom: float, *, swings: bool) -> Vector:
+        """y' [m].
+
+        Parameters
+        ----------
+        age : of the world's answer [s]. freedom : 1 in free motion, 0 in contact.
+        swings : no contact model calms the coupling.
+        """
         if self._slow_x is None:
             self._slow_x = x
         gain = dt / (VELOCITY_S + dt)
@@ -66,7 +73,7 @@ class AddedDamping:
         share = min(1.0, max(0.0, (age - AGED_S) / (OLD_S - AGED_S)))
         if swings:
             share = max(share, self._swinging(dt, [b - a for a, b in zip(x, y, strict=True)]))
-        b = max(self._least, share * self._most)
+        b = max(freedom * self._least, share * self._most)
         if b == 0.0:
             return y
         factor = b / VELOCITY_S

@@ -127,12 +127,12 @@ class ContactModel:
         lead = self._lead_of(dt, x)
         if self._planes is None:
             y = self._faded(dt, self._own_motion.step(dt, x, lead))
-            return self._added.step(dt, x, y, self._age, swings=True)
+            return self._added.step(dt, x, y, self._age, 1.0, swings=True)
         s, touches = self._rest(x, self._planes)
         self._freedom += dt / (self._fade_s + dt) * ((0.0 if touches else 1.0) - self._freedom)
         self._settle(dt)
         y = tuple([a + self._freedom * b for a, b in zip(s, lead, strict=True)])
-        return self._added.step(dt, x, self._faded(dt, y), self._age, swings=False)
+        return self._added.step(dt, x, self._faded(dt, y), self._age, self._freedom, swings=False)
 
     # -- what the world told ------------------------------------------------------------------------------------------
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # Okabe and Ito's colours, which colour-blind people can distinguish, and a different mark for each
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D1F")
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D1F")
 _MARKS = ("o", "s", "^", "D", "v", "P", "X", "p")
 _OTHERS: dict[str, Any] = {"color": "0.8", "linewidth": 0.6, "zorder": 1}
 _OUT = (
@@ -188,7 +188,7 @@ def _bound_mJ(outcomes: Sequence[Outcome]) -> float:
 def _mark(plan: Plan, variant: Variant) -> dict[str, Any]:
     """Colour and mark of a coupling: an outline, so that marks in the same place all show; filled with a deadband."""
     k = plan.couplings.index(variant.coupling)
-    colour = _COLOURS[k % len(_COLOURS)]
+    colour = COLOURS[k % len(COLOURS)]
     return {
         "color": colour,
         "marker": _MARKS[k % len(_MARKS)],

@@ -1,0 +1,135 @@
+"""`hapnet transparency`: what couplings transmit of a wall over frequency, and how stiff it may be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hapnet.commands import complete, output
+from hapnet.commands.compare import links_of
+from hapnet.commands.progress import Progress
+from hapnet.errors import InvalidParameter
+from hapnet.params import COUPLING_NAMES, Params
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from hapnet.study.impedance import Curve
+    from hapnet.study.z_width import ZWidth
+
+LINKS = ("lan", "4g")
+
+
+@dataclass(frozen=True)
+class TransparencyOptions:
+    """What is measured."""
+
+    coupling: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="A coupling to measure; repeat it, or separate names by commas. Default: all.",
+            autocompletion=complete.words(*COUPLING_NAMES),
+        ),
+    ] = None
+    link: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME[=WORDS[|WORDS]]",
+            help=f"A profile, or a name and tc-netem's words; may be repeated. Default: {', '.join(LINKS)}.",
+            autocompletion=complete.profiles,
+        ),
+    ] = None
+    seeds: Annotated[str, typer.Option(metavar="A:B", help="Seeds from A to B - 1.")] = "0:3"
+    z_width: Annotated[
+        bool, typer.Option("--z-width", help="Also find the stiffest wall without limit cycles, by bisection (slow).")
+    ] = False
+    workers: Annotated[int, typer.Option(min=0, help="Number of processes; 0: one per core.")] = 0
+
+
+def main(params: Params, given: TransparencyOptions, json_to: str | None, out: Path | None) -> int:
+    """Measure, print a table, write transparency.json and transparency.png."""
+    from hapnet.commands.batch import seed_range
+    from hapnet.couplings.registry import coupling
+    from hapnet.report.files import save_figure
+    from hapnet.simulation.processes import in_processes, usable_cores
+    from hapnet.study import transparency
+    from hapnet.study.impedance import Transmission, curve
+    from hapnet.study.transparency import Task
+
+    names = [name.strip() for words in given.coupling or () for name in words.split(",")] or list(COUPLING_NAMES)
+    for name in names:
+        coupling(name)
+    for name in ("coupling", "link.up", "link.down"):
+        if params.get(name) != Params().get(name):
+            raise InvalidParameter(name, params.get(name), f"its default: here --{name.partition('.')[0]} sets it")
+    links, seeds = links_of(list(given.link or LINKS), ()), seed_range(given.seeds)
+    tasks = [
+        Task(name, link, params.set({"coupling": name, "link.up": up, "link.down": down}), seed, hand)
+        for name in dict.fromkeys(names)
+        for link, (up, down) in links.items()
+        for seed, hand in [*((seed, None) for seed in seeds), *((0, hand) for hand in _hands(given))]
+    ]
+    workers = min(given.workers or usable_cores(), len(tasks))
+    words = output.console(json_to)
+    directory = output.run_directory(out, "transparency")
+    with Progress(words, "measuring", len(tasks), "runs") as bar:
+        shares = [tasks[k::workers] for k in range(workers)]
+        parts = in_processes(transparency.run, shares, lambda share: bar.update(share * len(tasks)))
+        found = [parts[k % workers][k // workers] for k in range(len(tasks))]
+        bar.stage("drawing")
+        curves: dict[tuple[str, str], Curve] = {}
+        widths: dict[tuple[str, str, str], ZWidth] = {}
+        for task, result in zip(tasks, found, strict=True):
+            if task.hand is not None:
+                assert not isinstance(result, Transmission)
+                widths[task.coupling, task.link, task.hand] = result
+            elif (task.coupling, task.link) not in curves:
+                same = [
+                    r for t, r in zip(tasks, found, strict=True) if t[:2] == task[:2] and isinstance(r, Transmission)
+                ]
+                curves[task.coupling, task.link] = curve(same)
+        save_figure(transparency.draw(curves), directory / "transparency.png")
+    whole = transparency.as_dict(curves, widths)
+    output.write_json(whole, str(directory / "transparency.json"))
+    words.print(_table(curves, widths))
+    words.print(
+        f"3 dB off: the lowest frequency, of 0.5 to 20 Hz, at which what is transmitted is 3 dB from the true wall; "
+        f"median and quartiles over {len(seeds)} seeds. A device is moved by 2 mm about 10 mm inside the wall.",
+        markup=False,
+    )
+    output.show_files(words, ("transparency.png", "transparency.json"), directory)
+    output.write_json(whole, json_to)
+    return 0
+
+
+def _hands(given: TransparencyOptions) -> tuple[str, ...]:
+    from hapnet.study.transparency import HANDS
+
+    return tuple(HANDS) if given.z_width else ()
+
+
+def _table(curves: dict[tuple[str, str], Curve], widths: dict[tuple[str, str, str], ZWidth]) -> Table:
+    from rich.table import Table
+
+    hands = list(dict.fromkeys(hand for *_, hand in widths))
+    table = Table("coupling", "link", "3 dB off [Hz]", *(f"stiffest wall, {hand} [N/m]" for hand in hands))
+    for (coupling, link), found in curves.items():
+        off = found.off_3dB_hz
+        cells = [_width(widths[coupling, link, hand]) for hand in hands]
+        spread = "" if off.q1 == off.q3 else f" ({_hz(off.q1)} to {_hz(off.q3)})"
+        table.add_row(coupling, link, f"{_hz(off.median)}{spread}", *cells)
+    return table
+
+
+def _hz(value: float) -> str:
+    return "above 20" if value == inf else f"{value:g}"
+
+
+def _width(found: ZWidth) -> str:
+    if found.free is None:
+        return f"below {found.cycles:.0f}"
+    return f"{found.free:.0f}" if found.cycles is not None else f"above {found.free:.0f}"

@@ -1,0 +1,114 @@
+"""What couplings transmit of a wall over frequency, and the stiffest wall without limit cycles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from math import inf, pi
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from hapnet.params import RELAXED_HAND, Params
+from hapnet.report.style import MM, STYLE
+from hapnet.study import impedance
+from hapnet.study.figures import COLOURS
+from hapnet.study.impedance import MOST_HZ, Curve, Transmission
+from hapnet.study.impedance import Figure as Spread
+from hapnet.study.z_width import ZWidth, z_width
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+STIFFNESS_SHOWN, DAMPING_SHOWN = (-60.0, 160.0), (-12.0, 12.0)
+"""Ranges of the figure's axes [N/m], [Ns/m]."""
+
+Z_SEEDS = (0,)
+HANDS: dict[str, dict[str, float]] = {"firm hand": {}, "relaxed hand": dict(RELAXED_HAND)}
+
+
+class Task(NamedTuple):
+    """One run, or with `hand` one bisection of the Z-width."""
+
+    coupling: str
+    link: str
+    params: Params
+    seed: int
+    hand: str | None = None
+
+
+def run(tasks: Sequence[Task], progress: Callable[[float], None]) -> list[Transmission | ZWidth]:
+    """Do these tasks, one after the other."""
+    found: list[Transmission | ZWidth] = []
+    for done, task in enumerate(tasks):
+        progress(done / len(tasks))
+        if task.hand is None:
+            found.append(impedance.transmission(task.params, task.seed))
+        else:
+            found.append(z_width(task.params.set(HANDS[task.hand]), Z_SEEDS))
+    return found
+
+
+def as_dict(curves: dict[tuple[str, str], Curve], widths: dict[tuple[str, str, str], ZWidth]) -> dict[str, Any]:
+    """All of it for JSON; an infinite frequency is None: nowhere 3 dB off up to 20 Hz."""
+
+    def finite(value: float) -> float | None:
+        return None if value == inf else value
+
+    return {
+        "curves": [
+            {
+                "coupling": coupling, "link": link,
+                "off_3dB_hz": {name: finite(value) for name, value in asdict(found.off_3dB_hz).items()},
+                "frequency_hz": found.frequency_hz,
+                "stiffness_N_per_m": [asdict(one) for one in found.stiffness],
+                "damping_Ns_per_m": [asdict(one) for one in found.damping],
+                "true_stiffness_N_per_m": [z.real for z in found.truth],
+                "true_damping_Ns_per_m": _damping(found),
+            }
+            for (coupling, link), found in curves.items()
+        ],
+        "z_width_N_per_m": [
+            {"coupling": coupling, "link": link, "hand": hand, **found._asdict()}
+            for (coupling, link, hand), found in widths.items()
+        ],
+    }  # fmt: skip
+
+
+def draw(curves: dict[tuple[str, str], Curve]) -> Figure:
+    """One column per link: stiffness and damping over frequency, with quartiles, beside the true wall's."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    links = list(dict.fromkeys(link for _, link in curves))
+    with mpl.rc_context(STYLE):
+        made = Figure(figsize=(180.0 * MM, 120.0 * MM), layout="constrained")
+        axes = made.subplots(2, len(links), sharex=True, sharey="row", squeeze=False)
+        for column, link in enumerate(links):
+            shown = {coupling: found for (coupling, over), found in curves.items() if over == link}
+            above, below = axes[0][column], axes[1][column]
+            for colour, (coupling, found) in zip(COLOURS, shown.items(), strict=False):
+                _line(above, found.frequency_hz, found.stiffness, colour, coupling)
+                _line(below, found.frequency_hz, found.damping, colour, coupling)
+            any_of = next(iter(shown.values()))
+            for axis, truth in ((above, [z.real for z in any_of.truth]), (below, _damping(any_of))):
+                axis.semilogx(any_of.frequency_hz, truth, "k--", label="true wall, through the springs")
+            above.set_title(link, parse_math=False)
+            below.set_xlabel("frequency [Hz]")
+            below.set_xlim(any_of.frequency_hz[0], MOST_HZ)
+        axes[0][0].set_ylim(*STIFFNESS_SHOWN)
+        axes[1][0].set_ylim(*DAMPING_SHOWN)
+        axes[0][0].set_ylabel("transmitted stiffness [N/m]")
+        axes[1][0].set_ylabel("transmitted damping [Ns/m]")
+        handles, labels = axes[0][0].get_legend_handles_labels()
+        made.legend(handles, labels, loc="outside lower center", ncols=5)
+    return made
+
+
+def _line(axis: Axes, x: Sequence[float], values: Sequence[Spread], colour: str, label: str) -> None:
+    axis.semilogx(x, [one.median for one in values], color=colour, label=label)
+    low, high = [one.q1 for one in values], [one.q3 for one in values]
+    axis.fill_between(x, low, high, color=colour, alpha=0.15, linewidth=0.0)
+
+
+def _damping(found: Curve) -> list[float]:
+    return [z.imag / (2.0 * pi * f) for z, f in zip(found.truth, found.frequency_hz, strict=True)]
