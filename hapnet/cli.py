@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hapnet.commands import compare as compare_command
-from hapnet.commands import complete, flags, output, sweep, tune
-from hapnet.commands import transparency as transparency_command
+from hapnet.commands import complete, flags, output, sweep, transparency, tune
 from hapnet.commands.groups import Without, grouped
 from hapnet.commands.options import (
     NO_LINK,
@@ -286,43 +285,7 @@ def compare(
     return compare_command.main(chosen, options, json_to, out)
 
 
-@app.command()
-@grouped
-def transparency(
-    *,
-    options: transparency_command.TransparencyOptions,
-    model: Annotated[
-        ModelOptions,
-        Without(
-            "scene",
-            "operator",
-            "hardware",
-            "coupling",
-            "deadband",
-            "servo",
-            "servo_hz",
-            "on_silence",
-            "silence_after",
-            "duration",
-        ),
-    ],
-    params: ParamsOptions,
-    json_to: flags.Json = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Directory for all output files.", show_default="runs/<UTC time>-transparency")
-    ] = None,
-) -> int:
-    """Measure what couplings transmit of a wall: stiffness and damping over frequency, in virtual time.
-
-    Prints a table; writes a figure and all numbers as JSON. --z-width adds the stiffest wall without limit cycles.
-    """
-    chosen = params.over(Params(), model.named())
-    if params.show_params:
-        return _show(params.shown(chosen))
-    json_target(json_to)
-    return transparency_command.main(chosen, options, json_to, out)
-
-
+app.command()(transparency.transparency)
 app.command()(tune.tune)
 
 

@@ -100,6 +100,7 @@ class OperatorParams:
         0.5, "the sine grows from rest over so many of its periods (minimum jerk); 0: full from the start",
         Range(at_least=0.0, at_most=100.0),
     )  # fmt: skip
+    tremor_m: float = _p(0.0, "amplitude of its tremor, 8 to 12 Hz [m]", Range(at_least=0.0, at_most=0.01))
     end_hold_s: float = _p(
         0.0,
         "the hand comes to rest and holds still for so long at the end of the run [s]; 0, or a short run: never",

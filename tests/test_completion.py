@@ -79,7 +79,7 @@ class Tab:
         ("simulate --downlink ge", ["geo"]),
         ("run --scene ", list(SCENES)),
         ("run --scene=w", ["wall"]),
-        ("device --operator ", ["rest", "sine", "press"]),
+        ("device --operator ", ["rest", "sine", "press", "hand-1"]),
         ("simulate --coupling ", list(COUPLING_NAMES)),
         ("run --servo ", ["auto", "continuous", "sampled"]),
         ("world --on-silence ", ["hold", "release"]),
@@ -148,7 +148,16 @@ def test_a_hand_may_be_a_file(directory: Path, tab: Tab) -> None:
     ):
         (directory / name).parent.mkdir(parents=True, exist_ok=True)
         (directory / name).touch()
-    assert tab("hapnet", "run", "--operator", "") == ["rest", "sine", "press", "a.csv", "b.mcap", "resin/", "runs/"]
+    assert tab("hapnet", "run", "--operator", "") == [
+        "rest",
+        "sine",
+        "press",
+        "hand-1",
+        "a.csv",
+        "b.mcap",
+        "resin/",
+        "runs/",
+    ]
     assert tab("hapnet", "run", "--operator", "re") == ["rest", "resin/f.csv"]
     assert tab("hapnet", "run", "--operator", "ru") == ["runs/x/d.csv", "runs/x/e.csv"]
     assert tab("hapnet", "run", "--operator", "runs/x/e") == ["runs/x/e.csv"]

@@ -14,6 +14,7 @@ from hapnet.params import RELAXED_HAND, Params
 from hapnet.plant.generated_hand import GeneratedHand
 from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.operator import HeldAtEnd, Impedance, Operator, Press, Rest, Sine
+from hapnet.plant.tremor import Tremor
 from hapnet.plant.worlds.protocol import World
 from hapnet.recording.hand import is_recording, recorded_hand
 from hapnet.recording.motion import read_motion
@@ -31,6 +32,12 @@ _BLEND_S = 1.0
 
 def operator(params: Params, scene: World) -> Operator:
     """The hand in this scene. Raises InvalidParameter."""
+    hand = _intending(params, scene)
+    amplitude = params.operator_hand.tremor_m
+    return Tremor(hand, amplitude) if amplitude and not isinstance(hand, LiveHand) else hand
+
+
+def _intending(params: Params, scene: World) -> Operator:
     hand = params.operator_hand
     moving = _moving(params, scene)
     if not hand.end_hold_s or isinstance(moving, LiveHand | Rest):

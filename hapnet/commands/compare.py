@@ -81,7 +81,7 @@ class CompareOptions:
         list[str] | None,
         typer.Option(
             metavar="NAME[@light]",
-            help="rest, sine, press, hand-N (generated) or a recording's path; may be repeated. @light: a relaxed hand. "
+            help="rest, sine, press, hand-N (generated) or a recording's path; may be repeated. @light: relaxed. "
             f"Default: {', '.join(OPERATORS)}.",
             rich_help_panel=_LINKS,
             autocompletion=complete.operators,

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hapnet.commands import complete, output
+from hapnet.commands import complete, flags, output
 from hapnet.commands.compare import links_of
+from hapnet.commands.groups import Without, grouped
+from hapnet.commands.options import ModelOptions, ParamsOptions, json_target
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
 from hapnet.params import COUPLING_NAMES, Params
@@ -48,6 +50,42 @@ class TransparencyOptions:
         bool, typer.Option("--z-width", help="Also find the stiffest wall without limit cycles, by bisection (slow).")
     ] = False
     workers: Annotated[int, typer.Option(min=0, help="Number of processes; 0: one per core.")] = 0
+
+
+@grouped
+def transparency(
+    *,
+    options: TransparencyOptions,
+    model: Annotated[
+        ModelOptions,
+        Without(
+            "scene",
+            "operator",
+            "hardware",
+            "coupling",
+            "deadband",
+            "servo",
+            "servo_hz",
+            "on_silence",
+            "silence_after",
+            "duration",
+        ),
+    ],
+    params: ParamsOptions,
+    json_to: flags.Json = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Directory for all output files.", show_default="runs/<UTC time>-transparency")
+    ] = None,
+) -> int:
+    """Measure what couplings transmit of a wall: stiffness and damping over frequency, in virtual time.
+
+    Prints a table; writes a figure and all numbers as JSON. --z-width adds the stiffest wall without limit cycles.
+    """
+    chosen = params.over(Params(), model.named())
+    if params.show_params:
+        return 0
+    json_target(json_to)
+    return main(chosen, options, json_to, out)
 
 
 def main(params: Params, given: TransparencyOptions, json_to: str | None, out: Path | None) -> int:

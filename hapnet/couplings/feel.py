@@ -5,7 +5,7 @@
 
 | what | rule | source |
 |---|---|---|
-| damping b, added through y in free motion | 2 zeta sqrt(K m) - B, zeta = `contact_model.damping_ratio` | critical at zeta = 1 |
+| damping b, added in free motion | 2 zeta sqrt(K m) - B, zeta = `contact_model.damping_ratio` | critical at zeta = 1 |
 | PSPM | at every tick, harvest measured; positions are sent every `device.pspm_period_s` | least delay |
 | lead | g K^-1 (B + b) v, g = `contact_model.lead`: a part of the drag is cancelled in free motion | (2) |
 | the world's prediction | age of the sample + B'/K' + T/2, T the mean step | lag of the integrator on a ramp |

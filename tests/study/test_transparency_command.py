@@ -1,0 +1,40 @@
+"""`hapnet transparency`, as a user types it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from hapnet import cli
+
+
+@pytest.mark.slow
+def test_a_local_model_transmits_the_wall_up_to_20_hz_over_a_delay_and_a_wave_does_not(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["--coupling", "pspm,wave", "--link", "far=delay 40ms", "--seeds", "0:1", "--out", str(tmp_path)]
+    assert cli.main(["transparency", *words]) == 0
+    rows = [line.split("│")[1:4] for line in capsys.readouterr().out.splitlines() if "far" in line]
+    assert [cell.strip() for cell in rows[0]] == ["pspm", "far", "above 20"]
+    found = json.loads((tmp_path / "transparency.json").read_text("utf-8"))["curves"]
+    assert found[0]["off_3dB_hz"]["median"] is None
+    assert found[1]["off_3dB_hz"]["median"] < 5.0  # a quarter period of a round trip of 80 ms is 3 Hz
+    assert (tmp_path / "transparency.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["--coupling", "best"], "coupling"),
+        (["--set", "coupling=zoh"], "coupling"),
+        (["--set", "link.up=4g"], "link.up"),
+        (["--link", "moon"], "--link"),
+        (["--seeds", "3:3"], "--seeds"),
+    ],
+)
+def test_what_is_wrong_is_one_line(words: list[str], named: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["transparency", *words]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"hapnet: {named} is ")
