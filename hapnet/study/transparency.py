@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 STIFFNESS_SHOWN, DAMPING_SHOWN = (-60.0, 160.0), (-12.0, 12.0)
 """Ranges of the figure's axes [N/m], [Ns/m]."""
 
+TICKS_HZ = (0.5, 1, 2, 5, 10, 20)
+
 Z_SEEDS = (0,)
 HANDS: dict[str, dict[str, float]] = {"firm hand": {}, "relaxed hand": dict(RELAXED_HAND)}
 
@@ -95,6 +97,8 @@ def draw(curves: dict[tuple[str, str], Curve]) -> Figure:
             above.set_title(link, parse_math=False)
             below.set_xlabel("frequency [Hz]")
             below.set_xlim(any_of.frequency_hz[0], MOST_HZ)
+            below.set_xticks(TICKS_HZ, map(str, TICKS_HZ))
+            below.minorticks_off()
         axes[0][0].set_ylim(*STIFFNESS_SHOWN)
         axes[1][0].set_ylim(*DAMPING_SHOWN)
         axes[0][0].set_ylabel("transmitted stiffness [N/m]")

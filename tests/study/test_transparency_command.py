@@ -16,8 +16,8 @@ def test_a_local_model_transmits_the_wall_up_to_20_hz_over_a_delay_and_a_wave_do
 ) -> None:
     words = ["--coupling", "pspm,wave", "--link", "far=delay 40ms", "--seeds", "0:1", "--out", str(tmp_path)]
     assert cli.main(["transparency", *words]) == 0
-    rows = [line.split("│")[1:4] for line in capsys.readouterr().out.splitlines() if "far" in line]
-    assert [cell.strip() for cell in rows[0]] == ["pspm", "far", "above 20"]
+    (row,) = [line for line in capsys.readouterr().out.splitlines() if "pspm" in line]
+    assert "above 20" in row
     found = json.loads((tmp_path / "transparency.json").read_text("utf-8"))["curves"]
     assert found[0]["off_3dB_hz"]["median"] is None
     assert found[1]["off_3dB_hz"]["median"] < 5.0  # a quarter period of a round trip of 80 ms is 3 Hz
