@@ -88,6 +88,27 @@ def test_a_wall_is_felt_as_the_springs_in_series() -> None:
     assert after(m, (0.01,), 0.1)[0] == pytest.approx(0.01 * (1.0 - SOFT), rel=1e-6)
 
 
+def test_the_shares_of_planes_and_damping_are_told() -> None:
+    """In contact the planes make all of it; with an old answer, added damping makes the rest; before, nobody."""
+    m, x, v = model((0.01,)), 0.01, 0.05
+    assert m.planes_share == m.damping_share == (0.0,)
+    m.receive(told((wall(),)), 0.0, 0.0)
+    y = after(m, (x,), 0.1)
+    assert m.planes_share[0] == pytest.approx(-0.01 * SOFT, rel=1e-6)
+    assert m.planes_share[0] == pytest.approx(y[0] - x, abs=1e-9)
+    m.receive(told((wall(),)), 0.1, 3.0)
+    for _ in range(100):
+        x += v * TICK
+        y = m.step(TICK, (x,))
+    assert m.damping_share[0] == pytest.approx(-5.0 * v / K, rel=0.01)
+    assert m.planes_share[0] + m.damping_share[0] == pytest.approx(y[0] - x, abs=1e-9)
+    m.receive(told(None, (0.0,)), 0.2, 0.0)
+    after(m, (x,), 0.5)
+    assert m.planes_share == (0.0,)  # the world's answer makes it
+    m.reset((x,))
+    assert m.planes_share == m.damping_share == (0.0,)
+
+
 def test_free_motion_cancels_its_share_of_the_drag() -> None:
     """Force K (y - x) at a steady velocity: the lead's share of B v."""
     m, v = model((0.0,), lead=0.5), 0.067

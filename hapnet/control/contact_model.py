@@ -102,12 +102,25 @@ class ContactModel:
         self._filtered: Vector | None = None
         self._freedom = 1.0
         self._start: Vector | None = position
+        self._made = position, position, self._still, position, position
         self._own_motion.reset(position)
 
     @property
     def shift(self) -> Vector:
         """By how much all planes are moved, so that they agree with what the proxy feels [m]."""
         return self._shift
+
+    @property
+    def planes_share(self) -> Vector:
+        """The part of the last y - x that the planes have made, and what is left of a change of them [m]."""
+        x, s, fading, _, _ = self._made
+        return tuple([b - a + c for a, b, c in zip(x, s, fading, strict=True)])
+
+    @property
+    def damping_share(self) -> Vector:
+        """The part of the last y - x that is added damping [m]."""
+        *_, before, y = self._made
+        return tuple(map(sub, y, before))
 
     def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
         """The world's newest answer, and how old it is; see `CouplingState.receive`."""
@@ -127,12 +140,16 @@ class ContactModel:
         lead = self._lead_of(dt, x)
         if self._planes is None:
             y = self._faded(dt, self._own_motion.step(dt, x, lead))
-            return self._added.step(dt, x, y, self._age, 1.0, swings=True)
+            damped = self._added.step(dt, x, y, self._age, 1.0, swings=True)
+            self._made = x, x, self._still, y, damped
+            return damped
         s, touches = self._rest(x, self._planes)
         self._freedom += dt / (self._fade_s + dt) * ((0.0 if touches else 1.0) - self._freedom)
         self._settle(dt)
-        y = tuple([a + self._freedom * b for a, b in zip(s, lead, strict=True)])
-        return self._added.step(dt, x, self._faded(dt, y), self._age, self._freedom, swings=False)
+        y = self._faded(dt, tuple([a + self._freedom * b for a, b in zip(s, lead, strict=True)]))
+        damped = self._added.step(dt, x, y, self._age, self._freedom, swings=False)
+        self._made = x, s, self._fading, y, damped
+        return damped
 
     # -- what the world told ------------------------------------------------------------------------------------------
 
