@@ -72,7 +72,8 @@ def test_numbers_that_are_not_finite(tmp_path: Path) -> None:
 TEXTS = {  # what viewers must find: the fields of a two-axis device and world, with their units
     "/device/state": "position_x_m position_y_m set_position_x_m set_position_y_m target_x_m target_y_m force_x_N "
     "force_y_N operator_force_x_N operator_force_y_N reservoir_J deficit_J potential_J sent_J credited_J margin_J "
-    "slack_J operator_target_x_m operator_target_y_m",
+    "slack_J operator_target_x_m operator_target_y_m spring_force_x_N spring_force_y_N damper_force_x_N "
+    "damper_force_y_N model_force_x_N model_force_y_N added_damping_force_x_N added_damping_force_y_N",
     "/world/state": "step_s position_x_m position_y_m velocity_x_mps velocity_y_mps set_position_x_m set_position_y_m "
     "target_x_m target_y_m coupling_force_x_N coupling_force_y_N contact_force_x_N contact_force_y_N penetration_m "
     "reservoir_J potential_J sent_J credited_J margin_J slack_J",
@@ -168,7 +169,9 @@ def test_viewers_find_indexes_and_small_chunks(tmp_path: Path) -> None:
 
 
 def test_recordings_in_json_can_still_be_read(tmp_path: Path) -> None:
-    """As they were written before protobuf: vectors as lists, null where unknown, no operator_target_m."""
+    """As they were written before protobuf: vectors as lists, null where unknown, no target, no parts of the force."""
+    later = ("operator_target_m", *(name for name in DeviceSample._fields if name.endswith("_force_N")))
+    later = tuple(name for name in later if name != "operator_force_N")
     samples = run(2)
     with (tmp_path / "old.mcap").open("wb") as file:
         writer = Writer(file)
@@ -180,11 +183,12 @@ def test_recordings_in_json_can_still_be_read(tmp_path: Path) -> None:
             channels[kind] = writer.register_channel(topic, "json", schema)
         for sample in samples:
             fields = {"name": sample.kind, "message": sample.text} if isinstance(sample, Event) else sample._asdict()
-            fields.pop("operator_target_m", None)
+            fields = {name: value for name, value in fields.items() if name not in later}
             writer.add_message(channels[type(sample)], sample.time_ns, json.dumps(fields).encode(), sample.time_ns)
         writer.finish()
     recording = read_recording(tmp_path / "old.mcap")
-    expected = memory([s._replace(operator_target_m=None) if isinstance(s, DeviceSample) else s for s in samples])
+    unknown = dict.fromkeys(later)
+    expected = memory([s._replace(**unknown) if isinstance(s, DeviceSample) else s for s in samples])
     assert same(recording, dataclasses.replace(expected, summary=None))
 
 

@@ -18,8 +18,9 @@ def device_sample(i: int, n: int = 2, origin: int = ORIGIN) -> DeviceSample:
     v = tuple(0.1 * math.sin(0.7 * i + axis) for axis in range(n))
     w = tuple(x / 3.0 for x in v)
     return DeviceSample(
-        origin + i * 1_000_000, v, w, v, w, None if i % 2 else v, 0.05, 0.0, 1 / 3, 1e-9, 0.0, 0.1, -0.0, w
-    )
+        origin + i * 1_000_000, v, w, v, w, None if i % 2 else v, 0.05, 0.0, 1 / 3, 1e-9, 0.0, 0.1, -0.0, w, v, w,
+        None if i % 3 else w, v,
+    )  # fmt: skip
 
 
 def world_sample(i: int, n: int = 2, origin: int = ORIGIN) -> WorldSample:

@@ -59,6 +59,19 @@ class Proxy(NamedTuple):
     """The planes that it touches or is near; None: this world can tell no planes."""
 
 
+class ForceParts(NamedTuple):
+    """What a device's force is made of [N]. Spring and damper add up to it, unless a limit took something off."""
+
+    spring: Vector
+    """K (ybar - x)."""
+    damper: Vector
+    """-B v."""
+    model: Vector
+    """The part of the spring's force that the local contact model's planes have made."""
+    added_damping: Vector
+    """The part of it that is added damping."""
+
+
 CouplingSample = Vector | Motion | Port | Wave | Proxy
 """What one side sends to the other. A bare vector is a position [m]."""
 
@@ -146,6 +159,10 @@ class DeviceCoupling(Protocol):
     @property
     def quantisation(self) -> float | None:
         """How far encoder quantisation can put the true slack below the measured one [J]; None: unknown."""
+
+    @property
+    def parts(self) -> ForceParts | None:
+        """What the force of the last tick is made of; None: this coupling does not tell."""
 
     def figures(self) -> dict[str, Any]:
         """What the summary reports about held forces, by the summary's keys; empty if it keeps no such account."""
@@ -328,6 +345,8 @@ class LawServo:
     harvest = "measured"
     quantisation: float | None = None
     """None: how far encoders blur a law's account is unknown."""
+    parts: ForceParts | None = None
+    """None: each law makes its force in its own way."""
 
     def __init__(
         self, law: DeviceLaw, *, period: float, position: Vector, initial_energy: float, force_limit: float

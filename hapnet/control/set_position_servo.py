@@ -14,7 +14,8 @@ from operator import mul, sub
 from typing import Any, Final, Literal
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import TICK_SLACK_S, Update
+from hapnet.control.contact_model import ContactModel
+from hapnet.control.coupling import TICK_SLACK_S, ForceParts, Update
 from hapnet.control.harvest import MeasuredHarvest, dissipated_by_range
 from hapnet.control.reserve import ForceGuard, Holding
 from hapnet.control.set_position_coupling import SetPositionCoupling
@@ -37,10 +38,20 @@ class ContinuousServo:
     damping : B's diagonal [Ns/m].
     period : longest time between two runs of PSPM [s]; it also runs on the first tick after a sample.
     sending : time between two samples sent [s]; 0: each run of PSPM sends one.
+    model : the coupling's source, if it is a local contact model, for `parts`.
     """
 
-    def __init__(self, coupling: SetPositionCoupling, *, damping: Vector, period: float, sending: float = 0.0) -> None:
+    def __init__(
+        self,
+        coupling: SetPositionCoupling,
+        *,
+        damping: Vector,
+        period: float,
+        sending: float = 0.0,
+        model: ContactModel | None = None,
+    ) -> None:
         self.coupling = coupling
+        self._model = model
         self.damping = damping
         self._sender = _Sender(sending)
         self.due: Final = period - TICK_SLACK_S
@@ -88,6 +99,28 @@ class ContinuousServo:
         stored = kinetic + coupling.spring.between(coupling.modulator.set_position, x)
         ledger.observe(stored, coupling.account)
 
+    def parts(self, x: Vector, force: Vector) -> ForceParts:
+        """What the device's force at x is made of [N]; what the spring does not give is the damper's."""
+        spring = self.coupling.spring.force(tuple(map(sub, x, self.coupling.set_position)))
+        return _parts(self.coupling, self._model, x, spring, tuple(map(sub, force, spring)))
+
+
+def _parts(
+    coupling: SetPositionCoupling, model: ContactModel | None, x: Vector, spring: Vector, damper: Vector
+) -> ForceParts:
+    """The parts of a force; where the spring is saturated, its own parts shrink with it."""
+    if model is None:
+        nothing = (0.0,) * len(x)
+        return ForceParts(spring, damper, nothing, nothing)
+    stiffness = coupling.spring
+    scale = stiffness.saturation(tuple(map(sub, x, coupling.set_position)))
+    rows = stiffness.K.tolist()
+    of_planes, added = (
+        tuple([scale * sum(map(mul, row, share)) for row in rows])
+        for share in (model.planes_share, model.damping_share)
+    )
+    return ForceParts(spring, damper, of_planes, added)
+
 
 class _Sender:
     """Decides which runs of PSPM send a sample, if not every one does; all of them send their energy."""
@@ -115,7 +148,7 @@ class SampledServo:
 
     Parameters
     ----------
-    coupling, damping, period, sending : as in `ContinuousServo`.
+    coupling, damping, period, sending, model : as in `ContinuousServo`.
     harvest : "measured" (default) or "range".
     trusted_damping : lower bound of the device's own damping on each axis, harvested too with "measured" [Ns/m].
     guard : limits the force, with "measured" also to what the account can cover; the spring should saturate a little
@@ -132,6 +165,7 @@ class SampledServo:
         damping: Vector,
         period: float,
         sending: float = 0.0,
+        model: ContactModel | None = None,
         position: Vector,
         harvest: Harvest = "measured",
         trusted_damping: Vector | None = None,
@@ -143,6 +177,7 @@ class SampledServo:
         self.damping = damping
         self._due = period - TICK_SLACK_S
         self._sender = _Sender(sending)
+        self._model = model
         self.harvest = harvest
         self.resolution = resolution
         self.force: Vector = (0.0,) * len(position)
@@ -164,7 +199,7 @@ class SampledServo:
         self._low = self._high = position
         self._elapsed = 0.0
         self._clipped = False
-        self._commanded = self._before = self.force
+        self._commanded = self._before = self._velocity = self.force
         self._potential = coupling.potential(position)
         self._torque_path = 0.0
         self._boundary = 0.0
@@ -185,6 +220,14 @@ class SampledServo:
         boundary = max(self._boundary, self._unsprung())
         blur: float = r / 2.0 * (path + boundary) + r * r / 8.0 * self.coupling.spring.curvature_bound()
         return blur
+
+    @property
+    def parts(self) -> ForceParts:
+        """What the force of the last tick is made of."""
+        x = self._position
+        spring = self.coupling.spring.force(tuple(map(sub, x, self.coupling.set_position)))
+        damper = tuple([-b * v for b, v in zip(self.damping, self._velocity, strict=True)])
+        return _parts(self.coupling, self._model, x, spring, damper)
 
     def figures(self) -> dict[str, Any]:
         """What is known about the held forces, by the summary's keys; empty if `holding` is unknown."""
@@ -289,6 +332,7 @@ class SampledServo:
         return dissipated_by_range(self.damping, self._low, self._high, self._elapsed, self.resolution)
 
     def _render(self, x: Vector, v: Vector) -> None:
+        self._velocity = v
         spring = self.coupling.spring.force(tuple(map(sub, x, self.coupling.set_position)))
         wanted = tuple(map(sub, spring, map(mul, self.damping, v)))
         energy = math.inf
@@ -316,4 +360,4 @@ class SampledServo:
         """Render no force from now until the next tick. The energy account stays correct."""
         if self.resolution:
             self._blur()
-        self.force = self._commanded = (0.0,) * len(self.force)
+        self.force = self._commanded = self._velocity = (0.0,) * len(self.force)

@@ -10,6 +10,7 @@ from typing import Any, cast
 
 from hapnet import checks
 from hapnet.checks import Vector
+from hapnet.control.contact_model import ContactModel
 from hapnet.control.coupling import DeviceCoupling, WorldCoupling
 from hapnet.control.limits import OnSilence, Silence
 from hapnet.control.pspm import SetPositionModulator, Shuffle
@@ -92,12 +93,13 @@ def device_spring(params: Params, dof: int) -> tuple[Spring, Vector]:
 
 def _at_device(
     start: CouplingStart[FeelTuning], make: MakeModulator, limited: bool, reserve: float = 0.0
-) -> tuple[SetPositionCoupling, Vector]:
+) -> tuple[SetPositionCoupling, Vector, ContactModel | None]:
     device = start.params.device
     spring, damping = device_spring(start.params, len(start.position))
     modulator = make(device, spring, start.position, start.initial_energy, reserve)
     longest = _longest_step(device, spring, limited)
-    return _coupling(start, device, spring, modulator, longest, feel.at_device(start)), damping
+    model = feel.at_device(start)
+    return _coupling(start, device, spring, modulator, longest, model), damping, model
 
 
 def _rates(start: CouplingStart[FeelTuning]) -> tuple[float, float]:
@@ -107,9 +109,9 @@ def _rates(start: CouplingStart[FeelTuning]) -> tuple[float, float]:
 
 
 def _continuous(start: CouplingStart[FeelTuning], make: MakeModulator, limited: bool) -> ContinuousServo:
-    coupling, damping = _at_device(start, make, limited)
+    coupling, damping, model = _at_device(start, make, limited)
     period, sending = _rates(start)
-    return ContinuousServo(coupling, damping=damping, period=period, sending=sending)
+    return ContinuousServo(coupling, damping=damping, period=period, sending=sending, model=model)
 
 
 def _sampled(start: CouplingStart[FeelTuning], make: MakeModulator, limited: bool) -> DeviceCoupling:
@@ -117,13 +119,14 @@ def _sampled(start: CouplingStart[FeelTuning], make: MakeModulator, limited: boo
     guard, holding = ForceGuard(limit=device.force_limit_N or math.inf), None
     if limited:
         guard, holding = held_torque.guard(device, start.harvest, dof)
-    coupling, damping = _at_device(start, make, limited, 0.0 if holding is None else holding.reserve)
+    coupling, damping, model = _at_device(start, make, limited, 0.0 if holding is None else holding.reserve)
     period, sending = _rates(start)
     return SampledServo(
         coupling,
         damping=damping,
         period=period,
         sending=sending,
+        model=model,
         position=start.position,
         harvest=start.harvest,
         trusted_damping=(device.trusted_damping,) * dof,

@@ -79,6 +79,11 @@ class Spring:
             return (scale * self._K11 * e[0],)
         return tuple([scale * sum(map(mul, row, e)) for row in self._rows])
 
+    def saturation(self, e: Vector) -> float:
+        """The share of the linear spring's force ``-K e`` that it gives at the offset e [m]: 1 up to the limit."""
+        square = self.ellipsoid.square(e)
+        return 1.0 if square <= self._knee_square else self.knee / math.sqrt(square)
+
     def nearest(self, e: Vector, energy: float) -> Vector:
         """The offset with ``phi <= energy`` [J] nearest to `e`; the bound holds in floating point."""
         if energy <= 0.0:

@@ -27,6 +27,10 @@ class DeviceSample(NamedTuple):
     hand's force and `operator_target_m` its target x_d; both are None if a person holds a real device. Energies are
     those of the modulator and the ledger: `sent_J` and `credited_J` are running totals, `margin_J` and `slack_J` those
     of this side's half of the theorem at this instant.
+
+    `spring_force_N` is K (ybar - x) and `damper_force_N` is -B v: they add up to the force, unless a limit took
+    something off. `model_force_N` and `added_damping_force_N` are the parts of the spring's force that come from the
+    planes of the local contact model and from added damping. All four are None where a coupling does not tell.
     """
 
     time_ns: int
@@ -43,6 +47,10 @@ class DeviceSample(NamedTuple):
     margin_J: float
     slack_J: float
     operator_target_m: Vector | None = None
+    spring_force_N: Vector | None = None
+    damper_force_N: Vector | None = None
+    model_force_N: Vector | None = None
+    added_damping_force_N: Vector | None = None
 
 
 class WorldSample(NamedTuple):

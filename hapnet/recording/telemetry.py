@@ -22,7 +22,7 @@ from hapnet.recording.samples import VECTORS, DeviceSample, Event, Sample, World
 from hapnet.wire.fields import MAX_DOF
 from hapnet.wire.messages import Role
 
-VERSION = 2
+VERSION = 3
 
 LONGEST = 64 * 1024
 """No message is longer [bytes]."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import CouplingState, DeviceCoupling
+from hapnet.control.coupling import CouplingState, DeviceCoupling, ForceParts
 from hapnet.control.harvest import MeasuredHarvest
 from hapnet.control.ledger import Ledger
 from hapnet.control.set_position_servo import ContinuousServo
@@ -23,6 +23,7 @@ Write = Callable[[Sample], None]
 Clock = Callable[[], int]
 
 _NEVER = 2**63
+_UNKNOWN = (None, None, None, None)
 
 
 @dataclass(frozen=True)
@@ -180,13 +181,20 @@ class DeviceSide(ABC):
         return periods
 
     def _sampled(
-        self, now_ns: int, x: Vector, force: Vector, hand: Vector | None, target: Vector | None
+        self,
+        now_ns: int,
+        x: Vector,
+        force: Vector,
+        hand: Vector | None,
+        target: Vector | None,
+        parts: ForceParts | None,
     ) -> DeviceSample:
         coupling = self.endpoint.coupling
         ledger = coupling.ledger
         return DeviceSample(
             now_ns, x, coupling.set_position, coupling.target, force, hand, coupling.reservoir, coupling.deficit,
             coupling.potential(x), ledger.sent, ledger.credited, ledger.margin, ledger.slack, target,
+            *(parts or _UNKNOWN),
         )  # fmt: skip
 
 
@@ -247,7 +255,7 @@ class ContinuousDeviceSide(DeviceSide):
             tick += 1
             if tick % every == 0:
                 at_ns = now_ns + (tick - self.ticks - 1) * self._period_ns
-                self._write(self._sampled(at_ns, x, force, hand_force, target))
+                self._write(self._sampled(at_ns, x, force, hand_force, target, servo.parts(x, force)))
         observe(lowest)
         observe(ledger.work)
         self._last_ns = self._expected_ns = now_ns + (ticks - 1) * self._period_ns
@@ -272,7 +280,9 @@ class ContinuousDeviceSide(DeviceSide):
 
     def _sample(self, now_ns: int) -> DeviceSample:
         device = self.device
-        return self._sampled(now_ns, device.position, device.actuator_force, device.hand_force, device.references[-1])
+        x, force = device.position, device.actuator_force
+        parts = self._servo.parts(x, force)
+        return self._sampled(now_ns, x, force, device.hand_force, device.references[-1], parts)
 
 
 class SampledDeviceSide(DeviceSide):
@@ -382,5 +392,5 @@ class SampledDeviceSide(DeviceSide):
 
     def _sample(self, now_ns: int) -> DeviceSample:
         simulated = self._simulated
-        hand = (None, None) if simulated is None else (simulated.hand_force, simulated.references[-1])
-        return self._sampled(now_ns, self._x, self._servo.force, *hand)
+        hand, target = (None, None) if simulated is None else (simulated.hand_force, simulated.references[-1])
+        return self._sampled(now_ns, self._x, self._servo.force, hand, target, self._servo.parts)
