@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hapnet.mechanics.plane import Plane
 from hapnet.recording.samples import DeviceSample, Event, WorldSample
-from hapnet.recording.telemetry import Status
+from hapnet.recording.telemetry import KnownPlanes, Status
 from hapnet.summary.verdict import judge
-from hapnet.view.history import CAPACITY, MOST_EVENTS, History
+from hapnet.view.history import CAPACITY, MOST_EVENTS, PARTS, History
 from hapnet.wire.messages import Role
 
 MS = 1_000_000
@@ -48,6 +49,25 @@ def test_the_last_seconds_are_kept_in_order() -> None:
     assert track.position_m[:, 0].tolist() == list(range(1999, 3000))
     np.testing.assert_allclose(track.time_s, np.arange(-1000, 1) / 1000.0, atol=1e-12)
     np.testing.assert_array_equal(track.force_N, 2.0 * track.position_m)
+
+
+def test_the_parts_of_the_force_and_the_known_planes_are_kept_until_the_device_restarts() -> None:
+    history, plane = History(), Plane((1.0, 0.0), 0.02, 3000.0, 10.0)
+    parts = [(1.0, 2.0), (3.0, 4.0), (5.0, 6.0), (7.0, 8.0)]
+    history.take(status("device"))
+    history.take(device(0, dof=2))
+    history.take(device(MS, dof=2)._replace(**dict(zip(PARTS, parts, strict=True))))
+    history.take(world(MS))
+    history.take(KnownPlanes((plane,)))
+    snapshot = history.snapshot()
+    assert snapshot.device is not None
+    assert snapshot.world is not None
+    assert np.isnan(snapshot.device.parts_N[0]).all()
+    assert snapshot.device.parts_N[1].tolist() == [list(part) for part in parts]
+    assert snapshot.world.parts_N.shape == (1, 0, 1)
+    assert snapshot.planes == (plane,)
+    history.take(status("device", 2))
+    assert history.snapshot().planes is None
 
 
 def test_memory_is_bounded_and_the_newest_stay() -> None:

@@ -9,8 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapnet.errors import BadMessage
+from hapnet.plant.worlds.protocol import Plane
+from hapnet.realtime.telemetry_publisher import TelemetryPublisher
 from hapnet.recording.samples import DeviceSample, Event, WorldSample
-from hapnet.recording.telemetry import LONGEST, VERSION, Status, Telemetry, decode, encode
+from hapnet.recording.telemetry import LONGEST, VERSION, KnownPlanes, Status, Telemetry, decode, encode
 
 WHOLE = st.integers(-(2**63), 2**63 - 1)
 NUMBER = st.floats(allow_nan=False)
@@ -34,7 +36,11 @@ def samples(draw: st.DrawFn) -> DeviceSample | WorldSample:
     return kind(**values)
 
 
-@given(message=st.one_of(samples(), st.builds(Event, WHOLE, st.text(), st.text()), st.just(STATUS)))
+WALL = Plane((0.6, 0.8), -0.01, 3000.0, 10.0, 0.0)
+PLANES = (KnownPlanes(None), KnownPlanes(()), KnownPlanes((WALL, WALL._replace(normal=(1.0, 0.0)))))
+
+
+@given(message=st.one_of(samples(), st.builds(Event, WHOLE, st.text(), st.text()), st.sampled_from((STATUS, *PLANES))))
 def test_what_is_published_is_what_is_read(message: Telemetry) -> None:
     assert decode(encode(message)) == message
 
@@ -51,7 +57,11 @@ def test_any_bytes_are_a_message_or_are_refused(data: bytes) -> None:
         decode(data)
 
 
-@given(message=st.one_of(samples(), st.just(STATUS)), at=st.integers(0, 10**6), value=st.integers(0, 255))
+@given(
+    message=st.one_of(samples(), st.sampled_from((STATUS, *PLANES))),
+    at=st.integers(0, 10**6),
+    value=st.integers(0, 255),
+)
 def test_a_flipped_byte_never_raises_anything_else(message: Telemetry, at: int, value: int) -> None:
     data = bytearray(encode(message))
     data[at % len(data)] = value
@@ -79,6 +89,10 @@ DEVICE = DeviceSample(1, (0.0,), (0.0,), (0.0,), (0.0,), None, *[0.0] * 7, None)
         ([VERSION, "device", *DEVICE._replace(position_m=(0.0, 0.0))], "numbers of axes"),
         ([VERSION, "device", *DEVICE._replace(margin_J=1)], "margin_J"),
         ([VERSION, "event", 1, "kind"], "neither"),
+        ([VERSION, "planes"], "neither"),
+        ([VERSION, "planes", 3], "array of planes"),
+        ([VERSION, "planes", [WALL._replace(normal=(1.0, 1.0))]], "normal"),
+        ([VERSION, "planes", [WALL] * 5], "5 planes"),
         ([VERSION, "status", {"role": "device"}], "other fields"),
         ([VERSION, "status", {**vars(STATUS), "role": "mouse"}], "role"),
         ([VERSION, "status", {**vars(STATUS), "about": []}], "about"),
@@ -105,6 +119,20 @@ DEVICE = DeviceSample(1, (0.0,), (0.0,), (0.0,), (0.0,), None, *[0.0] * 7, None)
 def test_what_is_refused_is_named(frame: object, why: str) -> None:
     with pytest.raises(BadMessage, match=why):
         decode(msgpack.packb(frame))
+
+
+def test_planes_are_published_when_they_change_and_with_each_status() -> None:
+    """Without a loop: `publish` is a turn of it."""
+    put: list[Telemetry] = []
+    known: list[tuple[Plane, ...] | None] = [None]
+    publisher = TelemetryPublisher(60.0, lambda data: put.append(decode(data)), lambda: STATUS, lambda: known[0])
+    for planes in (None, None, (WALL,), (WALL,), ()):
+        known[0] = planes
+        publisher.publish()
+    assert put == [KnownPlanes(None), KnownPlanes((WALL,)), KnownPlanes(())]
+    publisher.tell_status()
+    publisher.publish()
+    assert put[3:] == [STATUS, KnownPlanes(())]
 
 
 def test_what_is_too_long_is_not_looked_at() -> None:

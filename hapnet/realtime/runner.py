@@ -103,7 +103,8 @@ class RealtimeSide:
         period_ns = round(1e9 / setup.params.device.servo_hz) if role == "device" else None
         self._link_driver = LinkDriver(port, self._transport.put, clock, period_ns=period_ns)
         rate_hz = setup.params.telemetry_hz
-        self._telemetry = TelemetryPublisher(rate_hz, self._put, self._status) if rate_hz else None
+        planes = (lambda: self.wire.planes) if role == "device" else None
+        self._telemetry = TelemetryPublisher(rate_hz, self._put, self._status, planes) if rate_hz else None
         self._reporter = Reporter(role, own.on_silence, clock, notify, self._telemetry)
         self._figures = Figures(setup, role, seed, (session, name), control, self._link_driver, self._transport, clock)
         self._housekeeping = Housekeeping(

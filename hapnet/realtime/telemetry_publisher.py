@@ -7,8 +7,9 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
+from hapnet.mechanics.plane import Plane
 from hapnet.recording.samples import Event, Sample
-from hapnet.recording.telemetry import Status, encode
+from hapnet.recording.telemetry import KnownPlanes, Status, encode
 from netem import LinkStats
 
 STATUS_EVERY_S = 0.5
@@ -23,16 +24,24 @@ class TelemetryPublisher:
     Parameters
     ----------
     rate_hz : turns per second. put : publishes; returns at once. status : gives the side's present status.
+    planes : gives the planes that a device knows; they are published when they change, and with each status.
 
     Attributes
     ----------
     dropped : turns that were skipped.
     """
 
-    def __init__(self, rate_hz: float, put: Callable[[bytes], object], status: Callable[[], Status]) -> None:
+    def __init__(
+        self,
+        rate_hz: float,
+        put: Callable[[bytes], object],
+        status: Callable[[], Status],
+        planes: Callable[[], tuple[Plane, ...] | None] | None = None,
+    ) -> None:
         self.dropped = 0
         self._period_s = 1.0 / rate_hz
-        self._put, self._status = put, status
+        self._put, self._status, self._planes = put, status, planes
+        self._told: object = self  # the planes that were published last; itself: none yet
         self._newest: Sample | None = None
         self._began = False  # a status comes before the first sample, so that a watcher knows what the sample is of
         self._events: deque[Event] = deque(maxlen=_MOST_EVENTS)
@@ -55,10 +64,15 @@ class TelemetryPublisher:
             else:
                 if now_s >= status_s or (self._newest is not None and not self._began):
                     status_s = now_s + STATUS_EVERY_S
-                    self._put(encode(self._status()))
+                    self.tell_status()
                 self.publish()
             due_s = max(due_s + period_s, loop.time())
             await asyncio.sleep(due_s - loop.time())
+
+    def tell_status(self) -> None:
+        """Publish the status; the planes follow it, for who has just begun to watch."""
+        self._put(encode(self._status()))
+        self._told = self
 
     def publish(self) -> None:
         """Publish what was kept since the last time."""
@@ -66,6 +80,9 @@ class TelemetryPublisher:
         if sample is not None:
             self._began = True
             self._put(encode(sample))
+        if self._planes is not None and (planes := self._planes()) != self._told:
+            self._told = planes
+            self._put(encode(KnownPlanes(planes)))
         while self._events:
             self._put(encode(self._events.popleft()))
 

@@ -1,9 +1,10 @@
 """What a side publishes for those who watch it: its newest sample many times a second, its status twice.
 
 Each message is one msgpack array whose first element is the version and whose second says what it holds: ``device`` or
-``world`` (the fields of a `DeviceSample` or `WorldSample` in order), ``event`` (those of an `Event`) or ``status`` (a
-`Status`, one map). The checks of what is read are made from these classes' types. Nothing depends on telemetry: it is
-dropped first and never repeated, and a watcher counts the messages that it cannot read.
+``world`` (the fields of a `DeviceSample` or `WorldSample` in order), ``event`` (those of an `Event`), ``planes`` (those
+of a `KnownPlanes`) or ``status`` (a `Status`, one map). The checks of what is read are made from these classes' types.
+Nothing depends on telemetry: it is dropped first and never repeated, and a watcher counts the messages that it cannot
+read.
 """
 
 from __future__ import annotations
@@ -12,13 +13,15 @@ import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeAlias, get_args, get_origin, get_type_hints
+from typing import Any, NamedTuple, TypeAlias, get_args, get_origin, get_type_hints
 
 import msgpack
 
 from hapnet.checks import Vector
 from hapnet.errors import BadMessage
+from hapnet.plant.worlds.protocol import Plane
 from hapnet.recording.samples import VECTORS, DeviceSample, Event, Sample, WorldSample, plain
+from hapnet.wire import fields
 from hapnet.wire.fields import MAX_DOF
 from hapnet.wire.messages import Role
 
@@ -55,16 +58,23 @@ class Status:
     path: dict[str, Any]
 
 
-Telemetry: TypeAlias = DeviceSample | WorldSample | Event | Status
+class KnownPlanes(NamedTuple):
+    """The planes that the device knows, from the world's newest message; None: the world tells none."""
+
+    planes: tuple[Plane, ...] | None
 
 
-def encode(message: Sample | Status) -> bytes:
+Telemetry: TypeAlias = DeviceSample | WorldSample | Event | Status | KnownPlanes
+
+
+def encode(message: Sample | Status | KnownPlanes) -> bytes:
     """The bytes to publish."""
     packed: bytes
     if isinstance(message, Status):
         packed = msgpack.packb((VERSION, "status", plain(dataclasses.asdict(message))))
     else:
-        kind = {DeviceSample: "device", WorldSample: "world", Event: "event"}[type(message)]
+        kinds = {DeviceSample: "device", WorldSample: "world", Event: "event", KnownPlanes: "planes"}
+        kind = kinds[type(message)]
         packed = msgpack.packb((VERSION, kind, *message))
     return packed
 
@@ -85,25 +95,28 @@ def decode(data: bytes) -> Telemetry:
     match frame:
         case (version, *_) if version != VERSION:
             raise BadMessage("version", f"telemetry of version {version!r}; allowed: {VERSION}")
-        case (_, str(kind), *fields) if kind in _SAMPLES:
-            return _sample(_SAMPLES[kind], fields)
+        case (_, str(kind), *told) if kind in _SAMPLES:
+            return _sample(_SAMPLES[kind], told)
         case (_, "event", int(time_ns), str(kind), str(text)):
             return Event(time_ns, kind, text)
-        case (_, "status", dict(fields)):
-            return _status(fields)
-    raise BadMessage("telemetry", "neither a sample, an event nor a status")
+        case (_, "planes", told):
+            fields.planes(told)
+            return KnownPlanes(None if told is None else tuple([Plane(*plane) for plane in told]))
+        case (_, "status", dict(told)):
+            return _status(told)
+    raise BadMessage("telemetry", "neither a sample, an event, planes nor a status")
 
 
-def _sample(kind: type[DeviceSample] | type[WorldSample], fields: list[Any]) -> DeviceSample | WorldSample:
+def _sample(kind: type[DeviceSample] | type[WorldSample], told: list[Any]) -> DeviceSample | WorldSample:
     names = kind._fields
-    if len(fields) != len(names):
-        raise BadMessage("telemetry", f"{len(fields)} fields of a {kind.__name__}, which has {len(names)}")
-    for name, value in zip(names, fields, strict=True):
+    if len(told) != len(names):
+        raise BadMessage("telemetry", f"{len(told)} fields of a {kind.__name__}, which has {len(names)}")
+    for name, value in zip(names, told, strict=True):
         if not _FITS[kind][name](value):
             raise BadMessage("telemetry", f"{name} of a {kind.__name__} is {value!r:.60}")
-    if len({len(value) for name, value in zip(names, fields, strict=True) if name in VECTORS and value}) > 1:
+    if len({len(value) for name, value in zip(names, told, strict=True) if name in VECTORS and value}) > 1:
         raise BadMessage("telemetry", f"vectors of a {kind.__name__} with different numbers of axes")
-    return kind._make(fields)
+    return kind._make(told)
 
 
 def _is_time(value: object) -> bool:
@@ -133,17 +146,17 @@ _STATUS_TYPES: dict[str, Any] = {
 }
 
 
-def _status(fields: dict[str, Any]) -> Status:
-    if set(fields) != set(_STATUS_TYPES):
+def _status(told: dict[str, Any]) -> Status:
+    if set(told) != set(_STATUS_TYPES):
         raise BadMessage("telemetry", "a status with other fields")
     for name, allowed in _STATUS_TYPES.items():
-        if not isinstance(fields[name], allowed):
-            raise BadMessage("telemetry", f"{name} of a status is {fields[name]!r:.60}")
-    if fields["role"] not in get_args(Role):
-        raise BadMessage("telemetry", f"role of a status is {fields['role']!r:.60}")
-    if not (_is_about(fields["about"]) and _is_link(fields["link"]) and _is_path(fields["path"])):
+        if not isinstance(told[name], allowed):
+            raise BadMessage("telemetry", f"{name} of a status is {told[name]!r:.60}")
+    if told["role"] not in get_args(Role):
+        raise BadMessage("telemetry", f"role of a status is {told['role']!r:.60}")
+    if not (_is_about(told["about"]) and _is_link(told["link"]) and _is_path(told["path"])):
         raise BadMessage("telemetry", "a status whose parameters, surfaces, link or path are not valid")
-    return Status(**fields)
+    return Status(**told)
 
 
 def _is_about(about: dict[str, Any]) -> bool:

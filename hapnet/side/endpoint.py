@@ -206,6 +206,8 @@ class WireHalf:
 
     def __init__(self, session: Session, control: ControlInbox) -> None:
         self.session = session
+        self.planes: tuple[Plane, ...] | None = None
+        """The planes that the peer's newest message tells; None: it tells none."""
         self._control = control
 
     def receive(self, now_ns: int, data: bytes) -> tuple[Event, ...]:
@@ -244,10 +246,14 @@ class WireHalf:
             if isinstance(event, PositionReceived):
                 self._control.on_sample(event.position, event.sent_ns, now_ns, event.took_ns)
             elif isinstance(event, SampleReceived):
-                self._control.on_sample(_sample_of(event.message), event.message.sent_ns, now_ns, event.took_ns)
+                sample = _sample_of(event.message)
+                if isinstance(sample, Proxy):
+                    self.planes = sample.planes
+                self._control.on_sample(sample, event.message.sent_ns, now_ns, event.took_ns)
             elif isinstance(event, EnergyCredited):
                 self._control.credit(event.credited_nJ)
             elif isinstance(event, Paired):
+                self.planes = None
                 self._control.pair(bool(event.peer.about.get(EARLIER)))
 
 

@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from itertools import chain
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapnet.checks import Array, Vector
+from hapnet.mechanics.plane import Plane
 from hapnet.recording.samples import DeviceSample, Event, WorldSample
-from hapnet.recording.telemetry import Status
+from hapnet.recording.telemetry import KnownPlanes, Status, Telemetry
 from hapnet.view.account import Account
 from hapnet.wire.messages import Role
-
-Message: TypeAlias = DeviceSample | WorldSample | Event | Status
 
 CAPACITY = 4096
 """Samples kept per side: ten seconds at up to 400 Hz."""
 
 MOST_EVENTS = 50
+
+PARTS = ("spring_force_N", "damper_force_N", "model_force_N", "added_damping_force_N")
+"""The fields of a `DeviceSample` that say what its force is made of, in the order of `Track.parts_N`."""
 
 
 @dataclass(frozen=True)
@@ -30,13 +34,16 @@ class Track:
 
     `time_s` (N,) ends at 0 or before: 0 is the newest sample of both sides if they share a clock, otherwise of this
     side. `force_N` (N, n) is the coupling's force on the device, or the walls' force on the proxy. `penetration_m` (N,)
-    is the proxy's, and NaN on the device's side.
+    is the proxy's, and NaN on the device's side. `parts_N` (N, 4, n) is what the device's force is made of: spring,
+    damper, and the spring's parts that the contact model and added damping make; NaN where a coupling does not tell.
+    Of the world there are no parts: (N, 0, n).
     """
 
     time_s: Array
     position_m: Array
     set_position_m: Array
     force_N: Array
+    parts_N: Array
     penetration_m: Array
     reservoir_J: Array
     margin_J: Array
@@ -48,7 +55,8 @@ class Snapshot:
 
     `margin_J` is the sum of both sides' present margins, `least_margin_J` its least value since the episode began, and
     `later_margin_J` that after the first second. `account` is the basis of the verdict. `taken` counts all samples that
-    came from either side, so that silence differs from rest.
+    came from either side, so that silence differs from rest. `planes` are those that the device knows; None: it is told
+    none.
     """
 
     device: Track | None
@@ -62,6 +70,7 @@ class Snapshot:
     taken: int
     later_margin_J: float | None = None
     account: Mapping[str, Any] | None = None
+    planes: tuple[Plane, ...] | None = None
 
 
 class History:
@@ -81,20 +90,25 @@ class History:
         self._rings: dict[Role, _Ring | None] = {"device": None, "world": None}
         self._status: dict[Role, Status | None] = {"device": None, "world": None}
         self._account = Account()
+        self._planes: tuple[Plane, ...] | None = None
         self._events: list[Event] = []
         self._taken = 0
 
-    def take(self, message: Message) -> None:
+    def take(self, message: Telemetry) -> None:
         """Take a message, from any thread."""
         with self._lock:
             if isinstance(message, DeviceSample):
-                row = (*message.position_m, *message.set_position_m, *message.force_N)
-                self._sample("device", message, row, float("nan"))
+                unknown = (math.nan,) * len(message.position_m)
+                parts = [getattr(message, name) or unknown for name in PARTS]
+                row = (*message.position_m, *message.set_position_m, *message.force_N, *chain(*parts))
+                self._sample("device", message, row, math.nan)
             elif isinstance(message, WorldSample):
                 row = (*message.position_m, *message.set_position_m, *message.contact_force_N)
                 self._sample("world", message, row, message.penetration_m)
             elif isinstance(message, Status):
                 self._take_status(message)
+            elif isinstance(message, KnownPlanes):
+                self._planes = message.planes
             else:
                 self._events = [*self._events, message][-MOST_EVENTS:]
 
@@ -116,12 +130,14 @@ class History:
                 self._taken,
                 self._account.later_J,
                 self._account.summary(next((one.about.get("coupling") for one in statuses if one), None)),
+                self._planes,
             )
 
     def _sample(self, role: Role, sample: DeviceSample | WorldSample, vectors: Vector, penetration: float) -> None:
         dof = len(sample.position_m)
-        ring = self._rings[role] or _Ring(dof)
-        if ring.dof != dof or len(vectors) != 3 * dof or sample.time_ns <= ring.newest_ns:
+        count = len(PARTS) + 3 if role == "device" else 3
+        ring = self._rings[role] or _Ring(dof, count)
+        if ring.dof != dof or len(vectors) != count * dof or sample.time_ns <= ring.newest_ns:
             return
         self._rings[role] = ring
         ring.append(sample.time_ns, (*vectors, penetration, sample.reservoir_J, sample.margin_J))
@@ -133,17 +149,19 @@ class History:
         self._status[status.role] = status
         if before is not None and before.incarnation != status.incarnation:
             self._rings[status.role] = None
+            self._planes = None
             self._account.begin(status.role)
 
 
 class _Ring:
     """The newest `CAPACITY` samples of one side."""
 
-    def __init__(self, dof: int) -> None:
+    def __init__(self, dof: int, vectors: int) -> None:
         self.dof = dof
+        self._parts = vectors - 3
         self.newest_ns = -(2**62)
         self._time_ns: NDArray[np.int64] = np.empty(CAPACITY, dtype=np.int64)
-        self._values: Array = np.empty((CAPACITY, 3 * dof + 3))
+        self._values: Array = np.empty((CAPACITY, vectors * dof + 3))
         self._count = 0
 
     def append(self, time_ns: int, values: Vector) -> None:
@@ -166,6 +184,7 @@ class _Ring:
             values[:, :n],
             values[:, n : 2 * n],
             values[:, 2 * n : 3 * n],
+            values[:, 3 * n : -3].reshape(len(values), self._parts, n),
             values[:, -3],
             values[:, -2],
             values[:, -1],
