@@ -134,7 +134,8 @@ def play(
 ) -> int:
     """Feel it on a live page, with the mouse as the hand. Both processes run on this machine, as in `hapnet run`.
 
-    Drag the handle into the wall, make the link worse, or switch PSPM off and see it shake. The page can also pause,
+    Drag the handle into the wall, make the link worse, or choose another coupling and see it shake: `zoh` has no PSPM.
+    Each coupling is a new pair, with a verdict of its own. The page says what the force is made of, and can also pause,
     restart and record. The hand is a relaxed one unless `operator_hand` is set.
     """
     chosen = params.over(Params(), model.named("device", "world"), links)

@@ -7,7 +7,7 @@ import pytest
 
 from hapnet.params import Params
 from hapnet.recording.samples import Columns
-from hapnet.simulation.simulation import simulate
+from hapnet.simulation.simulation import Simulation, simulate
 
 K, K_WORLD, K_WALL, WALL_M = 100.0, 500.0, 3000.0, 0.02
 PARTS = ("spring_force_N", "damper_force_N", "model_force_N", "added_damping_force_N")
@@ -55,3 +55,13 @@ def test_a_saturated_spring_has_parts_that_are_not_larger_than_it() -> None:
 def test_a_law_that_does_not_tell_leaves_them_unknown() -> None:
     columns = device(coupling="wave")
     assert all(np.isnan(columns[name]).all() for name in PARTS)
+
+
+@pytest.mark.parametrize(("changes", "planes"), [({}, 1), ({"scene": "free"}, 0), ({"feel": "paper"}, None)])
+def test_the_wire_half_keeps_the_planes_that_the_device_knows(changes: dict[str, object], planes: int | None) -> None:
+    run = Simulation(Params().set({"duration_s": 0.5, **changes}), 1)
+    run.run()
+    known = run.device_endpoint.planes
+    assert (known if known is None else len(known)) == planes
+    if known:
+        assert known[0][:3] == ((1.0,), WALL_M, K_WALL)

@@ -36,9 +36,10 @@ class Playing:
     def __init__(self, out: Path, **changes: object) -> None:
         address = free_address()
         self.said = StringIO()
-        params = led(Params().set({name.replace("__", "."): value for name, value in changes.items()}))
-        self.stage = Stage(params, 1, out, address, Console(file=self.said, width=400), realtime=False)
         self.history = History()
+        params = led(Params().set({name.replace("__", "."): value for name, value in changes.items()}))
+        console = Console(file=self.said, width=400)
+        self.stage = Stage(params, 1, out, address, console, self.history, realtime=False)
         self.watcher = Watcher(ZenohSettings(connect=(address,)), self.history.take, session=SESSION, name="device")
         self.stop = asyncio.Event()
         self.task = asyncio.create_task(self.stage.run(self.stop))
@@ -136,15 +137,45 @@ async def test_another_coupling_is_another_episode_with_an_account_of_its_own(tm
         least = play.history.snapshot().least_margin_J
         assert least is not None
         assert least >= 0.0
-        play.stage.coupling("zoh")
+        play.stage.coupling("zoh", "paper")
         await play.until(lambda: play.coupled("zoh"))
         await shake(lambda margin: margin < -0.05)
-        play.stage.coupling("pspm")
+        play.stage.coupling("pspm", "paper")
         await play.until(lambda: play.coupled("pspm") and (play.history.snapshot().least_margin_J or -1.0) > 0.0)
+        assert [episode.coupling for episode in play.history.snapshot().past] == ["pspm", "zoh"]
         play.stage.smoothing(0.02)
         await play.until(lambda: (d := play.device) is not None and d.about["params"]["device"]["smoothing_s"] == 0.02)
         with pytest.raises(InvalidParameter):
             play.stage.smoothing(-1.0)
+        play.stage.coupling("wave", None)  # which has no such filter
+        await play.until(lambda: play.coupled("wave"))
+        assert (d := play.device) is not None
+        assert d.about["params"]["device"]["smoothing_s"] == 0.0
+    lines = [line for line in play.said.getvalue().splitlines() if line[:1].isdigit()]
+    assert [line.split(",")[0] for line in lines] == ["1: hapnet", "2: zoh", "3: paper", "4: paper", "5: wave"]
+    assert ["NOT passive" in line for line in lines[:3]] == [False, True, False]
+
+
+@pytest.mark.slow
+async def test_the_hand_stays_where_it_is_when_the_coupling_changes(tmp_path: Path) -> None:
+    """It presses the wall; each pair's recording says which coupling and feel it is of."""
+    async with playing(tmp_path, link__up="delay 5ms", link__down="delay 5ms") as play:
+        await play.until(lambda: play.coupled("pspm"))
+        play.stage.record(True)
+        play.stage.lead((0.04,))
+        await play.until(lambda: play.handle_m > 0.025)
+        await asyncio.sleep(1.0)
+        pressed = play.handle_m
+        play.stage.coupling("popc", None)
+        await play.until(lambda: play.coupled("popc") and (d := play.device) is not None and bool(d.recording))
+        track = play.history.snapshot().device
+        assert track is not None
+        assert track.position_m[0, 0] == pytest.approx(pressed, abs=3e-3)
+    first, second = (read_recording(tmp_path / f"{number}-device.mcap") for number in ("01", "02"))
+    assert [one.meta["coupling"] for one in (first, second)] == ["pspm", "popc"]
+    assert first.meta["params"]["feel"] == "hapnet"
+    assert second.device is not None
+    assert second.device["position_m"].min() > 0.02
 
 
 async def test_a_process_that_fails_ends_it_with_its_own_words(tmp_path: Path) -> None:
@@ -191,7 +222,7 @@ def test_a_page_reads_no_file(words: str, tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(Path, "read_text", None)
     monkeypatch.setattr(Path, "open", None)
     monkeypatch.setattr("builtins.open", None)
-    stage = Stage(led(Params()), 1, tmp_path, "tcp/127.0.0.1:1", Console(file=StringIO()), realtime=False)
+    stage = Stage(led(Params()), 1, tmp_path, "tcp/127.0.0.1:1", Console(file=StringIO()), History(), realtime=False)
     with pytest.raises(InvalidParameter, match="without files"):
         stage.link("up", words)
 

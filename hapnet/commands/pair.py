@@ -13,8 +13,9 @@ from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any
 
+from hapnet.checks import Vector
 from hapnet.commands import output
-from hapnet.commands.side import CONSOLE, PARENT
+from hapnet.commands.side import CONSOLE, PARENT, PLACE
 from hapnet.errors import HapnetError
 from hapnet.params import Params
 from hapnet.transport.config import free_address
@@ -32,6 +33,7 @@ class Pair:
     on_notice : called with each notice: role, the raw line, and its content.
     record : both record, to device.mcap and world.mcap in `directory`. console : both take commands (`send`).
     realtime : of the device. session : of both. address : where the world listens. None: a random one.
+    place : where device and proxy begin [m], for a hand that is led; None: where the scene and the hand begin.
 
     Attributes
     ----------
@@ -51,6 +53,7 @@ class Pair:
         realtime: bool = False,
         session: str | None = None,
         address: str | None = None,
+        place: Vector | None = None,
     ) -> None:
         self._address = address or free_address()
         self._session = session or f"run-{secrets.token_hex(4)}"
@@ -61,6 +64,9 @@ class Pair:
         self._children: dict[str, asyncio.subprocess.Process] = {}
         self._reports: dict[str, asyncio.Task[bytes]] = {}
         self._told = False
+        self._environment = {PARENT: str(os.getpid())} | ({CONSOLE: "1"} if console else {})
+        if place is not None:
+            self._environment[PLACE] = json.dumps(place)
 
     async def start(self) -> None:
         """Start both. Raises HapnetError if the parameters cannot be written."""
@@ -129,7 +135,7 @@ class Pair:
                 stdout=pipe,
                 stderr=pipe,
                 pass_fds=(theirs,),
-                env={**os.environ, PARENT: str(os.getpid())} | ({CONSOLE: "1"} if self._console else {}),
+                env={**os.environ, **self._environment},
                 process_group=0 if self._console else None,
             )
         finally:

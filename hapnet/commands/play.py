@@ -8,7 +8,7 @@ import signal
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from hapnet.assembly.build import LIVE, link_profile, prepare
 from hapnet.checks import Vector
@@ -18,9 +18,14 @@ from hapnet.commands.pair import Pair
 from hapnet.commands.run import check_sides
 from hapnet.commands.side import catch, exit_code
 from hapnet.commands.view import show
+from hapnet.couplings.registry import coupling
 from hapnet.errors import InvalidParameter
 from hapnet.params import RELAXED_HAND, OperatorParams, Params
+from hapnet.summary.run import merge
+from hapnet.summary.structure import Summary
+from hapnet.summary.verdict import judge
 from hapnet.transport.config import ZenohSettings, free_address
+from hapnet.view.choices import label_of
 from hapnet.view.controls import Way, require_no_file
 from hapnet.view.history import History
 from hapnet.view.server import serve
@@ -51,7 +56,7 @@ def main(params: Params, seed: int, out: Path | None, options: PageOptions, *, r
     output.show_warnings(words, setup.warnings)
     history = History()
     address = free_address()
-    stage = Stage(params, seed, out, address, words, realtime=realtime)
+    stage = Stage(params, seed, out, address, words, history, realtime=realtime)
     watcher = Watcher(ZenohSettings(connect=(address,)), history.take, session=SESSION, name="device")
     with contextlib.ExitStack() as closing:
         page = closing.enter_context(serve(history, stage, host=options.host, port=options.port))
@@ -77,21 +82,32 @@ async def _run(stage: Stage) -> int:
 
 
 class Stage:
-    """Pairs of processes, one after another, under the page's `Controls`. Each pair starts with a fresh energy account.
+    """Pairs of processes, one after another, under the page's `Controls`.
 
-    Changes of the link, of the hand and of recordings go to the running pair. A change of the coupling ends that pair
-    and starts another.
+    Changes of the link, of the hand and of recordings go to the running pair. A change of the coupling ends that pair,
+    whose force goes to zero, and starts another: with a fresh energy account, where the handle is. Each pair has a
+    verdict of its own, which is printed when it ends.
 
     Parameters
     ----------
     params, seed : of the first episode. out : where recordings go. address : where the world listens.
+    history : knows where the handle is, and how passive the pair was as far as telemetry shows it.
     """
 
     def __init__(
-        self, params: Params, seed: int, out: Path | None, address: str, words: Console, *, realtime: bool
+        self,
+        params: Params,
+        seed: int,
+        out: Path | None,
+        address: str,
+        words: Console,
+        history: History,
+        *,
+        realtime: bool,
     ) -> None:
         self._params, self._seed, self._out, self._address = params, seed, out, address
-        self._words, self._realtime = words, realtime
+        self._words, self._history, self._realtime = words, history, realtime
+        self._episodes = 0
         self._loop: asyncio.AbstractEventLoop | None = None
         self._pair: Pair | None = None
         self._over = asyncio.Event()
@@ -114,15 +130,15 @@ class Stage:
         while not stop.is_set():
             self._over.clear()
             self._pair = None
-            given = self._params.link
+            params = self._params
             with tempfile.TemporaryDirectory(prefix="hapnet-") as directory:
                 pair = Pair(
-                    self._params, self._seed, Path(directory), self._on_notice, record=False, console=True,
-                    realtime=self._realtime, session=SESSION, address=self._address,
+                    params, self._seed, Path(directory), self._on_notice, record=False, console=True,
+                    realtime=self._realtime, session=SESSION, address=self._address, place=self._handle(),
                 )  # fmt: skip
                 await pair.start()
                 self._pair = pair
-                if (link := self._params.link) != given:  # it changed while the processes started
+                if (link := self._params.link) != params.link:  # it changed while the processes started
                     self._link("up", link.up)
                     self._link("down", link.down)
                 if self._position is not None:
@@ -130,6 +146,7 @@ class Stage:
                 if self._recording:
                     self._record()
                 await pair.run(self._over)
+                self._report(params, pair)
         stopping.cancel()
 
     def hurry(self) -> None:
@@ -146,8 +163,13 @@ class Stage:
         require_no_file(words)
         self._call(self._link, way, str(link_profile(f"link.{way}", words)))
 
-    def coupling(self, name: str) -> None:
-        self._anew({"coupling": name})
+    def coupling(self, name: str, feel: str | None) -> None:
+        changes: dict[str, object] = {"coupling": name}
+        if feel is not None:
+            changes["feel"] = feel
+        if "device" not in coupling(name).set_positions:
+            changes["device.smoothing_s"] = 0.0  # the filter needs set-positions
+        self._anew(changes)
 
     def smoothing(self, seconds: float) -> None:
         self._anew({"device.smoothing_s": seconds})
@@ -180,6 +202,28 @@ class Stage:
             self._over.set()
 
         self._call(change)
+
+    def _handle(self) -> Vector | None:
+        """Where the handle was last [m]; None: it has not been heard of."""
+        track = self._history.snapshot().device
+        return None if track is None else tuple(track.position_m[-1].tolist())
+
+    def _report(self, params: Params, pair: Pair) -> None:
+        """Print the verdict on a pair that has ended; nothing if it never ran."""
+        if len(pair.parts) < 2:
+            return
+        summary = merge(cast(Summary, pair.parts["device"]), cast(Summary, pair.parts["world"]), seed=self._seed)
+        verdict, snapshot = judge(summary), self._history.snapshot()
+        if verdict["passive"] is None and snapshot.account is not None:  # of both ports, which must be seen at once
+            verdict = judge(snapshot.account)
+        self._episodes += 1
+        how = {True: "passive", False: "NOT passive", None: "passivity not known"}[verdict["passive"]]
+        label, seconds = label_of(params.coupling, params.feel), summary["duration_s"] or 0.0
+        self._words.print(
+            f"{self._episodes}: {label}, {seconds:.0f} s: {how}: {verdict['reason']}",
+            style="red" if verdict["passive"] is False else None,
+            markup=False,
+        )
 
     def _lead(self, position: Vector) -> None:
         self._position = position

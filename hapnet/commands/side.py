@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import os
 import signal
 import time
@@ -32,6 +33,9 @@ PARENT = "HAPNET_PARENT"
 
 CONSOLE = "HAPNET_CONSOLE"
 """Environment variable of such a side: set if commands come on standard input."""
+
+PLACE = "HAPNET_PLACE"
+"""Environment variable of such a side: where it begins, as a JSON array of coordinates [m]."""
 
 PARENT_EVERY_S = 0.2
 
@@ -107,6 +111,8 @@ def _main(params: Params, options: SideOptions, refusals: Refusals) -> int:
             notify=log.notify,
             refused=refusals.take,
         )
+        if (place := os.environ.pop(PLACE, None)) is not None:
+            side.place(tuple(json.loads(place)))
         summary, code = asyncio.run(_run(side, params.duration_s, log))
     finally:
         log.close()

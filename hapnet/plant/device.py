@@ -194,6 +194,12 @@ class SimulatedDevice:
         state.dissipated, state.limited = 0.0, False
         return result
 
+    def place(self, position: Vector) -> None:
+        """Rest at `position` [m], where the hand already is; before the first tick."""
+        self.references = [position]
+        self.state.position = self.state.low = self.state.high = position
+        self._read = self._count()
+
     def advance(self) -> float:
         """Run one tick of the servo's period. Returns the work done by the hand on the device [J]."""
         return self.run(1)[0][0]

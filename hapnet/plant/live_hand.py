@@ -34,6 +34,14 @@ class LiveHand:
         """
         self._goal = checks.vector("position", position, len(self._goal))
 
+    def place(self, position: Vector) -> None:
+        """Be at rest at `position` [m], at once; before the first tick.
+
+        Raises InvalidParameter as `lead` does.
+        """
+        self.lead(position)
+        self._position = self._goal
+
     def reference(self, t: float) -> Vector:
         """x_d [m] at `t` [s]; t never decreases from call to call."""
         h, self._t = t - self._t, t

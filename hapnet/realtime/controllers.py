@@ -59,6 +59,9 @@ class Control(Protocol):
     def lead(self, position: Vector) -> None:
         """Lead a live hand to `position` [m], shape (n,)."""
 
+    def place(self, position: Vector) -> None:
+        """Begin at `position` [m], shape (n,): a device with a live hand, or a world; before `start`."""
+
     def summary(self, now_ns: int) -> SidePart:
         """This side's part of the summary as of `now_ns`, complete once it has stopped."""
 
@@ -107,6 +110,9 @@ class ThreadedDevice:
         assert self.side.live_hand is not None
         self.side.live_hand.lead(position)
 
+    def place(self, position: Vector) -> None:
+        self.side.place(position)
+
     def summary(self, now_ns: int) -> SidePart:
         part = device_summary(self.side, self._coupling, servo_timing(self._servo, self.side))
         return with_wire(part, self.wire.session, now_ns)
@@ -153,6 +159,9 @@ class ThreadedWorld:
 
     def lead(self, position: Vector) -> None:
         raise AssertionError("a world has no hand")
+
+    def place(self, position: Vector) -> None:
+        self.side.place(position)
 
     def summary(self, now_ns: int) -> SidePart:
         return with_wire(world_summary(self.side, self._coupling), self.wire.session, now_ns)

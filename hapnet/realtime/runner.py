@@ -230,10 +230,24 @@ class RealtimeSide:
         ------
         InvalidParameter : this side has no such hand, or `position` is not valid.
         """
+        self._require_live_hand()
+        self.control.lead(checks.vector("position", position, self.setup.dof))
+
+    def place(self, position: Vector) -> None:
+        """Begin at `position` [m], shape (n,), not where the scene and the hand begin; before `run`.
+
+        Raises
+        ------
+        InvalidParameter : this device has no live hand, or `position` is not valid.
+        """
+        if self.role == "device":
+            self._require_live_hand()
+        self.control.place(checks.vector("position", position, self.setup.dof))
+
+    def _require_live_hand(self) -> None:
         params = self.setup.params
         if self.role != "device" or params.operator != LIVE or params.hardware != "simulated":
             raise InvalidParameter("operator", params.operator, f"{LIVE}, on a device's side with a simulated device")
-        self.control.lead(checks.vector("position", position, self.setup.dof))
 
     def record(self, path: Path | None) -> None:
         """End the running recording, if there is one, and begin another at `path`; None: only end it.

@@ -102,6 +102,8 @@ class ServoChild:
                         control.pair(restarted)
                     case ("pause", paused):
                         self.side.paused = paused
+                    case ("place", position):
+                        self.side.place(position)
                     case ("lead", position) if self.side.live_hand is not None:
                         self.side.live_hand.lead(position)
         except PipeClosed:

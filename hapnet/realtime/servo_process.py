@@ -131,6 +131,9 @@ class ServoProcess:
     def lead(self, position: Vector) -> None:
         self._deliver("lead", position)
 
+    def place(self, position: Vector) -> None:
+        self._deliver("place", position)
+
     def summary(self, now_ns: int) -> SidePart:
         return with_wire(self._part, self.wire.session, now_ns)
 

@@ -152,6 +152,14 @@ class DeviceSide(ABC):
         self._last_ns = self._expected_ns = now_ns
         self.ticks += ticks
 
+    def place(self, position: Vector) -> None:
+        """Begin at `position` [m], with a live hand around it; before control starts."""
+        assert self.live_hand is not None, "only a live hand can be placed"
+        assert isinstance(self.device, SimulatedDevice), "only a simulated device can be placed"
+        assert self.origin_ns is None, "control has started"
+        self.live_hand.place(position)
+        self.device.place(position)
+
     def stop(self) -> None:
         """Set the force to zero, for good."""
         self.device.apply((0.0,) * self.device.dof)

@@ -107,6 +107,11 @@ class WorldSide:
         )  # fmt: skip
         return message
 
+    def place(self, position: Vector) -> None:
+        """Begin as near to `position` [m] as the walls let; before control starts."""
+        assert self.origin_ns is None, "control has started"
+        self.mass.place(self.scene.towards(position))
+
     def state(self) -> WorldState:
         """What `restore` takes."""
         return WorldState(self.steps, self.stepped_s, self.longest_step_s, self._last_ns)

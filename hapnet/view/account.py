@@ -36,6 +36,11 @@ class Account:
         self._claims: dict[Role, tuple[float, int]] = {}  # by sender: energy credited to it, and when on its clock
         self._beyond: dict[Role, float] = {}
 
+    @property
+    def half_new(self) -> bool:
+        """Was one side restarted, and not the other?"""
+        return bool(self._anew)
+
     def begin(self, role: Role) -> None:
         """Forget the samples so far: that side has restarted. If the other has not, the account is not known."""
         if self._anew - {role}:

@@ -25,8 +25,9 @@ def require_no_file(words: str) -> None:
 class Controls(Protocol):
     """The page's threads call these methods, perhaps several at once.
 
-    `coupling`, `smoothing` and `reset` start a new episode: the processes restart, and for about a second there is no
-    telemetry. All methods but `lead` may block, and may raise HapnetError or netem.NetemError: the page shows the line.
+    `coupling`, `smoothing` and `reset` start a new episode: the force goes to zero, the processes restart where the
+    hand is, with a fresh energy account, and for about a second there is no telemetry. All methods but `lead` may
+    block, and may raise HapnetError or netem.NetemError: the page shows the line.
     """
 
     def lead(self, position: Vector) -> None:
@@ -35,8 +36,8 @@ class Controls(Protocol):
     def link(self, way: Way, words: str) -> None:
         """Change the emulated link of one direction; `words` are tc-netem's, "" for the ideal link."""
 
-    def coupling(self, name: str) -> None:
-        """Couple the sides with this coupling."""
+    def coupling(self, name: str, feel: str | None) -> None:
+        """Couple the sides with this coupling and feel; None: the feel stays."""
 
     def smoothing(self, seconds: float) -> None:
         """Set the time constant of the device's smoothing filter [s]; 0: no filter."""

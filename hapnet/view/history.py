@@ -23,6 +23,7 @@ CAPACITY = 4096
 """Samples kept per side: ten seconds at up to 400 Hz."""
 
 MOST_EVENTS = 50
+MOST_EPISODES = 6
 
 PARTS = ("spring_force_N", "damper_force_N", "model_force_N", "added_damping_force_N")
 """The fields of a `DeviceSample` that say what its force is made of, in the order of `Track.parts_N`."""
@@ -50,13 +51,22 @@ class Track:
 
 
 @dataclass(frozen=True)
+class Episode:
+    """A pair that has ended: its coupling and feel, and its account, on which its verdict is based."""
+
+    coupling: str
+    feel: str
+    account: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
 class Snapshot:
     """A consistent copy of all that is known. What has not arrived yet is None.
 
     `margin_J` is the sum of both sides' present margins, `least_margin_J` its least value since the episode began, and
     `later_margin_J` that after the first second. `account` is the basis of the verdict. `taken` counts all samples that
     came from either side, so that silence differs from rest. `planes` are those that the device knows; None: it is told
-    none.
+    none. `past` are the pairs before this one, the newest last.
     """
 
     device: Track | None
@@ -71,6 +81,7 @@ class Snapshot:
     later_margin_J: float | None = None
     account: Mapping[str, Any] | None = None
     planes: tuple[Plane, ...] | None = None
+    past: tuple[Episode, ...] = ()
 
 
 class History:
@@ -91,6 +102,7 @@ class History:
         self._status: dict[Role, Status | None] = {"device": None, "world": None}
         self._account = Account()
         self._planes: tuple[Plane, ...] | None = None
+        self._past: list[Episode] = []
         self._events: list[Event] = []
         self._taken = 0
 
@@ -131,6 +143,7 @@ class History:
                 self._account.later_J,
                 self._account.summary(next((one.about.get("coupling") for one in statuses if one), None)),
                 self._planes,
+                tuple(self._past),
             )
 
     def _sample(self, role: Role, sample: DeviceSample | WorldSample, vectors: Vector, penetration: float) -> None:
@@ -148,6 +161,10 @@ class History:
         before = self._status[status.role]
         self._status[status.role] = status
         if before is not None and before.incarnation != status.incarnation:
+            coupling, feel = coupled(before)
+            account = None if self._account.half_new else self._account.summary(coupling)
+            if account is not None:
+                self._past = [*self._past, Episode(coupling, feel, account)][-MOST_EPISODES:]
             self._rings[status.role] = None
             self._planes = None
             self._account.begin(status.role)
@@ -189,6 +206,14 @@ class _Ring:
             values[:, -2],
             values[:, -1],
         )
+
+
+def coupled(status: Status | None) -> tuple[str, str]:
+    """A side's coupling and feel, as its status tells them; what it does not tell is empty."""
+    about = {} if status is None else status.about
+    params = about.get("params")
+    feel = params.get("feel", "") if isinstance(params, Mapping) else ""
+    return str(about.get("coupling", "")), str(feel)
 
 
 def _same_clock(a: Status | None, b: Status | None) -> bool:

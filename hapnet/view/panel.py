@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import html
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import PurePath
 from typing import Any
 
 import viser
 
 from hapnet.checks import Vector
-from hapnet.couplings.registry import limited
-from hapnet.couplings.set_position import PSPM, ZOH
 from hapnet.errors import HapnetError
 from hapnet.recording.telemetry import Status
 from hapnet.summary.structure import Verdict
 from hapnet.summary.verdict import judge
+from hapnet.view.choices import CHOICES, label_of, words_of
 from hapnet.view.controls import Controls, Way
-from hapnet.view.history import Snapshot
+from hapnet.view.force import force_now
+from hapnet.view.history import Episode, Snapshot, coupled
 from hapnet.view.link_form import LinkForm, put, show_notification
 from netem import NetemError
 
@@ -32,7 +32,12 @@ force that the hand feels. The proxy stops at the wall; the handle goes on, and 
 
 Late positions make such springs put energy into the hand: it shakes. **PSPM** watches the energy on both sides and
 moves a spring's end (the small dark ball) only as far as its reservoir can pay. So the *margin*, what is left of the
-energy that passivity allows, never falls below zero, whatever the link does. Switch PSPM off on a bad link to see it.
+energy that passivity allows, never falls below zero, whatever the link does. Choose the coupling `zoh` on a bad link to
+see the spring alone, and `paper` to see PSPM alone.
+
+With `hapnet`, the world also tells the device the planes that are near the proxy: its **local contact model** (faint
+blue). So the handle feels the wall at once, and moves freely, whatever the delay; and since PSPM pays for it, a model
+that is wrong creates no energy.
 """
 
 _VERDICTS = {True: ("passive", "#15803d"), False: ("NOT passive", "#dc2626"), None: ("not known", "#b45309")}
@@ -52,7 +57,10 @@ class Numbers:
             self._html.content = content
 
 
-_SWITCHED = {PSPM.name: "PSPM", ZOH.name: "PSPM off"}
+SWITCH_HINT = (
+    "The force goes to zero, then another pair starts where the handle is, with fresh energy and a verdict of its own. "
+    "In a wall, some couplings then stay softer: lead the hand home first to compare."
+)
 
 
 class ControlPanel:
@@ -79,8 +87,7 @@ class ControlPanel:
         self._record = gui.add_button("record", icon=viser.Icon.PLAYER_RECORD, color="red")
         reset = gui.add_button("reset", icon=viser.Icon.RELOAD, color="gray")
         home = gui.add_button("hand home", icon=viser.Icon.HOME, color="gray", hint="lead the hand back to the middle")
-        self._other = ZOH.name
-        self._pspm = gui.add_checkbox("PSPM", True, hint="off: the coupling asked for, or a plain virtual one")
+        self._choice: viser.GuiDropdownHandle[str] = gui.add_dropdown("coupling", tuple(CHOICES), hint=SWITCH_HINT)
         self._smoothing = gui.add_checkbox("smoothing filter", False, hint=f"{1e3 * SMOOTHING_S:.0f} ms, before PSPM")
         self._alike = gui.add_checkbox("alike both ways", True)
         self._up = LinkForm(gui, "link, both ways", controls, self._ways_of_first)
@@ -92,8 +99,8 @@ class ControlPanel:
         self._on_click(self._record, self._switch_recording)
         self._on_click(reset, controls.reset, anew=True)
         self._on_click(home, lambda: lead(None))
-        self._on_switch(self._pspm, self._couple)
-        self._on_switch(self._smoothing, lambda on: controls.smoothing(SMOOTHING_S if on else 0.0))
+        self._on_change(self._choice, self._couple)
+        self._on_change(self._smoothing, lambda on: controls.smoothing(SMOOTHING_S if on else 0.0))
 
         @self._alike.on_update
         def _(event: viser.GuiEvent[viser.GuiCheckboxHandle]) -> None:
@@ -113,11 +120,11 @@ class ControlPanel:
                 self._recording = bool(device.recording)
                 self._record.label = "stop recording" if device.recording else "record"
                 self._record.icon = viser.Icon.PLAYER_STOP if device.recording else viser.Icon.PLAYER_RECORD
-            coupling = str(device.about.get("coupling", PSPM.name))
-            if self._is_new("coupling", (device.incarnation, coupling)):
-                put(self._pspm, limited(coupling))
-                if not limited(coupling):
-                    self._other = coupling
+            label = label_of(*coupled(device))
+            if label and self._is_new("coupling", (device.incarnation, label)):
+                if label not in self._choice.options:  # a user's own
+                    self._choice.options = (*self._choice.options, label)
+                put(self._choice, label)
             smoothing = float(device.about.get("params", {}).get("device", {}).get("smoothing_s", 0.0))
             if self._is_new("smoothing", (device.incarnation, smoothing)):
                 put(self._smoothing, smoothing > 0.0)
@@ -149,19 +156,24 @@ class ControlPanel:
         self._controls.record(not self._recording)
         self._recording = not self._recording
 
-    def _couple(self, on: bool) -> None:
-        self._controls.coupling(PSPM.name if on else self._other)
+    def _couple(self, label: str) -> None:
+        self._controls.coupling(*CHOICES.get(label, (label, None)))
 
     def _on_click(self, button: viser.GuiButtonHandle, act: Callable[[], None], anew: bool = False) -> None:
         @button.on_click
         def _(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
             self._do(act, anew, event.client)
 
-    def _on_switch(self, box: viser.GuiCheckboxHandle, act: Callable[[bool], None]) -> None:
-        @box.on_update
-        def _(event: viser.GuiEvent[viser.GuiCheckboxHandle]) -> None:
-            if event.client is not None and not self._do(lambda: act(box.value), True, event.client):
-                put(box, not box.value)
+    def _on_change(self, chosen: viser.GuiInputHandle[Any], act: Callable[[Any], None]) -> None:
+        """Call `act` with the value that a user chooses; if that fails, the one before stands again."""
+        before = chosen.value
+
+        @chosen.on_update
+        def _(event: viser.GuiEvent[Any]) -> None:
+            nonlocal before
+            if event.client is not None and not self._do(lambda: act(chosen.value), True, event.client):
+                put(chosen, before)
+            before = chosen.value
 
     def _do(self, act: Callable[[], None], anew: bool, client: viser.ClientHandle | None) -> bool:
         """Run one action at a time; False: it failed, and the page says so."""
@@ -206,20 +218,34 @@ def _table(snapshot: Snapshot, state: str) -> str:
         rows.append(("recording", PurePath(recording).name))
     about = device.about if device is not None else world.about if world is not None else {}
     what = " · ".join(str(about[key]) for key in ("name", "scene") if about.get(key))
-    if about:
-        coupling = str(about.get("coupling", ""))
-        what = " · ".join(filter(None, (what, _SWITCHED.get(coupling, coupling))))
-    lines = "".join(
-        f'<tr><td style="{_CELL};opacity:.65">{html.escape(name)}</td>'
-        f'<td style="{_CELL};font-weight:600">{html.escape(value)}</td></tr>'
-        for name, value in rows
-    )
+    label = label_of(*coupled(device or world))
+    how = ": ".join(filter(None, (label, words_of(label))))
     return (
         '<div style="padding:2px 12px 4px;font-size:13px;font-variant-numeric:tabular-nums">'
         f'<div style="font-size:20px;font-weight:700;color:{colour}" class="hapnet-passive">{word}</div>{why}'
         f'<div style="opacity:.8" class="hapnet-state">{html.escape(state)}</div>'
-        f'<div style="opacity:.65">{html.escape(what)}</div><table>{lines}</table></div>'
+        f'<div style="opacity:.65">{html.escape(what)}</div><div class="hapnet-coupling">{html.escape(how)}</div>'
+        f"{_past(snapshot.past)}<table>{_lines(rows)}</table>"
+        f'<table class="hapnet-force">{_lines(force_now(snapshot.device))}</table></div>'
     )
+
+
+def _lines(rows: Iterable[tuple[str, str]]) -> str:
+    return "".join(
+        f'<tr><td style="{_CELL};opacity:.65">{html.escape(name)}</td>'
+        f'<td style="{_CELL};font-weight:600">{html.escape(value)}</td></tr>'
+        for name, value in rows
+    )
+
+
+def _past(episodes: Iterable[Episode]) -> str:
+    """The pairs before this one, each with its own verdict."""
+    said = []
+    for episode in episodes:
+        word, colour = _VERDICTS[judge(episode.account)["passive"]]
+        label = html.escape(label_of(episode.coupling, episode.feel))
+        said.append(f'{label} <span style="color:{colour}">{word}</span>')
+    return f'<div style="opacity:.8" class="hapnet-past">before: {" · ".join(said)}</div>' if said else ""
 
 
 def _link(status: Status | None, key: str, factor: float, digits: int) -> str:

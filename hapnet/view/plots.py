@@ -1,4 +1,4 @@
-"""The live plots: force, both reservoirs, penetration, the passivity margin."""
+"""The live plots: the force and what it is made of, both reservoirs, penetration, the passivity margin."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import viser
 from viser import uplot
 
 from hapnet.checks import Array
+from hapnet.view.force import STACK, force_of, stacked
 from hapnet.view.history import Snapshot, Track
 
 POINTS = 300
@@ -20,21 +21,14 @@ _BLUE, _ORANGE, _GREEN, _INK, _GREY = "#2563eb", "#ea580c", "#16a34a", "#0f172a"
 _LEAST = 1.0
 """The axis always goes up to this [N, mJ, mm]: otherwise mere rounding errors would fill a plot."""
 
-_HEADING, _FRAME = 96, 42  # pixels: of the panel above the plots, of a plot around its curves
+_HEADING, _FRAME = 150, 42  # pixels: of the panel above the plots, of a plot around its curves
 
-_LEGEND = (
-    '<div style="padding:2px 12px 0;font-size:12px">'
-    + " &nbsp; ".join(
-        f'<span style="color:{colour}">&#9632;</span> {name}'
-        for colour, name in (
-            (_BLUE, "device, handle"),
-            (_ORANGE, "world, proxy"),
-            (_INK, "both"),
-            ("#dc2626", "not passive"),
-        )
-    )
-    + "</div>"
-)
+_OF_PARTS = dict(zip(STACK, ("#93c5fd", "#c4b5fd", "#86efac", "#fdba74"), strict=True))
+
+
+def _legend(*entries: tuple[str, str]) -> str:
+    said = " &nbsp; ".join(f'<span style="color:{colour}">&#9632;</span> {name}' for name, colour in entries)
+    return f'<div style="padding:2px 12px 0;font-size:11px">{said}</div>'
 
 
 class Plots:
@@ -42,11 +36,14 @@ class Plots:
 
     def __init__(self, gui: viser.GuiApi, seconds: float) -> None:
         self._seconds = seconds
-        gui.add_html(_LEGEND)
+        of_sides = ("device, handle", _BLUE), ("world, proxy", _ORANGE), ("both", _INK), ("not passive", "#dc2626")
+        gui.add_html(_legend(*of_sides) + _legend(("force", _GREEN), *_OF_PARTS.items()))
         device, world = _curve("device", _BLUE), _curve("world", _ORANGE)
         below = _curve("below 0", "transparent", fill="rgba(220, 38, 38, 0.45)")
         thin = [_curve(name, colour, width=1.0) for name, colour in (("device", _BLUE), ("world", _ORANGE))]
-        self._force = self._add(gui, "force on the hand [N]", _curve("force", _GREEN))
+        parts = [_curve(name, "transparent", fill=colour) for name, colour in reversed(_OF_PARTS.items())]
+        title = "force on the hand, and what it is made of [N]"
+        self._force = self._add(gui, title, *parts, *parts, _curve("force", _GREEN))
         self._reservoirs = self._add(gui, "energy in the reservoirs [mJ]", device, world)
         self._depth = self._add(gui, "depth in the wall [mm]", device, world)
         self._margin = self._add(gui, "passivity margin [mJ]", below, *thin, _curve("both", _INK))
@@ -66,7 +63,10 @@ class Plots:
         depth = np.zeros(POINTS)
         if device is not None:
             depth = 1e3 * held(device.time_s, depth_of(device.position_m, surfaces), at)
-        _draw(self._force, at, _signed(device, at))
+        if device is not None:
+            parts = held(device.time_s, stacked(device), at)
+            force = held(device.time_s, force_of(device), at)
+            _draw(self._force, at, *piled(parts), force)
         _draw(self._reservoirs, at, *(1e3 * _held(track, "reservoir_J", at) for track in (device, world)))
         _draw(self._depth, at, depth, 1e3 * np.maximum(_held(world, "penetration_m", at), 0.0))
         _draw(self._margin, at, np.minimum(both, 0.0), *halves, both)
@@ -114,12 +114,13 @@ def depth_of(position_m: Array, surfaces: Iterable[Mapping[str, Any]]) -> Array:
     return depth
 
 
-def _signed(device: Track | None, at: Array) -> Array:
-    """The force on the hand: with its sign if there is one axis, otherwise its magnitude."""
-    if device is None:
-        return np.zeros(len(at))
-    force = device.force_N[:, 0] if device.force_N.shape[1] == 1 else np.linalg.norm(device.force_N, axis=1)
-    return held(device.time_s, np.asarray(force), at)
+def piled(parts: Array) -> list[Array]:
+    """The edges of areas that stand on each other, for `parts` (N, m): what is positive goes up from 0, the rest down.
+
+    The outermost comes first: each area is filled down to 0 and covered by those after it.
+    """
+    up, down = np.cumsum(np.maximum(parts, 0.0), axis=1), np.cumsum(np.minimum(parts, 0.0), axis=1)
+    return [*up.T[::-1], *down.T[::-1]]
 
 
 def _curve(label: str, stroke: str, width: float = 2.0, fill: str | None = None) -> uplot.Series:

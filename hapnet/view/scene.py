@@ -1,4 +1,4 @@
-"""The 3-D part of the page: handle, proxy, walls, the spring between them, the force; and the mouse as the hand.
+"""The 3-D part of the page: handle, proxy, walls, what the device knows of them, spring, force; the mouse as the hand.
 
 Scene units are centimetres, so that motions of some 40 mm suit viser's camera and clipping.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,9 @@ import viser.transforms
 from numpy.typing import NDArray
 
 from hapnet.checks import Array, Vector
+from hapnet.mechanics.plane import Plane
 from hapnet.view.history import Snapshot
+from hapnet.wire.fields import MAX_PLANES
 
 UNIT = 100.0
 """Scene units per metre."""
@@ -31,6 +34,8 @@ BLUE, ORANGE, GREEN, SLATE = (37, 99, 235), (234, 88, 12), (22, 163, 74), (71, 8
 _HANDLE_RADIUS, _PROXY_RADIUS, _MARK_RADIUS = 0.38, 0.3, 0.12
 _EXTENT = 4.5  # of a wall, from the origin, where no other wall ends it
 _THICKNESS, _THIN = 0.8, 0.1  # of a single wall, and of one among others
+_DEPTH = 3.0  # of a wall, across the plane of motion
+_BEYOND = 0.4  # a plane that the device knows reaches so far beyond a wall
 _LIFT = 0.75  # the arrow is drawn above the spring, which has the same direction
 _FOV = math.radians(30.0)
 _DISTANCE = 24.0
@@ -44,6 +49,7 @@ class Scene:
     Parameters
     ----------
     lead : called with the hand's target, (n,) [m], during a drag of the handle; None: it cannot be dragged.
+    wall_name : what a single wall is called.
     """
 
     def __init__(
@@ -52,6 +58,7 @@ class Scene:
         dof: int,
         surfaces: Iterable[Mapping[str, Any]],
         lead: Callable[[Vector], None] | None,
+        wall_name: str = "wall",
     ) -> None:
         self.dof = dof
         self._server = server
@@ -61,7 +68,12 @@ class Scene:
         self._look()
         _add_grid(scene, dof)
         for number, surface in enumerate(surfaces):
-            _add_wall(scene, number, dof, list(surfaces), surface)
+            _add_wall(scene, number, dof, list(surfaces), surface, wall_name)
+        self._known: tuple[Plane, ...] = ()
+        self._planes = [_add_plane(scene, number, dof) for number in range(MAX_PLANES)]
+        self._model_name = scene.add_label(
+            "/model_name", "the device's model", anchor="top-left", font_screen_scale=0.75, visible=False
+        )
         self._target = scene.add_icosphere(
             "/target", _HANDLE_RADIUS, SLATE, opacity=0.25, cast_shadow=False, receive_shadow=False, visible=False
         )
@@ -109,8 +121,24 @@ class Scene:
                 self._spot = _spot(device.position_m[-1])
                 self._mark.position = _spot(device.set_position_m[-1])
                 self._show_force(device.force_N[-1])
+            self._show_planes(snapshot.planes or ())
             if device is not None and world is not None:
                 self._show_spring(_spot(device.position_m[-1]), _spot(world.position_m[-1]))
+
+    def _show_planes(self, planes: tuple[Plane, ...]) -> None:
+        """Draw what the device knows of the world, moved back by the proxy's radius as the walls are."""
+        if planes == self._known:
+            return
+        self._known = planes
+        for node, plane in zip_longest(self._planes, planes[:MAX_PLANES]):
+            normal = _padded(() if plane is None else plane.normal)
+            node.visible = float(np.linalg.norm(normal)) > 0.5
+            if plane is not None and node.visible:
+                node.position = normal * (plane.offset_m * UNIT + _PROXY_RADIUS + _THIN / 2.0)
+                node.wxyz = _turned_to(normal)
+        self._model_name.visible = self._planes[0].visible
+        if planes:
+            self._model_name.position = np.array(self._planes[0].position) - self._up * (_EXTENT + _BEYOND)
 
     def _show_force(self, force: Array) -> None:
         size = float(np.linalg.norm(force))
@@ -212,8 +240,27 @@ def _add_grid(scene: viser.SceneApi, dof: int) -> None:
     )
 
 
+def _add_plane(scene: viser.SceneApi, number: int, dof: int) -> viser.BoxHandle:
+    """A plane that the device may know: a thin slab across the x axis, a little larger than a wall."""
+    return scene.add_box(
+        f"/plane_{number}",
+        BLUE,
+        (_THIN, 2.0 * (_EXTENT + _BEYOND), 2.0 * (_EXTENT + _BEYOND) if dof > 2 else _DEPTH + _BEYOND),
+        opacity=0.15,
+        cast_shadow=False,
+        receive_shadow=False,
+        side="double",
+        visible=False,
+    )
+
+
 def _add_wall(
-    scene: viser.SceneApi, number: int, dof: int, surfaces: list[Mapping[str, Any]], surface: Mapping[str, Any]
+    scene: viser.SceneApi,
+    number: int,
+    dof: int,
+    surfaces: list[Mapping[str, Any]],
+    surface: Mapping[str, Any],
+    name: str,
 ) -> None:
     """A slab on the solid side, moved back by the proxy's radius: the proxy is drawn as a ball, but is a point."""
     axis, solid = int(surface["axis"]), int(surface["solid"])
@@ -223,7 +270,7 @@ def _add_wall(
     for other in range(3):
         faces = [abs(float(s["position_m"])) * UNIT for s in surfaces if int(s["axis"]) == other]
         beside = max(faces) + _PROXY_RADIUS if len(faces) > 1 else _EXTENT
-        size[other] = 2.0 * beside if other < dof or dof > 2 else 3.0 if other == 2 else 2.0 * _EXTENT
+        size[other] = 2.0 * beside if other < dof or dof > 2 else _DEPTH if other == 2 else 2.0 * _EXTENT
     alone = len(surfaces) == 1
     size[axis] = _THICKNESS if alone else _THIN
     middle[axis] = float(surface["position_m"]) * UNIT + solid * (_PROXY_RADIUS + size[axis] / 2.0)
@@ -241,4 +288,4 @@ def _add_wall(
     if alone:
         corner = np.zeros(3)
         corner[1 if dof < 3 else 2] = size[1 if dof < 3 else 2] / 2.0 + 0.2
-        scene.add_label("/wall_name", "wall", position=middle + corner, anchor="bottom-center", font_screen_scale=0.85)
+        scene.add_label("/wall_name", name, position=middle + corner, anchor="bottom-center", font_screen_scale=0.85)

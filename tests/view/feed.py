@@ -10,8 +10,8 @@ from typing import Any
 from hapnet.checks import Vector
 from hapnet.params import Params
 from hapnet.recording.samples import DeviceSample, Event, Sample, WorldSample
-from hapnet.recording.telemetry import Status
-from hapnet.simulation.simulation import simulate
+from hapnet.recording.telemetry import KnownPlanes, Status
+from hapnet.simulation.simulation import Simulation
 from hapnet.view.controls import Way
 from hapnet.view.history import History
 from hapnet.wire.messages import Role
@@ -28,12 +28,14 @@ class Feed:
     """
 
     def __init__(self, history: History, params: Params, seed: int = 1) -> None:
-        recording = simulate(params.set({"record_hz": 60.0}), seed).recording
+        run = Simulation(params.set({"record_hz": 60.0}), seed)
+        recording = run.run().recording
+        self.planes = run.device_endpoint.planes
         self.meta = recording.meta
         self.links = {"device": str(recording.meta["params"]["link"]["up"]), "world": ""}
         self.links["world"] = str(recording.meta["params"]["link"]["down"])
         self.incarnation, self.paused, self.recording, self.paired = 1, False, "", True
-        self.coupling = params.coupling
+        self.coupling, self.feel = params.coupling, params.feel
         self.smoothing = params.device.smoothing_s
         self._samples = [s for s in recording.samples() if not isinstance(s, Event)]
         self._last = {type(s): s for s in self._samples}
@@ -42,7 +44,11 @@ class Feed:
         self._thread = threading.Thread(target=self._play, daemon=True)
 
     def status(self, role: Role, now_ns: int) -> Status:
-        params = {**self.meta["params"], "device": {**self.meta["params"]["device"], "smoothing_s": self.smoothing}}
+        params = {
+            **self.meta["params"],
+            "feel": self.feel,
+            "device": {**self.meta["params"]["device"], "smoothing_s": self.smoothing},
+        }
         about = {**self.meta, "params": params, "role": role, "clock": "one", "name": "left", "session": "default"}
         about["coupling"] = self.coupling
         link = {"profile": self.links[role], "delay_now_ms": 41.7, "loss_now": 0.02}
@@ -69,6 +75,7 @@ class Feed:
                 status_due += NANO // 2
                 for role in ROLES:
                     self._history.take(self.status(role, now))
+                self._history.take(KnownPlanes(self.planes if self.feel == "hapnet" else None))
             if self.paused:
                 began += 10_000_000
             else:
@@ -108,10 +115,11 @@ class FakeControls:
             self._feed.links["device" if way == "up" else "world"] = words
         self._called("link", way, words)
 
-    def coupling(self, name: str) -> None:
+    def coupling(self, name: str, feel: str | None) -> None:
         if self._feed is not None:
             self._feed.coupling = name
-        self._begin_anew("coupling", name)
+            self._feed.feel = feel or self._feed.feel
+        self._begin_anew("coupling", name, feel)
 
     def smoothing(self, seconds: float) -> None:
         if self._feed is not None:

@@ -120,7 +120,8 @@ def test_it_shows_scene_plots_and_numbers(browser: Browser, tmp_path: Path) -> N
         page = shown.page
         expect(page.locator(".hapnet-passive")).to_have_text("passive")
         expect(page.locator(".uplot")).to_have_count(4)
-        for words in ("PSPM", "delay up, down", "42, 42 ms", "2.0, 2.0 %", "96.0 ms", "3.0, 3.0 %"):
+        expect(page.locator(".hapnet-force tr")).to_have_count(5)
+        for words in ("PSPM", "spring K (y − x)", "delay up, down", "42, 42 ms", "2.0, 2.0 %", "96.0 ms", "3.0, 3.0 %"):
             expect(page.get_by_text(words).first).to_be_visible()
         assert shown.server.watched
         assert keep(page, tmp_path, "page").stat().st_size > 10_000
@@ -234,8 +235,9 @@ def test_buttons_and_switches_call_theirs(playing: Open) -> None:
     assert controls.wait(lambda: ("reset",) in controls.calls)
     playing.switch("smoothing filter").click()
     assert controls.wait(lambda: ("smoothing", 0.02) in controls.calls)
-    playing.switch("PSPM").click()
-    assert controls.wait(lambda: ("coupling", "zoh") in controls.calls)
-    expect(page.get_by_text("PSPM off", exact=False).first).to_be_visible()
-    playing.switch("PSPM").click()
-    assert controls.wait(lambda: ("coupling", "pspm") in controls.calls)
+    for label, coupling, feel in (("zoh", "zoh", "paper"), ("hapnet", "pspm", "hapnet")):
+        playing.switch("coupling").click()
+        page.get_by_role("option", name=label, exact=True).click()
+        assert controls.wait(partial(operator.contains, controls.calls, ("coupling", coupling, feel)))
+        expect(page.locator(".hapnet-coupling")).to_contain_text(f"{label}: ")
+    expect(page.locator(".hapnet-past")).to_contain_text("hapnet passive")

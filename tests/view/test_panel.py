@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
@@ -10,10 +12,11 @@ pytest.importorskip("viser", reason="the live page's library is not installed")
 
 import viser
 
-from hapnet.params import Params
+from hapnet.params import COUPLING_NAMES, Params
 from hapnet.recording.telemetry import Status
-from hapnet.view.history import Snapshot
-from hapnet.view.panel import ControlPanel
+from hapnet.view.choices import CHOICES, words_of
+from hapnet.view.history import Episode, Snapshot
+from hapnet.view.panel import ControlPanel, Numbers
 from tests.view.feed import FakeControls
 
 
@@ -24,23 +27,49 @@ def server() -> Iterator[viser.ViserServer]:
     server.stop()
 
 
-def snapshot(coupling: str) -> Snapshot:
-    about = {"coupling": coupling, "params": Params().as_dict()}
+def snapshot(coupling: str, feel: str, past: tuple[Episode, ...] = ()) -> Snapshot:
+    about = {"coupling": coupling, "params": Params().set({"feel": feel}).as_dict()}
     status = Status("device", 0, 1, True, False, "", about, {"profile": ""}, {})
-    return Snapshot(None, None, status, None, False, None, None, (), 0)
+    return Snapshot(None, None, status, None, False, None, None, (), 0, past=past)
 
 
-@pytest.mark.parametrize(
-    ("coupling", "on"), [("pspm", True), ("zoh", False), ("popc", False), ("examples.own_law:Mine", False)]
-)
-def test_the_switch_is_on_if_the_coupling_limits_set_positions(
-    coupling: str, on: bool, server: viser.ViserServer
+@pytest.mark.parametrize(("coupling", "feel", "label", "asked"), [
+    ("pspm", "hapnet", "hapnet", ("pspm", "hapnet")),
+    ("pspm", "paper", "paper", ("pspm", "paper")),
+    ("zoh", "paper", "zoh", ("zoh", "paper")),
+    ("zoh", "hapnet", "zoh, hapnet's feel", ("zoh", "hapnet")),
+    *((name, "paper", name, (name, None)) for name in COUPLING_NAMES[2:]),
+    ("examples.own_law:Mine", "hapnet", "examples.own_law:Mine", ("examples.own_law:Mine", None)),
+])  # fmt: skip
+def test_the_switch_shows_what_runs_and_asks_for_what_is_chosen(
+    coupling: str, feel: str, label: str, asked: tuple[str, str | None], server: viser.ViserServer
 ) -> None:
     controls = FakeControls()
     panel = ControlPanel(server.gui, controls, lambda position: None, lambda starting: None)
-    panel.update(snapshot("zoh" if on else "pspm"))
-    panel.update(snapshot(coupling))
-    assert panel._pspm.value is on
-    panel._couple(False)
-    panel._couple(True)
-    assert controls.named("coupling") == [("zoh" if on else coupling,), ("pspm",)]
+    panel.update(snapshot("wave", "hapnet"))
+    panel.update(snapshot(coupling, feel))
+    assert panel._choice.value == label
+    assert label in panel._choice.options
+    panel._couple(label)
+    assert controls.named("coupling") == [asked]
+
+
+def test_every_coupling_can_be_chosen_and_is_said_in_words() -> None:
+    assert {coupling for coupling, _ in CHOICES.values()} == set(COUPLING_NAMES)
+    assert list(CHOICES)[:3] == ["hapnet", "paper", "zoh"]
+    assert all(words_of(label) for label in CHOICES)
+
+
+def test_each_pair_keeps_its_own_verdict(server: viser.ViserServer) -> None:
+    """One that was not passive is still said when another coupling runs, and passive is not said of it."""
+
+    def account(coupling: str, margin_J: float) -> dict[str, Any]:
+        sides = {side: {"ledger": {"slack_J": 0.0}, "incarnations": 1} for side in ("device", "world")}
+        return {"theorem": {"margin_J": margin_J}, **sides, "coupling": coupling}
+
+    past = (Episode("zoh", "paper", account("zoh", -0.2)), Episode("pspm", "hapnet", account("pspm", 0.09)))
+    numbers = Numbers(server.gui)
+    numbers.update(snapshot("wave", "hapnet", past), "running")
+    text = re.sub("<[^>]*>", "", numbers._html.content)
+    assert "before: zoh NOT passive · hapnet passive" in text
+    assert "wave: wave variables" in text

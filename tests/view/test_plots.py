@@ -2,19 +2,49 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
 pytest.importorskip("viser", reason="the live page's library is not installed")
 
 from hapnet.plant.worlds.registry import make_scene
-from hapnet.view.plots import depth_of, held
+from hapnet.view.force import force_now, force_of, parts_of, stacked
+from hapnet.view.history import Track
+from hapnet.view.plots import depth_of, held, piled
 
 
 def test_a_value_is_held_until_the_next() -> None:
     times, values = np.array([-3.0, -1.0]), np.array([5.0, 7.0])
     at = np.array([-4.0, -3.0, -1.1, -1.0, 0.0])
     assert held(times, values, at).tolist() == [5.0, 5.0, 5.0, 7.0, 7.0]
+
+
+def track(force: list[list[float]], parts: list[list[list[float]]]) -> Track:
+    n, count = len(force[0]), len(force)
+    still, none = np.zeros((count, n)), np.zeros(count)
+    return Track(np.arange(count) - count + 1.0, still, still, np.array(force), np.array(parts), none, none, none)
+
+
+def test_the_parts_add_up_to_the_force_and_stand_on_each_other() -> None:
+    """Spring -1, of which the model is -1.2 and added damping 0.1; damper 0.2."""
+    shown = track([[-0.8], [0.0]], [[[-1.0], [0.2], [-1.2], [0.1]], [[math.nan]] * 4])
+    parts = stacked(shown)
+    np.testing.assert_allclose(parts, [[-1.2, 0.1, 0.1, 0.2], [0.0] * 4], atol=1e-15)
+    assert parts[0].sum() == pytest.approx(force_of(shown)[0])
+    edges = np.array(piled(parts))[:, 0]
+    np.testing.assert_allclose(edges, [0.4, 0.2, 0.1, 0.0, -1.2, -1.2, -1.2, -1.2], atol=1e-15)
+    assert [value for _, value in force_now(shown)] == ["0.00 N", *["not told"] * 4]
+
+
+def test_with_several_axes_the_parts_are_those_along_the_force() -> None:
+    shown = track([[3.0, 4.0], [0.0, 0.0]], [[[3.0, 0.0], [0.0, 4.0], [1.0, 0.0], [0.0, 0.0]]] * 2)
+    np.testing.assert_allclose(parts_of(shown)[0], [1.8, 3.2, 0.6, 0.0], atol=1e-15)
+    assert force_of(shown).tolist() == [5.0, 0.0]
+    assert parts_of(shown)[1].tolist() == [0.0] * 4
+    assert [value for _, value in force_now(shown)] == ["0.00 N"] * 5
+    assert force_now(None) == []
 
 
 @pytest.mark.parametrize("name", ["wall", "box", "paper", "free"])

@@ -1,0 +1,43 @@
+"""What the page's switch offers: PSPM with each feel, and every other coupling."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from hapnet.couplings import registry
+from hapnet.couplings.set_position import PSPM, ZOH
+from hapnet.params import COUPLING_NAMES
+
+Choice = tuple[str, str | None]
+"""A coupling, and the feel; None: the coupling has no feel, so it stays as it is."""
+
+CHOICES: Mapping[str, Choice] = MappingProxyType(
+    {
+        "hapnet": (PSPM.name, "hapnet"),
+        "paper": (PSPM.name, "paper"),
+        "zoh": (ZOH.name, "paper"),
+        "zoh, hapnet's feel": (ZOH.name, "hapnet"),
+        **{name: (name, None) for name in COUPLING_NAMES if name not in (PSPM.name, ZOH.name)},
+    }
+)
+"""What users read, and what it stands for."""
+
+_WORDS = {
+    "hapnet": "PSPM, local contact model",
+    "paper": "PSPM as in the paper",
+    "zoh": "a plain spring, no PSPM",
+    "zoh, hapnet's feel": "local contact model, no PSPM",
+}
+
+
+def label_of(coupling: str, feel: str) -> str:
+    """The choice that this coupling with this feel is; a user's own coupling is its own label."""
+    found = (label for label, choice in CHOICES.items() if choice in ((coupling, feel), (coupling, None)))
+    return next(found, coupling)
+
+
+def words_of(label: str) -> str:
+    """What the choice is, in words."""
+    spec = registry.known(label)
+    return _WORDS.get(label) or ("" if spec is None else spec.title)
