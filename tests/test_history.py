@@ -13,7 +13,7 @@ from hapnet.mechanics.plane import Plane
 from hapnet.recording.samples import DeviceSample, Event, WorldSample
 from hapnet.recording.telemetry import KnownPlanes, Status
 from hapnet.summary.verdict import judge
-from hapnet.view.history import CAPACITY, MOST_EVENTS, PARTS, History
+from hapnet.view.history import CAPACITY, MOST_EPISODES, MOST_EVENTS, PARTS, History
 from hapnet.wire.messages import Role
 
 MS = 1_000_000
@@ -68,6 +68,26 @@ def test_the_parts_of_the_force_and_the_known_planes_are_kept_until_the_device_r
     assert snapshot.planes == (plane,)
     history.take(status("device", 2))
     assert history.snapshot().planes is None
+
+
+def test_a_pair_that_has_ended_is_kept_once_with_its_coupling_and_account() -> None:
+    """Its sides restart one after the other; between the two, old and new samples together are nobody's account."""
+    history = History()
+
+    def begin(incarnation: int, coupling: str, margin: float, at_ns: int) -> None:
+        for role in ("device", "world"):
+            history.take(status(role, incarnation, coupling=coupling, params={"feel": "paper", "device": {}}))
+            history.take(device(at_ns, margin) if role == "device" else world(at_ns, margin))
+
+    begin(1, "zoh", -0.2, 0)
+    begin(2, "pspm", 0.1, MS)
+    begin(3, "wave", 0.1, 2 * MS)
+    past = history.snapshot().past
+    assert [(episode.coupling, episode.feel) for episode in past] == [("zoh", "paper"), ("pspm", "paper")]
+    assert [judge(episode.account)["passive"] for episode in past] == [False, True]
+    for number in range(4, 20):
+        begin(number, "pspm", 0.1, number * MS)
+    assert len(history.snapshot().past) == MOST_EPISODES
 
 
 def test_memory_is_bounded_and_the_newest_stay() -> None:

@@ -224,6 +224,7 @@ def test_what_is_told_before_it_runs_reaches_the_servo() -> None:
     """As a page tells the side of a new episode where the hand is, while it still starts."""
     made = Running("simulated", operator="mouse")
     servo = made.servo
+    servo.place((0.02, 0.03))
     servo.pause(True)
     servo.pause(False)
     servo.lead((0.02, -0.01))
@@ -235,6 +236,8 @@ def test_what_is_told_before_it_runs_reaches_the_servo() -> None:
             return (last.operator_target_m or ()) if isinstance(last, DeviceSample) else ()
 
         until(lambda: target() == pytest.approx((0.02, -0.01), abs=1e-6))
+        first = next(sample for sample in made.samples if isinstance(sample, DeviceSample))
+        assert first.position_m == pytest.approx((0.02, 0.03), abs=2e-3)
     finally:
         servo.stop()
     assert not made.errors
