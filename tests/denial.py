@@ -97,14 +97,18 @@ def denied(change: str, hand: str, at_s: float, *, coupling: str = "pspm", seed:
     step = float(np.linalg.norm(np.diff(force, axis=0), axis=1).max())
     right = wrong = None
     if words:
-        since = result.recording.meta["origin_ns"] + round(at_s * 1e9)
+        assert run.world.origin_ns is not None
+        since = run.world.origin_ns + round(at_s * 1e9)  # the wall's clock begins with the world's first step
         before = [planes for now, planes in heard if now < since][-1]
-        word_ns = next(now for now, planes in heard if now >= since and planes != before)
+        word_ns = next((now for now, planes in heard if now >= since and planes != before), None)
+        assert word_ns is not None, f"{change}, {hand}, at {at_s} s, {coupling}, seed {seed}: no word of it came"
         i = int(np.searchsorted(device["time_ns"], word_ns + round(CORRECTED_S * 1e9)))
         part = slice(i, i + 50)
         ideal = _ideal(scene, at_s, x[part], params)
-        tuning = run.setup.tuning
-        drag = (params.device.damping + tuning.damping_Ns_m) * np.gradient(x, 1e-3, axis=0)[part]
+        damping = params.device.damping  # in contact; when the wall is gone, what the lead leaves of all of it
+        if change == "vanishes":
+            damping = (damping + run.setup.tuning.damping_Ns_m) * (1.0 - params.contact_model.lead)
+        drag = damping * np.gradient(x, 1e-3, axis=0)[part]
         right = float(np.linalg.norm(ideal, axis=1).mean())
         wrong = float(np.linalg.norm(force[part] + drag - ideal, axis=1).mean())
     return Denied(step, slack, summary["theorem"]["margin_J"] or 0.0, right, wrong)

@@ -8,16 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapnet.control.prediction import MotionPredictor, PredictedDevice
-from hapnet.params import ContactModelParams
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.walls import Contacts
 
 NUMBERS = st.floats(-2.0, 2.0)
-LIMITS = ContactModelParams()
+WINDOW = {"window": 0.06, "longest": 0.2, "longest_curve": 0.1}
 
 
 def fed(times: list[float], motion: np.poly1d, **limits: float) -> MotionPredictor:
-    predictor = MotionPredictor(**limits)
+    predictor = MotionPredictor(**WINDOW | limits)
     for t in times:
         predictor.receive((float(motion(t)), -float(motion(t))), t)
     return predictor
@@ -37,7 +36,7 @@ def test_a_parabola_is_continued_exactly(a: float, b: float, c: float, ahead: fl
 def test_beyond_a_tenth_of_a_second_the_velocity_stays_and_beyond_a_fifth_nothing_is_predicted() -> None:
     predictor = fed([0.005 * k for k in range(13)], np.poly1d([1.0, 0.0, 0.0]))  # x = t^2, newest at 0.06 s
     at_limit = 0.16**2 + 2 * 0.16 * 0.1  # the parabola to 0.16 s, then its tangent
-    assert predictor.at(0.2) == (pytest.approx((at_limit, -at_limit)), LIMITS.longest_s)
+    assert predictor.at(0.2) == (pytest.approx((at_limit, -at_limit)), WINDOW["longest"])
     assert predictor.at(5.0) == predictor.at(0.2)
 
 
@@ -46,7 +45,7 @@ def test_noise_is_averaged_as_least_squares_averages_it() -> None:
     rng = np.random.default_rng(1)
     times = np.arange(13) * 0.005
     values = np.sin(7.0 * times) + 1e-3 * rng.standard_normal(13)
-    predictor = MotionPredictor()
+    predictor = MotionPredictor(**WINDOW)
     for t, x in zip(times.tolist(), values.tolist(), strict=True):
         predictor.receive((x,), t)
     predicted, _ = predictor.at(0.05)
