@@ -215,6 +215,8 @@ class WaveParams:
     damping: float = _p(0.0, "damping of that coupling [Ns/m]; 0: by a rule", _NOT_NEGATIVE)
     smoothing_s: float = _p(0.005, "time constant of the filter of the device's incoming waves [s]; 0: none",
                             _NOT_NEGATIVE)  # fmt: skip
+    recovery_s: float = _p(0.1, "time constant for making up lost displacement by wave integrals, as far as there is "
+                           "energy [s]; 0: never", _NOT_NEGATIVE)  # fmt: skip
     missing: str = _p("zero", "replaces a wave that has not come; hold (the last wave) is not passive",
                       ("zero", "hold"))  # fmt: skip
 

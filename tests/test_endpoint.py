@@ -88,8 +88,11 @@ class Side:
         (Port((2.0,), 1.5e-3), messages.Port(7, 0, MS, (2.0,), 1_500_000)),
         (Port((2.0,), 1.9999e-9), messages.Port(7, 0, MS, (2.0,), 1)),  # never more than went in
         (Port((2.0,), -1e-18), messages.Port(7, 0, MS, (2.0,), 0)),  # rounding; a peer takes no negative total
-        (Wave((0.25,), 5e-3), messages.Wave(7, 0, MS, (0.25,), 5 * MS)),
-        (Wave((0.25,), 1e-12), messages.Wave(7, 0, MS, (0.25,), 1)),  # a span of nothing is none
+        (Wave((0.25,), 5e-3), messages.Wave(7, 0, MS, (0.25,), 5 * MS, more={"integral": ((1.25e-3,), 5 * MS)})),
+        (
+            Wave((0.25,), 1e-12),
+            messages.Wave(7, 0, MS, (0.25,), 1, more={"integral": ((2.5e-10,), 1)}),
+        ),  # a span of nothing is none
     ],
 )
 def test_a_sample_becomes_its_message(sample: CouplingSample, expected: Stream) -> None:
@@ -105,7 +108,7 @@ def test_a_message_becomes_its_sample() -> None:
     for kind, expected in (
         (messages.Motion, Motion((0.5,), (2.0,))),
         (messages.Port, Port((0.5,), 3e-9)),
-        (messages.Wave, Wave((0.5,), 4e-9)),
+        (messages.Wave, Wave((0.5,), 4e-9, (2e-9,), 4e-9)),
     ):
         side = Side(kind)
         peer = side.meet(3)
@@ -120,7 +123,7 @@ def test_a_message_becomes_its_sample() -> None:
         side.tick()
         (heard,) = side.law.heard
         assert type(heard) is type(expected)
-        assert tuple(heard) == (pytest.approx(expected[0]), pytest.approx(expected[1]))
+        assert tuple(heard) == tuple(map(pytest.approx, expected))
         assert side.endpoint.session.dropped == {"stream": 2}
 
 
@@ -150,7 +153,8 @@ def test_what_an_earlier_peer_said_is_not_for_a_law_that_has_begun_anew() -> Non
     second = side.meet(5)
     side.endpoint.receive(side.now_ns, second.positions.wave(1, (0.3,), 1))
     side.tick()
-    assert side.law.heard == [Wave((0.1,), 1e-9), "another", Wave((0.3,), 1e-9)]
+    first_heard, another, second_heard = side.law.heard
+    assert (first_heard[:2], another, second_heard[:2]) == (((0.1,), 1e-9), "another", ((0.3,), 1e-9))
 
 
 def test_a_deadband_decides_what_is_sent_and_tells_another_peer_at_once() -> None:

@@ -42,6 +42,7 @@ GOLDEN: dict[str, Message] = {
     "motion": Motion(A, 7, 1_000_000_000, (0.01,), (-0.25,)),
     "port": Port(B, 7, 1_000_000_000, (1.5,), 1_500_000),
     "wave": Wave(A, 7, 1_000_000_000, (0.5,), 5_000_000),
+    "integral": Wave(A, 7, 1_000_000_000, (0.5,), 5_000_000, more={"integral": ((0.0125,), 40_000_000)}),
     "proxy": Proxy(
         B, 7, 1_000_000_000, (0.01, 0.0), 2_000_000_000, (-1.5, 0.0), (((1.0, 0.0), 0.02, 3000.0, 10.0, 0.0),)
     ),
@@ -90,6 +91,8 @@ def test_golden_frames_are_what_the_msgpack_specification_says() -> None:
     assert (port + none).hex() == FRAMES["port"]
     wave = b"\x99\x02\x09" + u64(A) + u64(7) + u64(10**9) + f64(0.5) + b"\xce" + struct.pack(">I", 5_000_000)
     assert (wave + none).hex() == FRAMES["wave"]
+    integral = b"\x81\xa8integral\x92" + f64(0.0125) + b"\xce" + struct.pack(">I", 40_000_000)
+    assert (b"\x9a" + wave[1:] + none + integral).hex() == FRAMES["integral"]
     proxy = b"\x9b\x02\x0a" + u64(B) + u64(7) + u64(10**9) + f64(0.01, 0.0) + b"\xce" + struct.pack(">I", 2 * 10**9)
     plane = b"\x91\x95" + f64(1.0, 0.0) + b"".join(f64(value)[1:] for value in (0.02, 3000.0, 10.0, 0.0))
     assert (proxy + f64(-1.5, 0.0) + plane + none).hex() == FRAMES["proxy"]

@@ -35,6 +35,17 @@ def wander(rng: np.random.Generator, ticks: int, time: float, speed: float = 0.1
     return velocities
 
 
+def told(waves: list[Wave]) -> list[Wave]:
+    """These waves with their integrals, as their receiver gets them."""
+    total = total_s = 0.0
+    found = []
+    for wave in waves:
+        total += wave.value[0] * wave.span
+        total_s += wave.span
+        found.append(wave._replace(total=(total,), total_s=total_s))
+    return found
+
+
 def put_in(
     device_line: Line,
     world_line: Line,
@@ -58,9 +69,14 @@ def put_in(
     down: list[tuple[int, int, Wave]] = []
     number = 0
 
+    sent = {id(up): Wave((0.0,), 0.0, (0.0,), 0.0), id(down): Wave((0.0,), 0.0, (0.0,), 0.0)}
+
     def send(way: list[tuple[int, int, Wave]], now: int, wave: Wave) -> None:
         nonlocal number
         number += 1
+        last = sent[id(way)]
+        total = last.total[0] + wave.value[0] * wave.span
+        wave = sent[id(way)] = wave._replace(total=(total,), total_s=last.total_s + wave.span)
         if rng.random() >= loss:
             heapq.heappush(way, (now + delay + int(rng.integers(-jitter, jitter + 1)), number, wave))
 

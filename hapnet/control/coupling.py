@@ -40,10 +40,16 @@ class Port(NamedTuple):
 
 
 class Wave(NamedTuple):
-    """A wave variable [sqrt(W)], averaged over a time span [s]."""
+    """A wave variable [sqrt(W)], averaged over a time span [s].
+
+    total, total_s : the integral of all waves that its sender sent so far, this one included [sqrt(W) s], and the sum
+        of their spans [s]. Of a received wave only; empty where the sender does not tell it.
+    """
 
     value: Vector
     span: float
+    total: Vector = ()
+    total_s: float = 0.0
 
 
 class Proxy(NamedTuple):
@@ -79,7 +85,7 @@ CouplingSample = Vector | Motion | Port | Wave | Proxy
 def vector_of(sample: CouplingSample) -> Vector:
     """The vector in a sample: a position, a port's value or a wave."""
     match sample:
-        case Motion(vector, _) | Port(vector, _) | Wave(vector, _) | Proxy(vector, _, _, _):
+        case Motion(vector, _) | Port(vector, _) | Wave(vector, _, _, _) | Proxy(vector, _, _, _):
             return vector
         case _:
             return sample

@@ -114,7 +114,7 @@ class Deadband:
                 return self._moved(value, opposite)
             case Proxy(position, _, _, planes):
                 return self._moved(position, opposite) or planes != self._planes
-            case Wave(value, _):
+            case Wave(value, _, _, _):
                 return self._changed(value, self._value, LEAST_WAVE)
             case _:
                 return self._moved(sample, opposite)

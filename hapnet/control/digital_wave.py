@@ -41,7 +41,7 @@ class Replay:
         self._left_s = 0.0
 
     def push(self, wave: Wave) -> None:
-        value, span = wave
+        value, span = wave.value, wave.span
         self._arrived_s += span
         for i, component in enumerate(value):
             self._arrived[i] += component * span

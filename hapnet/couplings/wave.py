@@ -1,4 +1,12 @@
-"""Wave variables as a delay line and as digital waves (hapnet/control/wave*.py, digital_wave.py): rules and ends."""
+"""Wave variables as a delay line and as digital waves (hapnet/control/wave*.py, digital_wave.py): rules and ends.
+
+Their known weakness is drift over links that lose messages. The remedy is the authors' own: wave integrals
+(hapnet/control/wave_integral.py), unless `wave.recovery_s` is 0.
+
+No predictor stands before them. The line is passive because no more comes out of it than has gone in: a wave that is
+predicted has not gone in. A predictor needs a model of the far end, and a regulator that takes its energy away again
+(S. Munir, W. J. Book, "Internet-Based Teleoperation Using Wave Variables with Prediction", T-Mech 7(2), 2002).
+"""
 
 from __future__ import annotations
 
@@ -9,6 +17,7 @@ from typing import TypeVar
 from hapnet.control.digital_wave import Replay
 from hapnet.control.wave import DelayLine
 from hapnet.control.wave_filter import WaveFilter
+from hapnet.control.wave_integral import IntegralLine
 from hapnet.control.wave_port import Line, WaveDevice, WaveWorld
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.spec import RENDERED_DAMPING, CouplingSpec, CouplingStart, held_law, scalar_stiffness, stepped_law
@@ -26,6 +35,7 @@ class LineTuning:
     damping_Ns_m: float
     smoothing_s: float
     longest_wait_s: float
+    recovery_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -35,6 +45,7 @@ class DigitalTuning:
     damping_Ns_m: float
     smoothing_s: float
     spread_s: float
+    recovery_s: float = 0.0
 
 
 T = TypeVar("T", LineTuning, DigitalTuning)
@@ -58,6 +69,7 @@ def tune_line(params: Params, link: Delays) -> LineTuning:
         damping_Ns_m=wave.damping or impedance,
         smoothing_s=wave.smoothing_s,
         longest_wait_s=params.world.step_max_s + _LONGEST_JITTER_S,
+        recovery_s=wave.recovery_s if wave.missing == "zero" else 0.0,
     )
 
 
@@ -65,7 +77,9 @@ def tune_digital(params: Params, link: Delays) -> DigitalTuning:
     """As `tune_line`. Waves that arrive are spread over the longest time between two arrivals."""
     line = tune_line(params, link)
     spread = params.world.step_max_s + _jitter_s(link)
-    return DigitalTuning(line.impedance_Ns_m, line.stiffness_N_m, line.damping_Ns_m, line.smoothing_s, spread)
+    return DigitalTuning(
+        line.impedance_Ns_m, line.stiffness_N_m, line.damping_Ns_m, line.smoothing_s, spread, params.wave.recovery_s
+    )
 
 
 def _jitter_s(link: Delays) -> float:
@@ -74,11 +88,17 @@ def _jitter_s(link: Delays) -> float:
 
 
 def _delay_line(start: CouplingStart[LineTuning]) -> Line:
-    return DelayLine(len(start.position), start.tuning.longest_wait_s, hold=start.params.wave.missing == "hold")
+    hold, longest = start.params.wave.missing == "hold", start.tuning.longest_wait_s
+    return _whole(start, DelayLine(len(start.position), longest, hold=hold, recovery=start.tuning.recovery_s))
 
 
 def _replay(start: CouplingStart[DigitalTuning]) -> Line:
-    return Replay(len(start.position), start.tuning.spread_s)
+    return _whole(start, Replay(len(start.position), start.tuning.spread_s))
+
+
+def _whole(start: CouplingStart[T], line: Line) -> Line:
+    """The line with its lost waves made up for, unless the user wants it as it was first published."""
+    return IntegralLine(line) if start.tuning.recovery_s else line
 
 
 def _device(line: Callable[[CouplingStart[T]], Line]) -> Callable[[CouplingStart[T]], WaveDevice]:
@@ -100,7 +120,7 @@ def _world(line: Callable[[CouplingStart[T]], Line]) -> Callable[[CouplingStart[
 WAVE = CouplingSpec(
     name="wave",
     title="wave variables",
-    source="Niemeyer, Slotine 2004",
+    source="Niemeyer, Slotine 2004, with wave integrals",
     claim="passive at both ports for any constant delay; on any link, if zero replaces missing waves",
     device=held_law(_device(_delay_line)),
     world=stepped_law(_world(_delay_line)),

@@ -29,6 +29,7 @@ from hapnet.control.set_position_servo import ContinuousServo, Passage
 from hapnet.mechanics.plane import Plane
 from hapnet.wire import messages
 from hapnet.wire.events import EnergyCredited, Event, Paired, PositionReceived, SampleReceived
+from hapnet.wire.fields import INTEGRAL
 from hapnet.wire.handshake import EARLIER
 from hapnet.wire.session import Outgoing, PositionStream, Session
 
@@ -189,7 +190,7 @@ class ControlHalf:
                 return positions.port(now_ns, value, max(0, math.floor(energy / NANO)))  # never too much
             case Proxy(position, aimed_s, force, planes):
                 return positions.proxy(now_ns, position, max(0, round(aimed_s / NANO)), force, planes)
-            case Wave(value, span):
+            case Wave(value, span, _, _):
                 return positions.wave(now_ns, value, max(1, round(span / NANO)))
             case _:
                 return positions.position(now_ns, sample)
@@ -360,7 +361,8 @@ def _sample_of(message: messages.Motion | messages.Port | messages.Wave | messag
         case messages.Port():
             return Port(message.value, message.energy_nJ * NANO)
         case messages.Wave():
-            return Wave(message.wave, message.span_ns * NANO)
+            total, total_ns = (message.more or {}).get(INTEGRAL, ((), 0))
+            return Wave(message.wave, message.span_ns * NANO, total, total_ns * NANO)
         case messages.Proxy():
             planes = None if message.planes is None else tuple([Plane(*plane) for plane in message.planes])
             return Proxy(message.position, message.aimed_ns * NANO, message.force, planes)

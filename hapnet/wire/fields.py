@@ -20,6 +20,9 @@ MAX_TOTAL_NJ = 2**63  # exclusive: totals fit a signed 64-bit integer
 MAX_PLANES = 4
 UNIT_TOLERANCE = 1e-6  # of a normal's squared length
 MAX_SPAN_NS = 10**10  # of a wave: every side sends far more often
+MAX_INTEGRAL = 1e12  # sqrt(W) s: differences, and their squares over a nanosecond, stay finite
+INTEGRAL = "integral"
+"""The further entry of a wave: the integral of all waves of its sender's stream, and the sum of their spans in ns."""
 
 
 def natural(value: object) -> int:
@@ -92,6 +95,20 @@ def more(value: object) -> None:
         raise BadMessage("range", f"{len(value)} further entries; allowed: up to {MAX_MORE}")
     for key in value:
         text(key)
+
+
+def integral(value: object, dof: int) -> None:
+    """Of waves with `dof` components: that many floats, and a time in ns."""
+    if type(value) is not tuple or len(value) != 2 or type(value[0]) is not tuple:
+        raise BadMessage("type", f"{_kind(value)}; allowed: an array of an integral and a time")
+    vector, elapsed_ns = value
+    if len(vector) != dof:
+        raise BadMessage("dimension", f"an integral of {len(vector)} components; allowed: {dof}")
+    if not all(type(part) is float for part in vector):
+        raise BadMessage("type", "an integral with a component that is no float")
+    if not all(abs(part) <= MAX_INTEGRAL for part in vector):  # false for NaN as well
+        raise BadMessage("range", f"integral {vector}; allowed: finite, within +-{MAX_INTEGRAL:g}")
+    natural(elapsed_ns)
 
 
 def planes(value: object) -> None:

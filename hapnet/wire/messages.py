@@ -143,7 +143,11 @@ class _WaveFields(NamedTuple):
 
 
 class Wave(_WaveFields):
-    """A wave variable [sqrt(W)]: the mean over `span_ns` of the sender's time."""
+    """A wave variable [sqrt(W)]: the mean over `span_ns` of the sender's time.
+
+    The further entry `fields.INTEGRAL` has the integral of all waves of this stream so far, this one included, and the
+    sum of their spans. What a lost wave carried is the difference to the last message that arrived.
+    """
 
     __slots__ = ()
     KIND: ClassVar[int] = 9
@@ -363,6 +367,8 @@ def examined(frame: Any) -> Message:
         fields.more(frame[-1])
         frame = (*frame[:-1], frame[-1] or None)
     message: Message = layout.make(*frame[2:])
+    if type(message) is Wave and message.more and fields.INTEGRAL in message.more:
+        fields.integral(message.more[fields.INTEGRAL], len(message.wave))
     if type(message) is Motion and len(message.position) != len(message.velocity):
         raise BadMessage("dimension", f"{len(message.position)} coordinates with {len(message.velocity)} velocities")
     if type(message) is Proxy:

@@ -7,6 +7,7 @@ from typing import Any
 
 import msgpack
 
+from hapnet.wire.fields import INTEGRAL
 from hapnet.wire.messages import Motion, Port, Position, Proxy, Wave
 from hapnet.wire.stream_frames import echo_of, encode_position, encode_stream, start_of
 
@@ -20,10 +21,13 @@ class PositionStream:
     def __init__(self, incarnation: int) -> None:
         self.next_sequence = 0
         self._start = start_of(Position.KIND, incarnation, 1)
-        self._starts = {kind: start_of(kind, incarnation, 2) for kind in (Motion.KIND, Port.KIND, Wave.KIND)}
+        self._starts = {kind: start_of(kind, incarnation, 2) for kind in (Motion.KIND, Port.KIND)}
+        self._starts[Wave.KIND] = start_of(Wave.KIND, incarnation, 3)  # with a further entry
         self._starts[Proxy.KIND] = start_of(Proxy.KIND, incarnation, 4)
         self._pack: Callable[..., bytes] = msgpack.Packer().pack
         self._echo = echo_of(0, 0)
+        self._integral: tuple[float, ...] = ()
+        self._elapsed_ns = 0
 
     def echo(self, sent_ns: int, came_ns: int) -> None:
         """Let the next messages echo `sent_ns`, the stamp of the newest message used here, which came at `came_ns`."""
@@ -44,8 +48,13 @@ class PositionStream:
         return self._next(Port.KIND, now_ns, (_floats(value), energy_nJ))
 
     def wave(self, now_ns: int, wave: Sequence[float], span_ns: int) -> bytes:
-        """The next frame: a wave [sqrt(W)], the mean over `span_ns`."""
-        return self._next(Wave.KIND, now_ns, (_floats(wave), span_ns))
+        """The next frame: a wave [sqrt(W)], the mean over `span_ns`, with the integral of all waves so far."""
+        wave, seconds = _floats(wave), span_ns * 1e-9
+        before = self._integral or (0.0,) * len(wave)
+        self._integral = tuple([total + value * seconds for total, value in zip(before, wave, strict=True)])
+        self._elapsed_ns += span_ns
+        frame = self._next(Wave.KIND, now_ns, (wave, span_ns))
+        return frame + self._pack({INTEGRAL: (self._integral, self._elapsed_ns)})
 
     def proxy(
         self,

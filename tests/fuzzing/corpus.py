@@ -33,6 +33,9 @@ def oddities() -> dict[str, bytes]:
         fields: dict[str, object] = {"number": 1, "role": "world", "dof": 1, "name": "wall", "about": {}}
         return [2, 3, WORLD, *(fields | changes).values()]
 
+    def wave(further: dict[str, object]) -> list[object]:
+        return [2, 9, WORLD, 7, 10**9, [0.5], 1, 0, 0, further]
+
     frames: dict[str, object] = {
         "position-nan": position(NAN),
         "position-infinite": position(INF, -INF),
@@ -93,6 +96,15 @@ def oddities() -> dict[str, bytes]:
         "wave-too-long": [2, 9, WORLD, 7, 10**9, [0.5], 10**10 + 1, 0, 0],
         "wave-of-no-time": [2, 9, WORLD, 7, 10**9, [0.5], 0, 0, 0],
         "wave-leap": [2, 9, WORLD, 2**64 - 1, 10**9, [0.5], 1, 0, 0],
+        "wave-integral": wave({"integral": [[1e12], 2**64 - 1]}),
+        "wave-integral-too-large": wave({"integral": [[1e12 + 1.0], 7]}),
+        "wave-integral-nan": wave({"integral": [[NAN], 7]}),
+        "wave-integral-uneven": wave({"integral": [[0.5, 0.5], 7]}),
+        "wave-integral-of-integers": wave({"integral": [[1], 7]}),
+        "wave-integral-before": wave({"integral": [[0.5], -1]}),
+        "wave-integral-short": wave({"integral": [[0.5]]}),
+        "wave-integral-bare": wave({"integral": 0.5}),
+        "wave-integral-text": wave({"integral": ["1", 7]}),
         "kind-unknown": [2, 99, WORLD, 7, 10**9, [0.5]],
         "position-echo": [2, 1, WORLD, 7, 10**9, [0.0], 2**64 - 1, 2**64 - 1],
         "position-echo-negative": [2, 1, WORLD, 7, 10**9, [0.0], -1, 0],

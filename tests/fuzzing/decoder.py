@@ -43,7 +43,10 @@ def allowed(data: bytes) -> list[Any] | None:
     length = LENGTHS[kind]
     if (version != 2 and kind != REFUSE) or len(frame) not in (length, length + (kind != REFUSE)):
         return None
-    return frame if _fields(kind, frame[3:length]) and all(map(_further, frame[length:])) else None
+    if not (_fields(kind, frame[3:length]) and all(map(_further, frame[length:]))):
+        return None
+    more = frame[length] if kind == WAVE and len(frame) > length else {}
+    return frame if "integral" not in more or _integral(more["integral"], len(frame[5])) else None
 
 
 def _fields(kind: int, fields: list[Any]) -> bool:
@@ -96,6 +99,13 @@ def _plane(plane: list[Any], dof: int) -> bool:
 
 def _further(value: object) -> bool:
     return isinstance(value, dict) and len(value) <= 32 and all(map(_text, value))
+
+
+def _integral(value: object, dof: int) -> bool:
+    match value:
+        case [list() as total, total_ns] if len(total) == dof:
+            return _integer(total_ns) and all(isinstance(part, float) and abs(part) <= 1e12 for part in total)
+    return False
 
 
 def _floats(value: object) -> bool:
