@@ -169,12 +169,16 @@ class ContactModelParams:
     reach_m: float = _p(0.05, "planes within this distance of the proxy are told [m]", _NOT_NEGATIVE)
 
 
+_PREDICT = "the world predicts the device where delay and lag are at most this, unless the feel is paper [s]; 0: never"
+
+
 @dataclass(frozen=True)
 class PopcParams:
     """Passivity observer and controller at the device's port (Hannaford, Ryu 2002)."""
 
     velocity_floor: float = _p(0.002, "the controller cannot damp below this speed [m/s]", Range(0.0, at_most=1.0))
     damping_cap: float = _p(0.0, "the most damping that it may inject [Ns/m]; 0: by a rule", _NOT_NEGATIVE)
+    predict_s: float = _p(0.06, _PREDICT, _NOT_NEGATIVE)
 
 
 @dataclass(frozen=True)
@@ -192,6 +196,7 @@ class TdpaParams:
     damping_cap: float = _p(0.0, "the most damping at the device [Ns/m]; 0: by a rule", _NOT_NEGATIVE)
     speed_limit: float = _p(0.25, "greatest speed of the world's set-position [m/s]", Range(0.0, at_most=100.0))
     debt_limit_J: float = _p(0.02, "a side that owes this much energy gives out no more [J]", _POSITIVE)
+    predict: bool = _p(False, "the world predicts the device by the delay, unless the feel is paper")
     recovery_s: float = _p(
         0.02,
         "time constant of the drift compensation, as far as there is energy [s]; 0: none, as first published",
@@ -204,6 +209,7 @@ class EbaParams:
     """Energy bounding (Kim, Ryu 2004)."""
 
     damping: float = _p(0.0, "lower bound of the device's own damping [Ns/m]; 0: device.own_damping", _NOT_NEGATIVE)
+    predict_s: float = _p(0.06, _PREDICT, _NOT_NEGATIVE)
 
 
 @dataclass(frozen=True)

@@ -33,9 +33,9 @@ def device(x: Vector = (0.0,), **changes: float) -> TdpaDevice:
     return TdpaDevice(position=x, **values)
 
 
-def world(x: Vector = (0.0,), **changes: float) -> TdpaWorld:
-    values = {"stiffness": 100.0, "damping": 3.0, "force_floor": 0.05, "speed_limit": 0.25, "debt_limit": 0.02}
-    return TdpaWorld(position=x, **(values | changes))
+def world(x: Vector = (0.0,), **changes: Any) -> TdpaWorld:
+    values: dict[str, Any] = {"stiffness": 100.0, "damping": 3.0, "force_floor": 0.05, "speed_limit": 0.25}
+    return TdpaWorld(position=x, **(values | {"debt_limit": 0.02} | changes))
 
 
 def told(law: TdpaDevice | TdpaWorld, x: Vector = (0.0,)) -> Port:

@@ -73,17 +73,17 @@ def tuned(coupling: str, link: str = DEFAULT, **changes: object) -> dict[str, fl
 
 def test_popc_damps_no_more_than_a_device_can_render() -> None:
     """5 Ns/m of a desktop device, m/T of a light one, or what the user says."""
-    assert tuned("popc") == {"damping_cap_Ns_m": 5.0, "velocity_floor_m_s": 0.002}
+    assert tuned("popc") == {"damping_cap_Ns_m": 5.0, "velocity_floor_m_s": 0.002, "predicts": False}
     assert tuned("popc", device__mass=0.003)["damping_cap_Ns_m"] == pytest.approx(3.0)
     assert tuned("popc", popc__damping_cap=20.0)["damping_cap_Ns_m"] == 20.0
 
 
 def test_eba_trusts_the_devices_own_damping() -> None:
-    assert tuned("eba") == {"damping_Ns_m": 0.3}
-    assert tuned("eba", eba__damping=0.1) == {"damping_Ns_m": 0.1}
+    assert tuned("eba") == {"damping_Ns_m": 0.3, "predicts": False}
+    assert tuned("eba", eba__damping=0.1)["damping_Ns_m"] == 0.1
     with pytest.raises(InvalidParameter, match=r"device\.own_damping is 0.*eba\.damping"):
         tuned("eba", device__own_damping=0.0)
-    assert tuned("eba", device__own_damping=0.0, eba__damping=0.1) == {"damping_Ns_m": 0.1}
+    assert tuned("eba", device__own_damping=0.0, eba__damping=0.1)["damping_Ns_m"] == 0.1
 
 
 @pytest.mark.parametrize(("link", "K_p"), [("ideal", 100.0), (DEFAULT, 64.1), ("delay 270ms", 16.8)])

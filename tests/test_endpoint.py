@@ -127,20 +127,25 @@ def test_a_message_becomes_its_sample() -> None:
         assert side.endpoint.session.dropped == {"stream": 2}
 
 
-def test_all_waves_wait_and_of_the_rest_the_newest() -> None:
-    for kind, left in ((messages.Wave, BACKLOG), (messages.Port, 1)):
+def test_waves_and_ports_wait_and_of_the_rest_the_newest() -> None:
+    for kind, left in ((messages.Wave, BACKLOG), (messages.Port, BACKLOG), (messages.Motion, 1)):
         side = Side(kind)
         peer = side.meet(3)
         side.start()
-        for number in range(BACKLOG + 100):
-            stream = peer.positions
-            data = stream.wave(1, (0.0,), 1 + number) if kind is messages.Wave else stream.port(1, (0.0,), 1 + number)
-            side.endpoint.receive(side.now_ns, data)
+        stream = peer.positions
+        for number in range(1, BACKLOG + 101):
+            frames = {
+                messages.Wave: stream.wave(1, (0.0,), number),
+                messages.Port: stream.port(1, (0.0,), number),
+                messages.Motion: stream.motion(1, (0.0,), (number * 1e-9,)),
+            }
+            side.endpoint.receive(side.now_ns, frames[kind])
         side.tick()
         assert len(side.law.heard) == left
         last = side.law.heard[-1]
-        assert isinstance(last, Wave | Port)
-        assert last[1] == pytest.approx((BACKLOG + 100) * 1e-9)
+        assert isinstance(last, Wave | Port | Motion)
+        newest = (BACKLOG + 100) * 1e-9
+        assert last[1] == pytest.approx((newest,) if isinstance(last, Motion) else newest)
 
 
 def test_what_an_earlier_peer_said_is_not_for_a_law_that_has_begun_anew() -> None:

@@ -14,7 +14,7 @@ The law gives g and p for each step. So its reaction to the mass may be implicit
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from operator import mul, sub
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
@@ -272,6 +272,7 @@ class WorldLaw(Law, Protocol):
 
 
 L = TypeVar("L", bound=Law)
+Stamped = Callable[[CouplingSample, float, float], None]
 
 
 class LawState(Generic[L]):
@@ -280,10 +281,12 @@ class LawState(Generic[L]):
     Parameters
     ----------
     law : this end of the law. initial_energy : this side's share of d^2 [J].
+    stamped : takes each sample with its stamp and its age, as `CouplingState.receive`, before the law does.
     """
 
-    def __init__(self, law: L, initial_energy: float) -> None:
+    def __init__(self, law: L, initial_energy: float, stamped: Stamped | None = None) -> None:
         self.law = law
+        self._stamped = stamped
         self.ledger = Ledger(0.0, initial_energy)
         self.account = self.reservoir = self.energy_min = initial_energy
         self.deficit = self.deficit_max = self.discarded = 0.0
@@ -301,6 +304,8 @@ class LawState(Generic[L]):
         return 0.0
 
     def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
+        if self._stamped is not None:
+            self._stamped(sample, sent_s, age_s)
         self.law.receive(sample)
 
     def credit(self, energy: float) -> None:
@@ -317,12 +322,12 @@ class LawSteps:
 
     Parameters
     ----------
-    law : the world's end. initial_energy : this side's share of d^2 [J].
+    law, initial_energy, stamped : as those of `LawState`.
     """
 
-    def __init__(self, law: WorldLaw, initial_energy: float) -> None:
+    def __init__(self, law: WorldLaw, initial_energy: float, stamped: Stamped | None = None) -> None:
         self.law = law
-        self.coupling = LawState(law, initial_energy)
+        self.coupling = LawState(law, initial_energy, stamped)
 
     def advance(self, mass: Mass[S], dt: float, contacts: Sequence[Any]) -> S:
         drag, push = self.law.impedance(dt)

@@ -35,7 +35,8 @@ from math import hypot, sqrt
 from operator import add, mul, neg, sub
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import CouplingSample, Port
+from hapnet.control.coupling import CouplingSample, Port, vector_of
+from hapnet.control.prediction import MotionPredictor
 
 _RATE_S = 0.03
 """Time constant of the world's estimate of the device's velocity [s]; a typical world step."""
@@ -170,6 +171,7 @@ class TdpaWorld:
     speed_limit : of the set-position [m/s]; the rest of the displacement follows later.
     debt_limit : D [J].
     recovery : time constant for making up the drift, as far as the energy allows [s]; 0: never.
+    predictor : of the device's motion, from stamped positions; None: its velocity is taken from what comes here.
     """
 
     def __init__(
@@ -182,7 +184,10 @@ class TdpaWorld:
         speed_limit: float,
         debt_limit: float,
         recovery: float = 0.0,
+        predictor: MotionPredictor | None = None,
     ) -> None:
+        self._predictor = predictor
+        self._newest_age = 0.0
         self.observer = PassivityObserver()
         self._K, self._B = stiffness, damping
         self._floor_square = force_floor * force_floor
@@ -215,8 +220,17 @@ class TdpaWorld:
 
     def on_peer_changed(self) -> None:
         self.observer.on_peer_changed()
+        if self._predictor is not None:
+            self._predictor.reset()
         self._arrived, self._following = None, False
         self._goal, self._rate = self._used, self._none
+
+    def stamped(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
+        """A sample for the predictor, as `CouplingState.receive`."""
+        if self._predictor is not None:
+            self._predictor.receive(vector_of(sample), sent_s)
+            if sent_s == self._predictor.newest_s:
+                self._newest_age = age_s
 
     def begin(self) -> None:
         self._age += self._dt
@@ -231,7 +245,7 @@ class TdpaWorld:
         else:
             self._following = True
             self._goal = arrived
-        self._used, self._age = arrived, 0.0
+        self._used, self._age = arrived, self._newest_age
 
     def impedance(self, dt: float) -> tuple[float, Vector]:
         """See `WorldLaw.impedance`: g = s a, p = s (a v_y + K (y - x))."""
@@ -263,8 +277,7 @@ class TdpaWorld:
         """Choose y's displacement, v_y T, within the limits of speed and debt."""
         goal, drift = self._goal, self._drift
         part = dt / (self._recovery + dt) if self._recovery else 0.0
-        age = min(self._age + dt, _LONGEST_S)
-        ahead = [at + rate * age - before for at, rate, before in zip(self._used, self._rate, goal, strict=True)]
+        ahead = tuple(map(sub, self._reached(dt), goal))
         way = [w + part * lost for w, lost in zip(ahead, drift, strict=True)]
         far, longest = hypot(*way), self._speed_limit * dt
         cut = 1.0 if far <= longest else longest / far
@@ -274,6 +287,13 @@ class TdpaWorld:
         self._way = tuple([share * w for w in way])
         kept = 1.0 - cut * part
         self._drift = tuple([kept * lost + (cut - share) * w for lost, w in zip(drift, way, strict=True)])
+
+    def _reached(self, dt: float) -> Vector:
+        """Where the device will be at the end of a step of `dt` seconds [m]."""
+        if self._predictor is not None and self._following:
+            return self._predictor.at(self._age + dt)[0]
+        age = min(self._age + dt, _LONGEST_S)
+        return tuple([at + rate * age for at, rate in zip(self._used, self._rate, strict=True)])
 
     def _unyielding(self, a: float, vhat: Vector) -> list[float]:
         """f_1 of the step, if the mass moves with vhat [N]."""

@@ -1,11 +1,16 @@
-"""Energy bounding at the device (hapnet/control/eba.py): its tuning rule and its ends."""
+"""Energy bounding at the device (hapnet/control/eba.py): its tuning rule and its ends.
+
+The bound holds for any force that is asked for (Kim, Ryu 2004). So the world may predict the device, as with popc: see
+there, and `eba.predict_s`.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hapnet.control.coupling import DeviceLaw
+from hapnet.control.coupling import DeviceLaw, WorldCoupling
 from hapnet.control.eba import EnergyBounding
+from hapnet.couplings.feel import predicts
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.set_position import device_spring, plain_world
 from hapnet.couplings.spec import CouplingSpec, CouplingStart, held_law
@@ -16,6 +21,7 @@ from hapnet.params import Params
 @dataclass(frozen=True)
 class Tuning:
     damping_Ns_m: float
+    predicts: bool = False
 
 
 def tune(params: Params, link: Delays) -> Tuning:
@@ -23,7 +29,7 @@ def tune(params: Params, link: Delays) -> Tuning:
     if damping == 0.0:
         allowed = "above 0 with the coupling eba, which may render no force without damping (or set eba.damping)"
         raise InvalidParameter("device.own_damping", 0.0, allowed)
-    return Tuning(damping)
+    return Tuning(damping, predicts(params, link, params.eba.predict_s))
 
 
 def _device(start: CouplingStart[Tuning]) -> DeviceLaw:
@@ -37,13 +43,17 @@ def _device(start: CouplingStart[Tuning]) -> DeviceLaw:
     )
 
 
+def _world(start: CouplingStart[Tuning]) -> WorldCoupling:
+    return plain_world(start, start.tuning.predicts)
+
+
 EBA = CouplingSpec(
     name="eba",
     title="energy bounding",
     source="Kim, Ryu 2004",
     claim="passive at the hand's port, if the device really has the damping that is assumed",
     device=held_law(_device),
-    world=plain_world,
+    world=_world,
     tuning=Tuning,
     tune=tune,
     set_positions=frozenset({"world"}),

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -47,12 +48,12 @@ def tune(params: Params, link: Delays) -> FeelTuning:
     """The numbers of the table above."""
     if params.feel == "paper":
         return FeelTuning(contact_model=False)
-    device, world = params.device, params.world
+    device = params.device
     wanted = 2.0 * params.contact_model.damping_ratio * math.sqrt(_largest(device.stiffness) * device.mass)
     added = min(max(0.0, wanted - _largest(device.damping)), RENDERED_DAMPING)
     return FeelTuning(
         contact_model=True,
-        lag_s=_largest(world.damping) / _smallest(world.stiffness),
+        lag_s=lag_s(params),
         damping_Ns_m=added,
         lead_s=params.contact_model.lead * (_largest(device.damping) + added) / _smallest(device.stiffness),
         reach_m=params.contact_model.reach_m,
@@ -81,13 +82,26 @@ def at_device(start: CouplingStart[FeelTuning]) -> ContactModel | None:
     )
 
 
-def at_world(start: CouplingStart[FeelTuning]) -> PredictedDevice | None:
-    """What computes the world's y; None: y is the newest set-position."""
-    if not start.tuning.contact_model:
-        return None
-    model = start.params.contact_model
-    predictor = MotionPredictor(model.window_s, model.longest_s, model.curve_s)
-    return PredictedDevice(start.position, start.tuning.lag_s, predictor)
+def at_world(start: CouplingStart[Any]) -> PredictedDevice:
+    """What computes the world's y, if it is not the newest set-position."""
+    return PredictedDevice(start.position, lag_s(start.params), predictor(start.params))
+
+
+def predicts(params: Params, link: Delays, longest_s: float) -> bool:
+    """Does the world's end of a law at the device predict it? Where that takes no longer predictions than this [s]."""
+    horizon_s = link.one_way_s + lag_s(params) + params.world.step_max_s / 2.0
+    return params.feel != "paper" and horizon_s <= longest_s
+
+
+def predictor(params: Params) -> MotionPredictor:
+    """Predicts from the positions that arrive."""
+    model = params.contact_model
+    return MotionPredictor(model.window_s, model.longest_s, model.curve_s)
+
+
+def lag_s(params: Params) -> float:
+    """B'/K' [s]."""
+    return _largest(params.world.damping) / _smallest(params.world.stiffness)
 
 
 def _eigenvalues(matrix: object) -> Array:

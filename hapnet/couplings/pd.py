@@ -1,4 +1,10 @@
-"""PD over a constant delay (hapnet/control/pd.py): its tuning rule, where it is passive, and its ends."""
+"""PD over a constant delay (hapnet/control/pd.py): its tuning rule, where it is passive, and its ends.
+
+No predictor stands before it. The proof (Lee, Spong 2006) needs the other side's real position of a bounded time ago:
+K_d pays for how far that side may have moved since. A prediction h seconds ahead adds the power K_p v h v_peer to what
+must be paid, up to K_p h/2 more on each side's velocity. As the device renders no more damping, the rule would have to
+lower the stiffness (derived here).
+"""
 
 from __future__ import annotations
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable
 from functools import partial
@@ -13,6 +12,7 @@ from hapnet.checks import Vector
 from hapnet.control.contact_model import ContactModel
 from hapnet.control.coupling import DeviceCoupling, WorldCoupling
 from hapnet.control.limits import OnSilence, Silence
+from hapnet.control.prediction import PredictedDevice
 from hapnet.control.pspm import SetPositionModulator, Shuffle
 from hapnet.control.reserve import ForceGuard
 from hapnet.control.set_position_coupling import Modulator, SetPositionCoupling, SetPositionSteps, Source
@@ -136,23 +136,28 @@ def _sampled(start: CouplingStart[FeelTuning], make: MakeModulator, limited: boo
     )
 
 
-def _world(
-    start: CouplingStart[Any], make: MakeModulator, limited: bool, tuning: FeelTuning | None = None
-) -> WorldCoupling:
-    if tuning is not None:
-        start = dataclasses.replace(start, tuning=tuning)
+def _world(start: CouplingStart[FeelTuning], make: MakeModulator, limited: bool) -> WorldCoupling:
+    """The world's end that tells its proxy, unless the feel is the paper's."""
+    source = feel.at_world(start) if start.tuning.contact_model else None
+    return SetPositionSteps(_at_world(start, make, limited, source), source, start.tuning.reach_m)
+
+
+def plain_world(start: CouplingStart[Any], predicted: bool) -> WorldCoupling:
+    """The world's end of the plain coupling, for laws at the device only: it sends its proxy's position.
+
+    predicted : y is the device's predicted position. Such a law claims nothing for this port, so any y is allowed.
+    """
+    return SetPositionSteps(_at_world(start, _plain, False, feel.at_world(start) if predicted else None))
+
+
+def _at_world(
+    start: CouplingStart[Any], make: MakeModulator, limited: bool, source: PredictedDevice | None
+) -> SetPositionCoupling:
     world = start.params.world
     spring = shared_spring(world.stiffness, len(start.position))
     kept = world.ceiling_J * KEPT_FOR_PEERS
     modulator = make(world, spring, start.position, start.initial_energy, kept)
-    predicted = feel.at_world(start)
-    longest = _longest_step(world, spring, limited)
-    coupling = _coupling(start, world, spring, modulator, longest, predicted, kept)
-    return SetPositionSteps(coupling, predicted, start.tuning.reach_m)
-
-
-plain_world = partial(_world, make=_plain, limited=False, tuning=FeelTuning(contact_model=False))
-"""The world's end of the plain coupling, and of couplings that have a law only at the device."""
+    return _coupling(start, world, spring, modulator, _longest_step(world, spring, limited), source, kept)
 
 
 def _covers(params: Params, tuning: FeelTuning, virtual: bool) -> bool:

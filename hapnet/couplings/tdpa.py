@@ -1,4 +1,10 @@
-"""Two-port time-domain passivity (hapnet/control/tdpa.py): its tuning rule and its ends."""
+"""Two-port time-domain passivity (hapnet/control/tdpa.py): its tuning rule and its ends.
+
+The controllers stand last at both ports and count what really comes out. So the world may command any displacement
+(Ryu, Artigas, Preusche 2010): with `tdpa.predict` one that leads to where the device will be, delay included. The
+energy of that motion arrives a delay later, so the controller yields more in contact: it becomes freer, and softer. By
+default the law only continues the newest position by its own estimate of the velocity.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hapnet.control.coupling import LawSteps, WorldCoupling
 from hapnet.control.tdpa import TdpaDevice, TdpaWorld
+from hapnet.couplings import feel
 from hapnet.couplings.link_delays import Delays
-from hapnet.couplings.spec import RENDERED_DAMPING, CouplingSpec, CouplingStart, held_law, scalar_stiffness, stepped_law
+from hapnet.couplings.spec import RENDERED_DAMPING, CouplingSpec, CouplingStart, held_law, scalar_stiffness
 from hapnet.params import Params
 from hapnet.wire.messages import Port
 
@@ -24,6 +32,7 @@ class Tuning:
     speed_limit_m_s: float
     debt_limit_J: float
     recovery_s: float
+    predicts: bool = False
 
 
 def tune(params: Params, link: Delays) -> Tuning:
@@ -45,6 +54,7 @@ def tune(params: Params, link: Delays) -> Tuning:
         speed_limit_m_s=chosen.speed_limit,
         debt_limit_J=chosen.debt_limit_J,
         recovery_s=chosen.recovery_s,
+        predicts=chosen.predict and params.feel != "paper",
     )
 
 
@@ -59,9 +69,9 @@ def _device(start: CouplingStart[Tuning]) -> TdpaDevice:
     )
 
 
-def _world(start: CouplingStart[Tuning]) -> TdpaWorld:
+def _world(start: CouplingStart[Tuning]) -> WorldCoupling:
     tuning = start.tuning
-    return TdpaWorld(
+    law = TdpaWorld(
         position=start.position,
         stiffness=tuning.stiffness_N_m,
         damping=tuning.damping_Ns_m,
@@ -69,7 +79,9 @@ def _world(start: CouplingStart[Tuning]) -> TdpaWorld:
         speed_limit=tuning.speed_limit_m_s,
         debt_limit=tuning.debt_limit_J,
         recovery=tuning.recovery_s,
+        predictor=feel.predictor(start.params) if tuning.predicts else None,
     )
+    return LawSteps(law, start.initial_energy, law.stamped)
 
 
 TDPA = CouplingSpec(
@@ -78,7 +90,7 @@ TDPA = CouplingSpec(
     source="Ryu, Artigas, Preusche 2010, with drift compensation",
     claim="passive at both ports, whatever the link does, except for a bounded debt; without compensation it drifts",
     device=held_law(_device),
-    world=stepped_law(_world),
+    world=_world,
     tuning=Tuning,
     tune=tune,
     device_sends=Port,

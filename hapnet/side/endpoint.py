@@ -40,8 +40,8 @@ BACKLOG = 128
 
 def backlog(expects: type[messages.Stream]) -> int:
     """How many messages of a peer's stream may wait for the next tick: every wave counts, and a predictor uses every
-    position; of the other kinds only the newest counts."""
-    return BACKLOG if expects in (messages.Wave, messages.Position) else 1
+    position, that of a port too; of the other kinds only the newest counts."""
+    return BACKLOG if expects in (messages.Wave, messages.Position, messages.Port) else 1
 
 
 class ControlInbox(Protocol):
