@@ -13,7 +13,7 @@ from hapnet.control.eba import EnergyBounding
 from hapnet.couplings.feel import predicts
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.set_position import device_spring, plain_world
-from hapnet.couplings.spec import CouplingSpec, CouplingStart, held_law
+from hapnet.couplings.spec import RENDERED_DAMPING, Between, CouplingSpec, CouplingStart, held_law
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 
@@ -58,4 +58,5 @@ EBA = CouplingSpec(
     tune=tune,
     set_positions=frozenset({"world"}),
     scaled=True,
+    searched={"device.damping": Between(0.05, RENDERED_DAMPING, log=True), "eba.predict_s": Between(0.0, 0.3)},
 )

@@ -15,6 +15,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,8 +27,20 @@ from hapnet.control.added_damping import AddedDamping
 from hapnet.control.contact_model import ContactModel, OwnMotion
 from hapnet.control.prediction import MotionPredictor, PredictedDevice
 from hapnet.couplings.link_delays import Delays
-from hapnet.couplings.spec import RENDERED_DAMPING, CouplingStart
+from hapnet.couplings.spec import RENDERED_DAMPING, Between, CouplingStart
 from hapnet.params import Params
+
+SEARCHED: Mapping[str, Between | tuple[Any, ...]] = {
+    "contact_model.damping_ratio": Between(0.05, 1.0, log=True),
+    "contact_model.lead": Between(0.0, 1.0),
+    "contact_model.lead_s": Between(0.01, 0.2, log=True),
+    "contact_model.fade_s": Between(0.002, 0.05, log=True),
+    "contact_model.shift_s": Between(0.01, 0.2, log=True),
+    "contact_model.window_s": Between(0.02, 0.2, log=True),
+    "contact_model.longest_s": Between(0.05, 0.4, log=True),
+    "contact_model.curve_s": Between(0.0, 0.2),
+}
+"""`CouplingSpec.searched` of both couplings with this feel."""
 
 
 @dataclass(frozen=True)

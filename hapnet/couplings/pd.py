@@ -13,7 +13,15 @@ from dataclasses import dataclass
 from hapnet.control import pd
 from hapnet.control.deadband import LONGEST_S
 from hapnet.couplings.link_delays import Delays
-from hapnet.couplings.spec import RENDERED_DAMPING, CouplingSpec, CouplingStart, held_law, scalar_stiffness, stepped_law
+from hapnet.couplings.spec import (
+    RENDERED_DAMPING,
+    Between,
+    CouplingSpec,
+    CouplingStart,
+    held_law,
+    scalar_stiffness,
+    stepped_law,
+)
 from hapnet.params import Params
 from hapnet.wire.messages import Motion
 from netem import LinkProfile
@@ -86,4 +94,9 @@ PD = CouplingSpec(
     world_sends=Motion,
     covers=covers,
     warn=warn,
+    searched={
+        "pd.damping": Between(0.2, RENDERED_DAMPING, log=True),
+        "pd.coordination": Between(0.0, 2.0),
+        "pd.extra_damping": Between(0.0, 2.0),
+    },
 )

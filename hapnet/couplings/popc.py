@@ -15,7 +15,7 @@ from hapnet.control.coupling import DeviceLaw, WorldCoupling
 from hapnet.couplings.feel import predicts
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.set_position import device_spring, plain_world
-from hapnet.couplings.spec import RENDERED_DAMPING, CouplingSpec, CouplingStart, held_law
+from hapnet.couplings.spec import RENDERED_DAMPING, Between, CouplingSpec, CouplingStart, held_law
 from hapnet.params import Params
 
 
@@ -58,4 +58,10 @@ POPC = CouplingSpec(
     tune=tune,
     set_positions=frozenset({"world"}),
     scaled=True,
+    searched={
+        "device.damping": Between(0.05, RENDERED_DAMPING, log=True),
+        "popc.velocity_floor": Between(0.0005, 0.01, log=True),
+        "popc.damping_cap": Between(0.5, RENDERED_DAMPING, log=True),
+        "popc.predict_s": Between(0.0, 0.3),
+    },
 )

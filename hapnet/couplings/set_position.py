@@ -185,6 +185,7 @@ PSPM = CouplingSpec(
     halves=True,
     joint=False,
     covers=_covers,
+    searched=feel.SEARCHED,
 )
 
 ZOH = CouplingSpec(
@@ -202,4 +203,5 @@ ZOH = CouplingSpec(
     set_positions=BOTH_SIDES,
     scaled=True,
     joint=False,
+    searched=feel.SEARCHED,
 )

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from inspect import Parameter, signature
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 from hapnet.checks import Vector
 from hapnet.control.coupling import DeviceCoupling, DeviceLaw, LawServo, LawSteps, WorldCoupling, WorldLaw
@@ -28,6 +28,14 @@ RENDERED_DAMPING = 5.0
 @dataclass(frozen=True)
 class NoTuning:
     """The tuning of a coupling that has no tuning rule."""
+
+
+class Between(NamedTuple):
+    """A range of a parameter, for a search."""
+
+    low: float
+    high: float
+    log: bool = False
 
 
 T = TypeVar("T")
@@ -80,6 +88,8 @@ class CouplingSpec(Generic[T]):
     joint : does energy pass through the link itself? Then the energy put in at one port alone means nothing.
     covers : when does it claim to be passive? allowance_J : energy that may then come out beyond d^2 [J].
     warn : warnings for the user before the start.
+    searched : parameters that a tuning of the law may change, each with its range or its choices. Ranges end at what a
+        desktop device renders stably, and nothing that a claim rests on is among them.
     """
 
     name: str
@@ -103,6 +113,7 @@ class CouplingSpec(Generic[T]):
     covers: Covers[T] = lambda params, tuning, virtual: False
     allowance_J: Callable[[T], float] = lambda tuning: 0.0
     warn: Callable[[Params, T], tuple[str, ...]] = lambda params, tuning: ()
+    searched: Mapping[str, Between | tuple[Any, ...]] = field(default_factory=dict)
 
     def sends(self, role: Role, params: Params) -> type[Stream]:
         """The message that carries the samples of this side."""

@@ -17,7 +17,7 @@ from hapnet.control.coupling import LawSteps, WorldCoupling
 from hapnet.control.tdpa import TdpaDevice, TdpaWorld
 from hapnet.couplings import feel
 from hapnet.couplings.link_delays import Delays
-from hapnet.couplings.spec import RENDERED_DAMPING, CouplingSpec, CouplingStart, held_law, scalar_stiffness
+from hapnet.couplings.spec import RENDERED_DAMPING, Between, CouplingSpec, CouplingStart, held_law, scalar_stiffness
 from hapnet.params import Params
 from hapnet.wire.messages import Port
 
@@ -97,4 +97,14 @@ TDPA = CouplingSpec(
     world_sends=Port,
     covers=lambda params, tuning, virtual: True,
     allowance_J=lambda tuning: 2.0 * tuning.debt_limit_J,
+    searched={
+        "tdpa.stiffness": Between(50.0, 1000.0, log=True),
+        "tdpa.damping": Between(0.5, 20.0, log=True),
+        "tdpa.velocity_floor": Between(0.0005, 0.01, log=True),
+        "tdpa.force_floor": Between(0.01, 0.2, log=True),
+        "tdpa.damping_cap": Between(0.5, RENDERED_DAMPING, log=True),
+        "tdpa.speed_limit": Between(0.15, 1.0, log=True),
+        "tdpa.recovery_s": Between(0.005, 0.2, log=True),
+        "tdpa.predict": (False, True),
+    },
 )

@@ -10,9 +10,9 @@ predicted has not gone in. A predictor needs a model of the far end, and a regul
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from hapnet.control.digital_wave import Replay
 from hapnet.control.wave import DelayLine
@@ -20,7 +20,15 @@ from hapnet.control.wave_filter import WaveFilter
 from hapnet.control.wave_integral import IntegralLine
 from hapnet.control.wave_port import Line, WaveDevice, WaveWorld
 from hapnet.couplings.link_delays import Delays
-from hapnet.couplings.spec import RENDERED_DAMPING, CouplingSpec, CouplingStart, held_law, scalar_stiffness, stepped_law
+from hapnet.couplings.spec import (
+    RENDERED_DAMPING,
+    Between,
+    CouplingSpec,
+    CouplingStart,
+    held_law,
+    scalar_stiffness,
+    stepped_law,
+)
 from hapnet.params import Params
 from hapnet.wire.messages import Wave
 
@@ -117,6 +125,13 @@ def _world(line: Callable[[CouplingStart[T]], Line]) -> Callable[[CouplingStart[
     return make
 
 
+_SEARCHED: Mapping[str, Between | tuple[Any, ...]] = {
+    "wave.impedance": Between(0.5, RENDERED_DAMPING, log=True),
+    "wave.stiffness": Between(50.0, 5000.0, log=True),
+    "wave.damping": Between(0.5, 20.0, log=True),
+    "wave.smoothing_s": Between(0.001, 0.05, log=True),
+}
+
 WAVE = CouplingSpec(
     name="wave",
     title="wave variables",
@@ -130,6 +145,7 @@ WAVE = CouplingSpec(
     device_sends=Wave,
     world_sends=Wave,
     covers=lambda params, tuning, virtual: params.wave.missing == "zero",
+    searched={**_SEARCHED, "wave.recovery_s": Between(0.01, 1.0, log=True)},
 )
 
 DIGITAL_WAVE = CouplingSpec(
@@ -145,4 +161,5 @@ DIGITAL_WAVE = CouplingSpec(
     device_sends=Wave,
     world_sends=Wave,
     covers=lambda params, tuning, virtual: True,
+    searched=_SEARCHED,
 )
