@@ -54,7 +54,9 @@ class CompareOptions:
     coupling: Annotated[
         list[str] | None,
         typer.Option(
-            help="A coupling to compare; repeat it, or separate names by commas. Default: all.",
+            metavar="NAME[:PARAM=VALUE...]",
+            help="A coupling to compare, parameters of its own after colons; repeat it, or separate by commas: "
+            "pspm,pspm:feel=paper,zoh. Default: all.",
             rich_help_panel=_LINKS,
             autocompletion=complete.words(*COUPLING_NAMES),
         ),
@@ -231,7 +233,7 @@ def plan_of(params: Params, given: CompareOptions) -> Plan:
     from hapnet.commands.batch import seed_range
     from hapnet.couplings.registry import coupling
     from hapnet.simulation.simulation import Simulation
-    from hapnet.study.compare import Plan, Variant
+    from hapnet.study.compare import Plan, Variant, parted
 
     if params.duration_s <= 0.0:
         raise InvalidParameter("duration_s", params.duration_s, "above 0 in virtual time")
@@ -239,8 +241,12 @@ def plan_of(params: Params, given: CompareOptions) -> Plan:
         if params.get(name) != BASE.get(name):
             raise InvalidParameter(name, params.get(name), f"its default: in a comparison {flag} sets it")
     chosen = [name.strip() for names in given.coupling or () for name in names.split(",")]
-    for name in chosen:
+    for words in chosen:
+        name, own = parted(words)
         coupling(name)
+        for parameter in params.typed(own):
+            if parameter in _OWN:
+                raise InvalidParameter("--coupling", words, f"other parameters: {_OWN[parameter]} sets {parameter}")
     plan = Plan(
         params,
         tuple(dict.fromkeys(chosen or COUPLING_NAMES)),

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from math import inf, isfinite
 from typing import Any, NamedTuple
 
+from hapnet.errors import InvalidParameter
 from hapnet.metrics import METRICS
 from hapnet.params import RELAXED_HAND, Params
 from hapnet.study.case import DEADBAND, Measures
@@ -21,8 +23,32 @@ LIGHT = "@light"
 """Suffix of an operator's name: it has a relaxed hand. A firm hand damps what a bad coupling does."""
 
 
+def parted(words: str) -> tuple[str, dict[str, str]]:
+    """The coupling's name in ``pspm:feel=paper``, and the parameters that are set besides; any number may follow.
+
+    Raises
+    ------
+    InvalidParameter : a parameter is set twice.
+    """
+    name, *rest = words.split(":")
+    if rest and "=" not in rest[0]:
+        name = f"{name}:{rest.pop(0)}"  # a law of the user's own, module:NAME
+    settings: dict[str, str] = {}
+    for word in rest:
+        parameter, equals, value = (part.strip() for part in word.partition("="))
+        if not equals or parameter in settings:
+            raise InvalidParameter(
+                "--coupling", words, "a name, and PARAMETER=VALUE after each further colon, once each"
+            )
+        settings[parameter] = value
+    return name.strip(), settings
+
+
 class Variant(NamedTuple):
-    """What is compared: a coupling, with the Weber fraction of its deadband (0: none)."""
+    """What is compared: a coupling, with the Weber fraction of its deadband (0: none).
+
+    coupling : its name, and parameters of its own, as `parted` reads them.
+    """
 
     coupling: str
     deadband: float = 0.0
@@ -61,7 +87,7 @@ class Plan:
     Parameters
     ----------
     params : of all cases, except for what follows.
-    links : by name, the words of the uplink and of the downlink.
+    couplings : each as `Variant.coupling`. links : by name, the words of the uplink and of the downlink.
     operators : as `Params.operator`, followed by `LIGHT` for a relaxed hand.
     deadbands : each coupling is tried with each of them. extra : further variants of these couplings.
     """
@@ -99,15 +125,20 @@ class Plan:
     @property
     def spec(self) -> Spec:
         """The same cases as the spec of a sweep: a product for each hand and each set of variants."""
-        sets = [(list(self.couplings), list(self.deadbands)), *(([one.coupling], [one.deadband]) for one in self.extra)]
+        alike: dict[str, list[str]] = {}  # couplings by the parameters that are their own
+        for one in self.couplings:
+            alike.setdefault(json.dumps(self._settings(one)), []).append(one)
+        sets = [(couplings, list(self.deadbands)) for couplings in alike.values()]
+        sets += [([one.coupling], [one.deadband]) for one in self.extra]
         hands = [[one for one in self.operators if one.endswith(LIGHT) is light] for light in (False, True)]
         links = [{"up": up, "down": down} for up, down in self.links.values()]
         products: tuple[dict[str, list[Any]], ...] = tuple(
             {
-                "coupling": couplings,
+                "coupling": [parted(one)[0] for one in couplings],
                 DEADBAND: deadbands,
                 "operator": [one.removesuffix(LIGHT) for one in operators],
                 **{name: [value] for name, value in self._hand(operators[0]).items()},
+                **{name: [value] for name, value in self._settings(couplings[0]).items()},
                 LINK: links,
                 SEED: list(self.seeds),
             }
@@ -139,12 +170,19 @@ class Plan:
     def _values(self, variant: Variant, link: str, operator: str) -> Values:
         up, down = self.links[link]
         return {
-            "coupling": variant.coupling,
+            "coupling": parted(variant.coupling)[0],
             DEADBAND: variant.deadband,
             "operator": operator.removesuffix(LIGHT),
             **self._hand(operator),
+            **self._settings(variant.coupling),
             LINK: {"up": up, "down": down},
         }
+
+    def _settings(self, coupling: str) -> Values:
+        """The values for this coupling of all parameters that are any coupling's own."""
+        own = parted(coupling)[1]
+        every = dict.fromkeys(name for one in self.couplings for name in parted(one)[1])
+        return {name: own.get(name, self.params.get(name)) for name in every}
 
     def _hand(self, operator: str) -> Values:
         """The parameters of an operator's hand; none if all operators have the same hand."""

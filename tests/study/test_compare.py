@@ -17,14 +17,14 @@ from rich.console import Console
 
 from hapnet import cli
 from hapnet.commands import compare as command
-from hapnet.errors import HapnetError
+from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.metrics import METRICS
 from hapnet.params import Params
 from hapnet.simulation.processes import usable_cores
 from hapnet.study import backend, compare, tables, task, tunings
 from hapnet.study.backend import Backend, local_workers
 from hapnet.study.case import Measures, measure
-from hapnet.study.compare import Case, Outcome, Plan, Variant
+from hapnet.study.compare import Case, Outcome, Plan, Variant, parted
 from hapnet.study.journal import Journal, Row
 from hapnet.study.runner import Sweep
 from hapnet.study.spec import params_of
@@ -74,6 +74,35 @@ def test_each_coupling_is_tried_with_each_deadband() -> None:
 
 
 # -- running ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_coupling_may_have_parameters_of_its_own(tmp_path: Path) -> None:
+    """What one column sets, the others have as it is for all; and the journal finds each case again."""
+    names = ("pspm", "pspm:feel=paper", "zoh", "wave:wave.impedance=2:wave.recovery_s=0")
+    params = QUICK.set({"wave.recovery_s": 0.3, "duration_s": 0.5})
+    asked = Plan(params, names, {"near": ("lan", "lan")}, ("press",), (0,))
+    found = {
+        str(one.variant): (one.params.coupling, one.params.feel, one.params.wave.impedance, one.params.wave.recovery_s)
+        for one in asked.cases()
+    }
+    assert found == {
+        "pspm": ("pspm", "hapnet", 0.0, 0.3),
+        "pspm:feel=paper": ("pspm", "paper", 0.0, 0.3),
+        "zoh": ("zoh", "hapnet", 0.0, 0.3),
+        "wave:wave.impedance=2:wave.recovery_s=0": ("wave", "hapnet", 2.0, 0.0),
+    }
+    assert len(asked.spec.cases()) == 4
+    measured = compared(asked, tmp_path, local_workers(1))
+    assert [str(one.case.variant) for one in measured] == list(names)
+    assert all(one.error is None for one in measured)
+
+
+def test_what_a_coupling_is_called() -> None:
+    assert parted("pspm") == ("pspm", {})
+    assert parted("mine.py:LAW:device.damping=2") == ("mine.py:LAW", {"device.damping": "2"})
+    for words in ("pspm:feel=paper:feel=hapnet", "pspm:feel=paper:wave"):
+        with pytest.raises(InvalidParameter, match="PARAMETER=VALUE after each further colon"):
+            parted(words)
 
 
 def compared(asked: Plan, directory: Path, backend: Backend) -> list[Outcome]:
@@ -290,6 +319,9 @@ def test_a_recorded_link_is_one_more() -> None:
         (("--operator", "nobody"), "nobody"),
         (("--operator", "press@heavy"), "press@heavy"),
         (("--coupling", "glue"), "glue"),
+        (("--coupling", "pspm:feel=nice"), "nice"),
+        (("--coupling", "pspm:fell=paper"), "fell"),
+        (("--coupling", "pspm:link.up=lan"), "--link"),
         (("--seeds", "3"), "3"),
         (("--deadband", "ten"), "ten"),
         (("--deadband", "1.5"), "1.5"),
