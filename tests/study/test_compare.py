@@ -91,7 +91,9 @@ def test_a_coupling_may_have_parameters_of_its_own(tmp_path: Path) -> None:
         "zoh": ("zoh", "hapnet", 0.0, 0.3),
         "wave:wave.impedance=2:wave.recovery_s=0": ("wave", "hapnet", 2.0, 0.0),
     }
-    assert len(asked.spec.cases()) == 4
+    cases = asked.spec.cases()
+    assert len(cases) == 4
+    assert {params_of(asked.spec.fixed, one.values) for one in cases} == {one.params for one in asked.cases()}
     measured = compared(asked, tmp_path, local_workers(1))
     assert [str(one.case.variant) for one in measured] == list(names)
     assert all(one.error is None for one in measured)
