@@ -21,7 +21,7 @@ from hapnet import Params, RealtimeSide, ZenohSettings, prepare
 
 async def run(role: Literal["world", "device"], endpoint: str, link: str) -> None:
     """One side, until its time is over or it is told to stop; then what it has to say of itself."""
-    params = Params().set({"scene": "wall", "operator": "press", "link.up": link, "link.down": link})
+    params = Params().set({"scene": "wall", "operator": "sine", "link.up": link, "link.down": link})
     zenoh = ZenohSettings(listen=(endpoint,)) if role == "world" else ZenohSettings(connect=(endpoint,))
     stop = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -293,7 +293,7 @@ def test_settings_of_two_processes_and_of_another_version() -> None:
     line = next(c.line for c in commands(recording, []) if "simulate" in c.line)
     assert shlex.split(line)[2:] == [
         "--set", "feel=paper", "--set", "duration_s=3.457", "--set", "device.servo=sampled",
-        "--set", "world.mass=[[1.0, 0.0], [0.0, 2.0]]",
+        "--set", "operator_hand.start_periods=0.0", "--set", "world.mass=[[1.0, 0.0], [0.0, 2.0]]",
         "--set", "link.up=delay 1ms", "--set", "link.down=delay 2ms",
     ]  # fmt: skip
 
