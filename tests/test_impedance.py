@@ -13,11 +13,12 @@ import pytest
 from hapnet.errors import InvalidParameter
 from hapnet.metrics.impedance import THREE_DB, Line, harmonics_between, multisine, off_hz, transmitted
 from hapnet.metrics.swing import limit_cycles
-from hapnet.params import RELAXED_HAND, Params
+from hapnet.params import RELAXED_HAND
 from hapnet.plant.worlds.walls import Wall
 from hapnet.recording.samples import DeviceSample, MemoryRecorder, Recording
 from hapnet.study.impedance import HARMONICS, PERIOD_S, Transmission, curve, transmission, true_impedance
 from hapnet.study.z_width import ZWidth, greatest, z_width
+from tests.paper import PAPER
 
 STEP_S = 0.002
 LINES = harmonics_between(0.5, 20.0, PERIOD_S, 12)
@@ -99,9 +100,9 @@ def test_the_true_impedance_is_the_series_of_springs_and_the_walls_damper() -> N
     for name, far in (("pspm", 500.0), ("wave", 100.0)):
         # The proxy without mass: K'(x - y) = (K_w + j w B_w) y, and K (x - y) is felt.
         y = far / (far + 3000.0 + 10.0j * omega)
-        assert true_impedance(Params().set({"coupling": name}), wall, 8.0) == pytest.approx(100.0 * (1.0 - y))
+        assert true_impedance(PAPER.set({"coupling": name}), wall, 8.0) == pytest.approx(100.0 * (1.0 - y))
     with pytest.raises(InvalidParameter, match=r"world\.stiffness"):
-        true_impedance(Params().set({"world.stiffness": ((500.0,),)}), wall, 8.0)
+        true_impedance(PAPER.set({"world.stiffness": ((500.0,),)}), wall, 8.0)
 
 
 FAST: dict[str, object] = {
@@ -118,7 +119,7 @@ def test_a_held_spring_over_a_delay_transmits_what_theory_says(delay_ms: int) ->
     up to half a tick more or less by the order of the events in a tick.
     """
     link = f"delay {delay_ms}ms" if delay_ms else ""
-    params = Params().set({**FAST, "coupling": "zoh", "link.up": link, "link.down": link, "world.damping": 3.0})
+    params = PAPER.set({**FAST, "coupling": "zoh", "link.up": link, "link.down": link, "world.damping": 3.0})
     found = transmission(params, 1, periods=1)
     for line in found.lines:
         s = 2j * math.pi * line.frequency_hz
@@ -131,7 +132,7 @@ def test_a_held_spring_over_a_delay_transmits_what_theory_says(delay_ms: int) ->
 
 def test_what_cannot_be_measured_is_refused() -> None:
     with pytest.raises(InvalidParameter, match="one with a wall at rest"):
-        transmission(Params().set({"scene": "free"}), 1)
+        transmission(PAPER.set({"scene": "free"}), 1)
 
 
 def test_medians_and_quartiles_over_runs() -> None:
@@ -200,7 +201,7 @@ def test_a_held_spring_swings_from_a_stiffness_on_that_falls_with_the_delay() ->
     widths = []
     for delay in ("5ms", "20ms"):
         link = {"link.up": f"delay {delay}", "link.down": f"delay {delay}"}
-        found = z_width(Params().set({**RELAXED_HAND, **link, "coupling": "zoh"}), (1,), ratio=1.2)
+        found = z_width(PAPER.set({**RELAXED_HAND, **link, "coupling": "zoh"}), (1,), ratio=1.2)
         assert found.free is not None
         assert found.cycles is not None
         assert found.free < found.cycles <= 1.2 * found.free * 1.0001
