@@ -309,7 +309,7 @@ def test_a_nearly_ideal_coupling_is_nearly_the_true_environment() -> None:
 
     What drags is B of 0.1 Ns/m and K of 100 N/m times a lag of some 5 ms: about 0.04 N at 67 mm/s.
     """
-    found = case.measure(Params().set(SLOW), 1)
+    found = case.measure(Params(feel="paper").set(SLOW), 1)
     drag_N, ratio, error, late = (
         found[name] for name in ("drag_N", "contact_to_drag", "true_force_error_percent", "first_contact_ms")
     )

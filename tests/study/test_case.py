@@ -31,7 +31,9 @@ def params(link: str, **changes: object) -> Params:
 @pytest.mark.parametrize(("device", "world"), [(100.0, 500.0), (200.0, 300.0)])
 def test_a_press_over_an_ideal_link_feels_the_springs_in_series(device: float, world: float) -> None:
     """At rest: K (x - y) felt, K' (x - y) and K_w y on the proxy, so K K_w / (K' + K_w) of the device's depth x."""
-    found = measure(params("", device__stiffness=device, world__stiffness=world, device__step_limit_N=0.0), 1)
+    found = measure(
+        params("", device__stiffness=device, world__stiffness=world, device__step_limit_N=0.0, feel="paper"), 1
+    )
     assert found["stiffness_percent"] == pytest.approx(100.0, abs=1.5)
     assert found["force_error_N"] == found["force_error_percent"] == 0.0
     assert found["margin_J"] == pytest.approx(0.1)

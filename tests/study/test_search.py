@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from hapnet.errors import InvalidParameter
+from hapnet.params import Params
 from hapnet.study.case import Measures
 from hapnet.study.journal import Journal, Row
 from hapnet.study.search import Search, base
@@ -170,9 +171,16 @@ def test_the_order_of_results_does_not_matter_but_the_seed_does(tmp_path: Path) 
         search = searched(tmp_path / name, read(tmp_path, seed=seed), bowl, backwards=backwards)
         found.append([trial.values for trial in search.trials])
     assert found[0] == found[1]
-    assert found[0][0] == found[2][0] == {
-        "contact_model.lead": 0.5, "contact_model.window_s": 0.06, "device.substeps": 4, "wave.missing": "zero",
-    }  # fmt: skip
+    assert (
+        found[0][0]
+        == found[2][0]
+        == {
+            "contact_model.lead": Params().contact_model.lead,
+            "contact_model.window_s": Params().contact_model.window_s,
+            "device.substeps": 4,
+            "wave.missing": "zero",
+        }
+    )
     assert not [values for values in found[0][1:] if values in found[2][1:]]
 
 
