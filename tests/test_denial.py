@@ -19,7 +19,7 @@ def assert_mended(change: str, one: Denied) -> None:
         assert one.wrong <= 0.1 * one.right + (LEAD_N if change in ("vanishes", "comes") else 0.005)
 
 
-@pytest.mark.parametrize("change", CHANGES)
+@pytest.mark.parametrize("change", ["moves by 3 mm", "vanishes", "lies"])
 def test_what_changes_under_the_hand_is_right_after_100_ms_and_passive(change: str) -> None:
     assert_mended(change, denied(change, "light", 1.7))
 

@@ -111,7 +111,8 @@ FAST: dict[str, object] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("delay_ms", [20, pytest.param(0, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("delay_ms", [20, 0])
 def test_a_held_spring_over_a_delay_transmits_what_theory_says(delay_ms: int) -> None:
     """K (1 - H exp(-j w t)) + j w B, with the proxy's H = K'/(K' + K_w + j w (B' + B_w) - M w^2) and t the delay.
 

@@ -16,6 +16,7 @@ from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.operator import Impedance
 from hapnet.simulation.simulation import Simulation
 from hapnet.view.choices import CHOICES
+from tests.conftest import mostly_slow
 
 K, K_WORLD, K_WALL, WALL_M, GOAL_M = 100.0, 500.0, 3000.0, 0.02, 0.04
 HAND = led(Params()).operator_hand
@@ -64,7 +65,7 @@ def test_the_defaults_feel_right_at_once() -> None:
     assert result.summary["verdict"]["passive"] is True
 
 
-@pytest.mark.parametrize("label", CHOICES)
+@pytest.mark.parametrize("label", mostly_slow(CHOICES, 3))
 def test_another_pair_begins_where_the_handle_is_without_force(label: str) -> None:
     """With the handle in the wall: no force at first, steps within PSPM's limit, and the hand does not leave."""
     coupling, feel = CHOICES[label]

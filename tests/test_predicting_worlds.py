@@ -88,6 +88,7 @@ def test_tdpas_world_is_where_the_device_is_at_a_steps_end(age: float) -> None:
             assert law.set_position[0] == pytest.approx(x(now), abs=2e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("link", ["4g", "delay 40ms 10ms loss 20%"])
 def test_tdpa_that_predicts_owes_no_more_than_it_claims(link: str) -> None:
     params = Params().set({**LIGHT_HAND, "coupling": "tdpa", "tdpa.predict": True, "link.up": link, "link.down": link})

@@ -125,6 +125,7 @@ def test_both_ports_together_are_passive_on_any_link(make: type[Line], loss: flo
         assert result.lowest >= -TOLERANCE_J
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("coupling", "share"), [("wave", 0.1), ("digital-wave", 0.4)])
 def test_the_ends_drift_apart_less(coupling: str, share: float) -> None:
     """Presses over a link that loses a tenth: how fast device and proxy drift apart, with and without integrals."""

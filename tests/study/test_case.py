@@ -229,7 +229,7 @@ def test_position_couplings_render_the_series_stiffness_and_do_not_drift_over_an
 ) -> None:
     """By their law, at rest, whatever the delay: the bias of the estimators over 10 s is below these figures."""
     for seed in range(2):
-        found = measure(params(link, duration_s=10.0, coupling=coupling, operator=operator), seed)
+        found = measure(params(link, duration_s=10.0, coupling=coupling, operator=operator, feel="paper"), seed)
         stiffness, drift = found["stiffness_percent"], found["drift_mm_per_min"]
         assert stiffness is None or stiffness == pytest.approx(100.0, abs=2.5)
         assert drift == pytest.approx(0.0, abs=2.5)

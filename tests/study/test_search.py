@@ -70,6 +70,7 @@ def bowl(case: Case) -> Measures:
     return {"free_rms_mm": cost, "buzz_N2": 0.5 - x, "margin_J": 0.1, "claim_kept": 1.0}
 
 
+@pytest.mark.slow
 def test_it_finds_the_least_that_is_allowed(tmp_path: Path) -> None:
     """The least cost that is allowed is 0.2^2, at the edge of the constraint."""
     search = searched(tmp_path, read(tmp_path, trials=96, generation=8), bowl)
