@@ -318,6 +318,6 @@ def test_many_seeds_write_no_files(tmp_path: Path, capsys: pytest.CaptureFixture
     "case", [pytest.param(case, marks=pytest.mark.slow if case < 15 else pytest.mark.soak) for case in range(60)]
 )
 def test_random_cases(case: int) -> None:
-    params = random_case(case, 2.0)
+    params = random_case(case, 2.0).set({"feel": "paper"})
     runs = simulate_batch(params, SEEDS)
     check(runs, 0.0 if len(runs[0].device.position_m) == 1 else 1e-9, vectorised=runs[0].vectorised)
