@@ -12,8 +12,9 @@ from scipy.optimize import minimize
 
 from hapnet.checks import Vector
 from hapnet.control.added_damping import AddedDamping
-from hapnet.control.contact_model import ContactModel, OwnMotion
+from hapnet.control.contact_model import ContactModel
 from hapnet.control.coupling import Proxy
+from hapnet.control.own_motion import OwnMotion
 from hapnet.mechanics.plane import Plane
 
 K_WORLD, K_WALL, K, B, TICK = 500.0, 3000.0, 100.0, 1.0, 1e-3

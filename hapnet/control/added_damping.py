@@ -18,9 +18,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from operator import mul
+from operator import mul, sub
 
 from hapnet.checks import Vector
+from hapnet.control.smoothing import FilteredVelocity, low_passed
 
 VELOCITY_S = 0.005
 """Time constant of the velocity [s]: encoder counts are smoothed, and a swing of 6 Hz is delayed by a fifth of a
@@ -54,7 +55,7 @@ class AddedDamping:
         self._stiffness = [tuple(row) for row in stiffness]
         self._compliance = [tuple(row) for row in compliance]
         self._least, self._most = least, most
-        self._slow_x: Vector | None = None
+        self._velocity = FilteredVelocity(VELOCITY_S)
         self._slow_force: Vector = (0.0,) * len(self._stiffness)
         self._envelope = 0.0
 
@@ -66,23 +67,18 @@ class AddedDamping:
         age : of the world's answer [s]. freedom : 1 in free motion, 0 in contact.
         swings : no contact model calms the coupling.
         """
-        if self._slow_x is None:
-            self._slow_x = x
-        gain = dt / (VELOCITY_S + dt)
-        self._slow_x = tuple([old + gain * (new - old) for old, new in zip(self._slow_x, x, strict=True)])
+        velocity = self._velocity.step(dt, x)
         share = min(1.0, max(0.0, (age - AGED_S) / (OLD_S - AGED_S)))
         if swings:
-            share = max(share, self._swinging(dt, [b - a for a, b in zip(x, y, strict=True)]))
-        b = max(freedom * self._least, share * self._most)
-        if b == 0.0:
+            share = max(share, self._swinging(dt, tuple(map(sub, y, x))))
+        damping = max(freedom * self._least, share * self._most)
+        if damping == 0.0:
             return y
-        factor = b / VELOCITY_S
-        drag = [factor * (new - old) for old, new in zip(self._slow_x, x, strict=True)]
-        return tuple([b - sum(map(mul, row, drag)) for b, row in zip(y, self._compliance, strict=True)])
+        drag = [damping * v for v in velocity]
+        return tuple([place - sum(map(mul, row, drag)) for place, row in zip(y, self._compliance, strict=True)])
 
-    def _swinging(self, dt: float, offset: Sequence[float]) -> float:
-        force = [sum(map(mul, row, offset)) for row in self._stiffness]
-        gain = dt / (SLOW_S + dt)
-        slow = self._slow_force = tuple([a + gain * (b - a) for a, b in zip(self._slow_force, force, strict=True)])
-        self._envelope = max(math.dist(force, slow), self._envelope * CALM_S / (CALM_S + dt))
+    def _swinging(self, dt: float, offset: Vector) -> float:
+        force = tuple([sum(map(mul, row, offset)) for row in self._stiffness])
+        self._slow_force = low_passed(dt, SLOW_S, self._slow_force, force)
+        self._envelope = max(math.dist(force, self._slow_force), self._envelope * CALM_S / (CALM_S + dt))
         return min(1.0, max(0.0, (self._envelope - LEAST_N) / (SWING_N - LEAST_N)))

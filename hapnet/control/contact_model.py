@@ -4,7 +4,7 @@ What a world answers comes a round trip late. So the world tells, beside its pro
 touches or is near (`Proxy`), and the device computes at every tick where the proxy rests for the position x now:
 
     s = x - K'^-1 sum f_i n_i,      f_i = max(0, K_i (n_i . s - w_i))                  the proxy's static equilibrium
-    y = s + g B/K v                 g v: velocity, only while free of contact: it cancels a part of the damper's drag
+    y = s + g K^-1 (B + b) v        only while free of contact: it cancels a part of the dampers' drag
 
 PSPM then pays for y as for any other set-position (end of Section 3). So the model need not be right: a wrong plane
 feels wrong, but creates no energy. Model-mediated teleoperation (Niemeyer, Mitra 2004; Xu et al. 2016) relies on the
@@ -22,7 +22,6 @@ Three things keep the model true:
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Sequence
 from operator import add, mul, sub
 
@@ -30,6 +29,8 @@ from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.control.added_damping import AddedDamping
 from hapnet.control.coupling import CouplingSample, Proxy, vector_of
+from hapnet.control.own_motion import OwnMotion
+from hapnet.control.smoothing import FilteredVelocity, low_passed
 from hapnet.mechanics.plane import Plane
 from hapnet.params import ContactModelParams
 
@@ -62,7 +63,7 @@ class ContactModel:
     ----------
     position : the device's at the start [m].
     compliance : K'^-1 of the world's virtual coupling, (n, n) [m/N].
-    lead : g K^-1 B, (n, n) [s]: y leads the position by this times the velocity, in free motion.
+    lead : g K^-1 (B + b), (n, n) [s]: y leads the position by this times the velocity, in free motion.
     lead_s : time constant of that velocity [s]. fade_s : time constant with which a change of planes takes effect, and
         the lead goes in contact [s]. shift_s : time constant of the planes' shift in contact [s].
     own_motion : computes y for a world that can tell no planes. added : the damping for what is left to swing.
@@ -85,7 +86,7 @@ class ContactModel:
         self._lead = [tuple(row) for row in lead]
         self._own_motion = own_motion
         self._added = added
-        self._lead_s = checks.positive("lead_s", lead_s)
+        self._velocity = FilteredVelocity(lead_s)
         self._fade_s = checks.positive("fade_s", fade_s)
         self._shift_s = checks.positive("shift_s", shift_s)
         self.reset(position)
@@ -99,7 +100,7 @@ class ContactModel:
         self._pending: tuple[Proxy, float, float] | None = None
         self._earlier: tuple[Vector, float] | None = None
         self._age = 0.0
-        self._filtered: Vector | None = None
+        self._velocity.reset()
         self._freedom = 1.0
         self._start: Vector | None = position
         self._made = position, position, self._still, position, position
@@ -137,14 +138,15 @@ class ContactModel:
             self._start = None
         if self._pending is not None:
             self._take(*self._pending, x)
-        lead = self._lead_of(dt, x)
+        velocity = self._velocity.step(dt, x)
+        lead = tuple([sum(map(mul, row, velocity)) for row in self._lead])
         if self._planes is None:
             y = self._faded(dt, self._own_motion.step(dt, x, lead))
             damped = self._added.step(dt, x, y, self._age, 1.0, swings=True)
             self._made = x, x, self._still, y, damped
             return damped
         s, touches = self._rest(x, self._planes)
-        self._freedom += dt / (self._fade_s + dt) * ((0.0 if touches else 1.0) - self._freedom)
+        (self._freedom,) = low_passed(dt, self._fade_s, (self._freedom,), (0.0 if touches else 1.0,))
         self._settle(dt)
         y = self._faded(dt, tuple([a + self._freedom * b for a, b in zip(s, lead, strict=True)]))
         damped = self._added.step(dt, x, y, self._age, self._freedom, swings=False)
@@ -163,7 +165,7 @@ class ContactModel:
         else:
             earlier = self._planes or ()
             self._planes = tuple([_Told(plane, self._compliance) for plane in told.planes])
-            self._wanted_shift = self._shift_wanted(told, self._velocity(told.position, sent_s), earlier)
+            self._wanted_shift = self._shift_wanted(told, self._proxy_velocity(told.position, sent_s), earlier)
         after = self._model(x)
         if after != before:
             self._fading = tuple(map(add, self._fading, map(sub, before, after)))
@@ -174,7 +176,7 @@ class ContactModel:
             return self._own_motion.at(x)
         return self._rest(x, self._planes)[0]
 
-    def _velocity(self, position: Vector, sent_s: float) -> Vector:
+    def _proxy_velocity(self, position: Vector, sent_s: float) -> Vector:
         """The proxy's, since the message before [m/s]; zero with the first."""
         earlier, self._earlier = self._earlier, (position, sent_s)
         if earlier is None or sent_s <= earlier[1]:
@@ -193,7 +195,7 @@ class ContactModel:
             moving = abs(sum(map(mul, one.normal, velocity))) > SETTLED_MPS
             if moving or not any(one.same(other, told.position) for other in earlier):
                 return self._shift
-            depth = sum(map(mul, one.normal, told.position)) - one.offset
+            depth = one.depth(told.position)
             force = -sum(map(mul, one.normal, told.force))
             if force > 0.0:
                 error = depth - force / one.stiffness  # the plane is really so much deeper
@@ -211,8 +213,7 @@ class ContactModel:
         goal, constant = (self._still, FORGET_S) if self._wanted_shift is None else (self._wanted_shift, self._shift_s)
         if goal == self._shift:
             return
-        gain = dt / (constant + dt)
-        self._shift = tuple([old + gain * (new - old) for old, new in zip(self._shift, goal, strict=True)])
+        self._shift = low_passed(dt, constant, self._shift, goal)
 
     # -- y ------------------------------------------------------------------------------------------------------------
 
@@ -242,15 +243,6 @@ class ContactModel:
                 break
         return s, any(forces)
 
-    def _lead_of(self, dt: float, x: Vector) -> Vector:
-        """g K^-1 B v, with the velocity of a low-passed position: (x - x_f) / tau."""
-        if self._filtered is None:
-            self._filtered = x
-        gain = dt / (self._lead_s + dt)
-        self._filtered = tuple([old + gain * (new - old) for old, new in zip(self._filtered, x, strict=True)])
-        velocity = [(new - old) / self._lead_s for old, new in zip(self._filtered, x, strict=True)]
-        return tuple([sum(map(mul, row, velocity)) for row in self._lead])
-
     def _faded(self, dt: float, y: Vector) -> Vector:
         if self._fading == self._still:
             return y
@@ -273,11 +265,14 @@ class _Told:
         self.softness = 1.0 / plane.stiffness + sum(map(mul, plane.normal, self.response))
         """Depth of the device per force, through the wall's spring and the virtual coupling [m/N]."""
 
+    def depth(self, position: Vector) -> float:
+        """How deep `position` [m] is behind the plane as told [m]."""
+        along: float = sum(map(mul, self.normal, position))
+        return along - self.offset
+
     def same(self, other: _Told, position: Vector) -> bool:
         """Is this the same surface, near enough, for a proxy at `position` [m]?"""
-        apart = (
-            sum(map(mul, self.normal, position)) - self.offset - sum(map(mul, other.normal, position)) + other.offset
-        )
+        apart = self.depth(position) - other.depth(position)
         alike = 1.0 / SAME_STIFFNESS < self.stiffness / other.stiffness < SAME_STIFFNESS
         return alike and abs(apart) < SAME_M and sum(map(mul, self.normal, other.normal)) > SAME_COSINE
 
@@ -286,69 +281,3 @@ class _Told:
         if not self.velocity:
             return self.offset
         return self.offset + self.velocity * min(max(age, 0.0), LONGEST_EXTRAPOLATION_S)
-
-
-class OwnMotion:
-    """y for a world that can tell no planes: its answer, plus the own motion since the time for which it stands.
-
-        y = y_w + sigma (x(t) - x(t - R)),      sigma = max(0, 1 - |y_w - x(t - R)| / distance)
-
-    sigma is near 1 while the proxy follows (free motion), and goes to 0 in contact. Both parts are low-passed.
-
-    Parameters
-    ----------
-    distance : where sigma is 0 [m]. smoothing : time constant [s]. history : longest R [s].
-    """
-
-    def __init__(self, *, distance: float = 0.015, smoothing: float = 0.02, history: float = 2.0) -> None:
-        self.distance = checks.positive("distance", distance)
-        self.smoothing = checks.positive("smoothing", smoothing)
-        self.history = checks.positive("history", history)
-        self.reset(())
-
-    def reset(self, position: Vector) -> None:
-        """Start again at `position` [m]."""
-        self._past: deque[tuple[float, Vector]] = deque()
-        self._now = 0.0
-        self._base = position
-        self._sigma = 0.0
-        self._target: tuple[Vector, float] = (position, 0.0)
-
-    def observe(self, dt: float, x: Vector) -> None:
-        """The device is at x [m], `dt` seconds after the last time."""
-        self._now += dt
-        past = self._past
-        past.append((self._now, x))
-        while past[0][0] < self._now - self.history:
-            past.popleft()
-
-    def receive(self, position: Vector, age_s: float) -> None:
-        """The world's position [m], which stands for the own position `age_s` ago."""
-        then = self.own(age_s)
-        sigma = max(0.0, 1.0 - math.dist(position, then) / self.distance)
-        self._target = tuple([y - sigma * x for y, x in zip(position, then, strict=True)]), sigma
-
-    def own(self, ago: float) -> Vector:
-        """The own position so long ago [m]; the oldest known, if that is later."""
-        past, wanted = self._past, self._now - ago
-        if wanted <= past[0][0]:
-            return past[0][1]
-        steps = len(past) - 1
-        i = min(steps, max(0, steps - int(ago / max(1e-9, (past[-1][0] - past[0][0]) / max(1, steps)))))
-        while i < steps and past[i][0] < wanted:
-            i += 1
-        while i > 0 and past[i - 1][0] >= wanted:
-            i -= 1
-        return past[i][1]
-
-    def at(self, x: Vector) -> Vector:
-        """y for the own position x [m] now."""
-        return tuple([b + self._sigma * a for b, a in zip(self._base, x, strict=True)])
-
-    def step(self, dt: float, x: Vector, lead: Vector) -> Vector:
-        """y [m], `dt` seconds after the last step; `lead` is added as far as the proxy follows."""
-        gain = dt / (self.smoothing + dt)
-        base, sigma = self._target
-        self._base = tuple([old + gain * (new - old) for old, new in zip(self._base, base, strict=True)])
-        self._sigma += gain * (sigma - self._sigma)
-        return tuple([b + self._sigma * (a + c) for b, a, c in zip(self._base, x, lead, strict=True)])

@@ -27,10 +27,42 @@ class Stage(Protocol):
         """
 
 
-class SmoothingFilter:
-    """First-order low-pass, ``y_f += dt / (tau + dt) (y - y_f)``: the smoothing filter of Figure 6.
+def low_passed(dt: float, time_constant: float, state: Vector, y: Vector) -> Vector:
+    """One step of a first-order low-pass, ``y_f + dt / (tau + dt) (y - y_f)``.
 
-    The paper gives its period (5 ms), not its equation. Backward Euler is stable for every dt and never overshoots.
+    Backward Euler is stable for every dt [s] and never overshoots.
+    """
+    gain = dt / (time_constant + dt)
+    return tuple([old + gain * (new - old) for old, new in zip(state, y, strict=True)])
+
+
+class FilteredVelocity:
+    """The velocity of a position, low-passed: ``(x - x_f) / tau``, with x_f the low-passed position.
+
+    Parameters
+    ----------
+    time_constant : tau [s], above 0.
+    """
+
+    def __init__(self, time_constant: float) -> None:
+        self.time_constant = checks.positive("time constant of a velocity", time_constant)
+        self._filtered: Vector | None = None
+
+    def reset(self) -> None:
+        """Start again at rest, wherever the next position is."""
+        self._filtered = None
+
+    def step(self, dt: float, x: Vector) -> Vector:
+        """The velocity [m/s] at x [m], `dt` seconds after the last step."""
+        before = x if self._filtered is None else self._filtered
+        filtered = self._filtered = low_passed(dt, self.time_constant, before, x)
+        return tuple([(new - old) / self.time_constant for old, new in zip(filtered, x, strict=True)])
+
+
+class SmoothingFilter:
+    """A first-order low-pass (`low_passed`): the smoothing filter of Figure 6.
+
+    The paper gives its period (5 ms), not its equation.
 
     Parameters
     ----------
@@ -46,8 +78,7 @@ class SmoothingFilter:
 
     def step(self, dt: float, y: Vector, sent_s: float | None) -> Vector:
         state = self._state if self._state is not None else y
-        gain = dt / (self.time_constant + dt)
-        self._state = tuple([old + gain * (new - old) for old, new in zip(state, y, strict=True)])
+        self._state = low_passed(dt, self.time_constant, state, y)
         return self._state
 
 

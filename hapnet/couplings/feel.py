@@ -9,7 +9,7 @@
 | PSPM | at every tick, harvest measured; positions are sent every `device.pspm_period_s` | least delay |
 | lead | g K^-1 (B + b) v, g = `contact_model.lead`: a part of the drag is cancelled in free motion | (2) |
 | the world's prediction | age of the sample + B'/K' + T/2, T the mean step | lag of the integrator on a ramp |
-| planes told | those within `contact_model.reach_m` | a fast hand, 0.25 m/s, in the longest prediction, 0.2 s |
+| planes told | those within `contact_model.reach_m` | a fast hand, 0.25 m/s, in 0.2 s |
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ import numpy as np
 from hapnet import checks
 from hapnet.checks import Array
 from hapnet.control.added_damping import AddedDamping
-from hapnet.control.contact_model import ContactModel, OwnMotion
+from hapnet.control.contact_model import ContactModel
+from hapnet.control.own_motion import OwnMotion
 from hapnet.control.prediction import MotionPredictor, PredictedDevice
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.spec import RENDERED_DAMPING, Between, CouplingStart
