@@ -240,7 +240,7 @@ def plan_of(params: Params, given: CompareOptions) -> Plan:
     for name, flag in _OWN.items():
         if params.get(name) != BASE.get(name):
             raise InvalidParameter(name, params.get(name), f"its default: in a comparison {flag} sets it")
-    chosen = [name.strip() for names in given.coupling or () for name in names.split(",")]
+    chosen = names_of(given.coupling)
     for words in chosen:
         name, own = parted(words)
         coupling(name)
@@ -262,6 +262,11 @@ def plan_of(params: Params, given: CompareOptions) -> Plan:
     for operator in plan.operators:
         Simulation(plan.case(first.variant, first.link, operator, first.seed).params, first.seed)
     return plan
+
+
+def names_of(given: Sequence[str] | None) -> list[str]:
+    """The names given by a flag that may be repeated, and may name several with commas between them."""
+    return [name.strip() for names in given or () for name in names.split(",")]
 
 
 def links_of(given: Sequence[str] | None, traces: Iterable[str]) -> dict[str, tuple[str, str]]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hapnet.commands import complete, flags, output
-from hapnet.commands.compare import links_of
+from hapnet.commands.compare import links_of, names_of
 from hapnet.commands.groups import Without, grouped
 from hapnet.commands.options import ModelOptions, ParamsOptions, json_target
 from hapnet.commands.progress import Progress
@@ -93,12 +93,12 @@ def main(params: Params, given: TransparencyOptions, json_to: str | None, out: P
     from hapnet.commands.batch import seed_range
     from hapnet.couplings.registry import coupling
     from hapnet.report.files import save_figure
-    from hapnet.simulation.processes import in_processes, usable_cores
+    from hapnet.simulation.processes import dealt, usable_cores
     from hapnet.study import transparency
     from hapnet.study.impedance import Transmission, curve
     from hapnet.study.transparency import Task
 
-    names = [name.strip() for words in given.coupling or () for name in words.split(",")] or list(COUPLING_NAMES)
+    names = names_of(given.coupling) or list(COUPLING_NAMES)
     for name in names:
         coupling(name)
     for name in ("coupling", "link.up", "link.down"):
@@ -115,9 +115,7 @@ def main(params: Params, given: TransparencyOptions, json_to: str | None, out: P
     words = output.console(json_to)
     directory = output.run_directory(out, "transparency")
     with Progress(words, "measuring", len(tasks), "runs") as bar:
-        shares = [tasks[k::workers] for k in range(workers)]
-        parts = in_processes(transparency.run, shares, lambda share: bar.update(share * len(tasks)))
-        found = [parts[k % workers][k // workers] for k in range(len(tasks))]
+        found = dealt(transparency.run, tasks, workers, lambda share: bar.update(share * len(tasks)))
         bar.stage("drawing")
         curves: dict[tuple[str, str], Curve] = {}
         widths: dict[tuple[str, str, str], ZWidth] = {}

@@ -90,9 +90,8 @@ class ControlHalf:
         self._pairs = 0
         self._pair = 1  # the one that control knows; another peer has another clock and another position
         self._coupling: CouplingState | None = None
-        self._arrived: deque[tuple[CouplingSample, int, int, int, int]] = deque(
-            maxlen=backlog
-        )  # sent, came, took, pair
+        # each with the times at which it was sent and came, the time that it took, and the pair
+        self._arrived: deque[tuple[CouplingSample, int, int, int, int]] = deque(maxlen=backlog)
         self._credits: deque[int] = deque()
         self._shuffled: deque[float] = deque()
 

@@ -185,6 +185,20 @@ def in_processes(
     return [part for part in found if part is not None]
 
 
+def dealt(
+    work: Callable[[Sequence[Task], Progress], list[Result]],
+    tasks: Sequence[Task],
+    workers: int,
+    progress: Progress | None = None,
+) -> list[Result]:
+    """Deal the tasks to this many processes, as cards are dealt, and return the results in the tasks' order.
+
+    `work` and errors are as with `in_processes`.
+    """
+    parts = in_processes(work, [tasks[k::workers] for k in range(workers)], progress)
+    return [parts[k % workers][k // workers] for k in range(len(tasks))]
+
+
 def usable_cores() -> int:
     """Number of cores that this process may run on."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -78,7 +78,6 @@ def read_original(files: Sequence[Path]) -> Original:
     own, worlds = _parameters(device), _parameters(world)
     asked = {name: value for name, value in own.items() if name in known}
     asked |= {name: value for name, value in worlds.items() if name in known and name.startswith(_WORLDS)}
-    asked.setdefault("operator_hand.start_periods", 0.0)  # older recordings: the sine was full from the start
     operator, hand = _hand(device, files[at], asked)
     if operator != asked.get("operator"):
         asked["operator_hand.end_hold_s"] = 0.0  # the recorded motion has its end already

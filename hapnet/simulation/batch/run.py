@@ -13,7 +13,7 @@ from hapnet.params import Params
 from hapnet.simulation.batch.engine import Engine
 from hapnet.simulation.batch.scenario import BatchRun, Scenario
 from hapnet.simulation.garbage_collector import collector_paused
-from hapnet.simulation.processes import Progress, in_processes
+from hapnet.simulation.processes import Progress, dealt
 
 SMALLEST = 32
 """Smaller groups of scenarios are faster one at a time."""
@@ -61,8 +61,7 @@ def simulate_batch(
     workers = min(workers, len(cases))
     if workers <= 1:
         return _simulate(cases, progress or (lambda share: None))
-    parts = in_processes(_simulate, [cases[k::workers] for k in range(workers)], progress)
-    return [parts[k % workers][k // workers] for k in range(len(cases))]
+    return dealt(_simulate, cases, workers, progress)
 
 
 def _simulate(cases: Sequence[tuple[Params, int]], progress: Progress = lambda share: None) -> list[BatchRun]:
