@@ -129,7 +129,7 @@ def test_it_shows_scene_plots_and_numbers(browser: Browser, tmp_path: Path) -> N
 
 @pytest.mark.slow
 def test_a_run_that_is_not_passive_says_so(browser: Browser, tmp_path: Path) -> None:
-    light = {"operator_hand.mass": 0.1, "operator_hand.damping": 1.0, "duration_s": 10.0}
+    light = {"operator_hand.mass": 0.1, "operator_hand.damping": 1.0, "duration_s": 10.0, "feel": "paper"}
     with opened(browser, (1280, 720), scene="free", operator="sine", coupling="zoh", watching=True, **light) as shown:
         expect(shown.page.locator(".hapnet-passive")).to_have_text("NOT passive")
         keep(shown.page, tmp_path, "not-passive")
