@@ -15,6 +15,12 @@ Vector = tuple[float, ...]
 
 Array = NDArray[np.float64]
 
+MOST_PLANES = 4
+"""The most planes that a world tells of one place: three make a corner of a room."""
+
+UNIT_TOLERANCE = 1e-6
+"""By how much the square of a normal's length may differ from 1."""
+
 
 def positive(name: str, value: float) -> float:
     """`value` if it is a finite number above zero."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
@@ -92,7 +93,7 @@ def converted(name: str, value: object, default: Any, spec: dataclasses.Field[An
         words = "a number, a list of numbers, or a list of rows"
     if isinstance(value, str) and (matrix or not isinstance(default, str)):
         try:
-            value = json.loads(value)
+            value = json.loads(re.sub(r"^([+-]?)\.(?=\d)", r"\g<1>0.", value.strip()).removeprefix("+"))  # .5 is 0.5
         except json.JSONDecodeError:
             raise InvalidParameter(name, value, words) from None
     if matrix and isinstance(value, list | tuple):

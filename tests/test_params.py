@@ -56,6 +56,11 @@ def test_what_is_wrong_is_named(word: str, names: str) -> None:
         Params().set_words([word])
 
 
+@pytest.mark.parametrize(("word", "value"), [(".5", 0.5), ("-.5", -0.5), ("+.5", 0.5), ("+2", 2.0), ("1e-1", 0.1)])
+def test_numbers_may_be_written_as_people_write_them(word: str, value: float) -> None:
+    assert Params().set_words([f"operator_hand.start_m={word}"]).operator_hand.start_m == value
+
+
 SIGNED = {"operator_hand.start_m", "operator_hand.goal_m", "world.wall.position_m"}
 """Coordinates along an axis; everything else is a size, a rate, a time or a number of something."""
 

@@ -17,7 +17,7 @@ from hapnet.control.limits import Silence, step_towards
 from hapnet.control.prediction import PredictedDevice
 from hapnet.control.pspm import Modulation
 from hapnet.control.smoothing import Pipeline
-from hapnet.mechanics.plane import Plane
+from hapnet.mechanics.plane import Plane, checked
 from hapnet.mechanics.spring import Spring
 
 
@@ -252,6 +252,7 @@ class SetPositionSteps:
         planes: tuple[Plane, ...] | None = ()  # it starts outside of every obstacle
         if self._contacts is not None:
             tell = getattr(self._contacts, "planes", None)  # a user's own world may have been written without it
-            planes = None if tell is None else tell(x, self._reach)
+            told = None if tell is None else tell(x, self._reach)
+            planes = None if told is None else checked(told, len(x))
         proxy = Proxy(x, predicted.stands_for(dt), self._force, planes)
         return Update(proxy, self.coupling.update(dt, x, dissipated).sent)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
+from itertools import islice
 from typing import NamedTuple
 
-from hapnet.checks import Vector
+from hapnet.checks import MOST_PLANES, UNIT_TOLERANCE, Vector
+from hapnet.errors import InvalidParameter
 
 
 class Plane(NamedTuple):
@@ -19,3 +23,25 @@ class Plane(NamedTuple):
     stiffness: float
     damping: float
     velocity_mps: float = 0.0
+
+
+def checked(planes: Iterable[Plane], dof: int) -> tuple[Plane, ...]:
+    """The first four of a user's planes, with plain floats.
+
+    Raises
+    ------
+    InvalidParameter : a normal is not a unit vector of `dof` components, or a number is out of its range.
+    """
+    return tuple([_checked(Plane(*plane), dof) for plane in islice(planes, MOST_PLANES)])
+
+
+def _checked(plane: Plane, dof: int) -> Plane:
+    normal = tuple(map(float, plane.normal))
+    if len(normal) != dof or not abs(sum([n * n for n in normal]) - 1.0) <= UNIT_TOLERANCE:
+        raise InvalidParameter("a plane's normal", normal, f"a unit vector of {dof} components")
+    offset, stiffness, damping, velocity = numbers = tuple(map(float, plane[1:]))
+    if not (all(map(math.isfinite, numbers)) and stiffness > 0.0 and damping >= 0.0):
+        raise InvalidParameter(
+            "a plane's offset, stiffness, damping, velocity", numbers, "finite, stiffness above 0, damping not below"
+        )
+    return Plane(normal, offset, stiffness, damping, velocity)

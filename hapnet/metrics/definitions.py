@@ -74,8 +74,8 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
             ),
             Metric(
                 "free_rms_mm", "position error, free", "mm", "lower",
-                "root mean square of the distance between device and proxy at the same time, while the proxy is in no "
-                "wall",
+                "root mean square of the distance between device and proxy at the same time, while the device is in no "
+                "wall. (A run's summary, free_rms_m, asks whether the proxy is in none)",
             ),
             Metric(
                 "contact_rms_mm", "position error, contact", "mm", "lower",

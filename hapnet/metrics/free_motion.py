@@ -1,11 +1,16 @@
-"""How hard the coupling drags in free motion. Over a transparent one it would not (D. A. Lawrence 1993)."""
+"""How truly the proxy follows in free motion, and how hard the coupling drags.
+
+Over a transparent coupling the proxy would be where the device is, and nothing would drag (D. A. Lawrence 1993).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
+from hapnet.metrics.position import position_error
 from hapnet.plant.worlds.walls import Wall
 from hapnet.recording.samples import Recording
 
@@ -16,6 +21,23 @@ _WINDOW_S = 1.0 / 3.0
 """Force and velocity are means over this time [s]: the regression sees the hand's motion, not a swing at 3 Hz or more,
 during which the force and the speed are great and the drag hides."""
 _LEAST_S, _LEAST_MPS = 0.3, 0.005
+
+
+def following_error(recording: Recording, free: NDArray[np.bool_]) -> float | None:
+    """Root mean square of the distance between device and proxy in free motion [m]; None without such motion.
+
+    Parameters
+    ----------
+    free : (N,) is the device outside of all walls, at each of its samples? The proxy may well be in one: it is where
+        the hand is not. (`metrics.position.motion` asks for the proxy, since a recording alone knows no walls. It
+        leaves out a proxy that has run into a wall, and counts one that is late while the hand pushes in it.)
+    """
+    device, world = recording.device, recording.world
+    if device is None or world is None or not recording.meta.get("aligned", True):
+        return None
+    error, known = position_error(device, world)
+    counted = error[free[known]]
+    return float(np.sqrt(np.mean(counted**2))) if len(counted) else None
 
 
 def drag(recording: Recording, walls: Sequence[Wall], settling_s: float) -> float | None:

@@ -50,19 +50,20 @@ def motion(recording: Recording) -> Motion:
         result["peak_penetration_m"] = _finite(max(world["penetration_m"].max(), 0.0))
         result["contacts"] = int(inside[0]) + int(np.count_nonzero(inside[1:] & ~inside[:-1]))
     if device is not None and world is not None and recording.meta.get("aligned", True):
-        error, contact = _position_error(device, world)
+        error, known = position_error(device, world)
+        latest = np.searchsorted(world["time_s"], device["time_s"][known], side="right") - 1
+        contact = world["penetration_m"][latest] > 0.0
         result["free_rms_m"] = _rms(error[~contact])
         result["contact_rms_m"] = _rms(error[contact])
     return result
 
 
-def _position_error(device: Columns, world: Columns) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Distance between device and proxy [m] where both are known, and whether the proxy was in a wall at that time."""
+def position_error(device: Columns, world: Columns) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Distance between device and proxy [m] where both are known, and (N,) at which of the device's samples that is."""
     known = (device["time_s"] >= world["time_s"][0]) & (device["time_s"] <= world["time_s"][-1])
     times, positions = device["time_s"][known], device["position_m"][known]
     proxy = np.column_stack([np.interp(times, world["time_s"], axis) for axis in world["position_m"].T])
-    latest = np.searchsorted(world["time_s"], times, side="right") - 1
-    return np.linalg.norm(positions - proxy, axis=1), world["penetration_m"][latest] > 0.0
+    return np.linalg.norm(positions - proxy, axis=1), known
 
 
 def _rms(values: NDArray[np.float64]) -> float | None:

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
+import numpy as np
+from numpy.typing import NDArray
+
+from hapnet.checks import Array
 from hapnet.couplings import registry
 from hapnet.couplings.registry import ideal_stiffness
 from hapnet.errors import InvalidParameter
@@ -14,14 +19,14 @@ from hapnet.metrics.definitions import METRICS
 from hapnet.metrics.drift import drift
 from hapnet.metrics.environment import environment_force
 from hapnet.metrics.force import buzz, force_error, rms_difference
-from hapnet.metrics.free_motion import drag
+from hapnet.metrics.free_motion import drag, following_error
 from hapnet.metrics.swing import residual_swing
 from hapnet.metrics.touch import latency, touches
 from hapnet.params import Params
 from hapnet.plant.worlds.moving_wall import MovingWall
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.walls import Wall
-from hapnet.recording.samples import Recording
+from hapnet.recording.samples import Columns, Recording
 from hapnet.side.device import SampledDeviceSide
 from hapnet.simulation.simulation import Result, Simulation
 from hapnet.summary.structure import LinkPart, SidePart, Summary
@@ -116,7 +121,7 @@ def measures(run: Run, ideal: Recording) -> Measures:
         "margin_later_J": None if result.hand.later is None else bound + result.hand.later,
         "hand_margin_J": hand_bound + result.hand.device_lowest,
         "actuator_margin_J": theorem["margin_J"] if isinstance(result.device, SampledDeviceSide) else None,
-        "free_rms_mm": _times(1e3, motion["free_rms_m"]),
+        "free_rms_mm": _times(1e3, following_error(recording, _free(run))),
         "contact_rms_mm": _times(1e3, motion["contact_rms_m"]),
         "stiffness_percent": None if delay_ms is None else _stiffness_percent(run, delay_ms / 1e3),
         "force_error_N": None if error is None else error[0],
@@ -159,22 +164,30 @@ def _ideal(params: Params) -> Params:
 
 def _true_force_error(run: Run) -> tuple[float, float | None] | None:
     """As `rms_difference`, against the true environment; None if the springs are no scalars."""
-    scene, device, walls = run.scene, run.recording.device, run.walls
+    device = run.recording.device
     if device is None or not _scalar(run.params):
         return None
+    return rms_difference(device, _environment(run, device, lambda wall: ideal_stiffness(run.params, wall.stiffness)))
+
+
+def _free(run: Run) -> NDArray[np.bool_]:
+    """Is the device outside of all walls, at each of its samples?"""
+    device = run.recording.device
+    assert device is not None, "a simulated run has both sides"
+    return np.asarray(np.count_nonzero(_environment(run, device, lambda _: 1.0), axis=1) == 0)
+
+
+def _environment(run: Run, device: Columns, stiffness: Callable[[Wall], float]) -> Array:
+    """The force of the walls that stood at each time, with such a stiffness."""
+    scene, walls = run.scene, run.walls
     if isinstance(scene, MovingWall) and scene.schedule.changes:
         since_s = (run.result.world.origin_ns or 0) / 1e9
-        wanted = environment_force(
-            device["position_m"], (device["time_ns"] / 1e9 - since_s).tolist(),
-            lambda t: [wall] if (wall := scene.schedule.at(t)) is not None else [],
-            lambda wall: ideal_stiffness(run.params, wall.stiffness),
-        )  # fmt: skip
-    else:
-        wanted = environment_force(
-            device["position_m"], device["time_s"].tolist(), lambda t: walls,
-            lambda wall: ideal_stiffness(run.params, wall.stiffness),
-        )  # fmt: skip
-    return rms_difference(device, wanted)
+        times = (device["time_ns"] / 1e9 - since_s).tolist()
+        moving = scene.schedule
+        return environment_force(
+            device["position_m"], times, lambda t: () if (wall := moving.at(t)) is None else (wall,), stiffness
+        )
+    return environment_force(device["position_m"], device["time_s"].tolist(), lambda t: walls, stiffness)
 
 
 def _dragged(run: Run, delay_ms: float | None) -> Measures:

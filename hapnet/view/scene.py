@@ -15,10 +15,9 @@ import viser
 import viser.transforms
 from numpy.typing import NDArray
 
-from hapnet.checks import Array, Vector
+from hapnet.checks import MOST_PLANES, Array, Vector
 from hapnet.mechanics.plane import Plane
 from hapnet.view.history import Snapshot
-from hapnet.wire.fields import MAX_PLANES
 
 UNIT = 100.0
 """Scene units per metre."""
@@ -70,7 +69,7 @@ class Scene:
         for number, surface in enumerate(surfaces):
             _add_wall(scene, number, dof, list(surfaces), surface, wall_name)
         self._known: tuple[Plane, ...] = ()
-        self._planes = [_add_plane(scene, number, dof) for number in range(MAX_PLANES)]
+        self._planes = [_add_plane(scene, number, dof) for number in range(MOST_PLANES)]
         self._model_name = scene.add_label(
             "/model_name", "the device's model", anchor="top-left", font_screen_scale=0.75, visible=False
         )
@@ -130,7 +129,7 @@ class Scene:
         if planes == self._known:
             return
         self._known = planes
-        for node, plane in zip_longest(self._planes, planes[:MAX_PLANES]):
+        for node, plane in zip_longest(self._planes, planes[:MOST_PLANES]):
             normal = _padded(() if plane is None else plane.normal)
             node.visible = float(np.linalg.norm(normal)) > 0.5
             if plane is not None and node.visible:

@@ -6,9 +6,10 @@ A check returns, or raises BadMessage. msgpack itself bounds integers to -2^63 .
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import isfinite
+from math import isfinite, sqrt
 from typing import Annotated, Any, Literal, get_type_hints
 
+from hapnet.checks import MOST_PLANES, UNIT_TOLERANCE
 from hapnet.errors import BadMessage
 
 MAX_DOF = 64
@@ -17,8 +18,6 @@ MAX_ABOUT = 32
 MAX_MORE = 32
 MAX_COORDINATE = 1e6  # m or rad; keeps every square and product of the control layer finite
 MAX_TOTAL_NJ = 2**63  # exclusive: totals fit a signed 64-bit integer
-MAX_PLANES = 4
-UNIT_TOLERANCE = 1e-6  # of a normal's squared length
 MAX_SPAN_NS = 10**10  # of a wave: every side sends far more often
 MAX_INTEGRAL = 1e12  # sqrt(W) s: differences, and their squares over a nanosecond, stay finite
 INTEGRAL = "integral"
@@ -107,7 +106,7 @@ def integral(value: object, dof: int) -> None:
     if not all(type(part) is float for part in vector):
         raise BadMessage("type", "an integral with a component that is no float")
     if not all(abs(part) <= MAX_INTEGRAL for part in vector):  # false for NaN as well
-        raise BadMessage("range", f"integral {vector}; allowed: finite, within +-{MAX_INTEGRAL:g}")
+        raise BadMessage("range", f"an integral with a component that is not finite, or not within +-{MAX_INTEGRAL:g}")
     natural(elapsed_ns)
 
 
@@ -117,16 +116,17 @@ def planes(value: object) -> None:
         return
     if type(value) is not tuple:
         raise BadMessage("type", f"{_kind(value)}; allowed: an array of planes, or nil")
-    if len(value) > MAX_PLANES:
-        raise BadMessage("range", f"{len(value)} planes; allowed: up to {MAX_PLANES}")
+    if len(value) > MOST_PLANES:
+        raise BadMessage("range", f"{len(value)} planes; allowed: up to {MOST_PLANES}")
     for plane in value:
         if type(plane) is not tuple or len(plane) != 5:
             raise BadMessage("type", "a plane is not an array of normal, offset, stiffness, damping, velocity")
         normal, *numbers = plane
         coordinates(normal)
         coordinates(tuple(numbers))
-        if abs(sum([n * n for n in normal]) - 1.0) > UNIT_TOLERANCE:
-            raise BadMessage("range", f"a plane's normal {normal}; allowed: of length 1")
+        square = sum([n * n for n in normal])
+        if abs(square - 1.0) > UNIT_TOLERANCE:
+            raise BadMessage("range", f"a plane's normal of length {sqrt(square):g}; allowed: 1")
         if plane[2] <= 0.0 or plane[3] < 0.0:
             raise BadMessage("range", f"a plane's stiffness {plane[2]} and damping {plane[3]}; allowed: above 0, 0")
 

@@ -28,7 +28,7 @@ from operator import mul
 from typing import NamedTuple
 
 from hapnet import checks
-from hapnet.checks import Vector
+from hapnet.checks import MOST_PLANES, Vector
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.plane import Plane
 from hapnet.params import WallParams
@@ -39,9 +39,6 @@ WALL_STIFFNESS, WALL_DAMPING = _WALL.stiffness, _WALL.damping
 
 # Two normals count as independent up to this cosine in the metric of A^-1: it allows for rounding only.
 _SEPARATE = 1e-12
-
-MOST_PLANES = 4
-"""The most planes that are told of one place: three make a corner of a room."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,43 @@
+"""What a user's world may tell of its planes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from hapnet.errors import InvalidParameter
+from hapnet.mechanics.plane import Plane, checked
+from hapnet.wire.messages import Proxy, decode, encode
+
+FLOOR = Plane((0.0, 0.6, 0.8), 0.02, 300.0, 1.0, 0.1)
+
+
+def test_numbers_of_any_kind_are_sent() -> None:
+    told = checked([Plane(np.array(FLOOR.normal), np.float32(0.5), 300, 0)], 3)  # type: ignore[arg-type]  # a user's
+    assert told == (Plane((0.0, 0.6, 0.8), 0.5, 300.0, 0.0, 0.0),)
+    message = Proxy(1, 2, 3, (0.0, 0.0, 0.0), 0, (0.0, 0.0, 0.0), told)
+    assert decode(encode(message)) == message
+
+
+def test_the_first_four_are_told() -> None:
+    walls = [FLOOR._replace(offset_m=0.01 * k) for k in range(6)]
+    assert checked(iter(walls), 3) == tuple(walls[:4])
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"normal": (0.0, 0.0, 2.0)},
+        {"normal": (0.0, 1.0)},
+        {"normal": (math.nan, 0.0, 1.0)},
+        {"offset_m": math.inf},
+        {"stiffness": 0.0},
+        {"damping": -1.0},
+        {"velocity_mps": math.nan},
+    ],
+)
+def test_what_a_device_would_drop_is_refused_where_it_is_made(wrong: dict[str, object]) -> None:
+    with pytest.raises(InvalidParameter, match="a plane's"):
+        checked([FLOOR, FLOOR._replace(**wrong)], 3)  # type: ignore[arg-type]  # one name at a time
