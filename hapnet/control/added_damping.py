@@ -5,8 +5,8 @@
 * b_0 is there in free motion, where half of it is felt: a hand that nothing drags runs away from its prediction. In
   contact it would only falsify the wall. The damper B itself is held, so that the reserve must cover B v for as long as
   the watchdog allows; a spring's force is covered by the energy that it stores (control/reserve.py).
-* b_age: an old answer says little about where the proxy is. From half a second of age on, drag grows, so that the hand
-  does not leave its proxy behind.
+* b_age: an old answer says little about where the proxy is. From a second of age on, drag grows to 1.5 Ns/m: the hand
+  feels that its world is late, but no more than 0.1 N at 67 mm/s, which no contact is mistaken for.
 * b_swing, only where the world can tell no planes: the force's changes above some 2 Hz have an envelope that rises at
   once and falls in two seconds. In contact and at rest it is zero. In free motion of a hand it is small, since the
   force is. So it damps a limit cycle, and hardly a motion that the hand leads.
@@ -27,8 +27,11 @@ VELOCITY_S = 0.005
 """Time constant of the velocity [s]: encoder counts are smoothed, and a swing of 6 Hz is delayed by a fifth of a
 radian."""
 
-AGED_S, OLD_S = 0.5, 1.5
+AGED_S, OLD_S = 1.0, 2.0
 """Between these ages drag grows from none to all of it [s]."""
+
+OLD_NS_M = 1.5
+"""All of it [Ns/m]."""
 
 SLOW_S = 0.2
 """Changes of the force that are slower than this are not part of a swing [s]."""
@@ -68,10 +71,10 @@ class AddedDamping:
         swings : no contact model calms the coupling.
         """
         velocity = self._velocity.step(dt, x)
-        share = min(1.0, max(0.0, (age - AGED_S) / (OLD_S - AGED_S)))
+        old = min(1.0, max(0.0, (age - AGED_S) / (OLD_S - AGED_S)))
+        damping = max(freedom * self._least, old * min(OLD_NS_M, self._most))
         if swings:
-            share = max(share, self._swinging(dt, tuple(map(sub, y, x))))
-        damping = max(freedom * self._least, share * self._most)
+            damping = max(damping, self._swinging(dt, tuple(map(sub, y, x))) * self._most)
         if damping == 0.0:
             return y
         drag = [damping * v for v in velocity]
