@@ -159,6 +159,10 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "largest force on the device",
             ),
             Metric(
+                "force_step_N", "largest force step", "N", "lower",
+                "the largest change of the force on the device from one servo tick to the next",
+            ),
+            Metric(
                 "packets_per_s", "packets", "1/s", "lower",
                 "messages of all kinds offered to both links per second",
             ),

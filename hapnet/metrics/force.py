@@ -1,4 +1,4 @@
-"""The force on the device: its difference from another run's, and how much it buzzes."""
+"""The force on the device: its difference from another run's, how it steps, and how much it buzzes."""
 
 from __future__ import annotations
 
@@ -39,6 +39,12 @@ def rms_difference(device: Columns, wanted: Array) -> tuple[float, float | None]
     rms = float(np.sqrt(np.mean(np.sum((device["force_N"] - wanted) ** 2, axis=1))))
     peak = float(np.linalg.norm(wanted, axis=1).max())
     return rms, 100.0 * rms / peak if peak > 0.0 else None
+
+
+def largest_step(device: Columns) -> float | None:
+    """The largest change of the force from one sample to the next [N]; None with fewer than two samples."""
+    changes = np.linalg.norm(np.diff(device["force_N"], axis=0), axis=1)
+    return float(changes.max()) if len(changes) else None
 
 
 def buzz(device: Columns) -> float | None:

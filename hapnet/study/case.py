@@ -18,7 +18,7 @@ from hapnet.metrics.contact import contact_force, pressed_wall, rendered_stiffne
 from hapnet.metrics.definitions import METRICS
 from hapnet.metrics.drift import drift
 from hapnet.metrics.environment import environment_force
-from hapnet.metrics.force import buzz, force_error, rms_difference
+from hapnet.metrics.force import buzz, force_error, largest_step, rms_difference
 from hapnet.metrics.free_motion import drag, following_error
 from hapnet.metrics.swing import residual_swing
 from hapnet.metrics.touch import latency, touches
@@ -134,6 +134,7 @@ def measures(run: Run, ideal: Recording) -> Measures:
         "drift_mm_per_min": _times(60e3, drift(recording, walls)),
         **_touched(run, delay_ms),
         "peak_force_N": motion["peak_force_N"],
+        "force_step_N": largest_step(device),
         "packets_per_s": sum(per_s),
         "packets_up_per_s": per_s[0],
         "packets_down_per_s": per_s[1],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -69,6 +70,7 @@ def test_the_whole_run_is_measured() -> None:
 
     force = device["force_N"][:, 0]
     assert found["peak_force_N"] == np.abs(force).max()
+    assert found["force_step_N"] == max(abs(b - a) for a, b in itertools.pairwise(force.tolist()))
     errors: dict[str, list[float]] = {"free_rms_mm": [], "contact_rms_mm": []}
     steps = list(zip(world["time_s"], world["position_m"][:, 0], world["penetration_m"] > 0.0, strict=True))
     for t, x in zip(device["time_s"], device["position_m"][:, 0], strict=True):
