@@ -32,25 +32,27 @@ LONGEST_PAUSE_S = 1.0
 
 
 @pytest.mark.parametrize(
-    ("role", "on_silence", "kills"),
+    ("role", "on_silence", "kills", "feel"),
     [
-        pytest.param("device", "release", 5, marks=pytest.mark.slow),
-        pytest.param("world", "hold", 5, marks=pytest.mark.slow),
-        pytest.param("device", "hold", 2, marks=pytest.mark.slow),
-        pytest.param("world", "release", 2, marks=pytest.mark.slow),
-        pytest.param("device", "hold", 20, marks=pytest.mark.soak),
-        pytest.param("device", "release", 20, marks=pytest.mark.soak),
-        pytest.param("world", "hold", 20, marks=pytest.mark.soak),
-        pytest.param("world", "release", 20, marks=pytest.mark.soak),
+        pytest.param("device", "release", 5, "paper", marks=pytest.mark.slow),
+        pytest.param("world", "hold", 5, "paper", marks=pytest.mark.slow),
+        pytest.param("device", "hold", 2, "paper", marks=pytest.mark.slow),
+        pytest.param("world", "release", 2, "hapnet", marks=pytest.mark.slow),
+        pytest.param("device", "hold", 20, "paper", marks=pytest.mark.soak),
+        pytest.param("device", "release", 20, "hapnet", marks=pytest.mark.soak),
+        pytest.param("world", "hold", 20, "paper", marks=pytest.mark.soak),
+        pytest.param("world", "release", 20, "hapnet", marks=pytest.mark.soak),
     ],
 )
-def test_a_side_killed_in_contact_comes_back(role: Role, on_silence: str, kills: int, tmp_path: Path) -> None:
+def test_a_side_killed_in_contact_comes_back(
+    role: Role, on_silence: str, kills: int, feel: str, tmp_path: Path
+) -> None:
     rng = random.Random(f"{role} {on_silence}")
     silence = ("--on-silence", on_silence, "--silence-after", SILENCE_S)
     kills_ns, recoveries_s, starts_s = list[int](), list[float](), list[float]()
     silences = list[tuple[int, int]]()
     words = ("--set", "record_hz=1000", "--set", "device.watchdog_s=0")  # which would let the spring go by itself
-    with pair(tmp_path, *LINK, *silence, device=(*PRESSED, *words)) as sides:
+    with pair(tmp_path, *LINK, *silence, "--feel", feel, device=(*PRESSED, *words)) as sides:
         survivor, lives = sides.lives[OTHER[role]][0], sides.lives[role]
         since_ns = sides.until_paired()
         for number in range(kills):
