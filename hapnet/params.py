@@ -158,14 +158,14 @@ class ContactModelParams:
     hapnet/couplings/feel.py says which rule each of them enters.
     """
 
-    damping_ratio: float = _p(0.16, "of the device's mass on K; damping is added up to it", _NOT_NEGATIVE)
-    lead: float = _p(0.75, "share of all that drag that is cancelled in free motion", Range(at_least=0.0, at_most=1.0))
-    lead_s: float = _p(0.025, "time constant of the velocity that cancels it [s]", _POSITIVE)
+    damping_ratio: float = _p(0.32, "of the device's mass on K; damping is added up to it", _NOT_NEGATIVE)
+    lead: float = _p(0.92, "share of all that drag that is cancelled in free motion", Range(at_least=0.0, at_most=1.0))
+    lead_s: float = _p(0.012, "time constant of the velocity that cancels it [s]", _POSITIVE)
     fade_s: float = _p(0.005, "time constant with which a change of planes takes effect [s]", _POSITIVE)
     shift_s: float = _p(0.05, "time constant with which planes move to where the proxy feels them [s]", _POSITIVE)
-    window_s: float = _p(0.033, "the world predicts the device from the positions of so long a time [s]", _POSITIVE)
-    longest_s: float = _p(0.31, "longest prediction [s]", _POSITIVE)
-    curve_s: float = _p(0.18, "longest time for which an acceleration is predicted to last [s]", _NOT_NEGATIVE)
+    window_s: float = _p(0.036, "the world predicts the device from the positions of so long a time [s]", _POSITIVE)
+    longest_s: float = _p(0.135, "longest prediction [s]", _POSITIVE)
+    curve_s: float = _p(0.075, "longest time for which an acceleration is predicted to last [s]", _NOT_NEGATIVE)
     reach_m: float = _p(0.05, "planes within this distance of the proxy are told [m]", _NOT_NEGATIVE)
 
 

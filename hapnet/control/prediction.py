@@ -4,7 +4,7 @@ The world receives positions late and in uneven steps. Its proxy follows a set-p
 implicit integrator it is B'/K' + T/2 behind in steps of T (theory: a ramp through one step of L_dp). So the predictor
 aims ahead by the sample's age plus that lag, and the proxy then stands where the device is now.
 
-A parabola is fitted to all positions of the last 33 ms by least squares. One position per step would leave the velocity
+A parabola is fitted to all positions of the last 36 ms by least squares. One position per step would leave the velocity
 to two noisy time stamps. A prediction is only another y(k), so it cannot break passivity (end of Section 3).
 """
 
