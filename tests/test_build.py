@@ -13,8 +13,9 @@ from hapnet.plant.operator import Impedance, Rest
 from hapnet.plant.worlds.box import box_walls
 from hapnet.plant.worlds.scene import Scene
 from hapnet.recording.samples import Sample
-from hapnet.side.device import ContinuousDeviceSide, DeviceSide, SampledDeviceSide
+from hapnet.side.device import ContinuousDeviceSide, DeviceSide
 from hapnet.side.endpoint import DeviceEndpoint, WorldEndpoint
+from hapnet.side.sampled_device import SampledDeviceSide
 from hapnet.side.world import WorldSide
 from netem import LinkProfile
 from netem.errors import NetemError

@@ -64,6 +64,18 @@ def test_ticks_in_a_row_are_ticks_one_by_one(n: int, general: bool, limit: float
         assert row.time == one.time
 
 
+def test_ticks_of_a_held_torque_are_those_of_a_coupling_without_stiffness() -> None:
+    """`advance` has a shorter way where no coupling acts within the tick."""
+    rng = np.random.default_rng(3)
+    alone, row = (SimulatedDevice(Sine(3, HAND, amplitude=0.03)) for _ in range(2))
+    for torque in rng.normal(size=(200, 3)).tolist():
+        alone.apply(tuple(torque))
+        row.apply(tuple(torque))
+        single = [(alone.advance(), alone.position, alone.velocity, alone.hand_force, alone.actuator_force)]
+        assert row.run(1) == single
+        assert row.time == alone.time
+
+
 def _flat(ticks: list[TickResult]) -> list[float]:
     return [value for work, *vectors in ticks for value in (work, *chain(*vectors))]
 

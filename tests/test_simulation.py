@@ -23,6 +23,7 @@ from hapnet.params import Params
 from hapnet.plant.device import SimulatedDevice, TickResult
 from hapnet.recording.samples import Columns
 from hapnet.side.device import ContinuousDeviceSide, DeviceSide
+from hapnet.side.sampled_device import SampledDeviceSide
 from hapnet.simulation.simulation import Result, simulate
 from tests.conftest import mostly_slow
 from tests.paper import PAPER
@@ -31,11 +32,23 @@ from tests.theorem_cases import TOLERANCE_J, diagonal, matrix, random_case, rand
 # -- ticks at rest ---------------------------------------------------------------------------------------------------
 
 
-def test_ticks_made_together_are_the_same_ticks(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("side", "changes"),
+    [
+        (ContinuousDeviceSide, {}),
+        (SampledDeviceSide, {"device.servo": "sampled", "device.resolution_m": 5.5e-5}),
+        (SampledDeviceSide, {"coupling": "tdpa", "device.servo": "sampled", "scene": "box", "dof": 2}),
+    ],
+    ids=["continuous", "sampled", "law"],
+)
+def test_ticks_made_together_are_the_same_ticks(
+    monkeypatch: pytest.MonkeyPatch, side: type[DeviceSide], changes: dict[str, object]
+) -> None:
     """`rest` makes the ticks in which nothing happens; the run is, to the bit, the one that makes each by `tick`."""
-    params = PAPER.set({"duration_s": 3.0, "record_hz": 250.0, "link.up": "delay 7ms 3ms loss 5%"})
+    params = PAPER.set({"duration_s": 3.0, "record_hz": 250.0, "link.up": "delay 7ms 3ms loss 5%", **changes})
     together = simulate(params, seed=3)
-    monkeypatch.setattr(ContinuousDeviceSide, "resting", DeviceSide.resting)
+    monkeypatch.setattr(side, "resting", DeviceSide.resting)
+    monkeypatch.setattr(side, "rest", DeviceSide.rest)  # none is left for it
     singly = simulate(params, seed=3)
     assert together.device.ticks == singly.device.ticks > 2900
     assert {**together.summary, "wall_clock": None} == {**singly.summary, "wall_clock": None}

@@ -17,8 +17,8 @@ from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Impedance, Rest
 from hapnet.recording.samples import Event, Sample
-from hapnet.side.device import SampledDeviceSide
 from hapnet.side.endpoint import DeviceEndpoint
+from hapnet.side.sampled_device import SampledDeviceSide
 from hapnet.simulation.simulation import simulate
 from hapnet.summary.run import device_summary
 from tests.paper import PAPER

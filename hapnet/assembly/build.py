@@ -31,8 +31,9 @@ from hapnet.plant.operator import Operator
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.registry import SCENES, make_scene, scene_parameters
 from hapnet.recording.samples import Event
-from hapnet.side.device import Clock, ContinuousDeviceSide, DeviceSide, Drive, SampledDeviceSide, Write
+from hapnet.side.device import Clock, ContinuousDeviceSide, DeviceSide, Drive, Write
 from hapnet.side.endpoint import NANO, DeviceControl, WorldControl
+from hapnet.side.sampled_device import SampledDeviceSide
 from hapnet.side.world import WorldSide
 from hapnet.wire.handshake import RESERVOIR, SHARED
 from hapnet.wire.messages import Role

@@ -20,9 +20,8 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 from hapnet.checks import Vector
 from hapnet.control.ledger import Ledger
+from hapnet.control.ticks import TICK_SLACK_S, ticks_before
 from hapnet.mechanics.plane import Plane
-
-TICK_SLACK_S = 1e-9  # s: a clock in whole nanoseconds may measure a period one nanosecond short
 
 
 class Motion(NamedTuple):
@@ -178,6 +177,9 @@ class DeviceCoupling(Protocol):
 
         `release`: the servo was late, so it renders no force until it is on time again.
         """
+
+    def resting(self, dt: float) -> int:
+        """How many of the coming ticks, `dt` seconds apart, return nothing if nothing arrives; 0 is always right."""
 
     def stop(self) -> None:
         """Render no force from now until the next tick."""
@@ -393,6 +395,9 @@ class LawServo:
             return None
         self._elapsed = 0.0
         return Update(self.law.next_sample(x, v))
+
+    def resting(self, dt: float) -> int:
+        return ticks_before(self._due, self._elapsed, dt)
 
     def stop(self) -> None:
         self.force = (0.0,) * len(self.force)

@@ -15,10 +15,11 @@ from typing import Any, Final, Literal
 
 from hapnet.checks import Vector
 from hapnet.control.contact_model import ContactModel
-from hapnet.control.coupling import TICK_SLACK_S, ForceParts, Update
+from hapnet.control.coupling import ForceParts, Update
 from hapnet.control.harvest import MeasuredHarvest, dissipated_by_range
 from hapnet.control.reserve import ForceGuard, Holding
 from hapnet.control.set_position_coupling import SetPositionCoupling
+from hapnet.control.ticks import TICK_SLACK_S, ticks_before
 from hapnet.mechanics.encoders import rounding
 
 Harvest = Literal["range", "measured"]
@@ -82,13 +83,7 @@ class ContinuousServo:
 
     def resting(self, dt: float) -> int:
         """Number of coming ticks, `dt` seconds apart, without PSPM if no sample arrives: each needs only `rest`."""
-        if self.coupling.has_sample:
-            return 0
-        ticks, elapsed = 0, self.elapsed + dt
-        while elapsed < self.due:
-            ticks += 1
-            elapsed += dt
-        return ticks
+        return 0 if self.coupling.has_sample else ticks_before(self.due, self.elapsed, dt)
 
     def rest(self, dt: float, x: Vector, work: float, kinetic: float) -> None:
         """Keep the account, as every tick does first. The arguments are those of `tick`."""
@@ -306,6 +301,10 @@ class SampledServo:
         else:
             self._render(x, v)
         return update
+
+    def resting(self, dt: float) -> int:
+        """As `DeviceCoupling.resting`: PSPM does not run in these ticks."""
+        return 0 if self.coupling.has_sample else ticks_before(self._due, self._elapsed, dt)
 
     def _watch(self, dt: float, x: Vector, travel: float) -> None:
         """Record the greatest speed, and the energy output by a torque that was held for too long."""

@@ -184,7 +184,7 @@ class SimulatedDevice:
         self.state.set_position = set_position
 
     def passage(self) -> tuple[Vector, Vector, float | None]:
-        """Smallest and largest position on each axis since the last call [m], both ends included.
+        """Smallest and largest position on each axis since the last call [m], both ends included; with a coupling.
 
         The third value is what the coupling's damper dissipated since then [J] if it was limited, else None.
         """
@@ -202,7 +202,13 @@ class SimulatedDevice:
 
     def advance(self) -> float:
         """Run one tick of the servo's period. Returns the work done by the hand on the device [J]."""
-        return self.run(1)[0][0]
+        if self.state.set_position is not None:
+            return self.run(1)[0][0]
+        self.ticks += 1
+        self.time = self.ticks * self.period
+        begin, end = self.references[-1], self.operator.reference(self.time)
+        self.references = [end]
+        return self.model.held(self.state, begin, end)
 
     def run(self, ticks: int) -> list[TickResult]:
         """Run `ticks` ticks, with no input in between. Returns the result of each."""

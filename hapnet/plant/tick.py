@@ -88,7 +88,7 @@ class TickModel:
         self.knee_square = knee * knee
         self._coefficients = (  # unpacked at once: one axis's tick takes only two microseconds
             h, period, self.substeps, hand.stiffness, self.rate_drive, self.rate_step,
-            self.inertia, self.hand_mass, self.response,
+            self.inertia, self.hand_mass, self.response, 1.0 / own,
         )  # fmt: skip
         B = np.array(damping)
         self.coupling = LimitedCoupling(stiffness, damping, own, h, knee, force_limit)
@@ -108,6 +108,34 @@ class TickModel:
             if results is not None:
                 return results
         return [self._tick(state, begin, end) for begin, end in pairwise(path)]
+
+    def held(self, state: DeviceState, begin: Vector, end: Vector) -> float:
+        """One tick without a coupling, so that only the held torque acts, and no limit. Returns the hand's work [J].
+
+        The same numbers as `run` gives, but neither extremes nor the damper's dissipation are kept.
+        """
+        h, period, substeps, kh, rate_drive, rate_step, inertia, hand_mass, response, mobility = self._coefficients
+        total = 0.0
+        positions, velocities, forces = [], [], []
+        for x, v, torque, a, b in zip(state.position, state.velocity, state.torque, begin, end, strict=True):
+            rate = (b - a) / period
+            hand = kh * a + rate_drive * rate
+            hand_step = rate_step * rate
+            work = f = 0.0
+            for _ in substeps:
+                hand += hand_step
+                middle = (inertia * v + torque + hand - kh * x) * mobility
+                f = hand - kh * x + hand_mass * v - response * middle
+                work += f * middle
+                v = middle + middle - v
+                x += h * middle
+            total += work * h
+            positions.append(x)
+            velocities.append(v)
+            forces.append(f)
+        state.position, state.velocity, state.hand_force = tuple(positions), tuple(velocities), tuple(forces)
+        state.actuator_force = state.torque
+        return total
 
     def _tick(self, state: DeviceState, begin: Vector, end: Vector) -> TickResult:
         """One tick, while the hand's reference goes from `begin` to `end`."""
@@ -130,7 +158,7 @@ class TickModel:
 
         Returns None and changes nothing if the spring may have saturated or the damper may have been limited.
         """
-        h, period, substeps, kh, rate_drive, rate_step, inertia, hand_mass, response = self._coefficients
+        h, period, substeps, kh, rate_drive, rate_step, inertia, hand_mass, response, _ = self._coefficients
         ybar = state.set_position or state.position
         stretch = drag = 0.0
         dissipated = state.dissipated

@@ -1,4 +1,7 @@
-"""The device's side of a run, complete: endpoint, device and recording; either runtime drives it."""
+"""The device's side of a run, complete: endpoint, device and recording; either runtime drives it.
+
+Here is the continuous servo; the sampled one is in sampled_device.py.
+"""
 
 from __future__ import annotations
 
@@ -8,19 +11,19 @@ from dataclasses import dataclass
 from typing import Any
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import CouplingState, DeviceCoupling, ForceParts
-from hapnet.control.harvest import MeasuredHarvest
+from hapnet.control.coupling import CouplingState, ForceParts
 from hapnet.control.ledger import Ledger
 from hapnet.control.set_position_servo import ContinuousServo
-from hapnet.errors import HapnetError
 from hapnet.plant.device import Device, SimulatedDevice, TickResult
 from hapnet.plant.live_hand import LiveHand
-from hapnet.plant.operating_range import OperatingRange, RangeWatch
 from hapnet.recording.samples import DeviceSample, Event, Sample
 from hapnet.side.endpoint import NANO, DeviceControl
 
 Write = Callable[[Sample], None]
 Clock = Callable[[], int]
+
+Observe = Callable[[float, float], None]
+"""Takes the energy put in so far [J] at the port of the side's account, and that by the simulated hand."""
 
 _NEVER = 2**63
 _UNKNOWN = (None, None, None, None)
@@ -139,10 +142,10 @@ class DeviceSide(ABC):
         """How many of the next ticks `rest` may make later, as long as nothing arrives; in virtual time only."""
         return 0
 
-    def rest(self, now_ns: int, ticks: int, observe: Callable[[float], None], *, then_tick: bool) -> None:
+    def rest(self, now_ns: int, ticks: int, observe: Observe, *, then_tick: bool) -> None:
         """Make this many of the `resting` ticks, the first at `now_ns`.
 
-        observe : called after these ticks with the smallest, then with the last W of the side's port [J].
+        observe : called after these ticks with the smallest, then with the last energies put in.
         then_tick : the next call is the `tick` that follows them.
         """
         assert ticks == 0, "no tick of this servo may wait"
@@ -245,7 +248,7 @@ class ContinuousDeviceSide(DeviceSide):
             return 0
         return self._servo.resting(self._resting_dt)
 
-    def rest(self, now_ns: int, ticks: int, observe: Callable[[float], None], *, then_tick: bool) -> None:
+    def rest(self, now_ns: int, ticks: int, observe: Observe, *, then_tick: bool) -> None:
         device, servo, ledger, dt = self.device, self._servo, self.ledger, self._resting_dt
         assert ledger is not None, "control has not started"
         results = device.run(ticks + then_tick)
@@ -264,8 +267,8 @@ class ContinuousDeviceSide(DeviceSide):
             if tick % every == 0:
                 at_ns = now_ns + (tick - self.ticks - 1) * self._period_ns
                 self._write(self._sampled(at_ns, x, force, hand_force, target, servo.parts(x, force)))
-        observe(lowest)
-        observe(ledger.work)
+        observe(lowest, lowest)
+        observe(ledger.work, ledger.work)
         self._last_ns = self._expected_ns = now_ns + (ticks - 1) * self._period_ns
         self.ticks = tick
 
@@ -291,114 +294,3 @@ class ContinuousDeviceSide(DeviceSide):
         x, force = device.position, device.actuator_force
         parts = self._servo.parts(x, force)
         return self._sampled(now_ns, x, force, device.hand_force, device.references[-1], parts)
-
-
-class SampledDeviceSide(DeviceSide):
-    """Any device with its torque held from tick to tick; its account is at the actuator's port.
-
-    make_servo : called with a measured position [m], and whether the reservoir is empty; makes the law.
-    declared : the device's operating range. A reading outside of it stops the force for good. That reading and all
-        after it are ignored: for the coupling the device stays where it was. None: all readings count.
-    """
-
-    def __init__(
-        self,
-        endpoint: DeviceControl,
-        device: Device,
-        make_servo: Callable[[Vector, bool], DeviceCoupling],
-        drive: Drive,
-        declared: OperatingRange | None = None,
-    ) -> None:
-        super().__init__(endpoint, device, drive)
-        self._declared = declared
-        self._watch: RangeWatch | None = None
-        self._simulated = device if isinstance(device, SimulatedDevice) else None
-        self._make_servo = make_servo
-        self._true_ledger: Ledger | None = None
-        self._hand = Ledger(0.0, 0.0)
-
-    @property
-    def hand_work(self) -> float:
-        return self._hand.work
-
-    @property
-    def true_slack(self) -> float | None:
-        return None if self._true_ledger is None else self._true_ledger.slack_min
-
-    @property
-    def quantisation(self) -> float | None:
-        return self._servo.quantisation if self.origin_ns is not None else None
-
-    def held_forces(self) -> dict[str, Any]:
-        return {} if self.origin_ns is None else self._servo.figures()
-
-    def stop(self) -> None:
-        super().stop()
-        if self.origin_ns is not None:
-            self._servo.stop()
-
-    def _start(self, x: Vector) -> None:
-        if self._declared is not None:
-            if (where := self._declared.outside(x)) is not None:
-                raise HapnetError(f"the device cannot begin: {where}")
-            self._watch = RangeWatch(self._declared, self.device.resolution, x)
-        servo = self._servo = self._make_servo(x, self.endpoint.restarted)
-        self.endpoint.start(servo)
-        self._x = x
-        if self._simulated is not None:
-            self._true_work = MeasuredHarvest(servo.trusted_damping)
-            stored = servo.coupling.potential(self._simulated.position) + self._kinetic
-            self._true_ledger = Ledger(stored, servo.coupling.account)
-
-    def _control(self, now_ns: int, *, release: bool) -> bytes | None:
-        simulated, servo = self._simulated, self._servo
-        before: Vector = ()
-        elapsed_s = hand_work = 0.0
-        if simulated is not None:
-            before = simulated.position
-            periods = self._periods(now_ns)
-            elapsed_s = periods * simulated.period
-            for _ in range(periods):
-                hand_work += simulated.advance()
-            self._hand.put_in(hand_work)
-        x, v = self.device.read()
-        dt = max((self._clock() - self._last_ns) * NANO, elapsed_s)
-        if self._watch is None or self._watch.passes(dt, x, v):
-            self._x = x
-        else:
-            self._stop_force(now_ns, self._watch.why)
-            v, release = (0.0,) * len(v), True
-        held = servo.force  # the force really applied, where the device reports it
-        message = self.endpoint.tick_sampled(now_ns, dt, self._x, v, release=release)
-        applied = self.device.apply(servo.force)
-        if applied is None:
-            self.applied = False
-        else:
-            servo.force = applied
-        if simulated is not None:
-            actuator_work = self._true_work.hold(held, before, simulated.position, dt)
-            self._observe_truth(hand_work if servo.harvest == "range" else actuator_work, simulated.position)
-        return message
-
-    def _stop_force(self, now_ns: int, why: str | None) -> None:
-        if self.stopped is None and why is not None:
-            self.stopped = now_ns, why
-            self._write(Event(now_ns, "stopped", f"the device renders no force any more: {why}"))
-
-    @property
-    def _kinetic(self) -> float:
-        """The device's kinetic energy [J], if the true account is at the hand's port; otherwise 0."""
-        return self._simulated.kinetic if self._simulated is not None and self._servo.harvest == "range" else 0.0
-
-    def _observe_truth(self, work: float, x: Vector) -> None:
-        ledger = self._true_ledger
-        assert ledger is not None
-        own = self.coupling.ledger
-        ledger.put_in(work)
-        ledger.credited, ledger.sent = own.credited, own.sent
-        ledger.observe(self.coupling.potential(x) + self._kinetic, self._servo.account)
-
-    def _sample(self, now_ns: int) -> DeviceSample:
-        simulated = self._simulated
-        hand, target = (None, None) if simulated is None else (simulated.hand_force, simulated.references[-1])
-        return self._sampled(now_ns, self._x, self._servo.force, hand, target, self._servo.parts)

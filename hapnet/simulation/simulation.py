@@ -303,9 +303,7 @@ class Simulation:
             port.collect()
             due[_DEVICE_TIMER] = _or_never(port.wire.next_due_ns)
         if device.ledger is not None:
-            self.two_port.device(device.ledger.work)
-            if self.hand is not self.two_port:
-                self.hand.device(device.hand_work)
+            self._observe(device.ledger.work, device.hand_work)
         self._tick_ns = now + self.period_ns
         due[_TICK] = self._tick_ns + device.resting * self.period_ns
         if packets:
@@ -319,8 +317,14 @@ class Simulation:
         """
         ticks = -((self._tick_ns - until_ns) // self.period_ns)
         if ticks > 0:
-            self.device.rest(self._tick_ns, ticks, self.two_port.device, then_tick=then_tick)
+            self.device.rest(self._tick_ns, ticks, self._observe, then_tick=then_tick)
             self._tick_ns += ticks * self.period_ns
+
+    def _observe(self, work: float, hand_work: float) -> None:
+        """The energy put in so far at the port of the device's account, and by the hand [J]."""
+        self.two_port.device(work)
+        if self.hand is not self.two_port:
+            self.hand.device(hand_work)
 
     def _wake(self) -> None:
         """The device's next tick may not wait if something has arrived for it."""

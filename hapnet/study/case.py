@@ -27,7 +27,7 @@ from hapnet.plant.worlds.moving_wall import MovingWall
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.walls import Wall
 from hapnet.recording.samples import Columns, Recording
-from hapnet.side.device import SampledDeviceSide
+from hapnet.side.sampled_device import SampledDeviceSide
 from hapnet.simulation.simulation import Result, Simulation
 from hapnet.summary.structure import LinkPart, SidePart, Summary
 from hapnet.summary.verdict import ROUNDING_J, broken

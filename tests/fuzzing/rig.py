@@ -11,8 +11,9 @@ import numpy as np
 from hapnet.assembly.build import Setup, device_session, device_side, prepare, world_session, world_side
 from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.params import Params
-from hapnet.side.device import DeviceSide, SampledDeviceSide
+from hapnet.side.device import DeviceSide
 from hapnet.side.endpoint import DeviceEndpoint, WorldEndpoint
+from hapnet.side.sampled_device import SampledDeviceSide
 from hapnet.side.world import WorldSide
 from hapnet.wire.events import PositionReceived
 from hapnet.wire.messages import Role

@@ -1,0 +1,165 @@
+"""The device's side whose torque is held from tick to tick, as on hardware."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from hapnet.checks import Vector
+from hapnet.control.coupling import DeviceCoupling
+from hapnet.control.harvest import MeasuredHarvest
+from hapnet.control.ledger import Ledger
+from hapnet.errors import HapnetError
+from hapnet.plant.device import Device, SimulatedDevice
+from hapnet.plant.operating_range import OperatingRange, RangeWatch
+from hapnet.recording.samples import DeviceSample, Event
+from hapnet.side.device import DeviceSide, Drive, Observe
+from hapnet.side.endpoint import NANO, DeviceControl
+
+
+class SampledDeviceSide(DeviceSide):
+    """Any device with its torque held from tick to tick; its account is at the actuator's port.
+
+    make_servo : called with a measured position [m], and whether the reservoir is empty; makes the law.
+    declared : the device's operating range. A reading outside of it stops the force for good. That reading and all
+        after it are ignored: for the coupling the device stays where it was. None: all readings count.
+    """
+
+    def __init__(
+        self,
+        endpoint: DeviceControl,
+        device: Device,
+        make_servo: Callable[[Vector, bool], DeviceCoupling],
+        drive: Drive,
+        declared: OperatingRange | None = None,
+    ) -> None:
+        super().__init__(endpoint, device, drive)
+        self._declared = declared
+        self._watch: RangeWatch | None = None
+        self._simulated = device if isinstance(device, SimulatedDevice) else None
+        self._make_servo = make_servo
+        self._true_ledger: Ledger | None = None
+        self._hand = Ledger(0.0, 0.0)
+        self._resting: Callable[[float], int] | None = None
+
+    @property
+    def hand_work(self) -> float:
+        return self._hand.work
+
+    @property
+    def true_slack(self) -> float | None:
+        return None if self._true_ledger is None else self._true_ledger.slack_min
+
+    @property
+    def quantisation(self) -> float | None:
+        return self._servo.quantisation if self.origin_ns is not None else None
+
+    def held_forces(self) -> dict[str, Any]:
+        return {} if self.origin_ns is None else self._servo.figures()
+
+    def stop(self) -> None:
+        super().stop()
+        if self.origin_ns is not None:
+            self._servo.stop()
+
+    def _start(self, x: Vector) -> None:
+        if self._declared is not None:
+            if (where := self._declared.outside(x)) is not None:
+                raise HapnetError(f"the device cannot begin: {where}")
+            self._watch = RangeWatch(self._declared, self.device.resolution, x)
+        servo = self._servo = self._make_servo(x, self.endpoint.restarted)
+        self.endpoint.start(servo)
+        self._x = x
+        if self._simulated is not None:
+            self._true_work = MeasuredHarvest(servo.trusted_damping)
+            stored = servo.coupling.potential(self._simulated.position) + self._kinetic
+            self._true_ledger = Ledger(stored, servo.coupling.account)
+            self._resting_dt = max(self._period_ns * NANO, self._simulated.period)
+            self._resting = getattr(servo, "resting", None)  # a user's own coupling may have been written without it
+
+    def _control(self, now_ns: int, *, release: bool) -> bytes | None:
+        simulated, servo = self._simulated, self._servo
+        before: Vector = ()
+        elapsed_s = hand_work = 0.0
+        if simulated is not None:
+            before = simulated.position
+            periods = self._periods(now_ns)
+            elapsed_s = periods * simulated.period
+            for _ in range(periods):
+                hand_work += simulated.advance()
+            self._hand.put_in(hand_work)
+        x, v = self.device.read()
+        dt = max((self._clock() - self._last_ns) * NANO, elapsed_s)
+        if self._watch is None or self._watch.passes(dt, x, v):
+            self._x = x
+        else:
+            self._stop_force(now_ns, self._watch.why)
+            v, release = (0.0,) * len(v), True
+        held = servo.force  # the force really applied, where the device reports it
+        message = self.endpoint.tick_sampled(now_ns, dt, self._x, v, release=release)
+        applied = self.device.apply(servo.force)
+        if applied is None:
+            self.applied = False
+        else:
+            servo.force = applied
+        if simulated is not None:
+            self._observe_truth(dt, held, before, simulated.position, hand_work)
+        return message
+
+    @property
+    def resting(self) -> int:
+        if self._resting is None or self.endpoint.has_news or self.paused:
+            return 0
+        return self._resting(self._resting_dt)
+
+    def rest(self, now_ns: int, ticks: int, observe: Observe, *, then_tick: bool) -> None:
+        simulated, servo, hand, ledger, dt = self._simulated, self._servo, self._hand, self.ledger, self._resting_dt
+        assert simulated is not None, "only simulated ticks may wait"
+        assert ledger is not None, "control has not started"
+        lowest, hand_lowest = ledger.work, hand.work
+        for at_ns in range(now_ns, now_ns + ticks * self._period_ns, self._period_ns):
+            before = simulated.position
+            hand_work = simulated.advance()
+            hand.put_in(hand_work)
+            self._x, v = simulated.read()
+            held = servo.force
+            update = servo.tick(dt, self._x, v)
+            assert update is None, "a tick that sends something may not wait"
+            servo.force = simulated.apply(servo.force)
+            self._observe_truth(dt, held, before, simulated.position, hand_work)
+            if ledger.work < lowest:
+                lowest = ledger.work
+            if hand.work < hand_lowest:
+                hand_lowest = hand.work
+            self.ticks += 1
+            if self.ticks % self._record_every == 0:
+                self._write(self._sample(at_ns))
+        observe(lowest, hand_lowest)
+        observe(ledger.work, hand.work)
+        self._last_ns = self._expected_ns = now_ns + (ticks - 1) * self._period_ns
+
+    def _stop_force(self, now_ns: int, why: str | None) -> None:
+        if self.stopped is None and why is not None:
+            self.stopped = now_ns, why
+            self._write(Event(now_ns, "stopped", f"the device renders no force any more: {why}"))
+
+    @property
+    def _kinetic(self) -> float:
+        """The device's kinetic energy [J], if the true account is at the hand's port; otherwise 0."""
+        return self._simulated.kinetic if self._simulated is not None and self._servo.harvest == "range" else 0.0
+
+    def _observe_truth(self, dt: float, held: Vector, before: Vector, x: Vector, hand_work: float) -> None:
+        """Count a tick of `dt` seconds from `before` to x [m] in the account with the true positions."""
+        ledger, work = self._true_ledger, self._true_work.hold(held, before, x, dt)
+        assert ledger is not None
+        if self._servo.harvest == "range":
+            work = hand_work
+        own = self.coupling.ledger
+        ledger.put_in(work)
+        ledger.credited, ledger.sent = own.credited, own.sent
+        ledger.observe(self.coupling.potential(x) + self._kinetic, self._servo.account)
+
+    def _sample(self, now_ns: int) -> DeviceSample:
+        simulated = self._simulated
+        hand, target = (None, None) if simulated is None else (simulated.hand_force, simulated.references[-1])
+        return self._sampled(now_ns, self._x, self._servo.force, hand, target, self._servo.parts)
