@@ -30,7 +30,7 @@ from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.operator import Operator
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.registry import SCENES, make_scene, scene_parameters
-from hapnet.recording.samples import Event
+from hapnet.recording.samples import Event, MotionSample
 from hapnet.side.device import Clock, ContinuousDeviceSide, DeviceSide, Drive, Write
 from hapnet.side.endpoint import NANO, DeviceControl, WorldControl
 from hapnet.side.sampled_device import SampledDeviceSide
@@ -163,8 +163,17 @@ def world_session(setup: Setup, incarnation: int, name: str = "world") -> Sessio
     return _session(setup, "world", name, incarnation)
 
 
-def device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write) -> DeviceSide:
-    """The device (simulated in its hand, or the user's own) with its servo, for an endpoint or its control half."""
+def device_side(
+    setup: Setup,
+    endpoint: DeviceControl,
+    clock: Clock,
+    write: Write,
+    write_motion: Callable[[MotionSample], None] | None = None,
+) -> DeviceSide:
+    """The device (simulated in its hand, or the user's own) with its servo, for an endpoint or its control half.
+
+    clock, write, write_motion : as in `Drive`; only a simulated device can write its motion alone.
+    """
     endpoint.deadband = deadband(setup.params, "device")
     if setup.params.hardware != "simulated":
         return _user_device_side(setup, endpoint, clock, write)
@@ -183,7 +192,7 @@ def device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Writ
     )
     if simulated.dof != setup.dof:
         raise InvalidParameter("operator", params.operator, f"a hand with {setup.dof} axes, as the scene has")
-    drive = _drive(setup, clock, write)
+    drive = dataclasses.replace(_drive(setup, clock, write), write_motion=write_motion)
     if setup.servo == "continuous":
         make = _continuous(setup)
         with _named("device"):

@@ -53,6 +53,15 @@ class DeviceSample(NamedTuple):
     added_damping_force_N: Vector | None = None
 
 
+class MotionSample(NamedTuple):
+    """What the metrics need of a `DeviceSample`: a study of thousands of runs records no more."""
+
+    time_ns: int
+    position_m: Vector
+    force_N: Vector
+    operator_target_m: Vector | None
+
+
 class WorldSample(NamedTuple):
     """The world's side at the start of one step of length `step_s`; `position_m` is the proxy's.
 
@@ -86,6 +95,7 @@ class Event(NamedTuple):
 
 
 Sample: TypeAlias = DeviceSample | WorldSample | Event
+"""What goes to a file, to a watcher and to memory."""
 
 _SCALARS = ("time_ns", "step_s", "penetration_m")  # and the energies; all other fields are vectors
 VECTORS = frozenset(
@@ -103,7 +113,8 @@ class Recording:
 
     `device` and `world` map field names to arrays: ``time_ns`` (N,) int64, ``time_s`` (N,) seconds since
     ``meta["origin_ns"]``, vectors (N, n), all else (N,); NaN where a value is unknown. A side that was not recorded is
-    None. `torn` : the file ended before its writer closed it.
+    None; of a device of which only the motion was recorded (`MotionSample`) there are no other columns.
+    `torn` : the file ended before its writer closed it.
     """
 
     meta: dict[str, Any]
@@ -124,9 +135,9 @@ class MemoryRecorder:
 
     def __init__(self, meta: Mapping[str, Any]) -> None:
         self._meta = meta
-        self._samples: list[Sample] = []
+        self._samples: list[Sample | MotionSample] = []
 
-    def write(self, sample: Sample) -> None:
+    def write(self, sample: Sample | MotionSample) -> None:
         self._samples.append(sample)
 
     def recording(self, summary: Mapping[str, Any] | None = None) -> Recording:
@@ -176,12 +187,12 @@ def join(a: Recording, b: Recording) -> Recording:
 
 
 def from_samples(
-    meta: dict[str, Any], samples: Iterable[Sample], summary: Mapping[str, Any] | None, torn: bool
+    meta: dict[str, Any], samples: Iterable[Sample | MotionSample], summary: Mapping[str, Any] | None, torn: bool
 ) -> Recording:
     """`samples` as columns; a missing ``meta["origin_ns"]`` becomes the time of the first sample."""
-    device, world, events = list[DeviceSample](), list[WorldSample](), list[Event]()
+    device, world, events = list[DeviceSample | MotionSample](), list[WorldSample](), list[Event]()
     for sample in samples:
-        if isinstance(sample, DeviceSample):
+        if isinstance(sample, DeviceSample | MotionSample):
             device.append(sample)
         elif isinstance(sample, WorldSample):
             world.append(sample)
@@ -192,7 +203,7 @@ def from_samples(
     return Recording(meta, _columns(device, origin), _columns(world, origin), events, summary, torn)
 
 
-def _columns(samples: list[DeviceSample] | list[WorldSample], origin_ns: int) -> Columns | None:
+def _columns(samples: list[DeviceSample | MotionSample] | list[WorldSample], origin_ns: int) -> Columns | None:
     if not samples:
         return None
     kind = type(samples[0])

@@ -16,7 +16,7 @@ from hapnet.control.ledger import Ledger
 from hapnet.control.set_position_servo import ContinuousServo
 from hapnet.plant.device import Device, SimulatedDevice, TickResult
 from hapnet.plant.live_hand import LiveHand
-from hapnet.recording.samples import DeviceSample, Event, Sample
+from hapnet.recording.samples import DeviceSample, Event, MotionSample, Sample
 from hapnet.side.endpoint import NANO, DeviceControl
 
 Write = Callable[[Sample], None]
@@ -38,6 +38,7 @@ class Drive:
         ticks after it, until one is in time. From there the coupling starts again, as fast as the limit of the
         force's step allows. None: no watchdog.
     clock : read once more after the device was read, so that no interval is taken too short (10).
+    write_motion : takes the device's samples in place of `write`, with the motion alone.
     """
 
     period_ns: int
@@ -45,6 +46,7 @@ class Drive:
     write: Write
     record_every: int = 1
     watchdog_ns: int | None = None
+    write_motion: Callable[[MotionSample], None] | None = None
 
 
 class DeviceSide(ABC):
@@ -77,7 +79,7 @@ class DeviceSide(ABC):
         self._longest_ns = _NEVER if drive.watchdog_ns is None else drive.period_ns + drive.watchdog_ns
         self._released = False
         self._clock = drive.clock
-        self._write = drive.write
+        self._write, self._write_motion = drive.write, drive.write_motion
         self._record_every = drive.record_every
         self._last_ns = 0
         self._expected_ns = 0  # the time up to which a simulated device was advanced
@@ -134,7 +136,7 @@ class DeviceSide(ABC):
         self._last_ns = now_ns
         self.ticks += 1
         if self.ticks % self._record_every == 0 and not self.paused:
-            self._write(self._sample(now_ns))
+            self._sample(now_ns)
         return message
 
     @property
@@ -174,7 +176,11 @@ class DeviceSide(ABC):
     def _control(self, now_ns: int, *, release: bool) -> bytes | None: ...
 
     @abstractmethod
-    def _sample(self, now_ns: int) -> DeviceSample: ...
+    def _sample(self, now_ns: int) -> None:
+        """Record this tick."""
+
+    @abstractmethod
+    def _parts(self, x: Vector, force: Vector) -> ForceParts | None: ...
 
     def _periods(self, now_ns: int) -> int:
         """How many periods to advance a simulated device, so that it keeps up with the clock: 1 if all is well.
@@ -191,21 +197,19 @@ class DeviceSide(ABC):
         self._expected_ns += (periods - 1) * self._period_ns
         return periods
 
-    def _sampled(
-        self,
-        now_ns: int,
-        x: Vector,
-        force: Vector,
-        hand: Vector | None,
-        target: Vector | None,
-        parts: ForceParts | None,
-    ) -> DeviceSample:
+    def _record(self, now_ns: int, x: Vector, force: Vector, hand: Vector | None, target: Vector | None) -> None:
+        """Write a sample of the device at x [m], with the forces on it [N] and where its hand aims [m]."""
+        if self._write_motion is not None:
+            self._write_motion(MotionSample(now_ns, x, force, target))
+            return
         coupling = self.endpoint.coupling
         ledger = coupling.ledger
-        return DeviceSample(
-            now_ns, x, coupling.set_position, coupling.target, force, hand, coupling.reservoir, coupling.deficit,
-            coupling.potential(x), ledger.sent, ledger.credited, ledger.margin, ledger.slack, target,
-            *(parts or _UNKNOWN),
+        self._write(
+            DeviceSample(
+                now_ns, x, coupling.set_position, coupling.target, force, hand, coupling.reservoir, coupling.deficit,
+                coupling.potential(x), ledger.sent, ledger.credited, ledger.margin, ledger.slack, target,
+                *(self._parts(x, force) or _UNKNOWN),
+            )
         )  # fmt: skip
 
 
@@ -266,7 +270,7 @@ class ContinuousDeviceSide(DeviceSide):
             tick += 1
             if tick % every == 0:
                 at_ns = now_ns + (tick - self.ticks - 1) * self._period_ns
-                self._write(self._sampled(at_ns, x, force, hand_force, target, servo.parts(x, force)))
+                self._record(at_ns, x, force, hand_force, target)
         observe(lowest, lowest)
         observe(ledger.work, ledger.work)
         self._last_ns = self._expected_ns = now_ns + (ticks - 1) * self._period_ns
@@ -289,8 +293,9 @@ class ContinuousDeviceSide(DeviceSide):
         device.move_set_position(self._servo.coupling.modulator.set_position)
         return message
 
-    def _sample(self, now_ns: int) -> DeviceSample:
+    def _sample(self, now_ns: int) -> None:
         device = self.device
-        x, force = device.position, device.actuator_force
-        parts = self._servo.parts(x, force)
-        return self._sampled(now_ns, x, force, device.hand_force, device.references[-1], parts)
+        self._record(now_ns, device.position, device.actuator_force, device.hand_force, device.references[-1])
+
+    def _parts(self, x: Vector, force: Vector) -> ForceParts:
+        return self._servo.parts(x, force)

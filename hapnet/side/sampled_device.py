@@ -6,13 +6,13 @@ from collections.abc import Callable
 from typing import Any
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import DeviceCoupling
+from hapnet.control.coupling import DeviceCoupling, ForceParts
 from hapnet.control.harvest import MeasuredHarvest
 from hapnet.control.ledger import Ledger
 from hapnet.errors import HapnetError
 from hapnet.plant.device import Device, SimulatedDevice
 from hapnet.plant.operating_range import OperatingRange, RangeWatch
-from hapnet.recording.samples import DeviceSample, Event
+from hapnet.recording.samples import Event
 from hapnet.side.device import DeviceSide, Drive, Observe
 from hapnet.side.endpoint import NANO, DeviceControl
 
@@ -133,7 +133,7 @@ class SampledDeviceSide(DeviceSide):
                 hand_lowest = hand.work
             self.ticks += 1
             if self.ticks % self._record_every == 0:
-                self._write(self._sample(at_ns))
+                self._sample(at_ns)
         observe(lowest, hand_lowest)
         observe(ledger.work, hand.work)
         self._last_ns = self._expected_ns = now_ns + (ticks - 1) * self._period_ns
@@ -159,7 +159,10 @@ class SampledDeviceSide(DeviceSide):
         ledger.credited, ledger.sent = own.credited, own.sent
         ledger.observe(self.coupling.potential(x) + self._kinetic, self._servo.account)
 
-    def _sample(self, now_ns: int) -> DeviceSample:
+    def _sample(self, now_ns: int) -> None:
         simulated = self._simulated
         hand, target = (None, None) if simulated is None else (simulated.hand_force, simulated.references[-1])
-        return self._sampled(now_ns, self._x, self._servo.force, hand, target, self._servo.parts)
+        self._record(now_ns, self._x, self._servo.force, hand, target)
+
+    def _parts(self, x: Vector, force: Vector) -> ForceParts | None:
+        return self._servo.parts

@@ -65,13 +65,14 @@ class Simulation:
     ----------
     params : the parameters of the run. seed : of all random draws.
     setup : the result of `prepare` for these parameters, if it exists already.
+    motion_only : record of the device only its motion, for metrics (`MotionSample`).
 
     Raises
     ------
     InvalidParameter, netem.NetemError : the parameters are not valid for a run.
     """
 
-    def __init__(self, params: Params, seed: int = 0, setup: Setup | None = None) -> None:
+    def __init__(self, params: Params, seed: int = 0, setup: Setup | None = None, *, motion_only: bool = False) -> None:
         if params.hardware != "simulated":
             raise InvalidParameter("hardware", params.hardware, "simulated: a real device does not run in virtual time")
         self.seed = seed
@@ -84,9 +85,10 @@ class Simulation:
         up, down, steps, names = np.random.SeedSequence(seed).spawn(4)
         incarnations = np.random.default_rng(names).integers(1, 2**63, size=2).tolist()
         write = self._writer()
+        write_motion = self._recorder.write if motion_only else None
         self.device_endpoint = DeviceEndpoint(device_session(self.setup, incarnations[0]))
         self.world_endpoint = WorldEndpoint(world_session(self.setup, incarnations[1]))
-        self.device = device_side(self.setup, self.device_endpoint, lambda: self.now_ns, write)
+        self.device = device_side(self.setup, self.device_endpoint, lambda: self.now_ns, write, write_motion)
         self.world = world_side(self.setup, self.world_endpoint, np.random.default_rng(steps), write)
         self.up: Link[Packet] = Link(self.setup.up, seed=up)
         self.down: Link[Packet] = Link(self.setup.down, seed=down)

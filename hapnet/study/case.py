@@ -58,7 +58,7 @@ def kept(measures: Measures) -> bool:
 
 @dataclass(frozen=True)
 class Run:
-    """A simulated run with each tick of the servo recorded, and its scene."""
+    """A simulated run with the motion of each tick of the servo recorded, and its scene."""
 
     params: Params
     result: Result
@@ -95,7 +95,7 @@ def check(params: Params) -> tuple[str, ...]:
 
 def simulated(params: Params, seed: int) -> Run:
     """The run of a case."""
-    simulation = Simulation(params.set({"record_hz": params.device.servo_hz}), seed)
+    simulation = Simulation(params.set({"record_hz": params.device.servo_hz}), seed, motion_only=True)
     return Run(params, simulation.run(), simulation.setup.scene)
 
 
