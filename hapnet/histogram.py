@@ -20,8 +20,8 @@ class Histogram:
 
     @classmethod
     def _index(cls, value: int) -> int:
-        shift = max(0, value.bit_length() - cls._SUB_BITS - 1)
-        return (shift << cls._SUB_BITS) + (value >> shift)
+        shift = value.bit_length() - cls._SUB_BITS - 1
+        return (shift << cls._SUB_BITS) + (value >> shift) if shift > 0 else value
 
     @classmethod
     def _highest(cls, index: int) -> int:
@@ -31,8 +31,9 @@ class Histogram:
 
     def add(self, value: int) -> None:
         """Count one value; a negative one counts as 0."""
-        value = max(0, value)
-        self._counts[min(self._index(value), len(self._counts) - 1)] += 1
+        index = self._index(value) if value > 0 else 0
+        counts = self._counts
+        counts[index if index < len(counts) else -1] += 1
         if value > self.max:
             self.max = value
 

@@ -60,8 +60,11 @@ class PassivityController(VirtualCoupling):
     def force(self, dt: float, x: Vector, v: Vector, held: Vector) -> Vector:
         """The force to hold [N]; the arguments are those of `DeviceLaw.force`."""
         self._observe(x, held)
+        coupled = self.coupled(x, v)
+        if min(self.energy) >= 0.0:
+            return coupled
         damping = [self._alpha(W, speed, dt) for W, speed in zip(self.energy, v, strict=True)]
-        return tuple(map(sub, self.coupled(x, v), map(mul, damping, v)))
+        return tuple(map(sub, coupled, map(mul, damping, v)))
 
     def release(self, dt: float, x: Vector, held: Vector) -> None:
         """The observer continues. The spring is tied to x until a sample arrives."""

@@ -96,7 +96,7 @@ class ContinuousServo:
 
     def parts(self, x: Vector, force: Vector) -> ForceParts:
         """What the device's force at x is made of [N]; what the spring does not give is the damper's."""
-        spring = self.coupling.spring.force(tuple(map(sub, x, self.coupling.set_position)))
+        spring = self.coupling.spring.force(self.coupling.set_position, x)
         return _parts(self.coupling, self._model, x, spring, tuple(map(sub, force, spring)))
 
 
@@ -220,7 +220,7 @@ class SampledServo:
     def parts(self) -> ForceParts:
         """What the force of the last tick is made of."""
         x = self._position
-        spring = self.coupling.spring.force(tuple(map(sub, x, self.coupling.set_position)))
+        spring = self.coupling.spring.force(self.coupling.set_position, x)
         damper = tuple([-b * v for b, v in zip(self.damping, self._velocity, strict=True)])
         return _parts(self.coupling, self._model, x, spring, damper)
 
@@ -332,7 +332,7 @@ class SampledServo:
 
     def _render(self, x: Vector, v: Vector) -> None:
         self._velocity = v
-        spring = self.coupling.spring.force(tuple(map(sub, x, self.coupling.set_position)))
+        spring = self.coupling.spring.force(self.coupling.set_position, x)
         wanted = tuple(map(sub, spring, map(mul, self.damping, v)))
         energy = math.inf
         if self._guard.has_account:
@@ -351,7 +351,7 @@ class SampledServo:
 
     def _unsprung(self) -> float:
         """Distance between the held force and the spring's, summed over the axes [N]."""
-        spring = self.coupling.spring.force(tuple(map(sub, self._position, self.coupling.set_position)))
+        spring = self.coupling.spring.force(self.coupling.set_position, self._position)
         distance: float = sum(map(abs, map(sub, self.force, spring)))
         return distance
 

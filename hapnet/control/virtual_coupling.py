@@ -40,8 +40,7 @@ class VirtualCoupling:
 
     def coupled(self, x: Vector, v: Vector) -> Vector:
         """The spring's and the damper's force [N] at x [m] and v [m/s]."""
-        spring = self._spring.force(tuple(map(sub, x, self.set_position)))
-        return tuple(map(sub, spring, map(mul, self._damping, v)))
+        return tuple(map(sub, self._spring.force(self.set_position, x), map(mul, self._damping, v)))
 
     def moved(self, x: Vector) -> Vector:
         """Displacement from the last measured position to x [m]; x becomes the last position."""

@@ -69,15 +69,18 @@ class Spring:
             return 0.5 * square
         return self.knee * math.sqrt(square) - 0.5 * self._knee_square
 
-    def force(self, e: Vector) -> Vector:
-        """The spring's force on the device [N] at the offset e [m]."""
+    def force(self, ybar: Vector, x: Vector) -> Vector:
+        """The force on the device at x of the spring that ties it to ybar [N]."""
         scale = -1.0
-        square = self._K11 * e[0] * e[0] if self.dof == 1 else self.ellipsoid.square(e)
-        if square > self._knee_square:
-            scale = -self.knee / math.sqrt(square)
         if self.dof == 1:
-            return (scale * self._K11 * e[0],)
-        return tuple([scale * sum(map(mul, row, e)) for row in self._rows])
+            e, K = x[0] - ybar[0], self._K11
+            if (square := K * e * e) > self._knee_square:
+                scale = -self.knee / math.sqrt(square)
+            return (scale * K * e,)
+        offset = tuple(map(sub, x, ybar))
+        if (square := self.ellipsoid.square(offset)) > self._knee_square:
+            scale = -self.knee / math.sqrt(square)
+        return tuple([scale * sum(map(mul, row, offset)) for row in self._rows])
 
     def saturation(self, e: Vector) -> float:
         """The share of the linear spring's force ``-K e`` that it gives at the offset e [m]: 1 up to the limit."""

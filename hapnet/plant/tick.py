@@ -124,8 +124,9 @@ class TickModel:
             work = f = 0.0
             for _ in substeps:
                 hand += hand_step
-                middle = (inertia * v + torque + hand - kh * x) * mobility
-                f = hand - kh * x + hand_mass * v - response * middle
+                pull = kh * x
+                middle = (inertia * v + torque + hand - pull) * mobility
+                f = hand - pull + hand_mass * v - response * middle
                 work += f * middle
                 v = middle + middle - v
                 x += h * middle

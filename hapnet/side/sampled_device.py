@@ -72,7 +72,9 @@ class SampledDeviceSide(DeviceSide):
         self._x = x
         if self._simulated is not None:
             self._true_work = MeasuredHarvest(servo.trusted_damping)
-            stored = servo.coupling.potential(self._simulated.position) + self._kinetic
+            stored = servo.coupling.potential(self._simulated.position)
+            if servo.harvest == "range":  # the account is at the hand's port
+                stored += self._simulated.kinetic
             self._true_ledger = Ledger(stored, servo.coupling.account)
             self._resting_dt = max(self._period_ns * NANO, self._simulated.period)
             self._resting = getattr(servo, "resting", None)  # a user's own coupling may have been written without it
@@ -103,7 +105,7 @@ class SampledDeviceSide(DeviceSide):
         else:
             servo.force = applied
         if simulated is not None:
-            self._observe_truth(dt, held, before, simulated.position, hand_work)
+            self._observe_truth(simulated, dt, held, before, hand_work)
         return message
 
     @property
@@ -118,7 +120,7 @@ class SampledDeviceSide(DeviceSide):
         assert ledger is not None, "control has not started"
         lowest, hand_lowest = ledger.work, hand.work
         for at_ns in range(now_ns, now_ns + ticks * self._period_ns, self._period_ns):
-            before = simulated.position
+            before = simulated.state.position
             hand_work = simulated.advance()
             hand.put_in(hand_work)
             self._x, v = simulated.read()
@@ -126,7 +128,7 @@ class SampledDeviceSide(DeviceSide):
             update = servo.tick(dt, self._x, v)
             assert update is None, "a tick that sends something may not wait"
             servo.force = simulated.apply(servo.force)
-            self._observe_truth(dt, held, before, simulated.position, hand_work)
+            self._observe_truth(simulated, dt, held, before, hand_work)
             if ledger.work < lowest:
                 lowest = ledger.work
             if hand.work < hand_lowest:
@@ -143,26 +145,29 @@ class SampledDeviceSide(DeviceSide):
             self.stopped = now_ns, why
             self._write(Event(now_ns, "stopped", f"the device renders no force any more: {why}"))
 
-    @property
-    def _kinetic(self) -> float:
-        """The device's kinetic energy [J], if the true account is at the hand's port; otherwise 0."""
-        return self._simulated.kinetic if self._simulated is not None and self._servo.harvest == "range" else 0.0
-
-    def _observe_truth(self, dt: float, held: Vector, before: Vector, x: Vector, hand_work: float) -> None:
-        """Count a tick of `dt` seconds from `before` to x [m] in the account with the true positions."""
-        ledger, work = self._true_ledger, self._true_work.hold(held, before, x, dt)
+    def _observe_truth(
+        self, simulated: SimulatedDevice, dt: float, held: Vector, before: Vector, hand_work: float
+    ) -> None:
+        """Count a tick of `dt` seconds that began at `before` [m] in the account with the true positions."""
+        ledger, own, servo = self._true_ledger, self.ledger, self._servo
         assert ledger is not None
-        if self._servo.harvest == "range":
-            work = hand_work
-        own = self.coupling.ledger
-        ledger.put_in(work)
+        assert own is not None
+        x = simulated.state.position
+        stored = servo.coupling.potential(x)
+        if servo.harvest == "measured":
+            ledger.put_in(self._true_work.hold(held, before, x, dt))
+        else:  # at the hand's port
+            ledger.put_in(hand_work)
+            stored += simulated.kinetic
         ledger.credited, ledger.sent = own.credited, own.sent
-        ledger.observe(self.coupling.potential(x) + self._kinetic, self._servo.account)
+        ledger.observe(stored, servo.account)
 
     def _sample(self, now_ns: int) -> None:
         simulated = self._simulated
-        hand, target = (None, None) if simulated is None else (simulated.hand_force, simulated.references[-1])
-        self._record(now_ns, self._x, self._servo.force, hand, target)
+        if simulated is None:
+            self._record(now_ns, self._x, self._servo.force, None, None)
+        else:
+            self._record(now_ns, self._x, self._servo.force, simulated.state.hand_force, simulated.references[-1])
 
     def _parts(self, x: Vector, force: Vector) -> ForceParts | None:
         return self._servo.parts

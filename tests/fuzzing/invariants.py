@@ -314,7 +314,7 @@ def check_coupling(coupling: SetPositionCoupling, x: Vector, force_limit: float 
     state = (*x, *modulator.set_position, *coupling.target, ledger.margin, ledger.slack, ledger.credited, ledger.sent)
     hold(all(map(math.isfinite, state)), "not finite:", state)
     if force_limit is not None:
-        force = math.hypot(*coupling.spring.force(tuple(a - b for a, b in zip(x, modulator.set_position, strict=True))))
+        force = math.hypot(*coupling.spring.force(modulator.set_position, x))
         hold(force <= force_limit * (1.0 + ROUNDING), "the spring pulls with", force, "N of", force_limit)
 
 
