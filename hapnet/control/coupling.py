@@ -366,16 +366,12 @@ class LawServo:
     ) -> None:
         self.law = law
         self.coupling = LawState(law, initial_energy)
+        self.account = initial_energy
         self.trusted_damping = self.force = (0.0,) * len(position)
         self._due = period - TICK_SLACK_S
         self._elapsed = 0.0
         self._position = position
         self._force_limit = force_limit
-
-    @property
-    def account(self) -> float:
-        """The initial energy [J]: it never changes."""
-        return self.coupling.account
 
     def figures(self) -> dict[str, Any]:
         return {}

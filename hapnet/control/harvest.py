@@ -57,8 +57,7 @@ class MeasuredHarvest:
 
         Returns the work put in at the actuator's port, ``-tau . dx``, plus that put into the trusted damping [J].
         """
-        travel = tuple(map(sub, end, start))
-        work: float = -sum(map(mul, torque, travel))
+        work: float = -sum(map(mul, torque, map(sub, end, start)))
         if self._trusted is not None and period > 0.0:
             low, high = tuple(map(min, start, end)), tuple(map(max, start, end))
             work += dissipated_by_range(self._trusted, low, high, period, self._resolution)

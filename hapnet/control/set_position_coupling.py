@@ -110,6 +110,7 @@ class SetPositionCoupling:
         self._received: Vector = modulator.set_position
         self._sent_s: float | None = None
         self._credit = 0.0
+        self._potential: tuple[Vector, Vector, float] = modulator.set_position, modulator.set_position, 0.0
         stages.reset(modulator.set_position)
 
     @property
@@ -167,8 +168,12 @@ class SetPositionCoupling:
         return energy
 
     def potential(self, x: Vector) -> float:
-        """phi [J] with the present ybar."""
-        return self.spring.between(self.modulator.set_position, x)
+        """phi [J] with the present ybar; asked for several times a tick, and computed once for each x and ybar."""
+        ybar, (known_ybar, known_x, phi) = self.modulator.set_position, self._potential
+        if ybar is not known_ybar or x is not known_x:
+            phi = self.spring.between(ybar, x)
+            self._potential = ybar, x, phi
+        return phi
 
     def update(self, dt: float, x: Vector, dissipated: float, keep: float = 0.0) -> Modulation:
         """Run PSPM once, `dt` seconds after the last time, at position x [m] with D = `dissipated` [J].

@@ -155,10 +155,10 @@ class SampledDeviceSide(DeviceSide):
         x = simulated.state.position
         stored = servo.coupling.potential(x)
         if servo.harvest == "measured":
-            ledger.put_in(self._true_work.hold(held, before, x, dt))
+            work = self._true_work.hold(held, before, x, dt)
         else:  # at the hand's port
-            ledger.put_in(hand_work)
-            stored += simulated.kinetic
+            work, stored = hand_work, stored + simulated.kinetic
+        ledger.put_in(work)
         ledger.credited, ledger.sent = own.credited, own.sent
         ledger.observe(stored, servo.account)
 
