@@ -199,9 +199,9 @@ def test_runs_over_other_links_share_one_reference(monkeypatch: pytest.MonkeyPat
     made = []
 
     class Counted(Simulation):
-        def __init__(self, params: Params, seed: int) -> None:
+        def __init__(self, params: Params, seed: int, **more: bool) -> None:
             made.append((params.link.up, seed))
-            super().__init__(params, seed)
+            super().__init__(params, seed, **more)
 
     monkeypatch.setattr(case, "Simulation", Counted)
     case._reference.cache_clear()
