@@ -118,7 +118,8 @@ class Witness:
         return len(self.positions) - 1
 
     def _watch_device(self, simulation: Simulation, device: Any) -> None:
-        run, read, apply, move = device.run, device.read, device.apply, device.move_set_position
+        run, advance, read = device.run, device.advance, device.read
+        apply, move = device.apply, device.move_set_position
         couple = device.couple
         tied: list[Vector] = []
 
@@ -126,6 +127,13 @@ class Witness:
             results = run(ticks)
             self.positions.extend(one[1] for one in results)
             return results
+
+        def watched_advance() -> float:
+            seen = len(self.positions)
+            work: float = advance()
+            if len(self.positions) == seen:  # without `run`
+                self.positions.append(device.position)
+            return work
 
         def watched_read() -> tuple[Vector, Vector]:
             seen: tuple[Vector, Vector] = read()
@@ -148,7 +156,8 @@ class Witness:
                 tied[0] = set_position
             move(set_position)
 
-        device.run, device.read, device.apply = watched_run, watched_read, watched_apply
+        device.run, device.advance = watched_run, watched_advance
+        device.read, device.apply = watched_read, watched_apply
         device.couple, device.move_set_position = watched_couple, watched_move
         endpoint: Any = simulation.device_endpoint
         for name in ("tick_continuous", "tick_sampled"):
