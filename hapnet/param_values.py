@@ -50,6 +50,12 @@ def check_allowed(name: str, value: object, allowed: Allowed) -> None:
             raise InvalidParameter(name, value, str(allowed))
 
 
+def nested(section: Any) -> dict[str, Any]:
+    """All values, by name, those of a section in a dictionary of its own. Values do not change, so none is copied."""
+    values = {one.name: getattr(section, one.name) for one in fields(section)}
+    return {name: nested(value) if is_dataclass(value) else value for name, value in values.items()}
+
+
 def leaves(node: Any, prefix: str = "") -> Iterator[tuple[str, Any, dataclasses.Field[Any]]]:
     """(dotted name, value, field) of every parameter: a section's own values before its subsections."""
     branches = []

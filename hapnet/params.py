@@ -7,7 +7,6 @@ that its printing lost are reconstructed (marked "rec.").
 
 from __future__ import annotations
 
-import dataclasses
 import difflib
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
@@ -17,7 +16,7 @@ from types import MappingProxyType
 from typing import Any
 
 from hapnet.errors import InvalidParameter
-from hapnet.param_values import Allowed, Range, check_allowed, converted, flatten, leaves, replaced, toml_value
+from hapnet.param_values import Allowed, Range, check_allowed, converted, flatten, leaves, nested, replaced, toml_value
 
 COUPLING_NAMES = ("pspm", "zoh", "popc", "tdpa", "eba", "wave", "digital-wave", "pd")
 """Those of hapnet/couplings/registry.py, in the order in which people read them."""
@@ -390,7 +389,7 @@ class Params:
         return {name: value for name, value, _ in leaves(self)}
 
     def as_dict(self) -> dict[str, Any]:
-        return dataclasses.asdict(self)
+        return nested(self)
 
     def described(self) -> Iterator[tuple[str, str, str]]:
         """Dotted name, value as TOML has it, and meaning with unit of every parameter."""

@@ -6,6 +6,7 @@ import dataclasses
 import difflib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 from netem import effects, units
@@ -135,6 +136,7 @@ class LinkProfile:
         return cls.preset(text.strip()) if text.strip() in PRESETS else cls.parse(text)
 
     @classmethod
+    @cache
     def preset(cls, name: str) -> LinkProfile:
         """A named profile, for one direction; `PRESETS` holds the words of each."""
         if name not in PRESETS:

@@ -13,6 +13,7 @@ from typing import TypeVar
 
 from netem import units
 from netem.errors import ProfileError
+from netem.files import read_once
 
 OPPORTUNITY_BYTES = 1500
 _MS = 1_000_000
@@ -72,7 +73,7 @@ class CapacityTrace:
         ------
         ProfileError : the file cannot be read, or a line is not a time in milliseconds; it names the line.
         """
-        return _load("trace", path, lambda lines: cls(path, tuple(_opportunities(path, lines))))
+        return _capacity(path)
 
 
 class TraceLine:
@@ -173,7 +174,17 @@ class ConditionTrace:
         ------
         ProfileError : the file cannot be read, or the heading or a line is malformed; it names the line.
         """
-        return _load("csv", path, lambda lines: cls(path, *_conditions(path, lines)))
+        return _condition(path)
+
+
+@read_once
+def _capacity(path: str) -> CapacityTrace:
+    return _load("trace", path, lambda lines: CapacityTrace(path, tuple(_opportunities(path, lines))))
+
+
+@read_once
+def _condition(path: str) -> ConditionTrace:
+    return _load("csv", path, lambda lines: ConditionTrace(path, *_conditions(path, lines)))
 
 
 def _load(word: str, path: str, read: Callable[[Iterable[str]], _Trace]) -> _Trace:

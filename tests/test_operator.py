@@ -49,7 +49,7 @@ def test_recorded_hand_follows_its_samples_and_bridges_its_gaps(handwriting: Pat
     xy = np.array([[float(row["x_m"]), float(row["y_m"])] for row in rows])
     pressure = np.array([float(row["pressure"]) for row in rows])
     down = np.array([row["pen_down"] == "1" for row in rows])
-    hand = read_motion(handwriting, 3, HAND, press_depth=0.008, hover=0.006)
+    hand = read_motion(str(handwriting), 3, HAND, press_depth=0.008, hover=0.006)
     lead = 0.08
     points = sampled(hand, hand.duration)
 
@@ -69,7 +69,7 @@ def test_recorded_hand_follows_its_samples_and_bridges_its_gaps(handwriting: Pat
 
 
 def test_recorded_hand_starts_and_ends_lifted_and_repeats(handwriting: Path) -> None:
-    hand = read_motion(handwriting, 3, HAND)
+    hand = read_motion(str(handwriting), 3, HAND)
     assert hand.reference(0.0)[2] == pytest.approx(0.006, abs=1e-4)
     assert hand.reference(hand.duration + 2.0) == pytest.approx(hand.reference(2.0), abs=1e-9)
 
@@ -77,7 +77,7 @@ def test_recorded_hand_starts_and_ends_lifted_and_repeats(handwriting: Path) -> 
 def test_a_plain_recording(tmp_path: Path) -> None:
     file = tmp_path / "m.csv"
     file.write_text("time_s,x_m\n" + "\n".join(f"{i / 100},{0.01 * math.sin(i / 20)}" for i in range(200)))
-    hand = read_motion(file, 1, HAND)
+    hand = read_motion(str(file), 1, HAND)
     for t in np.linspace(0.1, 1.8, 50):
         assert hand.reference(float(t))[0] == pytest.approx(0.01 * math.sin(t * 5), abs=2e-6)
 
@@ -97,9 +97,9 @@ def test_what_is_no_recording_is_refused(tmp_path: Path, text: str, dof: int) ->
     file = tmp_path / "m.csv"
     file.write_text(text)
     with pytest.raises(InvalidParameter, match="operator"):
-        read_motion(file, dof, HAND)
+        read_motion(str(file), dof, HAND)
 
 
 def test_a_missing_recording_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidParameter, match="nowhere"):
-        read_motion(tmp_path / "nowhere.csv", 1, HAND)
+        read_motion(str(tmp_path / "nowhere.csv"), 1, HAND)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -74,12 +75,16 @@ def _moving(params: Params, scene: World) -> Operator:
         goal = _along(scene, hand.goal_m)
         return Press(start, goal, impedance, reach=hand.reach_s, hold=hand.hold_s, wait=hand.wait_s)
     if found := re.fullmatch(r"hand-(\d{1,9})", name):
-        relaxed = Impedance(*(RELAXED_HAND[f"operator_hand.{part}"] for part in ("mass", "damping", "stiffness")))
-        rng = np.random.default_rng([int(found[1]), GENERATED])
-        return GeneratedHand(rng, _along(scene, 1.0), relaxed, Impedance())
+        return _generated(int(found[1]), _along(scene, 1.0))
     if is_recording(name):
         return recorded_hand(name, dof, impedance, reach)
     if name.endswith(".csv") or Path(name).exists():
         depths = {"press_depth": hand.press_depth_m, "hover": hand.hover_m}
-        return read_motion(Path(name), dof, impedance, **depths, reach=reach)
+        return read_motion(name, dof, impedance, **depths, reach=reach)
     return UserOperator(name, dof, impedance, reach)
+
+
+@lru_cache
+def _generated(number: int, normal: Vector) -> GeneratedHand:
+    relaxed = Impedance(*(RELAXED_HAND[f"operator_hand.{part}"] for part in ("mass", "damping", "stiffness")))
+    return GeneratedHand(np.random.default_rng([number, GENERATED]), normal, relaxed, Impedance())

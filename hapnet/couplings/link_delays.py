@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -29,13 +30,15 @@ def delays(up: LinkProfile, down: LinkProfile, path_s: float = 0.0) -> Delays:
     return Delays((typical + path_s) / 2.0, bound + path_s)
 
 
+@lru_cache
 def _one_way_s(profile: LinkProfile) -> tuple[float, float]:
     """Typical delay and its bound [s]."""
     delay, jitter = profile.delay_ns * 1e-9, profile.jitter_ns * 1e-9
     recorded = [0.0, 0.0]
     if profile.trace is not None:
         times = profile.trace.times_ns
-        recorded = [_wait_s(np.diff(times, prepend=0) * 1e-9, share) for share in _RECORDED]
+        gaps = np.diff(times, prepend=0) * 1e-9
+        recorded = [_wait_s(gaps, share) for share in _RECORDED]
     if profile.csv is not None:
         held = np.diff(profile.csv.times_ns, append=profile.csv.period_ns)
         recorded = [

@@ -29,11 +29,18 @@ def environment_force(
     times : of the positions [s]. walls : those that stand at such a time. stiffness : of a wall in series with the
         springs [N/m].
     """
-    force = np.zeros_like(position)
+    pieces = []
     first = 0
     for standing, group in groupby(tuple(walls(t)) for t in times):
         piece = slice(first, first := first + sum(1 for _ in group))
-        for wall in standing:
-            depth = np.maximum(position[piece] @ np.array(wall.normal) - wall.offset, 0.0)
-            force[piece] -= stiffness(wall) * np.outer(depth, wall.normal)
+        pieces.append(standing_force(position[piece], standing, stiffness))
+    return np.concatenate(pieces)
+
+
+def standing_force(position: Array, walls: Iterable[Wall], stiffness: Callable[[Wall], float]) -> Array:
+    """As `environment_force`, of walls that do not change."""
+    force = np.zeros_like(position)
+    for wall in walls:
+        depth = np.maximum(position @ np.array(wall.normal) - wall.offset, 0.0)
+        force -= stiffness(wall) * np.outer(depth, wall.normal)
     return force

@@ -47,10 +47,8 @@ def _stops(recording: Recording) -> list[float]:
     moves = np.abs(np.diff(target, axis=0)).max(axis=1, initial=0.0)
     stops = np.flatnonzero(np.r_[True, ~(moves <= _STILL_M)])  # an unknown reference moves
     ends = np.r_[stops[1:], len(times)]
-    return [
-        float(times[first]) for first, end in zip(stops, ends, strict=True)
-        if times[end - 1] - times[first] >= UNTIL_S and np.isfinite(target[first]).all()
-    ]  # fmt: skip
+    rests = (times[ends - 1] - times[stops] >= UNTIL_S) & np.isfinite(target[stops]).all(axis=1)
+    return [float(start) for start in times[stops[rests]]]
 
 
 def _swing(recording: Recording, stop_s: float, since_s: float, until_s: float) -> float:

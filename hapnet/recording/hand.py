@@ -17,6 +17,7 @@ from hapnet.plant.operating_range import check_motion
 from hapnet.plant.operator import Followed, Impedance
 from hapnet.recording.mcap import is_mcap, read_recording
 from hapnet.recording.samples import Recording
+from netem.files import read_once
 
 PAUSED = "paused"
 """Text of the event of kind "pause" when a pause begins."""
@@ -32,6 +33,7 @@ def is_recording(name: str) -> bool:
     return name.endswith(".mcap") or is_mcap(name)
 
 
+@read_once
 def recorded_hand(name: str, dof: int, impedance: Impedance, reach: float = math.inf) -> Followed:
     """The hand that follows, once, the motion recorded in the file `name`.
 

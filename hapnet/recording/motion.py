@@ -14,6 +14,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.params import OperatorParams
 from hapnet.plant.operating_range import check_motion
 from hapnet.plant.operator import Impedance, Recorded
+from netem.files import read_once
 
 _HAND = OperatorParams()
 _GRID_S = 1e-3
@@ -23,8 +24,9 @@ _JUMP_S = 0.06  # samples this near to a jump are dropped, so that the motion ac
 _PEN_S = 0.08  # the pen is lowered or lifted over this time
 
 
+@read_once
 def read_motion(
-    file: Path,
+    name: str,
     dof: int,
     impedance: Impedance,
     *,
@@ -44,8 +46,9 @@ def read_motion(
     ------
     InvalidParameter : the file cannot be read, is not such a recording, or is not in metres.
     """
+    file = Path(name)
     table = _read_columns(file)
-    check_motion(str(file), np.column_stack([table[name] for name in ("x_m", "y_m", "z_m") if name in table]), reach)
+    check_motion(name, np.column_stack([table[name] for name in ("x_m", "y_m", "z_m") if name in table]), reach)
     table = _without_jumps(table)
     t = table["time_s"]
     if "pressure" in table:

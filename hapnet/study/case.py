@@ -17,7 +17,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.metrics.contact import contact_force, pressed_wall, rendered_stiffness
 from hapnet.metrics.definitions import METRICS
 from hapnet.metrics.drift import drift
-from hapnet.metrics.environment import environment_force
+from hapnet.metrics.environment import environment_force, standing_force
 from hapnet.metrics.force import buzz, force_error, largest_step, rms_difference
 from hapnet.metrics.free_motion import drag, following_error
 from hapnet.metrics.swing import residual_swing
@@ -188,7 +188,7 @@ def _environment(run: Run, device: Columns, stiffness: Callable[[Wall], float]) 
         return environment_force(
             device["position_m"], times, lambda t: () if (wall := moving.at(t)) is None else (wall,), stiffness
         )
-    return environment_force(device["position_m"], device["time_s"].tolist(), lambda t: walls, stiffness)
+    return standing_force(device["position_m"], walls, stiffness)
 
 
 def _dragged(run: Run, delay_ms: float | None) -> Measures:
