@@ -34,7 +34,7 @@ def tune(
     """Search the parameters that are best for an objective and break no constraint; score them on other cases.
 
     SPEC.toml names the parameters with their ranges, the objective, the constraints, and the cases as a sweep's does:
-    see examples/tune_feel.toml. After a stop or a crash the same command continues.
+    see examples/tune/pspm.toml. After a stop or a crash the same command continues.
 
     Writes found.toml (for --params), trials.csv, a figure, results.csv with all cases, and journal.sqlite.
     """

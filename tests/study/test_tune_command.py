@@ -280,8 +280,8 @@ def test_another_spec_in_the_same_directory_is_refused(directory: Path, capsys: 
 
 
 def test_the_example_is_a_spec(capsys: Capture) -> None:
-    assert cli.main(["tune", str(ROOT / "examples" / "tune_feel.toml"), "--dry-run"]) == 0
-    assert "into runs/tune-tune_feel" in capsys.readouterr().out
+    assert cli.main(["tune", str(ROOT / "examples" / "tune" / "pspm.toml"), "--dry-run"]) == 0
+    assert "into runs/tune-pspm" in capsys.readouterr().out
 
 
 def test_the_spec_of_the_readme_is_one(directory: Path, capsys: Capture) -> None:
