@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 from math import ceil
 
@@ -53,6 +53,7 @@ class Sweep:
     ) -> None:
         self._journal, self._backend, self._progress, self._clock = journal, backend, progress, clock
         self._pending = deque(sorted(journal.pending(), key=_reference))
+        self._sharing = Counter(hash(_reference(case)) for case in self._pending)
         self._alone: deque[tuple[Case, int]] = deque()
         self._running = self._suspects = 0
         self._case_s: float | None = None
@@ -101,13 +102,17 @@ class Sweep:
     def _next(self) -> tuple[Case, ...]:
         """The cases of the next task: for about `TASK_S`, fewer near the end, so that all workers end together.
 
-        Cases with the same reference run stay together, since each worker that needs this run makes it.
+        Cases with the same reference run stay together, since each worker that needs this run makes it. A few are never
+        split, so that it is made once; many are split near the end, too.
         """
         share = ceil(len(self._pending) / (2 * max(1, self._backend.workers)))
         size = 1 if self._case_s is None else max(1, min(share, int(TASK_S / max(self._case_s, 1e-6))))
         cases = [self._pending.popleft() for _ in range(size)]
         reference = _reference(cases[-1])
-        while len(cases) < min(share, size + TOGETHER) and self._pending and _reference(self._pending[0]) == reference:
+        most = size + TOGETHER
+        if self._sharing[hash(reference)] > 1 + TOGETHER:
+            most = min(share, most)
+        while len(cases) < most and self._pending and _reference(self._pending[0]) == reference:
             cases.append(self._pending.popleft())
         return tuple(cases)
 
