@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hapnet.commands import compare as compare_command
-from hapnet.commands import complete, flags, output, sweep, transparency, tune
+from hapnet.commands import complete, flags, output, overview, sweep, transparency, tune
 from hapnet.commands.groups import Without, grouped
 from hapnet.commands.options import (
     NO_LINK,
@@ -30,34 +30,12 @@ from hapnet.commands.options import (
 from hapnet.errors import HapnetError, InvalidParameter, OutputError
 from hapnet.params import Params
 from netem.errors import NetemError
-from netem.version_flag import versions
 
 if TYPE_CHECKING:
     from hapnet.wire.messages import Role
 
-app = typer.Typer(
-    name="hapnet",
-    help="Passive haptics over bad networks: a haptic device and a virtual world, coupled by passive set-position "
-    "modulation (PSPM) over Zenoh through an emulated lossy link. `hapnet run` shows it.",
-    epilog="Exit codes: 0 all is well; 2 an argument or file is wrong, or the run failed: one line says what; 3 the "
-    "run went to its end, but its output is not complete, or the device's force was stopped; 4 a coupling that claims "
-    "to be passive was not; 128 + N stopped by signal N (Ctrl-C: 130).",
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-
-
+app = overview.program()
 app.add_typer(sweep.app, name="sweep")
-
-
-@app.callback()
-def before_any_command(
-    version: Annotated[
-        bool,
-        typer.Option("--version", help="Print versions for bug reports.", callback=versions("hapnet"), is_eager=True),
-    ] = False,
-) -> None:
-    """The options before a command's name."""
 
 
 @app.command()

@@ -16,14 +16,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from netem.errors import NetemError, ProfileError
-from netem.profile import PRESETS, LinkProfile, compose
-from netem.trace import CapacityTrace, ConditionTrace
 
 if TYPE_CHECKING:
     from netem.expectation import Expectation, expect
     from netem.link import Link
+    from netem.profile import PRESETS, LinkProfile, compose
     from netem.stats import LinkStats
     from netem.timeline import Timeline, TimelinePlayer
+    from netem.trace import CapacityTrace, ConditionTrace
 
 __all__ = [
     "PRESETS",
@@ -42,6 +42,11 @@ __all__ = [
 ]
 
 _LAZY = {
+    "PRESETS": "profile",
+    "LinkProfile": "profile",
+    "compose": "profile",
+    "CapacityTrace": "trace",
+    "ConditionTrace": "trace",
     "Link": "link",
     "LinkStats": "stats",
     "Expectation": "expectation",
@@ -52,7 +57,7 @@ _LAZY = {
 
 
 def __getattr__(name: str) -> Any:
-    """Import the parts that need numpy on first use, so that a command's --help does not wait for it."""
+    """Import the parts on first use, so that a command's --help does not wait for them."""
     if name in _LAZY:
         return getattr(import_module(f"netem.{_LAZY[name]}"), name)
     raise AttributeError(f"module 'netem' has no attribute {name!r}")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import platform
 from collections.abc import Sequence
-from importlib import metadata
 
 ABSENT = "not installed"
 DISTRIBUTION = "hapnet-haptics"
@@ -15,6 +14,8 @@ PACKAGES = ("numpy", "eclipse-zenoh", "msgpack", "typer", "rich", "mcap", "matpl
 
 def installed(package: str) -> str:
     """A distribution's version, or `ABSENT`."""
+    from importlib import metadata  # takes longer than all else that a side's start needs of this package
+
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:

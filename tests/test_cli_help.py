@@ -10,6 +10,7 @@ from importlib import metadata
 import pytest
 
 from hapnet import cli
+from hapnet.commands import overview
 from netem import cli as netem_cli
 from tests.commands import Capture, python
 from tests.commands import empty_directory as empty_directory
@@ -64,6 +65,47 @@ def test_help_loads_nothing_heavy(argv: list[str]) -> None:
     loaded = set(python(code, COLUMNS="200").splitlines()[-1].split())
     assert "hapnet.cli" in loaded
     assert not loaded & set(HEAVY)
+
+
+def of_hapnet(code: str) -> set[str]:
+    """The modules of hapnet and netem, and heavy ones, that are loaded once `code` has run."""
+    loaded = python(f"import sys\n{code}\nprint(*sys.modules)").splitlines()[-1].split()
+    return {name for name in loaded if name.partition(".")[0] in ("hapnet", "netem", *HEAVY)}
+
+
+@pytest.mark.parametrize("argv", overview.ASKED, ids=" ".join)
+def test_the_list_of_commands_needs_none_of_them(argv: list[str]) -> None:
+    found = of_hapnet(f"sys.argv[1:] = {argv!r}\nfrom hapnet.__main__ import main\nmain()")
+    ours = {"hapnet", "hapnet.__main__", "hapnet.commands", "hapnet.commands.output", "hapnet.commands.overview"}
+    theirs = {"hapnet.errors", "netem", "netem.errors", "netem.version_flag", "netem.versions"}
+    assert ours <= found <= ours | theirs
+
+
+def test_the_list_of_commands_is_theirs(capsys: Capture) -> None:
+    assert overview.main(["--help"]) == 0
+    listed = capsys.readouterr().out
+    assert cli.main(["--help"]) == 0
+    assert capsys.readouterr().out == listed
+
+
+def test_the_package_is_one_module_until_a_name_is_used() -> None:
+    assert of_hapnet("import hapnet") == {"hapnet"}
+    assert of_hapnet("import netem") == {"netem", "netem.errors"}
+
+
+def test_no_module_loads_matplotlib_before_a_figure_is_drawn() -> None:
+    """Whatever is imported; a module whose extra is not installed cannot be."""
+    code = """
+import contextlib, importlib, pkgutil, hapnet, netem
+for package in hapnet, netem:
+    for found in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+        if not found.name.endswith(("__main__", "netem.plot")):  # the latter is imported to draw
+            with contextlib.suppress(ImportError):
+                importlib.import_module(found.name)
+"""
+    found = of_hapnet(code)
+    assert {"hapnet.report.figures", "hapnet.study.heatmap"} <= found
+    assert "matplotlib" not in found
 
 
 def test_help_in_a_pipe_has_no_escape_codes(capsys: Capture) -> None:

@@ -15,7 +15,7 @@ from hapnet.commands import complete, output
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
 from hapnet.params import COUPLING_NAMES, Params
-from netem.profile import PRESETS
+from netem.presets import PRESETS
 from netem.units import format_path
 
 if TYPE_CHECKING:

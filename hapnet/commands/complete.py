@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from hapnet.params import Params
-from netem.profile import PRESETS
+from netem.presets import PRESETS
 
 OPERATORS = ("rest", "sine", "press", "hand-1")
 FIGURES = ("fig4", "fig5", "fig6")
