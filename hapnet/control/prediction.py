@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from operator import mul
 
 from hapnet import checks
 from hapnet.checks import Vector
@@ -102,17 +103,17 @@ def _parabola(positions: Sequence[tuple[float, Vector]]) -> tuple[Vector, Vector
     count = len(times)
     mean = sum(times) / count
     first = [t - mean for t in times]
-    s2 = sum([p * p for p in first])
-    b, c = sum([p * p * p for p in first]) / s2, s2 / count
-    second = [p * p - b * p - c for p in first]
-    s4 = sum([p * p for p in second])
+    squares = list(map(mul, first, first))
+    s2 = sum(squares)
+    b, c = sum(map(mul, squares, first)) / s2, s2 / count
+    second = [square - b * p - c for p, square in zip(first, squares, strict=True)]
+    s4 = sum(map(mul, second, second))
     curved = count >= 4 and span >= 3.0 * SHORTEST_SPAN_S and s4 > 1e-9 * s2 * span * span
     fitted: list[tuple[float, float, float]] = []
-    for axis in range(len(newest)):
-        values = [x[axis] for _, x in positions]
+    for values in zip(*[x for _, x in positions], strict=True):
         level = sum(values) / count
-        slope = sum([p * x for p, x in zip(first, values, strict=True)]) / s2
-        half = sum([p * x for p, x in zip(second, values, strict=True)]) / s4 if curved else 0.0
+        slope = sum(map(mul, first, values)) / s2
+        half = sum(map(mul, second, values)) / s4 if curved else 0.0
         # at t = 0, where t - mean = -mean
         fitted.append(
             (level - slope * mean + half * (mean * mean + b * mean - c), slope + half * (-2.0 * mean - b), half)
