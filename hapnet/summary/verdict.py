@@ -79,7 +79,11 @@ def excess_nJ(energy: Flow) -> int:
 
 def stopped(tree: object) -> str | None:
     """One line if the device's force was stopped during the run; None if not."""
-    device = read(tree)["device"]
+    return _stop(read(tree))
+
+
+def _stop(summary: Summary) -> str | None:
+    device = summary["device"]
     stop = None if device is None else device["stopped"]
     if stop is None or stop["why"] is None:
         return None
@@ -197,7 +201,7 @@ def _doubts(summary: Summary) -> Iterator[str]:
             yield f"the {side} gave out {_milli(deficit)} mJ that its reservoir did not have"
         if silent_s is not None and silent_s > UNANSWERED_S:
             yield f"the {side}'s energy stream is dead: nothing of it was acknowledged for {silent_s:.1f} s"
-    if (line := stopped(summary)) is not None:
+    if (line := _stop(summary)) is not None:
         yield line
     if (device := summary["device"]) is not None:
         yield from _doubts_of_device(device, margin)
