@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from functools import lru_cache
 from itertools import islice
 from typing import NamedTuple
 
@@ -32,7 +33,16 @@ def checked(planes: Iterable[Plane], dof: int) -> tuple[Plane, ...]:
     ------
     InvalidParameter : a normal is not a unit vector of `dof` components, or a number is out of its range.
     """
-    return tuple([_checked(Plane(*plane), dof) for plane in islice(planes, MOST_PLANES)])
+    few = tuple(islice(planes, MOST_PLANES))
+    try:
+        return _all_checked(few, dof)
+    except TypeError:  # a list cannot be looked up
+        return _all_checked.__wrapped__(few, dof)
+
+
+@lru_cache  # they are told at each step, and walls mostly stand still
+def _all_checked(planes: tuple[Plane, ...], dof: int) -> tuple[Plane, ...]:
+    return tuple([_checked(Plane(*plane), dof) for plane in planes])
 
 
 def _checked(plane: Plane, dof: int) -> Plane:

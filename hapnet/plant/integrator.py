@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from math import inf, isfinite
-from operator import add, mul, sub
+from operator import add, mul, neg, sub
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -158,7 +158,7 @@ class PassiveIntegrator:
         x, v, K = self._x, self._v, self._K
         error = tuple(map(sub, x, ybar))
         gain = 2.0 / dt
-        c = [gain * momentum - pull for momentum, pull in zip(self._M(v), K(error), strict=True)]
+        c = list(map(sub, [gain * momentum for momentum in self._M(v)], K(error)))
         f: Sequence[float] = (0.0,) * self._n
         if force is not None:
             f = self._input("force", force)
@@ -170,10 +170,10 @@ class PassiveIntegrator:
 
         half = 0.5 * dt
         damper = self._B(vhat)
-        pull = K([e + half * u for e, u in zip(error, vhat, strict=True)])
-        tau = tuple([-d - p for d, p in zip(damper, pull, strict=True)])
-        self._x = x = tuple([p + dt * u for p, u in zip(x, vhat, strict=True)])
-        self._v = tuple([2.0 * u - w for u, w in zip(vhat, v, strict=True)])
+        pull = K(list(map(add, error, [half * u for u in vhat])))
+        tau = tuple(map(sub, map(neg, damper), pull))
+        self._x = x = tuple(map(add, x, [dt * u for u in vhat]))
+        self._v = tuple(map(sub, [2.0 * u for u in vhat], v))
         return Step(
             tuple(vhat),
             tuple(f),
