@@ -275,7 +275,18 @@ def test_the_same_command_goes_on_and_another_is_refused(
     monkeypatch.setattr(task, "measure", pretended)
     monkeypatch.setattr(command, "_write", lambda *given: [])
     out = tmp_path / "out"
-    asked = ("compare", "--link", "lan", "--coupling", "zoh,eba,pd", *QUICKLY, "--out", str(out))
+    asked = (
+        "compare",
+        "--link",
+        "lan",
+        "--coupling",
+        "zoh,eba,pd,popc",
+        "--deadband",
+        "0",
+        *QUICKLY,
+        "--out",
+        str(out),
+    )
     assert cli.main([*asked]) == 130
     told = capsys.readouterr().err
     assert told == f"hapnet: stopped: 3 of 4 cases are done; with --out {out} the same command goes on\n"
