@@ -99,13 +99,13 @@ def _cell(fig: Figure, k: int, first: tuple[Axes | None, Axes | None]) -> tuple[
 
 
 def tradeoff(plan: Plan, outcomes: Sequence[Outcome]) -> Figure:
-    """Force error and rendered stiffness against the most energy that ever came out of both ports.
+    """True force error and rendered stiffness against the most energy that ever came out of both ports.
 
     There is a panel for each metric and link. A dot is a case. A mark is at the median of the metric and at the largest
     energy of a variant's cases, since a claim of passivity concerns the worst case. The energy axis is linear up to d^2
     and logarithmic beyond, where a coupling is not passive and the energy may be any amount; that part is shaded.
     """
-    metrics = ("force_error_percent", "stiffness_percent")
+    metrics = ("true_force_error_percent", "stiffness_percent")
     links = list(plan.links)
     fig = _figure(64.0 * len(metrics) + 24.0)
     with _style():
@@ -131,8 +131,8 @@ def _axes(panels: Any, links: Sequence[str], bound: float, most: float) -> None:
         panel.set_xscale("symlog", linthresh=bound or 1.0, linscale=0.8)
         panel.set_xlim(-0.06 * (bound or 1.0), right)
         decades = [bound * 10.0**k for k in range(12) if bound * 10.0**k <= right]
-        every = -(-len(decades) // 3) or 1
-        ticks = sorted({0.0, bound, *decades[::every]})
+        every = -(-len(decades) // (3 if len(links) <= 3 else 1)) or 1  # what the panels have room for
+        ticks = sorted({0.0, bound, *decades[::every], *decades[-1:]})
         panel.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         panel.set_xticks([], minor=True)
     force, stiffness = (row[0] for row in panels)
