@@ -99,7 +99,8 @@ def test_own_world(tmp_path: Path) -> None:
         assert depth_mm == pytest.approx(1e3 * (p - 0.02), rel=0.1)
         assert felt_N == pytest.approx(K * (x - p), abs=0.05)
     ((out, bound, end),) = numbers("passive: True; at most # of d² = # mJ ever came out; margin # mJ at the end", said)
-    assert 0.0 <= out < bound == 100.0 < end
+    assert 0.0 <= out < bound == 100.0
+    assert end >= bound - out - 0.02  # as printed: what came out at worst is not all gone at the end
 
 
 @pytest.mark.slow

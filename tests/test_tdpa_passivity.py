@@ -120,6 +120,7 @@ class Restarting(Simulation):
         if role == "device":
             self.device_port.wire = self.device_endpoint = DeviceEndpoint(device_session(self.setup, incarnation))
             self.device = device_side(self.setup, self.device_endpoint, lambda: self.now_ns, lambda sample: None)
+            self._due[5] = self._tick_ns  # no tick waits for a device that has ended
         else:
             rng = np.random.default_rng(incarnation)
             self.world_port.wire = self.world_endpoint = WorldEndpoint(world_session(self.setup, incarnation))

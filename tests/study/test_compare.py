@@ -21,7 +21,7 @@ from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.metrics import METRICS
 from hapnet.params import Params
 from hapnet.simulation.processes import usable_cores
-from hapnet.study import backend, compare, tables, task, tunings
+from hapnet.study import backend, compare, tables, task
 from hapnet.study.backend import Backend, local_workers
 from hapnet.study.case import Measures, measure
 from hapnet.study.compare import Case, Outcome, Plan, Variant, parted
@@ -412,19 +412,3 @@ def test_pspm_is_passive_in_the_whole_default_set(tmp_path: Path) -> None:
         assert one.measures is not None
         margins = [one.measures[name] for name in ("margin_J", "hand_margin_J", "actuator_margin_J")]
         assert all(margin is not None and margin > 0.0 for margin in margins), one.case
-
-
-def test_what_a_rule_chose_is_shown_for_each_link_and_once_where_it_is_the_same() -> None:
-    plan = Plan(
-        QUICK, ("pspm", "pd", "eba"), {"near": ("", ""), "far": ("delay 120ms", "delay 120ms")}, ("press",), (0,)
-    )
-    columns = [list(column.cells) for column in tunings.table(plan).columns]
-    assert columns[0][0] == "pspm"
-    first = columns[0].index("pd")
-    shown = {name: values for name, *values in zip(*(column[first:] for column in columns[1:]), strict=True)}
-    near, far = map(float, shown["stiffness_N_m"])
-    assert near == 100.0
-    assert far == pytest.approx(2.0 * 5.0 / (0.24 + 0.005 + 0.05 + 0.001), rel=1e-3)  # K_p = 2 K_d / round trip
-    assert shown["coordination_Ns_m"] == ["0", ""]
-    found = tunings.tuning(plan.case(plan.variants[1], "far", "press", 0).params)
-    assert found["damping_Ns_m"] == pytest.approx(5.0)
