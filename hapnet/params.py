@@ -152,7 +152,8 @@ class WorldParams:
 
 @dataclass(frozen=True)
 class ContactModelParams:
-    """The local contact model at the device, and the world's prediction of the device. `hapnet tune` found the values.
+    """The local contact model at the device, and the world's prediction of the device. `hapnet tune` found the values,
+    but for those that it does not see: `fade_s`, `shift_s`, `reach_m`.
 
     hapnet/couplings/feel.py says which rule each of them enters.
     """

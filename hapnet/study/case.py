@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapnet.checks import Array
 from hapnet.couplings import registry
@@ -112,7 +110,8 @@ def measures(run: Run, ideal: Recording) -> Measures:
     assert hand_bound is not None
     up_ms, down_ms = up["delay_p50_ms"], down["delay_p50_ms"]
     delay_ms = None if up_ms is None or down_ms is None else up_ms + down_ms
-    error, true_error = force_error(recording, ideal), _true_force_error(run)
+    wanted = _environment(run, device)
+    error, true_error = force_error(recording, ideal), rms_difference(device, wanted) if _scalar(run.params) else None
     per_s = [(way["offered"] or 0) / (summary["duration_s"] or math.inf) for way in (up, down)]
     found = {
         "margin_J": bound + result.hand.lowest,
@@ -121,7 +120,7 @@ def measures(run: Run, ideal: Recording) -> Measures:
         "margin_later_J": None if result.hand.later is None else bound + result.hand.later,
         "hand_margin_J": hand_bound + result.hand.device_lowest,
         "actuator_margin_J": theorem["margin_J"] if isinstance(result.device, SampledDeviceSide) else None,
-        "free_rms_mm": _times(1e3, following_error(recording, _free(run))),
+        "free_rms_mm": _times(1e3, following_error(recording, np.asarray(np.count_nonzero(wanted, axis=1) == 0))),
         "contact_rms_mm": _times(1e3, motion["contact_rms_m"]),
         "stiffness_percent": None if delay_ms is None else _stiffness_percent(run, delay_ms / 1e3),
         "force_error_N": None if error is None else error[0],
@@ -163,24 +162,16 @@ def _ideal(params: Params) -> Params:
     return params.set({**nothing, DEADBAND: 0.0})
 
 
-def _true_force_error(run: Run) -> tuple[float, float | None] | None:
-    """As `rms_difference`, against the true environment; None if the springs are no scalars."""
-    device = run.recording.device
-    if device is None or not _scalar(run.params):
-        return None
-    return rms_difference(device, _environment(run, device, lambda wall: ideal_stiffness(run.params, wall.stiffness)))
+def _environment(run: Run, device: Columns) -> Array:
+    """The force of the walls that stood at each time: zero where the device is in none.
 
+    Springs that are no scalars are taken as rigid, which tells no more than where the walls are.
+    """
+    scene, walls, springs = run.scene, run.walls, _scalar(run.params)
 
-def _free(run: Run) -> NDArray[np.bool_]:
-    """Is the device outside of all walls, at each of its samples?"""
-    device = run.recording.device
-    assert device is not None, "a simulated run has both sides"
-    return np.asarray(np.count_nonzero(_environment(run, device, lambda _: 1.0), axis=1) == 0)
+    def stiffness(wall: Wall) -> float:
+        return ideal_stiffness(run.params, wall.stiffness) if springs else wall.stiffness
 
-
-def _environment(run: Run, device: Columns, stiffness: Callable[[Wall], float]) -> Array:
-    """The force of the walls that stood at each time, with such a stiffness."""
-    scene, walls = run.scene, run.walls
     if isinstance(scene, MovingWall) and scene.schedule.changes:
         since_s = (run.result.world.origin_ns or 0) / 1e9
         times = (device["time_ns"] / 1e9 - since_s).tolist()

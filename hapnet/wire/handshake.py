@@ -75,7 +75,7 @@ class Handshake:
         self.pairs = 0
         self.control = ControlSender(identity, hello_period_ns)
         self._living = living
-        self._retired: set[int] = set()
+        self._retired: dict[int, str] = {}  # incarnations, with what they are told when they speak
         self._stale_hellos = 0  # welcomes to these are older than the present peer, or the end of the last
         self._candidate: int | None = None
         self._candidate_ns = 0  # when it was heard last
@@ -253,7 +253,7 @@ class Handshake:
                 self._send_refusal(said.sender, said.reason)
                 return self._report(Mismatch(said.reason[:MAX_TEXT]), said.sender, now_ns)
             case Action.REFUSE_RETIRED:
-                self._send_refusal(said.sender, "this incarnation was retired; restart it")
+                self._send_refusal(said.sender, self._retired[said.sender])
             case Action.SEND_HELLO:
                 self.control.say_hello(now_ns)
             case Action.PAIR:
@@ -272,18 +272,19 @@ class Handshake:
     def _pair(self, said: Said) -> tuple[Event, ...]:
         identity = said.identity
         assert identity is not None  # only a welcome pairs
+        why = f"replaced by {identity.name}"
         if self.peer is not None:
-            self._send_refusal(self.peer.incarnation, f"replaced by {identity.name}")
-        self._retire_peer()
+            self._send_refusal(self.peer.incarnation, why)
+        self._retire_peer(why)
         self.peer = identity
         self._candidate = None
         self.pairs += 1
         self.control.stop_hellos()
         return (Paired(identity, self.pairs),)
 
-    def _retire_peer(self) -> None:
+    def _retire_peer(self, why: str = "this incarnation was retired; restart it") -> None:
         if self.peer is not None:
-            self._retired.add(self.peer.incarnation)
+            self._retired[self.peer.incarnation] = why
         self.peer = None
         self._stale_hellos = self.control.hellos
 
