@@ -156,6 +156,18 @@ def test_a_retired_incarnation_is_told_to_start_anew() -> None:
     assert said_to(handshake, 2, 320 * MS) == [Refuse(1, 2, "this incarnation was retired; restart it")]
 
 
+def test_a_replaced_incarnation_is_told_so_each_time_it_speaks() -> None:
+    """The first time it may not hear it."""
+    handshake = after_a_pair(ended=False)
+    handshake.receive(hello(3), 400 * MS)  # 2 is silent: this is the candidate
+    number = sum(isinstance(said, Hello) for k in range(3) for said in handshake.poll((400 + 100 * k) * MS))
+    assert taken(handshake, welcome(3 + number, 3), 700 * MS)
+    assert said_to(handshake, 2, 710 * MS) == [Refuse(1, 2, "replaced by wall")]
+    with pytest.raises(BadMessage, match="was the peer once"):
+        handshake.receive(hello(2), 720 * MS)
+    assert said_to(handshake, 2, 730 * MS) == [Refuse(1, 2, "replaced by wall")]
+
+
 def test_a_forged_hello_in_the_peers_name_is_not_answered() -> None:
     """A refusal would end the pair."""
     handshake = after_a_pair(ended=False)
