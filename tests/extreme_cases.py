@@ -203,7 +203,7 @@ def examine(case: int, params: Params | None = None) -> Examined:
     """Run a case and check all that must hold."""
     params = params or extreme_case(case)
     try:
-        simulation = Simulation(params, case)
+        simulation = Simulation(params, case, kernel=False)  # the witness sees every call
     except InvalidParameter as error:
         return Examined(case, params, refused=error)
     witness = Witness(simulation)

@@ -64,7 +64,7 @@ def test_the_rendered_force_never_steps_by_more_than_its_limit(step: float, monk
     """2000 N/m and a light hand over 4g used to step by 2.51 N where 0.5 N were allowed, the reservoir empty."""
     forces = held_forces(monkeypatch)
     words = {"device.stiffness": 2000.0, "world.stiffness": 1e4, "device.step_limit_N": step}
-    result = simulate(PAPER.set({**LIGHT, **words}), seed=1)
+    result = simulate(PAPER.set({**LIGHT, **words}), seed=1, kernel=False)
     kept(result)
     held = np.array([(0.0,), *forces[:-1]])  # the last one is the end's, which takes the force away at once
     assert len(held) >= 5000
@@ -78,7 +78,7 @@ def test_the_held_force_keeps_to_its_limit(limit: float, monkeypatch: pytest.Mon
     """Whatever spring and damper ask for, in two axes."""
     forces = held_forces(monkeypatch)
     words = {"dof": 2, "device.stiffness": 500.0, "device.damping": 5.0, "device.force_limit_N": limit}
-    result = simulate(PAPER.set({**LIGHT, **words}), seed=1)
+    result = simulate(PAPER.set({**LIGHT, **words}), seed=1, kernel=False)
     kept(result)
     lengths = np.linalg.norm(np.array(forces), axis=1)
     assert lengths.max() <= limit * (1.0 + 1e-12)

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hapnet.errors import InvalidParameter
-from hapnet.plant.operator import Impedance, Press, Recorded, Rest, Sine, minimum_jerk
+from hapnet.plant.generated_hand import GeneratedHand
+from hapnet.plant.hand_path import hand_path
+from hapnet.plant.operator import HeldAtEnd, Impedance, Operator, Press, Recorded, Rest, Sine, minimum_jerk
 from hapnet.recording.motion import read_motion
 
 HAND = Impedance()
@@ -103,3 +106,19 @@ def test_what_is_no_recording_is_refused(tmp_path: Path, text: str, dof: int) ->
 def test_a_missing_recording_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidParameter, match="nowhere"):
         read_motion(str(tmp_path / "nowhere.csv"), 1, HAND)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Rest(2, HAND, (0.01, -0.02)),
+        lambda: Sine(2, HAND, 0.03, 0.7, (0.001, 0.0), start_s=0.9),
+        lambda: Press((0.0, -0.0), (0.04, -0.03), HAND, reach=0.7, hold=0.4, wait=0.3),
+        lambda: GeneratedHand(np.random.default_rng(5), (0.6, 0.8), HAND, HAND),
+        lambda: HeldAtEnd(Sine(2, HAND), 30.0, 1.0),
+    ],
+)
+def test_the_path_of_many_ticks_has_the_bits_of_each(make: Callable[[], Operator]) -> None:
+    times = np.arange(1, 70_000, 7) * 1e-3
+    each = make()
+    assert hand_path(make(), times).tobytes() == np.array([each.reference(t) for t in times.tolist()]).tobytes()

@@ -256,7 +256,7 @@ def test_energy_credited_twice_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(WireHalf, "_hand_over", twice)
     params = PAPER.set({"duration_s": 2.0, "scene": "free", "operator": "sine", "record_hz": 1000.0})
-    recording = simulate(params, 1).recording
+    recording = simulate(params, 1, kernel=False).recording
     assert recording.device is not None
     assert recording.world is not None
     with pytest.raises(AssertionError):
@@ -268,5 +268,5 @@ def test_a_half_that_is_broken_shows_in_the_slack(monkeypatch: pytest.MonkeyPatc
     exact = Ledger.put_in
     monkeypatch.setattr(Ledger, "put_in", lambda self, work: exact(self, 1.01 * work))
     params = PAPER.set({"duration_s": 5.0, "device.shuffle": "all", "world.shuffle": "all"})
-    summary = simulate(params, 1).summary
+    summary = simulate(params, 1, kernel=False).summary
     assert min(summary[side]["ledger"]["slack_J"] for side in ("device", "world")) < -1e-6

@@ -188,6 +188,11 @@ def show_warnings(out: Console, warnings: tuple[str, ...]) -> None:
         out.print(f"warning: {warning}", style="yellow", markup=False)
 
 
+def show_kernel(out: Console, why_not: str | None) -> None:
+    """Say whether the compiled kernel makes the run, and why not."""
+    out.print("run by the compiled kernel" if why_not is None else f"not run by the compiled kernel: {why_not}")
+
+
 def show_summary(out: Console, summary: Mapping[str, Any], *, verbose: bool) -> None:
     """The verdict and what matters most in three lines or, if `verbose`, all tables."""
     from hapnet import report

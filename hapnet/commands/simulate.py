@@ -20,6 +20,8 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, fi
     words = output.console(json_to)
     simulation = Simulation(params, seed)
     output.show_warnings(words, simulation.setup.warnings)
+    if verbose:
+        output.show_kernel(words, simulation.not_compiled)
     directory = output.run_directory(out, seed) if files else None
     written = output.Written()
     with Progress(words, "simulating", params.duration_s) as progress:

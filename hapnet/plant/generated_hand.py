@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hapnet.checks import Vector
-from hapnet.plant.operator import Impedance, minimum_jerk
+from hapnet.checks import Array, Vector
+from hapnet.plant.operator import Impedance, minimum_jerk, minimum_jerks
 
 LASTS_S = 60.0
 """After this time the motion begins again [s]."""
@@ -64,6 +64,15 @@ class GeneratedHand:
             return reach.goal
         s = minimum_jerk(share)
         return tuple([a + s * (b - a) for a, b in zip(reach.start, reach.goal, strict=True)])
+
+    def path(self, times: Array) -> Array:
+        """`reference` at many times (N,) [s], (N, n) [m]."""
+        t = times % LASTS_S
+        which = np.searchsorted(self._begins, t, side="right") - 1
+        begins, spans = (np.array([one[k] for one in self._reaches])[which] for k in (0, 1))
+        starts, goals = (np.array([one[k] for one in self._reaches])[which] for k in (2, 3))
+        share = ((t - begins) / spans)[:, None]
+        return np.where(share >= 1.0, goals, starts + minimum_jerks(share) * (goals - starts))
 
 
 def _reaches(rng: np.random.Generator, normal: np.ndarray) -> list[_Reach]:

@@ -55,6 +55,10 @@ class Rest:
     def reference(self, t: float) -> Vector:
         return self._position
 
+    def path(self, times: Array) -> Array:
+        """`reference` at many times (N,) [s], (N, n) [m]."""
+        return np.tile(self._position, (len(times), 1))
+
 
 class Sine:
     """A sine on each axis, ``centre + amplitude sin(2 pi f t + i pi / 2)``: a circle in two axes.
@@ -89,6 +93,15 @@ class Sine:
             amplitude *= minimum_jerk(t / self._start)
         return tuple([middle + amplitude * sin(phase + ahead) for middle, ahead in self._axes])
 
+    def path(self, times: Array) -> Array:
+        """`reference` at many times (N,) [s], (N, n) [m]. Numpy's sine may differ in its last bit."""
+        phases, amplitude = self._omega * times, np.full(len(times), self._amplitude)
+        if self._start:
+            amplitude = np.where(times < self._start, amplitude * minimum_jerks(times / self._start), amplitude)
+        sines = [[math.sin(phase) for phase in (phases + ahead).tolist()] for _, ahead in self._axes]
+        axes = zip(self._axes, sines, strict=True)
+        return np.stack([middle + amplitude * np.array(sine) for (middle, _), sine in axes], axis=1)
+
 
 class Press:
     """Minimum-jerk press and hold, then withdraw, repeated.
@@ -115,7 +128,7 @@ class Press:
         self._hold = checks.non_negative("operator.hold_s", hold)
         self._wait = checks.non_negative("operator.wait_s", wait)
         self._cycle = 2.0 * reach + hold + wait
-        self._share, self._point = 0.0, start
+        self._share, self._point = 0.0, tuple([a + 0.0 * way for a, way in self._axes])
 
     def reference(self, t: float) -> Vector:
         phase = t % self._cycle - self._wait
@@ -130,6 +143,13 @@ class Press:
             else:
                 self._point = tuple([a + share * way for a, way in self._axes])
         return self._point
+
+    def path(self, times: Array) -> Array:
+        """`reference` at many times (N,) [s], (N, n) [m]."""
+        phase = times % self._cycle - self._wait
+        back = 2.0 * self._reach + self._hold - phase
+        share = minimum_jerks(np.where(phase > self._reach + self._hold, back, phase) / self._reach)
+        return np.stack([a + share * way for a, way in self._axes], axis=1)
 
 
 class HeldAtEnd:
@@ -227,3 +247,9 @@ def minimum_jerk(s: float) -> float:
     if s >= 1.0:
         return 1.0
     return s * s * s * (10.0 + s * (6.0 * s - 15.0))
+
+
+def minimum_jerks(s: Array) -> Array:
+    """`minimum_jerk` of many numbers."""
+    inside = s * s * s * (10.0 + s * (6.0 * s - 15.0))
+    return np.where(s <= 0.0, 0.0, np.where(s >= 1.0, 1.0, inside))

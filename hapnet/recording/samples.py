@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from operator import attrgetter
 from typing import Any, NamedTuple, TypeAlias
@@ -136,13 +136,22 @@ class MemoryRecorder:
     def __init__(self, meta: Mapping[str, Any]) -> None:
         self._meta = meta
         self._samples: list[Sample | MotionSample] = []
+        self._later: tuple[list[Columns], list[Columns]] = ([], [])
 
     def write(self, sample: Sample | MotionSample) -> None:
         self._samples.append(sample)
 
+    def extend(self, device: Columns, world: Columns) -> None:
+        """Keep samples of both sides that come after all that were written, as columns without ``time_s``."""
+        for parts, columns in zip(self._later, (device, world), strict=True):
+            if len(columns["time_ns"]):
+                parts.append(columns)
+
     def recording(self, summary: Mapping[str, Any] | None = None) -> Recording:
         """The recording of what was written, as a file would give it."""
-        return from_samples(plain(self._meta), self._samples, plain(summary), torn=False)
+        found = from_samples(plain(self._meta), self._samples, plain(summary), torn=False)
+        device, world = self._later
+        return replace(found, device=_joined(found.device, device, found), world=_joined(found.world, world, found))
 
 
 def join(a: Recording, b: Recording) -> Recording:
@@ -222,6 +231,14 @@ def _columns(samples: list[DeviceSample | MotionSample] | list[WorldSample], ori
         else:
             columns[name] = np.array(values, dtype=float)
     return _on_clock(columns, 0, origin_ns)
+
+
+def _joined(first: Columns | None, later: list[Columns], recording: Recording) -> Columns | None:
+    """The columns with those that came later."""
+    if not later:
+        return first
+    parts = later if first is None else [first, *later]
+    return _on_clock({name: np.concatenate([part[name] for part in parts]) for name in later[0]}, 0, _origin(recording))
 
 
 def _on_clock(columns: Columns, shift_ns: int, origin_ns: int) -> Columns:

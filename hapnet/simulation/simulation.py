@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,12 +25,17 @@ from hapnet.side.endpoint import NANO, DeviceEndpoint, WorldEndpoint
 from hapnet.side.link_port import LinkPort
 from hapnet.side.packet import Packet
 from hapnet.side.world import WorldSide
+from hapnet.simulation.compiled import coverage
+from hapnet.simulation.compiled.coverage import NotCompiledError
 from hapnet.simulation.garbage_collector import collector_paused
 from hapnet.simulation.two_port import TwoPort
 from hapnet.summary import path
 from hapnet.summary.run import Summary, combine, device_summary, versions, with_wire, world_summary
 from hapnet.summary.verdict import START_S
 from netem import Link
+
+if TYPE_CHECKING:
+    from hapnet.simulation.compiled.run import CompiledRun
 
 PAIRING_LIMIT_NS = 60_000_000_000
 LINGER_NS = 10_000_000_000
@@ -41,6 +46,12 @@ _UP, _DOWN, _DEVICE_TIMER, _WORLD_TIMER, _STEP, _TICK = range(6)
 """The kinds of events, in the order in which they run at the same nanosecond."""
 
 _NEVER = 2**63
+
+_LOOK = 3
+"""Ticks between two looks whether the handshake is over."""
+
+_REPORT_NS = 500_000_000
+"""Simulated time between two reports of progress [ns]."""
 
 
 @dataclass(frozen=True)
@@ -61,31 +72,51 @@ class Result:
 class Simulation:
     """One run in virtual time.
 
+    More than twenty attributes: the parts of both sides and both links, and when each is due.
+
     Parameters
     ----------
     params : the parameters of the run. seed : of all random draws.
     setup : the result of `prepare` for these parameters, if it exists already.
     motion_only : record of the device only its motion, for metrics (`MotionSample`).
+    kernel : may the compiled kernel run it (see hapnet/kernel)? None: where it covers the run and numba is there.
 
     Raises
     ------
     InvalidParameter, netem.NetemError : the parameters are not valid for a run.
     """
 
-    def __init__(self, params: Params, seed: int = 0, setup: Setup | None = None, *, motion_only: bool = False) -> None:
+    def __init__(
+        self,
+        params: Params,
+        seed: int = 0,
+        setup: Setup | None = None,
+        *,
+        motion_only: bool = False,
+        kernel: bool | None = None,
+    ) -> None:
         if params.hardware != "simulated":
             raise InvalidParameter("hardware", params.hardware, "simulated: a real device does not run in virtual time")
         self.seed = seed
         if params.operator == LIVE:
             raise InvalidParameter("operator", LIVE, "another operator: nobody can guide a hand in virtual time")
         self.setup = setup or prepare(params, "continuous")
+        watched = type(self) is not Simulation and "_run" in vars(type(self))
+        self.not_compiled = coverage.chosen(self.setup, kernel, type(self).__name__ if watched else None)
+        """Why the compiled kernel does not run it; None: it does."""
+        self._motion_only = motion_only
+        self._begin()
+
+    def _begin(self) -> None:
+        """Make both sides and both links, at the time 0."""
+        seed = self.seed
         self.now_ns = 0
         self.two_port = TwoPort()
         self.hand = self.two_port if self.setup.servo == "continuous" else TwoPort()
         up, down, steps, names = np.random.SeedSequence(seed).spawn(4)
         incarnations = np.random.default_rng(names).integers(1, 2**63, size=2).tolist()
         write = self._writer()
-        write_motion = self._recorder.write if motion_only else None
+        write_motion = self._recorder.write if self._motion_only else None
         self.device_endpoint = DeviceEndpoint(device_session(self.setup, incarnations[0]))
         self.world_endpoint = WorldEndpoint(world_session(self.setup, incarnations[1]))
         self.device = device_side(self.setup, self.device_endpoint, lambda: self.now_ns, write, write_motion)
@@ -94,7 +125,7 @@ class Simulation:
         self.down: Link[Packet] = Link(self.setup.down, seed=down)
         self.device_port = LinkPort(self.device_endpoint, self.up)
         self.world_port = LinkPort(self.world_endpoint, self.down)
-        self.period_ns: Final = round(1e9 / params.device.servo_hz)
+        self.period_ns = round(1e9 / self.setup.params.device.servo_hz)
         self._due = [_NEVER, _NEVER, 0, 0, 0, self.period_ns]
         self._tick_ns = self.period_ns  # time of the next tick to compute; ticks before the due one may wait
         self._later_ns = _NEVER  # time of the tick at which the start ends
@@ -131,17 +162,66 @@ class Simulation:
         ------
         HapnetError : the sides did not find each other, or the duration is unlimited.
         """
+        if self.not_compiled is None:
+            try:
+                return self._run_whole(progress, compiled=True)
+            except NotCompiledError as error:
+                self.not_compiled = str(error)
+                self._begin()
+        return self._run_whole(progress, compiled=False)
+
+    def _run_whole(self, progress: Callable[[float], None] | None, *, compiled: bool) -> Result:
         start_ns = self._meta["origin_ns"] = self.pair()
         self._meta["device_origin_ns"] = self.device.origin_ns
         end_ns = start_ns + round(self.setup.params.duration_s / NANO)
-        while progress is not None and self.now_ns < end_ns:
-            self._until(min(end_ns, self.now_ns + 500_000_000))
-            progress((self.now_ns - start_ns) * NANO)
-        self._until(end_ns)
+        kernel = self._on_kernel(end_ns) if compiled else None
+        while self.now_ns < end_ns:
+            until_ns = end_ns
+            if progress is not None:
+                until_ns = min(end_ns, start_ns + ((self.now_ns - start_ns) // _REPORT_NS + 1) * _REPORT_NS)
+            if kernel is None:
+                self._until(until_ns)
+            else:
+                self.until_compiled(kernel, until_ns)
+            if progress is not None:
+                progress((self.now_ns - start_ns) * NANO)
+        if kernel is not None:
+            kernel.write_back()
         summary = self.close(end_ns)
         recording = self._recorder.recording(summary)
         summary["motion"] = motion(recording)
         return Result(summary, recording, self.device, self.world, self.setup.warnings, self.hand)
+
+    def _on_kernel(self, end_ns: int) -> CompiledRun | None:
+        """Complete the handshake, and hand the rest over to the kernel; None: the run's end comes before."""
+        while self.now_ns < end_ns:
+            self._until(min(end_ns, self.now_ns + _LOOK * self.period_ns))
+            if self.quiet:
+                return self.compiled(end_ns)
+        return None
+
+    def compiled(self, end_ns: int) -> CompiledRun:
+        """The rest of the run up to `end_ns`, on the kernel; the simulation is `quiet`."""
+        from hapnet.simulation.compiled.run import CompiledRun  # here, since it loads numba
+
+        return CompiledRun(self, self._recorder, end_ns)
+
+    @property
+    def quiet(self) -> bool:
+        """Is nothing of the handshake to be sent, or on a link?"""
+        endpoints = (self.device_endpoint, self.world_endpoint)
+        return all(endpoint.session.handshake_over for endpoint in endpoints) and not any(
+            entry[2].kind == "control" for link in (self.up, self.down) for entry in link.queue
+        )
+
+    def until_compiled(self, kernel: CompiledRun, end_ns: int) -> None:
+        """`_until` on the kernel."""
+        if self._later_ns <= end_ns:
+            kernel.run_to(self._later_ns)
+            kernel.begin()
+            self._later_ns = _NEVER
+        kernel.run_to(end_ns)
+        self.now_ns = end_ns
 
     def pair(self) -> int:
         """Run until both sides have started. Returns that time [ns]. Raises HapnetError as `run` does."""
@@ -163,6 +243,11 @@ class Simulation:
     def later_ns(self) -> int:
         """When the start ends."""
         return self._later_ns
+
+    @property
+    def tick_ns(self) -> int:
+        """When the device's next tick is due."""
+        return self._tick_ns
 
     @property
     def step_due_ns(self) -> int:
@@ -339,6 +424,6 @@ def _or_never(due_ns: int | None) -> int:
     return _NEVER if due_ns is None else due_ns
 
 
-def simulate(params: Params | None = None, seed: int = 0) -> Result:
+def simulate(params: Params | None = None, seed: int = 0, *, kernel: bool | None = None) -> Result:
     """Run both sides and both links in virtual time; see `Simulation`."""
-    return Simulation(params or Params(), seed).run()
+    return Simulation(params or Params(), seed, kernel=kernel).run()

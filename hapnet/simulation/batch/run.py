@@ -12,6 +12,7 @@ from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
 from hapnet.simulation.batch.engine import Engine
 from hapnet.simulation.batch.scenario import BatchRun, Scenario
+from hapnet.simulation.compiled.coverage import NotCompiledError
 from hapnet.simulation.garbage_collector import collector_paused
 from hapnet.simulation.processes import Progress, dealt
 
@@ -41,9 +42,10 @@ def simulate_batch(
 
     Returns
     -------
-    One run for each pair; seeds vary fastest. Some scenarios are not vectorised but simulated one at a time: those with
-    a sampled servo, the user's own devices, hands or scenes, filters and predictors, release on silence, links with
-    slots, traces or timelines, or links that could be full. `BatchRun.vectorised` is then False.
+    One run for each pair; seeds vary fastest. Some scenarios are not vectorised but simulated one at a time, by the
+    compiled kernel where it is there: those with a sampled servo, the user's own devices, hands or scenes, filters and
+    predictors, release on silence, links with slots, traces or timelines, or links that could be full.
+    `BatchRun.vectorised` is then False.
 
     Raises
     ------
@@ -87,6 +89,16 @@ def _groups(cases: Sequence[tuple[Params, int]]) -> list[list[int]]:
     return list(groups.values())
 
 
+def _alone(scenario: Scenario, params: Params, seed: int) -> BatchRun:
+    """Run a loaded scenario that is not vectorised."""
+    try:
+        return scenario.run_on(vectorised=False)
+    except NotCompiledError:
+        again = Scenario(params, seed, scenario.setup, kernel=False)
+        again.load()
+        return again.run_on(vectorised=False)
+
+
 @collector_paused()
 def _simulate_group(cases: dict[int, tuple[Params, int]], runs: dict[int, BatchRun], done: Progress) -> None:
     running: dict[int, Scenario] = {}
@@ -101,7 +113,7 @@ def _simulate_group(cases: dict[int, tuple[Params, int]], runs: dict[int, BatchR
         if ready and scenario.is_vectorised and len(cases) >= SMALLEST:
             running[k] = scenario
         else:
-            runs[k] = scenario.run_on(vectorised=False)
+            runs[k] = _alone(scenario, params, seed)
             done(0.0)
     if running:
         duration_s = next(iter(cases.values()))[0].duration_s

@@ -16,6 +16,7 @@ from hapnet.params import Params
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Press, Recorded, Rest, Sine
 from hapnet.plant.worlds.scene import Scene
+from hapnet.recording.samples import Columns, MemoryRecorder, MotionSample, Sample
 from hapnet.side.device import ContinuousDeviceSide, DeviceSide, Write
 from hapnet.side.endpoint import NANO, Endpoint
 from hapnet.side.packet import Packet
@@ -66,13 +67,24 @@ class UnderWay(NamedTuple):
     content: Position | Energy
 
 
+class Nothing(MemoryRecorder):
+    """Records nothing."""
+
+    def write(self, sample: Sample | MotionSample) -> None:
+        pass
+
+    def extend(self, device: Columns, world: Columns) -> None:
+        pass
+
+
 class Scenario(Simulation):
     """A `Simulation` whose middle part an `Engine` can run."""
 
     end_ns: int
 
     def _writer(self) -> Write:
-        return lambda sample: None  # nothing is recorded
+        self._recorder = Nothing({})
+        return self._recorder.write
 
     def _path(self) -> path.Section:
         return path.unknown()
@@ -102,19 +114,21 @@ class Scenario(Simulation):
         self.end_ns = start_ns + round(self.setup.params.duration_s / NANO)
         while (tick_ns := self._tick_ns + _LOOK * self.period_ns) <= self.end_ns:
             self._until(tick_ns)
-            if self._quiet:
+            if self.quiet:
                 return True
         return False
 
-    @property
-    def _quiet(self) -> bool:
-        endpoints = (self.device_endpoint, self.world_endpoint)
-        return all(endpoint.session.handshake_over for endpoint in endpoints) and not any(
-            entry[2].kind == "control" for link in (self.up, self.down) for entry in link.queue
-        )
-
     def run_on(self, *, vectorised: bool) -> BatchRun:
-        """Run from the present state to the end."""
+        """Run from the present state to the end.
+
+        Raises
+        ------
+        NotCompiledError : the compiled kernel cannot run it to the end.
+        """
+        if self.not_compiled is None and not vectorised and self.quiet and self.now_ns < self.end_ns:
+            kernel = self.compiled(self.end_ns)
+            self.until_compiled(kernel, self.end_ns)
+            kernel.write_back()
         self._until(self.end_ns)
         summary = self.close(self.end_ns)
         device, world = self.device, self.world

@@ -1,0 +1,257 @@
+"""The device's local contact model, for a world that tells its planes: `hapnet.control.contact_model`."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from hapnet.control import contact_model as reference
+from hapnet.kernel.added_damping import AddedDamping, FilteredVelocity, damp, filter_velocity
+from hapnet.kernel.jit import compiled
+from hapnet.kernel.records import AXES, PLANES, Floats, Matrix, OfPlanes, Record, Vector, VectorsOfPlanes
+from hapnet.kernel.vectors import copy, dot, equal, length, low_pass, times
+
+_FORGET_S, _SETTLED_MPS = reference.FORGET_S, reference.SETTLED_MPS
+_SAME_M, _SAME_COSINE, _SAME_STIFFNESS = reference.SAME_M, reference.SAME_COSINE, reference.SAME_STIFFNESS
+_SWEEPS, _SETTLED_N = reference.SWEEPS, reference.SETTLED_N
+_LONGEST_EXTRAPOLATION_S = reference.LONGEST_EXTRAPOLATION_S
+
+
+class Planes(Record):
+    """A set of planes as told, with what follows from K': `_Told` of each."""
+
+    count: int
+    normal: VectorsOfPlanes
+    offset: OfPlanes
+    stiffness: OfPlanes
+    velocity: OfPlanes
+    response: VectorsOfPlanes
+    softness: OfPlanes
+
+
+class ContactModel(Record):
+    """The attributes of `ContactModel`.
+
+    in_use : does the device have one? has_wanted : is a shift wanted? has_earlier : is an earlier answer known?
+    starts : is this the first step after a reset? pending : the answer that the next step takes is in `told_...`.
+    """
+
+    in_use: int
+    compliance: Matrix
+    lead: Matrix
+    fade_s: float
+    shift_s: float
+    shift: Vector
+    fading: Vector
+    has_wanted: int
+    wanted_shift: Vector
+    has_earlier: int
+    earlier: Vector
+    earlier_s: float
+    age: float
+    freedom: float
+    starts: int
+    start: Vector
+    pending: int
+    told_position: Vector
+    told_force: Vector
+    told_sent_s: float
+    told_age_s: float
+    made_x: Vector
+    made_s: Vector
+    made_fading: Vector
+    made_before: Vector
+    made_y: Vector
+    touches: int
+    s: Vector
+    before: Vector
+    leading: Vector
+    forces: Annotated[Floats, (PLANES,)]
+
+
+@compiled
+def step(
+    model: ContactModel,
+    planes: Planes,
+    told: Planes,
+    velocity: FilteredVelocity,
+    added: AddedDamping,
+    added_velocity: FilteredVelocity,
+    n: int,
+    dt: float,
+    x: Floats,
+    y: Floats,
+) -> None:
+    """`ContactModel.step`: into y."""
+    model.age += dt
+    if model.starts:
+        for i in range(n):
+            model.fading[i] = model.start[i] - x[i]
+        model.starts = 0
+    if model.pending:
+        _take(model, planes, told, n, x)
+    filter_velocity(velocity, n, dt, x)
+    times(n, model.lead, velocity.velocity, model.leading)
+    _rest(model, planes, n, x)
+    gain = dt / (model.fade_s + dt)
+    model.freedom = model.freedom + gain * ((0.0 if model.touches else 1.0) - model.freedom)
+    _settle(model, n, dt)
+    for i in range(n):
+        y[i] = model.s[i] + model.freedom * model.leading[i]
+    _fade(model, n, dt, y)
+    copy(n, x, model.made_x)
+    copy(n, model.s, model.made_s)
+    copy(n, model.fading, model.made_fading)
+    copy(n, y, model.made_before)
+    damp(added, added_velocity, n, dt, x, y, model.age, model.freedom)
+    copy(n, y, model.made_y)
+
+
+@compiled
+def understand(model: ContactModel, told: Planes, n: int) -> None:
+    """`_Told`: what follows from K' for the planes that were told."""
+    for i in range(told.count):
+        times(n, model.compliance, told.normal[i], told.response[i])
+        told.softness[i] = 1.0 / told.stiffness[i] + dot(n, told.normal[i], told.response[i])
+
+
+@compiled
+def _take(model: ContactModel, planes: Planes, told: Planes, n: int, x: Floats) -> None:
+    """`ContactModel._take`: the told planes take the place of the present ones."""
+    model.pending = 0
+    _rest(model, planes, n, x)
+    copy(n, model.s, model.before)
+    model.age = model.told_age_s
+    understand(model, told, n)
+    _want_shift(model, planes, told, n)
+    copy_planes(told, planes)
+    _rest(model, planes, n, x)
+    if not equal(n, model.s, model.before):
+        for i in range(n):
+            model.fading[i] = model.fading[i] + (model.before[i] - model.s[i])
+
+
+@compiled
+def copy_planes(source: Planes, target: Planes) -> None:
+    """Copy a set of planes."""
+    target.count = source.count
+    for i in range(source.count):
+        copy(AXES, source.normal[i], target.normal[i])
+        copy(AXES, source.response[i], target.response[i])
+        target.offset[i] = source.offset[i]
+        target.stiffness[i] = source.stiffness[i]
+        target.velocity[i] = source.velocity[i]
+        target.softness[i] = source.softness[i]
+
+
+@compiled
+def _want_shift(model: ContactModel, earlier: Planes, told: Planes, n: int) -> None:
+    """`ContactModel._shift_wanted`, with `_proxy_velocity`."""
+    moved = model.has_earlier != 0 and model.told_sent_s > model.earlier_s
+    span = model.told_sent_s - model.earlier_s
+    for i in range(n):
+        model.leading[i] = (model.told_position[i] - model.earlier[i]) / span if moved else 0.0
+        model.earlier[i] = model.told_position[i]
+        model.s[i] = 0.0
+    model.earlier_s, model.has_earlier = model.told_sent_s, 1
+    known = False
+    for i in range(told.count):
+        moving = abs(dot(n, told.normal[i], model.leading)) > _SETTLED_MPS
+        if moving or not _known_before(model, earlier, told, i, n):
+            copy(n, model.shift, model.wanted_shift)
+            model.has_wanted = 1
+            return
+        depth = dot(n, told.normal[i], model.told_position) - told.offset[i]
+        force = -dot(n, told.normal[i], model.told_force)
+        if force > 0.0:
+            error = depth - force / told.stiffness[i]
+        elif depth > 0.0 and length(n, model.told_force) == 0.0:
+            error = depth
+        else:
+            continue
+        known = True
+        for axis in range(n):
+            model.s[axis] += told.normal[i, axis] * error
+    model.has_wanted = 1 if known else 0
+    copy(n, model.s, model.wanted_shift)
+
+
+@compiled
+def _known_before(model: ContactModel, earlier: Planes, told: Planes, i: int, n: int) -> bool:
+    """Was the told plane i told before? `_Told.same` with any of the earlier ones."""
+    for j in range(earlier.count):
+        here = dot(n, told.normal[i], model.told_position) - told.offset[i]
+        apart = here - (dot(n, earlier.normal[j], model.told_position) - earlier.offset[j])
+        alike = 1.0 / _SAME_STIFFNESS < told.stiffness[i] / earlier.stiffness[j] < _SAME_STIFFNESS
+        if alike and abs(apart) < _SAME_M and dot(n, told.normal[i], earlier.normal[j]) > _SAME_COSINE:
+            return True
+    return False
+
+
+@compiled
+def _settle(model: ContactModel, n: int, dt: float) -> None:
+    """`ContactModel._settle`."""
+    if not model.has_wanted:
+        for i in range(n):
+            model.wanted_shift[i] = 0.0
+    if not equal(n, model.wanted_shift, model.shift):
+        low_pass(n, dt, model.shift_s if model.has_wanted else _FORGET_S, model.shift, model.wanted_shift)
+
+
+@compiled
+def _rest(model: ContactModel, planes: Planes, n: int, x: Floats) -> None:
+    """`ContactModel._rest`: where the proxy rests into `model.s`, and whether it touches anything there."""
+    s, forces = model.s, model.forces
+    copy(n, x, s)
+    model.touches = 0
+    if planes.count == 1:
+        depth = _depth(model, planes, 0, n, x)
+        if depth > 0.0:
+            force = depth / planes.softness[0]
+            for i in range(n):
+                s[i] = x[i] - force * planes.response[0, i]
+            model.touches = 1
+        return
+    for k in range(planes.count):
+        forces[k] = 0.0
+    for _ in range(_SWEEPS):
+        moved = False
+        for k in range(planes.count):
+            depth = _depth(model, planes, k, n, s)
+            force = max(0.0, forces[k] + (depth - forces[k] / planes.stiffness[k]) / planes.softness[k])
+            if force != forces[k]:
+                change = force - forces[k]
+                forces[k] = force
+                for i in range(n):
+                    s[i] = s[i] - change * planes.response[k, i]
+                moved = moved or abs(change) > _SETTLED_N
+        if not moved:
+            break
+    for k in range(planes.count):
+        if forces[k] != 0.0:
+            model.touches = 1
+
+
+@compiled
+def _depth(model: ContactModel, planes: Planes, k: int, n: int, place: Floats) -> float:
+    """How deep `place` is behind plane k as it is now [m]."""
+    along = 0.0
+    for i in range(n):
+        along += planes.normal[k, i] * (place[i] - model.shift[i])
+    if planes.velocity[k] == 0.0:
+        return along - float(planes.offset[k])
+    ahead = min(max(model.age, 0.0), _LONGEST_EXTRAPOLATION_S)
+    return along - float(planes.offset[k] + planes.velocity[k] * ahead)
+
+
+@compiled
+def _fade(model: ContactModel, n: int, dt: float, y: Floats) -> None:
+    """`ContactModel._faded`: adds to y what is left of a change of planes."""
+    if length(n, model.fading) == 0.0:
+        return
+    share = model.fade_s / (model.fade_s + dt)
+    for i in range(n):
+        model.fading[i] = share * model.fading[i]
+        y[i] = y[i] + model.fading[i]
+    if not length(n, model.fading) > 1e-9:
+        for i in range(n):
+            model.fading[i] = 0.0

@@ -1,0 +1,123 @@
+"""Compiles the kernel's functions with numba; where it is missing, the same functions run as plain Python.
+
+Numba's own switch, the environment's `NUMBA_DISABLE_JIT=1`, makes them plain Python too.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FunctionType
+from typing import Any, TypeVar
+
+try:
+    import numba
+except ImportError:
+    COMPILED = False
+    _njit: Any = None
+else:
+    from numba.core import config
+
+    COMPILED = not getattr(config, "DISABLE_JIT", 0)
+    _njit = numba.njit
+
+_LEAN = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "_nrt": False, "error_model": "numpy"}
+
+_PARTS: set[str] = set()
+"""The names of the functions that only compiled ones call."""
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def compiled(function: F) -> F:
+    """`function`, compiled when it is first called by a compiled one."""
+    if not COMPILED:
+        return function
+    _PARTS.add(function.__qualname__)
+    return _njit(**_LEAN)(function)  # type: ignore[no-any-return]
+
+
+def shared(function: Callable[..., Any], **callees: Callable[..., Any]) -> Callable[..., Any]:
+    """A function of the reference, compiled as it stands.
+
+    callees : the functions that it calls by these global names, themselves `shared`.
+    """
+    if not COMPILED:
+        return function
+    assert isinstance(function, FunctionType)
+    clone = FunctionType(
+        function.__code__, {**function.__globals__, **callees}, function.__name__, function.__defaults__
+    )
+    _PARTS.add(function.__name__)
+    return _njit(**_LEAN)(clone)  # type: ignore[no-any-return]
+
+
+def entry(function: F) -> F:
+    """The function through which everything else is called: its machine code is cached for other processes.
+
+    Numba looks only at the entry's own file to see whether its cache is still valid. So the entry must be a closure
+    that uses `SOURCES`, which changes with any source file that it may be compiled from.
+    """
+    return _njit(cache=True, no_cfunc_wrapper=True, error_model="numpy")(function) if COMPILED else function
+
+
+@contextmanager
+def as_one_unit() -> Iterator[None]:
+    """What is compiled meanwhile is optimised, and turned into machine code, with the entry alone.
+
+    By itself numba does both with each function and all that it calls: so every function is optimised again for its
+    callers, for theirs, and so on, which takes four times as long. The methods changed here are numba's own, left out
+    for the inner functions: a version of numba that has not all of them just compiles for longer.
+    """
+    codegen = importlib.import_module("numba.core.codegen")
+    classes = (getattr(codegen, "CPUCodeLibrary", None), getattr(codegen, "JITCPUCodegen", None))
+    names = ("_optimize_functions", 0), ("_optimize_final_module", 0), ("_finalize_final_module", 0), ("set_env", 1)
+    if not all(hasattr(classes[which], name) for name, which in names):
+        yield
+        return
+    own: list[Any] = [getattr(classes[which], name) for name, which in names]
+    prepare, optimize, emit, set_env = own
+
+    def prepare_entry(self: Any, module: Any) -> None:
+        if self.name not in _PARTS:
+            prepare(self, module)
+
+    def optimize_entry(self: Any) -> None:
+        if self.name not in _PARTS:
+            optimize(self)
+
+    def emit_entry(self: Any) -> None:
+        if self.name not in _PARTS:
+            emit(self)
+        self._finalized = True
+
+    def set_env_of_emitted(self: Any, name: str, environment: Any) -> None:
+        if self._engine.get_global_value_address(name):  # the inner functions raise nothing, so they need none
+            set_env(self, name, environment)
+
+    changed: list[Any] = [prepare_entry, optimize_entry, emit_entry, set_env_of_emitted]
+    try:
+        for (name, which), method in zip(names, changed, strict=True):
+            setattr(classes[which], name, method)
+        yield
+    finally:
+        for (name, which), method in zip(names, own, strict=True):
+            setattr(classes[which], name, method)
+
+
+def _digest() -> str:
+    """A digest of all sources that the kernel is compiled from."""
+    packages = [
+        Path(__file__).parent,
+        *(Path(__file__).parents[1] / name for name in ("control", "plant", "mechanics")),
+    ]
+    digest = hashlib.sha256()
+    for path in sorted(path for package in packages for path in package.rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+SOURCES = _digest() if COMPILED else ""

@@ -1,0 +1,116 @@
+"""What is recorded at a tick and at a step: `hapnet.recording.samples`, as rows of numbers."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from hapnet.kernel import set_position_coupling as couplings
+from hapnet.kernel import springs
+from hapnet.kernel.device import Hand
+from hapnet.kernel.jit import compiled
+from hapnet.kernel.records import AXES, Floats, Record, Wholes
+from hapnet.kernel.sides import Counts, DeviceSide, WorldSide
+
+DEVICE_VECTORS, DEVICE_SCALARS, WORLD_VECTORS, WORLD_SCALARS = 10, 7, 6, 8
+"""The numbers of columns of a row: vectors first, then scalars."""
+
+MOST = 2048
+"""So many samples of each side may wait for the recorder."""
+
+
+class Rows(Record):
+    """The samples of both sides as rows, with their times [ns].
+
+    every : ticks between two samples. device_rows, world_rows : how many there are.
+    """
+
+    every: int
+    device_rows: int
+    world_rows: int
+    device_ns: Annotated[Wholes, (MOST,)]
+    at_device: Annotated[Floats, (MOST, AXES * DEVICE_VECTORS + DEVICE_SCALARS)]
+    world_ns: Annotated[Wholes, (MOST,)]
+    at_world: Annotated[Floats, (MOST, AXES * WORLD_VECTORS + WORLD_SCALARS)]
+
+
+@compiled
+def have_room(rows: Rows) -> bool:
+    """Is there room for one more sample of each side?"""
+    return rows.device_rows < MOST and rows.world_rows < MOST
+
+
+@compiled
+def record_tick(rows: Rows, side: DeviceSide, hand: Hand, now_ns: int) -> None:
+    """A `DeviceSample`: its vectors in their order, then its scalars."""
+    device, servo, coupling, n = side.plant, side.servo, side.coupling, side.plant.n
+    x, at = device.read_position, rows.device_rows
+    row, within = rows.at_device[at], side.model_of_tick.in_use != 0
+    rows.device_rows = at + 1
+    rows.device_ns[at] = now_ns
+    springs.force(side.spring, x, coupling.set_position, servo.spring_force)
+    for i in range(n):
+        row[i] = x[i]
+        row[n + i] = coupling.set_position[i]
+        row[2 * n + i] = coupling.target[i]
+        row[3 * n + i] = device.actuator_force[i] if within else servo.force[i]
+        row[4 * n + i] = device.hand_force[i]
+        row[5 * n + i] = hand.path[hand.at, i]
+        row[6 * n + i] = servo.spring_force[i]
+        row[7 * n + i] = row[3 * n + i] - row[6 * n + i] if within else -servo.damping[i] * servo.velocity[i]
+        row[8 * n + i] = row[9 * n + i] = 0.0
+    if side.model.in_use:
+        _part(row, side, n)
+    _account(row, DEVICE_VECTORS * n, side, x)
+
+
+@compiled
+def _part(row: Floats, side: DeviceSide, n: int) -> None:
+    """The parts of the spring's force that the model's planes and the added damping have made."""
+    model, K = side.model, side.spring.K
+    scale = springs.saturation(side.spring, side.plant.read_position, side.coupling.set_position)
+    for i in range(n):
+        of_planes = added = 0.0
+        for j in range(n):
+            of_planes += K[i, j] * (model.made_s[j] - model.made_x[j] + model.made_fading[j])
+            added += K[i, j] * (model.made_y[j] - model.made_before[j])
+        row[8 * n + i] = scale * of_planes
+        row[9 * n + i] = scale * added
+
+
+@compiled
+def _account(row: Floats, at: int, side: DeviceSide, x: Floats) -> None:
+    """Reservoir, deficit, potential, sent, credited, margin, slack."""
+    coupling, ledger = side.coupling, side.ledger
+    row[at] = coupling.energy
+    row[at + 1] = coupling.deficit
+    row[at + 2] = couplings.potential(coupling, side.spring, x)
+    row[at + 3] = ledger.sent
+    row[at + 4] = ledger.credited
+    row[at + 5] = ledger.margin
+    row[at + 6] = ledger.slack
+
+
+@compiled
+def record_step(rows: Rows, side: WorldSide, counts: Counts, now_ns: int) -> None:
+    """A `WorldSample`: its vectors in their order, then its scalars."""
+    mass, coupling, ledger, n = side.mass, side.coupling, side.ledger, side.mass.n
+    at = rows.world_rows
+    row = rows.at_world[at]
+    rows.world_rows = at + 1
+    rows.world_ns[at] = now_ns
+    for i in range(n):
+        row[i] = mass.x[i]
+        row[n + i] = mass.v[i]
+        row[2 * n + i] = coupling.set_position[i]
+        row[3 * n + i] = coupling.target[i]
+        row[4 * n + i] = mass.coupling_force[i]
+        row[5 * n + i] = mass.force[i]
+    first = WORLD_VECTORS * n
+    row[first] = counts.step_s
+    row[first + 1] = mass.penetration
+    row[first + 2] = coupling.energy
+    row[first + 3] = couplings.potential(coupling, side.spring, mass.x)
+    row[first + 4] = ledger.sent
+    row[first + 5] = ledger.credited
+    row[first + 6] = ledger.margin
+    row[first + 7] = ledger.slack

@@ -1,0 +1,279 @@
+"""A tick of the device's side and a step of the world's: `hapnet.side.device`, `hapnet.side.world`."""
+
+from __future__ import annotations
+
+from hapnet.kernel import contact_model, coupled_device, integrator, prediction, walls
+from hapnet.kernel import device as devices
+from hapnet.kernel import ledger as ledgers
+from hapnet.kernel import set_position_coupling as couplings
+from hapnet.kernel import set_position_servo as servos
+from hapnet.kernel.added_damping import AddedDamping, FilteredVelocity
+from hapnet.kernel.contact_model import ContactModel, Planes
+from hapnet.kernel.coupled_device import TickModel
+from hapnet.kernel.device import Device, Hand
+from hapnet.kernel.endpoint import Wire, finish
+from hapnet.kernel.integrator import PassiveIntegrator
+from hapnet.kernel.jit import compiled
+from hapnet.kernel.ledger import Ledger
+from hapnet.kernel.limited_coupling import LimitedCoupling
+from hapnet.kernel.link import Message
+from hapnet.kernel.prediction import PredictedDevice
+from hapnet.kernel.records import Floats, Record
+from hapnet.kernel.reserve import ForceGuard
+from hapnet.kernel.set_position_coupling import Coupling
+from hapnet.kernel.set_position_servo import SampledServo
+from hapnet.kernel.smoothing import Stages
+from hapnet.kernel.springs import Spring
+from hapnet.kernel.vectors import copy
+from hapnet.kernel.walls import Contacts
+
+_NANO = 1e-9
+
+
+class Counts(Record):
+    """What the two sides count: ticks and steps."""
+
+    device_last_ns: int
+    ticks: int
+    world_last_ns: int
+    steps: int
+    stepped_s: float
+    longest_step_s: float
+    step_s: float
+    reach_m: float
+
+
+class DeviceSide(Record):
+    """Everything of the device's side.
+
+    plant : the device; model_of_tick, limited : of a coupling that acts within the tick. true_ledger, hand : the
+    accounts with the true positions, and of the hand.
+    """
+
+    plant: Device
+    model_of_tick: TickModel
+    limited: LimitedCoupling
+    servo: SampledServo
+    coupling: Coupling
+    spring: Spring
+    ledger: Ledger
+    stages: Stages
+    guard: ForceGuard
+    true_ledger: Ledger
+    hand: Ledger
+    model: ContactModel
+    planes: Planes
+    told: Planes
+    velocity: FilteredVelocity
+    added: AddedDamping
+    added_velocity: FilteredVelocity
+
+
+class WorldSide(Record):
+    """Everything of the world's side; `around` : the planes that it tells."""
+
+    mass: PassiveIntegrator
+    contacts: Contacts
+    coupling: Coupling
+    spring: Spring
+    ledger: Ledger
+    stages: Stages
+    predicted: PredictedDevice
+    around: Planes
+
+
+@compiled
+def tick(side: DeviceSide, wire: Wire, counts: Counts, hand: Hand, now_ns: int, message: Message) -> bool:
+    """`DeviceSide.tick`: is there a position to send? It is then in `message`."""
+    dt = max((now_ns - counts.device_last_ns) * _NANO, side.plant.period)
+    if side.model_of_tick.in_use:
+        _tick_within(side, wire, hand, dt, now_ns)
+    else:
+        _tick_held(side, wire, hand, dt, now_ns)
+    counts.device_last_ns = now_ns
+    counts.ticks += 1
+    if not side.servo.sends:
+        return False
+    copy(side.plant.n, side.plant.read_position, message.position)
+    message.planes = 0
+    finish(wire.endpoint, message, now_ns)
+    return True
+
+
+@compiled
+def _tick_held(side: DeviceSide, wire: Wire, hand: Hand, dt: float, now_ns: int) -> None:
+    """`SampledDeviceSide._control`."""
+    device, servo, n = side.plant, side.servo, side.plant.n
+    copy(n, device.position, servo.spring_force)  # where it was before
+    ledgers.put_in(side.hand, devices.advance(device, hand))
+    true_work = servos.hold(
+        servo.trusts != 0, servo.trusted, n, servo.force, servo.spring_force, device.position, dt, 0.0
+    )
+    devices.read(device)
+    _take(side, wire, now_ns)
+    updates = servos.due(servo, side.coupling, dt)
+    x, v = device.read_position, device.read_velocity
+    if updates:
+        _choose(side, servo.elapsed + dt, x)
+    servos.tick(servo, side.coupling, side.spring, side.ledger, side.stages, side.guard, dt, x, v, updates)
+    devices.apply(device, servo.force)
+    _observe_truth(side, true_work)
+
+
+@compiled
+def _tick_within(side: DeviceSide, wire: Wire, hand: Hand, dt: float, now_ns: int) -> None:
+    """`ContinuousDeviceSide._control`, with `ContinuousServo.tick`."""
+    device, model, servo, coupling, ledger = side.plant, side.model_of_tick, side.servo, side.coupling, side.ledger
+    work = coupled_device.advance(device, model, side.limited, hand, coupling.set_position)
+    copy(device.n, device.position, device.read_position)
+    x, kinetic = device.read_position, devices.kinetic(device)
+    _take(side, wire, now_ns)
+    servo.elapsed += dt
+    ledgers.put_in(ledger, work)
+    ledgers.observe(ledger, kinetic + couplings.potential(coupling, side.spring, x), coupling.account)
+    servo.sends = 0
+    coupling.shuffled = 0.0
+    if servo.elapsed < servo.due and not coupling.has_sample:
+        return
+    dissipated = coupled_device.dissipated(device, model, servo.elapsed)
+    _choose(side, servo.elapsed, x)
+    couplings.update(coupling, side.spring, ledger, side.stages, servo.elapsed, x, dissipated, 0.0)
+    ledgers.observe(ledger, kinetic + couplings.potential(coupling, side.spring, x), coupling.account)
+    servo.sending_elapsed += servo.elapsed
+    servo.elapsed = 0.0
+    if servo.sending_elapsed >= servo.sending_due:
+        servo.sending_elapsed = 0.0
+        servo.sends = 1
+
+
+@compiled
+def _take(side: DeviceSide, wire: Wire, now_ns: int) -> None:
+    """`ControlHalf.take` at the device."""
+    endpoint, coupling, n = wire.endpoint, side.coupling, side.plant.n
+    for k in range(endpoint.waiting):
+        at = (endpoint.first + k) % endpoint.backlog
+        sample = wire.samples[at]
+        copy(n, sample.position, coupling.received)
+        coupling.sent_s = sample.stamp_ns * _NANO
+        coupling.fresh = coupling.has_sample = 1
+        endpoint.echo_ns, endpoint.came_ns = sample.stamp_ns, wire.came_ns[at]
+        if side.model.in_use:
+            _tell(side, sample, n, _age_s(sample, wire.came_ns[at], wire.took_ns[at], now_ns))
+    endpoint.first = endpoint.waiting = 0
+    _credit(coupling, wire)
+
+
+@compiled
+def _age_s(sample: Message, came_ns: int, took_ns: int, now_ns: int) -> float:
+    """How old a sample is [s]: that of a proxy which has aimed is known exactly."""
+    if sample.aimed_ns:
+        return now_ns * _NANO - sample.aimed_ns * _NANO
+    return (now_ns - came_ns + took_ns) * _NANO
+
+
+@compiled
+def _tell(side: DeviceSide, sample: Message, n: int, age_s: float) -> None:
+    """`ContactModel.receive`."""
+    model, told = side.model, side.told
+    model.pending = 1
+    copy(n, sample.position, model.told_position)
+    copy(n, sample.force, model.told_force)
+    model.told_sent_s, model.told_age_s = side.coupling.sent_s, age_s
+    told.count = sample.planes
+    for k in range(sample.planes):
+        copy(n, sample.normal[k], told.normal[k])
+        told.offset[k], told.stiffness[k] = sample.offset[k], sample.stiffness[k]
+        told.velocity[k] = sample.velocity[k]
+
+
+@compiled
+def _credit(coupling: Coupling, wire: Wire) -> None:
+    """The credits that wait go to the coupling."""
+    for k in range(wire.endpoint.credits):
+        coupling.credit += wire.credits_nJ[k] * _NANO
+        coupling.has_sample = 1
+    wire.endpoint.credits = 0
+
+
+@compiled
+def _choose(side: DeviceSide, dt: float, x: Floats) -> None:
+    """Choose y, before the stages."""
+    coupling, n = side.coupling, side.plant.n
+    if side.model.in_use:
+        contact_model.step(
+            side.model, side.planes, side.told, side.velocity, side.added, side.added_velocity, n, dt, x, coupling.y
+        )
+    else:
+        copy(n, coupling.received, coupling.y)
+
+
+@compiled
+def _observe_truth(side: DeviceSide, work: float) -> None:
+    """`SampledDeviceSide._observe_truth` with the measured harvest."""
+    ledger = side.true_ledger
+    ledgers.put_in(ledger, work)
+    ledger.credited, ledger.sent = side.ledger.credited, side.ledger.sent
+    stored = couplings.potential(side.coupling, side.spring, side.plant.position)
+    ledgers.observe(ledger, stored, servos.account(side.servo, side.coupling, side.spring))
+
+
+@compiled
+def step(side: WorldSide, wire: Wire, counts: Counts, now_ns: int, message: Message) -> None:
+    """`WorldSide.step`: the message is in `message`."""
+    mass, coupling, ledger, n = side.mass, side.coupling, side.ledger, side.mass.n
+    dt = (now_ns - counts.world_last_ns) * _NANO
+    counts.world_last_ns = now_ns
+    integrator.step(mass, side.contacts, dt, coupling.set_position)
+    _receive(side, wire, now_ns)
+    ledgers.put_in(ledger, mass.work)
+    kinetic = integrator.kinetic(mass)
+    ledgers.observe(ledger, kinetic + couplings.potential(coupling, side.spring, mass.x), coupling.account)
+    copy(n, mass.x, message.position)
+    message.planes = message.aimed_ns = 0
+    if side.predicted.in_use:
+        if wire.endpoint.proxies:
+            _say(side, counts.reach_m, dt, message)
+        prediction.step(side.predicted, n, dt, coupling.y)
+    else:
+        copy(n, coupling.received, coupling.y)
+    couplings.update(coupling, side.spring, ledger, side.stages, dt, mass.x, mass.dissipated, 0.0)
+    ledgers.observe(ledger, kinetic + couplings.potential(coupling, side.spring, mass.x), coupling.account)
+    finish(wire.endpoint, message, now_ns)
+    if side.predicted.overflow:
+        wire.endpoint.impossible = 1
+    counts.steps += 1
+    counts.stepped_s += dt
+    counts.longest_step_s = max(counts.longest_step_s, dt)
+    counts.step_s = dt
+
+
+@compiled
+def _receive(side: WorldSide, wire: Wire, now_ns: int) -> None:
+    """`ControlHalf.take` at the world."""
+    endpoint, coupling, n = wire.endpoint, side.coupling, side.mass.n
+    for k in range(endpoint.waiting):
+        at = (endpoint.first + k) % endpoint.backlog
+        sample = wire.samples[at]
+        copy(n, sample.position, coupling.received)
+        coupling.sent_s = sample.stamp_ns * _NANO
+        coupling.fresh = coupling.has_sample = 1
+        if side.predicted.in_use:
+            age_s = (now_ns - wire.came_ns[at] + wire.took_ns[at]) * _NANO
+            prediction.receive(side.predicted, n, sample.position, coupling.sent_s, age_s)
+        endpoint.echo_ns, endpoint.came_ns = sample.stamp_ns, wire.came_ns[at]
+    endpoint.first = endpoint.waiting = 0
+    _credit(coupling, wire)
+
+
+@compiled
+def _say(side: WorldSide, reach_m: float, dt: float, message: Message) -> None:
+    """`SetPositionSteps.update`: what the world knows of the place."""
+    around, n = side.around, side.mass.n
+    message.aimed_ns = max(0, round(prediction.stands_for(side.predicted, dt) / _NANO))
+    copy(n, side.mass.force, message.force)
+    walls.tell(side.contacts, n, side.mass.x, reach_m, around)
+    message.planes = around.count
+    for k in range(around.count):
+        copy(n, around.normal[k], message.normal[k])
+        message.offset[k], message.stiffness[k] = around.offset[k], around.stiffness[k]
+        message.velocity[k] = around.velocity[k]

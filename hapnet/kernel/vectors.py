@@ -1,0 +1,98 @@
+"""Sums and distances of short vectors, as the reference computes them on tuples."""
+
+from __future__ import annotations
+
+import math
+
+from hapnet.kernel.jit import compiled
+from hapnet.kernel.records import Floats
+
+
+@compiled
+def dot(n: int, one: Floats, other: Floats) -> float:
+    """The scalar product."""
+    total = 0.0
+    for i in range(n):
+        total += one[i] * other[i]
+    return total
+
+
+@compiled
+def length(n: int, one: Floats) -> float:
+    """The Euclidean norm, as `math.hypot` gives it."""
+    if n == 1:
+        return float(abs(one[0]))
+    return _root_of_squares(one[0], one[1], one[2] if n > 2 else 0.0)
+
+
+@compiled
+def distance(n: int, one: Floats, other: Floats) -> float:
+    """The Euclidean distance, as `math.dist` gives it."""
+    if n == 1:
+        return float(abs(one[0] - other[0]))
+    return _root_of_squares(one[0] - other[0], one[1] - other[1], one[2] - other[2] if n > 2 else 0.0)
+
+
+@compiled
+def _root_of_squares(a: float, b: float, c: float) -> float:
+    """The norm of three components, correct but for a very rare ulp, as Python's is.
+
+    The sum of squares is kept in two floats (Dekker, Numerische Mathematik 18, 1971), and a Newton step with its
+    exact residual follows the root.
+    """
+    total, rest = _square(a)
+    for x in (b, c):
+        square, error = _square(x)
+        after = total + square
+        back = after - total
+        rest += ((total - (after - back)) + (square - back)) + error
+        total = after
+    if total == 0.0:
+        return 0.0
+    root = math.sqrt(total)
+    square, error = _square(root)
+    return root + (((total - square) - error) + rest) / (2.0 * root)
+
+
+@compiled
+def _square(x: float) -> tuple[float, float]:
+    """The square of x, and what its rounding left out."""
+    square = x * x
+    part = 134217729.0 * x
+    high = part - (part - x)
+    low = x - high
+    return square, ((high * high - square) + 2.0 * high * low) + low * low
+
+
+@compiled
+def copy(n: int, source: Floats, target: Floats) -> None:
+    """Copy a vector."""
+    for i in range(n):
+        target[i] = source[i]
+
+
+@compiled
+def times(n: int, rows: Floats, vector: Floats, out: Floats) -> None:
+    """A matrix times a vector; `out` is another vector."""
+    for i in range(n):
+        total = 0.0
+        for j in range(n):
+            total += rows[i, j] * vector[j]
+        out[i] = total
+
+
+@compiled
+def equal(n: int, one: Floats, other: Floats) -> bool:
+    """Are all elements equal?"""
+    same = True
+    for i in range(n):
+        same = same and bool(one[i] == other[i])
+    return same
+
+
+@compiled
+def low_pass(n: int, dt: float, time_constant: float, state: Floats, y: Floats) -> None:
+    """`hapnet.control.smoothing.low_passed`: one step, in place."""
+    gain = dt / (time_constant + dt)
+    for i in range(n):
+        state[i] = state[i] + gain * (y[i] - state[i])

@@ -1,0 +1,71 @@
+"""A side's coupling, spring, ledger and stages, to and from the kernel."""
+
+from __future__ import annotations
+
+from hapnet.control.ledger import Ledger
+from hapnet.control.pspm import SetPositionModulator
+from hapnet.control.set_position_coupling import Arrived, SetPositionCoupling
+from hapnet.control.smoothing import SmoothingFilter, VelocityPredictor
+from hapnet.control.zoh import ZeroOrderHold
+from hapnet.kernel import ledger, set_position_coupling, smoothing, springs
+from hapnet.mechanics.spring import Spring
+from hapnet.simulation.compiled.mirror import optional, put, read, value, vector, write
+
+_LEDGER = "bound work credited sent margin margin_min slack slack_min _carry _sent_carry _credited_carry"
+
+
+def read_ledger(record: ledger.Ledger, source: Ledger) -> None:
+    read(record, source, _LEDGER)
+
+
+def write_ledger(record: ledger.Ledger, target: Ledger) -> None:
+    write(record, target, _LEDGER)
+
+
+def read_spring(record: springs.Spring, source: Spring) -> None:
+    ellipsoid = source.ellipsoid
+    read(record, source, "dof knee", knee_square="knee_square")
+    read(record, ellipsoid, "largest eigenvalues", ratios="ratios", weights="weights")
+    record.isotropic = int(ellipsoid.isotropic)
+    put(record, "K", source.K.tolist())
+    if (columns := value(ellipsoid, "columns")) is not None:
+        record.coupled = 1
+        put(record, "columns", columns)
+        put(record, "rows", value(ellipsoid, "rows"))
+
+
+def read_stages(record: smoothing.Stages, source: SetPositionCoupling) -> None:
+    silence = source.silence
+    read(record, silence, "after elapsed")
+    record.releases = int(silence.policy == "release")
+    for stage in source.stages.stages:
+        if isinstance(stage, SmoothingFilter):
+            record.smoothing_s = stage.time_constant
+            optional(record, "state", "has_state", value(stage, "state"))
+        elif isinstance(stage, VelocityPredictor):
+            record.horizon_s, record.longest_s, record.age = stage.horizon, stage.longest, value(stage, "age")
+            last = value(stage, "last")
+            optional(record, "last_s", "has_last", None if last is None else last[0])
+            optional(record, "last", "has_last", None if last is None else last[1])
+            optional(record, "velocity", "has_velocity", value(stage, "velocity"))
+
+
+def read_coupling(record: set_position_coupling.Coupling, source: SetPositionCoupling) -> None:
+    modulator = source.modulator
+    names = "set_position target has_sample account longest_step energy_min deficit_max discarded"
+    read(record, source, names, received="received", credit="credit")
+    optional(record, "sent_s", "fresh", value(source, "sent_s"))
+    read(record, modulator, "energy deficit")
+    if isinstance(modulator, SetPositionModulator):
+        record.passive = 1
+        read(record, modulator, "ceiling reserve harvested_only")
+
+
+def write_coupling(record: set_position_coupling.Coupling, target: SetPositionCoupling) -> None:
+    n, modulator = target.spring.dof, target.modulator
+    assert isinstance(modulator, SetPositionModulator | ZeroOrderHold)
+    modulator.set_position = vector(record, "set_position", n)
+    write(record, modulator, "energy deficit")
+    write(record, target, "account energy_min deficit_max discarded")
+    target.target = vector(record, "target", n)
+    target.restore(Arrived(vector(record, "received", n), float(record.credit), bool(record.has_sample)))

@@ -1,0 +1,111 @@
+"""Which runs the compiled kernel covers, and why not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+
+from hapnet import kernel
+from hapnet.assembly.build import Setup
+from hapnet.params import Params
+from hapnet.plant.worlds.scene import Scene
+from hapnet.plant.worlds.walls import Contacts
+from netem import LinkProfile
+
+_MOST_AXES, _MOST_WALLS = 3, 8
+_MOST_BURST_J, _MOST_POWER_W = 4.0, 500.0  # in aJ, and over a step of the admission, they must fit 63 bits
+
+
+OUT_OF_RANGE = "it leaves the range that messages can carry"
+
+
+class NotCompiledError(Exception):
+    """The run does something that only the reference can do, such as leaving the range that messages can carry."""
+
+
+_WORTH_TICKS = 200_000
+"""The reference takes as long for so many ticks as compiling the kernel takes, once for all processes."""
+
+_ticks = 0
+
+
+def unavailable(setup: Setup) -> str | None:
+    """Why the kernel is not there for this run; None: it is.
+
+    As long as it is not compiled, a process first runs some on the reference, which gives the same bits. Only the
+    continuous servo with several axes differs, in rounding: there the choice must not depend on such things.
+    """
+    global _ticks
+    if find_spec("numba") is None:
+        return "numba is not installed (extra fast)"
+    if _is_cached() or (setup.servo == "continuous" and setup.dof > 1):
+        return None
+    _ticks += round(setup.params.duration_s * setup.params.device.servo_hz)
+    return None if _ticks >= _WORTH_TICKS else "compiling it would take longer than this run"
+
+
+def _is_cached() -> bool:
+    """Is there machine code of the kernel? It may be of other sources, which is rare and costs only time."""
+    return any((Path(kernel.__file__).parent / "__pycache__").glob("simulation.*.nbi"))
+
+
+def chosen(setup: Setup, kernel: bool | None, watcher: str | None) -> str | None:
+    """Why the kernel does not run this; None: it does.
+
+    kernel : must it? None: where it is there. watcher : the class that wants to see every event, if one does.
+    """
+    if kernel is False:
+        return "it is switched off"
+    if watcher is not None:
+        return f"{watcher} runs the events itself"
+    why = why_not(setup)
+    return unavailable(setup) if why is None and kernel is None else why
+
+
+def why_not(setup: Setup) -> str | None:
+    """Why the kernel does not cover this run; None: it does."""
+    return next(_reasons(setup), None)
+
+
+def _reasons(setup: Setup) -> Iterator[str]:
+    params = setup.params
+    if not setup.coupling.set_positions or not setup.coupling.world_tells:
+        yield f"the coupling {params.coupling}"
+    if setup.servo == "sampled" and setup.harvest != "measured":
+        yield f"the harvest {setup.harvest} of a held force"
+    yield from _of_scene(setup)
+    for name, profile, timeline in (
+        ("uplink", setup.up, setup.up_timeline), ("downlink", setup.down, setup.down_timeline)
+    ):  # fmt: skip
+        if timeline is not None:
+            yield f"a timeline of the {name}"
+        yield from (f"{what} in the {name}" for what in _of_link(profile))
+    yield from _of_wire(params)
+
+
+def _of_scene(setup: Setup) -> Iterator[str]:
+    scene = setup.scene
+    if type(scene) is not Scene or type(scene.contacts) is not Contacts:
+        yield f"the scene {setup.params.scene}"
+    elif scene.dof > _MOST_AXES or len(scene.walls) > _MOST_WALLS:
+        yield f"a scene with {scene.dof} axes and {len(scene.walls)} walls"
+
+
+def _of_link(profile: LinkProfile) -> Iterator[str]:
+    if profile.slot is not None:
+        yield "slots"
+    if profile.trace is not None or profile.csv is not None:
+        yield "a recorded link"
+    if profile.resend is not None and not profile.resend.ordered and profile.rate_bit_s:
+        yield "unordered resends before a rate"
+
+
+def _of_wire(params: Params) -> Iterator[str]:
+    wire = params.wire
+    if wire.deadband:
+        yield "a deadband"
+    if wire.admission_burst_J > _MOST_BURST_J:
+        yield f"wire.admission_burst_J above {_MOST_BURST_J:g}"
+    if wire.admission_W > _MOST_POWER_W:
+        yield f"wire.admission_W above {_MOST_POWER_W:g}"

@@ -1,0 +1,139 @@
+"""A link with its draws and the messages on it, to and from the kernel."""
+
+from __future__ import annotations
+
+from heapq import heapify
+from typing import Any
+
+import numpy as np
+
+from hapnet.errors import BadMessage
+from hapnet.kernel import link as links
+from hapnet.kernel.link import AHEAD, ENERGY, LOST, STREAM, Message
+from hapnet.side.packet import Packet
+from hapnet.simulation.compiled.coverage import OUT_OF_RANGE, NotCompiledError
+from hapnet.simulation.compiled.mirror import put, read, value, vector, write
+from hapnet.simulation.compiled.wire import put_proxy
+from hapnet.wire.messages import Energy, Position, Proxy, decode, encode
+from hapnet.wire.session import Session
+from netem import Link
+from netem.draws import Fates
+from netem.line import RateLine
+
+LONG_AGO = -(2**62)
+_COUNTERS = "newest lost loss_bursts last_lost reordered sent_ahead resent recovered dropped_limit late_max_ns offered"
+
+
+class CompiledLink:
+    """One direction in the kernel, where it is `record`; link : the reference's."""
+
+    def __init__(self, record: links.Link, link: Link[Packet]) -> None:
+        self._link, self._record = link, record
+        nothing = np.zeros(0)
+        self._unused = Fates(nothing.astype(np.bool_), nothing.astype(np.bool_), nothing.astype(np.int64), nothing)
+        profile = link.profile
+        read(record, profile, "limit gap rate_bit_s overhead cell_size")
+        record.cell_bytes = profile.cell_size + profile.cell_overhead
+        record.transparent = int(value(link, "transparent"))
+        if isinstance(link.line, RateLine):
+            record.free_ns = max(link.line.free_ns, LONG_AGO)
+        if (resends := link.resends) is not None and profile.resend is not None:
+            record.resends, record.resend_times = 1, profile.resend.times
+            record.resend_after_ns, record.resend_ordered = resends.after_ns, int(resends.ordered)
+            put(record, "resend_chances", list(value(resends, "ascending")))
+        record.in_order_ns = max(link.in_order_ns, LONG_AGO)
+        record.since_reorder = link.since_reorder
+        read(record, link.counters, _COUNTERS)
+        record.begun = record.offered
+        record.capacity = min(profile.limit, links.MOST_IN_FLIGHT)
+        self._load()
+
+    def refill(self) -> None:
+        """Draw for further messages, if there are few draws left, and count the delays so far."""
+        record = self._record
+        used = int(record.offered - record.begun)
+        if record.drawn - used >= 2:
+            return
+        self._count()
+        left = _from(self._unused, used)
+        fresh = self._link.streams.many(int(record.begun + record.drawn), links.DRAWS - len(left.lost))
+        parts: Any = zip(left, fresh, strict=True)
+        self._unused = Fates._make(map(np.concatenate, parts))
+        lost, ahead, delay_ns, luck = self._unused
+        record.begun, record.drawn = record.offered, len(lost)
+        record.fates[: len(lost)] = LOST * lost.astype(np.int64) + AHEAD * ahead.astype(np.int64)
+        record.delays_ns[: len(lost)], record.luck[: len(lost)] = delay_ns, luck
+
+    def write_back(self, sender: Session, *, proxies: bool) -> None:
+        """Give the state back to the reference's link; `sender` has sent what is on it, with `proxies` or without."""
+        self._count()
+        link, record = self._link, self._record
+        used = int(record.offered - record.begun)
+        link.streams.put_back(_from(self._unused, used))
+        write(record, link.counters, _COUNTERS)
+        if isinstance(link.line, RateLine) and record.free_ns > LONG_AGO:
+            link.line.free_ns = int(record.free_ns)
+        if record.in_order_ns > LONG_AGO:
+            link.in_order_ns = int(record.in_order_ns)
+        link.since_reorder = int(record.since_reorder)
+        link.queue.clear()
+        for at in range(int(record.queued)):
+            message = record.messages[record.slots[at]]
+            entry: tuple[int, int, Packet, int, int] = (
+                int(record.due_ns[at]), int(message.order), _packet(message, sender, proxies), int(message.offered_ns),
+                int(message.octets),
+            )  # fmt: skip
+            link.queue.append(entry)
+        heapify(link.queue)
+
+    def _count(self) -> None:
+        """Count the delays of the delivered messages."""
+        record, delays = self._record, self._link.counters.delays
+        delays.pending.extend(record.delivered_ns[: int(record.delivered)].tolist())
+        delays.fold()
+        record.delivered = 0
+
+    def _load(self) -> None:
+        """Take over the messages that are on the link."""
+        record = self._record
+        for slot, (due_ns, order, packet, offered_ns, size) in enumerate(sorted(self._link.queue, reverse=True)):
+            message = record.messages[slot]
+            try:
+                content: Any = decode(packet.data)
+            except BadMessage as error:
+                raise NotCompiledError(OUT_OF_RANGE) from error
+            message.order, message.offered_ns, message.octets = order, offered_ns, size
+            if isinstance(content, Energy):
+                message.kind, message.total_nJ, message.acked_nJ = ENERGY, content.total_nJ, content.acked_nJ
+            else:
+                message.kind, message.sequence, message.stamp_ns = STREAM, content.sequence, content.sent_ns
+                read(message, content, "echo_ns came_ns position")
+                if isinstance(content, Proxy):
+                    put_proxy(message, content.aimed_ns, content.force, content.planes)
+            record.due_ns[slot], record.slots[slot] = due_ns, slot
+        record.queued = len(self._link.queue)
+        record.unused = record.capacity - record.queued
+        record.free_slots[: record.unused] = np.arange(record.queued, record.capacity)
+
+
+def _from(fates: Fates, first: int) -> Fates:
+    """The draws without the first ones."""
+    return Fates(fates.lost[first:], fates.ahead[first:], fates.delay_ns[first:], fates.luck[first:])
+
+
+def _packet(message: Message, sender: Session, proxies: bool) -> Packet:
+    """The message as the reference has it on a link."""
+    me, peer, n = sender.identity.incarnation, sender.peer, sender.identity.dof
+    assert peer is not None
+    if message.kind == ENERGY:
+        return Packet("energy", encode(Energy(me, peer.incarnation, int(message.total_nJ), int(message.acked_nJ))))
+    start = me, int(message.sequence), int(message.stamp_ns), vector(message, "position", n)
+    echo = int(message.echo_ns), int(message.came_ns)
+    if not proxies:
+        return Packet("position", encode(Position(*start, *echo)))
+    planes = tuple(
+        (tuple(message.normal[k, :n].tolist()), float(message.offset[k]), float(message.stiffness[k]), 0.0,
+         float(message.velocity[k]))
+        for k in range(int(message.planes))
+    )  # fmt: skip
+    return Packet("position", encode(Proxy(*start, int(message.aimed_ns), vector(message, "force", n), planes, *echo)))

@@ -1,0 +1,200 @@
+"""A run on the kernel, from the end of the handshake on."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hapnet.kernel import two_port
+from hapnet.kernel.device import TICKS
+from hapnet.kernel.energy_channel import NEVER
+from hapnet.kernel.jit import as_one_unit
+from hapnet.kernel.records import Floats, Wholes, bare, new
+from hapnet.kernel.simulation import (
+    DEVICE_TIMER,
+    DONE,
+    DOWN,
+    IMPOSSIBLE,
+    STEP,
+    STEPS,
+    TICK,
+    UP,
+    WORLD_TIMER,
+    Scenario,
+    run,
+)
+from hapnet.plant.device import SimulatedDevice
+from hapnet.plant.hand_path import hand_path
+from hapnet.recording.samples import Columns, DeviceSample, MemoryRecorder, MotionSample, WorldSample
+from hapnet.side.endpoint import NANO
+from hapnet.simulation.compiled import device, wire, world
+from hapnet.simulation.compiled.coverage import OUT_OF_RANGE, NotCompiledError
+from hapnet.simulation.compiled.link import CompiledLink
+from hapnet.simulation.compiled.mirror import replace, value
+from hapnet.simulation.two_port import TwoPort
+
+if TYPE_CHECKING:
+    from hapnet.simulation.simulation import Simulation
+
+_PORT = {
+    "lowest": "lowest", "at_device": "device", "device_low": "device_low", "device_lowest": "device_lowest",
+    "at_world": "world", "before": "before", "open": "open",
+}  # fmt: skip
+_DEVICE_VECTORS = (
+    "position_m", "set_position_m", "target_m", "force_N", "operator_force_N", "operator_target_m", "spring_force_N",
+    "damper_force_N", "model_force_N", "added_damping_force_N",
+)  # fmt: skip
+_DEVICE_SCALARS = ("reservoir_J", "deficit_J", "potential_J", "sent_J", "credited_J", "margin_J", "slack_J")
+_WORLD_VECTORS = ("position_m", "velocity_mps", "set_position_m", "target_m", "coupling_force_N", "contact_force_N")
+_WORLD_SCALARS = (
+    "step_s", "penetration_m", "reservoir_J", "potential_J", "sent_J", "credited_J", "margin_J", "slack_J",
+)  # fmt: skip
+
+
+class CompiledRun:
+    """The part of a simulation that the kernel runs, up to `end_ns`.
+
+    Both sides have started, the handshake is over, and nothing of it is in flight.
+    """
+
+    def __init__(self, simulation: Simulation, recorder: MemoryRecorder, end_ns: int) -> None:
+        self._simulation, self._recorder = simulation, recorder
+        side = simulation.device
+        assert isinstance(side.device, SimulatedDevice)
+        self._side, self._device = side, side.device
+        self._ticks = max(0, (end_ns - simulation.tick_ns) // simulation.period_ns + 1)
+        self._rng = simulation.world.rng.bit_generator
+        self._rng_state, self._steps_used = self._rng.state, 0
+        tuning = simulation.setup.tuning
+        self._proxies = bool(tuning.contact_model)
+        self._kind: type[DeviceSample | MotionSample] = (
+            DeviceSample if value(side, "write_motion") is None else MotionSample
+        )
+        scenario = self._scenario = new(Scenario)
+        self._up, self._down = CompiledLink(scenario.up, simulation.up), CompiledLink(scenario.down, simulation.down)
+        counts, clock = scenario.counts, scenario.clock
+        counts.device_last_ns, counts.ticks = value(side, "last_ns"), side.ticks
+        counts.steps, counts.stepped_s, counts.longest_step_s, counts.world_last_ns = simulation.world.state()
+        counts.reach_m = tuning.reach_m
+        clock.now_ns, clock.period_ns = simulation.now_ns, simulation.period_ns
+        clock.apart = int(simulation.hand is not simulation.two_port)
+        clock.steps_used = STEPS
+        scenario.rows.every = value(side, "record_every")
+        device.read_side(scenario.at_device, side)
+        world.read_side(scenario.at_world, simulation.world)
+        wire.read_wire(scenario.device_wire, simulation.device_endpoint, proxies=False)
+        wire.read_wire(scenario.world_wire, simulation.world_endpoint, proxies=self._proxies)
+        for record, port in self._ports():
+            _read_port(record, port)
+        due = (simulation.up.next_due_ns, simulation.down.next_due_ns,
+               simulation.device_endpoint.next_due_ns, simulation.world_endpoint.next_due_ns,
+               simulation.step_due_ns, simulation.tick_ns)  # fmt: skip
+        for kind, at_ns in zip((UP, DOWN, DEVICE_TIMER, WORLD_TIMER, STEP, TICK), due, strict=True):
+            clock.due[kind] = NEVER if at_ns is None else at_ns
+        self._provide()
+
+    def run_to(self, until_ns: int) -> None:
+        """Run every event until then. Raises NotCompiledError."""
+        with np.errstate(all="ignore"), as_one_unit():
+            while (why := run(bare(self._scenario), until_ns)) != DONE:
+                if why == IMPOSSIBLE:
+                    raise NotCompiledError(OUT_OF_RANGE)
+                self._provide()
+        self._scenario.clock.now_ns = until_ns
+
+    def begin(self) -> None:
+        """`TwoPort.begin` of both."""
+        for record, port in self._ports():
+            _write_port(record, port)
+            port.begin()
+            _read_port(record, port)
+
+    def _ports(self) -> list[tuple[two_port.TwoPort, TwoPort]]:
+        """Both ports, in the kernel and in the simulation; with one kind of servo they are the same."""
+        simulation, scenario = self._simulation, self._scenario
+        ports = [(scenario.two_port, simulation.two_port), (scenario.hand_port, simulation.hand)]
+        return ports[: 1 + int(scenario.clock.apart)]
+
+    def write_back(self) -> None:
+        """Give the whole state back to the simulation, to go on from there."""
+        simulation, scenario, side = self._simulation, self._scenario, self._side
+        clock, counts, hand = scenario.clock, scenario.counts, scenario.hand
+        self._flush()
+        made = int(counts.ticks) - side.ticks
+        reference = tuple(hand.path[hand.at, : self._device.dof].tolist())
+        device.write_side(scenario.at_device, side, reference)
+        side.resume(int(counts.device_last_ns), made)
+        if made:
+            side.longest_ns = max(side.longest_ns, simulation.period_ns)
+        world.write_side(scenario.at_world, counts, simulation.world)
+        self._rng.state = self._rng_state
+        self._rng.advance(self._steps_used + int(clock.steps_used) - STEPS)  # type: ignore[attr-defined]
+        sessions = simulation.device_endpoint.session, simulation.world_endpoint.session
+        self._up.write_back(sessions[0], proxies=False)
+        self._down.write_back(sessions[1], proxies=self._proxies)
+        wire.write_wire(scenario.device_wire, simulation.device_endpoint)
+        wire.write_wire(scenario.world_wire, simulation.world_endpoint)
+        for record, port in self._ports():
+            _write_port(record, port)
+        simulation.resume(int(clock.now_ns), int(clock.due[STEP]), int(clock.due[TICK]))
+
+    def _provide(self) -> None:
+        """Provide draws, lengths of steps, the hand's path, and room for samples."""
+        self._flush()
+        self._up.refill()
+        self._down.refill()
+        clock, hand = self._scenario.clock, self._scenario.hand
+        if clock.steps_used == STEPS:
+            scene, rng = self._simulation.setup.scene, self._simulation.world.rng
+            clock.steps_ns[:] = [max(1, round(scene.next_step_s(rng) / NANO)) for _ in range(STEPS)]
+            clock.steps_used = 0
+            self._steps_used += STEPS
+        if hand.at == hand.known and self._ticks:
+            n, device, begun = (
+                self._device.dof,
+                self._device,
+                self._device.ticks + int(self._scenario.at_device.plant.ticks),
+            )
+            count = min(TICKS, self._ticks)
+            hand.path[0, :n] = device.references[-1] if not hand.known else hand.path[hand.known, :n]
+            times = np.arange(begun + 1, begun + count + 1, dtype=float) * device.period
+            hand.path[1 : count + 1, :n] = hand_path(device.operator, times)
+            hand.at, hand.known = 0, count
+            self._ticks -= count
+
+    def _flush(self) -> None:
+        """Give the samples so far to the recorder."""
+        rows, n = self._scenario.rows, self._simulation.setup.dof
+        of_device, of_world = int(rows.device_rows), int(rows.world_rows)
+        rows.device_rows = rows.world_rows = 0
+        self._recorder.extend(
+            _columns(rows.device_ns[:of_device], rows.at_device, n, _DEVICE_VECTORS, _DEVICE_SCALARS, self._kind),
+            _columns(rows.world_ns[:of_world], rows.at_world, n, _WORLD_VECTORS, _WORLD_SCALARS, WorldSample),
+        )
+
+
+def _columns(
+    time_ns: Wholes, rows: Floats, n: int, vectors: tuple[str, ...], scalars: tuple[str, ...],
+    kind: type[DeviceSample | MotionSample | WorldSample],
+) -> Columns:  # fmt: skip
+    count = len(time_ns)
+    found: Columns = {"time_ns": time_ns.copy()}
+    for k, name in enumerate(vectors):
+        found[name] = rows[:count, k * n : (k + 1) * n].copy()
+    for k, name in enumerate(scalars, len(vectors) * n):
+        found[name] = rows[:count, k].copy()
+    return {name: found[name] for name in kind._fields}
+
+
+def _read_port(record: two_port.TwoPort, port: TwoPort) -> None:
+    for field, name in _PORT.items():
+        found = value(port, name)
+        setattr(record, field, math.nan if found is None else found)
+
+
+def _write_port(record: two_port.TwoPort, port: TwoPort) -> None:
+    for field, name in _PORT.items():
+        found = getattr(record, field)
+        replace(port, name, None if math.isnan(found) and field in ("before", "open") else found)

@@ -1,0 +1,185 @@
+"""An endpoint's half of the protocol after the handshake, to and from the kernel."""
+
+from __future__ import annotations
+
+from struct import Struct
+from typing import Any
+
+from hapnet.control.coupling import Proxy, vector_of
+from hapnet.histogram import Histogram
+from hapnet.kernel import endpoint as endpoints
+from hapnet.kernel import energy_channel as channels
+from hapnet.kernel import path as paths
+from hapnet.kernel.energy_channel import NEVER
+from hapnet.kernel.link import Message
+from hapnet.side.endpoint import NANO, DeviceEndpoint, WorldEndpoint
+from hapnet.side.packet import FRAME_OVERHEAD
+from hapnet.simulation.compiled.mirror import optional, put, read, replace, value, write
+from hapnet.wire.energy_channel import ChannelState, EnergyChannel
+from hapnet.wire.messages import Energy, Position, encode
+from hapnet.wire.messages import Proxy as ProxyMessage
+from hapnet.wire.rto import RtoState
+from hapnet.wire.session import Session
+from hapnet.wire.token_bucket import BucketState
+
+_ECHO = Struct(">BQBQ").unpack
+_NUMBERING = {
+    "least_ns": "least_ns", "newest": "newest", "run_heard_ns": "heard_ns", "mean_ns": "mean_ns",
+    "before_ns": "before_ns", "lately_ns": "lately_ns", "roll_ns": "roll_ns", "count": "count",
+    "others": "others", "others_ns": "others_ns", "proof": "proof",
+}  # fmt: skip
+_MONITOR = {
+    "heard_ns": "heard_ns", "silences": "count", "longest_ns": "longest_ns", "total_ns": "total_ns",
+    "recovery_max_ns": "recovery_max_ns", "received": "received", "missing": "missing",
+}  # fmt: skip
+_COUNTS = {"messages": "sent", "came": "came", "stalls": "stalls", "longest_stall_ns": "longest_stall_ns"}
+_HISTOGRAMS = ("trips", "jitter", "ages")
+
+Endpoint = DeviceEndpoint | WorldEndpoint
+
+
+def read_wire(wire: endpoints.Wire, endpoint: Endpoint, *, proxies: bool) -> None:
+    """`proxies`: does this side send proxies, and not bare positions?"""
+    session, record, arrived = endpoint.session, wire.endpoint, value(endpoint, "arrived")
+    record.n, record.backlog, record.proxies = session.identity.dof, arrived.maxlen, int(proxies)
+    record.next_sequence = session.positions.next_sequence
+    _, record.echo_ns, _, record.came_ns = _ECHO(value(session.positions, "echo"))
+    record.accepts_stale = int(session.settings.accept_stale and session.settings.expects is Position)
+    _sizes(record, session)
+    for k, (sample, sent_ns, came_ns, took_ns, _) in enumerate(arrived):
+        message = wire.samples[k]
+        message.stamp_ns, wire.came_ns[k], wire.took_ns[k] = sent_ns, came_ns, took_ns
+        put(message, "position", vector_of(sample))
+        if isinstance(sample, Proxy):
+            put_proxy(message, round(sample.aimed_s / NANO), sample.force, sample.planes)
+    record.waiting = len(arrived)
+    waiting = list(value(endpoint, "credits"))
+    put(wire, "credits_nJ", waiting)
+    record.credits = len(waiting)
+    _channel(wire.channel, session.channel)
+    _path(wire.path, session)
+
+
+def put_proxy(message: Message, aimed_ns: int, force: tuple[float, ...], planes: Any) -> None:
+    """A proxy's content besides its position."""
+    message.aimed_ns = aimed_ns
+    put(message, "force", force)
+    message.planes = len(planes)
+    for k, (normal, offset, stiffness, _, velocity) in enumerate(planes):
+        message.normal[k, : len(normal)] = normal
+        message.offset[k], message.stiffness[k], message.velocity[k] = offset, stiffness, velocity
+
+
+def write_wire(record: endpoints.Wire, endpoint: Endpoint) -> None:
+    session, side = endpoint.session, record.endpoint
+    session.positions.next_sequence = int(side.next_sequence)
+    session.positions.echo(int(side.echo_ns), int(side.came_ns))
+    for kind, count in (("stale", int(side.stale)), ("leap", int(side.leaps))):
+        if count:
+            session.dropped[kind] += count
+    if side.stale:
+        word = session.settings.expects.__name__.lower()
+        session.dropped_for["stale"] = f"{word} {side.last_stale} comes after a later one"
+    _write_channel(record.channel, session.channel)
+    _write_path(record.path, session)
+
+
+def _sizes(record: endpoints.Endpoint, session: Session) -> None:
+    """The least sizes of the messages, with all headers [bytes]: whole numbers in them take a byte more at least."""
+    me, peer, dof = session.identity.incarnation, session.peer, session.identity.dof
+    assert peer is not None
+    still = (0.0,) * dof
+    plane = (still, 0.0, 1.0, 0.0, 0.0)
+    bare, one = (encode(ProxyMessage(me, 0, 0, still, 0, still, planes)) for planes in ((), (plane,)))
+    record.plane_bytes = len(one) - len(bare)
+    stream = len(bare) - 1 if record.proxies else len(encode(Position(me, 0, 0, still)))
+    record.stream_bytes = FRAME_OVERHEAD + stream
+    record.energy_bytes = FRAME_OVERHEAD + len(encode(Energy(me, peer.incarnation, 0, 0))) - 2
+
+
+def _channel(record: channels.EnergyChannel, channel: EnergyChannel) -> None:
+    state = channel.state()
+    names = "sent_nJ acked_nJ credited_nJ residue_J announced_nJ claimed_nJ spaced_ns"
+    read(record, state, names)
+    record.retransmit_ns = NEVER if state.retransmit_ns is None else state.retransmit_ns
+    record.ack_ns = NEVER if state.ack_ns is None else state.ack_ns
+    if state.asked is not None:
+        record.asks, (record.asked_ns, record.asked_nJ) = 1, state.asked
+    record.timed = len(state.timed)
+    put(record, "timed_nJ", [total for total, _ in state.timed])
+    put(record, "timed_ns", [sent_ns for _, sent_ns in state.timed])
+    read(record, channel, "spacing_ns ack_delay_ns")
+    bucket, rto = channel.admission, channel.rto
+    record.most_waiting_nJ = bucket.most_waiting_nJ
+    read(record, bucket, "rate_nW burst_aJ")
+    record.level_aJ, filled_ns = bucket.state()
+    optional(record, "filled_ns", "filled", filled_ns)
+    read(record, rto, "floor_ns ceiling_ns")
+    record.base_ns, record.backed_off, srtt_ns, record.rttvar_ns = rto.state()
+    record.srtt_ns = -1 if srtt_ns is None else srtt_ns
+
+
+def _write_channel(record: channels.EnergyChannel, channel: EnergyChannel) -> None:
+    length = len(record.timed_nJ)
+    order = [(int(record.first) + k) % length for k in range(int(record.timed))]
+    channel.restore(
+        ChannelState(
+            sent_nJ=int(record.sent_nJ),
+            acked_nJ=int(record.acked_nJ),
+            credited_nJ=int(record.credited_nJ),
+            residue_J=float(record.residue_J),
+            announced_nJ=int(record.announced_nJ),
+            claimed_nJ=int(record.claimed_nJ),
+            timed=tuple((int(record.timed_nJ[k]), int(record.timed_ns[k])) for k in order),
+            spaced_ns=int(record.spaced_ns),
+            retransmit_ns=_moment(record.retransmit_ns),
+            ack_ns=_moment(record.ack_ns),
+            asked=(int(record.asked_ns), int(record.asked_nJ)) if record.asks else None,
+        )
+    )
+    srtt_ns = None if record.srtt_ns < 0 else int(record.srtt_ns)
+    channel.rto.restore(RtoState(int(record.base_ns), int(record.backed_off), srtt_ns, int(record.rttvar_ns)))
+    channel.admission.restore(BucketState(int(record.level_aJ), int(record.filled_ns) if record.filled else None))
+
+
+def _moment(at_ns: int) -> int | None:
+    return None if at_ns == NEVER else int(at_ns)
+
+
+def _path(record: paths.Path, session: Session) -> None:
+    monitor, path = session.monitor, session.path
+    numbers, counts = monitor.numbers, value(path, "all")
+    read(record, numbers, "", **_NUMBERING)
+    optional(record, "stamp_ns", "has_stamp", value(numbers, "stamp_ns"))
+    optional(record, "displaced", "has_displaced", value(numbers, "displaced"))
+    if (other := value(numbers, "other")) is not None:
+        record.has_other, (record.other_number, record.other_stamp_ns, record.other_came_ns) = 1, other
+    read(record, monitor, "silence_ns", **_MONITOR)
+    optional(record, "sign_ns", "has_sign", value(monitor, "sign_ns"))
+    read(record, counts, "", **_COUNTS)
+    for k, name in enumerate(_HISTOGRAMS):
+        histogram = getattr(counts, name)
+        record.counts[k, :], record.highest[k] = histogram.counts, histogram.max
+    read(record, path, "since_ns")
+    optional(record, "least_trip_ns", "has_trip", value(path, "least_trip_ns"))
+    if (last := value(path, "last")) is not None:
+        record.has_last, (record.last_came_ns, record.last_stamp_ns) = 1, last
+
+
+def _write_path(record: paths.Path, session: Session) -> None:
+    monitor, path = session.monitor, session.path
+    numbers, counts = monitor.numbers, value(path, "all")
+    write(record, numbers, "", **_NUMBERING)
+    replace(numbers, "stamp_ns", record.stamp_ns if record.has_stamp else None)
+    replace(numbers, "displaced", record.displaced if record.has_displaced else None)
+    other = (int(record.other_number), int(record.other_stamp_ns), int(record.other_came_ns))
+    replace(numbers, "other", other if record.has_other else None)
+    write(record, monitor, "", **_MONITOR)
+    replace(monitor, "life_ns", record.heard_ns)
+    replace(monitor, "sign_ns", record.sign_ns if record.has_sign else None)
+    write(record, counts, "", **_COUNTS)
+    for k, name in enumerate(_HISTOGRAMS):
+        replace(counts, name, Histogram(record.counts[k].tolist(), int(record.highest[k])))
+    replace(path, "least_trip_ns", record.least_trip_ns if record.has_trip else None)
+    last = int(record.last_came_ns), int(record.last_stamp_ns)
+    replace(path, "last", last if record.has_last else None)

@@ -1,0 +1,86 @@
+"""The world's side, to and from the kernel."""
+
+from __future__ import annotations
+
+from hapnet.control.prediction import PredictedDevice
+from hapnet.control.set_position_coupling import SetPositionCoupling
+from hapnet.kernel import integrator, prediction, sides, walls
+from hapnet.plant.integrator import PassiveIntegrator
+from hapnet.plant.worlds.walls import Contacts
+from hapnet.side.world import WorldSide, WorldState
+from hapnet.simulation.compiled.couplings import (
+    read_coupling,
+    read_ledger,
+    read_spring,
+    read_stages,
+    write_coupling,
+    write_ledger,
+)
+from hapnet.simulation.compiled.mirror import optional, put, read, value, vector
+
+
+def read_side(record: sides.WorldSide, side: WorldSide) -> None:
+    coupling, contacts = coupling_of(side), side.scene.contacts
+    assert isinstance(contacts, Contacts)
+    _mass(record.mass, side.mass)
+    _contacts(record.contacts, contacts)
+    read_coupling(record.coupling, coupling)
+    read_spring(record.spring, coupling.spring)
+    read_ledger(record.ledger, coupling.ledger)
+    read_stages(record.stages, coupling)
+    if isinstance(coupling.source, PredictedDevice):
+        _predicted(record.predicted, coupling.source)
+
+
+def coupling_of(side: WorldSide) -> SetPositionCoupling:
+    coupling = side.coupling
+    assert isinstance(coupling, SetPositionCoupling)
+    return coupling
+
+
+def write_side(record: sides.WorldSide, counts: sides.Counts, side: WorldSide) -> None:
+    coupling, n = coupling_of(side), record.mass.n
+    write_coupling(record.coupling, coupling)
+    write_ledger(record.ledger, coupling.ledger)
+    side.mass.restore(vector(record.mass, "x", n), vector(record.mass, "v", n))
+    side.restore(
+        WorldState(int(counts.steps), float(counts.stepped_s), float(counts.longest_step_s), int(counts.world_last_ns))
+    )
+
+
+def _mass(record: integrator.PassiveIntegrator, mass: PassiveIntegrator) -> None:
+    record.n = len(mass.position)
+    put(record, "x", mass.position)
+    put(record, "v", mass.velocity)
+    for i, row in enumerate(mass.terms):
+        for j, (double_mass, damping, half_stiffness) in enumerate(row):
+            record.M[i, j] = record.M[j, i] = double_mass / 2.0
+            record.B[i, j] = record.B[j, i] = damping
+            record.K[i, j] = record.K[j, i] = 2.0 * half_stiffness
+    record.is_diagonal = int(value(mass, "diagonal"))
+
+
+def _contacts(record: walls.Contacts, contacts: Contacts) -> None:
+    record.axes, record.walls = len(contacts.axes), len(contacts.walls)
+    for k, axis in enumerate(contacts.axes):
+        record.normal[k, : len(axis.normal)] = axis.normal
+        for end in ("upper", "lower"):
+            face = getattr(axis, end)
+            for name in ("at", "stiffness", "damping"):
+                getattr(record, f"{end}_{name}")[k] = getattr(face, name)
+    for k, wall in enumerate(contacts.walls):
+        record.wall_normal[k, : len(wall.normal)] = wall.normal
+        record.wall_offset[k], record.wall_stiffness[k] = wall.offset, wall.stiffness
+
+
+def _predicted(record: prediction.PredictedDevice, source: PredictedDevice) -> None:
+    """The prediction, which is then in use."""
+    record.in_use = 1
+    read(record, source, "", lag="lag", y="y", age="age", fresh="fresh", mean_step="step")
+    optional(record, "aimed_s", "has_aimed", value(source, "aimed_s"))
+    predictor = value(source, "predictor")
+    read(record, predictor, "window longest longest_curve")
+    positions = list(value(predictor, "positions"))
+    record.count = len(positions)
+    put(record, "times", [stamp for stamp, _ in positions])
+    put(record, "places", [place for _, place in positions])

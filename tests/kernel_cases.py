@@ -1,0 +1,107 @@
+"""Random cases that the compiled kernel covers, and what it does otherwise than the reference."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from hapnet.params import Params
+from hapnet.simulation.simulation import Result, Simulation
+from tests.theorem_cases import random_case
+
+_OF_ONE_AXIS = ("device.stiffness", "device.damping", "world.mass", "world.damping", "world.stiffness")
+
+
+def kernel_case(seed: int, dof: int, servo: str = "sampled", duration_s: float = 2.5) -> Params:
+    """Case `seed`: couplings, feels, links and parameters of all kinds, with one axis or (0) as many as it draws."""
+    rng = np.random.default_rng([seed, 1016])
+    params = random_case(seed, duration_s)
+    changes: dict[str, Any] = {
+        "device.servo": servo,
+        "coupling": "zoh" if rng.random() < 0.3 else "pspm",
+        "feel": str(rng.choice(["paper", "hapnet"])),
+        "record_hz": float(rng.choice([1000.0, 130.0])),
+        "device.watchdog_s": float(rng.choice([0.0, 0.02])),
+    }
+    if servo == "sampled":
+        changes["device.resolution_m"] = float(rng.choice([0.0, 0.0, 5e-5]))
+        changes["device.trusted_damping"] = float(rng.choice([0.0, 0.0, 0.1]))
+    elif dof != 1:  # plain coupling multiplies whatever is rounded otherwise
+        changes |= {"coupling": "pspm", "feel": "paper"}
+    if rng.random() < 0.3:
+        words = rng.choice(["wifi", "4g", "ideal", "delay 5ms 4ms loss 20% resend 2 3ms unordered limit 4"])
+        changes |= {"link.up": str(words), "link.down": str(words)}
+    if dof == 1:
+        changes |= {"scene": str(rng.choice(["free", "wall", "box"])), "dof": 1}
+        changes |= {name: _first(params.get(name)) for name in _OF_ONE_AXIS}
+    return params.set(changes)
+
+
+def _first(matrix: Any) -> float:
+    while isinstance(matrix, tuple):
+        matrix = matrix[0]
+    return float(matrix)
+
+
+def both(params: Params, seed: int) -> tuple[Result, Result]:
+    """The results of the reference and of the kernel."""
+    compiled = Simulation(params, seed, kernel=True)
+    assert compiled.not_compiled is None
+    return Simulation(params, seed, kernel=False).run(), compiled.run()
+
+
+def differences(params: Params, seed: int, tolerance: float = 0.0) -> list[str]:
+    """In what the kernel's result differs: recorded columns, the summary, and the state at the end.
+
+    tolerance : of positions [m]; of all else a hundred times that, relative to the largest value. 0: bit by bit.
+    """
+    expected, found = both(params, seed)
+    different = []
+    for side in ("device", "world"):
+        columns, others = getattr(expected.recording, side), getattr(found.recording, side)
+        assert list(columns) == list(others)
+        different += [
+            f"{side}.{name}"
+            for name in columns
+            if not _alike(columns[name], others[name], tolerance if name.endswith("_m") else 100.0 * tolerance)
+        ]  # fmt: skip
+    pairs = (expected.summary, found.summary), (_end(expected), _end(found))
+    return different + [word for pair in pairs for word in _different(*pair, 100.0 * tolerance, "")]
+
+
+def _alike(one: np.ndarray[Any, Any], other: np.ndarray[Any, Any], tolerance: float) -> bool:
+    same = one.shape == other.shape
+    if not tolerance or one.dtype == np.int64:
+        return same and one.tobytes() == other.tobytes()
+    return same and bool(np.all(np.abs(one - other) <= tolerance * (1.0 + np.abs(one).max())))
+
+
+def _end(result: Result) -> dict[str, Any]:
+    """The state of both sides at the end."""
+    device, world = result.device, result.world
+    return {
+        "ticks": device.ticks, "longest_ns": device.longest_ns, "read": device.device.read(), "hand": device.hand_work,
+        "sampled": device.held_forces(), "quantisation": device.quantisation, "true_slack": device.true_slack,
+        "world": world.state(), "mass": (world.mass.position, world.mass.velocity), "next_step": world.next_step_ns(),
+        **{
+            side: [one.set_position, one.target, one.account, one.ledger.state()]
+            for side, one in (("at_device", device.coupling), ("at_world", world.coupling))
+        },
+    }  # fmt: skip
+
+
+def _different(expected: Any, found: Any, tolerance: float, path: str) -> list[str]:
+    if isinstance(expected, dict):
+        if expected.keys() != found.keys():
+            return [f"{path}: {expected.keys() ^ found.keys()}"]
+        return [word for key in expected for word in _different(expected[key], found[key], tolerance, f"{path}.{key}")]
+    if isinstance(expected, list | tuple) and len(expected) == len(found):
+        pairs = enumerate(zip(expected, found, strict=True))
+        return [word for k, (one, other) in pairs for word in _different(one, other, tolerance, f"{path}.{k}")]
+    if isinstance(expected, float) and isinstance(found, float) and tolerance:
+        near = expected == found or math.isclose(expected, found, rel_tol=tolerance, abs_tol=tolerance)
+    else:
+        near = expected == found or (expected != expected and found != found)
+    return [] if near else [f"{path}: {expected} by the reference, {found} by the kernel"]

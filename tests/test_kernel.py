@@ -1,0 +1,172 @@
+"""The compiled kernel gives what the reference gives, in every covered feature: the same bits."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hapnet import cli, simulate_batch
+from hapnet.kernel.jit import COMPILED
+from hapnet.params import Params
+from hapnet.simulation.batch.scenario import Scenario
+from hapnet.simulation.compiled import coverage
+from hapnet.simulation.simulation import Simulation
+from tests.kernel_cases import differences, kernel_case
+from tests.paper import PAPER
+
+ROOT = Path(__file__).resolve().parents[1]
+SAMPLED = Params().set({"device.servo": "sampled", "duration_s": 2.0})
+
+
+def test_numba_is_there() -> None:
+    """It is in extra `test`; without it the tests of this file would compare plain Python."""
+    assert COMPILED
+
+
+@pytest.mark.parametrize("servo", ["sampled", "continuous"])
+@pytest.mark.parametrize("seed", range(6))
+def test_one_axis_gives_the_same_bits(seed: int, servo: str) -> None:
+    assert not differences(kernel_case(seed, 1, servo), seed)
+
+
+@pytest.mark.parametrize("seed", range(100, 104))
+def test_several_axes_give_the_same_bits_with_a_held_force(seed: int) -> None:
+    assert not differences(kernel_case(seed, 0), seed)
+
+
+@pytest.mark.parametrize("seed", range(200, 204))
+def test_several_axes_give_the_same_to_rounding_with_the_continuous_servo(seed: int) -> None:
+    """The reference computes such a tick as one product of a matrix, whose order of operations is the library's."""
+    assert not differences(kernel_case(seed, 0, "continuous"), seed, 1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("servo", ["sampled", "continuous"])
+@pytest.mark.parametrize("seed", range(1000, 1080))
+def test_many_cases_give_the_same(seed: int, servo: str) -> None:
+    dof = seed % 2
+    exact = dof == 1 or servo == "sampled"
+    assert not differences(kernel_case(seed, dof, servo, 5.0), seed, 0.0 if exact else 1e-12)
+
+
+@pytest.mark.parametrize("coupling", ["pspm", "zoh"])
+@pytest.mark.parametrize("operator", ["press", "sine", "rest", "hand-4"])
+def test_what_studies_compare_by_default_gives_the_same_bits(coupling: str, operator: str) -> None:
+    params = SAMPLED.set({"coupling": coupling, "operator": operator, "link.up": "4g", "link.down": "4g"})
+    assert not differences(params, 3)
+
+
+def test_plain_python_gives_the_same_bits() -> None:
+    """The kernel's source without numba, in a process of its own, since a module is compiled or not."""
+    check = (
+        "from hapnet.kernel.jit import COMPILED\nfrom tests.kernel_cases import differences, kernel_case\n"
+        "assert not COMPILED\n"
+        "found = [differences(kernel_case(3, 1, servo, 0.25), 3) for servo in ('sampled', 'continuous')]\n"
+        "assert not any(found), found"
+    )
+    environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
+    done = subprocess.run([sys.executable, "-c", check], cwd=ROOT, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_study_records_the_motion_alone() -> None:
+    one, other = (Simulation(SAMPLED, 2, motion_only=True, kernel=kernel).run() for kernel in (False, True))
+    for side in ("device", "world"):
+        expected, found = getattr(one.recording, side), getattr(other.recording, side)
+        assert list(expected) == list(found)
+        assert all(expected[name].tobytes() == found[name].tobytes() for name in expected)
+
+
+def test_progress_does_not_change_the_result() -> None:
+    shares: list[float] = []
+    one = Simulation(SAMPLED, 1, kernel=True).run()
+    other = Simulation(SAMPLED, 1, kernel=True).run(shares.append)
+    assert shares == pytest.approx([0.5, 1.0, 1.5, 2.0])
+    assert one.summary == other.summary
+
+
+@pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning", "ignore:invalid value:RuntimeWarning")
+def test_a_run_that_leaves_the_range_of_messages_goes_to_the_reference() -> None:
+    """A device that is too light for its spring, with no limit of force: held for a tick, the spring throws it away."""
+    changes: dict[str, Any] = {
+        "coupling": "zoh", "device.force_limit_N": 0.0, "device.stiffness": 1e5, "device.mass": 0.001,
+        "device.own_damping": 0.0, "operator_hand.damping": 0.0, "operator_hand.mass": 0.0,
+    }  # fmt: skip
+    params = SAMPLED.set({**changes, "feel": "paper"})
+    simulation = Simulation(params, 1, kernel=True)
+    simulation.run()
+    assert simulation.not_compiled == "it leaves the range that messages can carry"
+    assert not differences(params, 1)
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"coupling": "tdpa"}, "the coupling tdpa"),
+        ({"scene": "moving"}, "the scene moving"),
+        ({"link.up": "delay 5ms slot 10ms"}, "slots in the uplink"),
+        ({"link.down_timeline": "at 1s: down"}, "a timeline of the downlink"),
+        ({"link.up": "rate 1mbit loss 1% resend 2 1ms unordered"}, "unordered resends before a rate in the uplink"),
+        ({"wire.deadband": 0.1}, "a deadband"),
+        ({"wire.admission_burst_J": 5.0}, "wire.admission_burst_J above 4"),
+    ],
+)
+def test_says_why_it_does_not_cover_a_run(changes: dict[str, object], reason: str) -> None:
+    assert Simulation(SAMPLED.set(changes), kernel=True).not_compiled == reason
+
+
+def test_a_simulation_that_watches_its_events_is_not_compiled() -> None:
+    class Watching(Simulation):
+        def _run(self, end_ns: int, done: Callable[[], bool] | None = None) -> None:
+            super()._run(end_ns, done)
+
+    assert Watching(SAMPLED, kernel=True).not_compiled == "Watching runs the events itself"
+    assert Simulation(PAPER, kernel=True).not_compiled is None
+
+
+def test_a_batch_that_is_not_vectorised_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(coverage, "_is_cached", lambda: True)
+    made: list[str | None] = []
+    monkeypatch.setattr(Scenario, "compiled", lambda self, end_ns: made.append("") or Simulation.compiled(self, end_ns))
+    (run,) = simulate_batch(SAMPLED, [4])
+    assert made
+    assert not run.vectorised
+    summary = Simulation(SAMPLED, 4, kernel=False).run().summary
+    assert {**run.summary, "motion": None, "path": None} == {**summary, "motion": None, "path": None}
+
+
+def test_the_kernel_is_compiled_once_it_is_worth_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(coverage, "_is_cached", lambda: False)
+    monkeypatch.setattr(coverage, "_ticks", 0)
+    long = SAMPLED.set({"duration_s": 90.0})
+    reasons = [Simulation(long).not_compiled for _ in range(3)]
+    assert reasons == ["compiling it would take longer than this run"] * 2 + [None]
+    rounded = SAMPLED.set({"device.servo": "continuous", "feel": "paper", "dof": 2})
+    monkeypatch.setattr(coverage, "_ticks", 0)
+    assert Simulation(rounded).not_compiled is None  # the choice must not depend on what was run before
+
+
+def test_without_numba_the_reference_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(coverage, "find_spec", lambda name: None)
+    simulation = Simulation(SAMPLED.set({"duration_s": 0.2}), 1)
+    assert simulation.not_compiled == "numba is not installed (extra fast)"
+    assert simulation.run().summary["theorem"]["margin_J"] > 0.0
+
+
+@pytest.mark.parametrize(
+    ("words", "line"), [([], "run by the compiled kernel"), (["--coupling", "eba"], "coupling eba")]
+)
+def test_the_command_says_whether_the_kernel_runs_it(
+    words: list[str], line: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(coverage, "_is_cached", lambda: True)
+    assert cli.main(["simulate", "-v", "--no-files", "--duration", "0.3", *words]) == 0
+    assert line in capsys.readouterr().out
+    assert cli.main(["simulate", "--no-files", "--duration", "0.3", *words]) == 0
+    assert "kernel" not in capsys.readouterr().out
