@@ -182,7 +182,7 @@ class Simulation:
             if kernel is None:
                 self._until(until_ns)
             else:
-                self.until_compiled(kernel, until_ns)
+                kernel.run_until(until_ns)
             if progress is not None:
                 progress((self.now_ns - start_ns) * NANO)
         if kernel is not None:
@@ -213,15 +213,6 @@ class Simulation:
         return all(endpoint.session.handshake_over for endpoint in endpoints) and not any(
             entry[2].kind == "control" for link in (self.up, self.down) for entry in link.queue
         )
-
-    def until_compiled(self, kernel: CompiledRun, end_ns: int) -> None:
-        """`_until` on the kernel."""
-        if self._later_ns <= end_ns:
-            kernel.run_to(self._later_ns)
-            kernel.begin()
-            self._later_ns = _NEVER
-        kernel.run_to(end_ns)
-        self.now_ns = end_ns
 
     def pair(self) -> int:
         """Run until both sides have started. Returns that time [ns]. Raises HapnetError as `run` does."""

@@ -127,7 +127,7 @@ class Scenario(Simulation):
         """
         if self.not_compiled is None and not vectorised and self.quiet and self.now_ns < self.end_ns:
             kernel = self.compiled(self.end_ns)
-            self.until_compiled(kernel, self.end_ns)
+            kernel.run_until(self.end_ns)
             kernel.write_back()
         self._until(self.end_ns)
         summary = self.close(self.end_ns)

@@ -61,6 +61,7 @@ class CompiledRun:
 
     def __init__(self, simulation: Simulation, recorder: MemoryRecorder, end_ns: int) -> None:
         self._simulation, self._recorder = simulation, recorder
+        self._later_ns = simulation.later_ns
         side = simulation.device
         assert isinstance(side.device, SimulatedDevice)
         self._side, self._device = side, side.device
@@ -95,21 +96,29 @@ class CompiledRun:
             clock.due[kind] = NEVER if at_ns is None else at_ns
         self._provide()
 
-    def run_to(self, until_ns: int) -> None:
-        """Run every event until then. Raises NotCompiledError."""
+    def run_until(self, end_ns: int) -> None:
+        """Run every event until then; `Simulation._until`.
+
+        Raises
+        ------
+        NotCompiledError : only the reference can run it on.
+        """
+        if self._later_ns <= end_ns:
+            self._run_to(self._later_ns)
+            self._later_ns = NEVER
+            for record, port in self._ports():
+                _write_port(record, port)
+                port.begin()
+                _read_port(record, port)
+        self._run_to(end_ns)
+        self._simulation.now_ns = self._scenario.clock.now_ns = end_ns
+
+    def _run_to(self, until_ns: int) -> None:
         with np.errstate(all="ignore"), as_one_unit():
             while (why := run(bare(self._scenario), until_ns)) != DONE:
                 if why == IMPOSSIBLE:
                     raise NotCompiledError(OUT_OF_RANGE)
                 self._provide()
-        self._scenario.clock.now_ns = until_ns
-
-    def begin(self) -> None:
-        """`TwoPort.begin` of both."""
-        for record, port in self._ports():
-            _write_port(record, port)
-            port.begin()
-            _read_port(record, port)
 
     def _ports(self) -> list[tuple[two_port.TwoPort, TwoPort]]:
         """Both ports, in the kernel and in the simulation; with one kind of servo they are the same."""
