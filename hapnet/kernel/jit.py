@@ -69,8 +69,9 @@ def as_one_unit() -> Iterator[None]:
     """What is compiled meanwhile is optimised, and turned into machine code, with the entry alone.
 
     By itself numba does both with each function and all that it calls: so every function is optimised again for its
-    callers, for theirs, and so on, which takes four times as long. The methods changed here are numba's own, left out
-    for the inner functions: a version of numba that has not all of them just compiles for longer.
+    callers, for theirs, and so on, which takes four times as long. No other thread compiles meanwhile. The methods
+    changed here are numba's own, left out for the inner functions: a version of numba that has not all of them just
+    compiles for longer.
     """
     codegen = importlib.import_module("numba.core.codegen")
     classes = (getattr(codegen, "CPUCodeLibrary", None), getattr(codegen, "JITCPUCodegen", None))
@@ -99,21 +100,20 @@ def as_one_unit() -> Iterator[None]:
             set_env(self, name, environment)
 
     changed: list[Any] = [prepare_entry, optimize_entry, emit_entry, set_env_of_emitted]
-    try:
-        for (name, which), method in zip(names, changed, strict=True):
-            setattr(classes[which], name, method)
-        yield
-    finally:
-        for (name, which), method in zip(names, own, strict=True):
-            setattr(classes[which], name, method)
+    with importlib.import_module("numba.core.compiler_lock").global_compiler_lock:
+        try:
+            for (name, which), method in zip(names, changed, strict=True):
+                setattr(classes[which], name, method)
+            yield
+        finally:
+            for (name, which), method in zip(names, own, strict=True):
+                setattr(classes[which], name, method)
 
 
 def _digest() -> str:
-    """A digest of all sources that the kernel is compiled from."""
-    packages = [
-        Path(__file__).parent,
-        *(Path(__file__).parents[1] / name for name in ("control", "plant", "mechanics")),
-    ]
+    """A digest of all sources that the kernel is compiled from, or takes constants from."""
+    here = Path(__file__).parents[1]
+    packages = [here.parent / "netem", *(here / name for name in ("kernel", "control", "mechanics", "plant", "wire"))]
     digest = hashlib.sha256()
     for path in sorted(path for package in packages for path in package.rglob("*.py")):
         digest.update(path.read_bytes())

@@ -10,7 +10,7 @@ import numpy as np
 from hapnet.kernel import two_port
 from hapnet.kernel.device import TICKS
 from hapnet.kernel.energy_channel import NEVER
-from hapnet.kernel.jit import as_one_unit
+from hapnet.kernel.jit import COMPILED, as_one_unit
 from hapnet.kernel.records import Floats, Wholes, bare, new
 from hapnet.kernel.simulation import (
     DEVICE_TIMER,
@@ -51,6 +51,18 @@ _WORLD_VECTORS = ("position_m", "velocity_mps", "set_position_m", "target_m", "c
 _WORLD_SCALARS = (
     "step_s", "penetration_m", "reservoir_J", "potential_J", "sent_J", "credited_J", "margin_J", "slack_J",
 )  # fmt: skip
+
+
+_made_ready = False
+
+
+def _make_ready(scenario: Scenario) -> None:
+    """Load or make the machine code, once in a process: at the time -1 nothing is due."""
+    global _made_ready
+    if COMPILED and not _made_ready:
+        with as_one_unit():
+            run(bare(scenario), -1)
+        _made_ready = True
 
 
 class CompiledRun:
@@ -95,6 +107,7 @@ class CompiledRun:
         for kind, at_ns in zip((UP, DOWN, DEVICE_TIMER, WORLD_TIMER, STEP, TICK), due, strict=True):
             clock.due[kind] = NEVER if at_ns is None else at_ns
         self._provide()
+        _make_ready(scenario)
 
     def run_until(self, end_ns: int) -> None:
         """Run every event until then; `Simulation._until`.
@@ -114,7 +127,7 @@ class CompiledRun:
         self._simulation.now_ns = self._scenario.clock.now_ns = end_ns
 
     def _run_to(self, until_ns: int) -> None:
-        with np.errstate(all="ignore"), as_one_unit():
+        with np.errstate(all="ignore"):
             while (why := run(bare(self._scenario), until_ns)) != DONE:
                 if why == IMPOSSIBLE:
                     raise NotCompiledError(OUT_OF_RANGE)
