@@ -70,17 +70,20 @@ def as_one_unit() -> Iterator[None]:
 
     By itself numba does both with each function and all that it calls: so every function is optimised again for its
     callers, for theirs, and so on, which takes four times as long. No other thread compiles meanwhile. The methods
-    changed here are numba's own, left out for the inner functions: a version of numba that has not all of them just
-    compiles for longer.
+    changed here are numba's own, left out for the inner functions; and no more is optimised than pays, since all loops
+    are short. A version of numba that has not all of this just compiles for longer.
     """
-    codegen = importlib.import_module("numba.core.codegen")
-    classes = (getattr(codegen, "CPUCodeLibrary", None), getattr(codegen, "JITCPUCodegen", None))
-    names = ("_optimize_functions", 0), ("_optimize_final_module", 0), ("_finalize_final_module", 0), ("set_env", 1)
-    if not all(hasattr(classes[which], name) for name, which in names):
+    codegen, config = (importlib.import_module(f"numba.core.{name}") for name in ("codegen", "config"))
+    owners = (getattr(codegen, "CPUCodeLibrary", None), getattr(codegen, "JITCPUCodegen", None), config)
+    names = (
+        ("_optimize_functions", 0), ("_optimize_final_module", 0), ("_finalize_final_module", 0), ("set_env", 1),
+        ("OPT", 2), ("LOOP_VECTORIZE", 2), ("SLP_VECTORIZE", 2),
+    )  # fmt: skip
+    if not all(hasattr(owners[which], name) for name, which in names):
         yield
         return
-    own: list[Any] = [getattr(classes[which], name) for name, which in names]
-    prepare, optimize, emit, set_env = own
+    own: list[Any] = [getattr(owners[which], name) for name, which in names]
+    prepare, optimize, emit, set_env = own[:4]
 
     def prepare_entry(self: Any, module: Any) -> None:
         if self.name not in _PARTS:
@@ -99,15 +102,15 @@ def as_one_unit() -> Iterator[None]:
         if self._engine.get_global_value_address(name):  # the inner functions raise nothing, so they need none
             set_env(self, name, environment)
 
-    changed: list[Any] = [prepare_entry, optimize_entry, emit_entry, set_env_of_emitted]
+    changed: list[Any] = [prepare_entry, optimize_entry, emit_entry, set_env_of_emitted, 1, 0, 0]
     with importlib.import_module("numba.core.compiler_lock").global_compiler_lock:
         try:
-            for (name, which), method in zip(names, changed, strict=True):
-                setattr(classes[which], name, method)
+            for (name, which), one in zip(names, changed, strict=True):
+                setattr(owners[which], name, one)
             yield
         finally:
-            for (name, which), method in zip(names, own, strict=True):
-                setattr(classes[which], name, method)
+            for (name, which), one in zip(names, own, strict=True):
+                setattr(owners[which], name, one)
 
 
 def _digest() -> str:
