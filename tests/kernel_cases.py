@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any
 
 import numpy as np
 
+from hapnet.couplings.set_position import PSPM
 from hapnet.params import Params
 from hapnet.simulation.simulation import Result, Simulation
 from tests.theorem_cases import random_case
+
+MINE = dataclasses.replace(PSPM, name="mine")
+"""A user's own law, which happens to be PSPM."""
 
 _OF_ONE_AXIS = ("device.stiffness", "device.damping", "world.mass", "world.damping", "world.stiffness")
 

@@ -109,6 +109,7 @@ def test_a_run_that_leaves_the_range_of_messages_goes_to_the_reference() -> None
     ("changes", "reason"),
     [
         ({"coupling": "tdpa"}, "the coupling tdpa"),
+        ({"coupling": "tests.kernel_cases:MINE"}, "the coupling tests.kernel_cases:MINE"),
         ({"scene": "moving"}, "the scene moving"),
         ({"link.up": "delay 5ms slot 10ms"}, "slots in the uplink"),
         ({"link.down_timeline": "at 1s: down"}, "a timeline of the downlink"),

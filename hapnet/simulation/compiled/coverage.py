@@ -8,6 +8,7 @@ from pathlib import Path
 
 from hapnet import kernel
 from hapnet.assembly.build import Setup
+from hapnet.couplings.set_position import PSPM, ZOH
 from hapnet.params import Params
 from hapnet.plant.worlds.scene import Scene
 from hapnet.plant.worlds.walls import Contacts
@@ -70,7 +71,7 @@ def why_not(setup: Setup) -> str | None:
 
 def _reasons(setup: Setup) -> Iterator[str]:
     params = setup.params
-    if not setup.coupling.set_positions or not setup.coupling.world_tells:
+    if not any(setup.coupling is one for one in (PSPM, ZOH)):  # a user's own may be made of the same parts
         yield f"the coupling {params.coupling}"
     if setup.servo == "sampled" and setup.harvest != "measured":
         yield f"the harvest {setup.harvest} of a held force"
