@@ -16,6 +16,15 @@ from tests.theorem_cases import random_case
 MINE = dataclasses.replace(PSPM, name="mine")
 """A user's own law, which happens to be PSPM."""
 
+_LOSING = "delay 20ms loss 40%"
+LOSSY = Params().set(
+    {
+        "device.servo": "sampled", "duration_s": 1.0, "operator": "sine", "operator_hand.frequency_hz": 1.5,
+        "device.damping": 2.0, "link.up": _LOSING, "link.down": _LOSING,
+    }
+)  # fmt: skip
+"""Much energy is harvested and shuffled, and much of it lost and sent again."""
+
 _OF_ONE_AXIS = ("device.stiffness", "device.damping", "world.mass", "world.damping", "world.stiffness")
 
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from hapnet.kernel.records import Record
 
 
@@ -51,9 +53,14 @@ def read(record: Record, source: object, names: str, **renamed: str) -> None:
 def write(record: Record, target: object, names: str, **renamed: str) -> None:
     """Copy numbers from the record to attributes of `target`: the reverse of `read`."""
     for name in names.split():
-        replace(target, name, getattr(record, name))
+        replace(target, name, number(getattr(record, name)))
     for field, name in renamed.items():
-        replace(target, name, getattr(record, field))
+        replace(target, name, number(getattr(record, field)))
+
+
+def number(found: Any) -> Any:
+    """A plain number: without a compiler, elements of arrays come into fields as numpy's numbers."""
+    return found.item() if isinstance(found, np.generic) else found
 
 
 def vector(record: Record, field: str, n: int) -> tuple[float, ...]:

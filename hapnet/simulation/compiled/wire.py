@@ -14,7 +14,7 @@ from hapnet.kernel.energy_channel import NEVER
 from hapnet.kernel.link import Message
 from hapnet.side.endpoint import NANO, DeviceEndpoint, WorldEndpoint
 from hapnet.side.packet import FRAME_OVERHEAD
-from hapnet.simulation.compiled.mirror import optional, put, read, replace, value, write
+from hapnet.simulation.compiled.mirror import number, optional, put, read, replace, value, write
 from hapnet.wire.energy_channel import ChannelState, EnergyChannel
 from hapnet.wire.messages import Energy, Position, encode
 from hapnet.wire.messages import Proxy as ProxyMessage
@@ -170,16 +170,16 @@ def _write_path(record: paths.Path, session: Session) -> None:
     monitor, path = session.monitor, session.path
     numbers, counts = monitor.numbers, value(path, "all")
     write(record, numbers, "", **_NUMBERING)
-    replace(numbers, "stamp_ns", record.stamp_ns if record.has_stamp else None)
-    replace(numbers, "displaced", record.displaced if record.has_displaced else None)
+    replace(numbers, "stamp_ns", number(record.stamp_ns) if record.has_stamp else None)
+    replace(numbers, "displaced", number(record.displaced) if record.has_displaced else None)
     other = (int(record.other_number), int(record.other_stamp_ns), int(record.other_came_ns))
     replace(numbers, "other", other if record.has_other else None)
     write(record, monitor, "", **_MONITOR)
-    replace(monitor, "life_ns", record.heard_ns)
-    replace(monitor, "sign_ns", record.sign_ns if record.has_sign else None)
+    replace(monitor, "life_ns", number(record.heard_ns))
+    replace(monitor, "sign_ns", number(record.sign_ns) if record.has_sign else None)
     write(record, counts, "", **_COUNTS)
     for k, name in enumerate(_HISTOGRAMS):
         replace(counts, name, Histogram(record.counts[k].tolist(), int(record.highest[k])))
-    replace(path, "least_trip_ns", record.least_trip_ns if record.has_trip else None)
+    replace(path, "least_trip_ns", number(record.least_trip_ns) if record.has_trip else None)
     last = int(record.last_came_ns), int(record.last_stamp_ns)
     replace(path, "last", last if record.has_last else None)
