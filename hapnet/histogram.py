@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Sequence
+from itertools import accumulate
+from operator import sub
 
 
 class Histogram:
@@ -39,7 +42,7 @@ class Histogram:
 
     def since(self, earlier: Histogram) -> Histogram:
         """The values counted since `earlier`, a `copy` of this histogram; `max` is that of all values."""
-        return Histogram([now - before for now, before in zip(self.counts, earlier.counts, strict=True)], self.max)
+        return Histogram(list(map(sub, self.counts, earlier.counts)), self.max)
 
     def copy(self) -> Histogram:
         """An independent copy."""
@@ -63,13 +66,9 @@ class Histogram:
 
     def quantile(self, q: float) -> int | None:
         """Smallest bin edge that at least a share `q` of the values does not exceed (None if there is no value)."""
-        counts = self._counts.copy()
-        total = sum(counts)
+        seen = list(accumulate(self._counts.copy()))
+        total = seen[-1]
         if total == 0:
             return None
-        seen = 0
-        for index, count in enumerate(counts[:-1]):
-            seen += count
-            if seen >= q * total and seen > 0:
-                return min(self._highest(index), self.max)
-        return self.max
+        index = bisect_left(seen, max(1, q * total))
+        return self.max if index >= len(seen) - 1 else min(self._highest(index), self.max)

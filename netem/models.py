@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from functools import lru_cache
-from itertools import accumulate, repeat
+from itertools import repeat
 from statistics import NormalDist
 
 import numpy as np
@@ -134,11 +134,11 @@ def _correlated_uniforms(rng: Generator, rho: float) -> Iterator[NDArray[np.floa
     fresh = math.sqrt(max(0.0, 1.0 - rho * rho))
     below_one, root_half = math.nextafter(1.0, 0.0), math.sqrt(0.5)
     while True:
-        series = list(
-            accumulate(rng.standard_normal(BLOCK).tolist(), lambda last, new: rho * last + fresh * new, initial=z)
-        )
-        z = series[-1]
-        yield np.minimum(0.5 * np.array([math.erfc(-x * root_half) for x in series[1:]]), below_one)
+        doubled = []
+        for new in rng.standard_normal(BLOCK).tolist():
+            z = rho * z + fresh * new
+            doubled.append(math.erfc(-z * root_half))
+        yield np.minimum(0.5 * np.array(doubled), below_one)
 
 
 def decisions(rng: Generator, probability: float, correlation: float) -> Iterator[NDArray[np.bool_]]:

@@ -15,7 +15,7 @@ STREAM, ENERGY = 0, 1
 LOST, AHEAD = 1, 2
 """What the draws decide about a message, added up."""
 
-MOST_IN_FLIGHT, DRAWS = 2048, 1024
+MOST_IN_FLIGHT, DRAWS = 2048, 512
 """There is room for so many messages on a link, and for so many draws."""
 
 SPARE = 2

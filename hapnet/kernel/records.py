@@ -36,21 +36,25 @@ class Record:
 R = TypeVar("R", bound=Record)
 
 _LAYOUTS: dict[type[Record], np.dtype[Any]] = {}
+_UNUSED: dict[type[Record], list[Any]] = {}
 
 
 class _View:
     """A record as compiled code has it, with its fields as attributes: numpy's own records take many times as long."""
 
-    __slots__ = ("structure",)
-
     def __init__(self, structure: np.void) -> None:
-        object.__setattr__(self, "structure", structure)
+        vars(self)["structure"] = structure
 
     def __getattr__(self, name: str) -> Any:
         found = self.structure[name]
-        if isinstance(found, np.generic):
-            return _View(found) if isinstance(found, np.void) else found.item()
-        return found if found.dtype.names is None else _Views(found)
+        if isinstance(found, np.void):
+            found = _View(found)
+        elif isinstance(found, np.generic):
+            return found.item()
+        elif found.dtype.names is not None:
+            found = _Views(found)
+        vars(self)[name] = found  # it is a view of the same place, whatever is written there
+        return found
 
     def __setattr__(self, name: str, value: Any) -> None:
         self.structure[name] = value
@@ -74,12 +78,21 @@ class _Views:
 def new(kind: type[R]) -> R:
     """A record of this kind, all zero."""
     if COMPILED:
-        view: Any = _View(np.zeros(1, layout(kind))[0])
+        unused = _UNUSED.get(kind)
+        view: Any = unused.pop() if unused else _View(np.zeros(1, layout(kind))[0])
         return view  # type: ignore[no-any-return]
     record = kind()
     for name, type_ in fields(kind).items():
         setattr(record, name, _zero(type_))
     return record
+
+
+def give_back(record: R, kind: type[R]) -> None:
+    """Nobody uses the record any more: `new` may return it. Its memory, and the views of it, are worth keeping."""
+    if COMPILED:
+        memory: Any = record.structure.base  # type: ignore[attr-defined]
+        memory.view(np.uint8).fill(0)
+        _UNUSED.setdefault(kind, []).append(record)
 
 
 def bare(record: R) -> R:

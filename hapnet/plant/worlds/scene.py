@@ -58,6 +58,10 @@ class Scene:
         """Draw the duration of the next step, T_k [s]: uniform in [min_s, max_s]."""
         return min(self.max_s, self.min_s + (self.max_s - self.min_s) * rng.random())
 
+    def next_steps_s(self, rng: np.random.Generator, count: int) -> checks.Array:
+        """The next `count` durations (count,) [s]: what `next_step_s` gives one by one, bit by bit."""
+        return np.minimum(self.max_s, self.min_s + (self.max_s - self.min_s) * rng.random(count))
+
     def towards(self, position: Vector) -> Vector:
         """The farthest point on the straight line from `start` to `position` (n,) [m] that is outside every wall."""
         share = 1.0

@@ -11,7 +11,7 @@ from hapnet.kernel import two_port
 from hapnet.kernel.device import TICKS
 from hapnet.kernel.energy_channel import NEVER
 from hapnet.kernel.jit import COMPILED, as_one_unit
-from hapnet.kernel.records import Floats, Wholes, bare, new
+from hapnet.kernel.records import Floats, Wholes, bare, give_back, new
 from hapnet.kernel.simulation import (
     DEVICE_TIMER,
     DONE,
@@ -27,6 +27,7 @@ from hapnet.kernel.simulation import (
 )
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.hand_path import hand_path
+from hapnet.plant.worlds.scene import Scene
 from hapnet.recording.samples import Columns, DeviceSample, MemoryRecorder, MotionSample, WorldSample
 from hapnet.side.endpoint import NANO
 from hapnet.simulation.compiled import device, wire, world
@@ -140,7 +141,7 @@ class CompiledRun:
         return ports[: 1 + int(scenario.clock.apart)]
 
     def write_back(self) -> None:
-        """Give the whole state back to the simulation, to go on from there."""
+        """Give the whole state back to the simulation, to go on from there. Nothing else may be asked after this."""
         simulation, scenario, side = self._simulation, self._scenario, self._side
         clock, counts, hand = scenario.clock, scenario.counts, scenario.hand
         self._flush()
@@ -161,6 +162,7 @@ class CompiledRun:
         for record, port in self._ports():
             _write_port(record, port)
         simulation.resume(int(clock.now_ns), int(clock.due[STEP]), int(clock.due[TICK]))
+        give_back(scenario, Scenario)
 
     def _provide(self) -> None:
         """Provide draws, lengths of steps, the hand's path, and room for samples."""
@@ -170,7 +172,8 @@ class CompiledRun:
         clock, hand = self._scenario.clock, self._scenario.hand
         if clock.steps_used == STEPS:
             scene, rng = self._simulation.setup.scene, self._simulation.world.rng
-            clock.steps_ns[:] = [max(1, round(scene.next_step_s(rng) / NANO)) for _ in range(STEPS)]
+            assert isinstance(scene, Scene)
+            clock.steps_ns[:] = np.maximum(1, np.rint(scene.next_steps_s(rng, STEPS) / NANO))
             clock.steps_used = 0
             self._steps_used += STEPS
         if hand.at == hand.known and self._ticks:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from struct import Struct
 from typing import Any
 
@@ -85,16 +86,25 @@ def write_wire(record: endpoints.Wire, endpoint: Endpoint) -> None:
 
 
 def _sizes(record: endpoints.Endpoint, session: Session) -> None:
-    """The least sizes of the messages, with all headers [bytes]: whole numbers in them take a byte more at least."""
-    me, peer, dof = session.identity.incarnation, session.peer, session.identity.dof
-    assert peer is not None
-    still = (0.0,) * dof
+    """The least sizes of the messages, with all headers [bytes]."""
+    assert session.peer is not None
+    me, peer = session.identity.incarnation, session.peer.incarnation
+    sizes = _least_sizes(me.bit_length(), peer.bit_length(), session.identity.dof)
+    position, proxy, record.plane_bytes, record.energy_bytes = sizes
+    record.stream_bytes = proxy if record.proxies else position
+
+
+@lru_cache
+def _least_sizes(my_bits: int, peer_bits: int, dof: int) -> tuple[int, int, int, int]:
+    """The sizes of a position, of a proxy, of each plane in it, and of a message of the energy channel [bytes].
+
+    A number takes as many bytes as its bits need; other whole numbers than the incarnations take a byte more at least.
+    """
+    me, peer, still = 1 << my_bits - 1, 1 << peer_bits - 1, (0.0,) * dof
     plane = (still, 0.0, 1.0, 0.0, 0.0)
-    bare, one = (encode(ProxyMessage(me, 0, 0, still, 0, still, planes)) for planes in ((), (plane,)))
-    record.plane_bytes = len(one) - len(bare)
-    stream = len(bare) - 1 if record.proxies else len(encode(Position(me, 0, 0, still)))
-    record.stream_bytes = FRAME_OVERHEAD + stream
-    record.energy_bytes = FRAME_OVERHEAD + len(encode(Energy(me, peer.incarnation, 0, 0))) - 2
+    bare, one = (len(encode(ProxyMessage(me, 0, 0, still, 0, still, planes))) for planes in ((), (plane,)))
+    position, energy = len(encode(Position(me, 0, 0, still))), len(encode(Energy(me, peer, 0, 0)))
+    return FRAME_OVERHEAD + position, FRAME_OVERHEAD + bare - 1, one - bare, FRAME_OVERHEAD + energy - 2
 
 
 def _channel(record: channels.EnergyChannel, channel: EnergyChannel) -> None:
