@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
+from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -13,6 +14,9 @@ import pytest
 from hypothesis import settings
 
 from hapnet.checks import Array
+from hapnet.kernel import sources
+from hapnet.params import Params
+from hapnet.simulation.simulation import simulate
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / "shared" / "data"
@@ -35,6 +39,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if isinstance(item, pytest.Function) and _in_real_time(item.module):
             item.add_marker(pytest.mark.realtime)
             item.add_marker(pytest.mark.xdist_group("real time"))
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Before many tests the kernel is compiled, so that no single one of them takes as long as that."""
+    if len(session.items) > 1000 and find_spec("numba") is not None and not sources.are_compiled():
+        simulate(Params().set({"duration_s": 0.5}), kernel=True)
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

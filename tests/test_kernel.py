@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from hapnet import cli, simulate_batch
+from hapnet.kernel import sources
 from hapnet.kernel.jit import COMPILED
 from hapnet.params import Params
 from hapnet.simulation.batch.scenario import Scenario
@@ -136,7 +137,7 @@ def test_a_simulation_that_watches_its_events_is_not_compiled() -> None:
 
 
 def test_a_batch_that_is_not_vectorised_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(coverage, "_is_cached", lambda: True)
+    monkeypatch.setattr(sources, "are_compiled", lambda: True)
     made: list[str | None] = []
     monkeypatch.setattr(Scenario, "compiled", lambda self, end_ns: made.append("") or Simulation.compiled(self, end_ns))
     (run,) = simulate_batch(SAMPLED, [4])
@@ -147,7 +148,7 @@ def test_a_batch_that_is_not_vectorised_is_compiled(monkeypatch: pytest.MonkeyPa
 
 
 def test_the_kernel_is_compiled_once_it_is_worth_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(coverage, "_is_cached", lambda: False)
+    monkeypatch.setattr(sources, "are_compiled", lambda: False)
     monkeypatch.setattr(coverage, "_ticks", 0)
     long = SAMPLED.set({"duration_s": 90.0})
     reasons = [Simulation(long).not_compiled for _ in range(3)]
@@ -155,6 +156,18 @@ def test_the_kernel_is_compiled_once_it_is_worth_it(monkeypatch: pytest.MonkeyPa
     rounded = SAMPLED.set({"device.servo": "continuous", "feel": "paper", "dof": 2})
     monkeypatch.setattr(coverage, "_ticks", 0)
     assert Simulation(rounded).not_compiled is None  # the choice must not depend on what was run before
+
+
+def test_machine_code_of_other_sources_does_not_count(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(sources, "_MARK", tmp_path / "compiled")
+    assert not sources.are_compiled()
+    sources.mark()
+    assert sources.are_compiled()
+    monkeypatch.setattr(sources, "digest", lambda: "another")
+    assert not sources.are_compiled()
+    monkeypatch.setattr(sources, "_MARK", tmp_path / "nowhere" / "compiled")
+    sources.mark()  # as where nothing can be written
+    assert not sources.are_compiled()
 
 
 def test_without_numba_the_reference_runs(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -170,7 +183,7 @@ def test_without_numba_the_reference_runs(monkeypatch: pytest.MonkeyPatch) -> No
 def test_the_command_says_whether_the_kernel_runs_it(
     words: list[str], line: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(coverage, "_is_cached", lambda: True)
+    monkeypatch.setattr(sources, "are_compiled", lambda: True)
     assert cli.main(["simulate", "-v", "--no-files", "--duration", "0.3", *words]) == 0
     assert line in capsys.readouterr().out
     assert cli.main(["simulate", "--no-files", "--duration", "0.3", *words]) == 0

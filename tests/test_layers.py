@@ -60,7 +60,7 @@ READS_FILES = {
     "netem/trace.py": "a recorded link is a file",
     "netem/units.py": "opens the files that a profile names",
     "hapnet/recording": "recordings are files; nothing below `assembly` opens one but through it",
-    "hapnet/kernel/jit.py": "compiled code is cached as long as its sources stay the same",
+    "hapnet/kernel/sources.py": "compiled code is cached as long as its sources stay the same",
 }
 """What may reach files, of all that lies below `assembly`, and why. Clocks and generators are arguments there too."""
 

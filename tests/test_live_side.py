@@ -68,7 +68,7 @@ async def test_a_paused_pair_stands_still_and_goes_on() -> None:
 def test_pauses_at_any_time_cost_no_passivity(servo: str, seed: int) -> None:
     """Each side's half of Theorem 1, and the whole, whoever stands still and whenever."""
     rng = np.random.default_rng(seed)
-    simulation = Simulation(parameters(operator="press", duration_s=8.0, device__servo=servo), seed)
+    simulation = Simulation(parameters(operator="press", duration_s=8.0, device__servo=servo), seed, kernel=False)
 
     def pause(_: float) -> None:
         simulation.device.paused, simulation.world.paused = rng.random(2) < 0.4

@@ -311,7 +311,9 @@ def test_a_motor_connected_the_wrong_way_round_is_seen_and_rationed(monkeypatch:
 
     monkeypatch.setattr(SimulatedDevice, "apply", reversed_)
     result = simulate(
-        PAPER.set({"device.servo": "sampled", "operator": "sine", "scene": "free", "duration_s": 3.0}), seed=2
+        PAPER.set({"device.servo": "sampled", "operator": "sine", "scene": "free", "duration_s": 3.0}),
+        seed=2,
+        kernel=False,
     )
     work = -sum(
         sum(f * (b - a) for f, a, b in zip(force, before, after, strict=True))

@@ -20,8 +20,6 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, fi
     words = output.console(json_to)
     simulation = Simulation(params, seed)
     output.show_warnings(words, simulation.setup.warnings)
-    if verbose:
-        output.show_kernel(words, simulation.not_compiled)
     directory = output.run_directory(out, seed) if files else None
     written = output.Written()
     with Progress(words, "simulating", params.duration_s) as progress:
@@ -36,6 +34,8 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, fi
             with written.part():
                 output.write_json(result.summary, str(directory / "summary.json"))
     output.show_summary(words, result.summary, verbose=verbose)
+    if verbose:
+        output.show_kernel(words, simulation.not_compiled)
     written.judge(result.summary, params, virtual=True)
     if directory is not None and not written.missing:
         page = f"; for a page with everything: hapnet report {directory / 'run.mcap'}"

@@ -5,13 +5,13 @@ Numba's own switch, the environment's `NUMBA_DISABLE_JIT=1`, makes them plain Py
 
 from __future__ import annotations
 
-import hashlib
 import importlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from types import FunctionType
 from typing import Any, TypeVar
+
+from hapnet.kernel import sources
 
 try:
     import numba
@@ -113,14 +113,4 @@ def as_one_unit() -> Iterator[None]:
                 setattr(owners[which], name, one)
 
 
-def _digest() -> str:
-    """A digest of all sources that the kernel is compiled from, or takes constants from."""
-    here = Path(__file__).parents[1]
-    packages = [here.parent / "netem", *(here / name for name in ("kernel", "control", "mechanics", "plant", "wire"))]
-    digest = hashlib.sha256()
-    for path in sorted(path for package in packages for path in package.rglob("*.py")):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()
-
-
-SOURCES = _digest() if COMPILED else ""
+SOURCES = sources.digest() if COMPILED else ""

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from importlib.util import find_spec
-from pathlib import Path
 
-from hapnet import kernel
 from hapnet.assembly.build import Setup
 from hapnet.couplings.set_position import PSPM, ZOH
+from hapnet.kernel import sources
 from hapnet.params import Params
 from hapnet.plant.worlds.scene import Scene
 from hapnet.plant.worlds.walls import Contacts
@@ -40,15 +39,10 @@ def unavailable(setup: Setup) -> str | None:
     global _ticks
     if find_spec("numba") is None:
         return "numba is not installed (extra fast)"
-    if _is_cached() or (setup.servo == "continuous" and setup.dof > 1):
+    if sources.are_compiled() or (setup.servo == "continuous" and setup.dof > 1):
         return None
     _ticks += round(setup.params.duration_s * setup.params.device.servo_hz)
     return None if _ticks >= _WORTH_TICKS else "compiling it would take longer than this run"
-
-
-def _is_cached() -> bool:
-    """Is there machine code of the kernel? It may be of other sources, which is rare and costs only time."""
-    return any((Path(kernel.__file__).parent / "__pycache__").glob("simulation.*.nbi"))
 
 
 def chosen(setup: Setup, kernel: bool | None, watcher: str | None) -> str | None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hapnet.kernel import two_port
+from hapnet.kernel import sources, two_port
 from hapnet.kernel.device import TICKS
 from hapnet.kernel.energy_channel import NEVER
 from hapnet.kernel.jit import COMPILED, as_one_unit
@@ -63,6 +63,7 @@ def _make_ready(scenario: Scenario) -> None:
     if COMPILED and not _made_ready:
         with as_one_unit():
             run(bare(scenario), -1)
+        sources.mark()
         _made_ready = True
 
 
