@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from hapnet.plant.worlds.walls import Wall
     from hapnet.realtime.runner import RealtimeSide
     from hapnet.side.notices import Notice
-    from hapnet.simulation.batch.run import simulate_batch
+    from hapnet.simulation.batch import simulate_batch
     from hapnet.simulation.simulation import simulate
     from hapnet.transport.config import ZenohSettings
 
@@ -55,7 +55,7 @@ _HOMES = {
     "held_law": "hapnet.couplings.spec",
     "prepare": "hapnet.assembly.build",
     "simulate": "hapnet.simulation.simulation",
-    "simulate_batch": "hapnet.simulation.batch.run",
+    "simulate_batch": "hapnet.simulation.batch",
     "stepped_law": "hapnet.couplings.spec",
 }
 

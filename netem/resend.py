@@ -10,9 +10,6 @@ from __future__ import annotations
 
 from bisect import bisect_right
 
-import numpy as np
-from numpy.typing import NDArray
-
 from netem.effects import Loss, Resend
 from netem.loss_chain import lost_again
 from netem.trace import ConditionTrace
@@ -46,10 +43,3 @@ class Resends:
             if luck >= chance:
                 return k, False
         return self._times, True
-
-    def taken_by_all(
-        self, lost: NDArray[np.bool_], luck: NDArray[np.float64]
-    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """`taken` for many messages, including those that are not lost at their first offer."""
-        failed = self._times - np.searchsorted(self._ascending, luck, side="right")
-        return np.where(lost, np.minimum(failed + 1, self._times), 0), lost & (failed == self._times)

@@ -15,10 +15,10 @@ from hapnet import cli, simulate_batch
 from hapnet.kernel import sources
 from hapnet.kernel.jit import COMPILED
 from hapnet.params import Params
-from hapnet.simulation.batch.scenario import Scenario
 from hapnet.simulation.compiled import coverage
 from hapnet.simulation.simulation import Simulation
 from tests.kernel_cases import LOSSY, differences, kernel_case
+from tests.kernel_edges import ONE_AXIS, SEVERAL_AXES
 from tests.paper import PAPER
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -49,6 +49,18 @@ def test_several_axes_give_the_same_to_rounding_with_the_continuous_servo(seed: 
 
 def test_energy_that_is_lost_and_sent_again_gives_the_same_bits() -> None:
     assert not differences(LOSSY, 1)
+
+
+@pytest.mark.parametrize("servo", ["sampled", "continuous"])
+@pytest.mark.parametrize("edge", ONE_AXIS)
+def test_at_the_edges_one_axis_gives_the_same_bits(edge: str, servo: str) -> None:
+    params = PAPER.set({"duration_s": 1.2, **ONE_AXIS[edge], "device.servo": servo})
+    assert not differences(params, 1)
+
+
+@pytest.mark.parametrize("edge", SEVERAL_AXES)
+def test_at_the_edges_several_axes_give_the_same_to_rounding(edge: str) -> None:
+    assert not differences(PAPER.set({"duration_s": 1.2, **SEVERAL_AXES[edge]}), 1, 1e-11)
 
 
 @pytest.mark.slow
@@ -136,15 +148,11 @@ def test_a_simulation_that_watches_its_events_is_not_compiled() -> None:
     assert Simulation(PAPER, kernel=True).not_compiled is None
 
 
-def test_a_batch_that_is_not_vectorised_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_batch_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sources, "are_compiled", lambda: True)
-    made: list[str | None] = []
-    monkeypatch.setattr(Scenario, "compiled", lambda self, end_ns: made.append("") or Simulation.compiled(self, end_ns))
     (run,) = simulate_batch(SAMPLED, [4])
-    assert made
-    assert not run.vectorised
-    summary = Simulation(SAMPLED, 4, kernel=False).run().summary
-    assert {**run.summary, "motion": None, "path": None} == {**summary, "motion": None, "path": None}
+    assert run.not_compiled is None
+    assert run.summary == Simulation(SAMPLED, 4, kernel=False).run().summary
 
 
 def test_the_kernel_is_compiled_once_it_is_worth_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ from functools import partial
 from hapnet.bench.references import plain_substeps
 from hapnet.bench.row import Distribution, Limit, Options, Row, row
 from hapnet.params import Params
-from hapnet.simulation.batch.run import simulate_batch
+from hapnet.simulation.batch import simulate_batch
 from hapnet.simulation.processes import usable_cores
 from hapnet.simulation.simulation import simulate
 

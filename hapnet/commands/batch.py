@@ -17,7 +17,7 @@ from hapnet.wire.messages import Role
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from hapnet.simulation.batch.scenario import BatchRun
+    from hapnet.simulation.batch import BatchRun
 
 LONG_S = 1000.0
 """From this total simulated time on [s], starting processes is worthwhile."""
@@ -44,7 +44,7 @@ def seed_range(words: str) -> range:
 def main(params: Params, seeds: range, json_to: str | None, workers: int) -> int:
     """Simulate every seed in `workers` processes (0: as many as help); print a table, write one object per seed."""
     from hapnet.assembly.build import prepare
-    from hapnet.simulation.batch.run import simulate_batch
+    from hapnet.simulation.batch import simulate_batch
     from hapnet.simulation.processes import usable_cores
 
     if params.duration_s <= 0.0:
@@ -64,8 +64,8 @@ def main(params: Params, seeds: range, json_to: str | None, workers: int) -> int
         words.print(f"not known for {verdicts[None]}; the first: {_first(runs, None)}", style="yellow", markup=False)
     if verdicts[False]:
         words.print(f"the first that was not passive: {_first(runs, False)}", style="red", markup=False)
-    if not all(run.vectorised for run in runs):
-        words.print("simulated one at a time: these parameters, or so few seeds, cannot be vectorised", style="yellow")
+    if why_not := next((run.not_compiled for run in runs if run.not_compiled is not None), None):
+        output.show_kernel(words, why_not)
     output.write_json([as_dict(run) for run in runs], json_to)
     written = output.Written()
     for run in runs:
@@ -87,7 +87,7 @@ def _first(runs: list[BatchRun], passive: bool | None) -> str:
 def as_dict(run: BatchRun) -> dict[str, Any]:
     """A run's summary, with the final states of both sides."""
     final = {"device": run.device._asdict(), "world": run.world._asdict()}
-    return {**run.summary, "final": final, "vectorised": run.vectorised}
+    return {**run.summary, "final": final}
 
 
 def _table(runs: list[BatchRun], width: int) -> Table:
@@ -111,6 +111,9 @@ def _figures() -> Iterator[tuple[str, Callable[[Summary], float | None], float]]
     """The table's rows: label, the summary's value, and the factor that scales it."""
     yield "came out of both ports, most [mJ]", lambda of: of["theorem"]["energy_out_J"], 1e3
     yield "margin at the end [mJ]", lambda of: of["theorem"]["margin_end_J"], 1e3
+    yield "free motion, error (rms) [mm]", lambda of: of["motion"]["free_rms_m"], 1e3
+    yield "contact, error (rms) [mm]", lambda of: of["motion"]["contact_rms_m"], 1e3
+    yield "largest force [N]", lambda of: of["motion"]["peak_force_N"], 1.0
     for side in SIDES:
         yield from _of_side(side)
     for way in WAYS:

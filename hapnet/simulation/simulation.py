@@ -265,6 +265,7 @@ class Simulation:
 
     def _summary(self, end_ns: int) -> Summary:
         params = self.setup.params
+        device, world = (end.session.path.figures() for end in (self.device_endpoint, self.world_endpoint))
         return combine(
             with_wire(device_summary(self.device, params.coupling), self.device_endpoint.session, end_ns),
             with_wire(world_summary(self.world, params.coupling), self.world_endpoint.session, end_ns),
@@ -277,12 +278,8 @@ class Simulation:
             two_port_end_J=self.two_port.now,
             two_port_later_J=self.two_port.later,
             tuning=self.setup.tuned,
-            path=self._path(),
+            path=path.of_both(path.of_side("device", device), path.of_side("world", world)),
         )
-
-    def _path(self) -> path.Section:
-        device, world = self.device_endpoint.session.path, self.world_endpoint.session.path
-        return path.of_both(path.of_side("device", device.figures()), path.of_side("world", world.figures()))
 
     @property
     def _settled(self) -> bool:

@@ -45,6 +45,14 @@ def unavailable(setup: Setup) -> str | None:
     return None if _ticks >= _WORTH_TICKS else "compiling it would take longer than this run"
 
 
+def compile_for(ticks: float) -> None:
+    """Compile the kernel now, if so many ticks are about to be run in other processes: each would compile it itself."""
+    if ticks >= _WORTH_TICKS and find_spec("numba") is not None and not sources.are_compiled():
+        from hapnet.simulation.compiled.run import make_ready  # here, since it loads numba
+
+        make_ready()
+
+
 def chosen(setup: Setup, kernel: bool | None, watcher: str | None) -> str | None:
     """Why the kernel does not run this; None: it does.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -54,17 +55,15 @@ _WORLD_SCALARS = (
 )  # fmt: skip
 
 
-_made_ready = False
-
-
-def _make_ready(scenario: Scenario) -> None:
+@cache
+def make_ready() -> None:
     """Load or make the machine code, once in a process: at the time -1 nothing is due."""
-    global _made_ready
-    if COMPILED and not _made_ready:
+    if COMPILED:
+        scenario = new(Scenario)
         with as_one_unit():
             run(bare(scenario), -1)
+        give_back(scenario, Scenario)
         sources.mark()
-        _made_ready = True
 
 
 class CompiledRun:
@@ -109,7 +108,7 @@ class CompiledRun:
         for kind, at_ns in zip((UP, DOWN, DEVICE_TIMER, WORLD_TIMER, STEP, TICK), due, strict=True):
             clock.due[kind] = NEVER if at_ns is None else at_ns
         self._provide()
-        _make_ready(scenario)
+        make_ready()
 
     def run_until(self, end_ns: int) -> None:
         """Run every event until then; `Simulation._until`.
@@ -142,7 +141,7 @@ class CompiledRun:
         return ports[: 1 + int(scenario.clock.apart)]
 
     def write_back(self) -> None:
-        """Give the whole state back to the simulation, to go on from there. Nothing else may be asked after this."""
+        """Give the state back to the simulation, to be closed: what waits for the next tick or step is left out."""
         simulation, scenario, side = self._simulation, self._scenario, self._side
         clock, counts, hand = scenario.clock, scenario.counts, scenario.hand
         self._flush()
