@@ -80,10 +80,10 @@ def simulate_batch(
         require_room("seeds", seeds, len(several) * len(seeds), RUN_BYTES, "runs")
     seed_list = list(seeds)
     cases = [(one, seed) for one in several for seed in seed_list]
+    coverage.compile_for(len(seed_list) * sum(one.duration_s * one.device.servo_hz for one in several))
     workers = min(workers, len(cases))
     if workers <= 1:
         return _simulate(cases, progress or (lambda share: None))
-    coverage.compile_for(len(seed_list) * sum(one.duration_s * one.device.servo_hz for one in several))
     return dealt(_simulate, cases, workers, progress)
 
 

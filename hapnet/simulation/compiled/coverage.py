@@ -46,7 +46,7 @@ def unavailable(setup: Setup) -> str | None:
 
 
 def compile_for(ticks: float) -> None:
-    """Compile the kernel now, if so many ticks are about to be run in other processes: each would compile it itself."""
+    """Compile the kernel now, if so many ticks are about to be run, here or in processes that would each compile it."""
     if ticks >= _WORTH_TICKS and find_spec("numba") is not None and not sources.are_compiled():
         from hapnet.simulation.compiled.run import make_ready  # here, since it loads numba
 
