@@ -77,6 +77,7 @@ def page(recording: Recording, drawn: Mapping[str, Picture], sources: Sequence[S
             "Summary",
             _table(tables.both_ports(summary)),
             _table(tables.sides(summary)),
+            _table(tables.environment(summary)),
             _table(tables.motion(summary)),
         ),
         _section("Path", _table(tables.path(summary))),

@@ -21,6 +21,7 @@ from hapnet.report.words import (
 from hapnet.summary.structure import (
     SIDES,
     WAYS,
+    Environment,
     Flow,
     LinkPart,
     Motion,
@@ -85,6 +86,14 @@ _BOTH: tuple[_Row[Theorem], ...] = (
     _Row("margin at the end", "mJ", lambda of: of["margin_end_J"], millijoule),
     _Row("margin after 1 s, least", "mJ", lambda of: of["margin_later_J"], millijoule),
 )
+_ENVIRONMENT: tuple[_Row[Environment], ...] = (
+    _Row("work on the proxy", "mJ", lambda of: of["work_J"], millijoule),
+    _Row("slack of its own account, least", "mJ", lambda of: of["env_slack_J"], millijoule),
+    _Row("put in by what moves it", "mJ", lambda of: of["env_supplied_J"], millijoule),
+    _Row("stored at the end", "mJ", lambda of: of["env_stored_J"], millijoule),
+    _Row("would have given of its own", "mJ", lambda of: of["env_given_J"], millijoule),
+    _Row("paid back by damping", "mJ", lambda of: of["env_paid_J"], millijoule),
+)
 _OF_RESERVOIRS = {"sent", "credited", "discarded", "abandoned"}
 _ENERGY: tuple[_Row[Flow], ...] = (
     _Row("energy sent", "mJ", lambda of: of["sent_nJ"], shuffled),
@@ -145,6 +154,11 @@ def sides(summary: Summary) -> Table:
 def both_ports(summary: Summary) -> Table:
     """How far both ports together were from giving out more than d^2."""
     return Table("both ports", ("",), [*_rows(_BOTH, [summary["theorem"]])])
+
+
+def environment(summary: Summary) -> Table:
+    """The virtual world's own account: below 0 it gave out energy that nobody had put in."""
+    return Table("environment", ("",), [*_rows(_ENVIRONMENT, [summary["environment"]])])
 
 
 def energy(summary: Summary) -> Table:
@@ -225,7 +239,15 @@ def summary_text(tree: object) -> RenderableType:
         return out
 
     summary = read(tree)
-    tables = (both_ports(summary), sides(summary), energy(summary), path(summary), links(summary), motion(summary))
+    tables = (
+        both_ports(summary),
+        sides(summary),
+        environment(summary),
+        energy(summary),
+        path(summary),
+        links(summary),
+        motion(summary),
+    )
     return Group(
         _verdict_text(tree),
         Text(_about(summary)),

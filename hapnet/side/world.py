@@ -12,6 +12,7 @@ from hapnet.control.coupling import CouplingState, Wave, WorldCoupling, vector_o
 from hapnet.errors import HapnetError
 from hapnet.loading import cause
 from hapnet.plant.integrator import PassiveIntegrator
+from hapnet.plant.worlds.account import EnvironmentAccount
 from hapnet.plant.worlds.protocol import World
 from hapnet.recording.samples import WorldSample
 from hapnet.side.device import Write
@@ -57,6 +58,8 @@ class WorldSide:
         self.steps = 0
         self.longest_step_s = 0.0
         self.stepped_s = 0.0
+        self.environment: EnvironmentAccount | None = None
+        """The environment's own account; None before control starts."""
         self.paused = False
         """The virtual mass stands still and nothing is recorded; all else continues."""
         self._make_coupling = make_coupling
@@ -85,6 +88,7 @@ class WorldSide:
                     mass.place(self.scene.towards(vector_of(sample)))
             self._world = self._make_coupling(mass.position, mass.kinetic_J, endpoint.restarted)
             endpoint.start(self._world)
+            self.environment = EnvironmentAccount(self.scene.contacts, mass.position)
             self.origin_ns = self._last_ns = now_ns
             return endpoint.step(now_ns, 0.0, mass.position, mass.kinetic_J, 0.0, 0.0)
         dt = (now_ns - self._last_ns) * NANO
@@ -98,6 +102,8 @@ class WorldSide:
         self.stepped_s += dt
         self.longest_step_s = max(self.longest_step_s, dt)
         ledger = coupling.ledger
+        assert self.environment is not None, "made with the coupling"
+        self.environment.observe(ledger.work, done.position)
         self._write(
             WorldSample(
                 now_ns, dt, done.position, mass.velocity, coupling.set_position, coupling.target,

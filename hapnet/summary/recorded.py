@@ -14,7 +14,7 @@ from hapnet.couplings.registry import jointly_passive
 from hapnet.errors import RecordingError
 from hapnet.recording.samples import Columns, Recording, join
 from hapnet.summary.run import combine, judged, merge, recorded_margins, unknown_device
-from hapnet.summary.structure import Ledger, Outages, SidePart, Summary, unknown
+from hapnet.summary.structure import EnvironmentPart, Ledger, Outages, SidePart, Summary, unknown
 from hapnet.summary.verdict import has_reservoirs
 from netem import LinkStats
 
@@ -54,6 +54,7 @@ def _device_columns(columns: Columns, coupling_name: str) -> SidePart:
 def _world_columns(columns: Columns, coupling_name: str) -> SidePart:
     result, steps = _side_columns(columns, coupling_name), columns["step_s"]  # one sample a step
     result["step"] = {"count": len(steps), "mean_s": _finite(steps.mean()), "max_s": _finite(steps.max())}
+    result["environment"] = unknown(EnvironmentPart)
     return result
 
 

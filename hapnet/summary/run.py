@@ -16,6 +16,7 @@ from hapnet.summary import path as paths
 from hapnet.summary.structure import (
     Energy,
     Environment,
+    EnvironmentPart,
     Flow,
     Hand,
     Ledger,
@@ -102,7 +103,22 @@ def world_summary(side: WorldSide, coupling_name: str) -> SidePart:
     result = _control_summary(side.endpoint, coupling_name)
     mean = side.stepped_s / side.steps if side.steps else None
     result["step"] = {"count": side.steps, "mean_s": mean, "max_s": side.longest_step_s if side.steps else None}
+    result["environment"] = _own_account(side)
     return result
+
+
+def _own_account(side: WorldSide) -> EnvironmentPart:
+    account = side.environment
+    if account is None or not side.steps:
+        return unknown(EnvironmentPart)
+    observed = account.observed
+    return {
+        "env_slack_J": _known(account.slack_min),
+        "env_supplied_J": _known(account.supplied_J),
+        "env_stored_J": _known(account.stored_J),
+        "env_given_J": None if observed is None else _known(observed.given_J),
+        "env_paid_J": None if observed is None else _known(observed.paid_J),
+    }
 
 
 def with_wire(control: SidePart, session: Session, now_ns: int) -> SidePart:
@@ -218,9 +234,13 @@ def judged(summary: Summary) -> Summary:
 
 
 def _environment(world: SidePart | None) -> Environment:
-    """The environment's port: the energy that it put in, and the least slack of its half of the theorem [J]."""
+    """The environment's port: the energy that it put in, the least slack of its half of the theorem, its account [J].
+
+    A summary of an older version has no such account.
+    """
     ledger = unknown(Ledger) if world is None else world["ledger"]
-    return {"work_J": ledger.get("work_J"), "slack_J": ledger.get("slack_J")}
+    own = unknown(EnvironmentPart) | ({} if world is None else world.get("environment") or {})
+    return cast(Environment, {"work_J": ledger.get("work_J"), "slack_J": ledger.get("slack_J"), **own})
 
 
 def _bound(device: SidePart | None, world: SidePart | None) -> float | None:

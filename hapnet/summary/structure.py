@@ -52,10 +52,30 @@ class Hand(TypedDict):
 
 
 class Environment(TypedDict):
-    """The port of the environment [J]."""
+    """The port of the environment [J]. From `env_slack_J` on: its own account, see `EnvironmentPart`."""
 
     work_J: Number
     slack_J: Number
+    env_slack_J: Number
+    env_supplied_J: Number
+    env_stored_J: Number
+    env_given_J: Number
+    env_paid_J: Number
+
+
+class EnvironmentPart(TypedDict):
+    """The environment's own account [J], as the world's side keeps it (hapnet/plant/worlds/account.py).
+
+    `env_slack_J` : the least of what it has dissipated; below 0 it gave out energy of its own. `env_supplied_J` : put
+    in by what moves its obstacles. `env_stored_J` : in its springs and bodies at the end. `env_given_J`, `env_paid_J` :
+    what an observer saw it give beyond its means, and made damping take back; None: nothing had to be observed.
+    """
+
+    env_slack_J: Number
+    env_supplied_J: Number
+    env_stored_J: Number
+    env_given_J: Number
+    env_paid_J: Number
 
 
 class Ledger(TypedDict):
@@ -110,7 +130,8 @@ class Stopped(TypedDict):
 
 
 class SidePart(TypedDict, total=False):
-    """What one side knows of itself. Only the device has the entries from `servo` on, only the world has `step`.
+    """What one side knows of itself. Only the device has the entries from `servo` on, only the world has `step` and
+    `environment`.
 
     More than twenty attributes: one for each key of the summary's `device` and `world`.
     """
@@ -132,6 +153,7 @@ class SidePart(TypedDict, total=False):
     missing: Count
     dropped: dict[str, int] | None
     step: Step
+    environment: EnvironmentPart
     servo: Servo
     quantisation_J: Number
     true_slack_J: Number

@@ -40,14 +40,15 @@ _WAYS: tuple[tuple[Way, Role, Role], ...] = (("up", "device", "world"), ("down",
 def judge(tree: object) -> Verdict:
     """The verdict on the run with the summary `tree`, of both sides or of one; see `structure.read`."""
     summary = _with_margin(read(tree), tree)
+    gave = list(_givers(summary))
     if against := list(_against(summary)):
-        return {"passive": False, "reason": "; ".join(against)}
+        return {"passive": False, "reason": "; ".join([*against, *gave])}
     if doubts := list(_doubts(summary)):
-        return {"passive": None, "reason": "; ".join(doubts)}
+        return {"passive": None, "reason": "; ".join([*doubts, *gave])}
     said = [_kept(summary)]
     if (device := summary["device"]) is not None and device["force"] == "commanded":
         said.append("as commanded: the device does not tell what it applied")
-    return {"passive": True, "reason": "; ".join(said)}
+    return {"passive": True, "reason": "; ".join([*said, *gave])}
 
 
 def broken(
@@ -187,6 +188,30 @@ def _true_ports(summary: Summary, bound: float | None) -> Iterator[str]:
         least = None if _restarted(summary) else bound + by_hand + by_world
     if least is not None and least < -ROUNDING_J:
         yield f"at the hand and the walls: margin {_milli(least)} mJ"
+
+
+def _givers(summary: Summary) -> Iterator[str]:
+    """Who gave energy: the coupling more than d^2, the world more than it had, what moves the world, and the hand.
+
+    An active world or hand does not count against the coupling: passivity is of the two ports between them. Nothing is
+    said where the world's own account is not known.
+    """
+    margin, world = summary["theorem"]["margin_J"], summary["environment"]
+    slack, supplied, given = world["env_slack_J"], world["env_supplied_J"], world["env_given_J"]
+    if slack is None:
+        return
+    sources = {
+        "the coupling": None if margin is None else -margin,
+        "the world itself": -slack,
+        "what moves the world": supplied,
+        "the hand": summary["hand"]["work_J"],
+    }
+    told = [f"{name} ({_milli(of)} mJ)" for name, of in sources.items() if of is not None and of > ROUNDING_J]
+    if told:
+        yield f"energy came from {', '.join(told)}"
+    if given is not None and given > ROUNDING_J:
+        paid = _milli(world["env_paid_J"])
+        yield f"the world would have given {_milli(given)} mJ of its own, of which damping took back {paid}"
 
 
 def _doubts(summary: Summary) -> Iterator[str]:

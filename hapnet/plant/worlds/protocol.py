@@ -40,8 +40,18 @@ class Surface(NamedTuple):
     solid: int  #: +1: solid at greater coordinates, -1: at smaller ones
 
 
+class Observed(NamedTuple):
+    """What an observer saw of surroundings that promise nothing, and what it made them pay."""
+
+    given_J: float  #: energy that they would have given out beyond what they had, summed over the steps
+    paid_J: float  #: what damping took back
+
+
 class Surroundings(Protocol):
-    """Everything around the proxy that acts on it; `dof` is n."""
+    """Everything around the proxy that acts on it; `dof` is n.
+
+    Those that promise nothing have an attribute `observed` too (`Observed`): what their observer saw.
+    """
 
     @property
     def dof(self) -> int: ...
