@@ -88,7 +88,7 @@ _BOTH: tuple[_Row[Theorem], ...] = (
 )
 _ENVIRONMENT: tuple[_Row[Environment], ...] = (
     _Row("work on the proxy", "mJ", lambda of: of["work_J"], millijoule),
-    _Row("slack of its own account, least", "mJ", lambda of: of["env_slack_J"], millijoule),
+    _Row("balance of its own account, least", "mJ", lambda of: of["env_slack_J"], millijoule),
     _Row("put in by what moves it", "mJ", lambda of: of["env_supplied_J"], millijoule),
     _Row("stored at the end", "mJ", lambda of: of["env_stored_J"], millijoule),
     _Row("would have given of its own", "mJ", lambda of: of["env_given_J"], millijoule),
