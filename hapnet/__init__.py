@@ -11,7 +11,8 @@ The public names, which stay stable:
 * `simulate`, `simulate_batch`: both sides in virtual time, once or many times.
 * `RealtimeSide`: one side in real time, in your asyncio program. It is made from the result of `prepare` and from
   `ZenohSettings`, which say how to reach the other side. It reports `Notice`s.
-* `Scene`, `Wall`: for your own world. Your own device needs no base class (`hapnet.plant.device.Device`).
+* `Scene`, `Wall`: for your own world of walls. `ForceWorld`, `Obstacle`: of any forces, and of obstacles that move.
+  Your own device needs no base class (`hapnet.plant.device.Device`).
 * `CouplingSpec`: your own coupling. `held_law` and `stepped_law` make its two ends from your functions of a
   `CouplingStart` (`hapnet.control.coupling` says what a law must do).
 * `SetPositionModulator`, `PassiveIntegrator`: the paper's two laws, for your own servo or world loop.
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
     from hapnet.errors import HapnetError, InvalidParameter
     from hapnet.params import Params
     from hapnet.plant.integrator import PassiveIntegrator
+    from hapnet.plant.worlds.force_world import ForceWorld
+    from hapnet.plant.worlds.obstacle import Obstacle
     from hapnet.plant.worlds.scene import Scene
     from hapnet.plant.worlds.walls import Wall
     from hapnet.realtime.runner import RealtimeSide
@@ -42,9 +45,11 @@ if TYPE_CHECKING:
 _HOMES = {
     "CouplingSpec": "hapnet.couplings.spec",
     "CouplingStart": "hapnet.couplings.spec",
+    "ForceWorld": "hapnet.plant.worlds.force_world",
     "HapnetError": "hapnet.errors",
     "InvalidParameter": "hapnet.errors",
     "Notice": "hapnet.side.notices",
+    "Obstacle": "hapnet.plant.worlds.obstacle",
     "Params": "hapnet.params",
     "PassiveIntegrator": "hapnet.plant.integrator",
     "RealtimeSide": "hapnet.realtime.runner",
@@ -62,9 +67,11 @@ _HOMES = {
 __all__ = [
     "CouplingSpec",
     "CouplingStart",
+    "ForceWorld",
     "HapnetError",
     "InvalidParameter",
     "Notice",
+    "Obstacle",
     "Params",
     "PassiveIntegrator",
     "RealtimeSide",

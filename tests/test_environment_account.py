@@ -11,6 +11,7 @@ from hapnet.params import Params
 from hapnet.plant.worlds.scene import Scene
 from hapnet.plant.worlds.walls import Contacts, Wall
 from hapnet.recording.samples import Recording
+from hapnet.simulation.batch.run import simulate_batch
 from hapnet.simulation.simulation import simulate
 from hapnet.summary.run import merge
 from hapnet.summary.verdict import judge
@@ -72,6 +73,15 @@ def test_what_moves_a_wall_is_counted_and_told() -> None:
     assert told["env_supplied_J"] == pytest.approx(supplied, abs=1e-12)
     assert abs(supplied) > 1e-4
     assert told["env_slack_J"] == pytest.approx(0.0, abs=1e-12)  # springs only: all that was put in is there
+
+
+def test_in_a_batch_each_seed_has_a_world_of_its_own() -> None:
+    """A wall that moves has a state: with one for all seeds, the second run would begin where the first ended."""
+    words = "at 0.5s: shift -5mm; at 1s: shift 5mm"
+    params = Params().set({"scene": "moving", "world.wall.timeline": words, "duration_s": 1.5})
+    alone = [simulate(params, seed).summary["environment"] for seed in (0, 1)]
+    assert alone[1]["env_supplied_J"] != 0.0
+    assert [run.summary["environment"] for run in simulate_batch(params, (0, 1))] == alone
 
 
 class Pump(Contacts):

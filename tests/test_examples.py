@@ -48,8 +48,9 @@ def numbers(pattern: str, text: str) -> list[tuple[float, ...]]:
     return [tuple(map(float, match.groups())) for match in found]
 
 
-def test_there_are_six() -> None:
-    assert set(EXAMPLES) == {"own_device", "own_world", "own_law", "two_hosts", "link_study", "asyncio_program"}
+def test_there_are_seven() -> None:
+    programs = {"own_device", "own_world", "own_moving_world", "own_law", "two_hosts", "link_study", "asyncio_program"}
+    assert set(EXAMPLES) == programs
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
@@ -101,6 +102,31 @@ def test_own_world(tmp_path: Path) -> None:
     ((out, bound, end),) = numbers("passive: True; at most # of d² = # mJ ever came out; margin # mJ at the end", said)
     assert 0.0 <= out < bound == 100.0
     assert end >= bound - out - 0.02  # as printed: what came out at worst is not all gone at the end
+
+
+def test_own_moving_world(tmp_path: Path) -> None:
+    """A hand at rest, K_h = 135 N/m, in series with both couplings and the piston's face, which comes to x = -5 mm."""
+    said = run("own_moving_world", cwd=tmp_path)
+    ((push,),) = numbers("the piston pushed with # N at most", said)
+    series = 1.0 / (1.0 / 135.0 + 1.0 / 100.0 + 1.0 / 500.0 + 1.0 / 2000.0)
+    assert 0.005 * series < push < 2.5  # pushed at least as far as it comes: the magnet's pull and dampers come on top
+    ((supplied, slack),) = numbers("its motor put in # mJ, the world's slack is # mJ", said)
+    assert supplied > 1.0
+    assert slack == 0.0
+    assert f"energy came from what moves the world ({supplied:.1f} mJ)" in said
+
+
+@pytest.mark.slow
+def test_own_moving_world_over_zenoh(tmp_path: Path) -> None:
+    """Two processes: the motor's work crosses from one to the other's summary, and the world's account holds."""
+    argv = ["run", "--scene", "examples.own_moving_world:workshop", "--operator", "rest", "--duration", "4"]
+    stdout = printed([sys.executable, "-m", "hapnet", *argv, "--json", "-", "--out", str(tmp_path / "run")], tmp_path)
+    summary = json.loads(stdout)
+    own = summary["environment"]
+    assert own["env_supplied_J"] > 1e-3
+    assert own["env_slack_J"] >= -1e-14
+    assert summary["verdict"]["passive"] is not False
+    assert "energy came from what moves the world" in summary["verdict"]["reason"]
 
 
 @pytest.mark.slow

@@ -6,6 +6,10 @@ takes keyword arguments and returns a world (`hapnet.plant.worlds.protocol`), mo
     def corridor(*, dof: int = 2, width: float = 0.04) -> Scene:
         return Scene("corridor", dof, box_walls(dof, width / 2, 3000.0, 10.0)[:2])
 
+or a `ForceWorld` with obstacles that move. ``module:name`` may also be the force itself, a function of position,
+velocity and time, or give an object that steps by itself (`hapnet.plant.worlds.stepped_world.Stepping`). An observer
+watches both.
+
 A built-in world is a file in this package and a line in `SCENES`.
 """
 
@@ -13,13 +17,18 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from hapnet.errors import InvalidParameter
 from hapnet.loading import cause, load
 from hapnet.plant.worlds.box import box
+from hapnet.plant.worlds.force_world import ForceWorld
 from hapnet.plant.worlds.moving_wall import moving
+from hapnet.plant.worlds.obstacle import Law
 from hapnet.plant.worlds.protocol import World
+from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S
+from hapnet.plant.worlds.stepped_world import SteppedWorld, Stepping
 from hapnet.plant.worlds.wall import free, paper, wall
 
 SCENES: dict[str, Callable[..., World]] = {"free": free, "wall": wall, "box": box, "paper": paper, "moving": moving}
@@ -47,10 +56,12 @@ def make_scene(name: str, **parameters: Any) -> World:
     else:
         try:
             scene = builder(**parameters)
+            if isinstance(scene, Stepping) and not isinstance(scene, World):
+                scene = SteppedWorld(scene, dof=parameters.get("dof", 1), name=name.rpartition(":")[2])
         except Exception as error:
             raise InvalidParameter("scene", name, f"a scene that can be built ({cause(error)})") from error
     if not isinstance(scene, World):
-        allowed = "a class or function that returns a world, such as a hapnet.plant.worlds.scene.Scene"
+        allowed = "a function of position, velocity and time, or what returns a world, such as hapnet.Scene"
         raise InvalidParameter(f"scene {name}", scene, allowed)
     return scene
 
@@ -60,8 +71,16 @@ def _builder(name: str) -> Callable[..., Any]:
         return SCENES[name]
     builder = load("scene", name, f"{', '.join(SCENES)}, or module:Name that can be imported")
     try:
-        inspect.signature(builder)
+        required = [p for p in inspect.signature(builder).parameters.values() if p.default is p.empty]
     except (TypeError, ValueError):
         raise InvalidParameter("scene", name, "module:Name of a class or function with named parameters") from None
+    if inspect.isfunction(builder) and sum(p.kind is p.POSITIONAL_OR_KEYWORD for p in required) == 3:
+        return partial(_force_world, builder, name.rpartition(":")[2])
     checked: Callable[..., Any] = builder
     return checked
+
+
+def _force_world(
+    force: Law, name: str, /, *, dof: int = 1, step_min_s: float = STEP_MIN_S, step_max_s: float = STEP_MAX_S
+) -> ForceWorld:
+    return ForceWorld(force, dof=dof, name=name, min_s=step_min_s, max_s=step_max_s)

@@ -1,0 +1,53 @@
+"""A moving world of your own: a piston that a motor drives to and fro, and a magnet that is felt from afar.
+
+python examples/own_moving_world.py
+hapnet run --scene examples.own_moving_world:workshop --operator rest     # the same world in real time
+hapnet run --scene examples.own_moving_world:magnet                       # only the force law, as a function
+"""
+
+from __future__ import annotations
+
+from math import pi, sin
+
+from hapnet import ForceWorld, Obstacle, Params, simulate
+
+Vector = tuple[float, ...]
+
+
+def piston(position: Vector, velocity: Vector, time: float) -> Vector:
+    """The force on the proxy, as seen from the piston: a spring and a damper behind its face, at -10 mm."""
+    depth = position[0] + 0.01
+    return (-2000.0 * depth - 5.0 * velocity[0] if depth > 0.0 else 0.0, *(0.0 for _ in position[1:]))
+
+
+def magnet(position: Vector, velocity: Vector, time: float) -> Vector:
+    """Pulls towards a point 40 mm to the left, with 0.4 N where it pulls hardest."""
+    away = tuple(x + 0.04 * (axis == 0) for axis, x in enumerate(position))
+    squared = sum(x * x for x in away) / 0.03**2
+    return tuple(-40.0 * x / (1.0 + squared) ** 2 for x in away)
+
+
+def workshop(*, dof: int = 1, stroke: float = 0.03) -> ForceWorld:
+    def stroked(time: float) -> Vector:
+        return (0.035 - stroke * sin(2.0 * pi * 0.5 * time), *(0.0,) * (dof - 1))
+
+    return ForceWorld([Obstacle(piston, motion=stroked), Obstacle(magnet)], dof=dof, name="workshop", energy_J=0.02)
+
+
+def main() -> None:
+    scene = f"{__name__}:workshop"
+    result = simulate(
+        Params().set({"scene": scene, "operator": "rest", "link.up": "wifi", "link.down": "wifi"}), seed=1
+    )
+    world = result.recording.world
+    assert world is not None
+    own = result.summary["environment"]
+    print(f"the piston pushed with {-world['contact_force_N'].min():.2f} N at most")
+    print(
+        f"its motor put in {1e3 * own['env_supplied_J']:.2f} mJ, the world's slack is {1e3 * own['env_slack_J']:.2f} mJ"
+    )
+    print(f"damping took back {1e3 * own['env_paid_J']:.2f} mJ; {result.summary['verdict']['reason']}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,105 @@
+"""What worlds that promise nothing have in common: a world that is its own surroundings, with an observer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import inf
+
+import numpy as np
+
+from hapnet.checks import Array, Vector
+from hapnet.plant.worlds.observer import Observer
+from hapnet.plant.worlds.protocol import Inverse, Observed, Plane, Surface
+from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene
+from hapnet.plant.worlds.walls import Wall, check_number
+
+
+class ObservedWorld:
+    """A world whose forces are those of its subclass (`solve`). It is used for one run.
+
+    Parameters
+    ----------
+    dof : n. name : in summaries and figures.
+    energy_J : what the forces may give out from the start, as a field does whose potential falls [J]. Without it they
+        can give back only what was put in.
+    min_s, max_s : range of the step time T_k [s]. start : where the proxy starts (n,) [m]; the origin by default.
+    surfaces : what plots draw.
+
+    Raises InvalidParameter.
+    """
+
+    walls: tuple[Wall, ...] = ()
+
+    def __init__(
+        self,
+        *,
+        dof: int = 1,
+        name: str = "own",
+        energy_J: float = 0.0,
+        min_s: float = STEP_MIN_S,
+        max_s: float = STEP_MAX_S,
+        start: Sequence[float] = (),
+        surfaces: tuple[Surface, ...] = (),
+    ) -> None:
+        check_number("energy_J", energy_J, "zero or a positive number [J]", lambda energy: 0.0 <= energy < inf)
+        self._steps = Scene(name, dof, (), min_s, max_s, tuple(start))  # checks dof and the steps' range, draws them
+        self.name, self.dof, self.start, self.surfaces = name, dof, self._steps.start, surfaces
+        self._observer = Observer(energy_J)
+
+    @property
+    def contacts(self) -> ObservedWorld:
+        return self
+
+    @property
+    def observed(self) -> Observed:
+        return self._observer.observed
+
+    @property
+    def supplied_J(self) -> float:
+        """Work put in by what moves the world [J]."""
+        return 0.0
+
+    @property
+    def bodies_J(self) -> float:
+        """Energy stored in the world's bodies [J]."""
+        return 0.0
+
+    def stored_J(self, position: Sequence[float]) -> float:
+        """Energy in the world's bodies, and what is left of `energy_J` [J]."""
+        return self.bodies_J + self._observer.stored_J
+
+    def next_step_s(self, rng: np.random.Generator) -> float:
+        return self._steps.next_step_s(rng)
+
+    def towards(self, position: Vector) -> Vector:
+        """`position`: the proxy can be placed anywhere, since the forces have nothing that they could give it there."""
+        return position
+
+    def require_outside(self, position: Sequence[float]) -> None:
+        """Nothing to require, see `towards`."""
+
+    def require_separate(self, inverse: Inverse) -> None:
+        """Nothing to require: all forces are solved at once."""
+
+    def solve(
+        self, dt: float, position: Sequence[float], velocity: list[float], inverse: Inverse
+    ) -> tuple[Sequence[float], list[float]]:
+        """As `Surroundings.solve`."""
+        raise NotImplementedError
+
+    def penetration(self, position: Sequence[float]) -> float:
+        """Zero: where the forces have a surface is not known."""
+        return 0.0
+
+    def plane(self, position: Sequence[float]) -> Plane | None:
+        """None, as `planes`."""
+        return None
+
+    def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...] | None:
+        """None: a force tells no planes."""
+        return None
+
+
+def compliance_of(inverse: Inverse, dof: int) -> Array:
+    """A^-1 as a matrix (n, n)."""
+    return np.array([inverse(tuple(row)) for row in np.eye(dof).tolist()]).T
