@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hapnet.kernel import contact_model, coupled_device, integrator, prediction, walls
+from hapnet.kernel import contact_model, coupled_device, environment_account, integrator, prediction, walls
 from hapnet.kernel import device as devices
 from hapnet.kernel import ledger as ledgers
 from hapnet.kernel import set_position_coupling as couplings
@@ -12,6 +12,7 @@ from hapnet.kernel.contact_model import ContactModel, Planes
 from hapnet.kernel.coupled_device import TickModel
 from hapnet.kernel.device import Device, Hand
 from hapnet.kernel.endpoint import Wire, finish
+from hapnet.kernel.environment_account import EnvironmentAccount
 from hapnet.kernel.integrator import PassiveIntegrator
 from hapnet.kernel.jit import compiled
 from hapnet.kernel.ledger import Ledger
@@ -80,6 +81,7 @@ class WorldSide(Record):
     stages: Stages
     predicted: PredictedDevice
     around: Planes
+    environment: EnvironmentAccount
 
 
 @compiled
@@ -245,6 +247,7 @@ def step(side: WorldSide, wire: Wire, counts: Counts, now_ns: int, message: Mess
     counts.stepped_s += dt
     counts.longest_step_s = max(counts.longest_step_s, dt)
     counts.step_s = dt
+    environment_account.observe(side.environment, side.contacts, ledger.work, n, mass.x)
 
 
 @compiled

@@ -67,6 +67,17 @@ def penetration(contacts: Contacts, n: int, x: Floats) -> float:
 
 
 @compiled
+def stored(contacts: Contacts, n: int, x: Floats) -> float:
+    """`Contacts.stored_J`."""
+    total = 0.0
+    for k in range(contacts.axes):
+        q = dot(n, contacts.normal[k], x)
+        above, below = max(0.0, q - contacts.upper_at[k]), max(0.0, contacts.lower_at[k] - q)
+        total += 0.5 * (contacts.upper_stiffness[k] * above * above + contacts.lower_stiffness[k] * below * below)
+    return total
+
+
+@compiled
 def tell(contacts: Contacts, n: int, x: Floats, reach_m: float, planes: Planes) -> None:
     """`Contacts.planes`: the deepest first, into `planes`."""
     planes.count = 0

@@ -10,6 +10,7 @@ from hapnet.assembly.memory import require_room
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
+from hapnet.plant.worlds.scene import Scene
 from hapnet.side.device import DeviceSide
 from hapnet.side.world import WorldSide
 from hapnet.simulation.compiled import coverage
@@ -91,7 +92,7 @@ def _simulate(cases: Sequence[tuple[Params, int]], progress: Progress = lambda s
     runs: list[BatchRun] = []
     known: tuple[Params, Setup] | None = None
     for params, seed in cases:
-        if known is None or known[0] is not params:
+        if known is None or known[0] is not params or not _is_reusable(known[1]):
             known = params, prepare(params, "continuous")
 
         def report(simulated_s: float, params: Params = params) -> None:
@@ -103,6 +104,11 @@ def _simulate(cases: Sequence[tuple[Params, int]], progress: Progress = lambda s
             raise HapnetError(f"seed {seed}: {error}") from error
         progress(len(runs) / len(cases))
     return runs
+
+
+def _is_reusable(setup: Setup) -> bool:
+    """May several runs use it? Worlds other than walls at rest, and a user's own hand, have a state."""
+    return type(setup.scene) is Scene and setup.hand is None
 
 
 def _run(params: Params, seed: int, setup: Setup, report: Progress) -> BatchRun:

@@ -6,6 +6,7 @@ from hapnet.control.prediction import PredictedDevice
 from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.kernel import integrator, prediction, sides, walls
 from hapnet.plant.integrator import PassiveIntegrator
+from hapnet.plant.worlds.account import EnvironmentAccount
 from hapnet.plant.worlds.walls import Contacts
 from hapnet.side.world import WorldSide, WorldState
 from hapnet.simulation.compiled.couplings import (
@@ -28,6 +29,7 @@ def read_side(record: sides.WorldSide, side: WorldSide) -> None:
     read_spring(record.spring, coupling.spring)
     read_ledger(record.ledger, coupling.ledger)
     read_stages(record.stages, coupling)
+    read(record.environment, environment_of(side).state(), "start_J stored_J slack_min")
     if isinstance(coupling.source, PredictedDevice):
         _predicted(record.predicted, coupling.source)
 
@@ -38,10 +40,18 @@ def coupling_of(side: WorldSide) -> SetPositionCoupling:
     return coupling
 
 
+def environment_of(side: WorldSide) -> EnvironmentAccount:
+    assert side.environment is not None, "control has started"
+    return side.environment
+
+
 def write_side(record: sides.WorldSide, counts: sides.Counts, side: WorldSide) -> None:
     coupling, n = coupling_of(side), record.mass.n
     write_coupling(record.coupling, coupling)
     write_ledger(record.ledger, coupling.ledger)
+    environment = environment_of(side)
+    stored, least = float(record.environment.stored_J), float(record.environment.slack_min)
+    environment.restore(environment.state()._replace(stored_J=stored, slack_min=least))
     side.mass.restore(vector(record.mass, "x", n), vector(record.mass, "v", n))
     side.restore(
         WorldState(int(counts.steps), float(counts.stepped_s), float(counts.longest_step_s), int(counts.world_last_ns))
