@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Collection
 
 import pytest
 import zenoh
@@ -10,11 +11,12 @@ from hypothesis import strategies as st
 from hapnet.transport.config import ZenohSettings, free_address, may_lose, zenoh_config
 from hapnet.transport.keys import (  # fmt: skip
     AGAIN_NS,
-    DEAD_NS,
+    IN_VAIN,
     KEEP_ALIVE_NS,
     SILENT_NS,
     WATCH_NS,
     KeyWatch,
+    any_node,
     key_expressions,
 )
 from hapnet.transport.zenoh import KINDS
@@ -72,28 +74,58 @@ def test_a_silent_key_is_declared_again_and_again_until_it_is_heard() -> None:
     assert not watch.silent(now + 2 * SILENT_NS)
 
 
-def test_a_key_is_dead_while_others_live_or_were_heard_before() -> None:
-    watch, now = KeyWatch(KINDS), 10**12
-    watch.connected(now, is_connected=True)
-    now += DEAD_NS + 1
-    assert watch.dead(now) == []  # nobody ever spoke: somebody else may be connected
-    watch.heard("position", now)
-    assert watch.dead(now) == ["energy", "control"]
-    assert watch.dead(now + DEAD_NS) == ["energy", "control"]
-    assert watch.dead(now + DEAD_NS + 1) == list(KINDS)
+def given_up(watch: KeyWatch, now_ns: int, until_ns: int, alive: Collection[str] = ()) -> tuple[int, int, list[str]]:
+    """Look every `WATCH_NS` as the transport does, while `alive` are heard; when, after how many declarations, what."""
+    declared = 0
+    while now_ns < until_ns:
+        now_ns += WATCH_NS
+        for kind in alive:
+            watch.heard(kind, now_ns)
+        watch.connected(now_ns, is_connected=True)
+        if dead := watch.dead(now_ns):
+            return now_ns, declared, dead
+        declared += watch.declare_now(now_ns)
+    return now_ns, declared, []
 
 
-def test_where_all_keys_fell_silent_another_session_is_tried_less_and_less_often() -> None:
-    """After 10, 20, 40, 80 and 80 s; a word from the other side begins anew."""
-    watch, now = KeyWatch(KINDS), 10**12
+def test_a_key_is_dead_after_ten_declarations_in_vain_while_others_live() -> None:
+    """After 3 s: a key is silent after 0.45 s, and each declaration has 0.25 s for its effect."""
+    watch, began_ns = KeyWatch(KINDS), 10**12
+    watch.connected(began_ns, is_connected=True)
+    now_ns, declared, dead = given_up(watch, began_ns, began_ns + 10**11, alive=["position"])
+    assert dead == ["energy", "control"]
+    assert declared == IN_VAIN + 1  # the last shows that the one before it had its time
+    assert now_ns - began_ns <= SILENT_NS + (IN_VAIN + 1) * AGAIN_NS + 4 * WATCH_NS
+
+
+def test_nothing_is_dead_where_nobody_ever_spoke() -> None:
+    """Somebody else may be connected."""
+    watch, now_ns = KeyWatch(KINDS), 10**12
+    watch.connected(now_ns, is_connected=True)
+    assert given_up(watch, now_ns, now_ns + 10**11)[2] == []
+
+
+def test_no_key_is_dead_because_nobody_looked() -> None:
+    """A process that was stopped for a minute has declared nothing meanwhile: silence alone proves nothing."""
+    watch, now_ns = KeyWatch(KINDS), 10**12
+    watch.heard("position", now_ns)
+    watch.connected(now_ns, is_connected=True)
+    assert not watch.dead(now_ns + 60 * 10**9)
+
+
+@pytest.mark.parametrize("alive", [[], ["position"]])
+def test_another_session_is_tried_less_and_less_often(alive: list[str]) -> None:
+    """After 3, 5, 10, 20, 40, 80 and 80 s; a word on the silent keys begins anew."""
+    watch, now_ns = KeyWatch(KINDS), 10**12
+    silent = [kind for kind in KINDS if kind not in alive]
     for _ in range(2):
-        watch.heard("control", now)
-        for longest_s in (10, 20, 40, 80, 80):
-            watch.connected(now, is_connected=False)
-            watch.connected(now, is_connected=True)
-            now += longest_s * 10**9
-            assert not watch.dead(now)
-            assert watch.dead(now + 1) == list(KINDS)
+        for kind in KINDS:
+            watch.heard(kind, now_ns)
+        for patience in (10, 20, 40, 80, 160, 320, 320):
+            watch.connected(now_ns, is_connected=False)
+            watch.connected(now_ns, is_connected=True)
+            now_ns, declared, dead = given_up(watch, now_ns, now_ns + 10**12, alive)
+            assert (declared, dead) == (patience + 1, silent)
 
 
 def test_the_expressions_hold_the_three_keys_and_nothing_else() -> None:
@@ -104,6 +136,16 @@ def test_the_expressions_hold_the_three_keys_and_nothing_else() -> None:
         others = ("up/telemetry", "up/2423a0fdad58225298c60e87ec2e410c", "down/position")
         assert not any(each.intersects(zenoh.KeyExpr(f"hapnet/s/d/{other}")) for other in others)
     assert zenoh.KeyExpr("hapnet/*/d/up/*").includes(expressions[1])  # what access control asks for
+
+
+def test_all_nodes_of_a_side_are_looked_for_without_declaring_how_its_keys_begin() -> None:
+    """Over a lossy link; over others the literal beginning, which is all that access control allows, is never lost."""
+    token, others = "hapnet/s/d/up/2423a0fdad58225298c60e87ec2e410c", ("hapnet/s/d/down/2423a0fd", "hapnet/s/e/up/24")
+    for lossy in (True, False):
+        looked = zenoh.KeyExpr(any_node("hapnet/s/d/up", lossy=lossy))
+        assert looked.includes(zenoh.KeyExpr(token))
+        assert not any(looked.intersects(zenoh.KeyExpr(other)) for other in others)
+        assert str(looked).startswith("*/") is lossy
 
 
 @pytest.mark.parametrize(

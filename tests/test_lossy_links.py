@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 import time
 from pathlib import Path
 
@@ -38,6 +39,8 @@ class DeafForAWhile(UdpRelay):
         self._until_ns: int | None = None
         self._cut_ns = 0
         self.lost = 0
+        self.from_device: list[bytes] = []
+        self.from_world: list[bytes] = []
 
     def cut(self, for_ns: int) -> None:
         """Lose everything for so long, and then the next declarations too."""
@@ -55,10 +58,12 @@ class DeafForAWhile(UdpRelay):
         return loses
 
     def _to_target(self, datagram: _Datagram) -> None:
+        self.from_device.append(datagram[0])
         if not self._loses(datagram[0]):
             super()._to_target(datagram)
 
     def _to_client(self, datagram: _Datagram) -> None:
+        self.from_world.append(datagram[0])
         if not self._loses(datagram[0]):
             super()._to_client(datagram)
 
@@ -69,6 +74,11 @@ async def test_keys_whose_declarations_were_lost_are_heard_and_energy_arrives() 
         assert isinstance(two.relay, DeafForAWhile)
         assert two.relay.lost >= 2
         assert all(side.transport.declared_again for side in two.sides)
+        assert not any(side.transport.reopened for side in two.sides)
+        # were such a declaration lost, all keys that begin so would be dead until the other side reopens its session
+        for sent, beginning in ((two.relay.from_device, b"device/up"), (two.relay.from_world, b"device/down")):
+            assert any(beginning + b"/" in data for data in sent)
+            assert not any(re.search(beginning + b"(?!/)", data) for data in sent)
         for side in two.sides:
             side.shuffles = False
         await two.until(lambda: all(side.session.settled for side in two.sides))

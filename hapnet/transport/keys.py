@@ -3,7 +3,9 @@
 Zenoh sends a subscriber's declaration once. Over udp it may be lost, or dropped because a later one overtook it; then
 nothing ever arrives on its key. So each key carries something at least every `KEEP_ALIVE_NS`, and a side that hears
 nothing on a key declares again. A declaration is one datagram if its key expression begins with a wildcard. Any other
-needs two, in order; and Zenoh does not repeat an expression that it has declared before, even if it was lost.
+needs two, in order: first its literal beginning gets a number. Zenoh does not repeat that, even if it was lost; and
+from then on it sends everything whose key begins so, messages too, under the number that nobody understands. So over
+such a link a side declares no literal beginning of the keys that it publishes on (`any_node`).
 """
 
 from __future__ import annotations
@@ -22,11 +24,11 @@ SILENT_NS = 450_000_000
 AGAIN_NS = 250_000_000
 """How long a declaration may take to have an effect before the next one is sent [ns]."""
 
-DEAD_NS = 10_000_000_000
-"""A key that is silent for longer [ns] is dead: its publisher's declaration is lost, and ours cannot repair it."""
+IN_VAIN = 10
+"""A key is dead if it is silent after more declarations: what is lost is the publisher's, and ours cannot repair it."""
 
-LONGEST_DEAD_NS = 80_000_000_000
-"""The longest time between two sessions that are opened because somebody is connected but nothing is heard [ns]."""
+MOST_IN_VAIN = 320
+"""The most declarations before another session is opened, if earlier ones did not help: one every 80 s."""
 
 _FIRST = ("*", "hapnet", "h$*", "ha$*", "hap$*", "hapn$*", "hapne$*")
 """The first chunks of declarations, one after another. The literal one is for access control, which allows no wider."""
@@ -46,7 +48,8 @@ class KeyWatch:
         self._heard_ns = dict.fromkeys(self._sent_ns, 0)
         self._since_ns: int | None = None  # connected from then on
         self._again_ns = 0
-        self._patience_ns = DEAD_NS
+        self._in_vain = dict.fromkeys(self._sent_ns, 0)  # declarations since the key was heard
+        self._patience = dict.fromkeys(self._sent_ns, IN_VAIN)
 
     def sent(self, kind: str, now_ns: int) -> None:
         """Something was put on the key."""
@@ -55,7 +58,8 @@ class KeyWatch:
     def heard(self, kind: str, now_ns: int) -> None:
         """Something came on the key."""
         self._heard_ns[kind] = now_ns
-        self._patience_ns = DEAD_NS
+        self._in_vain[kind] = 0
+        self._patience[kind] = IN_VAIN
 
     def quiet(self, now_ns: int) -> list[str]:
         """The keys on which a keep-alive is due."""
@@ -66,6 +70,7 @@ class KeyWatch:
         """Say whether anybody is connected; a newcomer has `SILENT_NS` to send something."""
         if not is_connected:
             self._since_ns = None
+            self._in_vain = dict.fromkeys(self._in_vain, 0)
         elif self._since_ns is None:
             self._since_ns = now_ns
 
@@ -77,27 +82,36 @@ class KeyWatch:
 
     def declare_now(self, now_ns: int) -> bool:
         """Is it time to declare again? Each True stands for one declaration."""
-        if now_ns < self._again_ns or not self.silent(now_ns):
+        if now_ns < self._again_ns or not (silent := self.silent(now_ns)):
             return False
         self._again_ns = now_ns + AGAIN_NS
+        for kind in silent:
+            self._in_vain[kind] += 1
         return True
 
     def dead(self, now_ns: int) -> list[str]:
         """The keys that are dead: no declaration helps. The caller then opens another session.
 
         If all keys are silent, perhaps somebody else is connected. So they count as dead only if the other side was
-        heard before, and each time after a longer silence.
+        heard before. A key that stays silent after that is given twice as many declarations each time.
         """
-        silent = self.silent(now_ns, DEAD_NS)
-        if len(silent) < len(self._heard_ns):
-            return silent
-        if not any(self._heard_ns.values()) or len(self.silent(now_ns, self._patience_ns)) < len(silent):
+        silent = self.silent(now_ns)
+        dead = [kind for kind in silent if self._in_vain[kind] > self._patience[kind]]
+        if len(silent) == len(self._heard_ns) and (len(dead) < len(silent) or not any(self._heard_ns.values())):
             return []
-        self._patience_ns = min(2 * self._patience_ns, LONGEST_DEAD_NS)
-        return silent
+        for kind in dead:
+            self._patience[kind] = min(2 * self._patience[kind], MOST_IN_VAIN)
+        return dead
 
 
 def key_expressions(prefix: str) -> list[str]:
     """Different key expressions for the three keys below ``hapnet/...``, to be declared one after another."""
     rest = prefix.partition("/")[2]
     return [f"{first}/{rest}/{_LAST}" for first in _FIRST]
+
+
+def any_node(prefix: str, *, lossy: bool) -> str:
+    """What matches the tokens of all nodes that publish below ``hapnet/...``; over a lossy link without a literal
+    beginning. Access control allows only one with.
+    """
+    return f"*/{prefix.partition('/')[2]}/*" if lossy else f"{prefix}/*"

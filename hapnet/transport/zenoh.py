@@ -29,7 +29,7 @@ from hapnet.transport.config import ZenohSettings, may_lose, reason, where, zeno
 from hapnet.transport.entities import KINDS as KINDS
 from hapnet.transport.entities import TELEMETRY as TELEMETRY
 from hapnet.transport.entities import call, direct, publisher
-from hapnet.transport.keys import WATCH_NS, KeyWatch, key_expressions
+from hapnet.transport.keys import WATCH_NS, KeyWatch, any_node, key_expressions
 from hapnet.transport.probe import PROBE, answer_probes
 from hapnet.transport.rate_limit import RateLimiter
 from hapnet.wire.messages import Role
@@ -109,6 +109,7 @@ class ZenohTransport:
         self._theirs = f"{prefix}/{_DIRECTION[_OTHER[role]]}"
         self._config = zenoh_config(settings)
         self._lossy = may_lose(self._config)
+        self._doubles = any_node(self._mine, lossy=self._lossy)
         self._watch = KeyWatch(KINDS)
         self._spares: list[zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]] = []
         self._on_message, self._on_change, self._warn = on_message, on_change, warn
@@ -299,7 +300,7 @@ class ZenohTransport:
                 self.doubled = bool(keys - {own})
         with contextlib.suppress(zenoh.ZError):
             look: zenoh.handlers.FifoChannel[zenoh.Reply] = zenoh.handlers.FifoChannel(_MOST_ANSWERS)
-            self._answers = session.liveliness().get(f"{self._mine}/*", look, timeout=LOOK_EVERY_NS * 1e-9)
+            self._answers = session.liveliness().get(self._doubles, look, timeout=LOOK_EVERY_NS * 1e-9)
 
     def _at_exit(self) -> None:
         self._closing.set()
