@@ -213,6 +213,17 @@ async def test_two_of_one_side_and_none_of_the_other_say_so(role: Role, other: R
 # What goes wrong
 
 
+@pytest.mark.parametrize(("rate_hz", "at_once"), [(10.0, 2_000), (1_000.0, 2_000), (10_000.0, 20_000), (1e9, 40_000)])
+def test_a_flood_is_ten_times_and_a_burst_two_seconds_of_what_a_side_sends(rate_hz: float, at_once: int) -> None:
+    """But of no less than 1 kHz, and of no more than 20 kHz."""
+    settings = ZenohSettings(connect=("tcp/127.0.0.1:17447",))
+    limiter = ZenohTransport(settings, lambda kind, data: None, rate_hz=rate_hz).rate_limiter
+    now_ns = 10**15
+    assert sum(limiter.admit(now_ns) for _ in range(at_once + 1)) == at_once
+    later_ns = now_ns + 10**8  # in a tenth of a second half of the burst is there again
+    assert sum(limiter.admit(later_ns) for _ in range(at_once)) == at_once // 2
+
+
 async def test_an_endpoint_in_use_is_one_line_that_names_it() -> None:
     endpoint = free_address()
     first, second = (Side("world", ZenohSettings(listen=(endpoint,))) for _ in range(2))

@@ -94,6 +94,7 @@ class RealtimeSide:
             session=session,
             device=name,
             role=role,
+            rate_hz=max(setup.params.device.servo_hz, 1.0 / setup.params.world.step_min_s),
             on_change=lambda: self._on_connection(),
             warn=self._warn,
         )

@@ -51,10 +51,11 @@ _MOST_ANSWERS = 16
 REOPEN_EVERY_S = 0.5
 """Time between two attempts to reopen a lost session [s]."""
 
+KILOHERTZ = 1_000.0
 MOST_HZ = 10_000
 MOST_AT_ONCE = 2_000
-"""Messages beyond this rate or burst are dropped unread. The rate is ten times that of a servo at 1 kHz; a link that
-comes back after seconds may deliver such a burst."""
+"""Messages beyond this rate or burst are dropped unread, at rates up to 1 kHz; both grow with a faster rate. That is
+ten times what a side sends; a link that comes back after seconds may deliver such a burst."""
 
 _DIRECTION = {"device": "up", "world": "down"}
 _OTHER: dict[Role, Role] = {"device": "world", "world": "device"}
@@ -73,6 +74,7 @@ class ZenohTransport:
         Its exceptions are counted in `callback_errors`, and `warn` is called for the first.
     session, device : names in the keys, without any of ``/ # ? $ *``; the same on both sides.
     role : which side this is.
+    rate_hz : how often either side sends at most [Hz].
     on_change : called on the loop when a link or the other side came or went.
     warn : called with words about what went wrong, on any thread.
 
@@ -98,6 +100,7 @@ class ZenohTransport:
         session: str = "default",
         device: str = "device",
         role: Role = "device",
+        rate_hz: float = KILOHERTZ,
         on_change: Callable[[], None] | None = None,
         warn: Callable[[str], None] = lambda text: None,
     ) -> None:
@@ -130,7 +133,8 @@ class ZenohTransport:
         self.doubled = False
         self._answers: zenoh.handlers.Handler[zenoh.Reply] | None = None
         self._look_ns = 0
-        self.rate_limiter = RateLimiter(MOST_HZ, MOST_AT_ONCE)
+        scale = min(max(1.0, rate_hz / KILOHERTZ), 20.0)  # no servo is faster than 20 kHz
+        self.rate_limiter = RateLimiter(round(scale * MOST_HZ), round(scale * MOST_AT_ONCE))
 
     async def open(self) -> None:
         """Open, once. A peer returns within a second, connected or not; a client returns when its router answers.
