@@ -10,7 +10,7 @@ from typing import cast
 import pytest
 
 from hapnet.errors import InvalidParameter, TransportError
-from hapnet.transport.config import Mode, ZenohSettings, free_address, zenoh_config
+from hapnet.transport.config import Mode, ZenohSettings, free_address, local_address, zenoh_config
 from hapnet.transport.zenoh import ZenohTransport
 from hapnet.wire.messages import Role
 from tests.transports import WAIT_S, Side, assert_exchange, opened, paired, value
@@ -179,6 +179,20 @@ async def test_a_client_waits_for_its_router_and_reaches_the_other_client() -> N
             "connected to 1 Zenoh node, no world on hapnet/default/device/down yet"
         )
         assert await device.transport.close()
+
+
+async def test_two_processes_of_one_machine_have_a_socket_of_their_own(tmp_path: Path) -> None:
+    endpoint = local_address(str(tmp_path))
+    assert endpoint == f"unixsock-stream/{tmp_path}/link"
+    world, device = Side("world", ZenohSettings(listen=(endpoint,))), Side("device", ZenohSettings(connect=(endpoint,)))
+    async with opened(world, device):
+        await paired(world, device)
+        await assert_exchange(device, world)
+
+
+@pytest.mark.parametrize("directory", ["/tmp/" + 90 * "x", "/tmp/my files", "/tmp/what?"])
+def test_a_directory_where_no_socket_can_be_made_is_not_used(directory: str) -> None:
+    assert local_address(directory).startswith("tcp/127.0.0.1:")
 
 
 async def test_other_names_are_not_partners_and_two_of_one_name_are_seen() -> None:

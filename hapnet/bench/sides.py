@@ -19,7 +19,7 @@ from hapnet.bench.children import READY_S, uninterrupted
 from hapnet.bench.servo import Lateness
 from hapnet.errors import HapnetError
 from hapnet.params import Params
-from hapnet.transport.config import free_address
+from hapnet.transport.config import local_address
 
 
 def start_pair(
@@ -35,7 +35,7 @@ def start_pair(
     """
     directory = Path(stack.enter_context(TemporaryDirectory(prefix="hapnet-bench-")))
     (directory / "params.toml").write_text(params.toml(), encoding="utf-8")
-    address, session = free_address(), f"bench-{secrets.token_hex(4)}"
+    address, session = local_address(str(directory)), f"bench-{secrets.token_hex(4)}"
     with uninterrupted():
         world = stack.enter_context(Side("world", directory, "--listen", address, "--session", session))
     world.expect("waiting")  # it has loaded its libraries, which would disturb the measurement

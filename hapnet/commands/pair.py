@@ -7,8 +7,11 @@ import contextlib
 import json
 import os
 import secrets
+import shutil
 import signal
 import sys
+import tempfile
+import weakref
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any
@@ -18,7 +21,7 @@ from hapnet.commands import output
 from hapnet.commands.side import CONSOLE, PARENT, PLACE
 from hapnet.errors import HapnetError
 from hapnet.params import Params
-from hapnet.transport.config import free_address
+from hapnet.transport.config import local_address
 
 STOP_LIMIT_S = 30.0
 """How long the processes may take to end after the request [s]; then they are killed."""
@@ -32,7 +35,8 @@ class Pair:
     params, seed : of both. directory : for the parameters, and for what both write.
     on_notice : called with each notice: role, the raw line, and its content.
     record : both record, to device.mcap and world.mcap in `directory`. console : both take commands (`send`).
-    realtime : of the device. session : of both. address : where the world listens. None: a random one.
+    realtime : of the device. session : of both; None: a random one. address : where the world listens for others
+        too; the two are connected by a Unix socket.
     place : where device and proxy begin [m], for a hand that is led; None: where the scene and the hand begin.
 
     Attributes
@@ -55,7 +59,12 @@ class Pair:
         address: str | None = None,
         place: Vector | None = None,
     ) -> None:
-        self._address = address or free_address()
+        sockets = tempfile.mkdtemp(prefix="hapnet-")
+        self._remove_sockets = weakref.finalize(self, shutil.rmtree, sockets, ignore_errors=True)
+        link = local_address(sockets)
+        self._endpoints = {"world": ["--listen", link], "device": ["--connect", link]}
+        if address is not None:
+            self._endpoints["world"] += ["--listen", address]
         self._session = session or f"run-{secrets.token_hex(4)}"
         self.parts: dict[str, dict[str, Any]] = {}
         self.errors: dict[str, list[str]] = {}
@@ -74,8 +83,8 @@ class Pair:
             (self._directory / "params.toml").write_text(self._params.toml(), encoding="utf-8")
         except OSError as error:
             raise HapnetError(f"cannot write to {self._directory}: {error.strerror or error}") from None
-        for role, flag in (("world", "--listen"), ("device", "--connect")):
-            self._children[role] = await self._start(role, flag)
+        for role in ("world", "device"):
+            self._children[role] = await self._start(role)
 
     async def run(self, stop: asyncio.Event) -> None:
         """Wait until both have ended: normally, because one failed, or because `stop` was set.
@@ -94,6 +103,7 @@ class Pair:
         if late:
             self._signal(signal.SIGKILL)
             await asyncio.wait(watchers)
+        self._remove_sockets()
         for role in self._children:
             if self._failed(role) and not stop.is_set():
                 said = self.errors[role]
@@ -116,9 +126,9 @@ class Pair:
         self._told = True
         self._signal(signal.SIGTERM)
 
-    async def _start(self, role: str, flag: str) -> asyncio.subprocess.Process:
+    async def _start(self, role: str) -> asyncio.subprocess.Process:
         report, theirs = os.pipe()  # for the summary, which then needs no room on a disk
-        command = [sys.executable, "-m", "hapnet", role, flag, self._address, "--no-multicast-scouting"]
+        command = [sys.executable, "-m", "hapnet", role, *self._endpoints[role], "--no-multicast-scouting"]
         command += ["--session", self._session, "--params", str(self._directory / "params.toml")]
         command += ["--seed", str(self._seed), "--json", f"/dev/fd/{theirs}", "--log", "-", "--progress"]
         if self._record:
