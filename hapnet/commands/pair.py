@@ -11,7 +11,6 @@ import shutil
 import signal
 import sys
 import tempfile
-import weakref
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,7 @@ from hapnet.commands import output
 from hapnet.commands.side import CONSOLE, PARENT, PLACE
 from hapnet.errors import HapnetError
 from hapnet.params import Params
-from hapnet.transport.config import local_address
+from hapnet.transport.config import free_address, local_address
 
 STOP_LIMIT_S = 30.0
 """How long the processes may take to end after the request [s]; then they are killed."""
@@ -59,12 +58,8 @@ class Pair:
         address: str | None = None,
         place: Vector | None = None,
     ) -> None:
-        sockets = tempfile.mkdtemp(prefix="hapnet-")
-        self._remove_sockets = weakref.finalize(self, shutil.rmtree, sockets, ignore_errors=True)
-        link = local_address(sockets)
-        self._endpoints = {"world": ["--listen", link], "device": ["--connect", link]}
-        if address is not None:
-            self._endpoints["world"] += ["--listen", address]
+        self._address = address
+        self._at_end = contextlib.ExitStack()
         self._session = session or f"run-{secrets.token_hex(4)}"
         self.parts: dict[str, dict[str, Any]] = {}
         self.errors: dict[str, list[str]] = {}
@@ -83,8 +78,10 @@ class Pair:
             (self._directory / "params.toml").write_text(self._params.toml(), encoding="utf-8")
         except OSError as error:
             raise HapnetError(f"cannot write to {self._directory}: {error.strerror or error}") from None
-        for role in ("world", "device"):
-            self._children[role] = await self._start(role)
+        link = self._link()
+        listens = ["--listen", link] if self._address is None else ["--listen", link, "--listen", self._address]
+        for role, endpoints in (("world", listens), ("device", ["--connect", link])):
+            self._children[role] = await self._start(role, endpoints)
 
     async def run(self, stop: asyncio.Event) -> None:
         """Wait until both have ended: normally, because one failed, or because `stop` was set.
@@ -103,7 +100,7 @@ class Pair:
         if late:
             self._signal(signal.SIGKILL)
             await asyncio.wait(watchers)
-        self._remove_sockets()
+        self._at_end.close()
         for role in self._children:
             if self._failed(role) and not stop.is_set():
                 said = self.errors[role]
@@ -126,9 +123,18 @@ class Pair:
         self._told = True
         self._signal(signal.SIGTERM)
 
-    async def _start(self, role: str) -> asyncio.subprocess.Process:
+    def _link(self) -> str:
+        """Where the world listens for the device."""
+        try:
+            sockets = tempfile.mkdtemp(prefix="hapnet-")
+        except OSError:  # nothing can be written there
+            return free_address()
+        self._at_end.callback(shutil.rmtree, sockets, ignore_errors=True)
+        return local_address(sockets)
+
+    async def _start(self, role: str, endpoints: list[str]) -> asyncio.subprocess.Process:
         report, theirs = os.pipe()  # for the summary, which then needs no room on a disk
-        command = [sys.executable, "-m", "hapnet", role, *self._endpoints[role], "--no-multicast-scouting"]
+        command = [sys.executable, "-m", "hapnet", role, *endpoints, "--no-multicast-scouting"]
         command += ["--session", self._session, "--params", str(self._directory / "params.toml")]
         command += ["--seed", str(self._seed), "--json", f"/dev/fd/{theirs}", "--log", "-", "--progress"]
         if self._record:
