@@ -146,6 +146,15 @@ def test_a_servo_and_a_bare_loop_run_beside_each_other(busy_thread: bool) -> Non
         assert found.refusal is None
 
 
+def test_a_tick_is_late_by_a_period_of_its_own_rate() -> None:
+    """At 5 kHz by 0.2 ms; the deadlines of 0.1 s are then 500."""
+    assert servo.Lateness(((199_999, 90), (200_000, 10)), 0, period_ns=200_000).late == 10
+    with Child(servo.bare_loop, 0.1, False, 200_000) as bare:
+        (found,) = together([bare], 10.0)
+    assert found.ticks + found.skipped >= 500
+    assert found.period_ns == 200_000
+
+
 def test_shares_of_late_ticks() -> None:
     """Over two rounds of 50 and 150 ticks: 1 + 5 late of 200, 14 skipped; of the bare loop's 100, 1 and 2."""
     ours = [servo.Lateness(((5, 49), (1_000_000, 1)), 4), servo.Lateness(((5, 145), (3_000_000, 5)), 10)]

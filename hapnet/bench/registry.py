@@ -14,7 +14,7 @@ from hapnet.bench.recovery import energy_recovery
 from hapnet.bench.row import Options, Row
 from hapnet.bench.servo import servo_busy_thread, servo_idle
 from hapnet.bench.simulation import batch_1000, simulate_ndof
-from hapnet.bench.traffic import servo_traffic
+from hapnet.bench.traffic import RATES_KHZ, servo_traffic
 from hapnet.bench.watched import servo_watched
 from hapnet.bench.world import integrator_step, world_step_wall
 from hapnet.errors import InvalidParameter
@@ -27,6 +27,7 @@ RECOVERY = [(rtt_ms, loss) for rtt_ms in (20, 80, 200) for loss in (5, 20)]
 ROWS: dict[str, Measure] = {
     "servo_idle": servo_idle,
     "servo_traffic": servo_traffic,
+    **{f"servo_traffic_{khz}khz": partial(servo_traffic, khz=khz) for khz in RATES_KHZ},
     "servo_watched": servo_watched,
     "servo_busy_thread": servo_busy_thread,
     "device_tick": device_tick,

@@ -22,6 +22,7 @@ class Lateness:
     bins: tuple[tuple[int, int], ...]
     skipped: int
     refusal: str | None = None
+    period_ns: int = PERIOD_NS
 
     @property
     def ticks(self) -> int:
@@ -30,7 +31,7 @@ class Lateness:
     @property
     def late(self) -> int:
         """Ticks that were late by a period or more."""
-        return sum(count for edge, count in self.bins if edge >= PERIOD_NS)
+        return sum(count for edge, count in self.bins if edge >= self.period_ns)
 
     @property
     def distribution(self) -> Distribution:
@@ -38,7 +39,7 @@ class Lateness:
         return Distribution.of_bins(self.bins, 1e-3)
 
 
-def bare_loop(wait_for_start: WaitForStart, seconds: float, realtime: bool) -> Lateness:
+def bare_loop(wait_for_start: WaitForStart, seconds: float, realtime: bool, period_ns: int = PERIOD_NS) -> Lateness:
     """The reference: a loop that wakes at each deadline and does nothing else."""
     set_timer_slack()
     late: list[int] = []
@@ -46,7 +47,7 @@ def bare_loop(wait_for_start: WaitForStart, seconds: float, realtime: bool) -> L
     wait_for_start()
     refusal = request_realtime() if realtime else None
     gc.disable()
-    grid = DeadlineGrid(clock() + PERIOD_NS, PERIOD_NS)
+    grid = DeadlineGrid(clock() + period_ns, period_ns)
     end_ns = grid.deadline_ns + round(seconds * 1e9)
     while grid.deadline_ns < end_ns:
         now_ns = clock()
@@ -58,7 +59,7 @@ def bare_loop(wait_for_start: WaitForStart, seconds: float, realtime: bool) -> L
     histogram = Histogram()  # the servo's bins, so that both are rounded alike
     for value in late:
         histogram.add(value)
-    return Lateness(tuple(histogram.bins()), grid.skipped, refusal)
+    return Lateness(tuple(histogram.bins()), grid.skipped, refusal, period_ns)
 
 
 def servo_loop(wait_for_start: WaitForStart, seconds: float, realtime: bool, busy_thread: bool) -> Lateness:

@@ -16,7 +16,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from hapnet.bench.children import READY_S, uninterrupted
-from hapnet.bench.servo import Lateness
+from hapnet.bench.servo import PERIOD_NS, Lateness
 from hapnet.errors import HapnetError
 from hapnet.params import Params
 from hapnet.transport.config import local_address
@@ -48,11 +48,11 @@ def start_pair(
     return device, world
 
 
-def lateness(summary: dict[str, Any], device: Side) -> Lateness:
+def lateness(summary: dict[str, Any], device: Side, period_ns: int = PERIOD_NS) -> Lateness:
     """How the device's servo kept its deadlines, from pairing."""
     servo = summary["device"]["servo"]
     bins = tuple((round(edge * 1e3), count) for edge, count in servo["late_histogram_us"])
-    return Lateness(bins, servo["skipped"], device.notices.get("realtime"))
+    return Lateness(bins, servo["skipped"], device.notices.get("realtime"), period_ns)
 
 
 class Side:

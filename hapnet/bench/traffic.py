@@ -10,7 +10,7 @@ import contextlib
 
 from hapnet.bench.children import Child, busy
 from hapnet.bench.row import Limit, Options, Row, row
-from hapnet.bench.servo import BARE, Lateness, bare_loop, late_share
+from hapnet.bench.servo import BARE, PERIOD_NS, Lateness, bare_loop, late_share
 from hapnet.bench.sides import lateness, start_pair
 from hapnet.params import Params
 
@@ -19,42 +19,46 @@ LATE_EXCESS = 0.0003
 """By how much the share of ticks late by a period may exceed the bare loop's: 0.03 percentage points."""
 
 
-def servo_traffic(options: Options) -> Row:
+RATES_KHZ = (2, 5, 10)
+"""Faster rates of the servo that are measured; positions go at 1 kHz as before."""
+
+
+def servo_traffic(options: Options, khz: int = 1) -> Row:
     """The device's servo with 1 kHz each way and recording."""
     subject, bare = [], []
     rates: list[float] = []
     for _ in range(options.rounds):
-        ours, theirs, rate = _round(options)
+        ours, theirs, rate = _round(options, khz)
         subject.append(ours)
         bare.append(theirs)
         rates.append(rate)
     what = "lateness with 1 kHz each way over Zenoh, both sides recording, from pairing"
+    at = "" if khz == 1 else f", the servo at {khz} kHz"
     beside = f", beside {options.beside} busy processes" if options.beside else ""
+    usual = Limit("ratio", 1.3), Limit("ratio_p99", 1.5 if options.realtime else 2.0)
+    limits = {1: (*usual, Limit("late_period_excess", LATE_EXCESS)), 5: (Limit("ratio_p99", 2.0),)}
     return row(
-        "servo_traffic",
+        "servo_traffic" if khz == 1 else f"servo_traffic_{khz}khz",
         "us",
-        what + beside,
+        what + at + beside,
         [part.distribution for part in subject],
-        BARE + ", same time, from pairing",
+        BARE + ", same time, from pairing" + (", same rate" if at else ""),
         [part.distribution for part in bare],
         more={**late_share(subject, bare), "messages_per_s": min(rates)},
-        limits=(
-            Limit("ratio", 1.3),
-            Limit("ratio_p99", 1.5 if options.realtime else 2.0),
-            Limit("late_period_excess", LATE_EXCESS),
-        ),
+        limits=limits.get(khz, ()),
         note="; ".join([f"{min(rates):.0f} messages/s the slower way", *filter(None, [subject[0].refusal])]),
     )
 
 
-def _round(options: Options) -> tuple[Lateness, Lateness, float]:
+def _round(options: Options, khz: int) -> tuple[Lateness, Lateness, float]:
     """Lateness of the servo and of the bare loop, and the slower direction's messages a second."""
-    seconds = options.seconds
+    seconds, period_ns = options.seconds, PERIOD_NS // khz
     with contextlib.ExitStack() as stack:
         stack.enter_context(busy(options.beside))
-        loop = stack.enter_context(Child(bare_loop, seconds, options.realtime))
+        loop = stack.enter_context(Child(bare_loop, seconds, options.realtime, period_ns))
         loop.wait_ready()
-        params = Params().set({**KILOHERTZ, "link.up": "", "link.down": "", "duration_s": seconds})
+        own = {"link.up": "", "link.down": "", "duration_s": seconds, "device.servo_hz": 1e9 / period_ns}
+        params = Params().set({**KILOHERTZ, **own})
         device, world = start_pair(stack, params, realtime=options.realtime)
         loop.go()
         bare = loop.result(seconds + 30.0)
@@ -62,4 +66,4 @@ def _round(options: Options) -> tuple[Lateness, Lateness, float]:
     # the uplink's count includes a few energy messages; the world sends one position per step
     sent = (summaries[0]["links"]["up"]["offered"], summaries[1]["world"]["step"]["count"])
     rate = min(count / summary["duration_s"] for count, summary in zip(sent, summaries, strict=True))
-    return lateness(summaries[0], device), bare, rate
+    return lateness(summaries[0], device, period_ns), bare, rate
