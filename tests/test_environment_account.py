@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hapnet.simulation.batch import simulate_batch
 
 from hapnet.params import Params
 from hapnet.plant.worlds.scene import Scene
 from hapnet.plant.worlds.walls import Contacts, Wall
 from hapnet.recording.samples import Recording
+from hapnet.simulation.batch import simulate_batch
 from hapnet.simulation.simulation import simulate
 from hapnet.summary.run import merge
 from hapnet.summary.verdict import judge
