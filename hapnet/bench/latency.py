@@ -11,22 +11,27 @@ message's own `sent_ns`, the start of the tick that sent it. So it includes the 
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import json
+import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from tempfile import TemporaryDirectory
 from typing import Literal
 
 import zenoh
 
 from hapnet.assembly.build import prepare
 from hapnet.bench.children import Child, WaitForStart
-from hapnet.bench.row import Distribution, Limit, Options, Row, row
+from hapnet.bench.row import Distribution, Figures, Limit, Options, Row, row
 from hapnet.bench.traffic import KILOHERTZ
 from hapnet.errors import HapnetError
 from hapnet.params import Params
 from hapnet.realtime.runner import RealtimeSide
 from hapnet.realtime.servo import set_timer_slack, tuned_interpreter
 from hapnet.side.notices import Notice
-from hapnet.transport.config import ZenohSettings, free_address, zenoh_config
+from hapnet.transport.config import ZenohSettings, free_address, local_address, zenoh_config
+from hapnet.transport.entities import publisher
 from hapnet.wire.messages import Position, decode, encode
 
 Stamps = list[tuple[int, bytes]]
@@ -35,20 +40,33 @@ Stamps = list[tuple[int, bytes]]
 _PERIOD_NS = 1_000_000
 _KEY = "hapnet/bench/raw/up/position"
 _SETTLE_S = 0.5  # not measured, at the start: connections and caches are cold
+_AFTER_S = 0.5  # for the last messages
 _JOIN_S = 30.0
 
 
 def one_way_latency(options: Options) -> Row:
-    """Rounds of the whole path and of raw Zenoh in turns, 1 kHz one way."""
-    subject, bare = in_turns(hapnet_once, options)
+    """Rounds of the whole path, of raw Zenoh with its own defaults and with ours, and of plain sockets, 1 kHz one way.
+
+    The two sides have the link that `hapnet run` gives them.
+    """
+    subject, bare, same, sockets = in_turns([hapnet_once, default_once, raw_once, socket_once], options)
+    more = {
+        f"{name}_{figure}": getattr(Figures.of(rounds), figure)
+        for name, rounds in (("same_link", same), ("udp_sockets", sockets))
+        for figure in ("median", "p99")
+    }
     return row(
         "one_way_latency",
         "us",
-        "a 1-DOF position from the servo's hand-over to the decoded value in the peer's slot, 1 kHz",
+        "a 1-DOF position from the servo's hand-over to the decoded value in the peer's slot, 1 kHz, as in hapnet run",
         subject,
-        "raw Zenoh: put to direct callback, same bytes and configuration",
+        "raw Zenoh, put to direct callback, same bytes, its default configuration and publisher over tcp",
         bare,
-        limits=(Limit("ratio", 1.25), Limit("ratio_p99", 1.5)),
+        more=more,
+        limits=(Limit("ratio", 1.0), Limit("ratio_p99", 1.25)),
+        note=f"raw Zenoh over the same link with the same settings {more['same_link_median']:.3g}, "
+        f"p99 {more['same_link_p99']:.3g}; plain udp sockets, all that is physically needed, "
+        f"{more['udp_sockets_median']:.3g}, p99 {more['udp_sockets_p99']:.3g}",
     )
 
 
@@ -61,7 +79,7 @@ def one_way_latency_realtime(options: Options) -> Row:
         refusals.append(refusal)
         return join(tick_starts(arrived), arrived)
 
-    subject, bare = in_turns(once, options)
+    subject, bare = in_turns([once, raw_once], options)
     return row(
         "one_way_latency_realtime",
         "us",
@@ -73,15 +91,14 @@ def one_way_latency_realtime(options: Options) -> Row:
     )
 
 
-def in_turns(once: Callable[[float], Distribution], options: Options) -> tuple[list[Distribution], list[Distribution]]:
-    """The rounds of `once` and of raw Zenoh, which take turns in going first."""
-    subject: list[Distribution] = []
-    bare: list[Distribution] = []
+def in_turns(kinds: list[Callable[[float], Distribution]], options: Options) -> list[list[Distribution]]:
+    """The rounds of each kind of measurement, which take turns in going first."""
+    rounds: list[list[Distribution]] = [[] for _ in kinds]
     for number in range(options.rounds):
-        turns = [(subject, once), (bare, raw_once)]
-        for into, measure in turns if number % 2 == 0 else reversed(turns):
-            into.append(measure(options.seconds))
-    return subject, bare
+        for turn in range(len(kinds)):
+            kind = (number + turn) % len(kinds)
+            rounds[kind].append(kinds[kind](options.seconds))
+    return rounds
 
 
 def hapnet_once(seconds: float) -> Distribution:
@@ -92,8 +109,8 @@ def hapnet_once(seconds: float) -> Distribution:
 
 def run_sides(seconds: float, *, realtime: bool) -> list[tuple[Stamps, str]]:
     """Run a device and a world in processes of their own; returns the result of `run_side` for each."""
-    address = free_address()
     with (
+        _link() as address,
         Child(run_side, "world", address, seconds, False) as world,
         Child(run_side, "device", address, seconds, realtime) as device,
     ):
@@ -101,15 +118,38 @@ def run_sides(seconds: float, *, realtime: bool) -> list[tuple[Stamps, str]]:
 
 
 def raw_once(seconds: float) -> Distribution:
-    """Microseconds through raw Zenoh."""
-    address = free_address()
-    with Child(receive_raw, address, seconds) as receiver:
+    """Microseconds through raw Zenoh over the same link with the same settings."""
+    with _link() as address:
+        return _bare_once(send_raw, receive_raw, address, seconds)
+
+
+def default_once(seconds: float) -> Distribution:
+    """Microseconds through raw Zenoh as it comes: its own configuration and publisher, over tcp."""
+    return _bare_once(send_default, receive_default, free_address(), seconds)
+
+
+def socket_once(seconds: float) -> Distribution:
+    """Microseconds through two udp sockets."""
+    return _bare_once(send_plain, receive_plain, free_address("udp"), seconds)
+
+
+def _bare_once(
+    send: Callable[..., Stamps], receive: Callable[..., Stamps], address: str, seconds: float
+) -> Distribution:
+    with Child(receive, address, seconds) as receiver:
         receiver.wait_ready()
-        with Child(send_raw, address, seconds) as sender:
+        with Child(send, address, seconds) as sender:
             sender.wait_ready()
             for child in (receiver, sender):
                 child.go()
             return join(*(child.result(seconds + _JOIN_S) for child in (sender, receiver)))
+
+
+@contextlib.contextmanager
+def _link() -> Iterator[str]:
+    """Where the two processes of a run meet."""
+    with TemporaryDirectory(prefix="hapnet-bench-") as directory:
+        yield local_address(directory)
 
 
 def tick_starts(arrived: Stamps) -> Stamps:
@@ -178,18 +218,84 @@ def run_side(
 
 def send_raw(wait_for_start: WaitForStart, address: str, seconds: float) -> Stamps:
     """Put messages of the same form on absolute deadlines, as the servo does."""
+    with zenoh.open(zenoh_config(ZenohSettings(connect=(address,)))) as session:
+        return _send_zenoh(wait_for_start, session, publisher(session, _KEY, "position"), seconds)
+
+
+def receive_raw(wait_for_start: WaitForStart, address: str, seconds: float) -> Stamps:
+    """Stamp what arrives, on Zenoh's own thread."""
+    return _receive_zenoh(wait_for_start, zenoh_config(ZenohSettings(listen=(address,))), seconds)
+
+
+def send_default(wait_for_start: WaitForStart, address: str, seconds: float) -> Stamps:
+    """As `send_raw`, with Zenoh's defaults."""
+    with zenoh.open(_default("connect", address)) as session:
+        return _send_zenoh(wait_for_start, session, session.declare_publisher(_KEY), seconds)
+
+
+def receive_default(wait_for_start: WaitForStart, address: str, seconds: float) -> Stamps:
+    """As `receive_raw`, with Zenoh's defaults."""
+    return _receive_zenoh(wait_for_start, _default("listen", address), seconds)
+
+
+def send_plain(wait_for_start: WaitForStart, address: str, seconds: float) -> Stamps:
+    """As `send_raw`, through a socket."""
+    host, _, port = address.partition("/")[2].rpartition(":")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        sender.connect((host, int(port)))
+        return _send(wait_for_start, sender.send, seconds)
+
+
+def receive_plain(wait_for_start: WaitForStart, address: str, seconds: float) -> Stamps:
+    """As `receive_raw`, from a socket."""
+    host, _, port = address.partition("/")[2].rpartition(":")
+    stamps: Stamps = []
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.bind((host, int(port)))
+        receiver.settimeout(_AFTER_S)
+        wait_for_start()
+        end_ns = time.monotonic_ns() + round((seconds + _SETTLE_S + _AFTER_S) * 1e9)
+        while (now_ns := time.monotonic_ns()) < end_ns:
+            with contextlib.suppress(TimeoutError):
+                data = receiver.recv(4096)
+                stamps.append((time.monotonic_ns(), data))
+    return stamps
+
+
+def _default(side: Literal["connect", "listen"], address: str) -> zenoh.Config:
+    config = zenoh.Config()
+    for name in ("connect", "listen"):
+        config.insert_json5(f"{name}/endpoints", json.dumps([address] if name == side else []))
+    config.insert_json5("scouting/multicast/enabled", "false")  # it would find others
+    return config
+
+
+def _send_zenoh(
+    wait_for_start: WaitForStart, session: zenoh.Session, publisher: zenoh.Publisher, seconds: float
+) -> Stamps:
+    give_up = time.monotonic() + 10.0
+    while not session.info.transports() and time.monotonic() < give_up:
+        time.sleep(0.01)
+    return _send(wait_for_start, publisher.put, seconds)
+
+
+def _receive_zenoh(wait_for_start: WaitForStart, config: zenoh.Config, seconds: float) -> Stamps:
+    stamps: Stamps = []
+
+    def on_sample(sample: zenoh.Sample) -> None:
+        data = sample.payload.to_bytes()
+        stamps.append((time.monotonic_ns(), data))
+
+    with zenoh.open(config) as session, tuned_interpreter():
+        session.declare_subscriber(_KEY, zenoh.handlers.Callback(on_sample, indirect=False))
+        wait_for_start()
+        time.sleep(seconds + _SETTLE_S + _AFTER_S)
+        return list(stamps)
+
+
+def _send(wait_for_start: WaitForStart, put: Callable[[bytes], object], seconds: float) -> Stamps:
     set_timer_slack()
-    with zenoh.open(zenoh_config(ZenohSettings(connect=(address,)))) as session, tuned_interpreter():
-        publisher = session.declare_publisher(
-            _KEY,
-            congestion_control=zenoh.CongestionControl.DROP,
-            priority=zenoh.Priority.REAL_TIME,
-            express=True,
-            reliability=zenoh.Reliability.BEST_EFFORT,
-        )
-        give_up = time.monotonic() + 10.0
-        while not session.info.transports() and time.monotonic() < give_up:
-            time.sleep(0.01)
+    with tuned_interpreter():
         wait_for_start()
         deadline_ns = time.monotonic_ns()
         frames = [
@@ -202,21 +308,6 @@ def send_raw(wait_for_start: WaitForStart, address: str, seconds: float) -> Stam
             while (left_ns := deadline_ns - time.monotonic_ns()) > 0:
                 time.sleep(left_ns * 1e-9)
             stamps.append((time.monotonic_ns(), data))
-            publisher.put(data)
+            put(data)
         time.sleep(0.2)  # until the last has arrived
         return stamps
-
-
-def receive_raw(wait_for_start: WaitForStart, address: str, seconds: float) -> Stamps:
-    """Stamp what arrives, on Zenoh's own thread."""
-    stamps: Stamps = []
-
-    def on_sample(sample: zenoh.Sample) -> None:
-        data = sample.payload.to_bytes()
-        stamps.append((time.monotonic_ns(), data))
-
-    with zenoh.open(zenoh_config(ZenohSettings(listen=(address,)))) as session, tuned_interpreter():
-        session.declare_subscriber(_KEY, zenoh.handlers.Callback(on_sample, indirect=False))
-        wait_for_start()
-        time.sleep(seconds + _SETTLE_S + 0.5)
-        return list(stamps)
