@@ -255,7 +255,7 @@ def receive_plain(wait_for_start: WaitForStart, address: str, seconds: float) ->
         receiver.settimeout(_AFTER_S)
         wait_for_start()
         end_ns = time.monotonic_ns() + round((seconds + _SETTLE_S + _AFTER_S) * 1e9)
-        while (now_ns := time.monotonic_ns()) < end_ns:
+        while time.monotonic_ns() < end_ns:
             with contextlib.suppress(TimeoutError):
                 data = receiver.recv(4096)
                 stamps.append((time.monotonic_ns(), data))
