@@ -10,6 +10,7 @@ to two noisy time stamps. A prediction is only another y(k), so it cannot break 
 
 from __future__ import annotations
 
+from bisect import bisect
 from collections import deque
 from collections.abc import Sequence
 from operator import mul
@@ -47,32 +48,33 @@ class MotionPredictor:
         self.window = checks.positive("window", window)
         self.longest = checks.positive("longest", longest)
         self.longest_curve = checks.non_negative("longest_curve", longest_curve)
-        self._positions: deque[tuple[float, Vector]] = deque()
+        self._stamps: deque[float] = deque()
+        self._positions: deque[Vector] = deque()
         self._fit: tuple[Vector, Vector, Vector] | None = None
 
     @property
     def newest_s(self) -> float | None:
         """When the newest position was sent, on its sender's clock [s]; None: there is none."""
-        return self._positions[-1][0] if self._positions else None
+        return self._stamps[-1] if self._stamps else None
 
     def reset(self) -> None:
         """Forget all positions: their sender was replaced."""
+        self._stamps.clear()
         self._positions.clear()
         self._fit = None
 
     def receive(self, position: Vector, sent_s: float) -> None:
         """A position arrived [m], with its sender's time stamp [s]. One that was overtaken is used as well."""
-        positions = self._positions
-        if positions and sent_s <= positions[-1][0]:
-            if sent_s < positions[-1][0] - self.window or any(sent_s == stamp for stamp, _ in positions):
+        stamps, positions = self._stamps, self._positions
+        place = len(stamps)
+        if stamps and sent_s <= stamps[-1]:
+            if sent_s < stamps[-1] - self.window or sent_s in stamps:
                 return
-            positions.append((sent_s, position))
-            ordered = sorted(positions)
-            positions.clear()
-            positions.extend(ordered)
-        else:
-            positions.append((sent_s, position))
-        while positions[0][0] < positions[-1][0] - self.window:
+            place = bisect(stamps, sent_s)
+        stamps.insert(place, sent_s)
+        positions.insert(place, position)
+        while stamps[0] < stamps[-1] - self.window:
+            stamps.popleft()
             positions.popleft()
         self._fit = None
 
@@ -82,7 +84,7 @@ class MotionPredictor:
         There must be a position. The prediction reaches at most `longest` ahead.
         """
         if self._fit is None:
-            self._fit = _parabola(self._positions)
+            self._fit = _parabola(self._stamps, self._positions)
         ahead = min(max(ahead, 0.0), self.longest)
         curve = min(ahead, self.longest_curve)
         square = curve * (2.0 * ahead - curve)  # a parabola up to longest_curve, then its tangent
@@ -91,11 +93,11 @@ class MotionPredictor:
         return tuple(predicted), ahead
 
 
-def _parabola(positions: Sequence[tuple[float, Vector]]) -> tuple[Vector, Vector, Vector]:
+def _parabola(stamps: Sequence[float], positions: Sequence[Vector]) -> tuple[Vector, Vector, Vector]:
     """Position, velocity and half of the acceleration at the newest time, by least squares."""
-    end, newest = positions[-1]
+    end, newest = stamps[-1], positions[-1]
     still = (0.0,) * len(newest)
-    times = [stamp - end for stamp, _ in positions]
+    times = [stamp - end for stamp in stamps]
     span = -times[0]
     if span < SHORTEST_SPAN_S or len(times) < 2:
         return newest, still, still
@@ -110,7 +112,7 @@ def _parabola(positions: Sequence[tuple[float, Vector]]) -> tuple[Vector, Vector
     s4 = sum(map(mul, second, second))
     curved = count >= 4 and span >= 3.0 * SHORTEST_SPAN_S and s4 > 1e-9 * s2 * span * span
     fitted: list[tuple[float, float, float]] = []
-    for values in zip(*[x for _, x in positions], strict=True):
+    for values in zip(*positions, strict=True):
         level = sum(values) / count
         slope = sum(map(mul, first, values)) / s2
         half = sum(map(mul, second, values)) / s4 if curved else 0.0
