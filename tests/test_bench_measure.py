@@ -90,7 +90,9 @@ def test_prepare_runs_before_each_call_and_all_calls_count() -> None:
     assert ours.values[0] >= 0.0
 
 
-@pytest.mark.parametrize("name", ["device_tick", "pspm_update_3dof", "world_step_wall", "codec_position"])
+@pytest.mark.parametrize(
+    "name", ["device_tick", "pspm_update_3dof", "world_step_wall", "world_step_kilohertz", "codec_position"]
+)
 def test_cost_rows(name: str) -> None:
     row = ROWS[name](SHORT)
     assert row.name == name

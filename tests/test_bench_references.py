@@ -45,7 +45,7 @@ def test_plain_force_and_plain_substeps() -> None:
 
 def test_the_pressed_world_is_in_contact_and_at_rest() -> None:
     """Spring against wall: 500 (0.016 - x) = 3000 (x - 0.010) along the wall's normal."""
-    world = PressedWorld()
+    world = PressedWorld({"dof": 3}, (0.010, 0.050))
     x = world.side.mass.position
     assert x[0] == pytest.approx((500 * 0.016 + 3000 * 0.010) / 3500, abs=1e-6)
     assert x[1:] == pytest.approx((0.004, -0.003), abs=1e-6)

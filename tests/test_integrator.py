@@ -4,6 +4,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
@@ -77,6 +79,16 @@ def test_step_obeys_its_equations() -> None:
             assert step.position == integrator.position
             assert step.force == tuple(f)
             assert step.penetration_m == 0.0
+
+
+@given(st.lists(st.tuples(st.floats(1e-4, 0.05), st.floats(-0.03, 0.03)), min_size=1, max_size=30), st.booleans())
+def test_one_dimension_is_computed_as_several_are(steps: list[tuple[float, float]], walled: bool) -> None:
+    """A force of zero takes the path of several dimensions: the same values to the last bit."""
+    contacts = Contacts([Wall((1.0,), 0.01, 3000.0, 10.0), Wall((-1.0,), 0.02, 2000.0, 5.0)]) if walled else None
+    one, several = (PassiveIntegrator(0.02, 14.0, 500.0, [0.0]) for _ in range(2))
+    for dt, y in steps:
+        assert one.step(dt, (y,), contacts) == several.step(dt, (y,), contacts, force=(0.0,))
+        assert (one.position, one.velocity) == (several.position, several.velocity)
 
 
 def test_energies_are_those_of_the_state() -> None:

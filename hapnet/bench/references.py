@@ -74,18 +74,20 @@ class NumpyMidpoint:
 
 
 class PenaltyWorld:
-    """Three axes of a mass on a spring and damper, and a penalty wall on the first: Euler in plain floats."""
+    """Axes of a mass on a spring and damper, and a penalty wall on the first: Euler in plain floats."""
 
-    def __init__(self, mass: float, damping: float, stiffness: float, wall: tuple[float, float, float]) -> None:
+    def __init__(
+        self, mass: float, damping: float, stiffness: float, wall: tuple[float, float, float], axes: int = 3
+    ) -> None:
         self.mass, self.damping, self.stiffness = mass, damping, stiffness
         self.wall_stiffness, self.wall_damping, self.wall_position = wall
-        self.x = [0.0] * 3
-        self.v = [0.0] * 3
+        self.x = [0.0] * axes
+        self.v = [0.0] * axes
 
     def step(self, dt: float, set_position: Vector) -> None:
         """One semi-implicit step of dt [s]; unlike the passive integrator it is stable only for short dt."""
         x, v = self.x, self.v
-        for i in range(3):
+        for i in range(len(x)):
             force = -self.stiffness * (x[i] - set_position[i]) - self.damping * v[i]
             if i == 0 and (depth := x[0] - self.wall_position) > 0.0:
                 force -= max(0.0, self.wall_stiffness * depth + self.wall_damping * v[0])

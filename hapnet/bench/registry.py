@@ -16,7 +16,7 @@ from hapnet.bench.servo import servo_busy_thread, servo_idle
 from hapnet.bench.simulation import batch_1000, simulate_ndof
 from hapnet.bench.traffic import RATES_KHZ, servo_traffic
 from hapnet.bench.watched import servo_watched
-from hapnet.bench.world import integrator_step, world_step_wall
+from hapnet.bench.world import integrator_step, world_step_kilohertz, world_step_wall
 from hapnet.errors import InvalidParameter
 
 Measure = Callable[[Options], Row]
@@ -34,6 +34,7 @@ ROWS: dict[str, Measure] = {
     **{f"pspm_update_{n}dof": partial(pspm_update, n) for n in DIMENSIONS},
     **{f"integrator_step_{n}dof": partial(integrator_step, n) for n in DIMENSIONS},
     "world_step_wall": world_step_wall,
+    "world_step_kilohertz": world_step_kilohertz,
     "codec_position": codec_position,
     "one_way_latency": one_way_latency,
     "one_way_latency_realtime": one_way_latency_realtime,

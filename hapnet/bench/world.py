@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import cycle
 
 import numpy as np
@@ -11,9 +12,10 @@ from hapnet.bench.cost import Call, cost
 from hapnet.bench.endpoints import pair
 from hapnet.bench.references import NumpyMidpoint, PenaltyWorld
 from hapnet.bench.row import Limit, Options, Row, row
+from hapnet.bench.traffic import KILOHERTZ
 from hapnet.params import Params
 from hapnet.plant.integrator import PassiveIntegrator
-from hapnet.side.endpoint import DeviceEndpoint, WorldEndpoint
+from hapnet.side.endpoint import NANO, DeviceEndpoint, WorldEndpoint
 from hapnet.side.world import WorldSide
 
 _TARGET = (0.016, 0.004, -0.003)  # m, behind the wall, and within reach of the reservoir
@@ -21,15 +23,20 @@ _WALL_M = 0.010
 
 
 class PressedWorld:
-    """A 3-DOF world whose mass is pressed into the wall; every step has a new set-position."""
+    """A world whose mass is pressed into the wall; every step has a new set-position.
 
-    def __init__(self) -> None:
-        setup = prepare(Params().set({"scene": "wall", "dof": 3, "world.wall.position_m": _WALL_M}), "sampled")
+    own : parameters besides the scene. steps_s : the least and the greatest time between two steps [s].
+    """
+
+    def __init__(self, own: Mapping[str, object], steps_s: tuple[float, float]) -> None:
+        setup = prepare(Params().set({"scene": "wall", "world.wall.position_m": _WALL_M, **own}), "sampled")
+        self._target = _TARGET[: setup.dof]
         self._device = DeviceEndpoint(device_session(setup, 1))
         self._world = WorldEndpoint(world_session(setup, 2))
         self.side: WorldSide = world_side(setup, self._world, np.random.default_rng(1), lambda sample: None)
         pair(self._device, self._world)
-        self._steps_ns = cycle(np.random.default_rng(1).integers(10_000_000, 50_000_000, 1000).tolist())
+        least_ns, most_ns = (round(seconds / NANO) for seconds in steps_s)
+        self._steps_ns = cycle(np.random.default_rng(1).integers(least_ns, most_ns, 1000, endpoint=True).tolist())
         self.now_ns = 0
         for _ in range(100):
             self.prepare()
@@ -38,7 +45,7 @@ class PressedWorld:
     def prepare(self) -> None:
         """A message arrives, and time passes."""
         self.now_ns += next(self._steps_ns)
-        self._world.receive(self.now_ns, self._device.session.position(self.now_ns, _TARGET))
+        self._world.receive(self.now_ns, self._device.session.position(self.now_ns, self._target))
 
     def step(self) -> None:
         self.side.step(self.now_ns)
@@ -46,14 +53,24 @@ class PressedWorld:
 
 def world_step_wall(options: Options) -> Row:
     """`WorldSide.step`: integrator, contacts, PSPM, ledger, sample and message, in contact."""
-    world = PressedWorld()
-    bare_world = PenaltyWorld(0.02, 14.0, 500.0, (3000.0, 10.0, _WALL_M))
-    subject, bare = cost(Call(world.step, world.prepare), Call(lambda: bare_world.step(1e-4, _TARGET)), options)
+    world = PressedWorld({"dof": 3}, (0.010, 0.050))
     what = "world step, 3-DOF, wall in contact, new data, T_k varying"
+    return _beside_penalty("world_step_wall", what, world, _TARGET, options)
+
+
+def world_step_kilohertz(options: Options) -> Row:
+    """The same in 1-DOF at the rate of a servo, where the predictor has 36 positions to fit in place of 8."""
+    world = PressedWorld(KILOHERTZ, (0.001, 0.001))
+    what = "world step, 1-DOF, wall in contact, 1 kHz, a new position for each step"
+    return _beside_penalty("world_step_kilohertz", what, world, _TARGET[:1], options)
+
+
+def _beside_penalty(name: str, what: str, world: PressedWorld, target: tuple[float, ...], options: Options) -> Row:
+    bare_world = PenaltyWorld(0.02, 14.0, 500.0, (3000.0, 10.0, _WALL_M), len(target))
+    subject, bare = cost(Call(world.step, world.prepare), Call(lambda: bare_world.step(1e-4, target)), options)
     return row(
-        "world_step_wall", "us", what, subject, "Euler and a penalty wall in plain floats", bare,
-        limits=(Limit("median", 30.0),),
-    )  # fmt: skip
+        name, "us", what, subject, "Euler and a penalty wall in plain floats", bare, limits=(Limit("median", 30.0),)
+    )
 
 
 def integrator_step(n: int, options: Options) -> Row:

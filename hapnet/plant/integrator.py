@@ -73,6 +73,7 @@ class PassiveIntegrator:
         B = _positive_definite("damping", damping, n)
         K = _positive_definite("stiffness", stiffness, n)
         self._M, self._B, self._K = _product(M), _product(B), _product(K)
+        self._scalars = M[0][0], B[0][0], K[0][0]  # all there is in one dimension
         self.terms: Final = [[(2.0 * M[i][j], B[i][j], 0.5 * K[i][j]) for j in range(i + 1)] for i in range(n)]
         """Lower triangle of A in powers of T: 2M, B', K'/2."""
         self._diagonal = all(_is_diagonal(matrix) for matrix in (M, B, K))
@@ -155,6 +156,8 @@ class PassiveIntegrator:
             self.adopt(contacts)
         if self._factored != (dt, None):
             self._factor(dt)
+        if self._n == 1 and force is None:
+            return self._step_1dof(dt, ybar[0], contacts)
         x, v, K = self._x, self._v, self._K
         error = tuple(map(sub, x, ybar))
         gain = 2.0 / dt
@@ -183,6 +186,22 @@ class PassiveIntegrator:
             x,
             0.0 if contacts is None else contacts.penetration(x),
         )
+
+    def _step_1dof(self, dt: float, ybar: float, contacts: Surroundings | None) -> Step:
+        """The rest of `step` in one dimension: the same operations in the same order, without lists."""
+        (x,), (v,) = self._x, self._v
+        M, B, K = self._scalars
+        error = x - ybar
+        vhat = (2.0 / dt * (M * v) - K * error) * self._inverse_pivots[0]
+        f = 0.0
+        if contacts is not None:
+            (f,), (vhat,) = contacts.solve(dt, self._x, [vhat], self._solve)
+        damper = B * vhat
+        tau = -damper - K * (error + 0.5 * dt * vhat)
+        self._x = end = (x + dt * vhat,)
+        self._v = (2.0 * vhat - v,)
+        depth = 0.0 if contacts is None else contacts.penetration(end)
+        return Step((vhat,), (f,), dt * (0.0 + f * vhat), dt * (0.0 + damper * vhat), (tau,), end, depth)
 
     def push(self, dt: float, drag: float, push: ArrayLike, contacts: Surroundings | None = None) -> Step:
         """Advance by `dt` on a law's coupling, ``tau = push - drag vhat``, solved together with the contacts.
