@@ -79,7 +79,7 @@ def extreme_case(seed: int) -> Params:
     rng = np.random.default_rng([seed, 2013])
     scene = str(rng.choice(["free", "wall", "box", "paper"]))
     n = 3 if scene == "paper" else int(rng.integers(1, 4))
-    separate = scene != "box"  # walls across each other must not act on each other through M, B' and K'
+    separate = scene != "box"  # a box's walls do not act on each other through M, B' and K'
     duration_s = rng.uniform(0.6, 1.2)
     servo = str(rng.choice(["continuous", "sampled"]))
     servo_hz = spread(rng, 100.0, 5000.0)

@@ -259,27 +259,77 @@ def test_rotated_box_on_common_eigenvectors() -> None:
         stored = after
 
 
-def test_coupled_walls_are_refused_by_name() -> None:
+def oblique_walls(rng: np.random.Generator, n: int) -> list[Wall]:
+    """Up to six, in any direction but around the origin, and perhaps one opposite to the first."""
+    normals = [rng.normal(size=n) for _ in range(int(rng.integers(2, 6)))]
+    if rng.random() < 0.5:
+        normals.append(-normals[0])
+    faces = [(log_uniform(rng, 10.0, 1e5), rng.choice([0.0, log_uniform(rng, 0.1, 100.0)])) for _ in normals]
+    return [
+        Wall(tuple(v.tolist()), rng.uniform(0.0, 0.02) + 1e-4, *face) for v, face in zip(normals, faces, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("n", [2, 3])
+def test_walls_that_act_on_one_another_are_solved_together(n: int) -> None:
+    """Each wall's own law holds at the velocity that all of them give, and they store no more than they get."""
+    rng = np.random.default_rng(27 + n)
+    together = 0
+    for _ in range(40):
+        walls = oblique_walls(rng, n)
+        contacts = Contacts(walls)
+        M, B, K = random_spd(rng, n, 5e-3, 0.5), random_spd(rng, n, 1.0, 30.0), random_spd(rng, n, 50.0, 2000.0)
+        integrator = PassiveIntegrator(M, B, K, np.zeros(n))
+        stiffness, damping = (np.array([getattr(wall, name) for wall in walls]) for name in ("stiffness", "damping"))
+        normals = np.array([wall.normal for wall in walls])
+        stored = 0.0
+        for _ in range(60):
+            dt, before = log_uniform(rng, 1e-3, 0.1), np.array(integrator.position)
+            step = integrator.step(dt, tuple(rng.normal(0.0, 0.04, n).tolist()), contacts)
+            p0 = normals @ before - [wall.offset for wall in walls]
+            pushes = np.minimum(
+                wall_force(p0, normals @ np.array(step.velocity), np.full(len(p0), dt), stiffness, damping), 0.0
+            )
+            assert np.array(step.force) == pytest.approx(pushes @ normals, rel=1e-8, abs=1e-9)
+            after = contacts.stored_J(step.position)
+            assert step.work_J <= stored - after + 1e-12 * (1.0 + stored + after)
+            stored = after
+            together += int((pushes < 0.0).sum() > 1)
+        assert not contacts.separate
+    assert together > 200
+
+
+def test_separate_walls_have_the_same_step_when_they_are_solved_together() -> None:
+    rng = np.random.default_rng(28)
+    walls = [Wall((s * (i == 0), s * (i == 1)), 0.02, 3000.0, 10.0) for i in range(2) for s in (1.0, -1.0)]
+    closed, newton = Contacts(walls), Contacts(walls)
+    for y in rng.normal(0.0, 0.06, (300, 2)).tolist():
+        dt = rng.uniform(0.001, 0.1)
+        one, other = (PassiveIntegrator(0.02, 14.0, 500.0, (0.01, -0.01), (0.5, -2.0)) for _ in range(2))
+        other.adopt(newton)
+        newton.separate = False
+        for goal in (y, [-part for part in y], y):
+            a, b = one.step(dt, tuple(goal), closed), other.step(dt, tuple(goal), newton)
+            assert b.force == pytest.approx(a.force, rel=1e-9, abs=1e-9)
+    assert closed.separate
+
+
+def test_what_makes_walls_act_on_one_another() -> None:
     floor, oblique = Wall((0.0, 1.0), 0.02, 3000.0), Wall((1.0, 1.0), 0.02, 3000.0)
     side = Wall((1.0, 0.0), 0.02, 3000.0)
-    plain = PassiveIntegrator(0.02, 14.0, 500.0, (0.0, 0.0))
-    with pytest.raises(InvalidParameter, match=r"walls\[0\] and walls\[2\].*orthogonal"):
-        plain.adopt(Contacts([floor, side, oblique]))
-    plain.adopt(Contacts([floor, side]))
     good, skew = np.eye(2), np.array([[2.0, 0.5], [0.5, 1.0]])
-    for which in range(3):  # orthogonal walls, coupled through any one of M, B', K'
-        M, B, K = (skew if i == which else good for i in range(3))
-        with pytest.raises(InvalidParameter, match=r"walls\[0\] and walls\[1\]"):
-            PassiveIntegrator(M, B, K, (0.0, 0.0)).step(0.01, (0.0, 0.0), Contacts([floor, side]))
-    PassiveIntegrator(skew, skew, skew, (0.0, 0.0)).adopt(Contacts([floor]))
-
-
-def test_walls_coupled_in_all_but_one_step_size_are_refused() -> None:
     # M and K' couple with opposite signs, which cancel at the one T where 2M/T + K' T/2 is diagonal.
-    M, K = np.array([[1.0, 0.1], [0.1, 1.0]]), np.array([[400.0, -40.0], [-40.0, 400.0]])
-    integrator = PassiveIntegrator(M, 1.0, K, (0.0, 0.0))
-    with pytest.raises(InvalidParameter, match=r"walls\[0\] and walls\[1\]"):
-        integrator.step(0.1, (0.0, 0.0), Contacts([Wall((1.0, 0.0), 0.02, 1.0), Wall((0.0, 1.0), 0.02, 1.0)]))
+    cancelling = (np.array([[1.0, 0.1], [0.1, 1.0]]), 1.0, np.array([[400.0, -40.0], [-40.0, 400.0]]))
+    cases = [((good, good, good), [floor, side, oblique]), (cancelling, [floor, side])]
+    cases += [((M, B, K), [floor, side]) for M, B, K in ((skew, good, good), (good, skew, good), (good, good, skew))]
+    for matrices, walls in cases:
+        contacts = Contacts(walls)
+        PassiveIntegrator(*matrices, (0.0, 0.0)).adopt(contacts)
+        assert not contacts.separate
+    for matrices, walls in (((good, good, good), [floor, side]), ((skew, skew, skew), [floor])):
+        contacts = Contacts(walls)
+        PassiveIntegrator(*matrices, (0.0, 0.0)).adopt(contacts)
+        assert contacts.separate
 
 
 def test_normal_is_made_a_unit_vector() -> None:

@@ -128,6 +128,10 @@ def test_a_run_that_leaves_the_range_of_messages_goes_to_the_reference() -> None
         ({"coupling": "tdpa"}, "the coupling tdpa"),
         ({"coupling": "tests.kernel_cases:MINE"}, "the coupling tests.kernel_cases:MINE"),
         ({"scene": "moving"}, "the scene moving"),
+        (
+            {"scene": "box", "dof": 2, "world.stiffness": [[500.0, 100.0], [100.0, 400.0]]},
+            "walls that act on one another",
+        ),
         ({"link.up": "delay 5ms slot 10ms"}, "slots in the uplink"),
         ({"link.down_timeline": "at 1s: down"}, "a timeline of the downlink"),
         ({"link.up": "rate 1mbit loss 1% resend 2 1ms unordered"}, "unordered resends before a rate in the uplink"),

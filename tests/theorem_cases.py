@@ -57,7 +57,7 @@ def random_case(seed: int, duration_s: float = 5.0) -> Params:
     scene = str(rng.choice(["free", "wall", "box", "paper"]))
     n = 3 if scene == "paper" else int(rng.integers(1, 4))
     operators = ["rest", "sine", "press"] + ([str(HANDWRITING)] if HANDWRITING.exists() else [])
-    separate = scene != "box"  # walls across each other must not act on each other through M, B' and K'
+    separate = scene != "box"  # a box's walls do not act on each other through M, B' and K'
     shortest, longest = sorted(np.exp(rng.uniform(np.log(1e-3), np.log(0.1), size=2)).tolist())
     changes: dict[str, object] = {
         "feel": "hapnet" if seed % 4 == 3 else "paper",

@@ -247,13 +247,20 @@ def _user_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write
     )
 
 
-def world_side(setup: Setup, endpoint: WorldControl, rng: np.random.Generator, write: Write) -> WorldSide:
-    """The virtual mass in its scene, for an endpoint or its control half."""
-    endpoint.deadband = deadband(setup.params, "world")
+def virtual_mass(setup: Setup) -> PassiveIntegrator:
+    """The virtual mass at the scene's start, among its contacts. Raises InvalidParameter."""
     world = setup.params.world
     with _named("world"):
         mass = PassiveIntegrator(world.mass, world.damping, world.stiffness, setup.scene.start)
     mass.adopt(setup.scene.contacts)
+    return mass
+
+
+def world_side(setup: Setup, endpoint: WorldControl, rng: np.random.Generator, write: Write) -> WorldSide:
+    """The virtual mass in its scene, for an endpoint or its control half."""
+    endpoint.deadband = deadband(setup.params, "world")
+    world = setup.params.world
+    mass = virtual_mass(setup)
 
     def make_coupling(position: Vector, kinetic: float, empty: bool = False) -> WorldCoupling:
         return setup.coupling.world(_start(setup, world, position, empty, kinetic))

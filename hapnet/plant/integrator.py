@@ -105,8 +105,8 @@ class PassiveIntegrator:
     def adopt(self, contacts: Surroundings | None) -> None:
         """Check `contacts` against this mass, as `step` does when it first gets them. Call this to fail early.
 
-        Raises InvalidParameter if the dimension differs, the mass is inside a wall (that creates energy), or two walls
-        are coupled through M, B' and K' (`Surroundings.require_separate`).
+        Raises InvalidParameter if the dimension differs, the mass is inside a wall (that creates energy), or the
+        contacts cannot be solved with these M, B' and K' (`Surroundings.require_separate`).
         """
         if contacts is not None:
             if contacts.dof != self._n:

@@ -13,7 +13,8 @@ outweighed its spring on the way out. Then it is left out of the step and the re
 wall faster still, so U does not grow and the step stays passive.
 
 Two walls are independent iff ``n_i' A^-1 n_j = 0``. Opposite faces of one axis share one potential; a fast mass may
-cross the whole gap between them in one step. Walls that are coupled in any other way are refused.
+cross the whole gap between them in one step. Walls that are coupled in any other way are solved together
+(`hapnet.plant.worlds.coupled`).
 
 D. J. Lee and K. Huang (World Haptics 2009) take their wall from a companion paper. The law here is not theirs: it is
 derived from energy, for their integrator L_dp.
@@ -32,6 +33,7 @@ from hapnet.checks import MOST_PLANES, Vector
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.plane import Plane
 from hapnet.params import WallParams
+from hapnet.plant.worlds.coupled import Contact, compliance, solve
 from hapnet.plant.worlds.protocol import Inverse
 
 _WALL = WallParams()
@@ -181,6 +183,9 @@ class Contacts:
                 )
         self.supplied_J = 0.0
         """Zero: no wall moves."""
+        self.separate = True
+        """Are all axes independent, for the A that `require_separate` has seen?"""
+        self._units = [tuple([float(i == j) for j in range(self.dof)]) for i in range(self.dof)]
         self.axes = self._axes()
         self.spans = tuple((axis, axis.normal, axis.lower.at, axis.upper.at) for axis in self.axes)
 
@@ -243,7 +248,7 @@ class Contacts:
                 raise InvalidParameter("position", tuple(position), surface)
 
     def require_separate(self, inverse: Inverse) -> None:
-        """Raise InvalidParameter, naming the walls, if ``n_i' A^-1 n_j != 0`` for two axes; `inverse` applies A^-1."""
+        """Nothing to require: axes with ``n_i' A^-1 n_j != 0`` are solved together. It notes whether there are any."""
         responses = [inverse(axis.normal) for axis in self.axes]
         for i, one in enumerate(self.axes):
             for j in range(i):
@@ -251,15 +256,7 @@ class Contacts:
                 coupling = sum(map(mul, other.normal, responses[i]))
                 own = sum(map(mul, one.normal, responses[i])) * sum(map(mul, other.normal, responses[j]))
                 if abs(coupling) > _SEPARATE * sqrt(own):
-                    pair = [
-                        next(k for k, w in enumerate(self.walls) if w.normal == n) for n in (other.normal, one.normal)
-                    ]
-                    raise InvalidParameter(
-                        f"walls[{pair[0]}] and walls[{pair[1]}]",
-                        (other.normal, one.normal),
-                        "walls that do not act on each other (n_i' A^-1 n_j = 0): orthogonal normals with scalar mass, "
-                        "damping and stiffness, or normals along common eigenvectors of these",
-                    )
+                    self.separate = False
 
     def solve(
         self, dt: float, position: Sequence[float], velocity: list[float], inverse: Inverse
@@ -279,6 +276,8 @@ class Contacts:
         """
         force = [0.0] * len(velocity)
         vhat = velocity
+        if not self.separate:
+            return self._solve_together(dt, position, velocity, inverse)
         for axis, normal, low, high in self.spans:
             q = sum(map(mul, normal, position))
             w = sum(map(mul, normal, velocity))
@@ -289,6 +288,18 @@ class Contacts:
             force = [g + f * n for g, n in zip(force, normal, strict=True)]
             vhat = [v + f * r for v, r in zip(vhat, response, strict=True)]
         return force, vhat
+
+    def _solve_together(
+        self, dt: float, position: Sequence[float], velocity: list[float], inverse: Inverse
+    ) -> tuple[list[float], list[float]]:
+        contacts = [
+            Contact(wall.normal, wall.penetration(position), wall.stiffness, wall.damping) for wall in self.walls
+        ]
+        C = compliance([inverse(unit) for unit in self._units])
+        force = [0.0] * len(velocity)
+        for contact, push in zip(contacts, solve(contacts, velocity, C, dt), strict=True):
+            force = [f + push * n for f, n in zip(force, contact.normal, strict=True)]
+        return force, [v + r for v, r in zip(velocity, inverse(tuple(force)), strict=True)]
 
 
 def _same_direction(one: Vector, other: Vector) -> bool:
