@@ -59,6 +59,7 @@ READS_FILES = {
     "hapnet/params.py": "--params names a file",
     "netem/trace.py": "a recorded link is a file",
     "netem/units.py": "opens the files that a profile names",
+    "hapnet/plant/worlds/mesh_file.py": "a scene's mesh is a file",
     "hapnet/recording": "recordings are files; nothing below `assembly` opens one but through it",
     "hapnet/kernel/sources.py": "compiled code is cached as long as its sources stay the same",
 }

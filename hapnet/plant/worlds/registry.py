@@ -10,7 +10,7 @@ or a `ForceWorld` with obstacles that move. ``module:name`` may also be the forc
 velocity and time, or give an object that steps by itself (`hapnet.plant.worlds.stepped_world.Stepping`). An observer
 watches both.
 
-A built-in world is a file in this package and a line in `SCENES`.
+A built-in world is a file in this package and a line in `SCENES`. Rigid scenes are words (`hapnet.plant.worlds.rigid`).
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from typing import Any
 
 from hapnet.errors import InvalidParameter
 from hapnet.loading import cause, load
+from hapnet.plant.worlds import rigid
 from hapnet.plant.worlds.box import box
 from hapnet.plant.worlds.force_world import ForceWorld
 from hapnet.plant.worlds.moving_wall import moving
@@ -51,7 +52,7 @@ def make_scene(name: str, **parameters: Any) -> World:
     except TypeError as error:
         known = ", ".join(scene_parameters(name)) or "nothing"
         raise InvalidParameter(f"scene {name}", parameters, f"this scene's parameters ({known}): {error}") from None
-    if name in SCENES:
+    if name in SCENES or rigid.builder(name) is not None:
         scene: object = builder(**parameters)
     else:
         try:
@@ -69,7 +70,9 @@ def make_scene(name: str, **parameters: Any) -> World:
 def _builder(name: str) -> Callable[..., Any]:
     if name in SCENES:
         return SCENES[name]
-    builder = load("scene", name, f"{', '.join(SCENES)}, or module:Name that can be imported")
+    if (from_words := rigid.builder(name)) is not None:
+        return from_words
+    builder = load("scene", name, f"{', '.join((*SCENES, *rigid.KINDS))}, or module:Name that can be imported")
     try:
         required = [p for p in inspect.signature(builder).parameters.values() if p.default is p.empty]
     except (TypeError, ValueError):

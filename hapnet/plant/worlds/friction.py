@@ -1,0 +1,59 @@
+"""Coulomb's friction as a damper across the contact's normal, chosen anew each step.
+
+With ``D = sum c_i P_i``, ``P_i = I - n_i n_i' / |n_i|^2``, the step is ``(A + D) vhat = c + sum n_i f_i``. What D
+takes, ``vhat' D vhat T``, is never negative, whatever c_i >= 0 is: so friction is passive, and how c_i is chosen is a
+matter of feel. With s the tangential speed without friction and a = A along it, c = mu |F| / (s - mu |F|/a) makes the
+friction mu |F| where it slides. Where it sticks, a mass that began the step with the tangential velocity v0 would end
+it with -v0 if vhat became 0, and would chatter: so no c is greater than what makes it end at rest, |vhat| = |v0|/2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import hypot, inf, sqrt
+
+from hapnet.checks import Vector
+
+_STUCK = 1e3
+"""The greatest c, in units of a."""
+
+
+def coefficient(
+    normal: Vector, grip_N: float, vhat: Vector, v0: Vector, resistance: Callable[[Vector], float]
+) -> float:
+    """c [Ns/m] for one contact.
+
+    Parameters
+    ----------
+    normal : (3,) of the contact, of any length. grip_N : mu |F|. vhat : (3,) the step's velocity without friction
+        [m/s]. v0 : (3,) at its start [m/s]. resistance : a [Ns/m] along a unit vector.
+    """
+    x, y, z = tangential(vhat, normal)
+    speed = sqrt(x * x + y * y + z * z)
+    if not (grip_N > 0.0 and speed > 0.0):
+        return 0.0
+    a = resistance((x / speed, y / speed, z / speed))
+    slip = speed - grip_N / a
+    c = grip_N / slip if slip > 0.0 else inf
+    if start := 0.5 * hypot(*tangential(v0, normal)):
+        c = min(c, max(0.0, a * (speed / start - 1.0)))
+    return min(c, _STUCK * a)
+
+
+def tangential(vector: Vector, normal: Vector) -> Vector:
+    """The part of `vector` across `normal`."""
+    x, y, z = vector
+    a, b, c = normal
+    share = (x * a + y * b + z * c) / (a * a + b * b + c * c)
+    return (x - share * a, y - share * b, z - share * c)
+
+
+def drag_of(coefficients: Sequence[float], normals: Sequence[Vector]) -> list[list[float]]:
+    """D (3, 3) [Ns/m]."""
+    D = [[0.0] * 3 for _ in range(3)]
+    for c, normal in zip(coefficients, normals, strict=True):
+        square = sum([part * part for part in normal])
+        for i in range(3):
+            for j in range(3):
+                D[i][j] += c * ((i == j) - normal[i] * normal[j] / square)
+    return D

@@ -1,0 +1,295 @@
+"""Rigid scenes: solids around the proxy, from words such as ``sphere?radius=20mm + plane?normal=0,0,-1``.
+
+The words are solids, joined by `` + ``. Each is a kind and, after ``?``, its properties, joined by ``&``. Every length
+has a unit. What is not given has a default; by default a solid begins 20 mm in front of the start, as the wall of the
+scene `wall` does.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from math import hypot
+
+import numpy as np
+
+from hapnet.checks import Array, Vector
+from hapnet.errors import InvalidParameter
+from hapnet.plant.worlds.mesh import Mesh, Triangles
+from hapnet.plant.worlds.mesh_file import read_heights, read_mesh
+from hapnet.plant.worlds.protocol import Surface
+from hapnet.plant.worlds.rigid_contacts import RigidContacts, Solid, padded
+from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene, checked_dof
+from hapnet.plant.worlds.shapes import Cuboid, Cylinder, HalfSpace, Shape, Sphere, Textured
+from hapnet.plant.worlds.walls import WALL_DAMPING, WALL_STIFFNESS, Wall
+
+_FRONT_M = 0.02
+_SIZE_M = 0.06
+_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
+_NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)([a-z]*)", re.IGNORECASE | re.ASCII)
+
+
+class RigidScene:
+    """A world of rigid solids that rest. It is used for one run.
+
+    Parameters
+    ----------
+    name : in summaries and figures. dof : the number of axes. solids : one or more. min_s, max_s : range of the step
+        time T_k [s], which is drawn uniformly. start : (n,) where the proxy starts [m], outside every solid; the origin
+        by default.
+
+    Raises InvalidParameter.
+    """
+
+    walls: tuple[Wall, ...] = ()
+    surfaces: tuple[Surface, ...] = ()
+
+    def __init__(
+        self,
+        name: str,
+        dof: int,
+        solids: Sequence[Solid],
+        min_s: float = STEP_MIN_S,
+        max_s: float = STEP_MAX_S,
+        start: Vector = (),
+    ) -> None:
+        if not solids:
+            raise InvalidParameter("solids", solids, "one or more")
+        self.name = name
+        self.dof = checked_dof(dof)
+        self.contacts = RigidContacts(solids, self.dof)
+        self._empty = Scene(name, self.dof, (), min_s, max_s, start)
+        self.start = self._empty.start
+        self.contacts.require_outside(self.start)
+
+    def next_step_s(self, rng: np.random.Generator) -> float:
+        """Draw the duration of the next step, T_k [s]: uniform in [min_s, max_s]."""
+        return self._empty.next_step_s(rng)
+
+    def towards(self, position: Vector) -> Vector:
+        """The farthest point on the straight line from `start` to `position` (n,) [m] before a solid."""
+        way = tuple([b - a for a, b in zip(self.start, position, strict=True)])
+        length = hypot(*way)
+        share, place = 0.0, self.start
+        while length:
+            gap = min(solid.shape.near(padded(place)).distance_m / solid.shape.slope for solid in self.contacts.solids)
+            if gap < _CLOSE_M:
+                break
+            share += (gap - 0.5 * _CLOSE_M) / length
+            if share >= 1.0:
+                return position
+            place = tuple([a + share * b for a, b in zip(self.start, way, strict=True)])
+        return place
+
+
+_CLOSE_M = 1e-5
+
+
+def rigid(
+    words: str,
+    *,
+    dof: int = 3,
+    stiffness: float = WALL_STIFFNESS,
+    damping: float = WALL_DAMPING,
+    step_min_s: float = STEP_MIN_S,
+    step_max_s: float = STEP_MAX_S,
+) -> RigidScene:
+    """The scene that `words` describe (see above); `stiffness` and `damping` are those of solids that name none."""
+    given = {"stiffness": stiffness, "damping": damping}
+    solids = [_solid(part, given) for part in _parts(words)]
+    try:
+        return RigidScene(words, dof, solids, step_min_s, step_max_s)
+    except InvalidParameter as error:
+        if error.name != "start":
+            raise
+        raise InvalidParameter(f"scene {words}: start", error.value, error.allowed) from error
+
+
+def builder(words: str) -> Callable[..., RigidScene] | None:
+    """A function that makes the scene with these words; None: they are not those of a rigid scene."""
+    return partial(rigid, words) if _kind(_parts(words)[0])[0] in KINDS else None
+
+
+class Properties:
+    """The properties of one solid, each taken once."""
+
+    def __init__(self, words: str, text: str) -> None:
+        self.words = words
+        self._left: dict[str, str] = {}
+        for entry in filter(None, text.split("&")):
+            key, equals, value = entry.partition("=")
+            if not equals or key in self._left:
+                raise self.error(entry, "KEY=VALUE, each once")
+            self._left[key.strip()] = value.strip()
+
+    def error(self, value: object, allowed: str) -> InvalidParameter:
+        return InvalidParameter(f"scene {self.words}", value, allowed)
+
+    def text(self, key: str) -> str | None:
+        return self._left.pop(key, None)
+
+    def give_back(self, key: str, text: str) -> None:
+        self._left[key] = text
+
+    def numbers(self, key: str, default: Sequence[float], units: Mapping[str, float] | None = None) -> Vector:
+        """As many numbers as `default` has; [m] with units."""
+        if (text := self.text(key)) is None:
+            return tuple(default)
+        parts = text.split(",")
+        values = [_value(part.strip(), units) for part in parts]
+        if len(parts) != len(default) or None in values:
+            what = "a length with its unit, such as 20mm" if units else "a number"
+            many = "" if len(default) == 1 else f"{len(default)} with commas, each "
+            raise self.error(f"{key}={text}", f"{key}: {many}{what}")
+        return tuple([value for value in values if value is not None])
+
+    def lengths(self, key: str, default: Sequence[float]) -> Vector:
+        return self.numbers(key, default, _UNITS)
+
+    def length(self, key: str, default: float) -> float:
+        return self.lengths(key, (default,))[0]
+
+    def number(self, key: str, default: float) -> float:
+        return self.numbers(key, (default,))[0]
+
+    def finish(self) -> None:
+        if self._left:
+            raise self.error(next(iter(self._left)), f"a property of this solid: {KINDS[_kind(self.words)[0]].words}")
+
+
+class Kind:
+    """A kind of solid: how it is made, and the words for its properties."""
+
+    def __init__(self, make: Callable[[Properties, str], Shape], words: str) -> None:
+        self.make, self.words = make, f"{words}, {_MATERIAL}"
+
+
+_MATERIAL = "stiffness=N/m, damping=Ns/m, friction=0.5, relief=HEIGHT,WAVELENGTH"
+
+
+def _solid(words: str, given: Mapping[str, float]) -> Solid:
+    name, file, text = _kind(words)
+    if name not in KINDS:
+        raise InvalidParameter(f"scene {words}", name, f"one of {', '.join(KINDS)}")
+    properties = Properties(words, text)
+    if bool(file) is not (name in FROM_FILES):
+        raise properties.error(file, "a file, as in mesh:FILE?unit=mm" if name in FROM_FILES else "no file")
+    try:
+        shape = KINDS[name].make(properties, file)
+        relief = properties.lengths("relief", (0.0, 1.0))
+        if relief[0]:
+            shape = Textured(shape, *relief)
+        material = {key: properties.number(key, value) for key, value in (*given.items(), ("friction", 0.0))}
+        properties.finish()
+        return Solid(shape, **material)
+    except InvalidParameter as error:
+        if error.name.startswith("scene "):
+            raise
+        raise InvalidParameter(f"scene {words}: {error.name}", error.value, error.allowed) from error
+
+
+def _value(text: str, units: Mapping[str, float] | None) -> float | None:
+    match = _NUMBER.fullmatch(text)
+    if match is None:
+        return None
+    if not units or not float(match[1]):  # no unit is needed for 0
+        return None if match[2] and match[2].lower() not in (units or ()) else float(match[1])
+    scale = units.get(match[2].lower())
+    return None if scale is None else float(match[1]) * scale
+
+
+def _parts(words: str) -> list[str]:
+    return re.split(r"\s+\+\s+", words.strip())
+
+
+def _kind(words: str) -> tuple[str, str, str]:
+    """Kind, file and properties."""
+    head, _, text = words.partition("?")
+    name, _, file = head.strip().partition(":")
+    return name, file, text
+
+
+def _middle(properties: Properties, depth: float) -> Vector:
+    """Where the centre is: given, or so that the solid begins in front of the start."""
+    return properties.lengths("at", (_FRONT_M + depth, 0.0, 0.0))
+
+
+def _sphere(properties: Properties, file: str) -> Sphere:
+    radius = properties.length("radius", 0.5 * _SIZE_M)
+    return Sphere(_middle(properties, radius), radius)
+
+
+def _cuboid(properties: Properties, file: str) -> Cuboid:
+    size = properties.lengths("size", (_SIZE_M,) * 3)
+    return Cuboid(_middle(properties, 0.5 * size[0]), size)
+
+
+def _cylinder(properties: Properties, file: str) -> Cylinder:
+    radius, length = properties.length("radius", 0.5 * _SIZE_M), properties.length("length", _SIZE_M)
+    axis = properties.text("axis") or "z"
+    if axis not in ("x", "y", "z"):
+        raise properties.error(axis, "axis: x, y or z")
+    centre = _middle(properties, 0.5 * length if axis == "x" else radius)
+    return Cylinder(centre, radius, length, "xyz".index(axis))
+
+
+def _plane(properties: Properties, file: str) -> HalfSpace:
+    normal = properties.numbers("normal", (1.0, 0.0, 0.0))
+    size = hypot(*normal) or 1.0
+    at = properties.lengths("at", tuple([_FRONT_M * part / size for part in normal]))
+    return HalfSpace(normal, sum([n * x for n, x in zip(normal, at, strict=True)]) / size)
+
+
+_PLACE = "X,Y,Z (centre of its extent) or file (as in the file)"
+
+
+def _mesh(properties: Properties, file: str) -> Mesh:
+    return _placed(properties, *read_mesh(file, _unit(properties)))
+
+
+def _heights(properties: Properties, file: str) -> Mesh:
+    unit, spacing = _unit(properties), properties.length("spacing", 0.0)
+    facing = properties.text("facing") or "-x"
+    if not spacing > 0.0:
+        raise properties.error(f"spacing {spacing:g} m", "the distance between two numbers of a row: &spacing=1mm")
+    if facing not in ("-x", "z"):
+        raise properties.error(f"facing={facing}", "facing: -x or z")
+    vertices, triangles = read_heights(file, unit, spacing)
+    if facing == "z":  # a quarter turn about y
+        vertices = vertices[:, [2, 1, 0]] * (1.0, 1.0, -1.0)
+    return _placed(properties, vertices, triangles)
+
+
+def _unit(properties: Properties) -> float:
+    """The unit of a file [m]: files do not say theirs."""
+    text = properties.text("unit")
+    if text is None or text not in _UNITS:
+        raise properties.error(text, f"the file's unit after it: ?unit=mm (or {', '.join(_UNITS)})")
+    return _UNITS[text]
+
+
+def _placed(properties: Properties, vertices: Array, triangles: Triangles) -> Mesh:
+    """By default the solid begins in front of the start."""
+    used = vertices[np.unique(triangles)]
+    low, high = used.min(axis=0), used.max(axis=0)
+    at = properties.text("at")
+    if at != "file":
+        if at is not None:
+            properties.give_back("at", at)
+        middle = 0.5 * (low + high)
+        vertices = vertices + (np.array(_middle(properties, float(high[0] - middle[0]))) - middle)
+    return Mesh(vertices, triangles)
+
+
+KINDS: dict[str, Kind] = {
+    "sphere": Kind(_sphere, "radius=30mm, at=X,Y,Z (centre)"),
+    "cuboid": Kind(_cuboid, "size=X,Y,Z, at=X,Y,Z (centre)"),
+    "cylinder": Kind(_cylinder, "radius=30mm, length=60mm, axis=z, at=X,Y,Z (centre)"),
+    "mesh": Kind(_mesh, f"unit=mm (needed; {', '.join(_UNITS)}), at={_PLACE}"),
+    "heights": Kind(_heights, f"unit=mm and spacing=1mm (needed), facing=-x or z, at={_PLACE}"),
+    "plane": Kind(_plane, "normal=X,Y,Z (into the solid), at=X,Y,Z (a point of it)"),
+}
+"""The kinds of solids by name."""
+
+FROM_FILES = ("mesh", "heights")
