@@ -120,6 +120,11 @@ def run_pressed(scene: str, link: str, steps_s: tuple[float, float], seconds: fl
     return depths
 
 
+def links_for(steps_s: tuple[float, float]) -> list[str]:
+    """Steps of 1 ms take long, so they have the worst link only."""
+    return BAD_LINKS[1:2] if steps_s[0] < 0.01 else BAD_LINKS
+
+
 def check_sphere(link: str, steps_s: tuple[float, float], feel: str) -> None:
     """At rest the springs in series let the proxy 1.1 mm in; the flat wall of theory.md is entered as deep."""
     depth, flat = (run_pressed(scene, link, steps_s, 3.6, feel=feel) for scene in ("sphere", "plane"))
@@ -136,7 +141,7 @@ def test_a_sphere_over_a_bad_link(link: str) -> None:
 @pytest.mark.parametrize("feel", ["paper", "hapnet"])
 @pytest.mark.parametrize("steps_s", STEPS_S, ids=["1 ms", "10 to 50 ms", "100 ms"])
 def test_a_sphere_over_every_bad_link(steps_s: tuple[float, float], feel: str) -> None:
-    for link in BAD_LINKS:
+    for link in links_for(steps_s):
         check_sphere(link, steps_s, feel)
 
 
@@ -147,7 +152,7 @@ def test_a_sphere_over_every_bad_link(steps_s: tuple[float, float], feel: str) -
     "sphere?friction=0.5 + plane?normal=0,0,-1&at=0,0,-3mm + cuboid?at=50mm,20mm,0mm",
 ])  # fmt: skip
 def test_every_scene_over_bad_links(scene: str, steps_s: tuple[float, float]) -> None:
-    for link in BAD_LINKS:
+    for link in links_for(steps_s):
         for feel in ("paper", "hapnet"):
             run_pressed(scene, link, steps_s, 3.6, feel=feel)
 
