@@ -10,6 +10,7 @@ from hapnet.bench.codec import codec_position
 from hapnet.bench.control import device_tick, pspm_update
 from hapnet.bench.latency import one_way_latency, one_way_latency_realtime
 from hapnet.bench.link import link_release
+from hapnet.bench.mesh import world_step_mesh
 from hapnet.bench.recovery import energy_recovery
 from hapnet.bench.row import Options, Row
 from hapnet.bench.servo import servo_busy_thread, servo_idle
@@ -35,6 +36,7 @@ ROWS: dict[str, Measure] = {
     **{f"integrator_step_{n}dof": partial(integrator_step, n) for n in DIMENSIONS},
     "world_step_wall": world_step_wall,
     "world_step_kilohertz": world_step_kilohertz,
+    "world_step_mesh": world_step_mesh,
     "codec_position": codec_position,
     "one_way_latency": one_way_latency,
     "one_way_latency_realtime": one_way_latency_realtime,

@@ -16,7 +16,7 @@ _SECURITY = "Security"
 _PARAMS = "Parameters"
 
 Scene = Annotated[
-    str | None, typer.Option(help="free, wall, box, paper, moving, or module:Class.", autocompletion=complete.scenes)
+    str | None, typer.Option(help="free, wall, box, paper, moving, mesh:FILE?unit=mm, sphere, or module:Class.", autocompletion=complete.scenes)
 ]
 Operator = Annotated[
     str | None,

@@ -148,7 +148,7 @@ class RigidContacts:
             end = _plus(x, delta)
             wrong = False
             for secant in met:
-                wrong |= secant.correct(x, delta, end, dt * GOOD_MPS)
+                wrong = secant.correct(x, delta, end, dt * GOOD_MPS) or wrong
             if len(met) < len(self._secants):  # it may have been turned aside, to another one
                 length = sqrt(_dot(delta, delta))
                 aside = [one for one in self._secants if one not in met and one.meets(x, delta, length)]
@@ -233,7 +233,7 @@ class RigidContacts:
         self._is_scalar = scalar and self.dof == 3 and self._is_scalar is not False
 
     def penetration(self, position: Sequence[float]) -> float:
-        x = padded(position)
+        x: Vector = tuple(position) if self.dof == 3 else padded(position)
         deepest = 0.0
         for secant in self._secants:
             if not secant.farther_than(0.0, x):

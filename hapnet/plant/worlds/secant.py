@@ -32,6 +32,12 @@ class Hit(NamedTuple):
     near: Near
 
 
+class _Asked(NamedTuple):
+    at: Vector
+    near: Near
+    along: float  #: gradient . at
+
+
 class Secant:
     """A solid near the proxy. In a step a plane stands for it, ``p = depth + normal . Delta``, with spring and damper.
 
@@ -41,12 +47,12 @@ class Secant:
     """
 
     __slots__ = (
-        "_at", "_entering", "_front", "_half", "_near", "_start", "damping", "depth", "friction", "normal", "push",
-        "shape", "slope", "stiffness",
+        "_asked", "_at", "_entering", "_flat", "_front", "_half", "_near", "_start", "damping", "depth", "friction",
+        "normal", "push", "shape", "slope", "stiffness",
     )  # fmt: skip
 
     def __init__(self, shape: Shape, stiffness: float, damping: float, friction: float) -> None:
-        self.shape, self.slope = shape, shape.slope
+        self.shape, self.slope, self._flat = shape, shape.slope, shape.flat_m
         self.stiffness, self.damping, self.friction = stiffness, damping, friction
         self.push = Axis((), Face(0.0, stiffness, damping), Face(-inf, 0.0, 0.0)).force
         """The force along a plane's normal, from depth, velocity without contact, A along it, and the step's length."""
@@ -57,6 +63,7 @@ class Secant:
         self._front: Vector | None = None  # the gradient at the last onset if that was inside, or where a step enters
         self._at: Vector | None = None  # what is known is known there
         self._near = self._start = Near(0.0, self.normal)
+        self._asked: _Asked | None = None  # of the shape itself, last
         self._entering = False
 
     # -- where it is --------------------------------------------------------------------------------------------------
@@ -65,10 +72,18 @@ class Secant:
         """Distance and gradient at `x` [m]; of a thin solid that was entered, those of the side where it was."""
         if self._at == x:
             return self._near
+        if self._flat and (asked := self._asked) is not None and (off := dist(asked.at, x)) <= self._flat:
+            distance, gradient = asked.near
+            if off < abs(distance):
+                self._at = x
+                self._near = Near(distance + _dot(gradient, x) - asked.along, gradient)
+                return self._near
         near = self.shape.near(x)
         if self._front is not None and _dot(near.gradient, self._front) < _AGAINST:
             near = self._from_the_front(x, near, self._front)
         self._at, self._near = x, near
+        if self._flat:
+            self._asked = _Asked(x, near, _dot(near.gradient, x))
         return near
 
     def farther_than(self, reach: float, x: Vector) -> bool:
@@ -174,7 +189,7 @@ class Secant:
         for _ in range(_CAST_STEPS):
             close = near.distance_m <= 0.01 * length
             if close and _dot(near.gradient, way) < 0.0:
-                self._at = None  # what is known of the end is the back's
+                self._at = self._asked = None  # what is known of the end is the back's
                 return Hit(at, near)
             share += (1.0 / _CAST_STEPS) if close else near.distance_m / (self.slope * length)
             if share >= 1.0:

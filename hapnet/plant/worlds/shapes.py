@@ -26,6 +26,10 @@ class Shape(Protocol):
     def slope(self) -> float:
         """The most that the distance changes per metre of way; 1 but for a textured shape."""
 
+    @property
+    def flat_m(self) -> float:
+        """Within this distance of a place its tangent plane may stand for the solid [m]; 0: ask again."""
+
     def near(self, position: Vector) -> Near:
         """The distance and its gradient at `position` (3,) [m]."""
 
@@ -34,6 +38,7 @@ class HalfSpace:
     """Solid where ``normal . x > offset`` [m]; `normal` (3,) has any length."""
 
     slope: Final = 1.0
+    flat_m: Final = 0.0
 
     def __init__(self, normal: Sequence[float], offset: float) -> None:
         into = checks.vector("normal", normal, 3)
@@ -54,6 +59,7 @@ class Sphere:
     """A ball of `radius` [m] around `centre` (3,) [m]."""
 
     slope: Final = 1.0
+    flat_m: Final = 0.0
 
     def __init__(self, centre: Sequence[float], radius: float) -> None:
         self.centre = checks.vector("centre", centre, 3)
@@ -71,6 +77,7 @@ class Cuboid:
     """A box with faces across the axes, `size` (3,) [m] from face to face, around `centre` (3,) [m]."""
 
     slope: Final = 1.0
+    flat_m: Final = 0.0
 
     def __init__(self, centre: Sequence[float], size: Sequence[float]) -> None:
         self.centre = checks.vector("centre", centre, 3)
@@ -93,6 +100,7 @@ class Cylinder:
     """A cylinder of `radius` and `length` [m] along the axis with index `axis`, around `centre` (3,) [m]."""
 
     slope: Final = 1.0
+    flat_m: Final = 0.0
 
     def __init__(self, centre: Sequence[float], radius: float, length: float, axis: int = 2) -> None:
         self.centre = checks.vector("centre", centre, 3)
@@ -134,6 +142,7 @@ class Textured:
         if not steepness <= _STEEPEST:
             raise InvalidParameter("height", height, f"a relief that rises by {_STEEPEST:g} per metre of way at most")
         self.slope = shape.slope + steepness
+        self.flat_m = 0.0
 
     def near(self, position: Vector) -> Near:
         distance, (a, b, c) = self.shape.near(position)

@@ -1,0 +1,107 @@
+"""What contact with a mesh costs: a step in front of 10,000 triangles, beside one query of the library."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import cycle
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from hapnet.bench.cost import Call, cost
+from hapnet.bench.row import Distribution, Limit, Options, Row, row
+from hapnet.checks import Array, Vector
+from hapnet.errors import MissingLibrary
+from hapnet.plant.integrator import PassiveIntegrator
+from hapnet.plant.worlds.mesh import Mesh
+from hapnet.plant.worlds.rigid_contacts import RigidContacts, Solid
+
+STEP_S = 1e-3
+_CENTRE, _RING_M, _TUBE_M = (0.062, 0.0, 0.0), 0.03, 0.012
+_AROUND, _ACROSS = 100, 50
+
+
+def world_step_mesh(options: Options) -> Row:
+    """Integrator and contact, pressed against a torus and moved along it, with steps of 1 ms."""
+    what = f"world step of 1 ms, {2 * _AROUND * _ACROSS} triangles in contact"
+    against = "libigl's nearest point, one call"
+    try:
+        mesh = Mesh(*torus())
+    except MissingLibrary as error:
+        return Row("world_step_mesh", "us", what, against, note=str(error))
+    pressed = PressedMass(mesh)
+    search = BareQuery(mesh, pressed.visited(3200))
+    subject, bare = cost(Call(pressed.step, pressed.prepare), Call(search.call, search.prepare), options)
+    more = {"mean_ratio": median(map(_mean, subject)) / median(map(_mean, bare))}
+    return row("world_step_mesh", "us", what, subject, against, bare, more=more, limits=(Limit("ratio", 3.0),))
+
+
+def _mean(times: Distribution) -> float:
+    return float(np.average(times.values, weights=times.counts))
+
+
+class PressedMass:
+    """A virtual mass that is drawn into a mesh, and along it at 20 mm/s."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        self._contacts = RigidContacts([Solid(mesh)], 3)
+        self.mass = PassiveIntegrator(0.02, 14.0, 500.0, (0.0, 0.0, 0.0))
+        self._goals = cycle(goals(0.030))
+        for _ in range(300):
+            self.prepare()
+            self.step()
+
+    def prepare(self) -> None:
+        self._goal = next(self._goals)
+
+    def visited(self, steps: int) -> list[Vector]:
+        """Where the next steps lead."""
+        places = []
+        for _ in range(steps):
+            self.prepare()
+            self.step()
+            places.append(self.mass.position)
+        return places
+
+    def step(self) -> None:
+        self.mass.step(STEP_S, self._goal, self._contacts)
+
+
+class BareQuery:
+    """The same places, asked of the library alone."""
+
+    def __init__(self, mesh: Mesh, places: Sequence[Vector]) -> None:
+        import igl
+
+        self._mesh = mesh.vertices, mesh.triangles
+        tree = igl.AABB()
+        tree.init(*self._mesh)
+        self._search = tree.squared_distance
+        self._places = cycle([np.array([place]) for place in places])
+
+    def prepare(self) -> None:
+        self._place = next(self._places)
+
+    def call(self) -> None:
+        self._search(*self._mesh, self._place)
+
+
+def goals(depth_m: float) -> list[Vector]:
+    """Set-positions on an ellipse behind the surface, one turn in 3.2 s."""
+    turns = [2.0 * math.pi * k / 3200 for k in range(3200)]
+    return [(depth_m, 0.006 * math.sin(turn), 0.005 * math.cos(turn)) for turn in turns]
+
+
+def torus() -> tuple[Array, Any]:
+    """Vertices [m] and triangles of a torus about z."""
+    u, v = np.meshgrid(
+        2.0 * np.pi * np.arange(_AROUND) / _AROUND, 2.0 * np.pi * np.arange(_ACROSS) / _ACROSS, indexing="ij"
+    )
+    ring = _RING_M + _TUBE_M * np.cos(v)
+    vertices = np.stack([ring * np.cos(u), ring * np.sin(u), _TUBE_M * np.sin(v)], axis=-1).reshape(-1, 3) + _CENTRE
+    i, j = np.meshgrid(np.arange(_AROUND), np.arange(_ACROSS), indexing="ij")
+    a, b = i * _ACROSS + j, (i + 1) % _AROUND * _ACROSS + j
+    c, d = (i + 1) % _AROUND * _ACROSS + (j + 1) % _ACROSS, i * _ACROSS + (j + 1) % _ACROSS
+    return vertices, np.concatenate([np.stack([a, b, c], -1), np.stack([a, c, d], -1)]).reshape(-1, 3)
