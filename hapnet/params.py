@@ -281,7 +281,9 @@ _BEFORE: Mapping[str, object] = {"feel": "paper", "operator_hand.start_periods":
 class Params:
     """All parameters of a run."""
 
-    scene: str = _p("wall", "free, wall, box, paper, moving, or module:Class")
+    scene: str = _p(
+        "wall", "free, wall, box, paper, moving, solids such as sphere or mesh:FILE?unit=mm, or module:Class"
+    )
     operator: str = _p(
         "press", "rest, sine, press, hand-N (generated), a recording's path, module:Class; mouse: hapnet play"
     )

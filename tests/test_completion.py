@@ -77,7 +77,7 @@ class Tab:
         ("run --link l", ["lan", "lossy-wifi", "leo"]),
         ("run --uplink 4", ["4g"]),
         ("simulate --downlink ge", ["geo"]),
-        ("run --scene ", list(SCENES)),
+        ("run --scene ", [*SCENES, "sphere", "cuboid", "cylinder", "plane"]),
         ("run --scene=w", ["wall"]),
         ("device --operator ", ["rest", "sine", "press", "hand-1"]),
         ("simulate --coupling ", list(COUPLING_NAMES)),

@@ -60,10 +60,11 @@ def profiles() -> list[tuple[str, str]]:
 
 
 def scenes() -> list[str]:
-    """Built-in scenes."""
+    """Built-in scenes, and the solids that need no file."""
     from hapnet.plant.worlds.registry import SCENES
+    from hapnet.plant.worlds.rigid import FROM_FILES, KINDS
 
-    return list(SCENES)
+    return [*SCENES, *(name for name in KINDS if name not in FROM_FILES)]
 
 
 def operators(incomplete: str) -> list[str]:

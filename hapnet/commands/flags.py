@@ -16,7 +16,12 @@ _SECURITY = "Security"
 _PARAMS = "Parameters"
 
 Scene = Annotated[
-    str | None, typer.Option(help="free, wall, box, paper, moving, mesh:FILE?unit=mm, sphere, or module:Class.", autocompletion=complete.scenes)
+    str | None,
+    typer.Option(
+        help="free, wall, box, paper, moving; solids: sphere, cuboid, cylinder, plane, 'mesh:FILE?unit=mm' (several "
+        "joined by ' + '); or module:Class.",
+        autocompletion=complete.scenes,
+    ),
 ]
 Operator = Annotated[
     str | None,
