@@ -295,16 +295,23 @@ def test_a_bad_push_leaves_the_state_alone(dt: float, drag: float, push: object,
     assert integrator.push(0.01, 1.0, (1.0, 0.0)) == twin.push(0.01, 1.0, (1.0, 0.0))
 
 
-def test_walls_that_are_apart_in_a_step_and_not_in_a_push_are_refused() -> None:
+def test_walls_that_are_apart_in_a_step_and_not_in_a_push_are_solved_together_then() -> None:
     """With B' and K' multiples of M walls are apart if n1' M^-1 n2 = 0; with a drag they must be apart in M + s too."""
     M = np.array([[2.0, 1.0], [1.0, 2.0]])
-    contacts = Contacts([Wall((1.0, 0.0), 0.02, 3e3), Wall((5**-0.5, 2 * 5**-0.5), 0.02, 3e3)])
+    contacts = Contacts([Wall((1.0, 0.0), 0.02, 3e3, 90.0), Wall((5**-0.5, 2 * 5**-0.5), 0.02, 3e3, 90.0)])
     assert np.array([1.0, 0.0]) @ np.linalg.inv(M) @ np.array([1.0, 2.0]) == pytest.approx(0.0)
     integrator = PassiveIntegrator(M, 10.0 * M, 100.0 * M, (0.0, 0.0))
     integrator.step(0.01, (0.0, 0.0), contacts)
-    with pytest.raises(InvalidParameter):
-        integrator.push(0.01, 1.0, (0.0, 0.0), contacts)
-    integrator.step(0.01, (0.0, 0.0), contacts)
+    assert contacts.separate
+    push = np.array([60.0, 60.0])
+    for _ in range(100):
+        v, stored = np.array(integrator.velocity), contacts.stored_J(integrator.position)
+        done = integrator.push(0.01, 1.0, tuple(push), contacts)
+        mean, force = np.array(done.velocity), np.array(done.force)
+        assert (2.0 * M / 0.01 + np.eye(2)) @ mean == pytest.approx(2.0 * M / 0.01 @ v + push + force, abs=1e-9)
+        assert -done.work_J >= contacts.stored_J(done.position) - stored - 1e-15
+    assert not contacts.separate
+    assert min(wall.penetration(integrator.position) for wall in contacts.walls) > 0.0  # both act
 
 
 def test_a_mass_is_placed_at_rest_and_not_inside_a_wall() -> None:
