@@ -33,7 +33,7 @@ class Page:
         self._history = history
         self._controls = controls
         self._scene: Scene | None = None
-        self._drawn: tuple[int, Any, str] | None = None  # the axes and walls for which the scene was made
+        self._drawn: tuple[int, Any, str, object] | None = None  # the axes, walls, solids for which the scene was made
         self._taken, self._heard_s = 0, -1e9
         self._starting_from: tuple[int | None, int | None] | None = None
         self._origin: Vector = ()
@@ -64,10 +64,10 @@ class Page:
         self._taken, self._heard_s = snapshot.taken, now_s
         if (track := snapshot.device or snapshot.world) is None:
             return
-        wanted = track.position_m.shape[1], self._surfaces(snapshot), _wall_name(snapshot)
+        wanted = track.position_m.shape[1], self._surfaces(snapshot), _wall_name(snapshot), _scene_name(snapshot)
         if self._scene is None or self._drawn != wanted:
             lead = None if self._controls is None else self._lead
-            self._scene, self._drawn = Scene(self._server, *wanted[:2], lead, wanted[2]), wanted
+            self._scene, self._drawn = Scene(self._server, *wanted[:2], lead, *wanted[2:]), wanted
             self._origin = (0.0,) * wanted[0]
         self._scene.update(snapshot)
 
@@ -109,6 +109,11 @@ class Page:
     def _surfaces(self, snapshot: Snapshot) -> Any:
         status: Status | None = snapshot.world_status or snapshot.device_status
         return [] if status is None else status.about.get("surfaces", [])
+
+
+def _scene_name(snapshot: Snapshot) -> object:
+    status = snapshot.world_status or snapshot.device_status
+    return None if status is None else status.about.get("scene")
 
 
 def _wall_name(snapshot: Snapshot) -> str:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from hapnet.checks import MOST_PLANES, Array, Vector
 from hapnet.mechanics.plane import Plane
 from hapnet.view.history import Snapshot
+from hapnet.view.solids import add_solids, solids_of, turned_to
 
 UNIT = 100.0
 """Scene units per metre."""
@@ -29,6 +30,7 @@ REACH_M = 0.1
 """The mouse leads the hand at most this far from the origin on each axis: the workspace of a desktop device [m]."""
 
 BLUE, ORANGE, GREEN, SLATE = (37, 99, 235), (234, 88, 12), (22, 163, 74), (71, 85, 105)
+RED = (220, 38, 38)
 
 _HANDLE_RADIUS, _PROXY_RADIUS, _MARK_RADIUS = 0.38, 0.3, 0.12
 _EXTENT = 4.5  # of a wall, from the origin, where no other wall ends it
@@ -48,7 +50,7 @@ class Scene:
     Parameters
     ----------
     lead : called with the hand's target, (n,) [m], during a drag of the handle; None: it cannot be dragged.
-    wall_name : what a single wall is called.
+    wall_name : what a single wall is called. scene_name : the words for the scene; the solids that they name are drawn.
     """
 
     def __init__(
@@ -58,6 +60,7 @@ class Scene:
         surfaces: Iterable[Mapping[str, Any]],
         lead: Callable[[Vector], None] | None,
         wall_name: str = "wall",
+        scene_name: object = None,
     ) -> None:
         self.dof = dof
         self._server = server
@@ -68,6 +71,7 @@ class Scene:
         _add_grid(scene, dof)
         for number, surface in enumerate(surfaces):
             _add_wall(scene, number, dof, list(surfaces), surface, wall_name)
+        add_solids(scene, solids_of(scene_name), UNIT)
         self._known: tuple[Plane, ...] = ()
         self._planes = [_add_plane(scene, number, dof) for number in range(MOST_PLANES)]
         self._model_name = scene.add_label(
@@ -79,6 +83,7 @@ class Scene:
         self._handle = scene.add_icosphere("/handle", _HANDLE_RADIUS, BLUE, cast_shadow=False, receive_shadow=False)
         self._proxy = scene.add_icosphere("/proxy", _PROXY_RADIUS, ORANGE, cast_shadow=False, receive_shadow=False)
         self._mark = scene.add_icosphere("/set_position", _MARK_RADIUS, SLATE, cast_shadow=False, receive_shadow=False)
+        self._touch = scene.add_icosphere("/touch", _MARK_RADIUS, RED, cast_shadow=False, visible=False)
         self._spring = scene.add_line_segments(
             "/spring", _coil(), SLATE, thickness=2.5, thickness_units="screen", visible=False
         )
@@ -120,9 +125,20 @@ class Scene:
                 self._spot = _spot(device.position_m[-1])
                 self._mark.position = _spot(device.set_position_m[-1])
                 self._show_force(device.force_N[-1])
+            self._show_touch(snapshot)
             self._show_planes(snapshot.planes or ())
             if device is not None and world is not None:
                 self._show_spring(_spot(device.position_m[-1]), _spot(world.position_m[-1]))
+
+    def _show_touch(self, snapshot: Snapshot) -> None:
+        """Mark where the surface pushes: the proxy's depth in front of it, along the force."""
+        world = snapshot.world
+        depth = 0.0 if world is None else float(world.penetration_m[-1])
+        force = np.zeros(3) if world is None else _padded(world.force_N[-1])
+        size = float(np.linalg.norm(force))
+        self._touch.visible = depth > 0.0 and size > 0.0
+        if world is not None and self._touch.visible:
+            self._touch.position = _spot(world.position_m[-1]) + force * (UNIT * depth / size)
 
     def _show_planes(self, planes: tuple[Plane, ...]) -> None:
         """Draw what the device knows of the world, moved back by the proxy's radius as the walls are."""
@@ -134,7 +150,7 @@ class Scene:
             node.visible = float(np.linalg.norm(normal)) > 0.5
             if plane is not None and node.visible:
                 node.position = normal * (plane.offset_m * UNIT + _PROXY_RADIUS + _THIN / 2.0)
-                node.wxyz = _turned_to(normal)
+                node.wxyz = turned_to(normal)
         self._model_name.visible = self._planes[0].visible
         if planes:
             self._model_name.position = np.array(self._planes[0].position) - self._up * (_EXTENT + _BEYOND)
@@ -157,7 +173,7 @@ class Scene:
         if length <= 0.05:
             return
         self._spring.position = a
-        self._spring.wxyz = _turned_to(way / length)
+        self._spring.wxyz = turned_to(way / length)
         self._spring.scale = (length, 1.0, 1.0)
 
     def _look(self) -> None:
@@ -206,15 +222,6 @@ def _coil(turns: int = 9, radius: float = 0.16, lead: float = 0.12) -> NDArray[n
     points = np.stack([lead + (1.0 - 2.0 * lead) * along, radius * np.sin(angle), radius * (np.cos(angle) - 1.0)], 1)
     points = np.vstack([[0.0, 0.0, 0.0], points, [1.0, 0.0, 0.0]])
     return np.stack([points[:-1], points[1:]], 1).astype(np.float32)
-
-
-def _turned_to(direction: Array) -> Array:
-    """The quaternion (w, x, y, z) that turns the x axis to `direction`, a unit vector."""
-    w = 1.0 + float(direction[0])
-    if w < 1e-9:
-        return np.array([0.0, 0.0, 0.0, 1.0])
-    turn = np.array([w, 0.0, -direction[2], direction[1]])
-    return np.asarray(turn / np.linalg.norm(turn))
 
 
 def _add_grid(scene: viser.SceneApi, dof: int) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,8 +14,12 @@ import viser
 import viser.transforms
 
 from hapnet.mechanics.plane import Plane
-from hapnet.view.history import Snapshot
-from hapnet.view.scene import _PROXY_RADIUS, _THIN, UNIT, Scene, _coil, _turned_to
+from hapnet.plant.worlds.mesh import volume
+from hapnet.plant.worlds.shapes import Cylinder
+from hapnet.view.history import Snapshot, Track
+from hapnet.view.scene import _PROXY_RADIUS, _THIN, UNIT, Scene, _coil
+from hapnet.view.solids import cylinder, solids_of, turned_to
+from tests.solids import torus, write_stl
 
 
 def test_the_spring_is_turned_to_where_it_leads() -> None:
@@ -22,7 +27,7 @@ def test_the_spring_is_turned_to_where_it_leads() -> None:
     directions = [*np.eye(3), *-np.eye(3), *rng.normal(size=(100, 3))]
     for direction in directions:
         unit = direction / np.linalg.norm(direction)
-        turned = viser.transforms.SO3(_turned_to(unit)) @ np.array([1.0, 0.0, 0.0])
+        turned = viser.transforms.SO3(turned_to(unit)) @ np.array([1.0, 0.0, 0.0])
         np.testing.assert_allclose(turned, unit, atol=1e-9)
 
 
@@ -44,6 +49,40 @@ def test_a_plane_that_the_device_knows_lies_where_a_wall_of_its_place_does(norma
         scene.update(replace(still, planes=planes))
         assert not any(node.visible for node in scene._planes)
     server.stop()
+
+
+def test_the_solids_of_a_rigid_scene_are_drawn_and_where_they_are_touched(tmp_path: Path) -> None:
+    file = write_stl(tmp_path / "torus.stl", *torus(24, 12))
+    words = f"sphere + mesh:{file}?unit=mm + plane + cuboid + cylinder?axis=y + sphere?relief=0.3mm,4mm"
+    server = viser.ViserServer(port=0, verbose=False)
+    scene = Scene(server, 3, [], None, scene_name=words)
+    drawn = [server.scene.add_frame(f"/solid_{number}/probe") for number in range(6)]
+    assert len(solids_of(words)) == len(drawn)
+    still = Snapshot(None, None, None, None, False, None, None, (), 0)
+    many = np.zeros((1, 3))
+    none = np.zeros(1)
+    world = Track(
+        none, np.array([[0.021, 0.0, 0.0]]), many, np.array([[-3.0, 0.0, 0.0]]), np.zeros((1, 0, 3)), none + 1e-3, none, none
+    )
+    scene.update(replace(still, world=world))
+    assert scene._touch.visible
+    np.testing.assert_allclose(scene._touch.position, (0.020 * UNIT, 0.0, 0.0), atol=1e-9)  # on the surface
+    scene.update(replace(still, world=replace(world, penetration_m=none)))
+    assert not scene._touch.visible
+    server.stop()
+
+
+def test_solids_that_cannot_be_made_here_are_not_drawn() -> None:
+    for words in ("wall", "mesh:not_here.stl?unit=mm", "tests.test_scene:Own", None, 3):
+        assert solids_of(words) == ()
+
+
+def test_a_cylinder_is_drawn_as_it_is() -> None:
+    for axis in range(3):
+        shape = Cylinder((0.01, 0.02, 0.03), 0.005, 0.02, axis)
+        vertices, triangles = cylinder(shape)
+        assert all(abs(shape.near(tuple(vertex)).distance_m) < 1e-12 for vertex in vertices.tolist())
+        assert volume(vertices, triangles) == pytest.approx(np.pi * 0.005**2 * 0.02, rel=0.02)
 
 
 def test_the_coil_is_one_line_from_end_to_end() -> None:
