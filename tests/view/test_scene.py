@@ -61,16 +61,7 @@ def test_the_solids_of_a_rigid_scene_are_drawn_and_where_they_are_touched(tmp_pa
     still = Snapshot(None, None, None, None, False, None, None, (), 0)
     many, none = np.zeros((1, 3)), np.zeros(1)
     place, force = np.array([[0.021, 0.0, 0.0]]), np.array([[-3.0, 0.0, 0.0]])
-    world = Track(
-        none,
-        np.array([[0.021, 0.0, 0.0]]),
-        many,
-        np.array([[-3.0, 0.0, 0.0]]),
-        np.zeros((1, 0, 3)),
-        none + 1e-3,
-        none,
-        none,
-    )
+    world = Track(none, place, many, force, np.zeros((1, 0, 3)), none + 1e-3, none, none)
     scene.update(replace(still, world=world))
     assert scene._touch.visible
     np.testing.assert_allclose(scene._touch.position, (0.020 * UNIT, 0.0, 0.0), atol=1e-9)  # on the surface
