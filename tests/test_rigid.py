@@ -77,10 +77,10 @@ def pressed(
 def test_solids_give_no_more_than_they_have(name: str, steps_s: tuple[float, float]) -> None:
     fast = steps_s[0] == 0.001
     for friction, general in [(0.5, False), (0.0, True)] if fast else [(0.0, False), (0.5, False), (0.5, True)]:
-        pressed([shape_of(name)], friction, steps_s, int(general), general=general, seconds=0.6 if fast else 2.0)
+        pressed([shape_of(name)], friction, steps_s, int(general), general=general, seconds=0.4 if fast else 2.0)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(st.lists(st.sampled_from(sorted(SHAPES)), min_size=2, max_size=4, unique=True), st.integers(0, 2**32 - 1),
        st.sampled_from([0.0, 0.2, 1.5]), st.booleans())  # fmt: skip
 def test_several_solids_at_once(names: list[str], seed: int, friction: float, general: bool) -> None:
@@ -132,9 +132,8 @@ def check_sphere(link: str, steps_s: tuple[float, float], feel: str) -> None:
     assert depth.max() == pytest.approx(flat.max(), rel=1e-6)
 
 
-@pytest.mark.parametrize("link", BAD_LINKS, ids=["lossy", "bursts", "a fifth lost"])
-def test_a_sphere_over_a_bad_link(link: str) -> None:
-    check_sphere(link, (0.010, 0.050), "hapnet")
+def test_a_sphere_over_a_bad_link() -> None:
+    check_sphere(BAD_LINKS[1], (0.010, 0.050), "hapnet")
 
 
 @pytest.mark.slow
