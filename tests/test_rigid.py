@@ -77,7 +77,7 @@ def pressed(
 def test_solids_give_no_more_than_they_have(name: str, steps_s: tuple[float, float]) -> None:
     fast = steps_s[0] == 0.001
     for friction, general in [(0.5, False), (0.0, True)] if fast else [(0.0, False), (0.5, False), (0.5, True)]:
-        pressed([shape_of(name)], friction, steps_s, int(general), general=general, seconds=0.4 if fast else 2.0)
+        pressed([shape_of(name)], friction, steps_s, int(general), general=general, seconds=0.6 if fast else 2.0)
 
 
 @settings(max_examples=12, deadline=None)
