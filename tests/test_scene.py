@@ -126,7 +126,7 @@ def test_parameters_and_defaults_are_told() -> None:
         (f"{__name__}:Missing", {}, "Missing"),
         (f"{__name__}:", {}, "module:Name"),
         (f"{__name__}:SOMETHING", {}, "class or function"),
-        (f"{__name__}:not_a_scene", {}, "a world, such as a hapnet.plant.worlds.scene.Scene"),
+        (f"{__name__}:not_a_scene", {}, "a world, such as hapnet.Scene"),
         ("free", {"stiffness": 3.0}, "stiffness"),
         ("wall", {"dof": 0}, "dof is 0"),
         ("wall", {"dof": 4}, "dof is 4"),
