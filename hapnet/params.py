@@ -282,7 +282,7 @@ class Params:
     """All parameters of a run."""
 
     scene: str = _p(
-        "wall", "free, wall, box, paper, moving, solids such as sphere or mesh:FILE?unit=mm, or module:Class"
+        "wall", "free, wall, box, paper, moving, solids (sphere, mesh:FILE?unit=mm, ...), mujoco:FILE.xml, module:name"
     )
     operator: str = _p(
         "press", "rest, sine, press, hand-N (generated), a recording's path, module:Class; mouse: hapnet play"

@@ -49,7 +49,7 @@ def test_a_wall_that_rests_dissipates_what_its_damper_takes() -> None:
     assert result.summary["verdict"]["reason"].endswith(f"energy came from the hand ({hand * 1e3:.4g} mJ)")
 
 
-@pytest.mark.parametrize("index", range(12))
+@pytest.mark.parametrize("index", range(6))
 def test_flat_walls_give_nothing_over_any_link(index: int) -> None:
     params = random_case(index).set({"duration_s": 3.0})
     slack = simulate(params, index).summary["environment"]["env_slack_J"]

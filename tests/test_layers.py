@@ -57,6 +57,7 @@ MAY_IMPORT = {  # a package, and what it may know beside itself and the base
 }
 READS_FILES = {
     "hapnet/params.py": "--params names a file",
+    "hapnet/plant/worlds/mujoco_model.py": "a scene is a model's file",
     "netem/trace.py": "a recorded link is a file",
     "netem/units.py": "opens the files that a profile names",
     "hapnet/plant/worlds/mesh_file.py": "a scene's mesh is a file",

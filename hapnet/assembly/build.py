@@ -28,7 +28,7 @@ from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.operator import Operator
-from hapnet.plant.worlds.protocol import World
+from hapnet.plant.worlds.protocol import EngineWorld, VirtualMass, World
 from hapnet.plant.worlds.registry import SCENES, make_scene, scene_parameters
 from hapnet.recording.samples import Event, MotionSample
 from hapnet.side.device import Clock, ContinuousDeviceSide, DeviceSide, Drive, Write
@@ -97,6 +97,11 @@ def prepare(params: Params, default_servo: str = "sampled") -> Setup:
     check_units(params, scene.dof)
     device = params.device
     spec = coupling(params.coupling)
+    if isinstance(scene, EngineWorld):
+        warnings.extend(scene.warnings)
+        if "world" not in spec.set_positions:
+            allowed = f"one whose virtual mass has a spring in the scene {params.scene}, such as pspm or zoh"
+            raise InvalidParameter("coupling", params.coupling, allowed)
     servo = device.servo
     if servo == "auto":
         servo = default_servo if spec.continuous is not None and params.feel == "paper" else "sampled"
@@ -247,12 +252,16 @@ def _user_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write
     )
 
 
-def virtual_mass(setup: Setup) -> PassiveIntegrator:
+def virtual_mass(setup: Setup) -> VirtualMass:
     """The virtual mass at the scene's start, among its contacts. Raises InvalidParameter."""
-    world = setup.params.world
+    world, scene = setup.params.world, setup.scene
     with _named("world"):
-        mass = PassiveIntegrator(world.mass, world.damping, world.stiffness, setup.scene.start)
-    mass.adopt(setup.scene.contacts)
+        mass: VirtualMass
+        if isinstance(scene, EngineWorld):
+            mass = scene.proxy(world.mass, world.damping, world.stiffness)
+        else:
+            mass = PassiveIntegrator(world.mass, world.damping, world.stiffness, scene.start)
+    mass.adopt(scene.contacts)
     return mass
 
 

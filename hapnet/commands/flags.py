@@ -19,7 +19,7 @@ Scene = Annotated[
     str | None,
     typer.Option(
         help="free, wall, box, paper, moving; solids: sphere, cuboid, cylinder, plane, 'mesh:FILE?unit=mm' (several "
-        "joined by ' + '); or module:Class.",
+        "joined by ' + '); mujoco:FILE.xml; or module:name.",
         autocompletion=complete.scenes,
     ),
 ]

@@ -322,7 +322,8 @@ class WorldControl(ControlHalf):
         dt : T_{k-1}, the length of the step that has ended [s].
         x, kinetic : position x_k [m] and kinetic energy kappa_k [J] of the virtual mass.
         work : f_{k-1} . vhat_{k-1} T_{k-1} [J], put in by the environment in the step that has ended.
-        dissipated : D_{k-1} = |vhat|_B'^2 T of the step that has ended [J].
+        dissipated : D_{k-1} = |vhat|_B'^2 T of the step that has ended [J]. An engine's step measures it, and it may be
+            negative: then it is charged before the ledger is checked.
 
         Returns the position message to send, unless it is held back. The ledger is checked before the law (steps to k-1
         with ybar_{k-1}) and after it (with ybar_k): both pairings of Theorem 1.
@@ -330,7 +331,7 @@ class WorldControl(ControlHalf):
         coupling = self.take(now_ns)
         ledger = coupling.ledger
         ledger.put_in(work)
-        ledger.observe(kinetic + coupling.potential(x), coupling.account)
+        ledger.observe(kinetic + coupling.potential(x), coupling.account + min(0.0, dissipated))
         update = self._world.update(dt, x, dissipated)
         ledger.observe(kinetic + coupling.potential(x), coupling.account)
         return self._send(now_ns, update)

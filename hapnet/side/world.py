@@ -11,9 +11,8 @@ from hapnet.checks import Vector
 from hapnet.control.coupling import CouplingState, Wave, WorldCoupling, vector_of
 from hapnet.errors import HapnetError
 from hapnet.loading import cause
-from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.account import EnvironmentAccount
-from hapnet.plant.worlds.protocol import World
+from hapnet.plant.worlds.protocol import EngineMass, VirtualMass, World
 from hapnet.recording.samples import WorldSample
 from hapnet.side.device import Write
 from hapnet.side.endpoint import NANO, WorldControl
@@ -43,7 +42,7 @@ class WorldSide:
     def __init__(
         self,
         endpoint: WorldControl,
-        mass: PassiveIntegrator,
+        mass: VirtualMass,
         scene: World,
         make_coupling: Callable[[Vector, float, bool], WorldCoupling],
         *,
@@ -62,6 +61,7 @@ class WorldSide:
         """The environment's own account; None before control starts."""
         self.paused = False
         """The virtual mass stands still and nothing is recorded; all else continues."""
+        self._engine = mass if isinstance(mass, EngineMass) else None
         self._make_coupling = make_coupling
         self.rng: Final = rng
         self._name = name
@@ -96,6 +96,8 @@ class WorldSide:
         if self.paused:
             return endpoint.step(now_ns, dt, mass.position, mass.kinetic_J, 0.0, 0.0)
         coupling = endpoint.coupling
+        if self._engine is not None:
+            self._engine.available_J = coupling.account
         done = self._world.advance(mass, dt, self.scene.contacts)
         message = endpoint.step(now_ns, dt, done.position, mass.kinetic_J, done.work_J, done.dissipated_J)
         self.steps += 1

@@ -12,13 +12,13 @@ than they have: with U = `stored_J` and S = `supplied_J`,
 
     -sum f . vhat T + S - (U - U(0)) >= 0
 
-A physics engine that integrates the proxy itself does not fit here: it replaces the integrator.
+A physics engine that integrates the proxy itself does not fit here: it replaces the integrator (`EngineWorld`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from hapnet.checks import Vector
 from hapnet.mechanics.plane import Plane as Plane
 
 if TYPE_CHECKING:
+    from hapnet.plant.integrator import Step
     from hapnet.plant.worlds.walls import Wall
 
 Inverse = Callable[[Vector], Sequence[float]]
@@ -125,3 +126,42 @@ class World(Protocol):
 
     def towards(self, position: Vector) -> Vector:
         """The farthest point on the straight line from `start` to `position` (n,) [m] where a proxy can be placed."""
+
+
+class VirtualMass(Protocol):
+    """What is tied to the virtual coupling, as the world's side moves it; see `hapnet.plant.integrator`."""
+
+    @property
+    def position(self) -> Vector: ...
+    @property
+    def velocity(self) -> Vector: ...
+    @property
+    def kinetic_J(self) -> float:
+        """Its kinetic energy; 0 if that belongs to the environment."""
+
+    def adopt(self, contacts: Surroundings) -> None:
+        """Check its surroundings. Raises InvalidParameter."""
+
+    def place(self, position: Vector) -> None:
+        """Start at rest there (n,) [m]. Raises InvalidParameter."""
+
+    def step(self, dt: float, set_position: Vector, contacts: Surroundings) -> Step: ...
+    def push(self, dt: float, drag: float, push: Vector, contacts: Surroundings) -> Step: ...
+
+
+@runtime_checkable
+class EngineMass(VirtualMass, Protocol):
+    """One that an engine moves, with the coupling's force held: it may take no more energy than there is."""
+
+    available_J: float
+    """What the reservoir holds at the start of a step [J]."""
+
+
+@runtime_checkable
+class EngineWorld(Protocol):
+    """A `World` that integrates the proxy itself."""
+
+    warnings: tuple[str, ...]
+
+    def proxy(self, mass: Any, damping: Any, stiffness: Any) -> EngineMass:
+        """The proxy on its coupling with B' [Ns/m] and K' [N/m]; `mass` [kg] is of a proxy that the world has added."""

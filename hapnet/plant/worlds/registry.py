@@ -26,6 +26,8 @@ from hapnet.plant.worlds import rigid
 from hapnet.plant.worlds.box import box
 from hapnet.plant.worlds.force_world import ForceWorld
 from hapnet.plant.worlds.moving_wall import moving
+from hapnet.plant.worlds.mujoco_model import PREFIX as MUJOCO
+from hapnet.plant.worlds.mujoco_world import MujocoWorld
 from hapnet.plant.worlds.obstacle import Law
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S
@@ -52,7 +54,7 @@ def make_scene(name: str, **parameters: Any) -> World:
     except TypeError as error:
         known = ", ".join(scene_parameters(name)) or "nothing"
         raise InvalidParameter(f"scene {name}", parameters, f"this scene's parameters ({known}): {error}") from None
-    if name in SCENES or rigid.builder(name) is not None:
+    if name in SCENES or name.startswith(MUJOCO) or rigid.builder(name) is not None:
         scene: object = builder(**parameters)
     else:
         try:
@@ -62,7 +64,7 @@ def make_scene(name: str, **parameters: Any) -> World:
         except Exception as error:
             raise InvalidParameter("scene", name, f"a scene that can be built ({cause(error)})") from error
     if not isinstance(scene, World):
-        allowed = "a function of position, velocity and time, or what returns a world, such as hapnet.Scene"
+        allowed = "a class or function that returns a world, such as a hapnet.plant.worlds.scene.Scene"
         raise InvalidParameter(f"scene {name}", scene, allowed)
     return scene
 
@@ -70,9 +72,12 @@ def make_scene(name: str, **parameters: Any) -> World:
 def _builder(name: str) -> Callable[..., Any]:
     if name in SCENES:
         return SCENES[name]
+    if name.startswith(MUJOCO):
+        return partial(_mujoco, name)
     if (from_words := rigid.builder(name)) is not None:
         return from_words
-    builder = load("scene", name, f"{', '.join((*SCENES, *rigid.KINDS))}, or module:Name that can be imported")
+    kinds = ", ".join((*SCENES, *rigid.KINDS))
+    builder = load("scene", name, f"{kinds}, mujoco:FILE.xml, or module:Name that can be imported")
     try:
         required = [p for p in inspect.signature(builder).parameters.values() if p.default is p.empty]
     except (TypeError, ValueError):
@@ -81,6 +86,12 @@ def _builder(name: str) -> Callable[..., Any]:
         return partial(_force_world, builder, name.rpartition(":")[2])
     checked: Callable[..., Any] = builder
     return checked
+
+
+def _mujoco(
+    name: str, /, *, dof: int = 3, step_min_s: float = STEP_MIN_S, step_max_s: float = STEP_MAX_S
+) -> MujocoWorld:
+    return MujocoWorld(name, dof, step_min_s, step_max_s)
 
 
 def _force_world(

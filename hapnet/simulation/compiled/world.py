@@ -23,7 +23,7 @@ from hapnet.simulation.compiled.mirror import optional, put, read, value, vector
 def read_side(record: sides.WorldSide, side: WorldSide) -> None:
     coupling, contacts = coupling_of(side), side.scene.contacts
     assert isinstance(contacts, Contacts)
-    _mass(record.mass, side.mass)
+    _mass(record.mass, _integrator(side))
     _contacts(record.contacts, contacts)
     read_coupling(record.coupling, coupling)
     read_spring(record.spring, coupling.spring)
@@ -40,6 +40,11 @@ def coupling_of(side: WorldSide) -> SetPositionCoupling:
     return coupling
 
 
+def _integrator(side: WorldSide) -> PassiveIntegrator:
+    assert isinstance(side.mass, PassiveIntegrator), "a scene of walls"
+    return side.mass
+
+
 def environment_of(side: WorldSide) -> EnvironmentAccount:
     assert side.environment is not None, "control has started"
     return side.environment
@@ -52,7 +57,7 @@ def write_side(record: sides.WorldSide, counts: sides.Counts, side: WorldSide) -
     environment = environment_of(side)
     stored, least = float(record.environment.stored_J), float(record.environment.slack_min)
     environment.restore(environment.state()._replace(stored_J=stored, slack_min=least))
-    side.mass.restore(vector(record.mass, "x", n), vector(record.mass, "v", n))
+    _integrator(side).restore(vector(record.mass, "x", n), vector(record.mass, "v", n))
     side.restore(
         WorldState(int(counts.steps), float(counts.stepped_s), float(counts.longest_step_s), int(counts.world_last_ns))
     )

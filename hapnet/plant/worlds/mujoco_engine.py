@@ -1,0 +1,236 @@
+"""MuJoCo's steps with the environment's account: what the engine is given, what it stores, what it must pay back.
+
+An observer sums what goes into the engine: the exact work F . (x_{k+1} - x_k) of the coupling's held force, and that
+of the model's actuators, the S of `hapnet.plant.worlds.account`. With U the kinetic and potential energy
+
+    account += F . (x_{k+1} - x_k) + S_{k+1} - S_k - (U_{k+1} - U_k)
+
+is what contacts, dampers and friction have dissipated since. Below 0 the engine has made energy. The debt is paid at
+once by damping: all velocities are scaled by sqrt(1 - debt/kinetic energy), which takes exactly the debt. Contacts
+give back some of what is pressed into them, which U does not know, so the account keeps what was dissipated, up to a
+ceiling.
+"""
+
+from __future__ import annotations
+
+from math import isfinite, sqrt
+from operator import mul, sub
+
+import numpy as np
+
+from hapnet.checks import Array, Vector
+from hapnet.errors import HapnetError
+from hapnet.plant.worlds.mujoco_model import Model
+from hapnet.plant.worlds.protocol import Observed
+
+CEILING_J = 0.05
+"""The most that the account keeps of what was dissipated [J]: what contacts and flexes store is less."""
+
+_ROUNDING = 1e-14
+"""A debt of this share of the energy [J] is rounding."""
+
+
+class Engine:
+    """The model while it runs.
+
+    More than twenty attributes: the account, and what each substep would else ask of the model anew.
+
+    Parameters
+    ----------
+    found : the model. dof : how many axes the hand has: the first ones.
+    """
+
+    def __init__(self, found: Model, dof: int) -> None:
+        self.found, self.dof = found, dof
+        self.own_step_s = float(found.model.opt.timestep)
+        self.supplied_J = self.given_J = self.paid_J = 0.0
+        self.account_J = 0.0
+        self._engine, self._model, self._data = found.engine, found.model, found.data
+        self._signature = found.engine.mjtState.mjSTATE_FULLPHYSICS
+        self._saved = np.empty(found.engine.mj_stateSize(found.model, self._signature))
+        self._dofs = list(found.dofs)
+        # views of the engine's own arrays, of the slide joints
+        place = int(found.model.jnt_qposadr[found.model.dof_jntid[found.dofs[0]]]) if found.dofs else 0
+        first = found.dofs[0] if found.dofs else 0
+        self._qpos, self._qvel = found.data.qpos[place : place + dof], found.data.qvel[first : first + dof]
+        self._push, self._energies = found.data.qfrc_applied[first : first + dof], found.data.energy
+        self._has_motors = bool(found.model.nu)
+        self._first_geom = int(found.model.body_geomadr[found.body])
+        self._end_geom = self._first_geom + int(found.model.body_geomnum[found.body])
+        self._jacobian = np.zeros((3, found.model.nv))
+        rk4 = found.model.opt.integrator == found.engine.mjtIntegrator.mjINT_RK4
+        if rk4:  # mj_step2 integrates by Euler's method then, as the warning says
+            found.model.opt.integrator = found.engine.mjtIntegrator.mjINT_EULER
+        self._origin = (0.0,) * dof
+        self.weigh()
+        self._origin = self.position()
+
+    def weigh(self) -> None:
+        """The model's masses were changed: find out anew what depends on them."""
+        weights = np.outer(self._model.body_mass * self._model.body_gravcomp, self._model.opt.gravity)
+        self._weights = [(body, *weights[body].tolist()) for body in np.flatnonzero(weights.any(axis=1)).tolist()]
+        self._engine.mj_forward(self._model, self._data)
+        self._energy_J = self.energy_J()
+
+    # -- state -------------------------------------------------------------------------------------------------------
+
+    @property
+    def observed(self) -> Observed:
+        return Observed(self.given_J, self.paid_J)
+
+    def energy_J(self) -> float:
+        """U: kinetic and potential energy. Weight that the model compensates for has no potential."""
+        data = self._data
+        potential, kinetic = self._energies.tolist()
+        for body, *weight in self._weights:
+            potential += sum(map(mul, weight, data.xipos[body].tolist()))
+        return float(potential + kinetic)
+
+    def position(self) -> Vector:
+        """Of the proxy, from where it began [m]."""
+        data, found = self._data, self.found
+        if self._dofs:
+            return tuple(self._qpos.tolist())
+        place = data.site_xpos[found.site] if found.site >= 0 else data.xipos[found.body]
+        return tuple([x - at for x, at in zip(place.tolist(), self._origin, strict=False)])  # the first axes
+
+    def velocity(self) -> Vector:
+        """Of the proxy [m/s]."""
+        if self._dofs:
+            return tuple(self._qvel.tolist())
+        return tuple((self._rows() @ self._data.qvel).tolist())
+
+    def inverse_mass(self) -> Array:
+        """How the proxy's velocity answers to an impulse [1/kg], without contacts: (n, n)."""
+        if self._dofs:
+            return np.eye(self.dof) / float(self._model.body_mass[self.found.body])
+        rows = np.array(self._rows())
+        solved = np.zeros_like(rows)
+        self._engine.mj_solveM(self._model, self._data, solved, rows)
+        return rows @ solved.T
+
+    def depth(self) -> float:
+        """How deep the proxy is in what it touches, where it is deepest [m]."""
+        contacts, count = self._data.contact, self._data.ncon
+        if not count:
+            return 0.0
+        geoms = contacts.geom[:count]
+        own = ((geoms >= self._first_geom) & (geoms < self._end_geom)).any(axis=1)
+        return max(0.0, -float(contacts.dist[:count][own].min())) if own.any() else 0.0
+
+    def place(self, position: Vector) -> bool:
+        """Put the added sphere at rest there [m]; returns whether it is free. A body of the model stays where it is."""
+        if not self._dofs:
+            return position == self.position()
+        self._qpos[:], self._qvel[:] = position, 0.0
+        self._engine.mj_forward(self._model, self._data)
+        self._energy_J = self.energy_J()
+        return self.depth() == 0.0
+
+    # -- steps -------------------------------------------------------------------------------------------------------
+
+    def begin(self, length_s: float) -> None:
+        """The next substeps have this length [s]."""
+        before, self._model.opt.timestep = self._model.opt.timestep, length_s
+        if length_s > 1.5 * before:  # contacts may not be stiffer than their step allows: look again
+            self._engine.mj_step1(self._model, self._data)
+
+    def substep(self, force: Vector, most_J: float) -> tuple[Vector, float]:
+        """Advance with the coupling's `force` (n,) held [N], which may do `most_J` of work.
+
+        Returns the force that was applied [N] and its work [J]. If that would be more, the substep is made again
+        without force. If it makes a debt that nothing can pay, it is made again from rest and without force; if that
+        does too, the world stands still.
+        """
+        self._engine.mj_getState(self._model, self._data, self._saved, self._signature)
+        moved, supplied = self._advance(force)
+        work = sum(map(mul, force, moved))
+        none = (0.0,) * self.dof
+        if work > most_J:
+            self._return(at_rest=False)
+            force, work = none, 0.0
+            _, supplied = self._advance(none)
+        self._engine.mj_step1(self._model, self._data)
+        if self._settle(work, supplied):
+            return force, work
+        self._return(at_rest=True)
+        _, supplied = self._advance(none)
+        self._engine.mj_step1(self._model, self._data)
+        if not self._settle(0.0, supplied):
+            self._return(at_rest=True)
+        return none, 0.0
+
+    def _advance(self, force: Vector) -> tuple[Vector, float]:
+        """One substep of the engine: the proxy's way [m], and the actuators' work [J]."""
+        before, data = self.position(), self._data
+        self._apply(force)
+        self._engine.mj_step2(self._model, data)
+        if not self._dofs:
+            self._engine.mj_kinematics(self._model, data)
+        moved = tuple(map(sub, self.position(), before))
+        if not self._has_motors:
+            return moved, 0.0
+        return moved, float(self._model.opt.timestep) * float(
+            data.qfrc_actuator @ data.qvel
+        )  # the new velocity moves it
+
+    def _return(self, *, at_rest: bool) -> None:
+        """Go back to before this substep; `at_rest`: what moved then is stopped, which goes into the account."""
+        self._engine.mj_setState(self._model, self._data, self._saved, self._signature)
+        if at_rest:
+            self._data.qvel[:] = 0.0
+        self._engine.mj_step1(self._model, self._data)
+        if at_rest:
+            energy = self.energy_J()
+            self.account_J += self._energy_J - energy
+            self.paid_J += self._energy_J - energy
+            self._energy_J = energy
+
+    def _apply(self, force: Vector) -> None:
+        data = self._data
+        if self._dofs:
+            self._push[:] = force
+            return
+        found = self.found
+        push = np.zeros(3)
+        push[: self.dof] = force
+        data.xfrc_applied[found.body, :3] = push
+        if found.site >= 0:
+            data.xfrc_applied[found.body, 3:] = np.cross(data.site_xpos[found.site] - data.xipos[found.body], push)
+
+    def _settle(self, work: float, supplied: float) -> bool:
+        """Enter what went in during this substep, and let a debt be paid. False: it cannot be; nothing is entered."""
+        energy = self.energy_J()
+        if not isfinite(energy):
+            raise HapnetError("the scene mujoco failed: its energy is no finite number any more")
+        left = self.account_J + work + supplied - (energy - self._energy_J)
+        if left < 0.0:
+            self.given_J -= left
+            paid = self._pay(-left)
+            energy, left = energy - paid, left + paid
+            if left < -_ROUNDING * abs(energy) - _ROUNDING:
+                return False
+            self.paid_J += paid
+        self.supplied_J += supplied
+        self._energy_J = energy
+        self.account_J = min(max(0.0, left), CEILING_J)
+        return True
+
+    def _pay(self, debt: float) -> float:
+        """Damp all that moves. Returns what was paid, at most the kinetic energy [J]."""
+        data = self._data
+        kinetic = float(data.energy[1])
+        if not kinetic > 0.0:
+            return 0.0
+        data.qvel[:] *= sqrt(max(0.0, 1.0 - debt / kinetic))
+        self._engine.mj_step1(self._model, data)
+        return kinetic - float(data.energy[1])
+
+    def _rows(self) -> Array:
+        """The proxy's Jacobian (n, nv)."""
+        engine, model, data, found = self._engine, self._model, self._data, self.found
+        if found.site >= 0:
+            engine.mj_jacSite(model, data, self._jacobian, None, found.site)
+        else:
+            engine.mj_jacBodyCom(model, data, self._jacobian, None, found.body)
+        return self._jacobian[: self.dof]
