@@ -128,6 +128,10 @@ def play(
 @app.command()
 @grouped
 def view(
+    files: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="[FILE]", help="A recording to play back, or the device's and the world's."),
+    ] = None,
     *,
     session: Annotated[str | None, typer.Option(help="Name of the session.", show_default="the first heard")] = None,
     name: Annotated[str | None, typer.Option(help="Name of the device.", show_default="the first heard")] = None,
@@ -136,10 +140,13 @@ def view(
 ) -> int:
     """Watch a pair that runs elsewhere on a live page, without disturbing it: `hapnet view -e tcp/HOST:17447`.
 
-    Dial the side that listens. Its access control decides what others may see: see the README.
+    Dial the side that listens. Its access control decides what others may see: see the README. With a recording
+    (`hapnet view run.mcap`) the page plays it back, again and again.
     """
     from hapnet.commands import view as command
 
+    if files:
+        return command.play_back(files, page)
     return command.main(zenoh, session, name, page)
 
 

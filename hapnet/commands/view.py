@@ -1,4 +1,4 @@
-"""`hapnet view`: the page of a pair that runs elsewhere. It only watches."""
+"""`hapnet view`: the page of a pair that runs elsewhere, or of a recording. It only watches."""
 
 from __future__ import annotations
 
@@ -7,15 +7,43 @@ import sys
 import time
 import webbrowser
 from contextlib import ExitStack
+from pathlib import Path
 
 from hapnet.commands import output
 from hapnet.commands.options import PageOptions, ZenohOptions
+from hapnet.commands.progress import Progress
 from hapnet.commands.side import zenoh_settings
+from hapnet.errors import InvalidParameter
+from hapnet.recording.mcap import read_recording
+from hapnet.recording.samples import join
 from hapnet.view.history import History
+from hapnet.view.playback import Playback
 from hapnet.view.server import serve
 from hapnet.view.watcher import Watcher
 
 LOOK_S = 0.5
+PLAY_S = 0.01
+
+
+def play_back(files: list[Path], options: PageOptions) -> int:
+    """Serve the page of a recording, which is played at its own pace, until a signal ends it."""
+    words = output.console(None)
+    if len(files) > 2:
+        raise InvalidParameter("FILE", [str(file) for file in files], "one recording, or the device's and the world's")
+    with Progress(words, "reading"):
+        recordings = [read_recording(file) for file in files]
+        whole = recordings[0] if len(files) == 1 else join(*recordings)
+    if whole.device is None and whole.world is None:
+        raise InvalidParameter("FILE", str(files[0]), "a recording with samples")
+    history = History(keeps_past=False)
+    with serve(history, host=options.host, port=options.port) as page:
+        words.print(f"open {page.url} to see {' and '.join(map(str, files))}; Ctrl-C ends", markup=False)
+        if options.browser:
+            show(page.url)
+        playback = Playback(history.take, whole, files[0].stem, time.monotonic_ns())
+        while True:
+            playback.advance(time.monotonic_ns())
+            time.sleep(PLAY_S)
 
 
 def main(zenoh: ZenohOptions, session: str | None, name: str | None, options: PageOptions) -> int:

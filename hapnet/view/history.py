@@ -92,11 +92,12 @@ class History:
 
     Parameters
     ----------
-    seconds : how much of the past a snapshot shows.
+    seconds : how much of the past a snapshot shows. keeps_past : keep the pairs that have ended (`Snapshot.past`)?
     """
 
-    def __init__(self, seconds: float = 10.0) -> None:
+    def __init__(self, seconds: float = 10.0, *, keeps_past: bool = True) -> None:
         self._span_ns = round(seconds * 1e9)
+        self._keeps_past = keeps_past
         self._lock = threading.Lock()
         self._rings: dict[Role, _Ring | None] = {"device": None, "world": None}
         self._status: dict[Role, Status | None] = {"device": None, "world": None}
@@ -163,7 +164,7 @@ class History:
         if before is not None and before.incarnation != status.incarnation:
             coupling, feel = coupled(before)
             account = None if self._account.half_new else self._account.summary(coupling)
-            if account is not None:
+            if account is not None and self._keeps_past:
                 self._past = [*self._past, Episode(coupling, feel, account)][-MOST_EPISODES:]
             self._rings[status.role] = None
             self._planes = None

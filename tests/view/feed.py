@@ -28,7 +28,9 @@ class Feed:
     """
 
     def __init__(self, history: History, params: Params, seed: int = 1) -> None:
-        run = Simulation(params.set({"record_hz": 60.0}), seed)
+        run = Simulation(
+            params.set({"record_hz": 60.0}), seed, kernel=False
+        )  # it keeps the planes of the newest message
         recording = run.run().recording
         self.planes = run.device_endpoint.planes
         self.meta = recording.meta
