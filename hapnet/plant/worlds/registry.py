@@ -64,7 +64,7 @@ def make_scene(name: str, **parameters: Any) -> World:
         except Exception as error:
             raise InvalidParameter("scene", name, f"a scene that can be built ({cause(error)})") from error
     if not isinstance(scene, World):
-        allowed = "a class or function that returns a world, such as a hapnet.plant.worlds.scene.Scene"
+        allowed = "a function of position, velocity and time, or what returns a world, such as hapnet.Scene"
         raise InvalidParameter(f"scene {name}", scene, allowed)
     return scene
 
