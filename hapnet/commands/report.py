@@ -46,7 +46,12 @@ def main(files: list[Path], json_to: str | None, out: Path | None, *, verbose: b
     directory = files[0].parent if out is None else output.run_directory(out, None)
     stem = "-".join(file.stem for file in files)
     shown = _legible(replace(whole, summary=summary))
-    names = {"run": f"{stem}.png", "link": f"{stem}-link.png", "servo": f"{stem}-servo.png"}
+    names = {
+        "run": f"{stem}.png",
+        "scene": f"{stem}-scene.png",
+        "link": f"{stem}-link.png",
+        "servo": f"{stem}-servo.png",
+    }
     there = write(shown, sources, directory, f"{stem}.html", names, written)
     output.show_summary(words, shown.summary or {}, verbose=verbose)
     written.judge(summary, asked(recordings), virtual=whole.meta.get("clock") == "virtual", ran=False)

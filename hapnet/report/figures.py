@@ -13,7 +13,7 @@ from hapnet.couplings.registry import jointly_passive
 from hapnet.couplings.registry import known as known_coupling
 from hapnet.metrics.passivity import total_margin
 from hapnet.recording.samples import Columns, Recording
-from hapnet.report.style import MM, STYLE
+from hapnet.report.style import DEVICE_COLOR, MM, STYLE, WORLD_COLOR
 from hapnet.report.words import get, has_reservoirs, millijoule, verdict
 from hapnet.summary.recorded import from_recording
 from hapnet.summary.structure import WAYS, read
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 _POINTS = 4000  # a curve keeps at most about this many: more than print can resolve
 _TITLE = 300  # letters of a title's part: a link's words are shorter
 # device, proxy (or world), and a thinner third: they differ in dash and grey value as well as in hue
-_DEVICE: dict[str, Any] = {"color": "#08306b", "linestyle": "-"}
-_WORLD: dict[str, Any] = {"color": "#e6550d", "linestyle": (0, (5, 1.5))}
+_DEVICE: dict[str, Any] = {"color": DEVICE_COLOR, "linestyle": "-"}
+_WORLD: dict[str, Any] = {"color": WORLD_COLOR, "linestyle": (0, (5, 1.5))}
 _THIRD: dict[str, Any] = {"color": "0.35", "linestyle": (0, (1, 1.2)), "linewidth": 0.8}
 
 

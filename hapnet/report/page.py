@@ -72,7 +72,7 @@ def page(recording: Recording, drawn: Mapping[str, Picture], sources: Sequence[S
         "main",
         _head(summary, title, sources),
         _section("What was run", _facts(recording, sources)),
-        _section("What happened", _picture(drawn.get("run"))),
+        _section("What happened", _picture(drawn.get("run")), _picture(drawn.get("scene"))),
         _section(
             "Summary",
             _table(tables.both_ports(summary)),

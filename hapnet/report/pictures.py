@@ -8,6 +8,7 @@ from hapnet.recording.samples import Recording
 from hapnet.report.figures import figure
 from hapnet.report.files import png
 from hapnet.report.histograms import lateness_histogram, link_histogram
+from hapnet.report.scene_figure import scene_figure
 from hapnet.report.words import has_reservoirs, number, verdict
 from hapnet.summary.structure import WAYS, read
 
@@ -23,12 +24,14 @@ class Picture:
 
 
 def pictures(recording: Recording) -> dict[str, Picture]:
-    """Pictures by name: ``run``, and ``link`` and ``servo`` if their histograms were counted."""
+    """Pictures by name: ``run``, ``scene`` of solids, and ``link`` and ``servo`` if their histograms were counted."""
     summary = read(recording.summary)
     full = has_reservoirs(summary["coupling"])
     panels = f"positions of device and proxy, forces, {'energy reservoirs, ' if full else ''}passivity margin"
     caption = _RUN.format(reservoirs=_RESERVOIRS if full else "")
     found = [Picture("run", png(figure(recording)), caption, f"Against time: {panels}. {verdict(summary)}.")]
+    if (scene := scene_figure(recording)) is not None:
+        found.append(Picture("scene", png(scene), _SCENE, "The solids in 3-D, with the ways of device and proxy."))
     if (links := link_histogram(summary)) is not None:
         ways = [
             f"{way}link p50 {number(link['delay_p50_ms'])} ms, p99 {number(link['delay_p99_ms'])} ms"
@@ -52,6 +55,10 @@ _RUN = (
 )
 _RESERVOIRS = (
     "Reservoirs: the energy that each side may spend on moving its spring; an empty one holds the set-position back. "
+)
+_SCENE = (
+    "The solids of the scene, the way of the hand (device), and that of the world's proxy, which the solids stop. Red: "
+    "the proxy is in contact."
 )
 _LINK = (
     "How long packets stayed in each emulated link, from the offer to the release time by the profile, as the link "

@@ -7,6 +7,8 @@ from typing import Any
 MM = 1 / 25.4
 """In inches, which matplotlib wants."""
 
+DEVICE_COLOR, WORLD_COLOR = "#08306b", "#e6550d"
+
 STYLE: dict[Any, Any] = {  # Any: matplotlib types its keys as literals
     "font.size": 8.0,
     "axes.titlesize": 9.0,

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from hapnet.checks import MOST_PLANES, Array, Vector
 from hapnet.mechanics.plane import Plane
+from hapnet.plant.worlds.outlines import solids_of
 from hapnet.view.history import Snapshot
-from hapnet.view.solids import add_solids, solids_of, turned_to
+from hapnet.view.solids import add_solids, turned_to
 
 UNIT = 100.0
 """Scene units per metre."""

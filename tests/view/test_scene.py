@@ -15,10 +15,11 @@ import viser.transforms
 
 from hapnet.mechanics.plane import Plane
 from hapnet.plant.worlds.mesh import volume
+from hapnet.plant.worlds.outlines import cylinder, solids_of
 from hapnet.plant.worlds.shapes import Cylinder
 from hapnet.view.history import Snapshot, Track
 from hapnet.view.scene import _PROXY_RADIUS, _THIN, UNIT, Scene, _coil
-from hapnet.view.solids import cylinder, solids_of, turned_to
+from hapnet.view.solids import turned_to
 from tests.solids import torus, write_stl
 
 
