@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -61,7 +62,8 @@ def scene_figure(recording: Recording) -> Figure | None:
             axes.plot(*touched.T, ".", color="#b91c1c", markersize=3, label="proxy in contact", zorder=5)
         _frame(axes, np.concatenate(seen), _seen_from(world["contact_force_N"]))
         axes.legend(loc="upper left")
-        fig.suptitle(f"Scene {get(recording.meta, 'scene')}: the proxy stays outside", fontsize=9, parse_math=False)
+        title = fill(f"Scene {get(recording.meta, 'scene')}: the ways of device and proxy", 100)
+        fig.suptitle(title, fontsize=9, parse_math=False)
     return fig
 
 
