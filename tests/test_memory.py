@@ -46,7 +46,8 @@ def test_memory_is_flat(spans: int, span_s: float, tmp_path: Path, monkeypatch: 
 
     monkeypatch.setattr(virtual_time, "MemoryRecorder", OnDisk)
     words = {"operator": "sine", "device.shuffle": "all", "world.shuffle": "all", "duration_s": span_s * spans}
-    simulation = Simulation(Params().set({**words, "link.up": "4g", "link.down": "lossy-wifi"}), seed=1)
+    params = Params().set({**words, "link.up": "4g", "link.down": "lossy-wifi"})
+    simulation = Simulation(params, seed=1, kernel=False)  # the objects that real time uses
     seen: list[tracemalloc.Snapshot] = []
 
     def look(elapsed_s: float) -> None:

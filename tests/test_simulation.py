@@ -192,7 +192,7 @@ def compare_shufflings(duration_s: float) -> None:
         with pytest.MonkeyPatch.context() as patch:
             watch = Watch(patch)
             params = PAPER.set({"device.shuffle": shuffle, "world.shuffle": shuffle})
-            result = simulate(params.set({"duration_s": duration_s, "record_hz": 10.0}), 1)
+            result = simulate(params.set({"duration_s": duration_s, "record_hz": 10.0}), 1, kernel=False)
         couplings = result.device.coupling, result.world.coupling
         sent[shuffle] = [coupling.ledger.sent for coupling in couplings]
         harvested = [watch.harvested[coupling] for coupling in couplings]
