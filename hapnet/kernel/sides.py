@@ -155,14 +155,21 @@ def _take(side: DeviceSide, wire: Wire, now_ns: int) -> None:
     for k in range(endpoint.waiting):
         at = (endpoint.first + k) % endpoint.backlog
         sample = wire.samples[at]
-        copy(n, sample.position, coupling.received)
-        coupling.sent_s = sample.stamp_ns * _NANO
-        coupling.fresh = coupling.has_sample = 1
-        endpoint.echo_ns, endpoint.came_ns = sample.stamp_ns, wire.came_ns[at]
+        _note(coupling, wire, at, n)
         if side.model.in_use:
             _tell(side, sample, n, _age_s(sample, wire.came_ns[at], wire.took_ns[at], now_ns))
     endpoint.first = endpoint.waiting = 0
     _credit(coupling, wire)
+
+
+@compiled
+def _note(coupling: Coupling, wire: Wire, at: int, n: int) -> None:
+    """The coupling receives the sample at this place of the backlog, and its stamp is to be echoed."""
+    sample = wire.samples[at]
+    copy(n, sample.position, coupling.received)
+    coupling.sent_s = sample.stamp_ns * _NANO
+    coupling.fresh = coupling.has_sample = 1
+    wire.endpoint.echo_ns, wire.endpoint.came_ns = sample.stamp_ns, wire.came_ns[at]
 
 
 @compiled
@@ -257,13 +264,10 @@ def _receive(side: WorldSide, wire: Wire, now_ns: int) -> None:
     for k in range(endpoint.waiting):
         at = (endpoint.first + k) % endpoint.backlog
         sample = wire.samples[at]
-        copy(n, sample.position, coupling.received)
-        coupling.sent_s = sample.stamp_ns * _NANO
-        coupling.fresh = coupling.has_sample = 1
+        _note(coupling, wire, at, n)
         if side.predicted.in_use:
             age_s = (now_ns - wire.came_ns[at] + wire.took_ns[at]) * _NANO
             prediction.receive(side.predicted, n, sample.position, coupling.sent_s, age_s)
-        endpoint.echo_ns, endpoint.came_ns = sample.stamp_ns, wire.came_ns[at]
     endpoint.first = endpoint.waiting = 0
     _credit(coupling, wire)
 

@@ -122,27 +122,28 @@ def _step(scenario: Scenario, now_ns: int) -> None:
 
 
 @compiled
-def _to_world(scenario: Scenario, now_ns: int) -> None:
-    """The world receives what the uplink releases by now."""
-    link, wire = scenario.up, scenario.world_wire
+def _deliver(link: Link, wire: Wire, now_ns: int) -> None:
+    """The link's receiver takes what is released by now."""
     slot = links.take(link, now_ns)
     while slot >= 0:
         receive(wire, link.messages[slot], now_ns)
         slot = links.take(link, now_ns)
-    scenario.clock.due[UP] = links.next_due_ns(link)
-    scenario.clock.due[WORLD_TIMER] = channels.next_due_ns(wire.channel)
+
+
+@compiled
+def _to_world(scenario: Scenario, now_ns: int) -> None:
+    """The world receives what the uplink releases by now."""
+    _deliver(scenario.up, scenario.world_wire, now_ns)
+    scenario.clock.due[UP] = links.next_due_ns(scenario.up)
+    scenario.clock.due[WORLD_TIMER] = channels.next_due_ns(scenario.world_wire.channel)
 
 
 @compiled
 def _to_device(scenario: Scenario, now_ns: int) -> None:
     """The device receives what the downlink releases by now."""
-    link, wire = scenario.down, scenario.device_wire
-    slot = links.take(link, now_ns)
-    while slot >= 0:
-        receive(wire, link.messages[slot], now_ns)
-        slot = links.take(link, now_ns)
-    scenario.clock.due[DOWN] = links.next_due_ns(link)
-    scenario.clock.due[DEVICE_TIMER] = channels.next_due_ns(wire.channel)
+    _deliver(scenario.down, scenario.device_wire, now_ns)
+    scenario.clock.due[DOWN] = links.next_due_ns(scenario.down)
+    scenario.clock.due[DEVICE_TIMER] = channels.next_due_ns(scenario.device_wire.channel)
 
 
 @compiled

@@ -101,11 +101,11 @@ class Simulation:
         if params.operator == LIVE:
             raise InvalidParameter("operator", LIVE, "another operator: nobody can guide a hand in virtual time")
         self.setup = setup or prepare(params, "continuous")
+        self._motion_only = motion_only
+        self._begin()
         watched = type(self) is not Simulation and "_run" in vars(type(self))
         self.not_compiled = coverage.chosen(self.setup, kernel, type(self).__name__ if watched else None)
         """Why the compiled kernel does not run it; None: it does."""
-        self._motion_only = motion_only
-        self._begin()
 
     def _begin(self) -> None:
         """Make both sides and both links, at the time 0."""

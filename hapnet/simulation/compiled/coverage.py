@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from importlib.util import find_spec
 
-from hapnet.assembly.build import Setup, virtual_mass
+from hapnet.assembly.build import Setup
 from hapnet.couplings.set_position import PSPM, ZOH
 from hapnet.kernel import sources
 from hapnet.params import Params
@@ -56,7 +56,8 @@ def compile_for(ticks: float) -> None:
 def chosen(setup: Setup, kernel: bool | None, watcher: str | None) -> str | None:
     """Why the kernel does not run this; None: it does.
 
-    kernel : must it? None: where it is there. watcher : the class that wants to see every event, if one does.
+    setup : its walls have met the virtual mass. kernel : must it? None: where it is there. watcher : the class that
+        wants to see every event, if one does.
     """
     if kernel is False:
         return "it is switched off"
@@ -93,10 +94,8 @@ def _of_scene(setup: Setup) -> Iterator[str]:
         yield f"the scene {setup.params.scene}"
     elif scene.dof > _MOST_AXES or len(scene.walls) > _MOST_WALLS:
         yield f"a scene with {scene.dof} axes and {len(scene.walls)} walls"
-    elif len(scene.contacts.axes) > 1:
-        virtual_mass(setup)
-        if not scene.contacts.separate:
-            yield "walls that act on one another"
+    elif not scene.contacts.separate:
+        yield "walls that act on one another"
 
 
 def _of_link(profile: LinkProfile) -> Iterator[str]:
