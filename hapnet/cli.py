@@ -146,6 +146,8 @@ def view(
     from hapnet.commands import view as command
 
     if files:
+        if session or name or zenoh.connect or zenoh.listen or zenoh.config:
+            raise InvalidParameter("FILE", [str(file) for file in files], "left out where a running pair is watched")
         return command.play_back(files, page)
     return command.main(zenoh, session, name, page)
 

@@ -83,7 +83,11 @@ def test_one_side_alone_is_played_too(recording: Recording) -> None:
 def test_what_is_no_recording_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bad = tmp_path / "bad.mcap"
     bad.write_text("nothing", "utf-8")
-    for files, says in (([str(bad)], "is not a recording"), (["a", "b", "c"], "one recording, or the device's")):
+    for files, says in (
+        ([str(bad)], "is not a recording"),
+        (["a", "b", "c"], "one recording, or the device's"),
+        (["a", "-e", "tcp/127.0.0.1:1"], "left out where a running pair is watched"),
+    ):
         assert cli.main(["view", *files]) == 2
         err = capsys.readouterr().err
         assert says in err
