@@ -26,11 +26,18 @@ class Rail:
         self.dof = dof
         self._x = self._v = self._force = (0.0,) * dof
         self._read_s = time.monotonic()
+        self._caught = True  # until control begins
+
+    def begin(self) -> None:
+        """The sides have met: the catch opens."""
+        self._caught = False
 
     def read(self) -> tuple[Vector, Vector]:
         """Position [m] and velocity [m/s] now; called once a servo period."""
         now = time.monotonic()
         dt, self._read_s = min(now - self._read_s, 0.01), now
+        if self._caught:
+            return self._x, self._v
         push = [f + self.WEIGHT - self.FRICTION * v for f, v in zip(self._force, self._v, strict=True)]
         self._v = tuple(v + dt * f / self.MASS for v, f in zip(self._v, push, strict=True))
         self._x = tuple(x + dt * v for x, v in zip(self._x, self._v, strict=True))
@@ -44,4 +51,5 @@ class Rail:
 if __name__ == "__main__":
     from hapnet.cli import main
 
-    raise SystemExit(main(["run", "--device", "examples.own_device:Rail", "--duration", "3", *sys.argv[1:]]))
+    at_once = ("--set", "device.force_ramp_s=0")  # else the weight would fall while the force grows
+    raise SystemExit(main(["run", "--device", "examples.own_device:Rail", "--duration", "3", *at_once, *sys.argv[1:]]))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from math import pi, sin
 
-from hapnet import ForceWorld, Obstacle, Params, simulate
+from hapnet import Cuboid, ForceWorld, Obstacle, Params, Plane, Sphere, simulate
 
 Vector = tuple[float, ...]
 
@@ -27,11 +27,16 @@ def magnet(position: Vector, velocity: Vector, time: float) -> Vector:
     return tuple(-40.0 * x / (1.0 + squared) ** 2 for x in away)
 
 
-def workshop(*, dof: int = 1, stroke: float = 0.03) -> ForceWorld:
+def workshop(*, dof: int = 1, stroke: float = 0.03, magnetic: bool = True) -> ForceWorld:
+    """Where no magnet acts, the device is told of the piston's face, and feels it as it is now, without delay."""
+
     def stroked(time: float) -> Vector:
         return (0.035 - stroke * sin(2.0 * pi * 0.5 * time), *(0.0,) * (dof - 1))
 
-    return ForceWorld([Obstacle(piston, motion=stroked), Obstacle(magnet)], dof=dof, name="workshop", energy_J=0.02)
+    face = Plane((1.0,) + (0.0,) * (dof - 1), -0.01, stiffness=2000.0, damping=5.0)  # as seen from the piston
+    head, pole = Cuboid((0.0, 0.0, 0.0), (0.02, 0.05, 0.05)), Sphere((-0.04, 0.0, 0.0), 0.006)  # for pictures only
+    obstacles = [Obstacle(piston, motion=stroked, planes=face, shape=head), *[Obstacle(magnet, shape=pole)] * magnetic]
+    return ForceWorld(obstacles, dof=dof, name="workshop", energy_J=0.02 * magnetic)
 
 
 def main() -> None:

@@ -4,7 +4,7 @@ python examples/two_hosts.py world                          # on 192.168.0.2; Ct
 python examples/two_hosts.py device 192.168.0.2             # on the other one
 python examples/two_hosts.py                                # both on this machine, through an emulated link
 
-Whoever reaches the port may connect; README says under "Who may connect" how to change that.
+Whoever reaches the port may connect; "Who may connect" in hapnet/transport/README.md says how to change that.
 """
 
 from __future__ import annotations

@@ -8,10 +8,15 @@ True
 The public names, which stay stable:
 
 * `Params`: every parameter of a run. `HapnetError` and, where a value is not allowed, `InvalidParameter`.
-* `simulate`, `simulate_batch`: both sides in virtual time, once or many times.
-* `RealtimeSide`: one side in real time, in your asyncio program. It is made from the result of `prepare` and from
-  `ZenohSettings`, which say how to reach the other side. It reports `Notice`s.
+* `simulate`, `simulate_batch`: both sides in virtual time, once (a `Result`) or many times. `read_recording`: what a
+  run wrote, as numpy's arrays or a table of pandas. An emulated link of your own is `netem.Link`.
+* `connect_device`, `connect_world`: one side in real time, in your asyncio program. ``async with`` gives a
+  `ConnectedDevice` or a `ConnectedWorld`: its `SideEvent`s, samples and `SetPosition`s, and its link to be changed.
+  What has ended raises `Ended`.
+* `RealtimeSide`: what they are made of, from the result of `prepare` and from `ZenohSettings`, which say how to reach
+  the other side. It reports `Notice`s.
 * `Scene`, `Wall`: for your own world of walls. `ForceWorld`, `Obstacle`: of any forces, and of obstacles that move.
+  `Plane`: what a device is told of them. `Sphere`, `Cuboid`: how pictures show them.
   Your own device needs no base class (`hapnet.plant.device.Device`).
 * `CouplingSpec`: your own coupling. `held_law` and `stepped_law` make its two ends from your functions of a
   `CouplingStart` (`hapnet.control.coupling` says what a law must do).
@@ -29,22 +34,33 @@ if TYPE_CHECKING:
     from hapnet.assembly.build import prepare
     from hapnet.control.pspm import SetPositionModulator
     from hapnet.couplings.spec import CouplingSpec, CouplingStart, held_law, stepped_law
-    from hapnet.errors import HapnetError, InvalidParameter
+    from hapnet.errors import Ended, HapnetError, InvalidParameter
+    from hapnet.mechanics.plane import Plane
     from hapnet.params import Params
     from hapnet.plant.integrator import PassiveIntegrator
     from hapnet.plant.worlds.force_world import ForceWorld
     from hapnet.plant.worlds.obstacle import Obstacle
     from hapnet.plant.worlds.scene import Scene
+    from hapnet.plant.worlds.shapes import Cuboid, Sphere
     from hapnet.plant.worlds.walls import Wall
+    from hapnet.realtime.connect import connect_device, connect_world
+    from hapnet.realtime.connected import ConnectedDevice, ConnectedWorld, SetPosition
     from hapnet.realtime.runner import RealtimeSide
+    from hapnet.realtime.side_events import SideEvent
+    from hapnet.recording.mcap import read_recording
     from hapnet.side.notices import Notice
     from hapnet.simulation.batch import simulate_batch
+    from hapnet.simulation.result import Result
     from hapnet.simulation.simulation import simulate
     from hapnet.transport.config import ZenohSettings
 
 _HOMES = {
+    "ConnectedDevice": "hapnet.realtime.connected",
+    "ConnectedWorld": "hapnet.realtime.connected",
     "CouplingSpec": "hapnet.couplings.spec",
     "CouplingStart": "hapnet.couplings.spec",
+    "Cuboid": "hapnet.plant.worlds.shapes",
+    "Ended": "hapnet.errors",
     "ForceWorld": "hapnet.plant.worlds.force_world",
     "HapnetError": "hapnet.errors",
     "InvalidParameter": "hapnet.errors",
@@ -52,21 +68,33 @@ _HOMES = {
     "Obstacle": "hapnet.plant.worlds.obstacle",
     "Params": "hapnet.params",
     "PassiveIntegrator": "hapnet.plant.integrator",
+    "Plane": "hapnet.mechanics.plane",
     "RealtimeSide": "hapnet.realtime.runner",
+    "Result": "hapnet.simulation.result",
     "Scene": "hapnet.plant.worlds.scene",
+    "SetPosition": "hapnet.realtime.connected",
     "SetPositionModulator": "hapnet.control.pspm",
+    "SideEvent": "hapnet.realtime.side_events",
+    "Sphere": "hapnet.plant.worlds.shapes",
     "Wall": "hapnet.plant.worlds.walls",
     "ZenohSettings": "hapnet.transport.config",
+    "connect_device": "hapnet.realtime.connect",
+    "connect_world": "hapnet.realtime.connect",
     "held_law": "hapnet.couplings.spec",
     "prepare": "hapnet.assembly.build",
+    "read_recording": "hapnet.recording.mcap",
     "simulate": "hapnet.simulation.simulation",
     "simulate_batch": "hapnet.simulation.batch",
     "stepped_law": "hapnet.couplings.spec",
 }
 
 __all__ = [
+    "ConnectedDevice",
+    "ConnectedWorld",
     "CouplingSpec",
     "CouplingStart",
+    "Cuboid",
+    "Ended",
     "ForceWorld",
     "HapnetError",
     "InvalidParameter",
@@ -74,17 +102,29 @@ __all__ = [
     "Obstacle",
     "Params",
     "PassiveIntegrator",
+    "Plane",
     "RealtimeSide",
+    "Result",
     "Scene",
+    "SetPosition",
     "SetPositionModulator",
+    "SideEvent",
+    "Sphere",
     "Wall",
     "ZenohSettings",
+    "connect_device",
+    "connect_world",
     "held_law",
     "prepare",
+    "read_recording",
     "simulate",
     "simulate_batch",
     "stepped_law",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})
 
 
 def __getattr__(name: str) -> Any:

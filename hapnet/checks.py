@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from operator import mul
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,8 +19,17 @@ Array = NDArray[np.float64]
 MOST_PLANES = 4
 """The most planes that a world tells of one place: three make a corner of a room."""
 
+MOST_CURVATURES = 2
+"""The most principal curvatures that are told of a plane: a surface in three dimensions has two."""
+
+MOST_CURVATURE_PER_M = 1e4
+"""Either sign: a radius of 0.1 mm."""
+
+MOST_FRICTION = 10.0
+"""The greatest Coulomb coefficient that is told of a plane; of dry rubber it is some 1."""
+
 UNIT_TOLERANCE = 1e-6
-"""By how much the square of a normal's length may differ from 1."""
+"""By how much the square of a normal's length may differ from 1, and by how much a direction may lean to another."""
 
 
 def positive(name: str, value: float) -> float:
@@ -34,6 +44,13 @@ def non_negative(name: str, value: float) -> float:
     if not (_is_number(value) and math.isfinite(value) and value >= 0.0):
         raise InvalidParameter(name, value, "a finite number, 0 or above")
     return float(value)
+
+
+def whole(name: str, value: int, *, at_least: int) -> int:
+    """`value` if it is a whole number, `at_least` or above."""
+    if not _is_number(value) or value != int(value) or value < at_least:
+        raise InvalidParameter(name, value, f"a whole number, {at_least} or above")
+    return int(value)
 
 
 def one_of(name: str, value: str, allowed: Sequence[str]) -> str:
@@ -98,3 +115,21 @@ def _square(name: str, value: ArrayLike, n: int) -> Array:
 
 def _is_number(value: object) -> bool:
     return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+
+
+def wrong_curvatures(curvatures: Sequence[tuple[Sequence[float], float]], normal: Sequence[float]) -> str | None:
+    """What is wrong with the directions and curvatures [1/m] of a surface with this normal; None: nothing."""
+    if len(curvatures) > MOST_CURVATURES:
+        return f"{len(curvatures)} curvatures; allowed: up to {MOST_CURVATURES}"
+    directions = [tuple(normal)]
+    for direction, per_m in curvatures:
+        if len(direction) != len(normal):
+            return f"a curvature's direction with {len(direction)} components; allowed: {len(normal)}"
+        square = sum(map(mul, direction, direction))
+        leans = [abs(sum(map(mul, direction, other))) for other in directions]
+        if not (abs(square - 1.0) <= UNIT_TOLERANCE and all(lean <= UNIT_TOLERANCE for lean in leans)):  # NaN as well
+            return f"a curvature's direction {tuple(direction)}; allowed: a unit vector across the normal and the other"
+        if not abs(per_m) <= MOST_CURVATURE_PER_M:
+            return f"a curvature of {per_m} per m; allowed: finite, within +-{MOST_CURVATURE_PER_M:g}"
+        directions.append(tuple(direction))
+    return None

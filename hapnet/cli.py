@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hapnet.commands import compare as compare_command
-from hapnet.commands import complete, flags, output, overview, sweep, transparency, tune
+from hapnet.commands import complete, devices, export, flags, output, overview, sweep, transparency, tune
 from hapnet.commands.groups import Without, grouped
 from hapnet.commands.options import (
     NO_LINK,
@@ -34,7 +34,7 @@ from netem.errors import NetemError
 if TYPE_CHECKING:
     from hapnet.wire.messages import Role
 
-app = overview.program()
+app: typer.Typer = overview.program()
 app.add_typer(sweep.app, name="sweep")
 
 
@@ -49,6 +49,7 @@ def run(
     json_to: flags.Json = None,
     out: flags.Out = None,
     verbose: flags.Verbose = False,
+    files: flags.Files = True,
     realtime: flags.Realtime = False,
 ) -> int:
     """Run both processes on this machine, over Zenoh: a hand presses a virtual wall over a link with delay and loss.
@@ -63,7 +64,7 @@ def run(
     json_target(json_to)
     from hapnet.commands import run as command
 
-    return command.main(chosen, seed, json_to, out, realtime=realtime, verbose=verbose)
+    return command.main(chosen, seed, json_to, _directory(out, files), files=files, realtime=realtime, verbose=verbose)
 
 
 @app.command()
@@ -77,7 +78,7 @@ def simulate(
     json_to: flags.Json = None,
     out: flags.Out = None,
     verbose: flags.Verbose = False,
-    files: Annotated[bool, typer.Option("--files/--no-files", help="Write recording, figure and summary.")] = True,
+    files: flags.Files = True,
     seeds: Annotated[str | None, typer.Option(metavar="A:B", help="Many seeds, A to B - 1: a table, no files.")] = None,
     workers: Annotated[int, typer.Option(min=0, help="Processes for many seeds; 0: one per core.")] = 0,
 ) -> int:
@@ -91,9 +92,9 @@ def simulate(
 
     if seeds is not None:
         if out is not None:
-            raise InvalidParameter("--out", out, "no --out with --seeds, which writes no files but --json FILE")
+            raise InvalidParameter("--out", str(out), "no --out with --seeds, which writes no files but --json FILE")
         return batch.main(chosen, batch.seed_range(seeds), json_to, workers)
-    return command.main(chosen, seed, json_to, out, files=files, verbose=verbose)
+    return command.main(chosen, seed, json_to, _directory(out, files), files=files, verbose=verbose)
 
 
 @app.command()
@@ -140,7 +141,7 @@ def view(
 ) -> int:
     """Watch a pair that runs elsewhere on a live page, without disturbing it: `hapnet view -e tcp/HOST:17447`.
 
-    Dial the side that listens. Its access control decides what others may see: see the README. With a recording
+    Dial the side that listens. Its access control decides what others may see. With a recording
     (`hapnet view run.mcap`) the page plays it back, again and again.
     """
     from hapnet.commands import view as command
@@ -273,8 +274,11 @@ def compare(
     return compare_command.main(chosen, options, json_to, out)
 
 
+app.command()(export.export)
 app.command()(transparency.transparency)
 app.command()(tune.tune)
+app.command()(devices.devices)
+app.command()(devices.emulate)
 
 
 @app.command()
@@ -307,15 +311,25 @@ def doctor(
     zenoh: Dialling,
     session: flags.Session = "default",
     name: flags.Name = "device",
+    hardware: flags.Hardware = None,
+    dof: flags.Dof = None,
+    ramp: Annotated[
+        float, typer.Option(metavar="N", help="With --device: press the hand on it with up to so many newtons.")
+    ] = 0.0,
     json_to: flags.Json = None,
 ) -> int:
     """Check what this machine allows a servo to do, and say how to allow the rest.
 
     With -e, also check whether Zenoh answers there, and measure the network: a side that listens there answers probes.
+    With --device, measure that device instead: rate, latency, noise and resolution, without a force unless --ramp asks.
     """
     json_target(json_to)
     from hapnet.commands import doctor as command
 
+    if hardware is not None:
+        return command.examine_device(hardware, dof or 1, ramp, json_to)
+    if ramp:
+        raise InvalidParameter("--ramp", ramp, "given together with --device")
     return command.main(zenoh.connect or [], json_to, zenoh.security, session, name)
 
 
@@ -337,8 +351,7 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
-        output.silence(sys.stdout)  # the reader of our output has gone
-        return 141
+        raise  # `output.unless_closed` has it
     except OSError as error:
         if error.filename is None:
             raise
@@ -382,8 +395,20 @@ def _side(
     return side.main(chosen, side.SideOptions(role=role, zenoh=side.zenoh_settings(zenoh), **vars(given)))
 
 
+def _directory(out: Path | None, files: bool) -> Path | None:
+    if out is not None and not files:
+        raise InvalidParameter("--out", str(out), "no --out with --no-files")
+    return out
+
+
 def _show(text: str) -> int:
-    print(text, end="")
+    try:
+        print(text, end="", flush=True)
+    except BrokenPipeError:
+        raise
+    except OSError as error:  # a full disk
+        output.silence(sys.stdout)
+        raise OutputError(f"cannot write standard output: {error.strerror or error}") from None
     return 0
 
 

@@ -20,7 +20,9 @@ class InvalidParameter(HapnetError, ValueError):
     """
 
     def __init__(self, name: str, value: object, allowed: str) -> None:
-        self.name, self.value, self.allowed = name, value, allowed
+        self.name: str = name
+        self.value: object = value
+        self.allowed: str = allowed
         super().__init__(f"{name} is {_short(value)}; allowed: {allowed}")
 
     def __reduce__(self) -> tuple[type[InvalidParameter], tuple[str, object, str]]:
@@ -42,7 +44,8 @@ class BadMessage(ProtocolError):
     """
 
     def __init__(self, kind: str, detail: str) -> None:
-        self.kind, self.detail = kind, detail
+        self.kind: str = kind
+        self.detail: str = detail
         super().__init__(f"{kind}: {detail}")
 
     def __reduce__(self) -> tuple[type[BadMessage], tuple[str, str]]:
@@ -58,15 +61,29 @@ class OutputError(HapnetError):
 
 
 class MissingLibrary(HapnetError):
-    """A feature needs a library that belongs to an extra and is not installed."""
+    """A feature needs a library, or several with blanks between them, of an extra that is not installed."""
 
     def __init__(self, what: str, library: str, extra: str) -> None:
-        self.what, self.library, self.extra = what, library, extra
+        self.what: str = what
+        self.library: str = library
+        self.extra: str = extra
         how = f"python3 -m pip --python {sys.executable} install {library}"
-        super().__init__(f"{what} needs {library}, of the extra `{extra}`, which is not installed: {how}")
+        libraries = " and ".join(library.split())
+        super().__init__(f"{what} needs {libraries}, of the extra `{extra}`, which is not installed: {how}")
 
     def __reduce__(self) -> tuple[type[MissingLibrary], tuple[str, str, str]]:
         return type(self), (self.what, self.library, self.extra)
+
+
+class DeviceSilent(HapnetError):
+    """A device gives no reading now, and may give one later: no answer in time, or a cable that was pulled out.
+
+    A driver raises it from `read` or `apply`. The servo goes on without force and reads again at the next tick.
+    """
+
+
+class Ended(HapnetError):
+    """A connected side runs no more: its time was over, its peer left a side that runs once, or its block was left."""
 
 
 class TransportError(HapnetError):

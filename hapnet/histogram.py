@@ -19,7 +19,7 @@ class Histogram:
 
     def __init__(self, counts: Sequence[int] = (), highest: int = 0) -> None:
         self._counts = list(counts) or [0] * (self._index((1 << self._MAX_BITS) - 1) + 1)
-        self.max = highest
+        self.max: int = highest
 
     @classmethod
     def _index(cls, value: int) -> int:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
+from itertools import count
 from typing import Any
 
 from hapnet.errors import InvalidParameter
@@ -15,6 +19,8 @@ def load(parameter: str, name: str, allowed: str) -> Any:
     ------
     InvalidParameter : `name` has no colon, or the import failed; it names `parameter` and says what is `allowed`.
     """
+    if name in _lent:
+        return _lent[name]
     module, colon, attribute = name.partition(":")
     if not (module and colon and attribute):
         raise InvalidParameter(parameter, name, allowed)
@@ -22,6 +28,31 @@ def load(parameter: str, name: str, allowed: str) -> Any:
         return getattr(import_module(module), attribute)
     except Exception as error:
         raise InvalidParameter(parameter, name, f"{allowed} ({cause(error)})") from error
+
+
+LENT = "object:"
+"""What the name of a lent part begins with: no other process knows it."""
+
+_lent: dict[str, object] = {}
+_numbers = count(1)
+
+
+@contextmanager
+def lent(part: object, called: str) -> Iterator[str]:
+    """A name that `load` takes for `part`: ``module:Name`` where it can be imported under that.
+
+    Otherwise there is such a name inside this context only, with the word `called` in it.
+    """
+    module, name = str(getattr(part, "__module__", None)), str(getattr(part, "__qualname__", None))
+    if getattr(sys.modules.get(module), name, None) is part:
+        yield f"{module}:{name}"
+        return
+    own = f"{LENT}{called}-{next(_numbers)}"
+    _lent[own] = part
+    try:
+        yield own
+    finally:
+        del _lent[own]
 
 
 def cause(error: BaseException) -> str:

@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
+from numbers import Integral, Real
 from typing import Any
 
 from hapnet.errors import InvalidParameter
@@ -36,6 +37,31 @@ class Range:
 
 Allowed = tuple[str, ...] | Range
 """The words or the numbers that a parameter may have."""
+
+
+NOT_NEGATIVE, POSITIVE = Range(at_least=0.0), Range(above=0.0)
+
+
+def parameter(default: object, doc: str, allowed: Allowed = Range()) -> Any:
+    """A field of a section: its default, what it means, and what it may be."""
+    return dataclasses.field(default=default, metadata={"doc": doc, "allowed": allowed})
+
+
+_KINDS: dict[str, tuple[type, type, str]] = {  # the usual type, all that are taken, and what they are
+    "str": (str, str, "a text"),
+    "bool": (bool, bool, "True or False"),
+    "int": (int, Integral, "a whole number"),
+    "float": (float, Real, "a number"),
+}
+
+
+def check_kind(name: str, value: object, annotation: str) -> None:
+    """Raise InvalidParameter if `value` is not of the plain type that its parameter has; others are checked in use."""
+    usual, kind, words = _KINDS.get(annotation, (None, object, ""))
+    if usual is None or type(value) is usual:
+        return
+    if not isinstance(value, kind) or isinstance(value, bool):
+        raise InvalidParameter(name, value, words)
 
 
 def check_allowed(name: str, value: object, allowed: Allowed) -> None:

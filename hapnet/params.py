@@ -10,26 +10,33 @@ from __future__ import annotations
 import difflib
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import MISSING, Field, dataclass, field, fields
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, cast
 
 from hapnet.errors import InvalidParameter
-from hapnet.param_values import Allowed, Range, check_allowed, converted, flatten, leaves, nested, replaced, toml_value
+from hapnet.law_params import EbaParams, PdParams, PopcParams, TdpaParams, WaveParams
+from hapnet.param_values import NOT_NEGATIVE as _NOT_NEGATIVE
+from hapnet.param_values import POSITIVE as _POSITIVE
+from hapnet.param_values import (
+    Range,
+    check_allowed,
+    check_kind,
+    converted,
+    flatten,
+    leaves,
+    nested,
+    replaced,
+    toml_value,
+)
+from hapnet.param_values import parameter as _p
 
 COUPLING_NAMES = ("pspm", "zoh", "popc", "tdpa", "eba", "wave", "digital-wave", "pd")
 """Those of hapnet/couplings/registry.py, in the order in which people read them."""
 
 Matrix = float | tuple[float, ...] | tuple[tuple[float, ...], ...]
 """A scalar, one number for each axis, or the rows of a matrix."""
-
-
-_ANY, _NOT_NEGATIVE, _POSITIVE = Range(), Range(at_least=0.0), Range(above=0.0)
-
-
-def _p(default: object, doc: str, allowed: Allowed = _ANY) -> Any:
-    return field(default=default, metadata={"doc": doc, "allowed": allowed})
 
 
 @dataclass(frozen=True)
@@ -84,6 +91,13 @@ class DeviceParams:
     )
     stiffness_range: Matrix = _p((1.0, 1e5), "least and greatest stiffness that the device renders [N/m]")
     substeps: int = _p(4, "integration substeps of the simulated device per tick", Range(at_least=1, at_most=1000))
+    force_ramp_s: float = _p(
+        1.0, "a real device's force grows over this time: at the start, after silence, after its dead-man switch [s]",
+        _NOT_NEGATIVE,
+    )  # fmt: skip
+    dead_man: str = _p(
+        "auto", "the button that must be held: auto (the one that the device declares), none, or its number from 0"
+    )
 
 
 @dataclass(frozen=True)
@@ -169,73 +183,6 @@ class ContactModelParams:
     reach_m: float = _p(0.05, "planes within this distance of the proxy are told [m]", _NOT_NEGATIVE)
 
 
-_PREDICT = "the world predicts the device where delay and lag are at most this, unless the feel is paper [s]; 0: never"
-
-
-@dataclass(frozen=True)
-class PopcParams:
-    """Passivity observer and controller at the device's port (Hannaford, Ryu 2002)."""
-
-    velocity_floor: float = _p(0.002, "the controller cannot damp below this speed [m/s]", Range(0.0, at_most=1.0))
-    damping_cap: float = _p(0.0, "the most damping that it may inject [Ns/m]; 0: by a rule", _NOT_NEGATIVE)
-    predict_s: float = _p(0.06, _PREDICT, _NOT_NEGATIVE)
-
-
-@dataclass(frozen=True)
-class TdpaParams:
-    """Two-port time-domain passivity (Ryu, Artigas, Preusche 2010), with drift compensation."""
-
-    stiffness: float = _p(
-        0.0, "stiffness of the virtual coupling at the world [N/m]; 0: device.stiffness", _NOT_NEGATIVE
-    )
-    damping: float = _p(0.0, "damping of that coupling [Ns/m]; 0: by a rule", _NOT_NEGATIVE)
-    velocity_floor: float = _p(
-        0.002, "the device's controller cannot damp below this speed [m/s]", Range(0.0, at_most=1.0)
-    )
-    force_floor: float = _p(0.05, "the world's controller cannot yield below this force [N]", _POSITIVE)
-    damping_cap: float = _p(0.0, "the most damping at the device [Ns/m]; 0: by a rule", _NOT_NEGATIVE)
-    speed_limit: float = _p(0.25, "greatest speed of the world's set-position [m/s]", Range(0.0, at_most=100.0))
-    debt_limit_J: float = _p(0.02, "a side that owes this much energy gives out no more [J]", _POSITIVE)
-    predict: bool = _p(False, "the world predicts the device by the delay, unless the feel is paper")
-    recovery_s: float = _p(
-        0.02,
-        "time constant of the drift compensation, as far as there is energy [s]; 0: none, as first published",
-        _NOT_NEGATIVE,
-    )
-
-
-@dataclass(frozen=True)
-class EbaParams:
-    """Energy bounding (Kim, Ryu 2004)."""
-
-    damping: float = _p(0.0, "lower bound of the device's own damping [Ns/m]; 0: device.own_damping", _NOT_NEGATIVE)
-    predict_s: float = _p(0.06, _PREDICT, _NOT_NEGATIVE)
-
-
-@dataclass(frozen=True)
-class WaveParams:
-    """Wave variables (Niemeyer, Slotine 2004), and digital waves (Berestesky, Chopra, Spong 2004)."""
-
-    impedance: float = _p(0.0, "wave impedance b [Ns/m]; 0: by a rule", _NOT_NEGATIVE)
-    stiffness: float = _p(0.0, "stiffness of the virtual coupling at the world [N/m]; 0: by a rule", _NOT_NEGATIVE)
-    damping: float = _p(0.0, "damping of that coupling [Ns/m]; 0: by a rule", _NOT_NEGATIVE)
-    smoothing_s: float = _p(0.005, "time constant of the filter of the device's incoming waves [s]; 0: none",
-                            _NOT_NEGATIVE)  # fmt: skip
-    recovery_s: float = _p(0.1, "time constant for making up lost displacement by wave integrals, as far as there is "
-                           "energy [s]; 0: never", _NOT_NEGATIVE)  # fmt: skip
-    missing: str = _p("zero", "replaces a wave that has not come; hold (the last wave) is not passive",
-                      ("zero", "hold"))  # fmt: skip
-
-
-@dataclass(frozen=True)
-class PdParams:
-    """PD over a constant delay (Lee, Spong 2006)."""
-
-    damping: float = _p(0.0, "K_d, which dissipates what the delay generates [Ns/m]; 0: by a rule", _NOT_NEGATIVE)
-    coordination: float = _p(0.0, "K_v, on the difference of the velocities [Ns/m]", _NOT_NEGATIVE)
-    extra_damping: float = _p(0.0, "P_e, on each side's own velocity [Ns/m]", _NOT_NEGATIVE)
-
-
 @dataclass(frozen=True)
 class LinkParams:
     """The emulated link, in tc-netem's words. Each side shapes what it sends."""
@@ -277,9 +224,13 @@ _BEFORE: Mapping[str, object] = {"feel": "paper", "operator_hand.start_periods":
 """What recordings without such an entry were made with."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Params:
-    """All parameters of a run."""
+    """All parameters of a run.
+
+    >>> Params().set({"link.up": "4g", "device.stiffness": 200})
+    Params().set({'device.stiffness': 200.0, 'link.up': '4g'})
+    """
 
     scene: str = _p(
         "wall", "free, wall, box, paper, moving, solids (sphere, mesh:FILE?unit=mm, ...), mujoco:FILE.xml, module:name"
@@ -287,7 +238,7 @@ class Params:
     operator: str = _p(
         "press", "rest, sine, press, hand-N (generated), a recording's path, module:Class; mouse: hapnet play"
     )
-    hardware: str = _p("simulated", "the device: simulated, or your own as module:Class")
+    hardware: str = _p("simulated", "the device: simulated, a name (`hapnet devices`) or your own as module:Class")
     coupling: str = _p("pspm", f"pspm; for comparison {', '.join(COUPLING_NAMES[1:])}, or your own as module:NAME")
     feel: str = _p("hapnet", "of the set-position couplings: hapnet (local contact model, prediction) or paper",
                    ("hapnet", "paper"))  # fmt: skip
@@ -311,8 +262,21 @@ class Params:
     wave: WaveParams = field(default_factory=WaveParams)
     pd: PdParams = field(default_factory=PdParams)
 
+    def __repr__(self) -> str:
+        """What makes the same parameters from the defaults."""
+        plain = Params().flat()
+        changed = {name: value for name, value in self.flat().items() if plain[name] != value}
+        return f"Params().set({changed!r})" if changed else "Params()"
+
     def __post_init__(self) -> None:
+        for section in fields(self):
+            if section.default is MISSING and not isinstance(getattr(self, section.name), _made(section)):
+                kind = _made(section)
+                example = f"{section.name}.{fields(kind)[0].name}"
+                allowed = f'a {kind.__name__}, or its parameters one by one: Params().set({{"{example}": ...}})'
+                raise InvalidParameter(section.name, getattr(self, section.name), allowed)
         for name, value, spec in leaves(self):
+            check_kind(name, value, str(spec.type))
             check_allowed(name, value, spec.metadata["allowed"])
         if self.world.step_min_s > self.world.step_max_s:
             raise InvalidParameter("world.step_min_s", self.world.step_min_s, "at most world.step_max_s")
@@ -332,6 +296,8 @@ class Params:
         InvalidParameter : there is no such parameter, or the value is not of its type, or is not allowed.
         """
         tree: dict[str, Any] = {}
+        if not isinstance(changes, Mapping) or not all(isinstance(name, str) for name in changes):
+            raise InvalidParameter("changes", changes, 'names and values, such as {"duration_s": 5}')
         for name, value in self.typed(changes).items():
             *path, last = name.split(".")
             branch = tree
@@ -418,3 +384,18 @@ RELAXED_HAND: Mapping[str, float] = MappingProxyType(
     {"operator_hand.mass": 0.1, "operator_hand.damping": 0.5, "operator_hand.stiffness": 40.0}
 )
 """A hand that holds the handle loosely [kg, Ns/m, N/m]: it does not damp the vibrations that a firm one damps."""
+
+
+def _made(section: Field[Any]) -> type[Any]:
+    """The class of a section, which is its default's factory."""
+    made: Any = section.default_factory
+    return cast(type[Any], made)
+
+
+def as_params(given: Params | Mapping[str, object]) -> Params:
+    """These parameters, or the defaults with these changes by dotted names. Raises InvalidParameter."""
+    if isinstance(given, Mapping):
+        return Params().set({str(name): value for name, value in given.items()})
+    if not isinstance(given, Params):
+        raise InvalidParameter("params", given, 'a Params, or changes such as {"link.up": "4g", "link.down": "4g"}')
+    return given

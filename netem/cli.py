@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 import warnings
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from enum import StrEnum
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TextIO
 
 import typer
 
-from netem import units
+from netem import output, units
 from netem.errors import NetemError
 from netem.profile import PRESETS, LinkProfile, compose
 from netem.progress import Progress
@@ -31,6 +29,7 @@ app = typer.Typer(
     "gives the same link.",
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
 
 
@@ -104,7 +103,7 @@ def before_any_command(
 def profiles(json_to: JsonTo = None) -> None:
     """List the named profiles. Their figures are for one direction."""
     if json_to is not None:
-        _write_json(dict(PRESETS), json_to)
+        output.write_json(dict(PRESETS), json_to)
     if json_to != "-":
         width = max(map(len, PRESETS))
         print(f"{'name':<{width}}  one direction, in tc-netem's words")
@@ -137,18 +136,18 @@ def show(
     """
     link_profile = _compose(words, profile, delay, jitter, loss, reorder, rate, resend)
     interval_ns = units.parse_time("interval", interval)
-    _check_writable("--png", png)
-    _check_writable("--json", json_to)
+    output.check_writable("--png", png)
+    output.check_writable("--json", json_to)
     from netem import survey
 
-    with Progress(sys.stderr if json_to == "-" else sys.stdout, f"sending {count:,} messages") as progress:
+    with Progress(sys.stderr, f"sending {count:,} messages") as progress:
         result = survey.run(link_profile, seed, count, interval_ns, size, progress=progress.at)
     if png is not None:
         from netem import plot
 
         plot.save(result, interval_ns, png)
     if json_to is not None:
-        _write_json(result.as_dict(), json_to)
+        output.write_json(result.as_dict(), json_to)
     if json_to != "-":
         print("\n".join(survey.lines(link_profile, result)))
 
@@ -251,27 +250,27 @@ def bench(
 
     It measures how late a link releases, how many messages per second it handles, and how many the UDP relay forwards.
     """
-    _check_writable("--json", json_to)
+    output.check_writable("--json", json_to)
     from netem import bench as benchmarks
 
     found: dict[str, object] = {}
     out = sys.stderr if json_to == "-" else sys.stdout
     for part in what or list(Benchmark):
         if part is Benchmark.LATENESS:
-            with Progress(out, "measuring lateness", runs * seconds):
+            with Progress(sys.stderr, "measuring lateness", runs * seconds):
                 lateness = benchmarks.lateness(runs, seconds / 3)
             found[part.value], lines = lateness.as_dict(), lateness.lines()
         elif part is Benchmark.CORE:
-            with Progress(out, "measuring the core"):
+            with Progress(sys.stderr, "measuring the core"):
                 core = benchmarks.core(runs)
             found[part.value], lines = core.as_dict(), core.lines()
         else:
-            with Progress(out, "measuring the UDP relay", seconds + 1.0):
+            with Progress(sys.stderr, "measuring the UDP relay", seconds + 1.0):
                 forwarded = benchmarks.udp(rate, seconds)
             found[part.value], lines = forwarded.as_dict(), forwarded.lines()
         print("\n".join(lines), file=out, flush=True)
     if json_to is not None:
-        _write_json(found, json_to)
+        output.write_json(found, json_to)
 
 
 class _Session:
@@ -294,7 +293,7 @@ class _Session:
         self._duration_s = None if duration is None else _seconds("--duration", duration)
         self._elapsed_s = 0.0
         self._out: TextIO = sys.stderr if json_to == "-" else sys.stdout
-        _check_writable("--json", json_to)
+        output.check_writable("--json", json_to)
 
     def run(self, relay: Callable[[_Session], Coroutine[None, None, RelayFigures]]) -> None:
         """Run a relay to its end, then print its figures."""
@@ -305,7 +304,7 @@ class _Session:
         figures = asyncio.run(relay(self))
         live.print_table(figures, self._elapsed_s, self._out)
         if self._json_to is not None:
-            _write_json(figures.as_dict() | {"seed": self._seed, "elapsed_s": self._elapsed_s}, self._json_to)
+            output.write_json(figures.as_dict() | {"seed": self._seed, "elapsed_s": self._elapsed_s}, self._json_to)
 
     async def serve(self, relay: UdpRelay | ZenohRelay, where: str) -> RelayFigures:
         """Let the relay run until it is stopped. Returns its last figures."""
@@ -334,10 +333,13 @@ def main(argv: list[str] | None = None) -> int:
         code = app(args=args or ["--help"], prog_name="netem", standalone_mode=False)
         sys.stdout.flush()
     except NetemError as error:
-        return _fail(str(error))
-    except BrokenPipeError:  # the reader of the output has closed it
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
+        return output.fail(str(error))
+    except BrokenPipeError:
+        return output.unread()
+    except SystemExit as error:
+        if isinstance(error.__context__, BrokenPipeError):  # click makes this of it
+            return output.unread()
+        raise
     except (typer.Abort, KeyboardInterrupt):
         return 130
     except Exception as error:
@@ -347,7 +349,7 @@ def main(argv: list[str] | None = None) -> int:
             raise
         context = getattr(error, "ctx", None)
         asked = "netem" if context is None else context.command_path
-        return _fail(f"{format_message().rstrip('.')}; see {asked} --help")
+        return output.fail(f"{format_message().rstrip('.')}; see {asked} --help")
     return code if isinstance(code, int) else 0
 
 
@@ -390,30 +392,3 @@ def _seconds(name: str, text: str) -> float:
     if not 0 < seconds <= 1e9:
         raise NetemError(f"{name}: {text!r} is not allowed; allowed: seconds above 0, or a time such as 500ms")
     return seconds
-
-
-def _fail(message: str) -> int:
-    print(f"netem: {' '.join(message.split())}", file=sys.stderr)
-    return 2
-
-
-def _check_writable(name: str, target: str | None) -> None:
-    """Raise NetemError before a long run, not after it, if `target` cannot be written."""
-    if target in (None, "-"):
-        return
-    try:
-        with open(str(target), "ab"):
-            pass
-    except OSError as error:
-        raise NetemError(f"{name}: cannot write {target}: {error.strerror}") from error
-
-
-def _write_json(result: object, target: str) -> None:
-    text = json.dumps(result, indent=2)
-    if target == "-":
-        print(text)
-        return
-    try:
-        Path(target).write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        raise NetemError(f"--json: cannot write {target}: {error.strerror}") from error

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+import signal
+from collections.abc import Iterable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
@@ -27,17 +28,28 @@ settings.register_profile("hapnet", deadline=None)  # how long an example takes 
 settings.load_profile("hapnet")
 
 
+_SIGNALS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)
 _REAL_TIME = ("hapnet.bench", "hapnet.realtime", "hapnet.transport", "netem.bench", "netem.relay", "netem.zenoh_relay",
               "tests.faults", "tests.processes", "tests.view")  # fmt: skip
 _VIRTUAL_TIME = ("tests.study", "tests.test_processes")
 
 
+def pytest_configure() -> None:
+    """A shell starts its background jobs with Ctrl-C ignored, and children inherit that; some tests press it."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 @pytest.hookimpl(tryfirst=True)  # before those who read marks and groups then
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests that run in real time are one worker's, one after the other; all others are the other worker's."""
+    """Tests that run in real time are one worker's, one after the other; all others are the other worker's.
+
+    One that fails is run once more, and both are reported: a shared machine may stand still for longer than it allows.
+    """
     for item in items:
         if isinstance(item, pytest.Function) and _in_real_time(item.module):
             item.add_marker(pytest.mark.realtime)
+            item.add_marker(pytest.mark.flaky(reruns=1))
             item.add_marker(pytest.mark.xdist_group("real time"))
 
 
@@ -64,6 +76,14 @@ def _in_real_time(module: ModuleType) -> bool:
 def mostly_slow(values: Iterable[object], first: int) -> list[Any]:
     """Of parameters: the `first` of them in every run, the rest in the slow one."""
     return [pytest.param(each, marks=[pytest.mark.slow] * (i >= first)) for i, each in enumerate(values)]
+
+
+@pytest.fixture(autouse=True)
+def _handlers_as_before() -> Iterator[None]:
+    """A test that leaves another handler of a signal would be the next one's failure."""
+    before = [signal.getsignal(number) for number in _SIGNALS]
+    yield
+    assert [signal.getsignal(number) for number in _SIGNALS] == before
 
 
 @pytest.fixture

@@ -235,7 +235,12 @@ def _speed(witness: Witness) -> float:
 def _not_finite(result: Result) -> Iterator[str]:
     for name, columns in (("device", result.recording.device), ("world", result.recording.world)):
         assert columns is not None, f"nothing of the {name} was recorded"
-        yield from (f"nan: {name} {key}" for key, values in columns.items() if not np.all(np.isfinite(values)))
+        for key, values in columns.items():
+            known = np.isfinite(values)
+            if key in ("age_s", "transit_s"):  # there are none before the first message
+                known = known[int(np.argmax(known)) :] if known.any() else known[:0]
+            if not known.all():
+                yield f"nan: {name} {key}"
     for name in ("device", "world"):
         if not all(math.isfinite(value or 0.0) for value in result.summary[name]["ledger"].values()):
             yield f"nan: ledger of the {name}"

@@ -89,7 +89,11 @@ def _alike(one: np.ndarray[Any, Any], other: np.ndarray[Any, Any], tolerance: fl
     same = one.shape == other.shape
     if not tolerance or one.dtype == np.int64:
         return same and one.tobytes() == other.tobytes()
-    return same and bool(np.all(np.abs(one - other) <= tolerance * (1.0 + np.abs(one).max())))
+    known = ~np.isnan(one)
+    same = same and np.array_equal(known, ~np.isnan(other))
+    return same and np.allclose(
+        one[known], other[known], rtol=0.0, atol=tolerance * (1.0 + np.abs(one[known]).max(initial=0.0))
+    )
 
 
 def _end(result: Result) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -13,13 +14,31 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from tests.conftest import ENVIRONMENT
 
 HAPNET = (sys.executable, "-m", "hapnet")
 NETEM = (sys.executable, "-c", "import sys; from netem.cli import main; sys.exit(main())")
 LIMIT_S = 30.0
+_DOING = "starting|running|simulating|drawing|reading|writing|replaying|comparing|sweeping|tuning|checking|measuring"
+_DOING += "|compiling"
+PROGRESS = re.compile(rf"({_DOING})[a-z ,]*: (\d[\d.]* (of \S+ )?[a-z ]+|.*\d (s|min) (so far|left))$")
+"""A line of progress, as a slow machine sees one now and then."""
+
+
+def without_progress(said: str) -> str:
+    """What was said, without lines of progress."""
+    return "".join(line for line in said.splitlines(keepends=True) if not PROGRESS.match(line))
+
+
+def children() -> set[str]:
+    """The numbers of this process's children; another test's browser, perhaps, is one."""
+    found = set[str]()
+    for thread in Path("/proc/self/task").iterdir():
+        with contextlib.suppress(FileNotFoundError, ProcessLookupError):  # it has ended
+            found |= set((thread / "children").read_text("ascii").split())
+    return found
 
 
 def until(
@@ -75,11 +94,11 @@ class Program:
         self.until(f"a line with {words!r}", lambda: any(words in line for line in [*self.out, *self.err]))
 
     def end(self) -> tuple[int, str, str]:
-        """Exit code, standard output and standard error, once it has ended."""
+        """Exit code, standard output and standard error without lines of progress, once it has ended."""
         code = self.process.wait(LIMIT_S)
         for reader in self._readers:
             reader.join(LIMIT_S)
-        return code, "".join(self.out), "".join(self.err)
+        return code, "".join(self.out), without_progress("".join(self.err))
 
     @property
     def alive(self) -> bool:
@@ -94,6 +113,12 @@ class Program:
         """Wait until no process of its group lives, whatever has become of itself."""
         until(lambda: not self.alive, limit_s)
 
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        self.kill()
+
     def kill(self) -> None:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self.process.pid, signal.SIGKILL)
@@ -103,13 +128,9 @@ class Program:
             stream.close()
 
 
-@contextlib.contextmanager
-def started(*argv: object, command: Sequence[str] = HAPNET) -> Iterator[Program]:
-    program = Program(*argv, command=command)
-    try:
-        yield program
-    finally:
-        program.kill()
+def started(*argv: object, command: Sequence[str] = HAPNET) -> Program:
+    """A command that is killed at the end of its `with`."""
+    return Program(*argv, command=command)
 
 
 def size(file: Path) -> int:

@@ -75,11 +75,14 @@ def test_runs_that_end_before_the_handshake_are_right_too() -> None:
         check(run)
 
 
+@pytest.mark.slow
 def test_processes_share_the_work() -> None:
     params = PAPER.set({"duration_s": 0.3})
     told: list[float] = []
     alone = simulate_batch(params, range(20), progress=told.append)
-    assert simulate_batch(params, range(20), workers=2) == alone
+    shared = simulate_batch(params, range(20), workers=2)
+    # another test may have compiled the kernel meanwhile: the runs are the same to the bit, whoever made them
+    assert [run._replace(not_compiled=None) for run in shared] == [run._replace(not_compiled=None) for run in alone]
     assert told == sorted(told)
     assert told[-1] == 1.0
 
@@ -107,13 +110,23 @@ def test_the_command_prints_one_table_and_one_object_a_seed(tmp_path: Path, caps
     assert all(np.isfinite(run["final"]["device"]["position_m"][0]) for run in runs)
 
 
+NO_OUT = {
+    "--seeds": "no --out with --seeds, which writes no files but --json FILE",
+    "--no-files": "no --out with --no-files",
+}
+
+
 @pytest.mark.parametrize("words", ["5", "7:7", "9:2", "a:b", "-1:3"])
 def test_seeds_are_a_range(words: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["simulate", f"--seeds={words}"]) == 2
     assert "--seeds" in capsys.readouterr().err
 
 
-def test_many_seeds_write_no_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["simulate", "--seeds", "0:2", "--out", str(tmp_path / "runs")]) == 2
-    assert "no --out with --seeds" in capsys.readouterr().err
+@pytest.mark.parametrize("words", ["simulate --seeds 0:2", "simulate --no-files", "run --no-files"])
+def test_what_writes_no_files_takes_no_directory(
+    words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command, flag, *more = words.split()
+    assert cli.main([command, flag, *more, "--out", str(tmp_path / "runs")]) == 2
+    assert capsys.readouterr().err == f"hapnet: --out is '{tmp_path}/runs'; allowed: {NO_OUT[flag]}\n"
     assert list(tmp_path.iterdir()) == []

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from hapnet import cli
-from hapnet.bench import latency, servo, sides, simulation, traffic, watched
+from hapnet.bench import latency, page, servo, sides, simulation, traffic, watched
 from hapnet.bench.children import Child, WaitForStart, together
 from hapnet.bench.cost import Call, cost
 from hapnet.bench.link import link_release
@@ -372,3 +372,17 @@ def test_a_watched_servo_is_measured_beside_one_that_nobody_watches() -> None:
     assert "reads all telemetry" in row.what
     assert {"late_period", "late_period_bare"} <= set(row.more)
     assert row.ratio_p99 is not None
+
+
+@pytest.mark.slow
+def test_a_client_of_a_page_with_a_mesh_gets_the_mesh_once_and_then_updates() -> None:
+    row = page.page_mesh(Options(seconds=3.0, rounds=1))
+    assert row.more["surfaces_sent"] == 1.0
+    assert row.more["updates_hz"] > 0.0
+    assert {str(limit) for limit, _ in row.verdicts()} == {"updates_hz ≥ 57", "surfaces_sent ≤ 1", "ratio_p99 ≤ 1.2"}
+
+
+@pytest.mark.parametrize("hz", [60.0, 30.0])
+def test_updates_a_second_are_counted_between_the_first_and_the_last(hz: float) -> None:
+    assert page.Received(tuple(5.0 + k / hz for k in range(100)), 0.0, 1).updates_hz == pytest.approx(hz)
+    assert page.Received((), 0.0, 0).updates_hz == 0.0

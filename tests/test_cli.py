@@ -42,11 +42,10 @@ def test_a_summary_that_finds_no_room_is_exit_code_3(capsys: Capture) -> None:
     assert cli.main([*QUICK, "--json", "/dev/full"]) == 3
     assert capsys.readouterr().err == "hapnet: cannot write /dev/full: No space left on device\n"
     command = [sys.executable, "-m", "hapnet", *QUICK, "--json"]
+    asked = ([*command, "-"], 3), ([*command, "s.json"], 0), ([*command[:4], "--show-params"], 3)
     with Path("/dev/full").open("w") as full:
-        for to, code in (("-", 3), ("s.json", 0)):  # words that nobody can read are no loss
-            done = subprocess.run(
-                [*command, to], stdout=full, stderr=subprocess.PIPE, text=True, timeout=30, env=ENVIRONMENT
-            )
+        for argv, code in asked:  # words that nobody can read are no loss
+            done = subprocess.run(argv, stdout=full, stderr=subprocess.PIPE, text=True, timeout=30, env=ENVIRONMENT)
             assert done.returncode == code
             assert "Traceback" not in done.stderr
     read, write = os.pipe()

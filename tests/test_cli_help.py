@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import os
 import platform
+import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from importlib import metadata
 
@@ -25,8 +28,11 @@ COMMANDS = (
     "reproduce",
     "replay",
     "report",
+    "export",
     "bench",
     "doctor",
+    "devices",
+    "emulate",
 )
 HEAVY = ("matplotlib", "zenoh", "mcap", "numpy", "msgpack", "asyncio")
 
@@ -76,7 +82,8 @@ def of_hapnet(code: str) -> set[str]:
 @pytest.mark.parametrize("argv", overview.ASKED, ids=" ".join)
 def test_the_list_of_commands_needs_none_of_them(argv: list[str]) -> None:
     found = of_hapnet(f"sys.argv[1:] = {argv!r}\nfrom hapnet.__main__ import main\nmain()")
-    ours = {"hapnet", "hapnet.__main__", "hapnet.commands", "hapnet.commands.output", "hapnet.commands.overview"}
+    ours = {"hapnet", "hapnet.__main__", "hapnet.commands"}
+    ours |= {f"hapnet.commands.{name}" for name in ("output", "overview", "progress")}
     theirs = {"hapnet.errors", "netem", "netem.errors", "netem.version_flag", "netem.versions"}
     assert ours <= found <= ours | theirs
 
@@ -106,6 +113,20 @@ for package in hapnet, netem:
     found = of_hapnet(code)
     assert {"hapnet.report.figures", "hapnet.study.heatmap"} <= found
     assert "matplotlib" not in found
+
+
+@pytest.mark.parametrize("argv", ["--help", "run --help", "run --show-params"])
+def test_a_reader_that_has_left_ends_a_command_quietly(argv: str) -> None:
+    """`| head -1`: the exit code is that of a process that SIGPIPE ended, and nothing is said."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    try:
+        done = subprocess.run(
+            [sys.executable, "-m", "hapnet", *argv.split()], stdout=writer, stderr=subprocess.PIPE, timeout=60
+        )
+    finally:
+        os.close(writer)
+    assert (done.returncode, done.stderr) == (128 + signal.SIGPIPE, b"")
 
 
 def test_help_in_a_pipe_has_no_escape_codes(capsys: Capture) -> None:

@@ -20,6 +20,7 @@ from hapnet.params import Params
 from hapnet.simulation.simulation import simulate
 from netem import LinkProfile
 from netem.trace import CapacityTrace, ConditionTrace
+from tests.conftest import ROOT
 from tests.processes import started
 
 DEFAULT = "delay 40ms 10ms loss 2%"
@@ -155,8 +156,8 @@ def test_every_coupling_runs_and_is_the_same_again_from_its_summary(coupling: st
     assert set(spec.shared) <= set(summary["tuning"])
 
 
-def test_the_readme_has_every_coupling() -> None:
-    page = (Path(__file__).parents[1] / "README.md").read_text("utf-8")
+def test_the_page_has_every_coupling() -> None:
+    page = (ROOT / "hapnet" / "couplings" / "README.md").read_text("utf-8")
     rows = page.partition("| coupling | published by |")[2].partition("\n\n")[0]
     assert set(re.findall(r"^\| `([^`]+)`", rows, re.MULTILINE)) == set(COUPLINGS)
 

@@ -20,6 +20,7 @@ from cryptography import x509
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
 import hapnet
+from examples.pictures import ring
 from examples.secure import make_certificates as certificates
 from hapnet.recording.mcap import read_recording
 from hapnet.transport.config import free_address
@@ -48,9 +49,9 @@ def numbers(pattern: str, text: str) -> list[tuple[float, ...]]:
     return [tuple(map(float, match.groups())) for match in found]
 
 
-def test_there_are_seven() -> None:
+def test_there_are_eight() -> None:
     programs = {"own_device", "own_world", "own_moving_world", "own_law", "two_hosts", "link_study", "asyncio_program"}
-    assert set(EXAMPLES) == programs
+    assert set(EXAMPLES) == {*programs, "planet"}
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
@@ -114,6 +115,16 @@ def test_own_moving_world(tmp_path: Path) -> None:
     assert supplied > 1.0
     assert slack == 0.0
     assert f"energy came from what moves the world ({supplied:.1f} mJ)" in said
+
+
+@pytest.mark.slow
+def test_planet(tmp_path: Path) -> None:
+    """A ball of 1000 N/m with a radius of 12 mm pushes with 12 N at most; its motor's work is not nothing."""
+    said = run("planet", cwd=tmp_path)
+    ((push, given),) = numbers("the ball pushed with # N at most; what moves it gave # mJ", said)
+    assert 0.1 < push < 12.0
+    assert given != 0.0
+    assert "ever came out" in said
 
 
 @pytest.mark.slow
@@ -275,3 +286,17 @@ def test_make_certificates_explains_itself(tmp_path: Path) -> None:
     done = make_certificates(tmp_path, "--help")
     assert done.returncode == 0
     assert all(flag in done.stdout for flag in ("--host", "--device", "--out", "--days"))
+
+
+def test_the_ring_is_what_its_script_makes_a_closed_torus() -> None:
+    """Its volume is that of Pappus' theorem, less what 32 corners cut off a circle and 64 off its way."""
+    pytest.importorskip("igl", reason="libigl is not installed")
+    from hapnet.plant.worlds.mesh import require_closed, volume
+    from hapnet.plant.worlds.mesh_file import read_mesh
+
+    assert ring.FILE.read_text("utf-8") == ring.ring()
+    corners, triangles = read_mesh(str(ring.FILE), 1e-3)
+    assert len(triangles) == 4096
+    require_closed(triangles)
+    circle = 0.5 * 32 * np.sin(2.0 * np.pi / 32) * 0.012**2
+    assert volume(corners, triangles) == pytest.approx(2.0 * np.pi * 0.030 * circle, rel=5e-3)

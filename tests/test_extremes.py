@@ -58,9 +58,9 @@ def assert_violates_unchecked(one: Examined) -> None:
         assert examine(one.case, one.params).wrong, f"case {one.case} is refused, but holds: {one.refused}"
 
 
-def test_what_is_promised_holds_in_30_extreme_cases() -> None:
+def test_what_is_promised_holds_in_12_extreme_cases() -> None:
     """Several of these broke a promise when they were drawn: limits of force and step, the margins; some diverged."""
-    survey(range(40, 70))
+    survey(range(40, 52))
 
 
 @pytest.mark.slow

@@ -134,6 +134,7 @@ def test_with_the_limits_of_a_small_device_and_positions_in_any_order(side: str)
     assert done.longest_step <= section.step_limit_N * (1.0 + 1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", mostly_slow(SIDES, 1))
 def test_without_admission_it_would_buy_more(side: str) -> None:
     """The control: the same attack, admission wide open."""
@@ -141,6 +142,7 @@ def test_without_admission_it_would_buy_more(side: str) -> None:
     assert guarded.lowest >= -admitted(guarded.rig) > opened.lowest
 
 
+@pytest.mark.slow
 def test_the_bound_is_nearly_reached() -> None:
     """Admission is what stops a swinging attack, not luck: most of what was let in came out at the hand."""
     done = attack("device", swinging, STRONG)

@@ -81,14 +81,20 @@ def test_step_obeys_its_equations() -> None:
             assert step.penetration_m == 0.0
 
 
-@given(st.lists(st.tuples(st.floats(1e-4, 0.05), st.floats(-0.03, 0.03)), min_size=1, max_size=30), st.booleans())
-def test_one_dimension_is_computed_as_several_are(steps: list[tuple[float, float]], walled: bool) -> None:
-    """A force of zero takes the path of several dimensions: the same values to the last bit."""
-    contacts = Contacts([Wall((1.0,), 0.01, 3000.0, 10.0), Wall((-1.0,), 0.02, 2000.0, 5.0)]) if walled else None
-    one, several = (PassiveIntegrator(0.02, 14.0, 500.0, [0.0]) for _ in range(2))
-    for dt, y in steps:
-        assert one.step(dt, (y,), contacts) == several.step(dt, (y,), contacts, force=(0.0,))
-        assert (one.position, one.velocity) == (several.position, several.velocity)
+@given(st.lists(st.tuples(st.floats(1e-4, 0.05), *[st.floats(-0.03, 0.03)] * 3), min_size=1, max_size=30),
+       st.booleans(), st.sampled_from([1, 3]))  # fmt: skip
+def test_one_and_three_dimensions_are_computed_as_any_are(
+    steps: list[tuple[float, float, float, float]], walled: bool, n: int
+) -> None:
+    """A force of zero takes the path of any number of dimensions: the same values to the last bit."""
+    normal, back = (1.0, 0.0, 0.0)[:n], (-1.0, 0.0, 0.0)[:n]
+    contacts = Contacts([Wall(normal, 0.01, 3000.0, 10.0), Wall(back, 0.02, 2000.0, 5.0)]) if walled else None
+    M, B, K = [0.02, 0.05, 0.1][:n], [14.0, 3.0, 1.0][:n], [500.0, 300.0, 900.0][:n]
+    one, any_number = (PassiveIntegrator(M, B, K, (0.0,) * n) for _ in range(2))
+    for dt, *ys in steps:
+        y = tuple(ys[:n])
+        assert one.step(dt, y, contacts) == any_number.step(dt, y, contacts, force=(0.0,) * n)
+        assert (one.position, one.velocity) == (any_number.position, any_number.velocity)
 
 
 def test_energies_are_those_of_the_state() -> None:

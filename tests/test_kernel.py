@@ -79,6 +79,7 @@ def test_what_studies_compare_by_default_gives_the_same_bits(coupling: str, oper
     assert not differences(params, 3)
 
 
+@pytest.mark.slow
 def test_plain_python_gives_the_same_bits() -> None:
     """The kernel's source without numba, in a process of its own, since a module is compiled or not."""
     check = (

@@ -97,7 +97,7 @@ def observed(case: Case, substeps: int) -> Iterator[Seen]:
         yield Seen(force, middle, noise, ends[1] - ends[0], scale, device.passage()[2])
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32))
 def test_the_whole_force_keeps_to_its_limit_and_the_damper_only_dissipates(seed: int) -> None:
     case = any_case(seed)

@@ -17,7 +17,9 @@ from hapnet.recording.samples import Recording, Sample
 from hapnet.simulation import simulation as virtual_time
 from hapnet.simulation.simulation import Simulation
 
-INDEX_BYTES = 700.0
+INDEX_BYTES = 1000.0
+"""Of a chunk in the index of the file, which holds the place of each of seven topics in it."""
+
 TIMES_BYTES = 80.0
 """Of the index too: the two times of a chunk are the samples' own."""
 

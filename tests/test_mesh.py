@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ import pytest
 
 from hapnet import cli
 from hapnet.checks import Array, Vector
-from hapnet.errors import InvalidParameter
+from hapnet.errors import InvalidParameter, MissingLibrary
 from hapnet.plant.worlds import mesh_file
 from hapnet.plant.worlds.mesh import Mesh, volume
 from hapnet.plant.worlds.mesh_file import read_heights, read_mesh
@@ -254,7 +255,10 @@ def test_the_words_of_a_scene(tmp_path: Path) -> None:
     ("sphere?radius", "KEY=VALUE"), ("sphere?radius=1mm&radius=2mm", "each once"), ("sphere?colour=red", "radius=30mm"),
     ("sphere?friction=-1", "0 or above"), ("sphere + ball", "one of sphere"), ("cylinder?axis=w", "x, y or z"),
     ("plane?normal=0,0,0", "non-zero"), ("sphere?relief=3mm,4mm", "a relief that rises by"),
-    ("sphere:a.stl", "no file"),
+    ("sphere:a.stl", "no file"), ("sphere?texture=0.8,4mm", "such as friction=0.5&texture=0.8,4mm"),
+    ("sphere?friction=0.5&texture=0.8", "such as friction"), ("sphere?friction=0.5&texture=2,4mm", "from 0 to 1"),
+    ("sphere?friction=0.5&texture=0.8,4", "a length with its unit"),
+    ("sphere?friction=0.5&texture=0.8,0mm", "wavelength"),
     ("sphere?at=0,0,0", "outside of every solid"),
 ])  # fmt: skip
 def test_bad_words_are_refused_in_one_line(words: str, line: str) -> None:
@@ -271,6 +275,16 @@ def test_the_command_says_it_with_exit_code_2(tmp_path: Path, capsys: pytest.Cap
         assert said.err.startswith("hapnet: scene ")
         assert said.err.count("\n") == 1
         assert not said.out
+
+
+@pytest.mark.parametrize("absent", ["igl", "trimesh"])
+def test_without_the_extra_it_says_all_that_is_to_be_installed(
+    absent: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = write_stl(tmp_path / "a.stl", *stair())
+    monkeypatch.setitem(sys.modules, absent, None)
+    with pytest.raises(MissingLibrary, match=r"of the extra `mesh`.* install libigl trimesh"):
+        make_scene(f"mesh:{file}?unit=mm")
 
 
 def test_a_run_in_front_of_a_mesh(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

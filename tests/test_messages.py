@@ -24,6 +24,7 @@ from hapnet.wire.messages import (
     Position,
     Proxy,
     Refuse,
+    Signals,
     Wave,
     Welcome,
     decode,
@@ -46,6 +47,27 @@ GOLDEN: dict[str, Message] = {
     "proxy": Proxy(
         B, 7, 1_000_000_000, (0.01, 0.0), 2_000_000_000, (-1.5, 0.0), (((1.0, 0.0), 0.02, 3000.0, 10.0, 0.0),)
     ),
+    "curvatures": Proxy(
+        B,
+        7,
+        1_000_000_000,
+        (0.01, 0.0),
+        2_000_000_000,
+        (-1.5, 0.0),
+        (((1.0, 0.0), 0.02, 3000.0, 10.0, 0.0),),
+        more={"curvatures": ((((0.0, 1.0), 25.0),),)},
+    ),
+    "friction": Proxy(
+        B,
+        7,
+        1_000_000_000,
+        (0.01, 0.0),
+        2_000_000_000,
+        (-1.5, 0.0),
+        (((1.0, 0.0), 0.02, 3000.0, 10.0, 0.0),),
+        more={"friction": (0.5,)},
+    ),
+    "signals": Signals(A, B, 3, {"buttons": (True, False), "grip": 0.25, "tool": "pen"}),
     "further": Energy(B, A, 0, 1_500_000, {"example": (1, True)}),
 }
 FRAMES = dict(
@@ -93,9 +115,15 @@ def test_golden_frames_are_what_the_msgpack_specification_says() -> None:
     assert (wave + none).hex() == FRAMES["wave"]
     integral = b"\x81\xa8integral\x92" + f64(0.0125) + b"\xce" + struct.pack(">I", 40_000_000)
     assert (b"\x9a" + wave[1:] + none + integral).hex() == FRAMES["integral"]
+    signals = b"\x96\x02\x0b" + u64(A) + u64(B) + b"\x03\x83\xa7buttons\x92\xc3\xc2"
+    assert (signals + b"\xa4grip" + f64(0.25)[1:] + b"\xa4tool\xa3pen").hex() == FRAMES["signals"]
     proxy = b"\x9b\x02\x0a" + u64(B) + u64(7) + u64(10**9) + f64(0.01, 0.0) + b"\xce" + struct.pack(">I", 2 * 10**9)
     plane = b"\x91\x95" + f64(1.0, 0.0) + b"".join(f64(value)[1:] for value in (0.02, 3000.0, 10.0, 0.0))
     assert (proxy + f64(-1.5, 0.0) + plane + none).hex() == FRAMES["proxy"]
+    bends = b"\x81\xaacurvatures\x91\x91\x92" + f64(0.0, 1.0) + f64(25.0)[1:]
+    assert (b"\x9c" + proxy[1:] + f64(-1.5, 0.0) + plane + none + bends).hex() == FRAMES["curvatures"]
+    rubs = b"\x81\xa8friction\x91" + f64(0.5)[1:]
+    assert (b"\x9c" + proxy[1:] + f64(-1.5, 0.0) + plane + none + rubs).hex() == FRAMES["friction"]
 
 
 def test_integers_may_be_as_short_as_msgpack_makes_them() -> None:
@@ -145,6 +173,8 @@ identity = (
     texts,
     st.dictionaries(texts, scalars | st.booleans(), max_size=8),
 )
+numbers = st.integers(-(2**63), 2**64 - 1) | st.floats(allow_nan=False, allow_infinity=False) | st.booleans()
+signals = st.dictionaries(texts, scalars | st.booleans() | st.lists(numbers, max_size=8).map(tuple), max_size=8)
 coordinates = st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=64).map(tuple)
 motions = coordinates.flatmap(
     lambda x: st.builds(Motion, incarnations, *stamps, st.just(x), st.permutations(x).map(tuple), *stamps, further)
@@ -163,6 +193,7 @@ any_message = st.one_of(
     st.builds(Hello, incarnations, naturals, *identity, further),
     st.builds(Welcome, incarnations, naturals, naturals, *identity, further),
     st.builds(Refuse, incarnations, naturals, texts),
+    st.builds(Signals, incarnations, naturals, naturals, signals, further),
     st.builds(Bye, incarnations, naturals, totals, texts, further),
 )
 

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
 from hapnet.checks import Array
-from hapnet.metrics.contact import pressed_wall, rendered_stiffness
+from hapnet.metrics.contact import depth_and_resistance, pressed_wall, rendered_stiffness
+from hapnet.metrics.obstacles import SolidObstacle, normal_where_deepest
+from hapnet.plant.worlds.rigid_contacts import Solid
+from hapnet.plant.worlds.shapes import Sphere
 from hapnet.plant.worlds.walls import Wall
 from tests.metric_recordings import RATE_HZ, SURFACE, TICK_S, WALL, device, exact, recording, sampled
 
@@ -78,3 +83,18 @@ def test_a_tenth_of_a_second_of_contact_is_enough() -> None:
     assert shorter.device is not None
     shorter.device["time_s"] = np.arange(11) * 0.02
     assert rendered_stiffness(shorter, [SURFACE], 0.0) is None
+
+
+def test_in_a_ball_the_force_is_taken_along_its_radius() -> None:
+    """At (1, 2, 2) mm from the middle of a ball of 5 mm it is 2 mm deep, and the normal points to the middle."""
+    ball = SolidObstacle(Solid(Sphere((0.05, 0.0, 0.0), 0.005), 700.0))
+    places = np.array([(0.051, 0.002, 0.002), (0.05, 0.004, 0.0), (0.0, 0.0, 0.0)])
+    device = {"position_m": places, "force_N": np.array([(2.0, 4.0, 4.0), (0.0, -1.0, 0.0), (0.0, 0.0, 0.0)])}
+    assert ball.depths(places) == pytest.approx([0.002, 0.001, -0.045])
+    assert pressed_wall(device, [ball]) is ball
+    found = depth_and_resistance(device, [ball])
+    assert found is not None
+    assert found[1] == pytest.approx([6.0, -1.0, 0.0])
+    assert normal_where_deepest(ball, places) == pytest.approx((-1 / 3, -2 / 3, -2 / 3))
+    disc = places[:, :2].copy()  # with two axes: cut where z is 0
+    assert ball.depths(disc) == pytest.approx([0.005 - math.hypot(0.001, 0.002), 0.001, -0.045])

@@ -196,7 +196,9 @@ def test_a_hand_of_ones_own_is_named_when_it_goes_out_of_reach() -> None:
 def begun(device: type, **changes: object) -> tuple[DeviceSide, Arm, list[Sample]]:
     """A side whose device pulls at its spring: control has started at 0, and the set-position lies 20 mm away."""
     written: list[Sample] = []
-    given = {"hardware": named(device), "scene": "free", "record_hz": 1000.0, **changes}
+    given = {
+        "hardware": named(device), "scene": "free", "record_hz": 1000.0, "device.force_ramp_s": 0.0, **changes,
+    }  # fmt: skip
     setup = prepare(PARAMS.set({name.replace("__", "."): value for name, value in given.items()}))
     clock = [0]
     side = device_side(setup, DeviceEndpoint(device_session(setup, 1)), lambda: clock[0], written.append)
@@ -237,9 +239,9 @@ def test_a_device_that_leaves_its_workspace_renders_no_force_any_more_and_says_w
     assert all(abs(sample.position_m[0]) < 1.0 for sample in written if isinstance(sample, DeviceSample))
     why = "it reads 30 m from its origin, its workspace ends at 2 m (are these millimetres?)"
     (event,) = [sample for sample in written if isinstance(sample, Event)]
-    assert event == Event(50 * MS, "stopped", f"the device renders no force any more: {why}")
+    assert event == Event(50 * MS, "stopped", f"the device renders no force any more: {why}", "error")
     part = device_summary(side, coupling)
-    assert part["stopped"] == {"after_s": 0.05, "why": why}
+    assert part["stopped"] == {"after_s": 0.05, "why": why, "asked": False}
     line = f"the device's force was stopped after 0.05 s: {why}"
     assert stopped({"device": part}) == line
     verdict = judge({"coupling": coupling, "theorem": {"margin_J": 0.1, "bound_J": 0.1}, "device": part})
@@ -277,7 +279,7 @@ def test_one_whose_velocity_is_in_millimetres_a_second_is_stopped_and_a_single_s
         tick(side, at)
     assert side.stopped is None
     tick(side, 6)
-    assert side.stopped == (6 * MS, "it reads a velocity of 50 m/s, its greatest speed is 1 m/s")
+    assert side.stopped == (6 * MS, "it reads a velocity of 50 m/s, its greatest speed is 1 m/s", False)
 
 
 @given(st.floats(0.01, 0.3), st.floats(0.1, 4.0), st.lists(st.integers(200_000, 3_000_000), min_size=2, max_size=200))

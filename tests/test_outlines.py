@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -49,10 +50,12 @@ def test_the_report_shows_solids_and_only_those() -> None:
     assert scene_figure(simulate(flat, seed=1).recording) is None
 
 
-def test_a_mesh_that_is_not_here_any_more_is_left_out(tmp_path: Path) -> None:
+def test_a_recording_holds_its_mesh_and_an_older_one_needs_the_file(tmp_path: Path) -> None:
     file = tmp_path / "ring.stl"
     write_stl(file, *torus())
     recording = simulate(Params().set({"scene": f"mesh:{file}?unit=mm", "duration_s": 0.5}), seed=1).recording
-    assert scene_figure(recording) is not None
+    older = replace(recording, drawing=None, scene=())
+    assert scene_figure(older) is not None
     file.unlink()
-    assert scene_figure(recording) is None
+    assert scene_figure(recording) is not None
+    assert scene_figure(older) is None

@@ -218,3 +218,24 @@ def test_what_makes_no_obstacle() -> None:
     ):
         with pytest.raises(InvalidParameter):
             mistake()
+
+
+class Driven:
+    """An object that steps by itself, and says that its motor puts in 1 mJ in each step."""
+
+    supplied_J = 0.0
+
+    def step(self, dt: float, position: Vector, velocity: Vector) -> float:
+        self.supplied_J += 1e-3
+        return 0.5
+
+
+def test_what_a_stepping_objects_motor_puts_in_is_counted_and_may_be_given_out() -> None:
+    """Its steady push does force times way, and nothing is left to pay while the motor gives more than that."""
+    world = SteppedWorld(Driven(), dof=1)
+    mass = PassiveIntegrator(0.02, 14.0, 500.0, (0.0,))
+    work = sum(mass.step(0.01, (0.0,), world).work_J for _ in range(20))
+    assert world.supplied_J == pytest.approx(0.02)
+    assert world.observed.given_J == 0.0
+    assert work == pytest.approx(0.5 * mass.position[0], rel=1e-9)
+    assert mass.position[0] > 5e-4

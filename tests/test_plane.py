@@ -9,7 +9,8 @@ import pytest
 
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.plane import Plane, checked
-from hapnet.wire.messages import Proxy, decode, encode
+from hapnet.wire.messages import Proxy, decode
+from hapnet.wire.stream import PositionStream
 
 FLOOR = Plane((0.0, 0.6, 0.8), 0.02, 300.0, 1.0, 0.1)
 
@@ -17,8 +18,11 @@ FLOOR = Plane((0.0, 0.6, 0.8), 0.02, 300.0, 1.0, 0.1)
 def test_numbers_of_any_kind_are_sent() -> None:
     told = checked([Plane(np.array(FLOOR.normal), np.float32(0.5), 300, 0)], 3)  # type: ignore[arg-type]  # a user's
     assert told == (Plane((0.0, 0.6, 0.8), 0.5, 300.0, 0.0, 0.0),)
-    message = Proxy(1, 2, 3, (0.0, 0.0, 0.0), 0, (0.0, 0.0, 0.0), told)
-    assert decode(encode(message)) == message
+    still = (0.0, 0.0, 0.0)
+    message = decode(PositionStream(1).proxy(3, still, 0, still, told))
+    assert isinstance(message, Proxy)
+    assert message.planes == (told[0][:5],)
+    assert message.more is None
 
 
 def test_the_first_four_are_told() -> None:

@@ -36,6 +36,7 @@ world.wall.stiffness = [666]
 WHY = "its worker was killed by SIGKILL, perhaps out of memory, 2 times"
 
 
+@pytest.mark.slow
 def test_a_case_that_kills_its_worker_is_a_row_that_says_so(tmp_path: Path) -> None:
     """And all others have their results, the same as without workers."""
     journal = journal_of(tmp_path, TOUCHY + AXES)
@@ -75,6 +76,7 @@ def test_a_worker_killed_from_outside_costs_no_case(tmp_path: Path) -> None:
     journal.close()
 
 
+@pytest.mark.slow
 def test_workers_never_hear_ctrl_c() -> None:
     """Held back from the first instruction on, in a process that has started no other before; then ignored."""
     code = (
@@ -117,6 +119,7 @@ def test_ctrl_c_that_another_thread_receives_waits_until_a_process_has_started()
     assert signal.getsignal(signal.SIGINT) is handler
 
 
+@pytest.mark.slow
 def test_processes_that_do_not_start_are_an_error_not_a_loop(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(processes, "_serve", os._exit)  # takes no such arguments: it fails
     workers = local_workers(2)

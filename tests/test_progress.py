@@ -14,6 +14,7 @@ import time
 import pytest
 from rich.console import Console
 
+from hapnet.commands import output
 from hapnet.commands.progress import BAR_AFTER_S, LINE_EVERY_S, Progress
 from tests.conftest import ENVIRONMENT
 
@@ -117,13 +118,30 @@ def test_a_bar_is_one_line_and_is_gone_at_the_end(width: int) -> None:
     assert text.endswith("\x1b[2K")
 
 
-def test_lines_that_are_said_meanwhile_stay() -> None:
-    words, clock = console(terminal=True), Clock()
-    with Progress(words, "running", 60.0, clock=clock) as progress:
-        clock.now += 2.0
-        progress.tick()
-        words.print("device: paired with the world")
-    assert "device: paired with the world\n" in re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", shown(words))
+def test_lines_that_are_said_meanwhile_stay(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The bar is on standard error and the words on standard output, both the same terminal: the bar makes room."""
+    window, inside = pty.openpty()
+    clock = Clock()
+    with open(inside, "w", encoding="utf-8") as terminal:  # a descriptor
+        for stream in ("stdout", "stderr"):
+            monkeypatch.setattr(sys, stream, terminal)
+        with Progress(output.progress_console(), "running", 60.0, background=False, clock=clock) as progress:
+            progress.update(1.0)
+            output.console(None).print("device: paired with the world")
+            progress.update(2.0)
+        terminal.flush()
+        seen = os.read(window, 65536).decode()
+    os.close(window)
+    assert "\r\x1b[2Kdevice: paired with the world\r\n" in seen
+    assert "2 of 60 s" in seen[seen.index("paired") :]
+
+
+def test_progress_is_for_people_and_results_are_for_programs(capsys: pytest.CaptureFixture[str]) -> None:
+    with Progress(output.progress_console(), "measuring", 2, "", background=False) as progress:
+        progress.update(0, "1/2 servo")
+        output.console(None).print("0.3 us")
+    captured = capsys.readouterr()
+    assert (captured.out, captured.err) == ("0.3 us\n", "1/2 servo\n")
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])

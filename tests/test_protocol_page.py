@@ -12,7 +12,17 @@ from hapnet.control import deadband
 from hapnet.couplings.registry import COUPLINGS
 from hapnet.params import Params
 from hapnet.transport import keys, probe, zenoh
-from hapnet.wire import control_sender, energy_channel, handshake, messages, numbering, peer_monitor, replay_window, rto
+from hapnet.wire import (
+    control_sender,
+    energy_channel,
+    handshake,
+    messages,
+    numbering,
+    peer_monitor,
+    replay_window,
+    rto,
+    signals,
+)
 from hapnet.wire.messages import Message
 from hapnet.wire.session import SessionSettings
 
@@ -49,6 +59,8 @@ CODE: dict[str, float] = {
     "a stream with a deadband sends at least every [ms]": deadband.LONGEST_S * 1e3,
     "keep-alive on a quiet key, at least every [ms]": keys.KEEP_ALIVE_NS / MS,
     "a silent key is subscribed to again after [ms]": keys.SILENT_NS / MS,
+    "least time between two frames of signals [ms]": signals.SPACING_NS / MS,
+    "signals are repeated every [ms]": signals.REPEAT_NS / MS,
     "telemetry [Hz]": 60.0,
     "probes that are answered [a second]": probe.MOST_HZ,
 }

@@ -13,6 +13,7 @@ import pytest
 
 from hapnet.recording.mcap import read_recording
 from hapnet.transport.config import free_address
+from tests.conftest import ENVIRONMENT
 from tests.processes import assert_accounts_agree, assert_passive, child_of, read_json, size, started
 
 
@@ -29,6 +30,7 @@ def test_the_main_job(more: tuple[str, ...], tmp_path: Path) -> None:
     summary = json.loads(stdout)
     assert "\x1b" not in stderr
     assert "Traceback" not in stderr
+    assert "left" not in stderr  # the verdict comes first
     assert_passive(summary)
     assert_accounts_agree(summary)
     assert summary["energy"]["up"]["sent_nJ"] > 0
@@ -105,12 +107,16 @@ def test_energy_that_passes_through_the_link_is_judged_at_both_ports_at_once(tmp
 
 @pytest.mark.slow
 @pytest.mark.parametrize("more", [(), ("--realtime",)], ids=["thread", "realtime"])
-def test_a_deadband_sends_less_and_shuffles_all_the_same(more: tuple[str, ...], tmp_path: Path) -> None:
-    with started(
-        "run", "--duration", 3, "--seed", 1, "--deadband", 0.2, "--json", "-", "--out", tmp_path / "run", *more
-    ) as program:
+def test_a_deadband_sends_less_and_shuffles_all_the_same_and_no_files_are_left(
+    more: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(ENVIRONMENT, "TMPDIR", str(tmp_path))
+    words = ("--duration", 3, "--seed", 1, "--deadband", 0.2, "--json", "-", "--no-files")
+    with started("run", *words, *more) as program:
         code, stdout, stderr = program.end()
     assert code == 0, stderr
+    assert list(tmp_path.iterdir()) == []
     summary = json.loads(stdout)
     assert_passive(summary)
     assert_accounts_agree(summary)
@@ -210,9 +216,8 @@ def test_a_device_of_ones_own_is_made_once_and_named_when_it_fails(
     with started(
         "run", "-v", "--device", "driver:Arm", "--set", "world.wall.half_width_m=0.05", "--out", "r"
     ) as program:
-        program.until_line("device: paired")
-        assert program.out[0].startswith("warning: world.wall.half_width_m")  # said before anything runs
         code, stdout, stderr = program.end()
+        assert stdout.startswith("warning: world.wall.half_width_m")  # said before anything runs
         assert not program.alive
     assert (code, stderr) == (2, FAILED)
     assert stdout.count("warning") == 1

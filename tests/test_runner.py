@@ -68,6 +68,7 @@ IDLE_DEVICE = idle("device")
 
 async def test_two_sides_run_part_and_agree(tmp_path: Path) -> None:
     address, params = free_address(), parameters(operator="sine")
+    began_ns = time.time_ns()
     device = Running("device", address, params, record=tmp_path / "device.mcap")
     await device.until(lambda: bool(device.told("waiting")))
     assert f"dialling {address}" in device.told("waiting")[0]
@@ -96,6 +97,8 @@ async def test_two_sides_run_part_and_agree(tmp_path: Path) -> None:
         recording = read_recording(tmp_path / f"{role}.mcap")
         assert not recording.torn
         assert recording.meta["role"] == role
+        assert recording.meta["utc_clock"] == "system"
+        assert began_ns < recording.meta["utc_origin_ns"] < time.time_ns()
         assert recording.summary is not None
 
 

@@ -358,3 +358,51 @@ def test_tuned_interpreter_collects_only_when_asked_and_restores_everything() ->
     assert sys.getswitchinterval() == interval
     assert gc.isenabled()
     assert gc.get_freeze_count() == 0
+
+
+def test_two_that_overlap_leave_the_interpreter_as_the_first_found_it() -> None:
+    """Two sides of one program, the first of which ends first."""
+    interval, before = sys.getswitchinterval(), gc.get_freeze_count()
+    first, second = tuned_interpreter(), tuned_interpreter()
+    first.__enter__()
+    second.__enter__()
+    first.__exit__(None, None, None)
+    assert sys.getswitchinterval() == pytest.approx(1e-4)
+    assert not gc.isenabled()
+    second.__exit__(None, None, None)
+    assert sys.getswitchinterval() == interval
+    assert gc.isenabled()
+    assert gc.get_freeze_count() == before == 0
+
+
+def follow_virtual(costs_ns: list[int]) -> tuple[list[int], Servo]:
+    """Run a servo whose ticks wait by themselves, each as long as its cost; return when the ticks began."""
+    time = VirtualTime()
+    called: list[int] = []
+    done = threading.Event()
+
+    def tick(now_ns: int) -> None:
+        called.append(time.clock())
+        time.spend(costs_ns[len(called) - 1])
+        if len(called) == len(costs_ns):
+            servo.stop()
+            done.set()
+
+    servo = Servo(MS, tick, paced=False, clock=time.clock, sleep=time.sleep)
+    servo.start()
+    assert done.wait(WAIT_S)
+    servo.stop()
+    return called, servo
+
+
+def test_a_device_that_waits_sets_the_pace() -> None:
+    """Ticks follow one another without a sleep; late is what is beyond a period."""
+    called, servo = follow_virtual([MS, MS, 3 * MS, MS, MS])
+    assert [b - a for a, b in itertools.pairwise(called)] == [MS, MS, 3 * MS, MS]
+    assert servo.stats().late_period == 1
+    assert servo.stats().skipped == 0
+
+
+def test_one_that_does_not_wait_leaves_the_processor_to_others() -> None:
+    called, _ = follow_virtual([0] * 5)
+    assert [b - a for a, b in itertools.pairwise(called)] == [MS // 10] * 4

@@ -183,7 +183,7 @@ def test_it_ticks_renders_and_gives_its_account(running: Running, diary: Path) -
     assert all(isinstance(message, Position) and message.incarnation == 7 for message in positions)
     numbers = [message.sequence for message in positions if isinstance(message, Position)]
     assert numbers == list(range(len(numbers)))
-    summary = servo.summary(0)
+    summary = servo.part()
     assert summary["servo"]["ticks"] > 5
     assert sum(count for _, count in summary["servo"]["late_histogram_us"]) >= summary["servo"]["ticks"]
     assert summary["ledger"]["slack_J"] >= -1e-12
@@ -215,7 +215,7 @@ def test_what_is_credited_arrives_once_though_the_pipe_was_full(running: Running
     assert isinstance(last, DeviceSample)
     assert round(last.credited_J * 1e9) == 200_000
     away = [s for s in running.samples if isinstance(s, Event)]
-    assert servo.summary(0)["servo"]["overruns"] >= 1
+    assert servo.part()["servo"]["overruns"] >= 1
     assert away
     assert away[0].kind == "overrun"
 
@@ -274,7 +274,7 @@ def test_a_stop_finds_its_way_though_the_pipe_is_full(running: Running, diary: P
     pid = running.pid
     threading.Timer(0.2, os.kill, (pid, signal.SIGCONT)).start()
     servo.stop()
-    assert servo.summary(0)["servo"]["ticks"] > 0  # it ended in order, and left its account
+    assert servo.part()["servo"]["ticks"] > 0  # it ended in order, and left its account
     assert float(diary.read_text()) == 0.0
 
 
@@ -322,7 +322,7 @@ def test_what_fails_outside_is_told_and_ends_nothing_else(running: Running) -> N
     until(lambda: bool(running.errors))
     assert running.errors[0] is broken
     servo.stop()
-    assert servo.summary(0)["servo"]["ticks"] > 0
+    assert servo.part()["servo"]["ticks"] > 0
 
 
 def test_no_surplus_is_lost_to_a_parent_that_does_not_read(diary: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -355,7 +355,7 @@ def test_no_surplus_is_lost_to_a_parent_that_does_not_read(diary: Path, monkeypa
         servo.stop()
     while servo.has_shuffled:
         given.append(servo.shuffled())
-    summary = servo.summary(0)
+    summary = servo.part()
     last = [s for s in running.samples if isinstance(s, DeviceSample)][-1]
     assert summary["servo"]["unsent"] > 0
     assert sum(given) == pytest.approx(last.sent_J, abs=1e-12)
@@ -402,7 +402,8 @@ threading.Event().wait(30.0)
     assert float(diary.read_text()) == 0.0
 
 
-def test_a_class_of_the_script_itself_is_refused() -> None:
+def test_a_class_of_the_script_itself_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys.modules["__main__"], "Mine", object, raising=False)
     setup = prepare(Params().set({"hardware": "__main__:Mine", "scene": "free"}), "sampled")
     with pytest.raises(InvalidParameter, match="in a module of its own"):
         ServoProcess(setup, device_session(setup, 7), ControlCallbacks(print, print, print, print))

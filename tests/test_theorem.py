@@ -72,9 +72,9 @@ def survey(cases: range, compared: range) -> tuple[int, int]:
     return halves, whole
 
 
-def test_both_ports_are_passive_in_10_random_cases() -> None:
-    halves, whole = survey(range(10), range(5))
-    assert halves >= 4
+def test_both_ports_are_passive_in_4_random_cases() -> None:
+    halves, whole = survey(range(4), range(3))
+    assert halves >= 2
     assert whole >= 1
 
 

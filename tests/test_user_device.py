@@ -102,7 +102,7 @@ class Simulated(SimulatedDevice):
         ("Absent", "OSError: no such device: /dev/ttyACM7"),
         ("TwoAxes", "3 finite numbers"),
         ("NotANumber", "nan"),
-        ("Nothing", "TypeError"),
+        ("Nothing", "gave None instead of position and velocity"),
         ("Limitless", "force_limit is -1"),
         ("OtherAxes", "3 degrees of freedom"),
         ("Path", "dof"),
@@ -254,7 +254,7 @@ def test_what_it_declares_is_what_is_warned_of(name: str, words: list[str]) -> N
 
 def driven(name: str) -> SampledDeviceSide:
     """A side around the device, paired, with a set-position 10 mm off; 10 ticks, the handle going 0.1 mm in each."""
-    words = {"device.damping": 1e-9, "device.step_limit_N": 0.0}
+    words = {"device.damping": 1e-9, "device.step_limit_N": 0.0, "device.force_ramp_s": 0.0}
     params = PAPER.set({"scene": "free", "hardware": f"tests.test_user_device:{name}", **words})
     setup = prepare(params, "sampled")
     now_ns = 0

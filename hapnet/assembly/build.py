@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, cast
@@ -13,7 +13,7 @@ import numpy as np
 from hapnet.assembly.operators import LIVE as LIVE
 from hapnet.assembly.operators import operator
 from hapnet.assembly.units import check_units
-from hapnet.assembly.user_device import UserDevice
+from hapnet.assembly.user_device import UserDevice, servo_rate
 from hapnet.checks import Vector
 from hapnet.control.coupling import DeviceCoupling, WorldCoupling
 from hapnet.control.set_position_servo import ContinuousServo, Harvest
@@ -23,7 +23,7 @@ from hapnet.couplings.link_delays import delays
 from hapnet.couplings.registry import coupling
 from hapnet.couplings.spec import CouplingSpec, CouplingStart
 from hapnet.errors import InvalidParameter
-from hapnet.params import DeviceParams, Params, WorldParams
+from hapnet.params import DeviceParams, Params, WorldParams, as_params
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.live_hand import LiveHand
@@ -33,6 +33,7 @@ from hapnet.plant.worlds.registry import SCENES, make_scene, scene_parameters
 from hapnet.recording.samples import Event, MotionSample
 from hapnet.side.device import Clock, ContinuousDeviceSide, DeviceSide, Drive, Write
 from hapnet.side.endpoint import NANO, DeviceControl, WorldControl
+from hapnet.side.real_device import RealDeviceSide
 from hapnet.side.sampled_device import SampledDeviceSide
 from hapnet.side.world import WorldSide
 from hapnet.wire.handshake import RESERVOIR, SHARED
@@ -86,14 +87,19 @@ class Setup:
         return dataclasses.asdict(self.tuning)
 
 
-def prepare(params: Params, default_servo: str = "sampled") -> Setup:
+def prepare(params: Params | Mapping[str, object], default_servo: str = "sampled") -> Setup:
     """Check the parameters against each other, and resolve "auto": for the servo it stands for `default_servo`.
+
+    params : a `Params`, or changes to the defaults by dotted names.
 
     Raises
     ------
     InvalidParameter : names the parameter that does not fit.
     """
+    params = as_params(params)
     scene, warnings = _scene(params)
+    if (rate_hz := servo_rate(params)) != params.device.servo_hz:
+        params = params.set({"device.servo_hz": rate_hz})
     check_units(params, scene.dof)
     device = params.device
     spec = coupling(params.coupling)
@@ -229,6 +235,7 @@ def _user_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write
     params = setup.params
     device = UserDevice(params.hardware, setup.dof, params.device)
     device.declared.check_stiffness("device.stiffness", params.device.stiffness, setup.dof)
+    device.check_damping(params.device.damping)
     limits = [limit for limit in (params.device.force_limit_N, device.force_limit) if limit]
     own = dataclasses.replace(
         params.device,
@@ -239,17 +246,14 @@ def _user_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write
     )
     if setup.coupling.limited and setup.harvest == "measured":
         for warning in held_torque.check(own, setup.harvest, setup.dof):
-            write(Event(clock(), "warning", warning))
+            write(Event(clock(), "warning", warning, "warning"))
     hold = _held(dataclasses.replace(setup, params=dataclasses.replace(params, device=own)))
     with _named("device"):
         hold((0.0,) * setup.dof, False)
-    return SampledDeviceSide(
-        endpoint,
-        device.device if isinstance(device.device, SimulatedDevice) else device,  # the side must see that it simulates
-        hold,
-        _drive(setup, clock, write),
-        device.declared,
-    )
+    drive = _drive(setup, clock, write)
+    if isinstance(device.device, SimulatedDevice):  # the side must see that it simulates
+        return SampledDeviceSide(endpoint, device.device, hold, drive, device.declared)
+    return RealDeviceSide(endpoint, device, hold, drive, device.declared, device.limiter(params.device))
 
 
 def virtual_mass(setup: Setup) -> VirtualMass:

@@ -7,33 +7,72 @@ times device.greatest_speed: above that parameter only the account is not known;
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from contextlib import suppress
+from difflib import get_close_matches
+from functools import partial
 from math import isfinite
-from typing import Any
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from hapnet import checks
 from hapnet.checks import Vector
-from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.devices.registry import known, options, resolve
+from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
 from hapnet.loading import cause, load
-from hapnet.params import DeviceParams
+from hapnet.params import DeviceParams, Params
 from hapnet.plant.device import Device
 from hapnet.plant.operating_range import SPEED_MPS, NamedValue, OperatingRange, operating_range
+from hapnet.side.force_limiter import ForceLimiter
 
-ALLOWED = "simulated, or module:Class with dof, force_limit, resolution, read and apply"
+
+def allowed() -> str:
+    """What can be given as a device, in words."""
+    return f"simulated, {', '.join(known())}, or module:Class with dof, force_limit, resolution, read and apply"
 
 
 def load_class(name: str) -> Callable[..., Any]:
     """Import the class, but make no device: that may open the hardware, which only one process can do.
 
+    Its options are bound already.
+
     Raises
     ------
-    InvalidParameter : there is no such class.
+    InvalidParameter : there is no such class, or no such option.
     """
-    found = load("hardware", name, ALLOWED)
+    target, words = resolve(name)
+    near = get_close_matches(name.partition(":")[0], known(), n=1)
+    found = load("hardware", target, allowed() + (f"; {near[0]}, perhaps" if near else ""))
     if not callable(found):
-        raise InvalidParameter("hardware", name, ALLOWED)
-    made: Callable[..., Any] = found
-    return made
+        raise InvalidParameter("hardware", name, allowed())
+    return partial(found, **options(name, found, words)) if words else found
+
+
+def servo_rate(params: Params) -> float:
+    """The rate of the servo [Hz]: the device's own, if that is below the one that the parameters give.
+
+    Raises
+    ------
+    InvalidParameter : there is no such device, or its rate is not a number.
+    """
+    wanted = params.device.servo_hz
+    if params.hardware == "simulated":
+        return wanted
+    own = declared(load_class(params.hardware), "rate_hz")
+    return wanted if own is None else min(wanted, checks.positive("rate_hz", own))
+
+
+def is_blocking(hardware: str) -> bool:
+    """Does reading this device wait for its next reading?"""
+    return hardware != "simulated" and bool(declared(load_class(hardware), "blocking"))
+
+
+def declared(made: Callable[..., Any], part: str) -> Any:
+    """What a class, or a function that makes devices, declares before it is called; None: nothing."""
+    return getattr(made.func if isinstance(made, partial) else made, part, None)
 
 
 def declared_range(params: DeviceParams, dof: int, device: Device | None = None) -> OperatingRange:
@@ -61,6 +100,15 @@ def _unless_declared(speed: float) -> float:
     return min(max(10.0 * speed, low), high)
 
 
+_FIRST_READINGS = 5
+_UNIT = 1e-3
+_MOST_TOLD = 2.0
+"""A driver may tell a force up to so many times its limit, as currents overshoot. Beyond, the unit is wrong."""
+
+THERMAL_S = 10.0
+"""Time constant of a device that declares a continuous force, but not how fast its actuators heat up [s]."""
+
+
 class UserDevice:
     """The device `name`, made with ``dof`` and read once. `params` stand in for what it does not declare.
 
@@ -69,61 +117,233 @@ class UserDevice:
 
     Raises
     ------
-    InvalidParameter : the device cannot be made, lacks a part, or its first reading does not fit.
+    InvalidParameter : the device lacks a part, or its first reading does not fit. HapnetError : it cannot be made.
     """
 
     def __init__(self, name: str, dof: int, params: DeviceParams | None = None) -> None:
-        self.name, self.dof = name, dof
+        self.name: str = name
+        self.dof: int = dof
         make = load_class(name)
         try:
             self.device: Device = make(dof=dof)
+        except HapnetError as error:  # the driver says what is wrong
+            raise HapnetError(f"the device {name} cannot be made: {error}") from error
         except Exception as error:
-            raise InvalidParameter("hardware", name, f"{ALLOWED}, made with dof ({cause(error)})") from error
+            raise InvalidParameter("hardware", name, f"{allowed()}, made with dof ({cause(error)})") from error
+        self._tells_acted, self._tells_turned = self._can("acted"), self._can("orientation")
+        self._tells_interval = self._can("interval")
+        self._has_buttons, self._tells_braked = self._can("buttons"), self._can("braked")
+        try:
+            self._examine(params or DeviceParams(), params is not None)
+        except BaseException:
+            with suppress(HapnetError):
+                self.close()
+            raise
+
+    def _examine(self, params: DeviceParams, is_run: bool) -> None:
+        """Check what the device declares, calibrate it and read it once; `is_run` : at the rate of `params`."""
+        name, dof = self.name, self.dof
         missing = [
             part for part in ("dof", "force_limit", "resolution", "read", "apply") if not hasattr(self.device, part)
         ]
         if missing:
-            raise InvalidParameter("hardware", name, f"{ALLOWED}; it lacks {', '.join(missing)}")
+            raise InvalidParameter("hardware", name, f"{allowed()}; it lacks {', '.join(missing)}")
         if self.device.dof != dof:
             raise InvalidParameter("hardware", name, f"a device with {dof} degrees of freedom, as the scene has")
-        limit = self.device.force_limit
-        speed, mass = (getattr(self.device, part, None) for part in ("greatest_speed", "smallest_mass"))
         try:
-            self.force_limit = None if limit is None else checks.positive("force_limit", limit)
-            self.resolution = checks.non_negative("resolution", self.device.resolution)
-            self.greatest_speed = None if speed is None else checks.positive("greatest_speed", speed)
-            self.smallest_mass = None if mass is None else checks.positive("smallest_mass", mass)
-            self.declared = declared_range(params or DeviceParams(), dof, self.device)
+            self.force_limit: float | None = self._positive("force_limit")
+            self.resolution: float = checks.non_negative("resolution", self.device.resolution)
+            self.greatest_speed: float | None = self._positive("greatest_speed")
+            self.smallest_mass: float | None = self._positive("smallest_mass")
+            self.continuous_force: float | None = self._positive("continuous_force")
+            self.thermal_s: float = self._positive("thermal_s") or THERMAL_S
+            self.watchdog_s: float | None = self._positive("watchdog_s")
+            self.damping_range: tuple[float, float] | None = self._damping_range()
+            self.dead_man: int | None = self._dead_man()
+            self.knows_force: bool = bool(getattr(self.device, "knows_force", True))
+            self.declared: OperatingRange = declared_range(params, dof, self.device)
+            rate_hz = self._positive("rate_hz")
         except InvalidParameter as error:
             raise InvalidParameter("hardware", name, f"a device whose limits are numbers ({error})") from error
+        if is_run and rate_hz is not None and rate_hz < params.servo_hz * (1.0 - 1e-9):
+            raise InvalidParameter("device.servo_hz", params.servo_hz, f"at most {rate_hz:g}, as this device")
+        if self._can("home"):
+            self._make_ready()
         try:
-            position, _ = self.read()
+            position, _ = self._first_reading()
         except HapnetError as error:
             raise InvalidParameter("hardware", name, f"a device that can be read ({error})") from error
         if (where := self.declared.outside(position)) is not None:
-            allowed = f"a device within its workspace (declared by itself or by device.workspace_m); {where}"
-            raise InvalidParameter("hardware", name, allowed)
+            within = f"a device within its workspace (declared by itself or by device.workspace_m); {where}"
+            raise InvalidParameter("hardware", name, within)
+        if self.dead_man is not None and self.dead_man >= (count := len(self.buttons())) > 0:
+            raise InvalidParameter("dead_man", self.dead_man, f"the number of one of its {count} buttons, from 0")
+
+    def _make_ready(self) -> None:
+        driver: Any = self.device  # what is optional is not part of `Device`
+        try:
+            driver.home()
+        except HapnetError as error:  # the driver says what to do first
+            raise HapnetError(f"the device {self.name} is not ready: {error}") from error
+        except Exception as error:
+            raise HapnetError(f"the device {self.name} failed: home() raised {cause(error)}") from error
 
     def read(self) -> tuple[Vector, Vector]:
-        """Position [m] and velocity [m/s]; HapnetError if the device fails."""
+        """Position [m] and velocity [m/s]. DeviceSilent if there is none now, HapnetError if the device fails."""
+        told = self._call("read")
+        wanted = f"position and velocity of {self.dof} finite numbers each"
         try:
-            position, velocity = self.device.read()
-            x, v = tuple(map(float, position)), tuple(map(float, velocity))
-        except Exception as error:
-            raise HapnetError(f"the device {self.name} failed: read() raised {cause(error)}") from error
+            position, velocity = told
+        except (TypeError, ValueError):
+            raise self._wrong("read", told, wanted) from None
+        x, v = self._numbers("read", position, wanted), self._numbers("read", velocity, wanted)
         if len(x) != self.dof or len(v) != self.dof or not isfinite(sum(x) + sum(v)):
-            wanted = f"position and velocity of {self.dof} finite numbers each"
-            raise HapnetError(f"the device {self.name} failed: read() gave {x}, {v} instead of {wanted}")
+            raise self._wrong("read", (x, v), wanted)
         return x, v
 
     def apply(self, force: Vector) -> Vector | None:
         """Hold a force [N]; returns the one really applied, if the device reports it. HapnetError if it fails."""
+        return self._force("apply", self._call("apply", force), "the applied force")
+
+    def begin(self) -> None:
+        """Control begins; HapnetError if the device fails."""
+        if self._can("begin"):
+            self._call("begin")
+
+    def acted(self) -> Vector | None:
+        """The force that acted between the last two readings, if the device tells it; HapnetError if it fails."""
+        return self._force("acted", self._call("acted"), "the force that acted") if self._tells_acted else None
+
+    def interval(self) -> float | None:
+        """The time between the last two readings by the device's clock [s], if it tells it; HapnetError if it fails."""
+        if not self._tells_interval or (told := self._call("interval")) is None:
+            return None
         try:
-            told = self.device.apply(force)
-            applied = None if told is None else tuple(map(float, told))
+            return checks.positive("interval", told)
+        except InvalidParameter:
+            raise self._wrong("interval", told, "a positive number of seconds, or None") from None
+
+    def orientation(self) -> Vector | None:
+        """How the handle is turned, if the device tells it: a unit quaternion w, x, y, z. HapnetError if it fails."""
+        if not self._tells_turned or (told := self._call("orientation")) is None:
+            return None
+        turned = self._numbers("orientation", told, "a quaternion, or None")
+        if len(turned) != 4 or not abs(sum(part * part for part in turned) - 1.0) < _UNIT:
+            raise self._wrong("orientation", turned, "a unit quaternion w, x, y, z, or None")
+        return turned
+
+    def signal(self, name: str, value: object) -> None:
+        """Hand a value that the world tells to the device, if it takes such; HapnetError if it fails."""
+        if self._can("signal"):
+            self._call("signal", name, value)
+
+    def braked(self) -> str:
+        """Why the device renders no force now; empty: it does. HapnetError if it fails."""
+        return str(self._call("braked")) if self._tells_braked else ""
+
+    def buttons(self) -> tuple[bool, ...]:
+        """Which buttons were pressed at the last reading; HapnetError if the device fails."""
+        if not self._has_buttons:
+            return ()
+        told = self._call("buttons")
+        wanted = "a True or False for each button"
+        try:
+            pressed = tuple(told)
+        except TypeError:
+            raise self._wrong("buttons", told, wanted) from None
+        if not all(isinstance(one, bool | np.bool_) for one in pressed):  # the numbers of buttons would look released
+            raise self._wrong("buttons", told, wanted)
+        return tuple(map(bool, pressed))
+
+    def close(self) -> None:
+        """Let go of the device; HapnetError if that fails."""
+        if self._can("close"):
+            self._call("close")
+
+    def _can(self, part: str) -> bool:
+        """Has the driver this optional method? An attribute of its own may have the same name."""
+        return callable(getattr(self.device, part, None))
+
+    def _call(self, part: str, *given: object) -> Any:
+        try:
+            return getattr(self.device, part)(*given)
+        except DeviceSilent:
+            raise
         except Exception as error:
-            raise HapnetError(f"the device {self.name} failed: apply() raised {cause(error)}") from error
-        if applied is not None and (len(applied) != self.dof or not isfinite(sum(applied))):
-            wanted = f"the applied force, {self.dof} finite numbers, or None"
-            raise HapnetError(f"the device {self.name} failed: apply() gave {applied} instead of {wanted}")
-        return applied
+            raise HapnetError(f"the device {self.name} failed: {part}() raised {cause(error)}") from error
+
+    def _wrong(self, part: str, told: object, wanted: str) -> HapnetError:
+        shown = " ".join(f"{told!r:.120}".split())
+        return HapnetError(f"the device {self.name} failed: {part}() gave {shown} instead of {wanted}")
+
+    def _numbers(self, part: str, told: Any, wanted: str) -> Vector:
+        try:
+            return tuple(map(float, told))
+        except (TypeError, ValueError):
+            raise self._wrong(part, told, wanted) from None
+
+    def _force(self, part: str, told: Any, what: str) -> Vector | None:
+        if told is None:
+            return None
+        wanted = f"{what}, {self.dof} finite numbers, or None"
+        force = self._numbers(part, told, wanted)
+        if len(force) != self.dof or not isfinite(sum(force)):
+            raise self._wrong(part, force, wanted)
+        if self.force_limit is not None and math.hypot(*force) > _MOST_TOLD * self.force_limit:
+            raise self._wrong(part, force, f"a force within its force_limit, {self.force_limit:g} N (is the unit N?)")
+        return force
+
+    def _first_reading(self) -> tuple[Vector, Vector]:
+        """A device that has just been opened may be silent at first."""
+        for _ in range(_FIRST_READINGS - 1):
+            with suppress(DeviceSilent):
+                return self.read()
+        return self.read()
+
+    def check_damping(self, damping: object) -> None:
+        """Raise InvalidParameter if B [Ns/m] is outside of what the device renders on any axis."""
+        if self.damping_range is not None:
+            least, most = self.damping_range
+            values = checks.diagonal("device.damping", cast(ArrayLike, damping), self.dof)
+            if min(values) < least * (1.0 - 1e-9) or max(values) > most * (1.0 + 1e-9):
+                raise InvalidParameter("device.damping", damping, f"{least:g} to {most:g} Ns/m, as the device renders")
+
+    def limiter(self, params: DeviceParams) -> ForceLimiter:
+        """What this device may render, with the run's force ramp and dead-man switch.
+
+        Raises
+        ------
+        InvalidParameter : device.dead_man is no button's number.
+        """
+        dead_man: int | None = self.dead_man
+        if params.dead_man == "none":
+            dead_man = None
+        elif params.dead_man != "auto":
+            if not params.dead_man.isdecimal():
+                raise InvalidParameter("device.dead_man", params.dead_man, "auto, none or a button's number from 0")
+            dead_man = int(params.dead_man)
+            if dead_man >= (count := len(self.buttons())):
+                raise InvalidParameter("device.dead_man", params.dead_man, f"a button of the device, which has {count}")
+        return ForceLimiter(
+            ramp_s=params.force_ramp_s,
+            dead_man=dead_man,
+            peak=math.inf if self.force_limit is None else self.force_limit,
+            continuous=self.continuous_force,
+            thermal_s=self.thermal_s,
+        )
+
+    def _positive(self, part: str) -> float | None:
+        value = getattr(self.device, part, None)
+        return None if value is None else checks.positive(part, value)
+
+    def _damping_range(self) -> tuple[float, float] | None:
+        if (value := getattr(self.device, "damping_range", None)) is None:
+            return None
+        least, most = checks.vector("damping_range", value, 2)
+        if not 0.0 <= least < most:
+            raise InvalidParameter("damping_range", value, "least and greatest damping")
+        return least, most
+
+    def _dead_man(self) -> int | None:
+        value = getattr(self.device, "dead_man", None)
+        return None if value is None else checks.whole("dead_man", value, at_least=0)

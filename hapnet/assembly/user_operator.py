@@ -26,7 +26,8 @@ class UserOperator:
     """
 
     def __init__(self, name: str, dof: int, impedance: Impedance, reach: float = math.inf) -> None:
-        self.name, self._reach = name, reach
+        self.name: str = name
+        self._reach = reach
         make = load("operator", name, ALLOWED)
         try:
             self._operator: Operator = make(dof=dof, impedance=impedance)
@@ -35,7 +36,7 @@ class UserOperator:
             raise InvalidParameter("operator", name, f"{ALLOWED} ({cause(error)})") from error
         if not isinstance(getattr(self._operator, "impedance", None), Impedance):
             raise InvalidParameter("operator", name, f"{ALLOWED}; what it makes has no impedance")
-        self.impedance = self._operator.impedance
+        self.impedance: Impedance = self._operator.impedance
         try:
             self.reference(0.0)
         except HapnetError as error:

@@ -16,7 +16,8 @@ class Call:
     """Something to time: `prepare` runs before each call, untimed."""
 
     def __init__(self, call: Callable[[], object], prepare: Callable[[], object] | None = None) -> None:
-        self.call, self.prepare = call, prepare
+        self.call: Callable[[], object] = call
+        self.prepare: Callable[[], object] | None = prepare
 
     def turn(self, into: list[int]) -> None:
         call, prepare, clock = self.call, self.prepare, time.perf_counter_ns

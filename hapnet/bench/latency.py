@@ -176,7 +176,7 @@ class StampedSide(RealtimeSide):
     def __init__(self, role: Literal["device", "world"], address: str, params: Params, *, realtime: bool) -> None:
         ends = (address,)
         where = ZenohSettings(listen=ends) if role == "world" else ZenohSettings(connect=ends)
-        self.refusal = ""
+        self.refusal: str = ""
         """Why real-time scheduling was refused; empty if it was not, or was not asked for."""
         setup = prepare(params, "sampled")
         super().__init__(setup, role, where, session="bench", seed=0, realtime=realtime, notify=self._note_refusal)

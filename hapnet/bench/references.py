@@ -11,7 +11,8 @@ class PlainPD:
     """Three axes of f = -K (x - y) - B v in plain floats."""
 
     def __init__(self, stiffness: float, damping: float) -> None:
-        self.stiffness, self.damping = stiffness, damping
+        self.stiffness: float = stiffness
+        self.damping: float = damping
 
     def force(self, x: Vector, y: Vector, v: Vector) -> Vector:
         """f [N] at position x, set-position y [m], velocity v [m/s]."""
@@ -28,8 +29,10 @@ class NumpyPspm:
 
     def __init__(self, K: Array, position: Array, ceiling: float) -> None:
         self.K = K
+        self.eigenvalues: Array
+        self.basis: Array
         self.eigenvalues, self.basis = np.linalg.eigh(K)
-        self.set_position = position
+        self.set_position: Array = position
         self.energy: float = ceiling
         self.ceiling = ceiling
 
@@ -60,8 +63,8 @@ class NumpyMidpoint:
 
     def __init__(self, M: Array, B: Array, K: Array) -> None:
         self.M, self.B, self.K = M, B, K
-        self.x = np.zeros(len(M))
-        self.v = np.zeros(len(M))
+        self.x: Array = np.zeros(len(M))
+        self.v: Array = np.zeros(len(M))
 
     def step(self, dt: float, set_position: Array) -> Array:
         """x_{k+1} [m]."""
@@ -79,10 +82,15 @@ class PenaltyWorld:
     def __init__(
         self, mass: float, damping: float, stiffness: float, wall: tuple[float, float, float], axes: int = 3
     ) -> None:
-        self.mass, self.damping, self.stiffness = mass, damping, stiffness
+        self.mass: float = mass
+        self.damping: float = damping
+        self.stiffness: float = stiffness
+        self.wall_stiffness: float
+        self.wall_damping: float
+        self.wall_position: float
         self.wall_stiffness, self.wall_damping, self.wall_position = wall
-        self.x = [0.0] * axes
-        self.v = [0.0] * axes
+        self.x: list[float] = [0.0] * axes
+        self.v: list[float] = [0.0] * axes
 
     def step(self, dt: float, set_position: Vector) -> None:
         """One semi-implicit step of dt [s]; unlike the passive integrator it is stable only for short dt."""

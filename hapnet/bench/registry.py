@@ -11,6 +11,7 @@ from hapnet.bench.control import device_tick, pspm_update
 from hapnet.bench.latency import one_way_latency, one_way_latency_realtime
 from hapnet.bench.link import link_release
 from hapnet.bench.mesh import world_step_mesh
+from hapnet.bench.page import page_mesh
 from hapnet.bench.recovery import energy_recovery
 from hapnet.bench.row import Options, Row
 from hapnet.bench.servo import servo_busy_thread, servo_idle
@@ -30,6 +31,7 @@ ROWS: dict[str, Measure] = {
     "servo_traffic": servo_traffic,
     **{f"servo_traffic_{khz}khz": partial(servo_traffic, khz=khz) for khz in RATES_KHZ},
     "servo_watched": servo_watched,
+    "page_mesh": page_mesh,
     "servo_busy_thread": servo_busy_thread,
     "device_tick": device_tick,
     **{f"pspm_update_{n}dof": partial(pspm_update, n) for n in DIMENSIONS},
@@ -43,8 +45,9 @@ ROWS: dict[str, Measure] = {
     "link_release": link_release,
     "energy_recovery": partial(energy_recovery, 80, "2%", "energy_recovery"),
     **{
-        (name := f"energy_recovery_rtt{rtt_ms}_loss{loss}"): partial(energy_recovery, rtt_ms, f"{loss}%", name)
+        name: partial(energy_recovery, rtt_ms, f"{loss}%", name)
         for rtt_ms, loss in RECOVERY
+        for name in (f"energy_recovery_rtt{rtt_ms}_loss{loss}",)
     },
     "simulate_1dof": partial(simulate_ndof, 1),
     "simulate_3dof": partial(simulate_ndof, 3),

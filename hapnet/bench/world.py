@@ -37,7 +37,7 @@ class PressedWorld:
         pair(self._device, self._world)
         least_ns, most_ns = (round(seconds / NANO) for seconds in steps_s)
         self._steps_ns = cycle(np.random.default_rng(1).integers(least_ns, most_ns, 1000, endpoint=True).tolist())
-        self.now_ns = 0
+        self.now_ns: int = 0
         for _ in range(100):
             self.prepare()
             self.step()

@@ -72,7 +72,7 @@ def _show(rows: list[Row], directory: Path, words: Console) -> None:
 
 def _measure(chosen: dict[str, Measure], options: Options, words: Console) -> Iterator[Row]:
     """Measure one row after another; show a bar on a terminal, one line per row elsewhere."""
-    with Progress(words, "measuring", len(chosen), "", background=False) as progress:
+    with Progress(output.progress_console(), "measuring", len(chosen), "", background=False) as progress:
         for number, (name, measure) in enumerate(chosen.items()):
             progress.update(number, f"{number + 1}/{len(chosen)} {name}")
             try:

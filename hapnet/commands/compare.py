@@ -117,6 +117,9 @@ class CompareOptions:
     fresh: Annotated[bool, typer.Option("--fresh", help="Discard an earlier comparison in --out, and start again.")] = (
         False
     )
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Say what would be compared, estimate the time by a few cases, and end.")
+    ] = False
     metrics: Annotated[bool, typer.Option("--metrics", help="Print what each metric means and end.")] = False
 
 
@@ -132,6 +135,9 @@ def main(params: Params, given: CompareOptions, json_to: str | None, out: Path |
     plan = plan_of(params, given)
     drawn = drawn_case(plan, given.case)
     spec = plan.spec
+    if given.dry_run:
+        _show(words, plan, given.workers)
+        return 0
     with ExitStack() as stack:
         if given.files:
             directory = output.run_directory(out, "compare")
@@ -171,7 +177,7 @@ def _compare(
     written = output.Written()
     there = []
     if given.files:
-        with Progress(words, "drawing"):
+        with Progress(output.progress_console(), "drawing"):
             there = _write(directory, plan, drawn, outcomes, found, whole, written)
     for table in tables.tables(plan, found, words.width):
         words.print(table, soft_wrap=False)
@@ -190,6 +196,20 @@ def _compare(
     with written.part():
         output.write_json(whole, json_to)
     return written.code()
+
+
+def _show(words: Console, plan: Plan, workers: int) -> None:
+    """Say what would be compared, and how long it takes."""
+    from hapnet.commands.studies import check_cases, estimate_cases
+
+    cases = plan.spec.cases()
+    parts = [(plan.variants, "coupling"), (plan.links, "link"), (plan.operators, "operator"), (plan.seeds, "seed")]
+    told = [f"{len(values)} {name}{'s' * (len(values) != 1)}" for values, name in parts]
+    words.print(f"{len(cases)} cases: {', '.join(told)}")
+    for values, name in parts:
+        words.print(f"  {name}: {'; '.join(map(str, values))}", markup=False)
+    can_run = check_cases(words, plan.spec, cases)
+    estimate_cases(words, plan.spec.fixed, can_run, len(can_run), workers)
 
 
 def _write(

@@ -67,6 +67,13 @@ def scenes() -> list[str]:
     return [*SCENES, *(name for name in KINDS if name not in FROM_FILES)]
 
 
+def devices() -> list[str]:
+    """Devices by name."""
+    from hapnet.devices.registry import known
+
+    return list(known())
+
+
 def operators(incomplete: str) -> list[str]:
     """Built-in hands, and files that contain a motion."""
     return [*OPERATORS, *files(incomplete, MOTIONS)]

@@ -32,7 +32,12 @@ Operator = Annotated[
 ]
 Hardware = Annotated[
     str | None,
-    typer.Option("--device", metavar="MODULE:CLASS", help="A device of your own instead of the simulated one."),
+    typer.Option(
+        "--device",
+        metavar="NAME[:OPTIONS]|MODULE:CLASS",
+        help="A real device (`hapnet devices`), or one of your own, instead of the simulated one.",
+        autocompletion=complete.devices,
+    ),
 ]
 Coupling = Annotated[
     str | None,
@@ -90,6 +95,7 @@ Json = Annotated[
 Out = Annotated[
     Path | None, typer.Option(help="Directory for all output files.", show_default="runs/<UTC time>-<seed>")
 ]
+Files = Annotated[bool, typer.Option("--files/--no-files", help="Write recording, figure and summary.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Show all tables of the summary, not only five lines.")]
 Realtime = Annotated[
     bool,

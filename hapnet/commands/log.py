@@ -64,7 +64,7 @@ class Log:
             return
         self.write(notice)
         text = self._repeats.line(self._role, notice.kind, notice.text, notice.at_ns)
-        if notice.kind != "progress" and text is not None:
+        if notice.kind not in ("progress", "signal") and text is not None:
             self._say(replace(notice, text=text))
 
     def write(self, notice: Notice) -> None:

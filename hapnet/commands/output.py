@@ -6,12 +6,13 @@ import csv
 import json
 import os
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, cast
 
+from hapnet.commands import progress
 from hapnet.errors import HapnetError, OutputError, RecordingError
 
 if TYPE_CHECKING:
@@ -36,18 +37,31 @@ def console(json_to: str | None) -> Console:
     return Console(file=cast(IO[str], stream), highlight=False, soft_wrap=True)
 
 
-class _ForgivingStream:
-    """A stream whose reader may leave (``| head``, a closed terminal, a full disk): then it is silent, and no error."""
+def progress_console() -> Console:
+    """The console that shows progress: standard error, so that standard output holds results only."""
+    from rich.console import Console
 
-    def __init__(self, stream: IO[str]) -> None:
+    return Console(file=cast(IO[str], _ForgivingStream(sys.stderr, room=False)), highlight=False, soft_wrap=True)
+
+
+class _ForgivingStream:
+    """A stream whose reader may leave (``| head``, a closed terminal, a full disk): then it is silent, and no error.
+
+    room : on a terminal, erase a bar of progress before writing; it is drawn again below.
+    """
+
+    def __init__(self, stream: IO[str], *, room: bool = True) -> None:
         self._stream = stream
+        self._room = progress.room if room and stream.isatty() else nullcontext
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
-        with self._ignoring_errors():
+        with self._ignoring_errors(), self._room():
             self._stream.write(text)
+            if self._room is not nullcontext:
+                self._stream.flush()  # before the bar is drawn again
         return len(text)
 
     def flush(self) -> None:
@@ -66,6 +80,25 @@ def silence(stream: IO[str]) -> None:
     """Discard what is written to `stream` from now on; otherwise the interpreter would fail at its exit."""
     with suppress(OSError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+_SIGPIPE = 141
+
+
+def unless_closed(command: Callable[[], int]) -> int:
+    """The exit code of `command`; 141, as after SIGPIPE, if the reader of standard output has left (``| head``)."""
+    try:
+        code = command()
+        sys.stdout.flush()
+    except BrokenPipeError:
+        silence(sys.stdout)
+        return _SIGPIPE
+    except SystemExit as error:
+        if not isinstance(error.__context__, BrokenPipeError):  # click makes this of it
+            raise
+        silence(sys.stdout)
+        return _SIGPIPE
+    return code
 
 
 class Written:

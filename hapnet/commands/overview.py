@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 from typing import Annotated
 
 import typer
 
-from hapnet.commands import output
 from netem.version_flag import versions
 
 ASKED: tuple[list[str], ...] = ([], ["--help"], ["-h"], ["--version"])
@@ -30,8 +28,12 @@ COMMANDS = {
     "report": "Turn one or two recordings into a page (HTML), figures and a summary. A torn one gets a repaired copy.",
     "compare": "Compare couplings over the same links, hands and seeds, in virtual time: which are passive, how "
     "transparent.",
+    "export": "Write one or two recordings as tables: CSV, and Parquet. Those of two hosts are put on one clock.",
     "transparency": "Measure what couplings transmit of a wall: stiffness and damping over frequency, in virtual time.",
     "tune": "Search the parameters that are best for an objective and break no constraint; score them on other cases.",
+    "devices": "List the devices that can be given to --device, what was found of each, and what is missing for it.",
+    "emulate": "Stand in for a device: speak its protocol, with a simulated hand on the handle, in a process of its "
+    "own.",
     "bench": "Measure what the servo, the message path and the simulation cost here, each beside a bare reference.",
     "doctor": "Check what this machine allows a servo to do, and say how to allow the rest.",
     "sweep": "Thousands of cases over parameters, links and seeds, in virtual time; `hapnet sweep plot` draws them.",
@@ -73,9 +75,6 @@ def main(args: list[str]) -> int:
         app(args=args or ["--help"], prog_name="hapnet", standalone_mode=False)
     except KeyboardInterrupt:
         return 130
-    except BrokenPipeError:
-        output.silence(sys.stdout)  # the reader of our output has gone
-        return 141
     return 0
 
 

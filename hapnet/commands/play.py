@@ -21,6 +21,7 @@ from hapnet.commands.view import show
 from hapnet.couplings.registry import coupling
 from hapnet.errors import InvalidParameter
 from hapnet.params import RELAXED_HAND, OperatorParams, Params
+from hapnet.report.words import stated
 from hapnet.summary.run import merge
 from hapnet.summary.structure import Summary
 from hapnet.summary.verdict import judge
@@ -217,10 +218,9 @@ class Stage:
         if verdict["passive"] is None and snapshot.account is not None:  # of both ports, which must be seen at once
             verdict = judge(snapshot.account)
         self._episodes += 1
-        how = {True: "passive", False: "NOT passive", None: "passivity not known"}[verdict["passive"]]
         label, seconds = label_of(params.coupling, params.feel), summary["duration_s"] or 0.0
         self._words.print(
-            f"{self._episodes}: {label}, {seconds:.0f} s: {how}: {verdict['reason']}",
+            f"{self._episodes}: {label}, {seconds:.0f} s: {stated(verdict)}",
             style="red" if verdict["passive"] is False else None,
             markup=False,
         )

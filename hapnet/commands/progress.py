@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from io import UnsupportedOperation
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -18,7 +19,8 @@ BAR_AFTER_S = 1.0
 LINE_EVERY_S = 5.0
 _REDRAW_S = 0.1
 
-_ERASE = b"\r\x1b[2K\x1b[?25h"  # clears the line, and shows the cursor
+_CLEAR = b"\r\x1b[2K"
+_ERASE = _CLEAR + b"\x1b[?25h"  # clears the line, and shows the cursor
 
 _drawn: set[Progress] = set()
 
@@ -28,7 +30,7 @@ class Progress:
 
     Parameters
     ----------
-    words : the console for people.
+    console : where it is shown, standard error.
     doing : what is being done, such as "simulating".
     total : the final value of what `update` counts; None: unknown.
     unit : of `total`; "": `doing` contains the numbers.
@@ -39,7 +41,7 @@ class Progress:
 
     def __init__(
         self,
-        words: Console,
+        console: Console,
         doing: str,
         total: float | None = None,
         unit: str = "s",
@@ -47,7 +49,7 @@ class Progress:
         background: bool = True,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._words, self._clock = words, clock
+        self._console, self._clock = console, clock
         self._began = clock()
         self._background = background
         self._bar_after_s, self._line_every_s = (BAR_AFTER_S, LINE_EVERY_S) if background else (0.0, 0.0)
@@ -94,7 +96,7 @@ class Progress:
             lasted_s = self._clock() - self._began
             if self._over.is_set():
                 return
-            if self._words.is_terminal:
+            if self._console.is_terminal:
                 if lasted_s >= self._bar_after_s:
                     self._draw()
             elif lasted_s >= self._next_line_s:
@@ -102,14 +104,22 @@ class Progress:
                 known = [words for words in (self._count(), self._left()) if words]
                 if not known and self._background:
                     known = [f"{lasted_s:.0f} s so far"]
-                self._words.print(": ".join(filter(None, (self._doing, ", ".join(known)))), markup=False)
+                self._console.print(": ".join(filter(None, (self._doing, ", ".join(known)))), markup=False)
+
+    @contextmanager
+    def cleared(self) -> Iterator[None]:
+        """The bar's line is clear meanwhile."""
+        with self._lock:
+            with suppress(OSError, UnsupportedOperation):
+                os.write(self._console.file.fileno(), _CLEAR)
+            yield
 
     def erase(self) -> None:
         """Clear the line and restore the cursor at once, before the process ends."""
         self._over.set()
         free = self._lock.acquire(timeout=_REDRAW_S)  # fails only if the terminal blocks whoever draws
         with suppress(OSError):
-            os.write(self._words.file.fileno(), _ERASE)
+            os.write(self._console.file.fileno(), _ERASE)
         if free:
             self._lock.release()
 
@@ -128,7 +138,7 @@ class Progress:
             columns = (text("description"), BarColumn(bar_width=30), text("fields[count]"), text("fields[left]"))
             self._bar = Progress(
                 *columns,
-                console=self._words,
+                console=self._console,
                 auto_refresh=False,
                 transient=True,
                 redirect_stdout=False,  # output for programs must not go to the bar's stream
@@ -162,7 +172,16 @@ class Progress:
         at, before = self._first
         if not before < self._done <= self._total:
             return ""
-        return f"{_duration((self._clock() - at) * (self._total - self._done) / (self._done - before))} left"
+        return f"{duration((self._clock() - at) * (self._total - self._done) / (self._done - before))} left"
+
+
+@contextmanager
+def room() -> Iterator[None]:
+    """Clear the line of any bar, and draw none meanwhile: something else is written there."""
+    with ExitStack() as held:
+        for progress in tuple(_drawn):
+            held.enter_context(progress.cleared())
+        yield
 
 
 def erase() -> None:
@@ -171,7 +190,8 @@ def erase() -> None:
         progress.erase()
 
 
-def _duration(seconds: float) -> str:
+def duration(seconds: float) -> str:
+    """A time as people say it: seconds, minutes, or hours and minutes."""
     if seconds < 99.5:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60.0)

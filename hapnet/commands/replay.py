@@ -55,7 +55,7 @@ def main(
     words.print(f"hand: {original.hand}", markup=False)
     for line in original.notes:
         words.print(f"note: {line}", markup=False)
-    with Progress(words, "replaying", params.duration_s) as progress:
+    with Progress(output.progress_console(), "replaying", params.duration_s) as progress:
         result = simulation.run(progress.update)
     summary = result.summary
     compared = summary["replay"] = compare(original, result.recording, summary)

@@ -16,7 +16,7 @@ from hapnet.metrics import motion
 from hapnet.param_values import flatten
 from hapnet.params import Params
 from hapnet.recording.mcap import read_recording, repair
-from hapnet.recording.samples import Event, Recording, join
+from hapnet.recording.samples import Recording, join
 from hapnet.summary.recorded import of_recordings
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def main(files: list[Path], json_to: str | None, out: Path | None, *, verbose: b
         raise InvalidParameter("FILE", [str(file) for file in files], "one recording, or the device's and the world's")
     words = output.console(json_to)
     written = output.Written()
-    with Progress(words, "reading"):
+    with Progress(output.progress_console(), "reading"):
         recordings = [read_recording(file) for file in files]
     summary = of_recordings(files, recordings)
     whole = recordings[0] if len(files) == 1 else join(*recordings)
@@ -111,5 +111,5 @@ def _legible(recording: Recording) -> Recording:
     """A recording whose texts are safe to show, whoever wrote them."""
     from hapnet.report import legible
 
-    events = [Event(event.time_ns, legible(event.kind), legible(event.text)) for event in recording.events]
+    events = [event._replace(kind=legible(event.kind), text=legible(event.text)) for event in recording.events]
     return replace(recording, meta=legible(recording.meta), summary=legible(recording.summary), events=events)

@@ -5,8 +5,10 @@ from __future__ import annotations
 import asyncio
 import signal
 import time
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -25,25 +27,46 @@ from hapnet.params import Params
 from hapnet.recording.mcap import read_recording
 from hapnet.recording.samples import Recording, join
 from hapnet.side.endpoint import DeviceEndpoint, WorldEndpoint
+from hapnet.side.notices import OVER
 from hapnet.summary.run import Summary, merge
 
 if TYPE_CHECKING:
     from hapnet.report import Source
 
 
-def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, realtime: bool, verbose: bool) -> int:
-    """Start both processes, wait for them, and write the run's report, figure and summary."""
+def main(
+    params: Params, seed: int, json_to: str | None, out: Path | None, *, files: bool, realtime: bool, verbose: bool
+) -> int:
+    """Start both processes, wait for them, and print the summary; with `files` also write it, a report and a figure."""
     setup = prepare(params, "sampled")
     check_sides(setup)
+    with ExitStack() as passing:
+        if files:
+            directory = output.run_directory(out, seed)
+        else:  # the summary needs both recordings
+            directory = Path(passing.enter_context(TemporaryDirectory(prefix="hapnet-")))
+        return _main(params, seed, setup, directory, json_to, files=files, realtime=realtime, verbose=verbose)
+
+
+def _main(
+    params: Params,
+    seed: int,
+    setup: Setup,
+    directory: Path,
+    json_to: str | None,
+    *,
+    files: bool,
+    realtime: bool,
+    verbose: bool,
+) -> int:
     words = output.console(json_to)
-    directory = output.run_directory(out, seed)
     try:
         log = (directory / "log.jsonl").open("wb", buffering=0)
     except OSError as error:
         raise HapnetError(f"cannot write to {directory}: {error.strerror or error}") from None
     output.show_warnings(words, setup.warnings)
     written = output.Written()
-    with log, Progress(words, "starting") as progress:
+    with log, Progress(output.progress_console(), "starting") as progress:
         running = False
         repeats = Repeats()
 
@@ -72,24 +95,27 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, re
         words.print("stopped before both processes ran: there is nothing to report", style="yellow")
         return written.code(code)
     summary, recording, sources = _result(pair, setup, seed, written)
-    with written.part():
-        output.write_json(summary, str(directory / "summary.json"))
-    if recording is not None:
-        with Progress(words, "drawing"):
-            write(recording, sources, directory, "report.html", {"run": "figure.png"}, written)
+    if files:
+        with written.part():
+            output.write_json(summary, str(directory / "summary.json"))
+        if recording is not None:
+            with Progress(output.progress_console(), "drawing"):
+                write(recording, sources, directory, "report.html", {"run": "figure.png"}, written)
     output.show_summary(words, summary, verbose=verbose)
     written.judge(summary, params, virtual=False)
-    files = ("device.mcap", "world.mcap", "report.html", "figure.png", "summary.json", "log.jsonl")
-    output.show_files(words, files, directory)
+    if files:
+        there = ("device.mcap", "world.mcap", "report.html", "figure.png", "summary.json", "log.jsonl")
+        output.show_files(words, there, directory)
     with written.part():
         output.write_json(summary, json_to)
     return written.code(code)
 
 
 def _expected(notice: dict[str, Any]) -> bool:
-    """Is the notice part of every run? Both sides wait and are paired once; the summary shows the path."""
-    first = notice["kind"] == "paired" and notice.get("values", {}).get("pair") == 1
-    return first or notice["kind"] in ("waiting", "path")
+    """Is the notice part of every run? Both sides wait, are paired once and leave; the summary shows the path."""
+    kind, values = notice["kind"], notice.get("values", {})
+    once = (kind == "paired" and values.get("pair") == 1) or (kind == "left" and values.get("reason") == OVER)
+    return once or kind in ("waiting", "path")
 
 
 async def _run(pair: Pair) -> int:

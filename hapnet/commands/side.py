@@ -132,6 +132,7 @@ async def _run(side: RealtimeSide, duration_s: float, log: Log) -> tuple[Summary
     stop = asyncio.Event()
     caught: list[signal.Signals] = []
     told = catch(stop, caught, again=side.hurry)
+    asyncio.get_running_loop().add_signal_handler(signal.SIGUSR1, side.stop_force, "SIGUSR1")
     parent = os.environ.pop(PARENT, None)
     beside = [] if parent is None else [asyncio.create_task(_outlive(int(parent), told))]
     if os.environ.pop(CONSOLE, None) is not None:

@@ -22,7 +22,7 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, fi
     output.show_warnings(words, simulation.setup.warnings)
     directory = output.run_directory(out, seed) if files else None
     written = output.Written()
-    with Progress(words, "simulating", params.duration_s) as progress:
+    with Progress(output.progress_console(), "simulating", params.duration_s) as progress:
         result = simulation.run(progress.update)
         if directory is not None:
             progress.stage("writing")

@@ -6,21 +6,26 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from hapnet.commands import output
-from hapnet.commands.progress import Progress
+from hapnet.commands.progress import Progress, duration
 from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.params import Params
+from hapnet.simulation.compiled import coverage
 from hapnet.simulation.processes import usable_cores
 from hapnet.study.backend import Backend, local_workers
 from hapnet.study.case import check
+from hapnet.study.estimate import mean_seconds, spread
 from hapnet.study.journal import Journal
 from hapnet.study.runner import Sweep
-from hapnet.study.spec import Case, Spec, params_of
-from hapnet.study.task import reason
+from hapnet.study.spec import Case, Spec, Values, params_of
+from hapnet.study.task import reason, run_case
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+Part = TypeVar("Part")
 
 INTERRUPTED = 130
 
@@ -76,7 +81,7 @@ def run_missing(
     stopped: KeyboardInterrupt | HapnetError | None = None
     workers: Backend | None = None
     try:
-        with Progress(words, doing, most, "cases") as progress:
+        with Progress(output.progress_console(), doing, most, "cases") as progress:
             for _ in rounds:
                 total, done, _ = journal.count()
                 if done < total:
@@ -111,19 +116,22 @@ def local_or_dask(words: Console, workers: int, dask: str | None, cases: int) ->
     return cluster
 
 
-def check_cases(words: Console, spec: Spec, cases: Sequence[Case]) -> None:
-    """Check the cases before any is run, and print what is wrong; raises HapnetError if none can run."""
+def check_cases(words: Console, spec: Spec, cases: Sequence[Case]) -> list[Case]:
+    """The cases that can run. What is wrong with the others is printed; raises HapnetError if none can run."""
     sets: dict[str, list[Case]] = {}
     for case in cases:
         sets.setdefault(case.parameters, []).append(case)
     warnings = Counter[str]()
     wrong: list[str] = []
-    with Progress(words, "checking", len(sets), "sets of parameters") as progress:
+    can_run: list[Case] = []
+    with Progress(output.progress_console(), "checking", len(sets), "sets of parameters") as progress:
         for done, alike in enumerate(sets.values(), 1):
             try:
                 warnings.update(check(params_of(spec.fixed, alike[0].values)))
             except Exception as error:  # a user's own scene may raise anything
                 wrong += [reason(error)] * len(alike)
+            else:
+                can_run += alike
             progress.update(done)
     if len(wrong) == len(cases):
         raise HapnetError(f"no case can run; the first: {wrong[0]}")
@@ -132,6 +140,65 @@ def check_cases(words: Console, spec: Spec, cases: Sequence[Case]) -> None:
         words.print(line, style="yellow", markup=False)
     for warning, times in warnings.most_common(REASONS):
         output.show_warnings(words, (f"{warning} (in {times} of {len(sets)} sets of parameters)",))
+    return can_run
+
+
+@dataclass(frozen=True)
+class Kind(Generic[Part]):
+    """Parts of a study that take alike.
+
+    name : of one. some : of them. count : how many there are. params : of one.
+    """
+
+    name: str
+    some: Sequence[Part]
+    count: int
+    params: Callable[[Part], Params]
+
+    @property
+    def ticks(self) -> float:
+        """How many ticks of the servo all of them have, by a few."""
+        known = [self.params(part) for part in spread(self.some)]
+        return self.count * sum(one.duration_s * one.device.servo_hz for one in known) / len(known)
+
+
+def estimate_cases(
+    words: Console, fixed: Values, cases: Sequence[Case], count: int, workers: int, dask: str | None = None
+) -> None:
+    """Print how long `count` cases such as these take, by a few of them. `workers` and `dask` as `local_or_dask`."""
+    failed: list[str] = []
+
+    def run(case: Case) -> None:
+        if (error := run_case(fixed, case).error) is not None:
+            failed.append(error)
+
+    estimate(words, run, [Kind("case", cases, count, lambda case: params_of(fixed, case.values))], workers, dask)
+    if failed:
+        output.show_warnings(words, (f"the estimate may be wrong, as cases failed; the first: {failed[0]}",))
+
+
+def estimate(
+    words: Console,
+    run: Callable[[Part], object],
+    kinds: Sequence[Kind[Part]],
+    workers: int,
+    dask: str | None = None,
+) -> None:
+    """Print how long ``run(part)`` takes for all parts, by a few of each kind."""
+    told, sum_s, parts = [], 0.0, 0
+    with Progress(output.progress_console(), "compiling") as progress:
+        coverage.compile_for(sum(kind.ticks for kind in kinds))  # as the run would
+        progress.stage("running a few, to see how long they take")
+        for kind in kinds:
+            mean_s, of = mean_seconds(run, kind.some)
+            told.append(f"a {kind.name} takes {mean_s:.2g} s (mean of {of})")
+            sum_s, parts = sum_s + mean_s * kind.count, parts + kind.count
+    if dask is not None:
+        told.append(f"all of them, {duration(sum_s)} in all, shared by the cluster's workers")
+    else:
+        at_once = min(workers or usable_cores(), parts)
+        told.append(f"all of them, with {at_once} worker{'s' * (at_once > 1)}: about {duration(sum_s / at_once)}")
+    words.print("; ".join(told))
 
 
 def assigned(flag: str, given: Sequence[str]) -> dict[str, str]:

@@ -33,7 +33,7 @@ class RunByDefault(TyperGroup):
         return offered
 
 
-app = typer.Typer(
+app: typer.Typer = typer.Typer(
     cls=RunByDefault,
     help="Thousands of cases over parameters, links and seeds, in virtual time; `hapnet sweep plot` draws them.",
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -56,7 +56,8 @@ def run(
         str, typer.Option("--format", help="Format of the results: csv, parquet, both; auto: both if pyarrow is there.")
     ] = "auto",
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Check the spec, list the first and last cases, and exit.")
+        bool,
+        typer.Option("--dry-run", help="Check the spec, list its first and last cases, estimate the time by a few."),
     ] = False,
     retry_failed: flags.RetryFailed = False,
     fresh: Annotated[bool, typer.Option("--fresh", help="Discard all results of this sweep, and start again.")] = False,

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hapnet.commands import output
-from hapnet.commands.studies import REASONS, assigned, check_cases, local_or_dask, run_missing
+from hapnet.commands.studies import REASONS, assigned, check_cases, estimate_cases, local_or_dask, run_missing
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 from hapnet.study import export
@@ -48,11 +48,13 @@ def run(file: Path, assignments: list[str], how: Options, json_to: str | None, o
     cases = spec.cases()
     if (twice := spec.count - len(cases)) > 0:
         words.print(f"{twice} cases are repetitions in the spec: each case is run once")
-    if how.dry_run or how.fresh or not (directory / NAME).exists():
-        check_cases(words, spec, cases)
     if how.dry_run:
+        can_run = check_cases(words, spec, cases)
         _show(words, spec, cases, directory)
+        estimate_cases(words, spec.fixed, can_run, len(can_run), how.workers, how.dask)
         return 0
+    if how.fresh or not (directory / NAME).exists():
+        check_cases(words, spec, cases)
     journal = Journal.create_or_resume(output.run_directory(directory, None), spec, cases, fresh=how.fresh)
     try:
         return _run(words, journal, directory, how, endings, json_to)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,9 +20,11 @@ from hapnet.errors import InvalidParameter
 from hapnet.params import COUPLING_NAMES, Params
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.table import Table
 
     from hapnet.study.impedance import Curve
+    from hapnet.study.transparency import Task
     from hapnet.study.z_width import ZWidth
 
 LINKS = ("lan", "4g")
@@ -50,6 +54,9 @@ class TransparencyOptions:
         bool, typer.Option("--z-width", help="Also find the stiffest wall without limit cycles, by bisection (slow).")
     ] = False
     workers: Annotated[int, typer.Option(min=0, help="Number of processes; 0: one per core.")] = 0
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Say what would be measured, estimate the time by a few runs, and end.")
+    ] = False
 
 
 @grouped
@@ -111,10 +118,13 @@ def main(params: Params, given: TransparencyOptions, json_to: str | None, out: P
         for link, (up, down) in links.items()
         for seed, hand in [*((seed, None) for seed in seeds), *((0, hand) for hand in _hands(given))]
     ]
-    workers = min(given.workers or usable_cores(), len(tasks))
     words = output.console(json_to)
+    if given.dry_run:
+        _show(words, tasks, given.workers)
+        return 0
+    workers = min(given.workers or usable_cores(), len(tasks))
     directory = output.run_directory(out, "transparency")
-    with Progress(words, "measuring", len(tasks), "runs") as bar:
+    with Progress(output.progress_console(), "measuring", len(tasks), "runs") as bar:
         found = dealt(transparency.run, tasks, workers, lambda share: bar.update(share * len(tasks)))
         bar.stage("drawing")
         curves: dict[tuple[str, str], Curve] = {}
@@ -140,6 +150,21 @@ def main(params: Params, given: TransparencyOptions, json_to: str | None, out: P
     output.show_files(words, ("transparency.png", "transparency.json"), directory)
     output.write_json(whole, json_to)
     return 0
+
+
+def _show(words: Console, tasks: Sequence[Task], workers: int) -> None:
+    """Say what would be measured, and how long it takes."""
+    from hapnet.commands.studies import Kind, estimate
+    from hapnet.study import transparency
+
+    runs = [task for task in tasks if task.hand is None]
+    searches = [task for task in tasks if task.hand is not None]
+    more = f", {len(searches)} searches for the stiffest wall" if searches else ""
+    pairs = len({task[:2] for task in tasks})
+    words.print(f"{len(runs)} runs{more}: {pairs} pair{'s' * (pairs > 1)} of a coupling and a link")
+    named = [("run", runs), ("search", searches)]
+    kinds = [Kind(name, some, len(some), attrgetter("params")) for name, some in named if some]
+    estimate(words, transparency.run_one, kinds, workers)
 
 
 def _hands(given: TransparencyOptions) -> tuple[str, ...]:

@@ -21,7 +21,9 @@ def tune(
     workers: flags.Workers = 0,
     dask: flags.Dask = None,
     assign: flags.Assign = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Check the spec, say what would run, and exit.")] = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Check the spec, say what would run, estimate the time by a few cases.")
+    ] = False,
     retry_failed: flags.RetryFailed = False,
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Discard all results of this tuning, and start again.")

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hapnet.commands import output
-from hapnet.commands.studies import assigned, check_cases, local_or_dask, run_missing
+from hapnet.commands.studies import assigned, check_cases, estimate_cases, local_or_dask, run_missing
 from hapnet.errors import InvalidParameter
 from hapnet.study import export, tune_results
 from hapnet.study.journal import NAME, Journal
-from hapnet.study.search import Search, base
+from hapnet.study.search import Search, base, most_cases
 from hapnet.study.search_space import need_library
 from hapnet.study.spec import SEED, value_words
 from hapnet.study.tune_spec import TuneSpec
@@ -50,11 +50,13 @@ def run(file: Path, assignments: list[str], how: Options, json_to: str | None, o
     directory = out or Path("runs") / f"tune-{spec.name}"
     tuned, scored = base(spec)
     whole = spec.whole(spec.defaults)
-    if how.dry_run or how.fresh or not (directory / NAME).exists():
-        check_cases(words, whole, [*tuned, *scored])
     if how.dry_run:
+        can_run = check_cases(words, whole, [*tuned, *scored])
         _show(words, spec, directory)
+        estimate_cases(words, whole.fixed, can_run, most_cases(spec), how.workers, how.dask)
         return 0
+    if how.fresh or not (directory / NAME).exists():
+        check_cases(words, whole, [*tuned, *scored])
     journal = Journal.create_or_resume(output.run_directory(directory, None), whole, [*tuned, *scored], fresh=how.fresh)
     try:
         return _run(words, spec, journal, directory, how, json_to)
@@ -72,7 +74,7 @@ def _run(words: Console, spec: TuneSpec, journal: Journal, directory: Path, how:
     def workers(cases: int) -> Backend:
         return local_or_dask(words, how.workers, how.dask, cases)
 
-    ran = run_missing(words, journal, "tuning", workers, search.rounds(), search.most)
+    ran = run_missing(words, journal, "tuning", workers, search.rounds(), most_cases(spec))
     new = ran.done - before
     if new:
         words.print(f"{new} cases in {ran.lasted_s:.1f} s: {new / ran.lasted_s:.1f} a second")

@@ -30,7 +30,7 @@ def play_back(files: list[Path], options: PageOptions) -> int:
     words = output.console(None)
     if len(files) > 2:
         raise InvalidParameter("FILE", [str(file) for file in files], "one recording, or the device's and the world's")
-    with Progress(words, "reading"):
+    with Progress(output.progress_console(), "reading"):
         recordings = [read_recording(file) for file in files]
         whole = recordings[0] if len(files) == 1 else join(*recordings)
     if whole.device is None and whole.world is None:

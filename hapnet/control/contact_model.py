@@ -6,15 +6,21 @@ touches or is near (`Proxy`), and the device computes at every tick where the pr
     s = x - K'^-1 sum f_i n_i,      f_i = max(0, K_i (n_i . s - w_i))                  the proxy's static equilibrium
     y = s + g K^-1 (B + b) v        only while free of contact: it cancels a part of the dampers' drag
 
+Where the world tells how a surface bends, n_i and w_i are those of its tangent plane as seen from x at this tick
+(`hapnet.mechanics.curvature`): while the device slides over a ball, a flat plane is wrong by the time of the next one.
+Where it tells friction, the proxy sticks to the place where it rested at the last tick. It slides where sticking would
+take more than mu f_i (`hapnet.control.friction_cone`).
+
 PSPM then pays for y as for any other set-position (end of Section 3). So the model need not be right: a wrong plane
 feels wrong, but creates no energy. Model-mediated teleoperation (Niemeyer, Mitra 2004; Xu et al. 2016) relies on the
 model for stability, and needs it to be right.
 
-Three things keep the model true:
+Four things keep the model true:
 
 * A new set of planes takes effect over some milliseconds: what y would jump by is added to y and fades.
 * The proxy's own position and force say where its plane really was: w = n . x_p - f/K. While in contact, the difference
   to the plane that was told shifts all planes (`shift`), filtered. Free of contact, the proxy must be in front.
+* A world that says along a surface where its proxy rests moves the place where the model's sticks, if that is far away.
 * A world that can tell no planes is felt through its proxy's position, less the own motion since the time for which
   that position stands (`OwnMotion`).
 """
@@ -29,9 +35,10 @@ from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.control.added_damping import AddedDamping
 from hapnet.control.coupling import CouplingSample, Proxy, vector_of
+from hapnet.control.friction_cone import RubbingProxy
 from hapnet.control.own_motion import OwnMotion
 from hapnet.control.smoothing import FilteredVelocity, low_passed
-from hapnet.mechanics.plane import Plane
+from hapnet.control.told_plane import ToldPlane, along
 from hapnet.params import ContactModelParams
 
 _DEFAULTS = ContactModelParams()
@@ -43,17 +50,17 @@ SETTLED_MPS = 0.02
 """A proxy that moves faster along a normal says nothing about the plane [m/s]: its force is the mean over a step, its
 position the step's end. In contact it moves seven times slower than the hand, with the default springs."""
 
-SAME_M, SAME_COSINE, SAME_STIFFNESS = 1e-3, 0.95, 1.2
-"""Two planes, told one after the other, are the same surface if they differ by less."""
-
 SWEEPS = 32
 """The most Gauss-Seidel sweeps over the planes. Orthogonal ones need one, and one more to see it."""
 
 SETTLED_N = 1e-4
 """A sweep that changes no force by more than this [N] is the last."""
 
-LONGEST_EXTRAPOLATION_S = 0.2
-"""For how long a plane is assumed to go on moving [s]."""
+SLIP_M = 5e-4
+"""A proxy that rubs and moves by more than this within a tick, beside the device's way, takes some milliseconds."""
+
+ROUNDS = 2
+"""How often several surfaces that bend are seen anew from where the proxy rests among their tangent planes."""
 
 
 class ContactModel:
@@ -81,8 +88,12 @@ class ContactModel:
         fade_s: float = _DEFAULTS.fade_s,
         shift_s: float = _DEFAULTS.shift_s,
     ) -> None:
-        self._dof = len(position)
         self._compliance = [tuple(row) for row in compliance]
+        softest = self._compliance[0][0]
+        self._rubbing = RubbingProxy(self._compliance)
+        self._is_isotropic = all(
+            part == (softest if i == j else 0.0) for i, row in enumerate(compliance) for j, part in enumerate(row)
+        )
         self._lead = [tuple(row) for row in lead]
         self._own_motion = own_motion
         self._added = added
@@ -93,8 +104,9 @@ class ContactModel:
 
     def reset(self, position: Vector) -> None:
         """Forget all planes: their world was replaced. y continues at `position` [m]."""
-        self._still = (0.0,) * self._dof
-        self._planes: tuple[_Told, ...] | None = ()
+        self._still = (0.0,) * len(position)
+        self._planes: tuple[ToldPlane, ...] | None = ()
+        self._rubbing.reset(position)
         self._shift = self._fading = self._still
         self._wanted_shift: Vector | None = None
         self._pending: tuple[Proxy, float, float] | None = None
@@ -136,16 +148,25 @@ class ContactModel:
         if self._start is not None:
             self._fading = tuple(map(sub, self._start, x))
             self._start = None
+        news = self._pending is not None
         if self._pending is not None:
             self._take(*self._pending, x)
         velocity = self._velocity.step(dt, x)
         lead = tuple([sum(map(mul, row, velocity)) for row in self._lead])
         if self._planes is None:
+            self._rubbing.place = x
             y = self._faded(dt, self._own_motion.step(dt, x, lead))
             damped = self._added.step(dt, x, y, self._age, 1.0, swings=True)
             self._made = x, x, self._still, y, damped
             return damped
+        self._rubbing.agree(dt)
+        before = self._rubbing.place
         s, touches = self._rest(x, self._planes)
+        self._rubbing.place = s
+        if self._rubbing.rubs and not news:
+            slip = tuple([a - b - (c - d) for a, b, c, d in zip(s, before, x, self._made[0], strict=True)])
+            if math.hypot(*slip) > SLIP_M:  # it has slipped off something round
+                self._fading = tuple(map(sub, self._fading, slip))
         (self._freedom,) = low_passed(dt, self._fade_s, (self._freedom,), (0.0 if touches else 1.0,))
         self._settle(dt)
         y = self._faded(dt, tuple([a + self._freedom * b for a, b in zip(s, lead, strict=True)]))
@@ -164,7 +185,8 @@ class ContactModel:
             self._planes = None
         else:
             earlier = self._planes or ()
-            self._planes = tuple([_Told(plane, self._compliance) for plane in told.planes])
+            self._planes = tuple([ToldPlane(plane, self._compliance, told.position) for plane in told.planes])
+            self._rubbing.told(self._planes, told.position if told.force != self._still else None)
             self._wanted_shift = self._shift_wanted(told, self._proxy_velocity(told.position, sent_s), earlier)
         after = self._model(x)
         if after != before:
@@ -183,17 +205,22 @@ class ContactModel:
             return self._still
         return tuple([(new - old) / (sent_s - earlier[1]) for old, new in zip(earlier[0], position, strict=True)])
 
-    def _shift_wanted(self, told: Proxy, velocity: Vector, earlier: Sequence[_Told]) -> Vector | None:
+    def _shift_wanted(self, told: Proxy, velocity: Vector, earlier: Sequence[ToldPlane]) -> Vector | None:
         """The shift with which the told planes agree with the proxy's own position and force; None: nothing known.
 
         The force is of the step that has ended, so a plane that was not there before it proves nothing yet.
         """
         assert self._planes is not None
-        wanted: list[float] = [0.0] * self._dof
+        wanted: list[float] = [0.0] * len(self._still)
         known = False
-        for one in self._planes:
+        touched = self._planes
+        if self._rubbing.rubs and len(touched) > 1:  # friction on one plane may be along the normal of another
+            touched = tuple([one for one in touched if one.depth(told.position) > 0.0])
+            if len(touched) > 1:
+                return self._shift
+        for one in touched:
             moving = abs(sum(map(mul, one.normal, velocity))) > SETTLED_MPS
-            if moving or not any(one.same(other, told.position) for other in earlier):
+            if moving or not any(one.same(other.seen_from(told.position, 0.0), told.position) for other in earlier):
                 return self._shift
             depth = one.depth(told.position)
             force = -sum(map(mul, one.normal, told.force))
@@ -217,8 +244,24 @@ class ContactModel:
 
     # -- y ------------------------------------------------------------------------------------------------------------
 
-    def _rest(self, x: Vector, planes: Sequence[_Told]) -> tuple[Vector, bool]:
+    def _rest(self, x: Vector, planes: Sequence[ToldPlane]) -> tuple[Vector, bool]:
         """Where the proxy rests for the device at x [m], and whether it touches anything there."""
+        if self._rubbing.rubs:
+            return self._rubbing.rest(x, planes, self._shift, self._age, ROUNDS)
+        if not any(one.curvatures for one in planes):
+            return self._rest_on(x, planes)
+        # With springs that are alike in all directions, the point of one surface nearest to x is nearest to s too.
+        rounds = 1 if self._is_isotropic and len(planes) == 1 else ROUNDS
+        s, touches, forces = x, False, [0.0] * len(planes)
+        for _ in range(rounds):
+            place = tuple(map(sub, s, self._shift))
+            s, touches = self._rest_on(x, [one.seen_from(place, self._age) for one in planes], forces)
+        return s, touches
+
+    def _rest_on(
+        self, x: Vector, planes: Sequence[ToldPlane], forces: list[float] | None = None
+    ) -> tuple[Vector, bool]:
+        """`_rest` on flat planes; `forces` : where the search begins and what it has found [N]."""
         shift = self._shift
         if len(planes) == 1:  # mostly
             one = planes[0]
@@ -227,8 +270,12 @@ class ContactModel:
                 return x, False
             force = depth / one.softness
             return tuple([a - force * r for a, r in zip(x, one.response, strict=True)]), True
-        forces = [0.0] * len(planes)
         s = x
+        if forces is None:
+            forces = [0.0] * len(planes)
+        for known, one in zip(forces, planes, strict=True):
+            if known:
+                s = along(s, one.response, -known)
         for _ in range(SWEEPS):
             moved = False
             for i, one in enumerate(planes):
@@ -250,34 +297,3 @@ class ContactModel:
         fading = tuple([share * part for part in self._fading])
         self._fading = fading if math.hypot(*fading) > 1e-9 else self._still
         return tuple(map(add, y, fading))
-
-
-class _Told:
-    """A plane as told, with what follows from K'."""
-
-    __slots__ = ("normal", "offset", "response", "softness", "stiffness", "velocity")
-
-    def __init__(self, plane: Plane, compliance: Sequence[Vector]) -> None:
-        self.normal, self.offset, self.stiffness = plane.normal, plane.offset_m, plane.stiffness
-        self.velocity = plane.velocity_mps
-        self.response: Vector = tuple([sum(map(mul, row, plane.normal)) for row in compliance])
-        """K'^-1 n [m/N]."""
-        self.softness = 1.0 / plane.stiffness + sum(map(mul, plane.normal, self.response))
-        """Depth of the device per force, through the wall's spring and the virtual coupling [m/N]."""
-
-    def depth(self, position: Vector) -> float:
-        """How deep `position` [m] is behind the plane as told [m]."""
-        along: float = sum(map(mul, self.normal, position))
-        return along - self.offset
-
-    def same(self, other: _Told, position: Vector) -> bool:
-        """Is this the same surface, near enough, for a proxy at `position` [m]?"""
-        apart = self.depth(position) - other.depth(position)
-        alike = 1.0 / SAME_STIFFNESS < self.stiffness / other.stiffness < SAME_STIFFNESS
-        return alike and abs(apart) < SAME_M and sum(map(mul, self.normal, other.normal)) > SAME_COSINE
-
-    def now(self, age: float) -> float:
-        """The plane's offset now [m]: a moving one goes on for a while."""
-        if not self.velocity:
-            return self.offset
-        return self.offset + self.velocity * min(max(age, 0.0), LONGEST_EXTRAPOLATION_S)

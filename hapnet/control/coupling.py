@@ -289,9 +289,13 @@ class LawState(Generic[L]):
     def __init__(self, law: L, initial_energy: float, stamped: Stamped | None = None) -> None:
         self.law = law
         self._stamped = stamped
-        self.ledger = Ledger(0.0, initial_energy)
-        self.account = self.reservoir = self.energy_min = initial_energy
-        self.deficit = self.deficit_max = self.discarded = 0.0
+        self.ledger: Ledger = Ledger(0.0, initial_energy)
+        self.reservoir: float = initial_energy
+        self.account: float = initial_energy
+        self.energy_min: float = initial_energy
+        self.deficit: float = 0.0
+        self.deficit_max: float = 0.0
+        self.discarded: float = 0.0
 
     @property
     def set_position(self) -> Vector:
@@ -329,7 +333,7 @@ class LawSteps:
 
     def __init__(self, law: WorldLaw, initial_energy: float, stamped: Stamped | None = None) -> None:
         self.law = law
-        self.coupling = LawState(law, initial_energy, stamped)
+        self.coupling: LawState[WorldLaw] = LawState(law, initial_energy, stamped)
 
     def advance(self, mass: Mass[S], dt: float, contacts: Sequence[Any]) -> S:
         drag, push = self.law.impedance(dt)
@@ -365,9 +369,10 @@ class LawServo:
         self, law: DeviceLaw, *, period: float, position: Vector, initial_energy: float, force_limit: float
     ) -> None:
         self.law = law
-        self.coupling = LawState(law, initial_energy)
+        self.coupling: LawState[DeviceLaw] = LawState(law, initial_energy)
         self.account = initial_energy
-        self.trusted_damping = self.force = (0.0,) * len(position)
+        self.trusted_damping: tuple[float, ...] = (0.0,) * len(position)
+        self.force: tuple[float, ...] = self.trusted_damping
         self._due = period - TICK_SLACK_S
         self._elapsed = 0.0
         self._position = position

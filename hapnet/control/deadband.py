@@ -70,7 +70,7 @@ class Deadband:
             raise InvalidParameter("deadband", fraction, "a fraction above 0, at most 1")
         if not 0.0 < longest_s < float("inf"):
             raise InvalidParameter("longest_s", longest_s, "a time above 0 s")
-        self.held_back = 0
+        self.held_back: int = 0
         """Number of samples not sent; for waves, merged with a later one."""
         self._fraction = fraction
         self._longest_s = longest_s - TICK_SLACK_S

@@ -49,7 +49,7 @@ class MeasuredHarvest:
     def __init__(self, trusted_damping: Vector, resolution: float = 0.0) -> None:
         self._resolution = resolution
         self._trusted = trusted_damping if any(trusted_damping) else None
-        self.work = 0.0
+        self.work: float = 0.0
         """Energy put in at the actuator's port since the last `take` [J]."""
 
     def hold(self, torque: Vector, start: Vector, end: Vector, period: float) -> float:

@@ -49,14 +49,15 @@ class Ledger:
     )  # fmt: skip
 
     def __init__(self, stored: float, reservoir: float) -> None:
-        self.bound = stored + reservoir
+        self.bound: float = stored + reservoir
         """This side's share of d^2: V(0) + E(0)."""
-        self.work = 0.0
-        self.credited = 0.0
-        self.sent = 0.0
-        self.margin = self.margin_min = self.bound
-        self.slack = 0.0
-        self.slack_min = math.inf
+        self.work: float = 0.0
+        self.credited: float = 0.0
+        self.sent: float = 0.0
+        self.margin: float = self.bound
+        self.margin_min: float = self.bound
+        self.slack: float = 0.0
+        self.slack_min: float = math.inf
         self._carry = self._sent_carry = self._credited_carry = 0.0
 
     def credit(self, energy: float) -> None:

@@ -44,8 +44,8 @@ class Silence:
 
     def __init__(self, policy: OnSilence, after: float) -> None:
         self.policy = policy
-        self.after = after
-        self.elapsed = 0.0
+        self.after: float = after
+        self.elapsed: float = 0.0
 
     def step(self, dt: float, *, fresh: bool) -> bool:
         """Advance by dt seconds. Returns True if y is to be released (ramped to x under the step limit)."""

@@ -25,9 +25,9 @@ class OwnMotion:
     """
 
     def __init__(self, *, distance: float = 0.015, smoothing: float = 0.02, history: float = 2.0) -> None:
-        self.distance = checks.positive("distance", distance)
-        self.smoothing = checks.positive("smoothing", smoothing)
-        self.history = checks.positive("history", history)
+        self.distance: float = checks.positive("distance", distance)
+        self.smoothing: float = checks.positive("smoothing", smoothing)
+        self.history: float = checks.positive("history", history)
         self.reset(())
 
     def reset(self, position: Vector) -> None:

@@ -45,9 +45,9 @@ class MotionPredictor:
         longest: float = _DEFAULTS.longest_s,
         longest_curve: float = _DEFAULTS.curve_s,
     ) -> None:
-        self.window = checks.positive("window", window)
-        self.longest = checks.positive("longest", longest)
-        self.longest_curve = checks.non_negative("longest_curve", longest_curve)
+        self.window: float = checks.positive("window", window)
+        self.longest: float = checks.positive("longest", longest)
+        self.longest_curve: float = checks.non_negative("longest_curve", longest_curve)
         self._stamps: deque[float] = deque()
         self._positions: deque[Vector] = deque()
         self._fit: tuple[Vector, Vector, Vector] | None = None

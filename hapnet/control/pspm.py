@@ -28,7 +28,7 @@ from hapnet import checks
 from hapnet.checks import Array, Vector
 from hapnet.control.harvest import dissipated_by_range
 from hapnet.errors import InvalidParameter
-from hapnet.mechanics.spring import shared_spring
+from hapnet.mechanics.spring import Spring, shared_spring
 
 _ROUNDING = 2.0**-50
 """Relative to the terms whose differences are D and phi: a shortfall below this is rounding, not a deficit."""
@@ -102,18 +102,18 @@ class SetPositionModulator:
         reserve: float = 0.0,
     ) -> None:
         self.set_position: Vector = checks.vector("position", position)
-        self.dof = len(self.set_position)
-        self.spring = shared_spring(stiffness, self.dof, force_limit)
-        self.ceiling = checks.non_negative("ceiling", ceiling)
-        self.damping = None if damping is None else checks.diagonal("damping", damping, self.dof)
+        self.dof: int = len(self.set_position)
+        self.spring: Spring = shared_spring(stiffness, self.dof, force_limit)
+        self.ceiling: float = checks.non_negative("ceiling", ceiling)
+        self.damping: Vector | None = None if damping is None else checks.diagonal("damping", damping, self.dof)
         self.harvested_only: Final = checks.one_of("shuffle", shuffle, SHUFFLES) == "harvested"
-        self.energy = self.ceiling if energy is None else checks.non_negative("energy", energy)
+        self.energy: float = self.ceiling if energy is None else checks.non_negative("energy", energy)
         if self.energy > self.ceiling:
             raise InvalidParameter("energy", energy, f"at most the ceiling, {self.ceiling} J")
-        self.reserve = checks.non_negative("reserve", reserve)
+        self.reserve: float = checks.non_negative("reserve", reserve)
         if self.reserve > self.ceiling:
             raise InvalidParameter("reserve", reserve, f"at most the ceiling, {self.ceiling} J")
-        self.deficit = 0.0
+        self.deficit: float = 0.0
 
     @property
     def account(self) -> float:

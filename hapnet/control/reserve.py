@@ -66,7 +66,7 @@ class ForceGuard:
         self._reach = reach
         self._speed = speed
         self._inertia = inertia if speed < math.inf else math.inf
-        self.has_account = reach > 0.0
+        self.has_account: bool = reach > 0.0
         """True if the account limits the force."""
         # S(F) <= square F^2 + linear F + constant, with equality where F is an odd number of half steps
         finite = step != math.inf

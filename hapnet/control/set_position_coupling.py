@@ -89,21 +89,21 @@ class SetPositionCoupling:
         kept_for_peers: float = 0.0,
     ) -> None:
         self.modulator = modulator
-        self.spring = modulator.spring
+        self.spring: Spring = modulator.spring
         self.stages = stages
         self.source = source
         self.silence = silence
         self.longest_step = longest_step
-        self.ledger = Ledger(kinetic, modulator.account)
+        self.ledger: Ledger = Ledger(kinetic, modulator.account)
         self.target: Vector = modulator.set_position
         """y(k) after the stages and silence, before the step limit [m]."""
-        self.has_sample = False
+        self.has_sample: bool = False
         """True if a sample or energy has arrived that no update has used yet."""
-        self.account = modulator.account
+        self.account: float = modulator.account
         """The reservoir's content as the ledger counts it [J]: energy less deficit."""
-        self.energy_min = modulator.energy
-        self.deficit_max = 0.0
-        self.discarded = 0.0
+        self.energy_min: float = modulator.energy
+        self.deficit_max: float = 0.0
+        self.discarded: float = 0.0
         self.spare: Callable[[], float] = lambda: math.inf
         """Energy that the reservoir can spare now [J]; a servo that holds a torque sets this."""
         self._kept_for_peers = kept_for_peers
@@ -246,7 +246,8 @@ class SetPositionSteps:
 
     def advance(self, mass: Mass[S], dt: float, contacts: Any) -> S:
         done = mass.step(dt, self.coupling.set_position, contacts)
-        self._contacts, self._force = contacts, done.force
+        self._contacts = contacts
+        self._force = getattr(contacts, "contact_force", done.force)  # an engine's holds the proxy's inertia too
         return done
 
     def update(self, dt: float, x: Vector, dissipated: float) -> Update:
@@ -258,6 +259,6 @@ class SetPositionSteps:
         if self._contacts is not None:
             tell = getattr(self._contacts, "planes", None)  # a user's own world may have been written without it
             told = None if tell is None else tell(x, self._reach)
-            planes = None if told is None else checked(told, len(x))
+            planes = None if told is None else tuple([plane.unfolded(x) for plane in checked(told, len(x))])
         proxy = Proxy(x, predicted.stands_for(dt), self._force, planes)
         return Update(proxy, self.coupling.update(dt, x, dissipated).sent)

@@ -57,7 +57,7 @@ class ContinuousServo:
         self._sender = _Sender(sending)
         self.due: Final = period - TICK_SLACK_S
         """PSPM runs in the tick at which so much time has passed since it last ran [s]."""
-        self.elapsed = 0.0
+        self.elapsed: float = 0.0
         """The time since PSPM last ran [s]. The servo has no other state but its coupling's, so a batch may set it."""
 
     def tick(
@@ -177,15 +177,15 @@ class SampledServo:
         self.resolution = resolution
         self.force: Vector = (0.0,) * len(position)
         """The force held now [N]. A driver that knows the force really applied sets it before the next tick."""
-        self.trusted_damping = trusted_damping or self.force
+        self.trusted_damping: Vector = trusted_damping or self.force
         self.holding = holding
-        self.speed_max = 0.0
+        self.speed_max: float = 0.0
         """Greatest speed measured over one tick [m/s]; one encoder count is taken off the travel."""
-        self.overrun_leak = 0.0
+        self.overrun_leak: float = 0.0
         """Energy that held torques output beyond the account while the servo was late for too long [J]."""
-        self.overrun_risk = 0.0
+        self.overrun_risk: float = 0.0
         """The most that may have been output beyond the account meanwhile and taken back unseen [J]."""
-        self.guarded = 0
+        self.guarded: int = 0
         """Number of ticks whose force the guard changed."""
         self._guard = guard or ForceGuard()
         self._longest_hold = math.inf if holding is None else holding.time * (1.0 + 1e-9)

@@ -45,7 +45,7 @@ class FilteredVelocity:
     """
 
     def __init__(self, time_constant: float) -> None:
-        self.time_constant = checks.positive("time constant of a velocity", time_constant)
+        self.time_constant: float = checks.positive("time constant of a velocity", time_constant)
         self._filtered: Vector | None = None
 
     def reset(self) -> None:
@@ -70,7 +70,7 @@ class SmoothingFilter:
     """
 
     def __init__(self, time_constant: float) -> None:
-        self.time_constant = checks.positive("smoothing time constant", time_constant)
+        self.time_constant: float = checks.positive("smoothing time constant", time_constant)
         self._state: Vector | None = None
 
     def reset(self, position: Vector) -> None:
@@ -94,8 +94,8 @@ class VelocityPredictor:
     """
 
     def __init__(self, horizon: float, longest: float = 0.2) -> None:
-        self.horizon = checks.non_negative("predictor horizon", horizon)
-        self.longest = checks.positive("predictor limit", longest)
+        self.horizon: float = checks.non_negative("predictor horizon", horizon)
+        self.longest: float = checks.positive("predictor limit", longest)
         self._last: tuple[float, Vector] | None = None
         self._velocity: Vector | None = None
         self._age = 0.0
@@ -126,7 +126,7 @@ class Pipeline:
     """A chain of stages; an empty one is the identity."""
 
     def __init__(self, stages: Iterable[Stage] = ()) -> None:
-        self.stages = tuple(stages)
+        self.stages: tuple[Stage, ...] = tuple(stages)
 
     def reset(self, position: Vector) -> None:
         for stage in self.stages:

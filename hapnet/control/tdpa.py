@@ -58,9 +58,9 @@ class PassivityObserver:
     """
 
     def __init__(self) -> None:
-        self.debt = 0.0
+        self.debt: float = 0.0
         """E_out, less what the controller dissipated, less the peers' E_in that was granted here [J]."""
-        self.put_in = 0.0
+        self.put_in: float = 0.0
         """E_in [J]."""
         self._newest: float | None = None
 
@@ -99,7 +99,7 @@ class TdpaDevice:
     def __init__(
         self, *, position: Vector, velocity_floor: float, damping_cap: float, debt_limit: float, stiffness: float
     ) -> None:
-        self.observer = PassivityObserver()
+        self.observer: PassivityObserver = PassivityObserver()
         self._x = position
         self._compliance = 1.0 / stiffness
         self._force = self._damper = self._none = (0.0,) * len(position)
@@ -188,7 +188,7 @@ class TdpaWorld:
     ) -> None:
         self._predictor = predictor
         self._newest_age = 0.0
-        self.observer = PassivityObserver()
+        self.observer: PassivityObserver = PassivityObserver()
         self._K, self._B = stiffness, damping
         self._floor_square = force_floor * force_floor
         self._speed_limit = speed_limit

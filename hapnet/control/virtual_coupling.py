@@ -22,7 +22,8 @@ class VirtualCoupling:
     """
 
     def __init__(self, spring: Spring, damping: Vector, position: Vector) -> None:
-        self.set_position = self.position = position
+        self.set_position: Vector = position
+        self.position: Vector = position
         self._spring = spring
         self._damping = damping
 

@@ -44,7 +44,7 @@ class DelayLine:
         self._queue: deque[Wave] = deque()
         self._last = self._zero
         self._recovery.clear()
-        self.waiting = 0.0
+        self.waiting: float = 0.0
         """Total time span of the waves in the queue [s]."""
         self._pace = 1.0
         self._least = self._watched = 0.0

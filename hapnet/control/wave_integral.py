@@ -73,9 +73,9 @@ class Recovery:
         self.clear()
 
     def clear(self) -> None:
-        self.owed = [0.0] * self._dof
+        self.owed: list[float] = [0.0] * self._dof
         """U [sqrt(W) s]."""
-        self.spare = [0.0] * self._dof
+        self.spare: list[float] = [0.0] * self._dof
         """E [J]."""
 
     def lose(self, wave: Wave) -> None:

@@ -24,10 +24,10 @@ class ZeroOrderHold:
     __slots__ = ("deficit", "energy", "set_position", "spring")
 
     def __init__(self, spring: Spring, position: Vector, energy: float) -> None:
-        self.spring = spring
-        self.set_position = position
-        self.energy = energy
-        self.deficit = 0.0
+        self.spring: Spring = spring
+        self.set_position: Vector = position
+        self.energy: float = energy
+        self.deficit: float = 0.0
 
     @property
     def account(self) -> float:

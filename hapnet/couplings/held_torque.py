@@ -72,9 +72,10 @@ def check(device: DeviceParams, harvest: Harvest, dof: int) -> list[str]:
     warnings = []
     holding = _holding(device, dof)
     if holding.reserve < holding.needed:
-        enough = f"{holding.needed / RESERVED_SHARE:.3g} J would do" if holding.needed < math.inf else "none is enough"
+        ceiling_J = holding.needed / RESERVED_SHARE
+        enough = f"device.ceiling_J={ceiling_J:.3g} would do" if holding.needed < math.inf else "none is enough"
         warnings.append(
-            f"device.ceiling_J {device.ceiling_J:g} keeps {holding.reserve:.3g} J in reserve, too little for a torque "
+            f"device.ceiling_J {device.ceiling_J:g} keeps {holding.reserve:.3g} J in reserve, too little for a force "
             f"that is held for {holding.time:g} s at up to {holding.speed:g} m/s ({enough}): a low reservoir limits "
             f"the force, and a servo that stops may output more energy than the account held"
         )

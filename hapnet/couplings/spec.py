@@ -1,8 +1,8 @@
 """Describes a coupling to the rest of hapnet: its names, its tuning by the published rule, and its two ends.
 
 A law of the user's own is a file with a `CouplingSpec`, given as ``--coupling module:NAME``: see examples/own_law.py.
-A law of the library is such a file here. Its equations are in hapnet/control/; "Add to it" in README.md says where its
-name goes.
+A law of the library is such a file here. Its equations are in hapnet/control/; "Add to it" in hapnet/README.md says
+where its name goes.
 """
 
 from __future__ import annotations

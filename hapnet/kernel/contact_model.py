@@ -5,19 +5,20 @@ from __future__ import annotations
 from typing import Annotated
 
 from hapnet.control import contact_model as reference
+from hapnet.control import told_plane
 from hapnet.kernel.added_damping import AddedDamping, FilteredVelocity, damp, filter_velocity
 from hapnet.kernel.jit import compiled
 from hapnet.kernel.records import AXES, PLANES, Floats, Matrix, OfPlanes, Record, Vector, VectorsOfPlanes
 from hapnet.kernel.vectors import copy, dot, equal, length, low_pass, times
 
 _FORGET_S, _SETTLED_MPS = reference.FORGET_S, reference.SETTLED_MPS
-_SAME_M, _SAME_COSINE, _SAME_STIFFNESS = reference.SAME_M, reference.SAME_COSINE, reference.SAME_STIFFNESS
+_SAME_M, _SAME_COSINE, _SAME_STIFFNESS = told_plane.SAME_M, told_plane.SAME_COSINE, told_plane.SAME_STIFFNESS
 _SWEEPS, _SETTLED_N = reference.SWEEPS, reference.SETTLED_N
-_LONGEST_EXTRAPOLATION_S = reference.LONGEST_EXTRAPOLATION_S
+_LONGEST_EXTRAPOLATION_S = told_plane.LONGEST_EXTRAPOLATION_S
 
 
 class Planes(Record):
-    """A set of planes as told, with what follows from K': `_Told` of each."""
+    """A set of planes as told, with what follows from K': `ToldPlane` of each."""
 
     count: int
     normal: VectorsOfPlanes
@@ -177,7 +178,7 @@ def _want_shift(model: ContactModel, earlier: Planes, told: Planes, n: int) -> N
 
 @compiled
 def _known_before(model: ContactModel, earlier: Planes, told: Planes, i: int, n: int) -> bool:
-    """Was the told plane i told before? `_Told.same` with any of the earlier ones."""
+    """Was the told plane i told before? `ToldPlane.same` with any of the earlier ones."""
     for j in range(earlier.count):
         here = dot(n, told.normal[i], model.told_position) - told.offset[i]
         apart = here - (dot(n, earlier.normal[j], model.told_position) - earlier.offset[j])

@@ -26,8 +26,9 @@ class Endpoint(Record):
 
     first, waiting, backlog : the samples that wait for the next tick are a ring. credits_J : shuffled energy that waits
     for it, a sum. has_credit : is there any?
-    echo_ns, came_ns : the stamps that its messages echo. proxies, accepts_stale : does it send, and accept, such
-    messages? stream_bytes, energy_bytes : the least size of its messages. plane_bytes : what each plane adds.
+    echo_ns, came_ns : the stamps that its messages echo: of the newest sample in use. took_ns : how long that took;
+    below 0: there is none. proxies, accepts_stale : does it send, and accept, such messages? stream_bytes,
+    energy_bytes : the least size of its messages. plane_bytes : what each plane adds.
     stale, leaps : messages that were dropped, and the number of the last stale one. impossible : it would send what no
     receiver accepts.
     """
@@ -40,6 +41,7 @@ class Endpoint(Record):
     next_sequence: int
     echo_ns: int
     came_ns: int
+    took_ns: int
     proxies: int
     accepts_stale: int
     stream_bytes: int

@@ -37,7 +37,8 @@ def compiled(function: F) -> F:
     if not COMPILED:
         return function
     _PARTS.add(function.__qualname__)
-    return _njit(**_LEAN)(function)  # type: ignore[no-any-return]
+    made: F = _njit(**_LEAN)(function)
+    return made
 
 
 def shared(function: Callable[..., Any], **callees: Callable[..., Any]) -> Callable[..., Any]:
@@ -52,7 +53,8 @@ def shared(function: Callable[..., Any], **callees: Callable[..., Any]) -> Calla
         function.__code__, {**function.__globals__, **callees}, function.__name__, function.__defaults__
     )
     _PARTS.add(function.__name__)
-    return _njit(**_LEAN)(clone)  # type: ignore[no-any-return]
+    made: Callable[..., Any] = _njit(**_LEAN)(clone)
+    return made
 
 
 def entry(function: F) -> F:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 from hapnet.control.ledger import Ledger as Reference
 from hapnet.control.ledger import _added as plain_added
 from hapnet.kernel.jit import shared
@@ -25,7 +28,7 @@ class Ledger(Record):
 
 
 _added = shared(plain_added)
-credit = shared(Reference.credit, _added=_added)
-send = shared(Reference.send, _added=_added)
-put_in = shared(Reference.put_in)
-observe = shared(Reference.observe)
+credit: Callable[..., Any] = shared(Reference.credit, _added=_added)
+send: Callable[..., Any] = shared(Reference.send, _added=_added)
+put_in: Callable[..., Any] = shared(Reference.put_in)
+observe: Callable[..., Any] = shared(Reference.observe)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 from hapnet.kernel.jit import compiled, shared
 from hapnet.kernel.records import Matrix, Record, Vector
@@ -11,7 +13,7 @@ from hapnet.plant.limited_coupling import ROUNDS
 from hapnet.plant.limited_coupling import discrete_gradient as plain_gradient
 
 _ROUNDS = ROUNDS
-discrete_gradient = shared(plain_gradient)
+discrete_gradient: Callable[..., Any] = shared(plain_gradient)
 
 
 class LimitedCoupling(Record):

@@ -80,7 +80,8 @@ def new(kind: type[R]) -> R:
     if COMPILED:
         unused = _UNUSED.get(kind)
         view: Any = unused.pop() if unused else _View(np.zeros(1, layout(kind))[0])
-        return view  # type: ignore[no-any-return]
+        made: R = view  # it has the record's names
+        return made
     record = kind()
     for name, type_ in fields(kind).items():
         setattr(record, name, _zero(type_))
@@ -90,14 +91,17 @@ def new(kind: type[R]) -> R:
 def give_back(record: R, kind: type[R]) -> None:
     """Nobody uses the record any more: `new` may return it. Its memory, and the views of it, are worth keeping."""
     if COMPILED:
-        memory: Any = record.structure.base  # type: ignore[attr-defined]
+        view: Any = record
+        memory = view.structure.base
         memory.view(np.uint8).fill(0)
         _UNUSED.setdefault(kind, []).append(record)
 
 
 def bare(record: R) -> R:
     """The record as compiled code takes it."""
-    return record.structure if COMPILED else record  # type: ignore[attr-defined]
+    view: Any = record
+    taken: R = view.structure if COMPILED else record
+    return taken
 
 
 def _zero(type_: Any) -> Any:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 from hapnet.control import reserve as reference
 from hapnet.kernel.jit import compiled, shared
@@ -13,8 +15,8 @@ from hapnet.kernel.vectors import copy, distance, dot, length
 _SHARE = 1.0 - 1e-9
 _ROUNDING_J = 1e-12
 
-ramp = shared(reference.ramp)
-longest = shared(reference.longest)
+ramp: Callable[..., Any] = shared(reference.ramp)
+longest: Callable[..., Any] = shared(reference.longest)
 
 
 class ForceGuard(Record):

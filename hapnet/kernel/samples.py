@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated
 
 from hapnet.kernel import set_position_coupling as couplings
 from hapnet.kernel import springs
 from hapnet.kernel.device import Hand
+from hapnet.kernel.endpoint import Wire
 from hapnet.kernel.jit import compiled
 from hapnet.kernel.records import AXES, Floats, Record, Wholes
 from hapnet.kernel.sides import Counts, DeviceSide, WorldSide
 
-DEVICE_VECTORS, DEVICE_SCALARS, WORLD_VECTORS, WORLD_SCALARS = 10, 7, 6, 8
+DEVICE_VECTORS, DEVICE_SCALARS, WORLD_VECTORS, WORLD_SCALARS = 11, 9, 6, 10
 """The numbers of columns of a row: vectors first, then scalars."""
+
+_NANO = 1e-9
 
 MOST = 2048
 """So many samples of each side may wait for the recorder."""
@@ -40,7 +44,7 @@ def have_room(rows: Rows) -> bool:
 
 
 @compiled
-def record_tick(rows: Rows, side: DeviceSide, hand: Hand, now_ns: int) -> None:
+def record_tick(rows: Rows, side: DeviceSide, wire: Wire, hand: Hand, now_ns: int) -> None:
     """A `DeviceSample`: its vectors in their order, then its scalars."""
     device, servo, coupling, n = side.plant, side.servo, side.coupling, side.plant.n
     x, at = device.read_position, rows.device_rows
@@ -58,9 +62,11 @@ def record_tick(rows: Rows, side: DeviceSide, hand: Hand, now_ns: int) -> None:
         row[6 * n + i] = servo.spring_force[i]
         row[7 * n + i] = row[3 * n + i] - row[6 * n + i] if within else -servo.damping[i] * servo.velocity[i]
         row[8 * n + i] = row[9 * n + i] = 0.0
+        row[10 * n + i] = device.velocity[i] if within else device.read_velocity[i]
     if side.model.in_use:
         _part(row, side, n)
     _account(row, DEVICE_VECTORS * n, side, x)
+    _times(row, DEVICE_VECTORS * n + 7, wire, now_ns)
 
 
 @compiled
@@ -91,7 +97,16 @@ def _account(row: Floats, at: int, side: DeviceSide, x: Floats) -> None:
 
 
 @compiled
-def record_step(rows: Rows, side: WorldSide, counts: Counts, now_ns: int) -> None:
+def _times(row: Floats, at: int, wire: Wire, now_ns: int) -> None:
+    """`ControlHalf.used`: age and transit of the newest sample in use."""
+    endpoint = wire.endpoint
+    known = endpoint.took_ns >= 0
+    row[at] = (now_ns - endpoint.came_ns + endpoint.took_ns) * _NANO if known else math.nan
+    row[at + 1] = (endpoint.came_ns - endpoint.echo_ns) * _NANO if known else math.nan
+
+
+@compiled
+def record_step(rows: Rows, side: WorldSide, wire: Wire, counts: Counts, now_ns: int) -> None:
     """A `WorldSample`: its vectors in their order, then its scalars."""
     mass, coupling, ledger, n = side.mass, side.coupling, side.ledger, side.mass.n
     at = rows.world_rows
@@ -114,3 +129,4 @@ def record_step(rows: Rows, side: WorldSide, counts: Counts, now_ns: int) -> Non
     row[first + 5] = ledger.credited
     row[first + 6] = ledger.margin
     row[first + 7] = ledger.slack
+    _times(row, first + 8, wire, now_ns)

@@ -169,7 +169,8 @@ def _note(coupling: Coupling, wire: Wire, at: int, n: int) -> None:
     copy(n, sample.position, coupling.received)
     coupling.sent_s = sample.stamp_ns * _NANO
     coupling.fresh = coupling.has_sample = 1
-    wire.endpoint.echo_ns, wire.endpoint.came_ns = sample.stamp_ns, wire.came_ns[at]
+    endpoint = wire.endpoint
+    endpoint.echo_ns, endpoint.came_ns, endpoint.took_ns = sample.stamp_ns, wire.came_ns[at], wire.took_ns[at]
 
 
 @compiled

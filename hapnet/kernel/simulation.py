@@ -5,6 +5,7 @@ A timer that is past due runs at the present time. Of what is due at the same na
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Annotated
 
 from hapnet.kernel import energy_channel as channels
@@ -86,7 +87,7 @@ def _tick(scenario: Scenario, now_ns: int) -> None:
         channels.send(wire.channel, side.coupling.shuffled)
         clock.due[DEVICE_TIMER] = channels.next_due_ns(wire.channel)
     if scenario.counts.ticks % scenario.rows.every == 0:
-        record_tick(scenario.rows, side, scenario.hand, now_ns)
+        record_tick(scenario.rows, side, wire, scenario.hand, now_ns)
     on_device(scenario.two_port, side.ledger.work)
     if clock.apart:
         on_device(scenario.hand_port, side.hand.work)
@@ -103,7 +104,7 @@ def _step(scenario: Scenario, now_ns: int) -> None:
     clock, side, wire, link = scenario.clock, scenario.at_world, scenario.world_wire, scenario.down
     message = links.spare(link, 0)
     sides.step(side, wire, scenario.counts, now_ns, message)
-    record_step(scenario.rows, side, scenario.counts, now_ns)
+    record_step(scenario.rows, side, wire, scenario.counts, now_ns)
     passes = links.passes(link)
     if not passes:
         links.send(link, now_ns, message)
@@ -194,7 +195,7 @@ def _impossible(scenario: Scenario) -> bool:
     return wires + scenario.up.overflow + scenario.down.overflow + scenario.at_device.limited.unsolved > 0
 
 
-def _with(sources: str):  # type: ignore[no-untyped-def]
+def _with(sources: str) -> Callable[[Scenario, int], int]:
     @entry
     def run(scenario: Scenario, until_ns: int) -> int:
         """Run every event until `until_ns` [ns]; returns why it stopped."""
@@ -203,4 +204,4 @@ def _with(sources: str):  # type: ignore[no-untyped-def]
     return run
 
 
-run = _with(SOURCES)
+run: Callable[[Scenario, int], int] = _with(SOURCES)

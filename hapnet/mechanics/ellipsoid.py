@@ -44,8 +44,8 @@ class Ellipsoid:
             self._rows = tuple(tuple(row) for row in basis.tolist())
             self._columns = tuple(tuple(row) for row in basis.T.tolist())
         self.eigenvalues: Vector = tuple(eigenvalues.tolist())
-        self.largest = max(self.eigenvalues)
-        self.isotropic = min(self.eigenvalues) == self.largest
+        self.largest: float = max(self.eigenvalues)
+        self.isotropic: bool = min(self.eigenvalues) == self.largest
         self._modes = tuple(zip(self.eigenvalues, self._columns or (), strict=False))
         self._ratios = tuple(self.largest / value for value in self.eigenvalues)
         self._weights = tuple(

@@ -1,15 +1,21 @@
-"""A flat piece of an obstacle's surface: all that a spring needs to know of an obstacle nearby."""
+"""A piece of an obstacle's surface: all that a spring needs to know of an obstacle nearby."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from itertools import islice
-from typing import NamedTuple
+from operator import mul, sub
+from typing import Any, NamedTuple
 
-from hapnet.checks import MOST_PLANES, UNIT_TOLERANCE, Vector
+from hapnet.checks import MOST_FRICTION, MOST_PLANES, UNIT_TOLERANCE, Vector, wrong_curvatures
 from hapnet.errors import InvalidParameter
+from hapnet.mechanics.curvature import Curvature, Curvatures, round_all_over
+
+FOLDED = 0.9
+"""A surface whose centre of curvature is nearly as near as this share of its radius is told as flat: where the nearest
+point is would depend on rounding."""
 
 
 class Plane(NamedTuple):
@@ -17,6 +23,9 @@ class Plane(NamedTuple):
 
     stiffness, damping : of the solid, along the normal [N/m], [Ns/m].
     velocity_mps : of the plane along its normal [m/s]; 0: it stands still.
+    curvatures : how the surface bends that the plane touches. It touches at the point that is nearest to the place for
+        which the plane is told. Empty: it is flat, or not known.
+    friction : Coulomb's mu at that point, 0 to 10.
     """
 
     normal: Vector
@@ -24,6 +33,54 @@ class Plane(NamedTuple):
     stiffness: float
     damping: float
     velocity_mps: float = 0.0
+    curvatures: Curvatures = ()
+    friction: float = 0.0
+
+    @classmethod
+    def of_ball(
+        cls,
+        position: Sequence[float],
+        centre: Sequence[float],
+        radius: float,
+        stiffness: float,
+        damping: float = 0.0,
+        velocity_mps: float = 0.0,
+    ) -> Plane:
+        """The plane of a ball as seen from `position`: `centre` (n,), `radius` [m]; the others as above."""
+        inwards = tuple(map(sub, centre, position))
+        size = math.hypot(*inwards)
+        normal = tuple([part / size for part in inwards]) if size else (1.0,) + (0.0,) * (len(inwards) - 1)
+        offset = sum(map(mul, normal, centre)) - radius
+        return cls(normal, offset, stiffness, damping, velocity_mps, round_all_over(normal, radius))
+
+    @classmethod
+    def all_of(
+        cls,
+        planes: Sequence[Sequence[Any]] | None,
+        bends: Sequence[Sequence[Any]] | None = None,
+        friction: Sequence[float] | None = None,
+    ) -> tuple[Plane, ...] | None:
+        """Planes from what a message has: their first five fields, and for each its curvatures and its friction.
+
+        None: it tells none of these.
+        """
+        if planes is None or (bends is None and friction is None):
+            return None if planes is None else tuple([cls(*plane) for plane in planes])
+        each = zip(planes, bends or ((),) * len(planes), friction or (0.0,) * len(planes), strict=True)
+        return tuple([cls(*(*plane, tuple([Curvature(*bend) for bend in bent]), mu)) for plane, bent, mu in each])
+
+    def depth(self, position: Sequence[float]) -> float:
+        """How deep `position` (n,) is behind the flat plane [m]."""
+        along: float = sum(map(mul, self.normal, position))
+        return along - self.offset_m
+
+    def unfolded(self, position: Sequence[float]) -> Plane:
+        """The plane without a curvature whose centre is nearer to `position` (n,) [m] than the surface, or nearly."""
+        if not self.curvatures:
+            return self
+        depth = self.depth(position)
+        kept = tuple([one for one in self.curvatures if one.per_m * depth < FOLDED])
+        return self if kept == self.curvatures else self._replace(curvatures=kept)
 
 
 def checked(planes: Iterable[Plane], dof: int) -> tuple[Plane, ...]:
@@ -49,9 +106,17 @@ def _checked(plane: Plane, dof: int) -> Plane:
     normal = tuple(map(float, plane.normal))
     if len(normal) != dof or not abs(sum([n * n for n in normal]) - 1.0) <= UNIT_TOLERANCE:
         raise InvalidParameter("a plane's normal", normal, f"a unit vector of {dof} components")
-    offset, stiffness, damping, velocity = numbers = tuple(map(float, plane[1:]))
+    offset, stiffness, damping, velocity = numbers = tuple(map(float, plane[1:5]))
     if not (all(map(math.isfinite, numbers)) and stiffness > 0.0 and damping >= 0.0):
         raise InvalidParameter(
             "a plane's offset, stiffness, damping, velocity", numbers, "finite, stiffness above 0, damping not below"
         )
-    return Plane(normal, offset, stiffness, damping, velocity)
+    if not 0.0 <= (friction := float(plane.friction)) <= MOST_FRICTION:
+        raise InvalidParameter("a plane's friction", plane.friction, f"0 to {MOST_FRICTION:g}")
+    try:
+        bends = tuple([Curvature(tuple(map(float, direction)), float(per_m)) for direction, per_m in plane.curvatures])
+    except (TypeError, ValueError):
+        raise InvalidParameter("a plane's curvatures", plane.curvatures, "a direction and a number each") from None
+    if wrong := wrong_curvatures(bends, normal):
+        raise InvalidParameter("a plane's curvatures", bends, f"those of a surface ({wrong})")
+    return Plane(normal, offset, stiffness, damping, velocity, bends, friction)

@@ -42,12 +42,14 @@ class Spring:
 
     def __init__(self, stiffness: ArrayLike, dof: int, force_limit: float | None = None) -> None:
         self.K = checks.spd("stiffness", stiffness, dof)
-        self.dof = dof
-        self.ellipsoid = Ellipsoid(self.K)
+        self.dof: int = dof
+        self.ellipsoid: Ellipsoid = Ellipsoid(self.K)
         self._K11 = float(self.K[0, 0])
         self._rows: tuple[Vector, ...] = tuple(tuple(row) for row in self.K.tolist())
-        self.force_limit = None if force_limit is None else checks.positive("force_limit", force_limit)
-        self.knee = math.inf if self.force_limit is None else self.force_limit / math.sqrt(self.ellipsoid.largest)
+        self.force_limit: float | None = None if force_limit is None else checks.positive("force_limit", force_limit)
+        self.knee: float = (
+            math.inf if self.force_limit is None else self.force_limit / math.sqrt(self.ellipsoid.largest)
+        )
         self._knee_square = self.knee * self.knee
 
     def potential(self, e: Vector) -> float:

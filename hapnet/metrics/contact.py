@@ -1,4 +1,4 @@
-"""How stiff a wall feels, and how hard it pushes."""
+"""How stiff a wall feels, and how hard it pushes. What is said of walls holds for solids too (`obstacles`)."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapnet.checks import Array
-from hapnet.plant.worlds.walls import Wall
+from hapnet.metrics.obstacles import Obstacle
 from hapnet.recording.samples import Columns, Recording
 
 _LEAST_S = 0.1  # shortest settled contact for which a slope is computed
 
 
-def rendered_stiffness(recording: Recording, walls: Sequence[Wall], round_trip_s: float) -> float | None:
+def rendered_stiffness(recording: Recording, walls: Sequence[Obstacle], round_trip_s: float) -> float | None:
     """Slope of the resisting force over the device's penetration of the wall where it was deepest [N/m].
 
     It is the least-squares slope through the wall's surface, ``sum(F p) / sum(p^2)`` over the samples of settled
@@ -30,29 +30,32 @@ def rendered_stiffness(recording: Recording, walls: Sequence[Wall], round_trip_s
     return float(resistance @ p / (p @ p))
 
 
-def contact_force(recording: Recording, walls: Sequence[Wall], round_trip_s: float) -> float | None:
+def contact_force(recording: Recording, walls: Sequence[Obstacle], round_trip_s: float) -> float | None:
     """Median of the resisting force in settled contact [N], as `rendered_stiffness` says; None as it says."""
     settled = _settled_contact(recording, walls, round_trip_s)
     return None if settled is None else float(np.median(settled[1]))
 
 
-def pressed_wall(device: Columns | None, walls: Sequence[Wall]) -> Wall | None:
-    """The wall where the device's penetration, summed over all samples, is greatest; None if it entered no wall."""
+def pressed_wall(device: Columns | None, walls: Sequence[Obstacle]) -> Obstacle | None:
+    """The wall or solid where the device's depth, summed over all samples, is greatest; None: it entered none."""
     if device is None or not walls:
         return None
-    depths = [float(np.maximum(_depth(device, wall), 0.0).sum()) for wall in walls]
+    depths = [float(np.maximum(wall.depths(device["position_m"]), 0.0).sum()) for wall in walls]
     return walls[int(np.argmax(depths))] if max(depths) > 0.0 else None
 
 
-def depth_and_resistance(device: Columns | None, walls: Sequence[Wall]) -> tuple[Array, Array] | None:
+def depth_and_resistance(device: Columns | None, walls: Sequence[Obstacle]) -> tuple[Array, Array] | None:
     """The device's penetration of `pressed_wall` [m], and the outward force on the device along its normal [N]."""
     wall = pressed_wall(device, walls)
     if device is None or wall is None:
         return None
-    return _depth(device, wall), -np.asarray(device["force_N"] @ np.array(wall.normal))
+    positions = device["position_m"]
+    return wall.depths(positions), -np.einsum("ij,ij->i", device["force_N"], wall.normals(positions))
 
 
-def _settled_contact(recording: Recording, walls: Sequence[Wall], round_trip_s: float) -> tuple[Array, Array] | None:
+def _settled_contact(
+    recording: Recording, walls: Sequence[Obstacle], round_trip_s: float
+) -> tuple[Array, Array] | None:
     """Depth [m] and resisting force [N] in the samples of settled contact; None with less than 0.1 s of them."""
     device, world = recording.device, recording.world
     found = depth_and_resistance(device, walls)
@@ -63,10 +66,6 @@ def _settled_contact(recording: Recording, walls: Sequence[Wall], round_trip_s: 
     if np.count_nonzero(settled) * _period_s(device) < _LEAST_S:
         return None
     return depth[settled], resistance[settled]
-
-
-def _depth(device: Columns, wall: Wall) -> Array:
-    return np.asarray(device["position_m"] @ np.array(wall.normal) - wall.offset)
 
 
 def _settled(device: Columns, depth: Array, after_s: float) -> NDArray[np.bool_]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from hapnet.checks import Array
 from hapnet.metrics.contact import pressed_wall
-from hapnet.plant.worlds.walls import Wall
+from hapnet.metrics.obstacles import Obstacle, normal_where_deepest
 from hapnet.recording.samples import Columns, Recording
 
 _TRAVELS_S = (0.1, 0.2, 0.4)
@@ -18,14 +18,14 @@ _LEAST_S, _LEAST_SPAN_S = 2.0, 5.0
 _ROUNDS = 30
 
 
-def drift(recording: Recording, walls: Sequence[Wall]) -> float | None:
+def drift(recording: Recording, walls: Sequence[Obstacle]) -> float | None:
     """Slope over time of device minus proxy while both are outside all `walls` [m/s].
 
-    It is measured along the normal of the wall where the device was deepest; without a wall, along the axis on which it
-    moved most. The model is ``apart(t) = offset + slope t + sum_i w_i (x(t) - x(t - s_i))``. Its last terms are the
-    lag, which is periodic if the motion is. It is fitted by least absolute deviations, so that an outage does not look
-    like drift (a very long outage still does). None if the two sides are not on one clock, or if free motion lasts less
-    than 2 s in all or less than 5 s from first to last sample.
+    It is measured along the normal of the wall or solid where the device was deepest; without one, along the axis on
+    which it moved most. The model is ``apart(t) = offset + slope t + sum_i w_i (x(t) - x(t - s_i))``. Its last terms
+    are the lag, which is periodic if the motion is. It is fitted by least absolute deviations, so that an outage does
+    not look like drift (a very long outage still does). None if the two sides are not on one clock, or if free motion
+    lasts less than 2 s in all or less than 5 s from first to last sample.
     """
     device, world = recording.device, recording.world
     if device is None or world is None or not recording.meta.get("aligned", True):
@@ -39,8 +39,7 @@ def drift(recording: Recording, walls: Sequence[Wall]) -> float | None:
     travels = [x - np.interp(times - span, seconds, path) for span in _TRAVELS_S]
     outside = np.ones(len(times), dtype=bool)
     for wall in walls:
-        depth = device["position_m"] @ np.array(wall.normal) - wall.offset
-        outside &= np.interp(times, seconds, depth) <= 0.0
+        outside &= np.interp(times, seconds, wall.depths(device["position_m"])) <= 0.0
     outside &= world["penetration_m"][np.searchsorted(world["time_s"], times, side="right") - 1] <= 0.0
     free_s = times[outside]
     if len(free_s) < _LEAST_S * _RATE_HZ or free_s[-1] - free_s[0] < _LEAST_SPAN_S:
@@ -50,9 +49,9 @@ def drift(recording: Recording, walls: Sequence[Wall]) -> float | None:
     return slope if np.isfinite(slope) else None
 
 
-def _direction(device: Columns, wall: Wall | None) -> Array:
+def _direction(device: Columns, wall: Obstacle | None) -> Array:
     if wall is not None:
-        return np.array(wall.normal)
+        return np.array(normal_where_deepest(wall, device["position_m"]))
     extent = np.ptp(device["position_m"], axis=0)
     return np.asarray(np.eye(len(extent))[int(np.argmax(extent))])
 

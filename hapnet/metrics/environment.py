@@ -8,14 +8,14 @@ from itertools import groupby
 import numpy as np
 
 from hapnet.checks import Array
-from hapnet.plant.worlds.walls import Wall
+from hapnet.metrics.obstacles import Obstacle
 
 
 def environment_force(
     position: Array,
     times: Sequence[float],
-    walls: Callable[[float], Iterable[Wall]],
-    stiffness: Callable[[Wall], float],
+    walls: Callable[[float], Iterable[Obstacle]],
+    stiffness: Callable[[Obstacle], float],
 ) -> Array:
     """Force of the true environment on a device at `position` (N, n) [m]: (N, n) [N].
 
@@ -37,10 +37,10 @@ def environment_force(
     return np.concatenate(pieces)
 
 
-def standing_force(position: Array, walls: Iterable[Wall], stiffness: Callable[[Wall], float]) -> Array:
+def standing_force(position: Array, walls: Iterable[Obstacle], stiffness: Callable[[Obstacle], float]) -> Array:
     """As `environment_force`, of walls that do not change."""
     force = np.zeros_like(position)
     for wall in walls:
-        depth = np.maximum(position @ np.array(wall.normal) - wall.offset, 0.0)
-        force -= stiffness(wall) * np.outer(depth, wall.normal)
+        depth = np.maximum(wall.depths(position), 0.0)
+        force -= stiffness(wall) * (depth[:, None] * wall.normals(position))
     return force

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from hapnet.metrics.obstacles import Obstacle
 from hapnet.metrics.position import position_error
-from hapnet.plant.worlds.walls import Wall
 from hapnet.recording.samples import Recording
 
 DRAG_MPS = 0.067
@@ -40,7 +40,7 @@ def following_error(recording: Recording, free: NDArray[np.bool_]) -> float | No
     return float(np.sqrt(np.mean(counted**2))) if len(counted) else None
 
 
-def drag(recording: Recording, walls: Sequence[Wall], settling_s: float) -> float | None:
+def drag(recording: Recording, walls: Sequence[Obstacle], settling_s: float) -> float | None:
     """The force that resists free motion at `DRAG_MPS` [N]: a linear regression of force on velocity.
 
     The slope is ``-sum F.v / sum v.v`` with means F and v over a third of a second. A force that only accelerates and
@@ -59,7 +59,7 @@ def drag(recording: Recording, walls: Sequence[Wall], settling_s: float) -> floa
     latest = np.maximum(np.searchsorted(world["time_s"], times, side="right") - 1, 0)
     touching = world["penetration_m"][latest] > 0.0
     for wall in walls:
-        touching |= x @ np.array(wall.normal) > wall.offset
+        touching |= wall.depths(x) > 0.0
     untouched_s = times - np.maximum.accumulate(np.where(touching, times, -np.inf))
     free = untouched_s[width:] > settling_s + width * period_s
     v = ((x[width:] - x[:-width]) / (width * period_s))[free]

@@ -13,10 +13,12 @@ def total_margin(recording: Recording) -> Columns | None:
     """The sum of both sides' margins over time: ``time_s`` and ``margin_J`` at every sample of either side.
 
     The other side contributes its last sample up to that time. So energy that went in and out again between two samples
-    does not show. The sum covers the time in which both sides are recorded. None if they are not on one clock.
+    does not show. The sum covers the time in which both sides are recorded. None if they are not on one clock: a
+    difference of clocks that was only measured may be wrong by milliwatts times milliseconds, and proves nothing.
     """
     device, world = recording.device, recording.world
-    if device is None or world is None or not recording.meta.get("aligned", True):
+    meta = recording.meta
+    if device is None or world is None or not meta.get("aligned", True) or "clock_difference" in meta:
         return None
     of_device, of_world = device["time_s"], world["time_s"]
     times = np.union1d(of_device, of_world)

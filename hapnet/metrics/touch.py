@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hapnet.metrics.contact import depth_and_resistance
-from hapnet.plant.worlds.walls import Wall
+from hapnet.metrics.obstacles import Obstacle
 from hapnet.recording.samples import Recording
 
 _AWAY_S = 0.1
@@ -35,7 +35,7 @@ class Touch(NamedTuple):
     felt_s: float | None
 
 
-def touches(recording: Recording, walls: Sequence[Wall], stiffness: float, round_trip_s: float) -> list[Touch]:
+def touches(recording: Recording, walls: Sequence[Obstacle], stiffness: float, round_trip_s: float) -> list[Touch]:
     """Every touch of the wall that was pressed most, in the order of time.
 
     A contact is felt when the outward force along the wall's normal exceeds, by 10 % and by 0.1 N, the greatest force

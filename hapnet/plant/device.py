@@ -78,24 +78,26 @@ class SimulatedDevice:
         resolution: float = 0.0,
         force_limit: float | None = None,
     ) -> None:
-        self.mass = checks.positive("device.mass", mass)
+        self.mass: float = checks.positive("device.mass", mass)
         self._half_mass = 0.5 * self.mass
-        self.damping = checks.non_negative("device.own_damping", damping)
-        self.period = checks.positive("device period", period)
+        self.damping: float = checks.non_negative("device.own_damping", damping)
+        self.period: float = checks.positive("device period", period)
         if substeps < 1:
             raise InvalidParameter("device.substeps", substeps, "1 or more")
         self._substeps = substeps
         self.operator = operator
-        self.resolution = checks.non_negative("device.resolution", resolution)
-        self.force_limit = None if force_limit is None else checks.positive("device.force_limit", force_limit)
-        self.time = 0.0
-        self.ticks = 0
-        self.references = [operator.reference(0.0)]
+        self.resolution: float = checks.non_negative("device.resolution", resolution)
+        self.force_limit: float | None = (
+            None if force_limit is None else checks.positive("device.force_limit", force_limit)
+        )
+        self.time: float = 0.0
+        self.ticks: int = 0
+        self.references: list[Vector] = [operator.reference(0.0)]
         """The hand's reference at the end of each tick of the last `run` [m]."""
         x = self.references[-1]
         zero = (0.0,) * len(x)
-        self.state = DeviceState(x, zero, zero, zero, zero, x, x)
-        self.model = self._model(np.zeros((len(x), len(x))), zero, math.inf)
+        self.state: DeviceState = DeviceState(x, zero, zero, zero, zero, x, x)
+        self.model: TickModel = self._model(np.zeros((len(x), len(x))), zero, math.inf)
         self._read, self._read_time = self._count(), 0.0
 
     @property

@@ -47,7 +47,7 @@ class GeneratedHand:
 
     def __init__(self, rng: np.random.Generator, normal: Vector, relaxed: Impedance, firm: Impedance) -> None:
         share = float(rng.random())
-        self.impedance = Impedance(
+        self.impedance: Impedance = Impedance(
             relaxed.mass * (firm.mass / relaxed.mass) ** share,
             relaxed.damping * (firm.damping / relaxed.damping) ** share,
             relaxed.stiffness * (firm.stiffness / relaxed.stiffness) ** share,

@@ -74,6 +74,7 @@ class PassiveIntegrator:
         K = _positive_definite("stiffness", stiffness, n)
         self._M, self._B, self._K = _product(M), _product(B), _product(K)
         self._scalars = M[0][0], B[0][0], K[0][0]  # all there is in one dimension
+        self._diagonals = [[matrix[i][i] for i in range(n)] for matrix in (M, B, K)]
         self.terms: Final = [[(2.0 * M[i][j], B[i][j], 0.5 * K[i][j]) for j in range(i + 1)] for i in range(n)]
         """Lower triangle of A in powers of T: 2M, B', K'/2."""
         self._diagonal = all(_is_diagonal(matrix) for matrix in (M, B, K))
@@ -156,8 +157,10 @@ class PassiveIntegrator:
             self.adopt(contacts)
         if self._factored != (dt, None):
             self._factor(dt)
-        if self._n == 1 and force is None:
+        if force is None and self._n == 1:
             return self._step_1dof(dt, ybar[0], contacts)
+        if force is None and self._n == 3 and self._diagonal:
+            return self._step_3dof(dt, ybar, contacts)
         x, v, K = self._x, self._v, self._K
         error = tuple(map(sub, x, ybar))
         gain = 2.0 / dt
@@ -202,6 +205,33 @@ class PassiveIntegrator:
         self._v = (2.0 * vhat - v,)
         depth = 0.0 if contacts is None else contacts.penetration(end)
         return Step((vhat,), (f,), dt * (0.0 + f * vhat), dt * (0.0 + damper * vhat), (tau,), end, depth)
+
+    def _step_3dof(self, dt: float, ybar: Vector, contacts: Surroundings | None) -> Step:
+        """The rest of `step` in three dimensions with diagonal M, B', K': the same operations in the same order."""
+        x, y, z = self._x
+        u, v, w = self._v
+        (m0, m1, m2), (b0, b1, b2), (k0, k1, k2) = self._diagonals
+        i0, i1, i2 = self._inverse_pivots
+        e0, e1, e2 = x - ybar[0], y - ybar[1], z - ybar[2]
+        gain, half = 2.0 / dt, 0.5 * dt
+        vhat = [
+            (gain * (m0 * u) - k0 * e0) * i0,
+            (gain * (m1 * v) - k1 * e1) * i1,
+            (gain * (m2 * w) - k2 * e2) * i2,
+        ]
+        f: Sequence[float] = _NO_FORCE
+        if contacts is not None:
+            f, vhat = contacts.solve(dt, self._x, vhat, self._solve)
+        a, b, c = vhat
+        f0, f1, f2 = f
+        d0, d1, d2 = b0 * a, b1 * b, b2 * c
+        tau = (-d0 - k0 * (e0 + half * a), -d1 - k1 * (e1 + half * b), -d2 - k2 * (e2 + half * c))
+        self._x = end = (x + dt * a, y + dt * b, z + dt * c)
+        self._v = (2.0 * a - u, 2.0 * b - v, 2.0 * c - w)
+        return Step(
+            (a, b, c), (f0, f1, f2), dt * (0.0 + f0 * a + f1 * b + f2 * c), dt * (0.0 + d0 * a + d1 * b + d2 * c),
+            tau, end, 0.0 if contacts is None else contacts.penetration(end),
+        )  # fmt: skip
 
     def push(self, dt: float, drag: float, push: ArrayLike, contacts: Surroundings | None = None) -> Step:
         """Advance by `dt` on a law's coupling, ``tau = push - drag vhat``, solved together with the contacts.
@@ -292,6 +322,9 @@ class PassiveIntegrator:
             for j, factor in enumerate(self._L[i]):
                 z[j] -= factor * top
         return z
+
+
+_NO_FORCE = (0.0, 0.0, 0.0)
 
 
 def _dot(one: Sequence[float], other: Sequence[float]) -> float:

@@ -61,8 +61,8 @@ class LimitedCoupling:
     def __init__(
         self, stiffness: Array, damping: Vector, resistance: float, length: float, knee: float, force_limit: float
     ) -> None:
-        self.rows = rows(stiffness)
-        self.modes = self._modes(stiffness, damping, resistance)
+        self.rows: tuple[Vector, ...] = rows(stiffness)
+        self.modes: Modes = self._modes(stiffness, damping, resistance)
         self._stiffness, self._damping, self._resistance = stiffness, damping, resistance
         self._h, self._knee, self._force_limit = length, knee, force_limit
 

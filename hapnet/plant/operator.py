@@ -162,7 +162,7 @@ class HeldAtEnd:
     """
 
     def __init__(self, hand: Operator, from_s: float, over_s: float, at: Vector | None = None) -> None:
-        self.impedance = hand.impedance
+        self.impedance: Impedance = hand.impedance
         self._hand, self._from, self._over = hand, from_s, checks.positive("over_s", over_s)
         self._at = at
 

@@ -73,25 +73,30 @@ class TickModel:
         knee: float = math.inf,
         force_limit: float = math.inf,
     ) -> None:
-        self.dof, self.period, self.substeps = dof, period, range(substeps)
-        self.h = h = period / substeps
+        self.dof: int = dof
+        self.period: float = period
+        self.substeps: range = range(substeps)
+        self.h: float = period / substeps
+        h = self.h
         self.hand = hand
-        self.stiffness, self.damping = stiffness, damping
-        self.largest = float(np.linalg.eigvalsh(stiffness)[-1])
-        self.knee, self.force_limit = knee, force_limit
+        self.stiffness: Array = stiffness
+        self.damping: Vector = damping
+        self.largest: float = float(np.linalg.eigvalsh(stiffness)[-1])
+        self.knee: float = knee
+        self.force_limit: float = force_limit
         own = 2.0 * (mass + hand.mass) / h + own_damping + hand.damping + hand.stiffness * h / 2.0
-        self.inertia = 2.0 * (mass + hand.mass) / h
-        self.hand_mass = 2.0 * hand.mass / h
-        self.response = hand.stiffness * h / 2.0 + hand.damping + self.hand_mass
-        self.rate_drive = hand.damping - 0.5 * hand.stiffness * h
-        self.rate_step = hand.stiffness * h
-        self.knee_square = knee * knee
+        self.inertia: float = 2.0 * (mass + hand.mass) / h
+        self.hand_mass: float = 2.0 * hand.mass / h
+        self.response: float = hand.stiffness * h / 2.0 + hand.damping + self.hand_mass
+        self.rate_drive: float = hand.damping - 0.5 * hand.stiffness * h
+        self.rate_step: float = hand.stiffness * h
+        self.knee_square: float = knee * knee
         self._coefficients = (  # unpacked at once: one axis's tick takes only two microseconds
             h, period, self.substeps, hand.stiffness, self.rate_drive, self.rate_step,
             self.inertia, self.hand_mass, self.response, 1.0 / own,
         )  # fmt: skip
         B = np.array(damping)
-        self.coupling = LimitedCoupling(stiffness, damping, own, h, knee, force_limit)
+        self.coupling: LimitedCoupling = LimitedCoupling(stiffness, damping, own, h, knee, force_limit)
         self.decoupled: tuple[Vector, ...] = ()
         """(k, k + K_h, 1/A, B, k h/2 - B) of each axis, if the axes are independent; else empty."""
         if np.array_equal(stiffness, np.diag(np.diagonal(stiffness))):
@@ -99,7 +104,7 @@ class TickModel:
             a = own + B + k * h / 2.0
             self.decoupled = rows(np.array([k, k + hand.stiffness, 1.0 / a, B, k * h / 2.0 - B]).T)
         else:
-            self.tick_map = self._map_of_a_tick(np.linalg.inv(np.diag(own + B) + stiffness * (h / 2.0)))
+            self.tick_map: Array = self._map_of_a_tick(np.linalg.inv(np.diag(own + B) + stiffness * (h / 2.0)))
 
     def run(self, state: DeviceState, path: list[Vector]) -> list[TickResult]:
         """Run a tick from each point of the hand's reference on `path` [m] to the next. Returns each tick's result."""

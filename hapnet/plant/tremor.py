@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import pi, sin
 
 from hapnet.checks import Vector
-from hapnet.plant.operator import Operator
+from hapnet.plant.operator import Impedance, Operator
 
 HERTZ = (8.3, 9.4, 10.7, 11.9)
 """No multiples of each other, so that the tremor waxes and wanes."""
@@ -20,7 +20,7 @@ class Tremor:
     """
 
     def __init__(self, hand: Operator, amplitude: float) -> None:
-        self.impedance = hand.impedance
+        self.impedance: Impedance = hand.impedance
         self._hand = hand
         self._each = amplitude / len(HERTZ)
 

@@ -9,13 +9,15 @@ from typing import Any, Protocol
 import numpy as np
 
 from hapnet.assembly.build import Setup, device_side, world_side
+from hapnet.assembly.user_device import is_blocking
 from hapnet.checks import Vector
 from hapnet.realtime.servo import Servo
 from hapnet.realtime.world_thread import Stepper
 from hapnet.recording.samples import Event, Sample
 from hapnet.side.device import Clock, DeviceSide
 from hapnet.side.endpoint import DeviceEndpoint, WireHalf, WorldEndpoint
-from hapnet.summary.run import SidePart, device_summary, with_wire, world_summary
+from hapnet.side.world import WorldSide
+from hapnet.summary.run import SidePart, device_summary, world_summary
 from hapnet.wire.session import Session
 
 UNPAIRED_STEP_NS = 1_000_000
@@ -62,8 +64,8 @@ class Control(Protocol):
     def place(self, position: Vector) -> None:
         """Begin at `position` [m], shape (n,): a device with a live hand, or a world; before `start`."""
 
-    def summary(self, now_ns: int) -> SidePart:
-        """This side's part of the summary as of `now_ns`, complete once it has stopped."""
+    def part(self) -> SidePart:
+        """This side's part of the summary so far, without the wire half's; complete once it has stopped."""
 
 
 class ThreadedDevice:
@@ -76,16 +78,17 @@ class ThreadedDevice:
     ) -> None:
         endpoint = DeviceEndpoint(session)
         self.wire: WireHalf = endpoint
-        self.side = device_side(setup, endpoint, clock, callbacks.write)
+        self.side: DeviceSide = device_side(setup, endpoint, clock, callbacks.write)
         self._coupling = setup.params.coupling
         self._send, self._wake, self._write = callbacks.send, callbacks.wake, callbacks.write
         self._clock = clock
-        self._began = False
+        self._began = self._started = False
         self._servo = Servo(
             round(1e9 / setup.params.device.servo_hz),
             self._tick,
             safe=self.side.stop,
             on_error=callbacks.fail,
+            paced=not is_blocking(setup.params.hardware),
             realtime=realtime,
             clock=clock,
         )
@@ -95,9 +98,12 @@ class ThreadedDevice:
         return self.side.origin_ns
 
     def start(self) -> str | None:
+        self._started = True
         return self._servo.start()
 
     def stop(self) -> None:
+        if not self._started:  # but the device was opened
+            self.side.stop()
         self._servo.stop()
         if self._servo.unsafe is not None:
             self._write(unsafe(self._clock(), self._servo))
@@ -113,9 +119,8 @@ class ThreadedDevice:
     def place(self, position: Vector) -> None:
         self.side.place(position)
 
-    def summary(self, now_ns: int) -> SidePart:
-        part = device_summary(self.side, self._coupling, servo_timing(self._servo, self.side))
-        return with_wire(part, self.wire.session, now_ns)
+    def part(self) -> SidePart:
+        return device_summary(self.side, self._coupling, servo_timing(self._servo, self.side))
 
     def _tick(self, now_ns: int) -> None:
         message = self.side.tick(now_ns)
@@ -138,7 +143,7 @@ class ThreadedWorld:
     ) -> None:
         endpoint = WorldEndpoint(session)
         self.wire: WireHalf = endpoint
-        self.side = world_side(setup, endpoint, rng, callbacks.write)
+        self.side: WorldSide = world_side(setup, endpoint, rng, callbacks.write)
         self._coupling = setup.params.coupling
         self._send, self._wake = callbacks.send, callbacks.wake
         self._stepper = Stepper(self._step, callbacks.fail, clock)
@@ -163,8 +168,8 @@ class ThreadedWorld:
     def place(self, position: Vector) -> None:
         self.side.place(position)
 
-    def summary(self, now_ns: int) -> SidePart:
-        return with_wire(world_summary(self.side, self._coupling), self.wire.session, now_ns)
+    def part(self) -> SidePart:
+        return world_summary(self.side, self._coupling)
 
     def _step(self, now_ns: int) -> int:
         message = self.side.step(now_ns)
@@ -179,7 +184,7 @@ class ThreadedWorld:
 
 def unsafe(now_ns: int, servo: Servo) -> Event:
     """The event to record for a servo whose force could not be stopped."""
-    return Event(now_ns, "servo", f"the force could not be set to zero at the end: {servo.unsafe}")
+    return Event(now_ns, "servo", f"the force could not be set to zero at the end: {servo.unsafe}", "error")
 
 
 def servo_timing(servo: Servo, side: DeviceSide) -> dict[str, Any]:

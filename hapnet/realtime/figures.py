@@ -13,7 +13,7 @@ from hapnet.recording.telemetry import Status
 from hapnet.side.device import Clock
 from hapnet.side.endpoint import NANO
 from hapnet.summary import path
-from hapnet.summary.run import Summary, combine, versions
+from hapnet.summary.run import Summary, combine, versions, with_wire
 from hapnet.transport.zenoh import ZenohTransport
 from hapnet.wire.messages import Role
 
@@ -25,6 +25,7 @@ class Figures:
     ----------
     setup, role, seed : of the side. names : of its session and its device, as in the key expressions.
     control, driver, transport, clock : the side's parts.
+    utc_less_clock_ns : UTC less the clock's reading, as of the start [ns].
 
     Attributes
     ----------
@@ -41,11 +42,13 @@ class Figures:
         driver: LinkDriver,
         transport: ZenohTransport,
         clock: Clock,
+        utc_less_clock_ns: int,
     ) -> None:
         self.stopped_ns: int | None = None
         self._setup, self._role, self._seed = setup, role, seed
         self._control, self._driver, self._transport, self._clock = control, driver, transport, clock
         self._started_ns = clock()
+        self._utc_less_clock_ns = utc_less_clock_ns
         self._path = path.PathMeter(role, control.wire.session.path)
         self._link = LinkMeter()
         self._about = described(setup, role, seed, driver.port.link.profile) | {
@@ -62,7 +65,9 @@ class Figures:
     def meta(self) -> dict[str, Any]:
         """The description of a recording that begins now."""
         links = {self.way: str(self._driver.port.link.profile)}
-        return self._about | {"links": links, "origin_ns": self._control.origin_ns}
+        origin_ns = self._control.origin_ns
+        utc_ns = None if origin_ns is None else origin_ns + self._utc_less_clock_ns
+        return self._about | {"links": links, "origin_ns": origin_ns, "utc_origin_ns": utc_ns, "utc_clock": "system"}
 
     def dropped(self) -> dict[str, int]:
         """How many messages were dropped, by kind. The caller holds the driver's lock."""
@@ -74,8 +79,9 @@ class Figures:
         own: dict[str, Any] = {"device": None, "world": None}
         links: dict[str, Any] = {"up": None, "down": None}
         end_ns = self.stopped_ns or self._clock()
-        with self._driver.lock:
-            own[self._role] = self._control.summary(end_ns) | {
+        part = self._control.part()
+        with self._driver.lock:  # for which the servo waits: nothing that takes long
+            own[self._role] = with_wire(part, self._control.wire.session, end_ns) | {
                 "dropped": self.dropped(), "declared_again": self._transport.declared_again,
             }  # fmt: skip
             links[self.way] = self._driver.port.link.stats.as_dict()

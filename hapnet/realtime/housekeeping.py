@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Iterable
+from typing import Literal
 
 from hapnet.errors import HapnetError
 from hapnet.realtime.controllers import Control
@@ -74,8 +75,16 @@ class Housekeeping:
         collect : collects Python's garbage.
         """
         self._duration_s = duration_s
-        rounds = 0
         stopped = asyncio.ensure_future(stop.wait())  # one for all rounds: a new one each costs more than the rest
+        try:
+            await self._rounds(stop, stopped, duration_s, collect)
+        finally:
+            stopped.cancel()
+
+    async def _rounds(
+        self, stop: asyncio.Event, stopped: asyncio.Future[Literal[True]], duration_s: float, collect: Callable[[], int]
+    ) -> None:
+        rounds = 0
         while not stop.is_set():
             origin_ns = self._control.origin_ns
             if origin_ns is None:
@@ -92,7 +101,6 @@ class Housekeeping:
                 collect()
                 self._look_around(origin_ns)
             await asyncio.wait((stopped,), timeout=_PERIOD_S)
-        stopped.cancel()
 
     def on_connection(self) -> None:
         """Report that Zenoh has gained or lost a connection."""

@@ -37,7 +37,7 @@ class LinkDriver:
         *,
         period_ns: int | None = None,
     ) -> None:
-        self.lock = threading.Lock()
+        self.lock: threading.Lock = threading.Lock()
         self.port = port
         self._put, self._clock = put, clock
         self._period_ns = period_ns

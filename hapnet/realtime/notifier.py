@@ -6,6 +6,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
+from hapnet.recording.samples import Level
 from hapnet.side.endpoint import NANO
 from hapnet.side.notices import Notice, notice_of
 from hapnet.wire.events import Event
@@ -41,9 +42,9 @@ class Notifier:
         self._link_lost_ns: int | None = None
         self._silent: dict[str, int] = {}
 
-    def notify(self, kind: str, text: str, now_ns: int) -> None:
-        """Send a warning in plain words."""
-        self._notify(Notice(kind, text, now_ns, "warning"))
+    def notify(self, kind: str, text: str, now_ns: int, level: Level = "warning") -> None:
+        """Send a notice in plain words."""
+        self._notify(Notice(kind, text, now_ns, level))
 
     def waiting(self, now_ns: int, status: str, partners: int) -> None:
         """This side has no peer. `status` says what the transport does, `partners` how many may become the peer."""

@@ -10,6 +10,7 @@ from typing import Any
 
 from hapnet.assembly.build import Setup
 from hapnet.errors import RecordingError
+from hapnet.recording.drawing import Drawing
 from hapnet.recording.hand import fingerprint
 from hapnet.recording.mcap import RecordingWriter, preload
 from hapnet.recording.samples import Sample
@@ -41,9 +42,9 @@ class Recorder:
     """
 
     def __init__(self, path: Path, report: Callable[[str], None]) -> None:
-        _require_writable(path)
+        require_writable(path)
         preload()
-        self.broken = False
+        self.broken: bool = False
         self.missing: str | None = None
         self.path = path
         self._report = report
@@ -111,6 +112,7 @@ class Recordings:
         self._report = report
         self._recorder: Recorder | None = None
         self._lost_before = 0
+        self._drawing: Drawing | None = None  # it is told once, and belongs into each recording
 
     @property
     def path(self) -> Path | None:
@@ -120,10 +122,15 @@ class Recordings:
 
     def begin(self, path: Path) -> None:
         """From now on record at `path`. Raises RecordingError if that is not possible."""
-        self._recorder = Recorder(path, self._report)
+        recorder = Recorder(path, self._report)
+        if self._drawing is not None:
+            recorder.keep(self._drawing)
+        self._recorder = recorder
 
     def keep(self, sample: Sample) -> None:
         """Keep one more sample, from any thread."""
+        if isinstance(sample, Drawing):
+            self._drawing = sample
         if (recorder := self._recorder) is not None:
             recorder.keep(sample)
 
@@ -143,6 +150,13 @@ class Recordings:
             if recorder.missing is not None:
                 self.missing.append(recorder.missing)
         self._lost_before = lost
+
+
+def measured_utc_less_clock_ns(clock: Callable[[], int], utc: Callable[[], int]) -> int:
+    """UTC less the clock's reading, to be taken once [ns]: of a few tries, the one that was interrupted least."""
+    tries = [(clock(), utc(), clock()) for _ in range(5)]
+    before_ns, utc_ns, after_ns = min(tries, key=lambda one: one[2] - one[0])
+    return utc_ns - (before_ns + after_ns) // 2
 
 
 def described(setup: Setup, role: Role, seed: int, link: LinkProfile) -> dict[str, Any]:
@@ -169,7 +183,8 @@ def _boot_id() -> str:
         return "process:" + secrets.token_hex(8)
 
 
-def _require_writable(path: Path) -> None:
+def require_writable(path: Path) -> None:
+    """Raise RecordingError if no recording can be written at `path`. Its directory is made."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         existed = path.exists()

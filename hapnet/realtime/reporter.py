@@ -26,6 +26,7 @@ class Reporter:
     ----------
     role : this side's. on_silence : what it does when nothing arrives. clock : [ns].
     notify : called with each notice. telemetry : publishes telemetry; None: nobody can watch.
+    watch : called with each sample or note from control, on its thread.
 
     Attributes
     ----------
@@ -39,10 +40,11 @@ class Reporter:
         clock: Clock,
         notify: Callable[[Notice], None],
         telemetry: TelemetryPublisher | None,
+        watch: Callable[[Sample], None] = lambda sample: None,
     ) -> None:
-        self.notifier = Notifier(role, on_silence, self.notify)
-        self.recordings = Recordings(lambda text: self.notifier.notify("recording", text, clock()))
-        self._notify, self._telemetry = notify, telemetry
+        self.notifier: Notifier = Notifier(role, on_silence, self.notify)
+        self.recordings: Recordings = Recordings(lambda text: self.notifier.notify("recording", text, clock()))
+        self._notify, self._telemetry, self._watch = notify, telemetry, watch
         self._notes: deque[Note] = deque(maxlen=_MOST_NOTES)
 
     def keep(self, sample: Sample) -> None:
@@ -52,11 +54,12 @@ class Reporter:
         elif self._telemetry is not None:
             self._telemetry.keep(sample)
         self.recordings.keep(sample)
+        self._watch(sample)
 
     def notify(self, notice: Notice) -> None:
         """Send a notice, and record it if a replay needs it. `happened` records the session's events."""
         self._notify(notice)
-        note = Note(notice.at_ns, notice.kind, notice.text)
+        note = Note(notice.at_ns, notice.kind, notice.text, notice.level)
         if notice.kind in (link_events.KIND, "pause"):
             self.recordings.keep(note)
         if self._telemetry is not None and notice.kind != "progress":
@@ -65,10 +68,10 @@ class Reporter:
     def happened(self, event: Event, now_ns: int) -> None:
         """Report an event of the session, and record the notice."""
         if (notice := self.notifier.happened(event, now_ns)) is not None:
-            self.recordings.keep(Note(now_ns, notice.kind, notice.text))
+            self.recordings.keep(Note(now_ns, notice.kind, notice.text, notice.level))
 
     def report_notes(self) -> None:
         """Report control's notes since the last call."""
         while self._notes:
             note = self._notes.popleft()
-            self.notifier.notify(note.kind, note.text, note.time_ns)
+            self.notifier.notify(note.kind, note.text, note.time_ns, note.level)

@@ -22,11 +22,13 @@ from hapnet.assembly.build import LIVE, Setup, link_profile
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
 from hapnet.realtime.controller_choice import control_of
-from hapnet.realtime.controllers import ControlCallbacks
+from hapnet.realtime.controllers import Control, ControlCallbacks
 from hapnet.realtime.figures import Figures
 from hapnet.realtime.housekeeping import Housekeeping
 from hapnet.realtime.link_driver import LinkDriver
+from hapnet.realtime.off_loop import off_loop
 from hapnet.realtime.peerless import PeerAbsence
+from hapnet.realtime.recorder import measured_utc_less_clock_ns, require_writable
 from hapnet.realtime.reporter import Reporter
 from hapnet.realtime.servo import tuned_interpreter
 from hapnet.realtime.shutdown import LINGER_S, GracefulShutdown
@@ -35,14 +37,15 @@ from hapnet.recording import hand, link_events
 from hapnet.recording.samples import Event as Note
 from hapnet.recording.samples import Sample
 from hapnet.recording.telemetry import Status
-from hapnet.side.endpoint import NANO
+from hapnet.side.endpoint import NANO, WireHalf
 from hapnet.side.link_port import LinkPort
-from hapnet.side.notices import Notice
+from hapnet.side.notices import OVER, Notice, signal_text
 from hapnet.summary.run import Summary
 from hapnet.transport.config import ZenohSettings
 from hapnet.transport.diagnosis import ConnectionDiagnosis
 from hapnet.transport.zenoh import TELEMETRY, ZenohTransport
 from hapnet.wire.events import EnergyCredited, Event, PositionReceived, SampleReceived
+from hapnet.wire.fields import Signal
 from hapnet.wire.messages import Role
 from netem import Link, LinkProfile
 
@@ -62,6 +65,7 @@ class RealtimeSide:
     realtime : run the device's servo in a process of its own, with SCHED_FIFO and locked memory where that is allowed.
     once : end with the first peer; do not wait for another one.
     notify : called with each notice, on the event loop.
+    watch : called with each sample or note, on control's thread; it must return at once.
     refused : called with the time [ns]; says in words who was refused since the last call.
     """
 
@@ -78,16 +82,20 @@ class RealtimeSide:
         realtime: bool = False,
         once: bool = False,
         notify: Callable[[Notice], None] = lambda notice: None,
+        watch: Callable[[Sample], None] = lambda sample: None,
         refused: Callable[[int], list[str]] = lambda now_ns: [],
     ) -> None:
-        self.setup, self.role = setup, role
+        self.setup: Setup = setup
+        self.role = role
         self._clock = clock = time.monotonic_ns
         seed = secrets.randbits(32) if seed is None else seed
         entropy = np.random.SeedSequence(seed).spawn(4)
+        early: list[Sample] = []  # what control tells while it is made
+        self._write: Callable[[Sample], None] = early.append
         callbacks = ControlCallbacks(self._send, self._keep, self._fail, lambda: self._link_driver.arm())
         incarnation = secrets.randbits(63) + 1
-        self.control = control = control_of(setup, role, incarnation, callbacks, clock, entropy[2], realtime=realtime)
-        self.wire = control.wire
+        if record is not None:
+            require_writable(record)
         self._transport = ZenohTransport(
             zenoh,
             self._on_message,
@@ -98,6 +106,10 @@ class RealtimeSide:
             on_change=lambda: self._on_connection(),
             warn=self._warn,
         )
+        # after all that may be refused: it opens the device
+        self.control: Control = control_of(setup, role, incarnation, callbacks, clock, entropy[2], realtime=realtime)
+        control = self.control
+        self.wire: WireHalf = control.wire
         own, way = (setup.params.device, 0) if role == "device" else (setup.params.world, 1)
         profile, timeline = (setup.up, setup.up_timeline) if role == "device" else (setup.down, setup.down_timeline)
         port = LinkPort(control.wire, Link(profile, seed=entropy[way]))
@@ -106,16 +118,24 @@ class RealtimeSide:
         rate_hz = setup.params.telemetry_hz
         planes = (lambda: self.wire.planes) if role == "device" else None
         self._telemetry = TelemetryPublisher(rate_hz, self._put, self._status, planes) if rate_hz else None
-        self._reporter = Reporter(role, own.on_silence, clock, notify, self._telemetry)
-        self._figures = Figures(setup, role, seed, (session, name), control, self._link_driver, self._transport, clock)
+        self._reporter = Reporter(role, own.on_silence, clock, notify, self._telemetry, watch)
+        self._write = self._reporter.keep
+        for sample in early:
+            self._reporter.keep(sample)
+        self._figures = Figures(
+            setup, role, seed, (session, name), control, self._link_driver, self._transport, clock,
+            measured_utc_less_clock_ns(clock, time.time_ns),
+        )  # fmt: skip
+        self._diagnosis = ConnectionDiagnosis(zenoh, clock())
         self._housekeeping = Housekeeping(
             role, control, self._link_driver, self._transport, self._figures, self._reporter, clock,
             alone=PeerAbsence(role, once, self._reporter.notify, lambda: self._stop.set()),
-            diagnosis=ConnectionDiagnosis(zenoh, clock()),
+            diagnosis=self._diagnosis,
             timeline=timeline, refused=refused, fail=self._fail,
         )  # fmt: skip
         self._failure: BaseException | None = None
         self._paused = self._hurried = False
+        self._lingers = True
         if record is not None:
             self._reporter.recordings.begin(record)
 
@@ -127,7 +147,7 @@ class RealtimeSide:
     # -- on other threads ---------------------------------------------------------------------------------------------
 
     def _keep(self, sample: Sample) -> None:
-        self._reporter.keep(sample)
+        self._write(sample)
 
     def _send(self, data: bytes) -> None:
         """On control's thread."""
@@ -147,7 +167,7 @@ class RealtimeSide:
 
     def _warn(self, text: str) -> None:
         """On any thread; the loop reports it."""
-        self._reporter.keep(Note(self._clock(), "transport", text))
+        self._reporter.keep(Note(self._clock(), "transport", text, "warning"))
 
     def _fail(self, error: BaseException) -> None:
         self._failure = self._failure or error
@@ -155,8 +175,13 @@ class RealtimeSide:
 
     # -- the event loop ----------------------------------------------------------------------------------------------
 
-    async def run(self, stop: asyncio.Event, duration_s: float) -> Summary:
+    async def run(self, stop: asyncio.Event, duration_s: float, opened: Callable[[], object] = lambda: None) -> Summary:
         """Run until `duration_s` seconds after pairing (0: no end) or until `stop` is set; returns the side's summary.
+
+        opened : called when control runs and the other side can come.
+
+        However this ends, there is no force any more then, and no thread, task, socket or file is left. Cancelled, it
+        ends as soon as that is so, without a word to the peer; to end in order, set `stop`.
 
         Raises
         ------
@@ -167,37 +192,64 @@ class RealtimeSide:
         telemetry = None if self._telemetry is None else self._loop.create_task(self._telemetry.run())
         try:
             with tuned_interpreter() as collect:
-                refused = await asyncio.to_thread(self.control.start)
-                await self._transport.open()  # only now: when a peer is answered, control must be ready for it
+                refused = await off_loop(self.control.start)
+                await self._open(stop)  # only now: when a peer is answered, control must be ready for it
                 if refused:
                     self._reporter.notifier.notify("realtime", refused, self._clock())
                 self._link_driver.arm()
+                opened()
                 await self._housekeeping.run(stop, duration_s, collect)
-                await asyncio.to_thread(self.control.stop)
+                await off_loop(self.control.stop)
                 self._figures.stopped_ns = self._clock()
             if self._failure is not None:
                 with suppress(Exception):  # the goodbye may need the part that has failed
                     await self._part("it failed", linger=False)
                 raise self._failure
-            await self._part("the run is over", linger=True)
+            await self._part(OVER, linger=True)
         finally:
-            self.control.stop()
             if telemetry is not None:
                 telemetry.cancel()
-            await self._transport.close()
-            self._link_driver.close()
-            summary = self.summary()
-            self._housekeeping.drain()
-            self._housekeeping.watch()
-            self._reporter.recordings.end(summary, self.control.unrecorded)
+            try:
+                await off_loop(self._close)
+            finally:
+                self._link_driver.close()
+                summary = self.summary()
+                self._housekeeping.drain()
+                self._housekeeping.watch()
+                self._reporter.recordings.end(summary, self.control.unrecorded)
         return summary
+
+    async def _open(self, stop: asyncio.Event) -> None:
+        """Open the transport, unless `stop` is set before: a client waits for its router."""
+        opening, stopped = asyncio.ensure_future(self._transport.open()), asyncio.ensure_future(stop.wait())
+        try:
+            await asyncio.wait((opening, stopped), return_when=asyncio.FIRST_COMPLETED)
+            if opening.done():
+                opening.result()
+        finally:
+            opening.cancel()
+            stopped.cancel()
+            if opening.done() and not opening.cancelled():
+                opening.exception()  # it counts as seen
+
+    def _close(self) -> None:
+        """Stop control and close the transport, on a thread that may wait."""
+        try:
+            self.control.stop()
+        finally:
+            self._transport.shut()
+            self._diagnosis.close()
 
     def summary(self) -> Summary:
         """This side's summary so far; the other side's part is None."""
         return self._figures.summary()
 
+    def forgo(self) -> None:
+        """Leave without waiting for the energy in flight: it is lost, which is safe. The peer is told."""
+        self._lingers = False
+
     def hurry(self) -> None:
-        """Leave without waiting for the energy in flight: it is lost, which is safe."""
+        """Leave at once; the peer may not hear of it."""
         self._hurried = True
 
     @property
@@ -250,6 +302,26 @@ class RealtimeSide:
         if self.role != "device" or params.operator != LIVE or params.hardware != "simulated":
             raise InvalidParameter("operator", params.operator, f"{LIVE}, on a device's side with a simulated device")
 
+    def tell(self, name: str, value: Signal) -> None:
+        """Tell the other side a small value beside the stream: it comes to its scene, device or program as a signal.
+
+        Raises
+        ------
+        InvalidParameter : it is no number, text, boolean, None or tuple of numbers, or there are too many.
+        """
+        with self._link_driver.lock:
+            self.wire.session.signals.tell(name, value)
+        self._link_driver.arm()
+        self._reporter.notify(Notice("signal", signal_text(name, value), self._clock()))
+
+    def stop_force(self, why: str) -> None:
+        """Let the device render no force any more, for good; either side may call it. `why` : for people."""
+        with self._link_driver.lock:
+            self.wire.stop_force(why)
+        self._link_driver.arm()
+        if self.role == "world":
+            self._reporter.notify(Notice("stop", f"the device is told to give no force: {why}", self._clock()))
+
     def record(self, path: Path | None) -> None:
         """End the running recording, if there is one, and begin another at `path`; None: only end it.
 
@@ -270,7 +342,10 @@ class RealtimeSide:
 
     async def _part(self, reason: str, *, linger: bool) -> None:
         """After control has stopped, let the energy in flight be acknowledged, then say goodbye."""
-        leaving = GracefulShutdown(self.wire.session, self._link_driver, self._clock, self._pump, lambda: self._hurried)
+        session, driver = self.wire.session, self._link_driver
+        leaving = GracefulShutdown(
+            session, driver, self._clock, self._pump, lambda: self._lingers, lambda: self._hurried
+        )
         await leaving.run(reason, LINGER_S * linger, self.profile.delay_ns * NANO)
 
     def _pump(self) -> None:

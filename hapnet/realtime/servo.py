@@ -51,9 +51,9 @@ class DeadlineGrid:
     def __init__(self, start_ns: int, period_ns: int) -> None:
         if period_ns <= 0:
             raise InvalidParameter("period_ns", period_ns, "a positive number of nanoseconds")
-        self.deadline_ns = start_ns
+        self.deadline_ns: int = start_ns
         self.period_ns = period_ns
-        self.skipped = 0
+        self.skipped: int = 0
 
     def advance(self, now_ns: int) -> int:
         """Go to the first later grid point that has not passed at `now_ns`; return how many were skipped."""
@@ -90,6 +90,7 @@ class Servo:
     safe : called on the servo's thread when it ends, for whatever reason: it must set the force to zero. An
         interpreter that exits stops its servos first.
     on_error : called with the exception that ended the servo, on its thread, after `safe`. It is kept in `error` too.
+    paced : False: `tick` itself waits, for a device that sets the pace; it is called again as soon as it returns.
     realtime : ask for SCHED_FIFO and locked memory; `start` returns the reason if they are refused.
     clock, sleep : a monotonic clock [ns], and a function that sleeps a number of seconds on it.
 
@@ -105,6 +106,7 @@ class Servo:
         *,
         safe: Callable[[], None] | None = None,
         on_error: Callable[[BaseException], None] | None = None,
+        paced: bool = True,
         realtime: bool = False,
         clock: Callable[[], int] = time.monotonic_ns,
         sleep: Callable[[float], None] = time.sleep,
@@ -112,6 +114,7 @@ class Servo:
         self._grid = DeadlineGrid(0, period_ns)
         self._tick, self._safe, self._on_error = tick, safe, on_error
         self._realtime, self._clock, self._sleep = realtime, clock, sleep
+        self._paced = paced
         self._lateness = Histogram()
         self._late_period = 0
         self._stopping = threading.Event()
@@ -172,7 +175,7 @@ class Servo:
                 self._prepare_thread()
             finally:
                 self._ready.set()
-            self._run()
+            self._run() if self._paced else self._follow()
         except BaseException as error:
             self.error = error
         try:
@@ -206,6 +209,24 @@ class Servo:
             tick(now_ns)
             grid.advance(clock())
 
+    def _follow(self) -> None:
+        """Call a tick that waits by itself; it is late by what it takes longer than a period.
+
+        One that fails to wait may not take the processor from all others: a tick takes a tenth of a period at least.
+        """
+        clock, tick, period_ns = self._clock, self._tick, self._grid.period_ns
+        before_ns = clock()
+        while not self._stopping.is_set():
+            tick(before_ns)
+            if (left_ns := before_ns + period_ns // 10 - clock()) > 0:
+                self._sleep(left_ns * 1e-9)
+            now_ns = clock()
+            late_ns = max(0, now_ns - before_ns - period_ns)
+            self._lateness.add(late_ns)
+            if late_ns >= period_ns:
+                self._late_period += 1
+            before_ns = now_ns
+
 
 def set_timer_slack(slack_ns: int = 1) -> bool:
     """Ask the kernel to wake the calling thread at most `slack_ns` late; False where that is not possible."""
@@ -231,9 +252,42 @@ def request_realtime(priority: int = FIFO_PRIORITY) -> str | None:
     return "no real-time scheduling: " + "; ".join(refused) if refused else None
 
 
+class _Tuning:
+    """How the interpreter was before the first of its users; they may come and go in any order."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._users = 0
+        self._before = (0.0, True)
+
+    def enter(self) -> None:
+        with self._lock:
+            self._users += 1
+            if self._users == 1:
+                self._before = sys.getswitchinterval(), gc.isenabled()
+                gc.collect()  # not beside another servo, which would wait for it
+                gc.disable()
+                sys.setswitchinterval(SWITCH_INTERVAL_S)
+            gc.freeze()
+
+    def leave(self) -> None:
+        with self._lock:
+            self._users -= 1
+            if self._users:
+                return
+            interval, automatic = self._before
+            sys.setswitchinterval(interval)
+            gc.unfreeze()
+            if automatic:
+                gc.enable()
+
+
+_tuning = _Tuning()
+
+
 @contextlib.contextmanager
 def tuned_interpreter() -> Iterator[Callable[[], int]]:
-    """Inside this context the interpreter suits a servo; on leaving, everything is as before.
+    """Inside this context the interpreter suits a servo; when the last one is left, everything is as before.
 
     Threads take turns every `SWITCH_INTERVAL_S`. Objects that exist already are exempt from garbage collection.
     Automatic collection is off: it would run inside any thread that allocates, even the servo's, as long as it takes.
@@ -241,15 +295,8 @@ def tuned_interpreter() -> Iterator[Callable[[], int]]:
     about once a second outside of ticks. It collects the young generations only, so its pause is bounded by
     what was allocated since the last call, not by the size of the heap. It returns how many objects it found.
     """
-    interval, automatic = sys.getswitchinterval(), gc.isenabled()
-    gc.collect()
-    gc.freeze()
-    gc.disable()
-    sys.setswitchinterval(SWITCH_INTERVAL_S)
+    _tuning.enter()
     try:
         yield lambda: gc.collect(1)
     finally:
-        sys.setswitchinterval(interval)
-        gc.unfreeze()
-        if automatic:
-            gc.enable()
+        _tuning.leave()

@@ -15,12 +15,14 @@ from collections.abc import Callable
 from typing import Any
 
 from hapnet.assembly.build import device_side, prepare
+from hapnet.assembly.user_device import is_blocking
 from hapnet.errors import HapnetError
 from hapnet.params import Params
 from hapnet.realtime.controllers import servo_timing, unsafe
 from hapnet.realtime.servo import Servo, tuned_interpreter
 from hapnet.realtime.servo_pipe import Pipe, PipeClosed, sample_of
 from hapnet.recording.samples import DeviceSample, Sample
+from hapnet.side.device import DeviceSide
 from hapnet.side.endpoint import DeviceControl, backlog
 from hapnet.summary.run import device_summary
 from hapnet.wire.session import PositionStream
@@ -42,16 +44,17 @@ class ServoChild:
         prepared = prepare(params, "sampled")
         waiting = backlog(prepared.coupling.sends("world", params))
         self._control = DeviceControl(PositionStream(setup["incarnation"]), waiting)
-        self.side = device_side(prepared, self._control, time.monotonic_ns, self._write)
-        self.servo = Servo(
-            round(1e9 / params.device.servo_hz),
+        self.side: DeviceSide = device_side(prepared, self._control, time.monotonic_ns, self._write)
+        self.servo: Servo = Servo(
+            round(1e9 / prepared.params.device.servo_hz),
             self._tick,
             safe=self.side.stop,
             on_error=self._fail,
+            paced=not is_blocking(params.hardware),
             realtime=True,
         )
         self.collect: Callable[[], int] = lambda: 0
-        self._collect_every = round(_COLLECT_EVERY_S * params.device.servo_hz)
+        self._collect_every = round(_COLLECT_EVERY_S * prepared.params.device.servo_hz)
         self._parent: int = setup["parent"]
         self._samples: list[DeviceSample] = []
         self._a_frame = max(1, min(_MOST_SAMPLES, round(params.record_hz / (params.telemetry_hz or 1.0))))
@@ -80,6 +83,8 @@ class ServoChild:
             else:
                 self._shuffled = surplus
                 self._unsent += message is not None
+        while (signal := self._control.told()) is not None:
+            self._pipe.offer("told", *signal)
         if not self._began and side.origin_ns is not None:
             self._began = self._pipe.offer("began", side.origin_ns)
             self.servo.count_anew()
@@ -96,6 +101,8 @@ class ServoChild:
                 match frame:
                     case ("arrive", kind, values, sent_ns, came_ns, took_ns):
                         control.on_sample(sample_of(kind, values), sent_ns, came_ns, took_ns)
+                    case ("signal", name, value):
+                        control.on_signal(name, value)
                     case ("credit", credited_nJ):
                         control.credit(credited_nJ)
                     case ("pair", restarted):

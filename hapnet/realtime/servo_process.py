@@ -19,11 +19,13 @@ from hapnet.assembly.build import Setup
 from hapnet.checks import Vector
 from hapnet.control.coupling import CouplingSample
 from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.loading import LENT
 from hapnet.realtime.controllers import ControlCallbacks
 from hapnet.realtime.servo_pipe import Pipe, PipeClosed, kind_of, socket_pair
 from hapnet.recording.samples import DeviceSample, Event
 from hapnet.side.endpoint import WireHalf
-from hapnet.summary.run import SidePart, unknown_device, with_wire
+from hapnet.summary.run import SidePart, unknown_device
+from hapnet.wire.fields import Signal
 from hapnet.wire.session import Session
 
 START_LIMIT_S = 30.0
@@ -44,14 +46,15 @@ class ServoProcess:
 
     def __init__(self, setup: Setup, session: Session, callbacks: ControlCallbacks) -> None:
         for name in ("hardware", "operator", "scene"):
-            if setup.params.get(name).startswith("__main__:"):
+            if setup.params.get(name).startswith(("__main__:", LENT)):
                 allowed = "a class in a module of its own: with --realtime another process imports it"
                 raise InvalidParameter(name, setup.params.get(name), allowed)
-        self.wire = WireHalf(session, self)
+        self.wire: WireHalf = WireHalf(session, self)
         self.origin_ns: int | None = None
-        self.unrecorded = 0
+        self.unrecorded: Any = 0
         self._setup, self._callbacks = setup, callbacks
         self._shuffled: deque[float] = deque()
+        self._told: deque[tuple[str, Signal]] = deque()
         self._owed: deque[tuple[Any, ...]] = deque()  # frames that must arrive, but found the pipe full or not open yet
         self._open_for_all = False  # not before the setup, which must be the first frame
         self._paying = threading.Lock()
@@ -70,6 +73,16 @@ class ServoProcess:
         self._pay()
         if not self._owed:  # a new peer that waits here must arrive before that peer's data
             self._pipe.offer("arrive", kind_of(sample), sample, sent_ns, came_ns, took_ns)
+
+    def on_signal(self, name: str, value: Signal) -> None:
+        self._deliver("signal", name, value)
+
+    def told(self) -> tuple[str, Signal] | None:
+        return self._told.popleft() if self._told else None
+
+    @property
+    def has_told(self) -> bool:
+        return bool(self._told)
 
     def credit(self, credited_nJ: int) -> None:
         self._deliver("credit", credited_nJ)
@@ -104,7 +117,8 @@ class ServoProcess:
                 return None
             self._open()
             try:
-                frame = self._pipe.wait(START_LIMIT_S)
+                while (frame := self._pipe.wait(START_LIMIT_S)) is not None and frame[0] not in ("ready", "refused"):
+                    self._pass_on(frame)  # the device warns while it is made; the servo may be ahead of `ready`
             except PipeClosed:
                 frame = None
             if frame is None or frame[0] != "ready":
@@ -134,8 +148,8 @@ class ServoProcess:
     def place(self, position: Vector) -> None:
         self._deliver("place", position)
 
-    def summary(self, now_ns: int) -> SidePart:
-        return with_wire(self._part, self.wire.session, now_ns)
+    def part(self) -> SidePart:
+        return self._part
 
     def _open(self) -> None:
         params = self._setup.params.set({"device.servo": self._setup.servo})
@@ -210,6 +224,9 @@ class ServoProcess:
             case ("samples", samples):
                 for sample in samples:
                     callbacks.write(DeviceSample(*sample))
+            case ("told", name, value):
+                self._told.append((name, value))
+                callbacks.wake()
             case ("note", note):
                 callbacks.write(Event(*note))
             case ("began", origin_ns):

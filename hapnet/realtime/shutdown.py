@@ -20,6 +20,7 @@ LONGEST_TRIP_S = 10.0
 """Longest round trip of the emulated link that is waited for [s]. It adds once to `QUIET_S` and twice to `LINGER_S`,
 as one message may get lost."""
 
+_GOODBYE_S = 1.0
 _LOOK_S = 0.005
 
 
@@ -27,7 +28,7 @@ class GracefulShutdown:
     """Ends a side whose control has stopped; on the event loop.
 
     session, link_driver, clock : the side's. pump : sends what is due.
-    hurried : says whether the user wants to end at once.
+    lingers : says whether to wait for the energy in flight. hurried : says whether the user wants to end at once.
     """
 
     def __init__(
@@ -36,10 +37,11 @@ class GracefulShutdown:
         link_driver: LinkDriver,
         clock: Clock,
         pump: Callable[[], None],
+        lingers: Callable[[], bool],
         hurried: Callable[[], bool],
     ) -> None:
         self._session, self._link_driver, self._clock = session, link_driver, clock
-        self._pump, self._hurried = pump, hurried
+        self._pump, self._lingers, self._hurried = pump, lingers, hurried
 
     async def run(self, reason: str, linger_s: float, delay_s: float) -> None:
         """Wait at most `linger_s`, plus time for the emulated link's delay of `delay_s`, then leave; 0: do not wait."""
@@ -48,7 +50,7 @@ class GracefulShutdown:
         deadline = loop.time() + (linger_s + 2.0 * trip_s if linger_s else 0.0)
         self._pump()
         credited, quiet_until = -1, 0.0
-        while loop.time() < deadline and not self._hurried():
+        while loop.time() < deadline and self._lingers() and not self._hurried():
             with self._link_driver.lock:
                 paired, settled, now = session.peer is not None, session.settled, session.credited_nJ
             if now != credited:
@@ -59,5 +61,8 @@ class GracefulShutdown:
         with self._link_driver.lock:
             session.close(self._clock(), reason)
         self._pump()
-        while self._link_driver.pending and loop.time() < deadline + 1.0 and not self._hurried():
+        closed = loop.time()
+        while self._link_driver.pending and not self._hurried():
+            if loop.time() >= (deadline if self._lingers() else min(closed, deadline)) + _GOODBYE_S:
+                break
             await asyncio.sleep(_LOOK_S)

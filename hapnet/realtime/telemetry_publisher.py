@@ -8,11 +8,15 @@ from collections.abc import Callable
 from typing import Any
 
 from hapnet.mechanics.plane import Plane
+from hapnet.recording.drawing import Drawing, SceneSample
 from hapnet.recording.samples import Event, Sample
 from hapnet.recording.telemetry import KnownPlanes, Status, encode
 from netem import LinkStats
 
 STATUS_EVERY_S = 0.5
+DRAWING_EVERY_S = 2.0
+"""How often the world's drawing is published again, for who has begun to watch [s]."""
+
 _MOST_EVENTS = 100
 
 
@@ -38,11 +42,14 @@ class TelemetryPublisher:
         status: Callable[[], Status],
         planes: Callable[[], tuple[Plane, ...] | None] | None = None,
     ) -> None:
-        self.dropped = 0
+        self.dropped: int = 0
         self._period_s = 1.0 / rate_hz
         self._put, self._status, self._planes = put, status, planes
         self._told: object = self  # the planes that were published last; itself: none yet
         self._newest: Sample | None = None
+        self._scene: SceneSample | None = None
+        self._drawing: bytes | None = None
+        self._drawing_s = 0.0
         self._began = False  # a status comes before the first sample, so that a watcher knows what the sample is of
         self._events: deque[Event] = deque(maxlen=_MOST_EVENTS)
 
@@ -50,6 +57,10 @@ class TelemetryPublisher:
         """Keep a sample or an event, from any thread; a newer sample replaces the one before."""
         if isinstance(sample, Event):
             self._events.append(sample)
+        elif isinstance(sample, SceneSample):
+            self._scene = sample
+        elif isinstance(sample, Drawing):
+            self._drawing = encode(sample)
         else:
             self._newest = sample
 
@@ -65,6 +76,9 @@ class TelemetryPublisher:
                 if now_s >= status_s or (self._newest is not None and not self._began):
                     status_s = now_s + STATUS_EVERY_S
                     self.tell_status()
+                if self._drawing is not None and now_s >= self._drawing_s:
+                    self._drawing_s = now_s + DRAWING_EVERY_S
+                    self._put(self._drawing)
                 self.publish()
             due_s = max(due_s + period_s, loop.time())
             await asyncio.sleep(due_s - loop.time())
@@ -77,9 +91,12 @@ class TelemetryPublisher:
     def publish(self) -> None:
         """Publish what was kept since the last time."""
         sample, self._newest = self._newest, None
+        scene, self._scene = self._scene, None
         if sample is not None:
             self._began = True
             self._put(encode(sample))
+        if scene is not None:
+            self._put(encode(scene))
         if self._planes is not None and (planes := self._planes()) != self._told:
             self._told = planes
             self._put(encode(KnownPlanes(planes)))

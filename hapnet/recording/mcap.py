@@ -1,13 +1,16 @@
 """Recordings as files: MCAP with one protobuf message per topic, written during the run, readable even if torn.
 
-Topics: ``/device/state`` (`DeviceSample`), ``/world/state`` (`WorldSample`), ``/events`` (`Event` as ``foxglove.Log``).
-A sample's time is its message's log time in nanoseconds on the recording process's clock. Its other fields are doubles,
-NaN where a value is unknown; a vector has one field per axis (``position_m`` is ``position_x_m``, ``position_y_m``,
-...). The settings are an MCAP metadata record at the start of the file (``hapnet``), the final summary is another at
-the end (``hapnet.summary``); each is a JSON text under the key ``json``.
+Topics: ``/device/state`` (`DeviceSample`), ``/world/state`` (`WorldSample`), ``/events`` (`Event` as ``foxglove.Log``),
+and of a world that can be drawn ``/world/scene`` (`SceneSample`). Its parts are an attachment, ``drawing`` (`Drawing`).
+A sample's time is its message's log time, in nanoseconds of UTC: a `Sample` has its recording process's monotonic
+clock, and the settings say what UTC was at its origin. A simulation counts from 1970. The other fields are doubles, NaN
+where a value is unknown; a vector has one field per axis (``position_m`` is ``position_x_m``, ``position_y_m``, ...).
+The settings are an MCAP metadata record at the start of the file (``hapnet``), the final summary is another at the end
+(``hapnet.summary``); each is a JSON text under the key ``json``. For viewers only, each side's position is written as a
+``foxglove.FrameTransform`` and its set-position as a ``foxglove.PoseInFrame`` (foxglove.py), some 60 times a second.
 
 Why protobuf: Foxglove, PlotJuggler and Rerun all decode it, but Rerun keeps JSON as a text. Why one field per axis:
-they plot numbers, not lists. Older recordings, in JSON, can still be read.
+they plot numbers, not lists. Older recordings can still be read: in JSON, or with log times on the process's clock.
 """
 
 from __future__ import annotations
@@ -22,9 +25,20 @@ from importlib import import_module
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NoReturn
 
-from hapnet.errors import RecordingError
+from hapnet.errors import BadMessage, InvalidParameter, RecordingError
 from hapnet.recording import schemas
-from hapnet.recording.samples import DeviceSample, Event, Recording, Sample, WorldSample, from_samples, plain
+from hapnet.recording.drawing import Drawing, SceneSample, unpack
+from hapnet.recording.foxglove import PERIOD_NS, Shown, shown
+from hapnet.recording.samples import (
+    DeviceSample,
+    Event,
+    Recording,
+    Sample,
+    WorldSample,
+    from_samples,
+    plain,
+    utc_less_clock_ns,
+)
 
 if TYPE_CHECKING:
     from mcap.records import Channel, McapRecord, Schema
@@ -42,7 +56,10 @@ chunks a second it grew by 4 MB in ten minutes.
 _MESSAGE_ROOM = 1024  # mcap closes a chunk after the message that passes its limit; a sample is smaller than this
 _MAGIC = b"\x89MCAP0\r\n"
 _META, _SUMMARY, _KEY = "hapnet", "hapnet.summary", "json"
-_TOPICS: dict[type[Sample], str] = {DeviceSample: "/device/state", WorldSample: "/world/state", Event: "/events"}
+_DRAWING, _PACKED = "drawing", "application/zlib"
+_TOPICS: dict[type[Sample], str] = {
+    DeviceSample: "/device/state", WorldSample: "/world/state", Event: "/events", SceneSample: "/world/scene"
+}  # fmt: skip
 
 
 class RecordingWriter:
@@ -52,7 +69,8 @@ class RecordingWriter:
     ----------
     path : the file; an existing one is overwritten.
     meta : settings, seed, versions, role. ``origin_ns`` is the instant from which ``time_s`` counts; ``clock`` names
-        the clock (`join` can align recordings of the same clock).
+        the clock (`join` can align recordings of the same clock). ``utc_origin_ns`` is UTC at that instant, and
+        ``utc_clock`` says whose: without it, log times are those of the samples.
 
     Raises
     ------
@@ -61,7 +79,9 @@ class RecordingWriter:
 
     def __init__(self, path: str | os.PathLike[str], meta: Mapping[str, Any]) -> None:
         self._path = Path(path)
-        self._channels: dict[type[Sample], tuple[int, Callable[[Any], bytes]]] = {}
+        self._channels: dict[str, tuple[int, Callable[[Any], bytes]]] = {}
+        self._utc_ns = utc_less_clock_ns(meta)
+        self._shown_ns: dict[type[Sample], int] = {}
         self._flushed_ns: int | None = None
         self._encode = json.JSONEncoder(allow_nan=False, ensure_ascii=False, separators=(",", ":")).encode
         text = self._encode(plain(meta))
@@ -80,12 +100,16 @@ class RecordingWriter:
     def write(self, sample: Sample) -> None:
         """Append one sample. Samples of one kind must come in the order of their times, and have the same axes."""
         self._check_open()
-        time_ns = sample[0]
+        utc_ns = sample[0] + self._utc_ns
         try:
-            if isinstance(sample, Event):
-                self._writer.flush()  # a long text starts a chunk, so that no chunk passes its limit
-            channel, encode = self._channels.get(type(sample)) or self._register(sample)
-            self._writer.add_message(channel, time_ns, encode(sample), time_ns)
+            if isinstance(sample, Drawing):
+                self._writer.add_attachment(utc_ns, utc_ns, _DRAWING, _PACKED, sample.data)
+            elif isinstance(sample, Event):
+                self._add(utc_ns, _TOPICS[Event], sample._replace(time_ns=utc_ns))
+            else:
+                self._add(utc_ns, _TOPICS[type(sample)], sample)
+                if isinstance(sample, DeviceSample | WorldSample):
+                    self._show(utc_ns, sample)
         except OSError as error:
             self._give_up(error)
         except (TypeError, ValueError) as error:
@@ -117,12 +141,27 @@ class RecordingWriter:
         except OSError as error:
             self._give_up(error)
 
-    def _register(self, sample: Sample) -> tuple[int, Callable[[Any], bytes]]:
+    def _add(self, utc_ns: int, topic: str, sample: Sample | Shown) -> None:
+        channel, encode = self._channels.get(topic) or self._register(topic, sample)
+        data = encode(sample)
+        if len(data) > _MESSAGE_ROOM or topic == _TOPICS[Event]:
+            self._writer.flush()  # a long one starts a chunk, so that no chunk passes its limit
+        self._writer.add_message(channel, utc_ns, data, utc_ns)
+
+    def _show(self, utc_ns: int, sample: DeviceSample | WorldSample) -> None:
+        """Write where this side is, for viewers, if it is time."""
+        due_ns = self._shown_ns.get(type(sample), utc_ns)
+        if utc_ns >= due_ns:
+            self._shown_ns[type(sample)] = max(utc_ns, due_ns + PERIOD_NS)
+            for topic, one in shown(utc_ns, sample):
+                self._add(utc_ns, topic, one)
+
+    def _register(self, topic: str, sample: Sample | Shown) -> tuple[int, Callable[[Any], bytes]]:
         """The channel of all samples like this one, and the function that encodes them."""
         schema = schemas.schema_for(sample)
         schema_id: int = self._writer.register_schema(schema.name, "protobuf", schema.descriptor)
-        channel: int = self._writer.register_channel(_TOPICS[type(sample)], "protobuf", schema_id)
-        self._channels[type(sample)] = (channel, schema.encode)
+        channel: int = self._writer.register_channel(topic, "protobuf", schema_id)
+        self._channels[topic] = (channel, schema.encode)
         return channel, schema.encode
 
     def _require_name(self) -> None:
@@ -157,32 +196,40 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
 
     Raises
     ------
-    RecordingError : the file cannot be read, or is not a recording.
+    RecordingError : the file cannot be read, or is not a recording. InvalidParameter : `path` is no path.
     """
     from google.protobuf.message import DecodeError
-    from mcap.records import Channel, Message, Metadata, Schema
+    from mcap.records import Attachment, Channel, Message, Metadata, Schema
 
+    if not isinstance(path, str | os.PathLike):
+        raise InvalidParameter("path", path, "a recording's file, such as run.mcap")
     kinds = {topic: kind for kind, topic in _TOPICS.items()}
     found = dict[int, Schema]()
     decoders: dict[int, Callable[[int, bytes], Sample]] = {}
     samples: list[Sample] = []
     texts: dict[str, str] = {}
+    utc_ns = 0
     records = _Records(Path(path))
     try:
         for record in records:
             if isinstance(record, Message) and record.channel_id in decoders:
-                samples.append(decoders[record.channel_id](record.log_time, record.data))
+                samples.append(decoders[record.channel_id](record.log_time - utc_ns, record.data))
             elif isinstance(record, Schema):
                 found[record.id] = record
             elif isinstance(record, Channel) and record.topic in kinds:
                 decoders[record.id] = _decoder(kinds[record.topic], record, found.get(record.schema_id))
             elif isinstance(record, Metadata) and _KEY in record.metadata:
                 texts[record.name] = record.metadata[_KEY]
+                if record.name == _META:  # it comes before all samples
+                    utc_ns = utc_less_clock_ns(json.loads(texts[_META]))
+            elif isinstance(record, Attachment) and record.name == _DRAWING:
+                unpack(record.data)
+                samples.append(Drawing(record.log_time - utc_ns, record.data))
         if _META not in texts:
             raise RecordingError(f"{path} is not a recording: it is an MCAP file without the metadata record {_META!r}")
         summary = json.loads(texts[_SUMMARY]) if _SUMMARY in texts else None
         return from_samples(json.loads(texts[_META]), samples, summary, records.torn)
-    except (AttributeError, DecodeError, KeyError, RecursionError, TypeError, ValueError) as error:
+    except (AttributeError, BadMessage, DecodeError, KeyError, RecursionError, TypeError, ValueError) as error:
         raise RecordingError(f"{path} is not a recording: its content does not fit ({error})") from error
 
 
@@ -205,7 +252,7 @@ def repair(path: str | os.PathLike[str]) -> Path:
 
     The original is not touched. Raises `RecordingError` as `read_recording` and `RecordingWriter` do.
     """
-    from mcap.records import Channel, Message, Metadata, Schema
+    from mcap.records import Attachment, Channel, Message, Metadata, Schema
 
     source = Path(path)
     target = source.with_name(source.name.removesuffix(".mcap") + ".repaired.mcap")
@@ -224,6 +271,9 @@ def repair(path: str | os.PathLike[str]) -> Path:
             elif isinstance(r, Metadata):
                 writer.flush()  # metadata is outside chunks: first write the chunk that came before it
                 writer.add_metadata(r.name, r.metadata)
+            elif isinstance(r, Attachment):
+                writer.flush()  # as are attachments
+                writer.add_attachment(r.create_time, r.log_time, r.name, r.media_type, r.data)
         writer.finish()
     return target
 

@@ -8,13 +8,18 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import chain
 from operator import attrgetter
-from typing import Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapnet.checks import Vector
 from hapnet.errors import RecordingError
+from hapnet.recording.alignment import ClockDifference, clock_difference
+from hapnet.recording.drawing import Drawing, SceneSample
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 Columns: TypeAlias = dict[str, NDArray[Any]]
 
@@ -31,6 +36,13 @@ class DeviceSample(NamedTuple):
     `spring_force_N` is K (ybar - x) and `damper_force_N` is -B v: they add up to the force, unless a limit took
     something off. `model_force_N` and `added_damping_force_N` are the parts of the spring's force that come from the
     planes of the local contact model and from added damping. All four are None where a coupling does not tell.
+
+    More than twenty attributes: one for each series that a viewer plots.
+
+    `velocity_mps` is what the servo measured in this tick. `age_s` and `transit_s` are those of the newest message of
+    the world that it has used, NaN before the first: the time since that was sent, estimated without a common clock
+    (hapnet/wire/path.py), and its arrival on this side's clock less its stamp on the world's. The latter contains the
+    difference of the clocks (the relative transit time of RFC 3550, section 6.4.1).
     """
 
     time_ns: int
@@ -51,6 +63,9 @@ class DeviceSample(NamedTuple):
     damper_force_N: Vector | None = None
     model_force_N: Vector | None = None
     added_damping_force_N: Vector | None = None
+    velocity_mps: Vector | None = None
+    age_s: float = math.nan
+    transit_s: float = math.nan
 
 
 class MotionSample(NamedTuple):
@@ -84,6 +99,11 @@ class WorldSample(NamedTuple):
     credited_J: float
     margin_J: float
     slack_J: float
+    age_s: float = math.nan
+    transit_s: float = math.nan
+
+
+Level: TypeAlias = Literal["info", "warning", "error"]
 
 
 class Event(NamedTuple):
@@ -92,12 +112,21 @@ class Event(NamedTuple):
     time_ns: int
     kind: str
     text: str
+    level: Level = "info"
 
 
-Sample: TypeAlias = DeviceSample | WorldSample | Event
+Sample: TypeAlias = DeviceSample | WorldSample | Event | SceneSample | Drawing
 """What goes to a file, to a watcher and to memory."""
 
-_SCALARS = ("time_ns", "step_s", "penetration_m")  # and the energies; all other fields are vectors
+S = TypeVar("S", Event, SceneSample, Drawing)
+
+_SCALARS = (
+    "time_ns",
+    "step_s",
+    "penetration_m",
+    "age_s",
+    "transit_s",
+)  # and the energies; all other fields are vectors
 VECTORS = frozenset(
     name
     for kind in (DeviceSample, WorldSample)
@@ -114,7 +143,8 @@ class Recording:
     `device` and `world` map field names to arrays: ``time_ns`` (N,) int64, ``time_s`` (N,) seconds since
     ``meta["origin_ns"]``, vectors (N, n), all else (N,); NaN where a value is unknown. A side that was not recorded is
     None; of a device of which only the motion was recorded (`MotionSample`) there are no other columns.
-    `torn` : the file ended before its writer closed it.
+    `torn` : the file ended before its writer closed it. `scene`, `drawing` : what the world looked like, if that was
+    recorded.
     """
 
     meta: dict[str, Any]
@@ -123,10 +153,27 @@ class Recording:
     events: list[Event]
     summary: Mapping[str, Any] | None
     torn: bool = False
+    scene: tuple[SceneSample, ...] = ()
+    drawing: Drawing | None = None
+
+    def __repr__(self) -> str:
+        counts = [
+            f"{side} {len(columns['time_ns'])} samples"
+            for side, columns in (("device", self.device), ("world", self.world))
+            if columns is not None
+        ]
+        return f"Recording({', '.join([*counts, f'{len(self.events)} events', *['torn'] * self.torn])})"
+
+    def to_pandas(self, side: str = "device") -> DataFrame:
+        """The samples of the device or the world as a table of pandas; see `hapnet.recording.frames.to_pandas`."""
+        from hapnet.recording.frames import to_pandas
+
+        return to_pandas(self, side)
 
     def samples(self) -> list[Sample]:
         """All samples and events, in order of time."""
-        rows = [*_rows(DeviceSample, self.device), *_rows(WorldSample, self.world), *self.events]
+        drawing = () if self.drawing is None else (self.drawing,)
+        rows = [*drawing, *_rows(DeviceSample, self.device), *_rows(WorldSample, self.world), *self.scene, *self.events]
         return sorted(rows, key=attrgetter("time_ns"))
 
 
@@ -157,9 +204,11 @@ class MemoryRecorder:
 def join(a: Recording, b: Recording) -> Recording:
     """One recording of a device's and a world's, given in either order.
 
-    If both have the same ``meta["clock"]``, they are put on that clock, counted from the later origin. Otherwise each
-    starts at its own origin, and ``meta["aligned"]`` is False: the order of events on the two sides is not known. The
-    settings of both are kept under ``meta["sides"]``. The summary is None: `hapnet.summary.run.merge` joins the two.
+    The world's times are put on the device's clock, and both are counted from the later origin. If both have the same
+    ``meta["clock"]``, that is exact. Otherwise the clocks' difference is measured by the messages, and kept as
+    ``meta["clock_difference"]`` (the fields of a `ClockDifference`). If it cannot be, each starts at its own origin,
+    and ``meta["aligned"]`` is False: the order of events on the two sides is not known. The settings of both are kept
+    under ``meta["sides"]``. The summary is None: `hapnet.summary.run.merge` joins the two.
 
     Raises
     ------
@@ -178,21 +227,41 @@ def join(a: Recording, b: Recording) -> Recording:
             raise RecordingError(
                 f"cannot join recordings of different runs: the device's {key} is {ours!r}, the world's {theirs!r}"
             )
-    device_origin, world_origin = _origin(a), _origin(b)
-    aligned = a.meta.get("clock") is not None and a.meta.get("clock") == b.meta.get("clock")
-    origin = max(device_origin, world_origin) if aligned else device_origin
-    shift = 0 if aligned else device_origin - world_origin
-    events = sorted([*a.events, *(e._replace(time_ns=e.time_ns + shift) for e in b.events)], key=attrgetter("time_ns"))
-    meta = {**b.meta, **a.meta, "role": "both", "origin_ns": origin, "aligned": aligned}
+    same = a.meta.get("clock") is not None and a.meta.get("clock") == b.meta.get("clock")
+    difference = None if same else clock_difference(a.device, b.world)
+    meta = {**b.meta, **a.meta, "role": "both", "aligned": same or difference is not None}
     meta["sides"] = {"device": a.meta, "world": b.meta}
+    if difference is not None:
+        meta["clock_difference"] = plain(vars(difference))
+    [world_origin] = on_device_clock(meta, np.array([_origin(b)], dtype=np.int64)).tolist()
+    origin = meta["origin_ns"] = max(_origin(a), world_origin) if meta["aligned"] else _origin(a)
+    if a.meta.get("utc_origin_ns") is not None:
+        meta["utc_origin_ns"] = origin + utc_less_clock_ns(a.meta)
+
+    def moved(samples: Iterable[S]) -> Iterator[S]:
+        listed = list(samples)
+        times = on_device_clock(meta, np.array([one.time_ns for one in listed], dtype=np.int64)).tolist()
+        return (one._replace(time_ns=at_ns) for one, at_ns in zip(listed, times, strict=True))
+
     return Recording(
         meta,
-        _on_clock(a.device, 0, origin),
-        _on_clock(b.world, shift, origin),
-        events,
+        _on_clock(a.device, a.device["time_ns"], origin),
+        _on_clock(b.world, on_device_clock(meta, b.world["time_ns"]), origin),
+        sorted([*a.events, *moved(b.events)], key=attrgetter("time_ns")),
         None,
         a.torn or b.torn,
+        tuple(moved(b.scene)),
+        next(moved([] if b.drawing is None else [b.drawing]), None),
     )
+
+
+def on_device_clock(meta: Mapping[str, Any], world_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Times of the world's clock on the device's, by the settings of a joined recording [ns]."""
+    if "clock_difference" in meta:
+        return ClockDifference.of(meta["clock_difference"]).on_device(world_ns)
+    sides = meta["sides"]
+    apart = 0 if meta["aligned"] else int(sides["device"]["origin_ns"]) - int(sides["world"]["origin_ns"])
+    return world_ns + apart
 
 
 def from_samples(
@@ -200,16 +269,22 @@ def from_samples(
 ) -> Recording:
     """`samples` as columns; a missing ``meta["origin_ns"]`` becomes the time of the first sample."""
     device, world, events = list[DeviceSample | MotionSample](), list[WorldSample](), list[Event]()
+    scene, drawing = list[SceneSample](), None
     for sample in samples:
         if isinstance(sample, DeviceSample | MotionSample):
             device.append(sample)
         elif isinstance(sample, WorldSample):
             world.append(sample)
-        else:
+        elif isinstance(sample, Event):
             events.append(sample)
+        elif isinstance(sample, SceneSample):
+            scene.append(sample)
+        else:
+            drawing = sample
     first = min((rows[0].time_ns for rows in (device, world, events) if rows), default=0)
     origin = int(meta.setdefault("origin_ns", first))
-    return Recording(meta, _columns(device, origin), _columns(world, origin), events, summary, torn)
+    device_columns, world_columns = _columns(device, origin), _columns(world, origin)
+    return Recording(meta, device_columns, world_columns, events, summary, torn, tuple(scene), drawing)
 
 
 def _columns(samples: list[DeviceSample | MotionSample] | list[WorldSample], origin_ns: int) -> Columns | None:
@@ -230,7 +305,7 @@ def _columns(samples: list[DeviceSample | MotionSample] | list[WorldSample], ori
             columns[name] = np.array(values, dtype=np.int64)
         else:
             columns[name] = np.array(values, dtype=float)
-    return _on_clock(columns, 0, origin_ns)
+    return _on_clock(columns, columns["time_ns"], origin_ns)
 
 
 def _joined(first: Columns | None, later: list[Columns], recording: Recording) -> Columns | None:
@@ -238,12 +313,18 @@ def _joined(first: Columns | None, later: list[Columns], recording: Recording) -
     if not later:
         return first
     parts = later if first is None else [first, *later]
-    return _on_clock({name: np.concatenate([part[name] for part in parts]) for name in later[0]}, 0, _origin(recording))
+    columns = {name: np.concatenate([part[name] for part in parts]) for name in later[0]}
+    return _on_clock(columns, columns["time_ns"], _origin(recording))
 
 
-def _on_clock(columns: Columns, shift_ns: int, origin_ns: int) -> Columns:
-    time_ns = columns["time_ns"] + shift_ns
+def _on_clock(columns: Columns, time_ns: NDArray[np.int64], origin_ns: int) -> Columns:
     return {**columns, "time_ns": time_ns, "time_s": (time_ns - origin_ns) / 1e9}
+
+
+def utc_less_clock_ns(meta: Mapping[str, Any]) -> int:
+    """What to add to a time on a recording's clock to have UTC [ns]; 0 if its settings do not say."""
+    origin_ns, utc_origin_ns = meta.get("origin_ns"), meta.get("utc_origin_ns")
+    return 0 if origin_ns is None or utc_origin_ns is None else int(utc_origin_ns) - int(origin_ns)
 
 
 def plain(value: Any) -> Any:

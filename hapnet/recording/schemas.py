@@ -1,39 +1,36 @@
 """Samples and events as protobuf messages, and the schemas of these messages, with which anyone can read them.
 
-A sample's fields are doubles; a vector has one field per axis. An event is a ``foxglove.Log``. A file is read by its
-own schema: fields that the schema lacks are unknown, and fields that have no name here are ignored.
+A sample's fields are doubles; a vector has one field per axis. Events and poses have Foxglove's schemas (foxglove.py).
+A file is read by its own schema: fields that the schema lacks are unknown, and fields that have no name here are
+ignored.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any
 
-from hapnet.recording.samples import VECTORS, DeviceSample, Event, Sample, WorldSample
+import numpy as np
 
-_TEXT_LIMIT = 2000
+from hapnet.recording.drawing import SceneSample
+from hapnet.recording.foxglove import LEVELS, Schema, Shown, frame_schema, log_schema, message_class, pose_schema
+from hapnet.recording.samples import VECTORS, DeviceSample, Event, Level, Sample, WorldSample
+
 _PACKAGE = "hapnet"
 
 
-@dataclass(frozen=True)
-class Schema:
-    """How samples of one kind and number of axes are written.
-
-    name : of the message. descriptor : a serialised ``FileDescriptorSet``.
-    encode : gives the message of a sample; ValueError or TypeError if the sample does not have these fields.
-    """
-
-    name: str
-    descriptor: bytes
-    encode: Callable[[Any], bytes]
-
-
-def schema_for(sample: Sample) -> Schema:
+def schema_for(sample: Sample | Shown) -> Schema:
     """The schema of this sample, and of all samples of its kind and number of axes."""
-    return _log_schema() if isinstance(sample, Event) else _sample_schema(type(sample), len(sample.position_m))
+    if isinstance(sample, Event):
+        return log_schema()
+    if isinstance(sample, Shown):
+        return frame_schema() if sample.child else pose_schema()
+    if isinstance(sample, DeviceSample | WorldSample):
+        return _sample_schema(type(sample), len(sample.position_m))
+    assert isinstance(sample, SceneSample), "a drawing is an attachment"
+    return _scene_schema()
 
 
 def decoder(kind: type[Sample], name: str, descriptor: bytes) -> Callable[[int, bytes], Sample]:
@@ -46,9 +43,11 @@ def decoder(kind: type[Sample], name: str, descriptor: bytes) -> Callable[[int, 
     """
     from google.protobuf.descriptor_pb2 import FileDescriptorSet
 
-    message = _message_class(name, FileDescriptorSet.FromString(descriptor))
+    message = message_class(name, FileDescriptorSet.FromString(descriptor))
     if kind is Event:
         return lambda time_ns, data: _event(time_ns, message.FromString(data))
+    if kind is SceneSample:
+        return lambda time_ns, data: _scene(time_ns, message.FromString(data))
     there = {field.name for field in message.DESCRIPTOR.fields}
     n = 0
     while _names("position_m", n + 1)[-1] in there:
@@ -93,7 +92,7 @@ def _sample_schema(kind: type[DeviceSample] | type[WorldSample], n: int) -> Sche
     file = FileDescriptorProto(name=f"{_PACKAGE}/{name}.proto", package=_PACKAGE, syntax="proto2")
     file.message_type.add(name=name, field=fields)
     described = FileDescriptorSet(file=[file])
-    message = _message_class(f"{_PACKAGE}.{name}", described)
+    message = message_class(f"{_PACKAGE}.{name}", described)
     unknown = (math.nan,) * n
 
     def encode(sample: DeviceSample | WorldSample) -> bytes:
@@ -111,55 +110,38 @@ def _sample_schema(kind: type[DeviceSample] | type[WorldSample], n: int) -> Sche
     return Schema(f"{_PACKAGE}.{name}", described.SerializeToString(), encode)
 
 
-def _log_schema() -> Schema:
-    """Foxglove's schema of a line in a log."""
+def _event(time_ns: int, line: Any) -> Event:
+    levels: dict[int, Level] = {LEVELS.index("WARNING"): "warning", LEVELS.index("ERROR"): "error"}
+    return Event(time_ns, line.name, line.message, levels.get(line.level, "info"))
+
+
+_LISTS = SceneSample._fields[1:]
+
+
+def _scene_schema() -> Schema:
+    """Lists of floats, one number after another."""
     from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
-    from google.protobuf.timestamp_pb2 import DESCRIPTOR as TIME
 
-    stamp = FileDescriptorProto()
-    TIME.CopyToProto(stamp)
-    file = FileDescriptorProto(name="foxglove/Log.proto", package="foxglove", syntax="proto3", dependency=[stamp.name])
-    log = file.message_type.add(name="Log")
-    for number, (field, kind, of) in enumerate(
-        (
-            ("timestamp", "TYPE_MESSAGE", ".google.protobuf.Timestamp"),
-            ("level", "TYPE_ENUM", ".foxglove.Log.Level"),
-            ("message", "TYPE_STRING", None),
-            ("name", "TYPE_STRING", None),
-            ("file", "TYPE_STRING", None),
-            ("line", "TYPE_FIXED32", None),
-        ),
-        1,
-    ):
-        log.field.add(name=field, number=number, type=kind, type_name=of, label="LABEL_OPTIONAL")
-    levels = ("UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL")
-    log.enum_type.add(name="Level", value=[{"name": level, "number": i} for i, level in enumerate(levels)])
-    described = FileDescriptorSet(file=[stamp, file])
-    message = _message_class("foxglove.Log", described)
+    name = SceneSample.__name__
+    file = FileDescriptorProto(name=f"{_PACKAGE}/{name}.proto", package=_PACKAGE, syntax="proto2")
+    described = file.message_type.add(name=name)
+    for number, field in enumerate(_LISTS, 1):
+        added = described.field.add(name=field, number=number, type="TYPE_FLOAT", label="LABEL_REPEATED")
+        added.options.packed = True
+    files = FileDescriptorSet(file=[file])
+    message = message_class(f"{_PACKAGE}.{name}", files)
 
-    def encode(event: Event) -> bytes:
-        seconds, nanoseconds = divmod(event.time_ns, 1_000_000_000)
-        line = message(
-            timestamp={"seconds": seconds, "nanos": nanoseconds},
-            level="INFO",
-            message=event.text[:_TEXT_LIMIT],
-            name=event.kind,
-        )
-        data: bytes = line.SerializeToString()
+    def encode(sample: SceneSample) -> bytes:
+        data: bytes = message(
+            **{field: np.frombuffer(getattr(sample, field), "<f4").tolist() for field in _LISTS}
+        ).SerializeToString()
         return data
 
-    return Schema("foxglove.Log", described.SerializeToString(), encode)
+    return Schema(f"{_PACKAGE}.{name}", files.SerializeToString(), encode)
 
 
-def _event(time_ns: int, line: Any) -> Event:
-    return Event(time_ns, line.name, line.message)
-
-
-def _message_class(name: str, files: Any) -> Any:
-    from google.protobuf.descriptor_pool import DescriptorPool
-    from google.protobuf.message_factory import GetMessageClass
-
-    pool = DescriptorPool()
-    for file in files.file:
-        pool.Add(file)
-    return GetMessageClass(pool.FindMessageTypeByName(name))
+def _scene(time_ns: int, message: Any) -> SceneSample:
+    sample = SceneSample(time_ns, *[np.array(getattr(message, field), "<f4").tobytes() for field in _LISTS])
+    if (problem := sample.problem()) is not None:
+        raise ValueError(problem)
+    return sample

@@ -2,7 +2,8 @@
 
 Each message is one msgpack array whose first element is the version and whose second says what it holds: ``device`` or
 ``world`` (the fields of a `DeviceSample` or `WorldSample` in order), ``event`` (those of an `Event`), ``planes`` (those
-of a `KnownPlanes`) or ``status`` (a `Status`, one map). The checks of what is read are made from these classes' types.
+of a `KnownPlanes`), ``drawing`` and ``scene`` (those of a `Drawing` and a `SceneSample`: what the world looks like) or
+``status`` (a `Status`, one map). The checks of what is read are made from these classes' types.
 Nothing depends on telemetry: it is dropped first and never repeated, and a watcher counts the messages that it cannot
 read.
 """
@@ -20,15 +21,18 @@ import msgpack
 from hapnet.checks import Vector
 from hapnet.errors import BadMessage
 from hapnet.plant.worlds.protocol import Plane
+from hapnet.recording.drawing import LARGEST, Drawing, SceneSample, unpack
 from hapnet.recording.samples import VECTORS, DeviceSample, Event, Sample, WorldSample, plain
 from hapnet.wire import fields
 from hapnet.wire.fields import MAX_DOF
 from hapnet.wire.messages import Role
 
-VERSION = 3
+VERSION = 4
 
 LONGEST = 64 * 1024
-"""No message is longer [bytes]."""
+"""No message but a drawing is longer [bytes]."""
+
+_LONGEST_DRAWING = LARGEST + 64
 
 _SAMPLES: dict[str, type[DeviceSample] | type[WorldSample]] = {"device": DeviceSample, "world": WorldSample}
 _LATEST_NS = 2**63 - 1  # of an array's times
@@ -64,17 +68,25 @@ class KnownPlanes(NamedTuple):
     planes: tuple[Plane, ...] | None
 
 
-Telemetry: TypeAlias = DeviceSample | WorldSample | Event | Status | KnownPlanes
+Telemetry: TypeAlias = Sample | Status | KnownPlanes
+
+
+_KINDS: dict[type, str] = {
+    DeviceSample: "device", WorldSample: "world", Event: "event", KnownPlanes: "planes", SceneSample: "scene",
+    Drawing: "drawing",
+}  # fmt: skip
+_DRAWING_BEGINS = msgpack.packb((VERSION, "drawing", 0, b""))[:10]
 
 
 def encode(message: Sample | Status | KnownPlanes) -> bytes:
     """The bytes to publish."""
     packed: bytes
-    if isinstance(message, Status):
+    if isinstance(message, KnownPlanes):
+        packed = msgpack.packb((VERSION, "planes", *_parts_of(message.planes)))
+    elif isinstance(message, Status):
         packed = msgpack.packb((VERSION, "status", plain(dataclasses.asdict(message))))
     else:
-        kinds = {DeviceSample: "device", WorldSample: "world", Event: "event", KnownPlanes: "planes"}
-        kind = kinds[type(message)]
+        kind = _KINDS[type(message)]
         packed = msgpack.packb((VERSION, kind, *message))
     return packed
 
@@ -86,8 +98,9 @@ def decode(data: bytes) -> Telemetry:
     ------
     BadMessage : these bytes are not a message of this version.
     """
-    if len(data) > LONGEST:
-        raise BadMessage("size", f"{len(data)} bytes of telemetry; allowed: up to {LONGEST}")
+    longest = _LONGEST_DRAWING if data.startswith(_DRAWING_BEGINS) else LONGEST
+    if len(data) > longest:
+        raise BadMessage("size", f"{len(data)} bytes of telemetry; allowed: up to {longest}")
     try:
         frame = msgpack.unpackb(data, use_list=False, strict_map_key=True)
     except (ValueError, msgpack.UnpackException) as error:
@@ -97,14 +110,38 @@ def decode(data: bytes) -> Telemetry:
             raise BadMessage("version", f"telemetry of version {version!r}; allowed: {VERSION}")
         case (_, str(kind), *told) if kind in _SAMPLES:
             return _sample(_SAMPLES[kind], told)
-        case (_, "event", int(time_ns), str(kind), str(text)):
-            return Event(time_ns, kind, text)
-        case (_, "planes", told):
+        case (_, "event", int(time_ns), str(kind), str(text), "info" | "warning" | "error" as level):
+            return Event(time_ns, kind, text, level)
+        case (_, "scene", int(time_ns), bytes(poses), bytes(touches), bytes(soft)) if _is_time(time_ns):
+            scene = SceneSample(time_ns, poses, touches, soft)
+            if (problem := scene.problem()) is not None:
+                raise BadMessage("telemetry", problem)
+            return scene
+        case (_, "drawing", int(time_ns), bytes(told)) if _is_time(time_ns):
+            unpack(told)
+            return Drawing(time_ns, told)
+        case (_, "planes", told) | (_, "planes", told, _) | (_, "planes", told, _, _):
             fields.planes(told)
-            return KnownPlanes(None if told is None else tuple([Plane(*plane) for plane in told]))
+            bends, friction = (*frame[3:], None, None)[:2]
+            if bends is not None:
+                fields.curvatures(bends, told)
+            if friction is not None:
+                fields.friction(friction, told)
+            return KnownPlanes(Plane.all_of(told, bends, friction))
         case (_, "status", dict(told)):
             return _status(told)
-    raise BadMessage("telemetry", "neither a sample, an event, planes nor a status")
+    raise BadMessage("telemetry", "neither a sample, an event, planes, a scene, a drawing nor a status")
+
+
+def _parts_of(planes: tuple[Plane, ...] | None) -> tuple[Any, ...]:
+    """Planes as a message has them; then the curvatures of each, if any has some; then the friction, likewise."""
+    if planes is None:
+        return (None,)
+    flat = [plane[:5] for plane in planes]
+    bends = [plane.curvatures for plane in planes] if any(plane.curvatures for plane in planes) else None
+    if any(plane.friction for plane in planes):
+        return flat, bends, [plane.friction for plane in planes]
+    return (flat,) if bends is None else (flat, bends)
 
 
 def _sample(kind: type[DeviceSample] | type[WorldSample], told: list[Any]) -> DeviceSample | WorldSample:

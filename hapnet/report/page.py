@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from hapnet.couplings.registry import COUPLINGS, known
+from hapnet.recording import alignment
 from hapnet.recording.samples import Recording
 from hapnet.report import tables
 from hapnet.report.html import Html, element, join, table
@@ -150,6 +151,7 @@ def _facts(recording: Recording, sources: Sequence[Source]) -> Html:
         "duration": None if duration is None else f"{number(duration)} s",
         "seed": summary["seed"],
         "clock": "virtual time" if get(meta, "clock") == "virtual" else "real time",
+        "clocks": alignment.words(meta),
         "file written": ", ".join(dict.fromkeys(source.written for source in sources if source.written)),
     }
     known_ones = {name: str(value) for name, value in facts.items() if value not in (None, "")}

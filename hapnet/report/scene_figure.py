@@ -1,15 +1,22 @@
-"""The figure of a rigid scene: its solids, and the ways of device and proxy around them."""
+"""The figure of a scene: its solids and bodies, and the ways of device and proxy around them.
+
+What moves is drawn where it was when the force was greatest, with the contacts of that moment, and faintly where it was
+at other times: at the start and at the end, and of few bodies also between.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hapnet.checks import Array
-from hapnet.plant.worlds.outlines import outline, solids_of
-from hapnet.recording.samples import Recording
+from hapnet.plant.worlds.picture import RESTS, SOFT, Part, Touch
+from hapnet.plant.worlds.rigid import parts_of_words
+from hapnet.recording.drawing import SceneSample, unpack
+from hapnet.recording.samples import Columns, Recording
 from hapnet.report.style import DEVICE_COLOR, MM, STYLE, WORLD_COLOR
 from hapnet.report.words import get
 
@@ -20,51 +27,164 @@ _MOST_TRIANGLES = 20_000
 """Of a larger mesh only the corners are drawn."""
 
 _MOST_POINTS = 4000
-_MARGIN_M = 0.01
+_FAR_M = 0.5
+_FEW_BODIES, _FEW = 3, 10
 _MM = 1e3
+_MM_PER_N = 10.0
+_OPACITY, _FAINT = 0.6, 0.12
+_RED, _AMBER = "#b91c1c", "#d97706"
 
 
 def scene_figure(recording: Recording) -> Figure | None:
-    """Solids and ways in 3-D, 180 mm wide. None: the scene has no solids or fewer axes, or its files are gone."""
+    """Solids, bodies and ways in 3-D, 180 mm wide.
+
+    None: nothing is known of how the scene looks, or it has fewer axes and nothing moves.
+    """
     device, world = recording.device, recording.world
-    if device is None or world is None or device["position_m"].shape[1] != 3:
+    if device is None or world is None or device["position_m"].shape[1] > 3 or not (parts := _parts(recording)):
         return None
-    if not (solids := solids_of(get(recording.meta, "scene"))):
+    peak, others = _moments(recording.scene, world)
+    moves = peak is not None and any(part.body != RESTS for part in parts)
+    if device["position_m"].shape[1] != 3 and not moves:
         return None
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-    pressed = np.linalg.norm(world["contact_force_N"], axis=1) > 0.0
-    ways = np.concatenate([device["position_m"], world["position_m"]])
-    centre, reach = ways.mean(axis=0), float(np.ptp(ways, axis=0).max()) / 2.0 + _MARGIN_M
+    hand, proxy, force = (
+        _padded(columns[name])
+        for columns, name in ((device, "position_m"), (world, "position_m"), (world, "contact_force_N"))
+    )
+    deep = world["penetration_m"] > 0.0
+    pressed = deep if deep.any() else np.linalg.norm(force, axis=1) > 0.0  # a force law tells no depth
     with matplotlib.rc_context(STYLE):
         fig = Figure(figsize=(180 * MM, 120 * MM), dpi=150, layout="constrained")
         FigureCanvasAgg(fig)
-        axes: Any = fig.add_subplot(projection="3d")
-        seen = [ways]
-        for solid in solids:
-            if (found := outline(solid.shape, centre, reach)) is None:
-                continue
-            vertices, triangles = found
-            seen.append(vertices)
-            if len(triangles) > _MOST_TRIANGLES:
-                points = vertices[:: -(-len(vertices) // _MOST_POINTS)] * _MM
-                axes.scatter(*points.T, s=0.5, color="0.6", linewidths=0.0)
-                continue
-            faces = Poly3DCollection(vertices[triangles] * _MM, facecolors="0.8", alpha=0.35, shade=True, zorder=0)
-            axes.add_collection3d(faces)
-        _way(axes, device["position_m"], DEVICE_COLOR, "device")
-        _way(axes, world["position_m"], WORLD_COLOR, "proxy")
+        axes: Any = fig.add_subplot(projection="3d", computed_zorder=False)
+        shown = _placed(parts, peak)
+        ghosts = [part for moment in others for part in _placed(parts, moment) if part.body != RESTS]
+        shown, ghosts = (_near(proxy, some) for some in (shown, ghosts))
+        _surfaces(axes, [part for part in shown if part.body == RESTS], _OPACITY, zorder=0)
+        _surfaces(axes, ghosts, _FAINT, zorder=1)
+        _surfaces(axes, [part for part in shown if part.body != RESTS], 1.0, zorder=2)
+        _way(axes, hand, DEVICE_COLOR, "device")
+        _way(axes, proxy, WORLD_COLOR, "proxy")
         if pressed.any():
-            touched = world["position_m"][pressed] * _MM
-            axes.plot(*touched.T, ".", color="#b91c1c", markersize=3, label="proxy in contact", zorder=5)
-        _frame(axes, np.concatenate(seen), _seen_from(world["contact_force_N"]))
+            axes.plot(*(proxy[pressed] * _MM).T, ".", color=_RED, markersize=3, label="proxy in contact", zorder=5)
+        if peak is not None:
+            _contacts(axes, peak.contacts())
+        _frame(axes, np.concatenate([hand, proxy, *[part.vertices for part in (*shown, *ghosts)]]), _seen_from(force))
         axes.legend(loc="upper left")
-        title = fill(f"Scene {get(recording.meta, 'scene')}: the ways of device and proxy", 100)
+        when = ", the bodies where they were when the force was greatest" if moves else ""
+        title = fill(f"Scene {_name(recording)}: the ways of device and proxy{when}", 100)
         fig.suptitle(title, fontsize=9, parse_math=False)
     return fig
+
+
+def _parts(recording: Recording) -> tuple[Part, ...]:
+    """As recorded; of an older recording, and of a scene that is too large to be told, as its words tell."""
+    told = () if recording.drawing is None else unpack(recording.drawing.data)
+    return told or parts_of_words(get(recording.meta, "scene"))
+
+
+def _name(recording: Recording) -> object:
+    """The scene as it was asked for."""
+    return get(recording.meta, "params", "scene") or get(recording.meta, "scene")
+
+
+def _moments(scene: Sequence[SceneSample], world: Columns) -> tuple[SceneSample | None, list[SceneSample]]:
+    """The scene when the force was greatest, and at other times."""
+    if not scene:
+        return None, []
+    greatest = int(np.linalg.norm(world["contact_force_N"], axis=1).argmax())
+    times = np.array([one.time_ns for one in scene])
+    peak = scene[int(np.abs(times - world["time_ns"][greatest]).argmin())]
+    count = _FEW if len(peak.bodies()) <= _FEW_BODIES else 2
+    return peak, [scene[i] for i in np.linspace(0, len(scene) - 1, count).astype(int)]
+
+
+def _placed(parts: Sequence[Part], moment: SceneSample | None) -> list[Part]:
+    """The parts where their bodies were."""
+    if moment is None:
+        return list(parts)
+    poses, soft, placed = moment.bodies(), moment.vertices(), []
+    for part in parts:
+        vertices = part.vertices
+        if part.body == SOFT and len(soft) >= len(vertices):
+            vertices, soft = soft[: len(vertices)], soft[len(vertices) :]
+        elif 0 <= part.body < len(poses):
+            vertices = vertices @ _turn(poses[part.body, 3:]).T + poses[part.body, :3]
+        placed.append(part._replace(vertices=vertices))
+    return placed
+
+
+def _near(way: Array, parts: Sequence[Part]) -> list[Part]:
+    """Without the bodies that have left: one that fell off a table is soon far away."""
+    middle = way.mean(axis=0)
+    return [part for part in parts if part.body == RESTS or np.abs(part.vertices - middle).max() < _FAR_M]
+
+
+def _turn(quaternion: Array) -> Array:
+    """The matrix of a unit quaternion w, x, y, z."""
+    w, x, y, z = quaternion
+    return np.array(
+        [
+            (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
+            (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
+            (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
+        ]
+    )
+
+
+def _surfaces(axes: Any, parts: Sequence[Part], opacity: float, zorder: int) -> None:
+    """All triangles in one collection, so that they are sorted by depth; of too many only their corners.
+
+    What rests is drawn before what moves, since a table's triangles are too large to be sorted.
+    """
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    faces, colors = [], []
+    for part in parts:
+        if len(part.triangles) > _MOST_TRIANGLES:
+            points = part.vertices[:: -(-len(part.vertices) // _MOST_POINTS)] * _MM
+            axes.scatter(*points.T, s=0.5, color="0.6", linewidths=0.0)
+        elif len(part.triangles):
+            faces.append(part.vertices[part.triangles] * _MM)
+            *color, own = (channel / 255.0 for channel in part.color)
+            colors.append(np.tile((*color, own * opacity), (len(part.triangles), 1)))
+    if faces:
+        paint = np.concatenate(colors)
+        seams = {"edgecolors": paint, "linewidths": 0.3} if opacity == 1.0 else {"linewidths": 0.0}
+        axes.add_collection3d(
+            Poly3DCollection(np.concatenate(faces), facecolors=paint, shade=True, zorder=zorder, **seams)
+        )
+
+
+def _contacts(axes: Any, touches: Sequence[Touch]) -> None:
+    """Each contact's friction cone, as high as the normal force is long, and its force in it."""
+    greatest_N = np.linalg.norm(sum((np.array(touch.force_N) for touch in touches), np.zeros(3)))
+    force_label, cone_label = f"the greatest force, {greatest_N:.2g} N", "its friction cone"
+    for touch in touches:
+        point, normal = np.array(touch.point) * _MM, np.array(touch.normal)
+        force = _MM_PER_N * np.array(touch.force_N)
+        axes.plot(*np.stack([point, point + force], 1), color=_RED, linewidth=2.0, zorder=6, label=force_label)
+        axes.plot(*point, "o", color=_RED, markersize=4, zorder=6)
+        force_label = ""
+        if touch.friction > 0.0 and (height := float(force @ normal)) > 0.0:
+            one = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
+            one /= np.linalg.norm(one)
+            turn = np.linspace(0.0, 2.0 * np.pi, 49)[:, None]
+            around = np.cos(turn) * one + np.sin(turn) * np.cross(normal, one)
+            rim = point + height * (normal + touch.friction * around)
+            axes.plot(*rim.T, color=_AMBER, linewidth=1.0, zorder=6, label=cone_label)
+            cone_label = ""
+            for edge in rim[:-1:6]:
+                axes.plot(*np.stack([point, edge], 1), color=_AMBER, linewidth=0.6, zorder=6)
+
+
+def _padded(vectors: Array) -> Array:
+    """Vectors (N, n) with three axes."""
+    return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
 
 
 def _way(axes: Any, position: Array, color: str, label: str) -> None:

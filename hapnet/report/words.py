@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from hapnet.summary.structure import Summary
+from hapnet.summary.structure import Summary, Verdict
 from hapnet.summary.structure import known as known
 from hapnet.summary.verdict import DEFICIT_J, judge
 from hapnet.summary.verdict import has_reservoirs as has_reservoirs
@@ -23,7 +23,11 @@ def get(tree: Any, *keys: str) -> Any:
 
 def verdict(summary: object) -> str:
     """One line: whether the two ports stayed passive, and why."""
-    found = judge(summary)
+    return stated(judge(summary))
+
+
+def stated(found: Verdict) -> str:
+    """A verdict in one line."""
     return f"{_WORDS[found['passive']]}: {found['reason']}"
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from hapnet.checks import Vector
 from hapnet.control.coupling import CouplingState, ForceParts
@@ -18,6 +18,8 @@ from hapnet.plant.device import Device, SimulatedDevice, TickResult
 from hapnet.plant.live_hand import LiveHand
 from hapnet.recording.samples import DeviceSample, Event, MotionSample, Sample
 from hapnet.side.endpoint import NANO, DeviceControl
+from hapnet.wire.fields import Signal
+from hapnet.wire.signals import STOP
 
 Write = Callable[[Sample], None]
 Clock = Callable[[], int]
@@ -49,6 +51,17 @@ class Drive:
     write_motion: Callable[[MotionSample], None] | None = None
 
 
+class Stop(NamedTuple):
+    """When the force was stopped for good [ns], and why.
+
+    asked : somebody wanted it; else a reading was impossible.
+    """
+
+    at_ns: int
+    why: str
+    asked: bool
+
+
 class DeviceSide(ABC):
     """A device, its servo and its endpoint; one subclass for each kind of servo.
 
@@ -62,13 +75,13 @@ class DeviceSide(ABC):
         """When control started, on this side's clock."""
         self.ledger: Ledger | None = None
         """This side's energy account, once control has started."""
-        self.ticks = 0
-        self.overruns = 0
+        self.ticks: int = 0
+        self.overruns: int = 0
         """How many times the watchdog released the spring."""
-        self.longest_ns = 0
+        self.longest_ns: int = 0
         """The longest time between two ticks [ns]."""
-        self.stopped: tuple[int, str] | None = None
-        """When an impossible reading stopped the force for good [ns], and why; None: it was not stopped."""
+        self.stopped: Stop | None = None
+        """The force was stopped for good; None: it was not."""
         self.paused = False
         """A simulated device and its hand stand still and nothing is recorded; all else continues."""
         self.applied = True
@@ -116,11 +129,25 @@ class DeviceSide(ABC):
         """The summary's entries about forces held from tick to tick; empty where no force is held."""
         return {}
 
+    def driver_figures(self) -> dict[str, Any] | None:
+        """The summary's entries about a real device; None: it is simulated."""
+        return None
+
+    def stop_force(self, now_ns: int, why: str, *, asked: bool = False) -> None:
+        """Render no force any more, for good; the rest goes on. `asked` : somebody wants it, and nothing is wrong."""
+        if self.stopped is None:
+            self.stopped = Stop(now_ns, why, asked)
+            self._write(
+                Event(now_ns, "stopped", f"the device renders no force any more: {why}", "info" if asked else "error")
+            )
+
     def tick(self, now_ns: int) -> bytes | None:
         """Make one servo tick; returns the message to send, if there is one. Before pairing there is no force."""
+        for name, value in self.endpoint.signals():
+            self._on_signal(now_ns, name, value)
         if self.origin_ns is None:
             if self.endpoint.paired:
-                self._start(self.device.read()[0])
+                self._start(self._read()[0])
                 self.ledger = self.coupling.ledger
                 self.origin_ns = self._last_ns = self._expected_ns = now_ns  # last: a device may fail right here
             return None
@@ -130,9 +157,10 @@ class DeviceSide(ABC):
         late = since_ns > self._longest_ns
         if late and not self._released:
             self.overruns += 1
-            self._write(Event(now_ns, "overrun", f"the servo was away for {since_ns * 1e-6:.1f} ms: no force"))
+            text = f"the servo was away for {since_ns * 1e-6:.1f} ms: no force"
+            self._write(Event(now_ns, "overrun", text, "warning"))
         self._released = late
-        message = self._control(now_ns, release=late)
+        message = self._control(now_ns, release=late or self.stopped is not None)
         self._last_ns = now_ns
         self.ticks += 1
         if self.ticks % self._record_every == 0 and not self.paused:
@@ -169,6 +197,15 @@ class DeviceSide(ABC):
         """Set the force to zero, for good."""
         self.device.apply((0.0,) * self.device.dof)
 
+    def _read(self) -> tuple[Vector, Vector]:
+        """The device's reading for this tick: position [m] and velocity [m/s]."""
+        return self.device.read()
+
+    def _on_signal(self, now_ns: int, name: str, value: Signal) -> None:
+        """A value beside the stream has come, from the world or from this side's own program."""
+        if name == STOP:
+            self.stop_force(now_ns, str(value), asked=True)
+
     @abstractmethod
     def _start(self, x: Vector) -> None: ...
 
@@ -197,18 +234,21 @@ class DeviceSide(ABC):
         self._expected_ns += (periods - 1) * self._period_ns
         return periods
 
-    def _record(self, now_ns: int, x: Vector, force: Vector, hand: Vector | None, target: Vector | None) -> None:
-        """Write a sample of the device at x [m], with the forces on it [N] and where its hand aims [m]."""
+    def _record(
+        self, now_ns: int, x: Vector, v: Vector, force: Vector, hand: Vector | None, target: Vector | None
+    ) -> None:
+        """Write a sample of the device at x [m] and v [m/s], with the forces on it [N] and where its hand aims [m]."""
         if self._write_motion is not None:
             self._write_motion(MotionSample(now_ns, x, force, target))
             return
         coupling = self.endpoint.coupling
         ledger = coupling.ledger
+        spring, damper, model, added = self._parts(x, force) or _UNKNOWN
         self._write(
             DeviceSample(
                 now_ns, x, coupling.set_position, coupling.target, force, hand, coupling.reservoir, coupling.deficit,
                 coupling.potential(x), ledger.sent, ledger.credited, ledger.margin, ledger.slack, target,
-                *(self._parts(x, force) or _UNKNOWN),
+                spring, damper, model, added, v, *self.endpoint.used(now_ns),
             )
         )  # fmt: skip
 
@@ -270,11 +310,10 @@ class ContinuousDeviceSide(DeviceSide):
             tick += 1
             if tick % every == 0:
                 at_ns = now_ns + (tick - self.ticks - 1) * self._period_ns
-                self._record(at_ns, x, force, hand_force, target)
+                self._record(at_ns, x, v, force, hand_force, target)
         observe(lowest, lowest)
         observe(ledger.work, ledger.work)
-        self._last_ns = self._expected_ns = now_ns + (ticks - 1) * self._period_ns
-        self.ticks = tick
+        self.resume(now_ns + (ticks - 1) * self._period_ns, ticks)
 
     def _control(self, now_ns: int, *, release: bool) -> bytes | None:
         device, last_ns = self.device, self._last_ns
@@ -295,7 +334,9 @@ class ContinuousDeviceSide(DeviceSide):
 
     def _sample(self, now_ns: int) -> None:
         device = self.device
-        self._record(now_ns, device.position, device.actuator_force, device.hand_force, device.references[-1])
+        self._record(
+            now_ns, device.position, device.velocity, device.actuator_force, device.hand_force, device.references[-1]
+        )
 
     def _parts(self, x: Vector, force: Vector) -> ForceParts:
         return self._servo.parts(x, force)

@@ -27,13 +27,16 @@ from hapnet.control.coupling import (
 from hapnet.control.deadband import Deadband
 from hapnet.control.set_position_servo import ContinuousServo, Passage
 from hapnet.mechanics.plane import Plane
+from hapnet.side.content import NANO as NANO
+from hapnet.side.content import sample_of
 from hapnet.wire import messages
-from hapnet.wire.events import EnergyCredited, Event, Paired, PositionReceived, SampleReceived
-from hapnet.wire.fields import INTEGRAL
+from hapnet.wire.events import EnergyCredited, Event, Paired, PositionReceived, SampleReceived, SignalReceived
+from hapnet.wire.fields import Signal
 from hapnet.wire.handshake import EARLIER
 from hapnet.wire.session import Outgoing, PositionStream, Session
+from hapnet.wire.signals import STOP
 
-NANO = 1e-9
+_MOST_SIGNALS = 256
 BACKLOG = 128
 """How many waves or positions may wait for the next tick."""
 
@@ -62,11 +65,20 @@ class ControlInbox(Protocol):
     def credit(self, credited_nJ: int) -> None:
         """Shuffled energy came [nJ]."""
 
+    def on_signal(self, name: str, value: Signal) -> None:
+        """The peer tells another value beside the stream."""
+
+    def told(self) -> tuple[str, Signal] | None:
+        """Take a signal that is to be told to the peer; None if there is none."""
+
     def shuffled(self) -> float:
         """Take surplus energy that is to be shuffled [J]; 0 if there is none."""
 
     @property
     def has_shuffled(self) -> bool: ...
+
+    @property
+    def has_told(self) -> bool: ...
 
 
 class ControlHalf:
@@ -79,9 +91,9 @@ class ControlHalf:
     """
 
     def __init__(self, positions: PositionStream, backlog: int = 1) -> None:
-        self.paired = False
+        self.paired: bool = False
         """A peer was found: control may start."""
-        self.restarted = False
+        self.restarted: bool = False
         """The peer was paired before, with another side in this side's place. So this side starts with an empty
         reservoir: each start with a full one would create energy, and a crash loop would pump it."""
         self.deadband: Deadband | None = None
@@ -90,10 +102,13 @@ class ControlHalf:
         self._pairs = 0
         self._pair = 1  # the one that control knows; another peer has another clock and another position
         self._coupling: CouplingState | None = None
+        self._used: tuple[int, int, int] | None = None  # the newest sample in use: when it was sent, came, and took
         # each with the times at which it was sent and came, the time that it took, and the pair
         self._arrived: deque[tuple[CouplingSample, int, int, int, int]] = deque(maxlen=backlog)
         self._credits: deque[int] = deque()
         self._shuffled: deque[float] = deque()
+        self._signals: deque[tuple[str, Signal]] = deque(maxlen=_MOST_SIGNALS)
+        self._told: deque[tuple[str, Signal]] = deque(maxlen=_MOST_SIGNALS)
 
     @property
     def coupling(self) -> CouplingState:
@@ -120,6 +135,16 @@ class ControlHalf:
     def credit(self, credited_nJ: int) -> None:
         self._credits.append(credited_nJ)
 
+    def on_signal(self, name: str, value: Signal) -> None:
+        self._signals.append((name, value))
+
+    def told(self) -> tuple[str, Signal] | None:
+        return self._told.popleft() if self._told else None
+
+    @property
+    def has_told(self) -> bool:
+        return bool(self._told)
+
     def shuffled(self) -> float:
         return self._shuffled.popleft() if self._shuffled else 0.0
 
@@ -133,6 +158,14 @@ class ControlHalf:
     def arrived(self) -> CouplingSample | None:
         """The newest sample that control has not taken yet."""
         return self._arrived[-1][0] if self._arrived else None
+
+    def tell(self, name: str, value: Signal) -> None:
+        """Tell the peer this value beside the stream."""
+        self._told.append((name, value))
+
+    def signals(self) -> list[tuple[str, Signal]]:
+        """Take the signals that have come."""
+        return [self._signals.popleft() for _ in range(len(self._signals))] if self._signals else []
 
     def take(self, now_ns: int) -> CouplingState:
         """Give the coupling what has arrived since the last tick, and a new peer its share of the reservoir.
@@ -154,12 +187,20 @@ class ControlHalf:
                     age_s = (now_ns - came_ns + took_ns) * NANO
                 coupling.receive(sample, sent_ns * NANO, age_s)
                 self._positions.echo(sent_ns, came_ns)
+                self._used = sent_ns, came_ns, took_ns
         while self._credits:
             coupling.credit(self._credits.popleft() * NANO)
         return coupling
 
+    def used(self, now_ns: int) -> tuple[float, float]:
+        """Age and transit of the newest sample that the coupling has been given, as in a `DeviceSample` [s]."""
+        if self._used is None:
+            return math.nan, math.nan
+        sent_ns, came_ns, took_ns = self._used
+        return (now_ns - came_ns + took_ns) * NANO, (came_ns - sent_ns) * NANO
+
     def _change_peer(self, coupling: CouplingState, pair: int) -> None:
-        self._pair = pair
+        self._pair, self._used = pair, None
         self._positions.echo(0, 0)
         if self.deadband is not None:
             self.deadband.on_peer_changed()
@@ -223,10 +264,15 @@ class WireHalf:
         self._hand_over(events, now_ns)
         return outgoing, events
 
+    def stop_force(self, why: str) -> None:
+        """Let the device render no force any more, whichever side this is."""
+        self._control.on_signal(STOP, why)
+        self.session.tell(STOP, why)
+
     @property
     def uncollected(self) -> bool:
         """Is there anything to `collect`?"""
-        return self._control.has_shuffled
+        return self._control.has_shuffled or self._control.has_told
 
     def collect(self) -> None:
         """Give control's surplus energy to the session, which sends it when it is due; `poll` does the same.
@@ -235,23 +281,27 @@ class WireHalf:
         """
         while surplus := self._control.shuffled():
             self.session.shuffle(surplus)
+        while (signal := self._control.told()) is not None:
+            self.session.tell(*signal)
 
     @property
     def next_due_ns(self) -> int | None:
         """When to call `poll` next, if nothing else happens; energy that waits to be sent is due at once."""
-        return 0 if self._control.has_shuffled else self.session.next_due_ns
+        return 0 if self.uncollected else self.session.next_due_ns
 
     def _hand_over(self, events: tuple[Event, ...], now_ns: int) -> None:
         for event in events:
             if isinstance(event, PositionReceived):
                 self._control.on_sample(event.position, event.sent_ns, now_ns, event.took_ns)
             elif isinstance(event, SampleReceived):
-                sample = _sample_of(event.message)
+                sample = sample_of(event.message)
                 if isinstance(sample, Proxy):
                     self.planes = sample.planes
                 self._control.on_sample(sample, event.message.sent_ns, now_ns, event.took_ns)
             elif isinstance(event, EnergyCredited):
                 self._control.credit(event.credited_nJ)
+            elif isinstance(event, SignalReceived):
+                self._control.on_signal(event.name, event.value)
             elif isinstance(event, Paired):
                 self.planes = None
                 self._control.pair(bool(event.peer.about.get(EARLIER)))
@@ -283,7 +333,7 @@ class DeviceControl(ControlHalf):
     @property
     def has_news(self) -> bool:
         """Has something arrived that the next tick must take?"""
-        return bool(self._arrived or self._credits)
+        return bool(self._arrived or self._credits or self._signals)
 
     def tick_continuous(
         self,
@@ -351,21 +401,6 @@ class WorldEndpoint(WireHalf, WorldControl):
     def __init__(self, session: Session) -> None:
         WorldControl.__init__(self, session.positions, backlog(session.settings.expects))
         WireHalf.__init__(self, session, self)
-
-
-def _sample_of(message: messages.Motion | messages.Port | messages.Wave | messages.Proxy) -> CouplingSample:
-    """The content of a message, in SI units."""
-    match message:
-        case messages.Motion():
-            return Motion(message.position, message.velocity)
-        case messages.Port():
-            return Port(message.value, message.energy_nJ * NANO)
-        case messages.Wave():
-            total, total_ns = (message.more or {}).get(INTEGRAL, ((), 0))
-            return Wave(message.wave, message.span_ns * NANO, total, total_ns * NANO)
-        case messages.Proxy():
-            planes = None if message.planes is None else tuple([Plane(*plane) for plane in message.planes])
-            return Proxy(message.position, message.aimed_ns * NANO, message.force, planes)
 
 
 Endpoint = DeviceEndpoint | WorldEndpoint

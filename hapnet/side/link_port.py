@@ -41,7 +41,8 @@ class LinkPort:
     """
 
     def __init__(self, wire: WireHalf, link: Link[Packet]) -> None:
-        self.wire, self.link = wire, link
+        self.wire: WireHalf = wire
+        self.link: Link[Packet] = link
         self._player: TimelinePlayer | None = None
 
     def play(self, timeline: Timeline, origin_ns: int) -> None:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
 
+from hapnet.recording.samples import Level
 from hapnet.side.endpoint import NANO
-from hapnet.wire.events import Event, Mismatch, Paired, PeerHeard, PeerLeft, PeerRefused, PeerSilent
+from hapnet.wire.events import Event, Mismatch, Paired, PeerHeard, PeerLeft, PeerRefused, PeerSilent, SignalReceived
+from hapnet.wire.fields import Signal
 
-Level = Literal["info", "warning", "error"]
+OVER = "the run is over"
+"""Why a side leaves whose time is up."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +29,11 @@ class Notice:
     values: Mapping[str, str | int | float] = field(default_factory=dict)
 
 
+def signal_text(name: str, value: Signal) -> str:
+    """A signal as events and logs show it: its name and its value as JSON."""
+    return f"{name} = {json.dumps(value)}"
+
+
 def notice_of(event: Event, now_ns: int, other: str, on_silence: str) -> Notice | None:
     """The notice about an event of the session; None: the event is ordinary and needs none.
 
@@ -35,6 +43,8 @@ def notice_of(event: Event, now_ns: int, other: str, on_silence: str) -> Notice 
         case Paired(_, number):
             again = "" if number == 1 else f" (another process; pair {number})"
             return Notice("paired", f"paired with the {other}{again}", now_ns, values={"pair": number})
+        case SignalReceived(name, value):
+            return Notice("signal", signal_text(name, value), now_ns)
         case PeerLeft(reason):
             return Notice("left", f"the {other} left: {reason}", now_ns, values={"reason": reason})
         case Mismatch(reason):

@@ -12,7 +12,6 @@ from hapnet.control.ledger import Ledger
 from hapnet.errors import HapnetError
 from hapnet.plant.device import Device, SimulatedDevice
 from hapnet.plant.operating_range import OperatingRange, RangeWatch
-from hapnet.recording.samples import Event
 from hapnet.side.device import DeviceSide, Drive, Observe
 from hapnet.side.endpoint import NANO, DeviceControl
 
@@ -69,7 +68,7 @@ class SampledDeviceSide(DeviceSide):
             self._watch = RangeWatch(self._declared, self.device.resolution, x)
         servo = self._servo = self._make_servo(x, self.endpoint.restarted)
         self.endpoint.start(servo)
-        self._x = x
+        self._x, self._v = x, (0.0,) * len(x)
         if self._simulated is not None:
             self._true_work = MeasuredHarvest(servo.trusted_damping)
             stored = servo.coupling.potential(self._simulated.position)
@@ -90,16 +89,17 @@ class SampledDeviceSide(DeviceSide):
             for _ in range(periods):
                 hand_work += simulated.advance()
             self._hand.put_in(hand_work)
-        x, v = self.device.read()
-        dt = max((self._clock() - self._last_ns) * NANO, elapsed_s)
+        x, v = self._read()
+        dt = max(self._elapsed(), elapsed_s)
         if self._watch is None or self._watch.passes(dt, x, v):
             self._x = x
         else:
-            self._stop_force(now_ns, self._watch.why)
+            self.stop_force(now_ns, self._watch.why or "")
             v, release = (0.0,) * len(v), True
+        self._v = v
         held = servo.force  # the force really applied, where the device reports it
         message = self.endpoint.tick_sampled(now_ns, dt, self._x, v, release=release)
-        applied = self.device.apply(servo.force)
+        applied = self._apply(dt, servo.force)
         if applied is None:
             self.applied = False
         else:
@@ -107,6 +107,14 @@ class SampledDeviceSide(DeviceSide):
         if simulated is not None:
             self._observe_truth(simulated, dt, held, before, hand_work)
         return message
+
+    def _elapsed(self) -> float:
+        """The time since the last tick's reading [s]."""
+        return (self._clock() - self._last_ns) * NANO
+
+    def _apply(self, dt: float, force: Vector) -> Vector | None:
+        """Hold this force from now on, `dt` seconds after the last; returns the one really applied, if it is known."""
+        return self.device.apply(force)
 
     @property
     def resting(self) -> int:
@@ -118,14 +126,14 @@ class SampledDeviceSide(DeviceSide):
         simulated, servo, hand, ledger, dt = self._simulated, self._servo, self._hand, self.ledger, self._resting_dt
         assert simulated is not None, "only simulated ticks may wait"
         assert ledger is not None, "control has not started"
-        lowest, hand_lowest = ledger.work, hand.work
+        tick, lowest, hand_lowest = self.ticks, ledger.work, hand.work
         for at_ns in range(now_ns, now_ns + ticks * self._period_ns, self._period_ns):
             before = simulated.state.position
             hand_work = simulated.advance()
             hand.put_in(hand_work)
-            self._x, v = simulated.read()
+            self._x, self._v = simulated.read()
             held = servo.force
-            update = servo.tick(dt, self._x, v)
+            update = servo.tick(dt, self._x, self._v)
             assert update is None, "a tick that sends something may not wait"
             servo.force = simulated.apply(servo.force)
             self._observe_truth(simulated, dt, held, before, hand_work)
@@ -133,17 +141,12 @@ class SampledDeviceSide(DeviceSide):
                 lowest = ledger.work
             if hand.work < hand_lowest:
                 hand_lowest = hand.work
-            self.ticks += 1
-            if self.ticks % self._record_every == 0:
+            tick += 1
+            if tick % self._record_every == 0:
                 self._sample(at_ns)
         observe(lowest, hand_lowest)
         observe(ledger.work, hand.work)
-        self._last_ns = self._expected_ns = now_ns + (ticks - 1) * self._period_ns
-
-    def _stop_force(self, now_ns: int, why: str | None) -> None:
-        if self.stopped is None and why is not None:
-            self.stopped = now_ns, why
-            self._write(Event(now_ns, "stopped", f"the device renders no force any more: {why}"))
+        self.resume(now_ns + (ticks - 1) * self._period_ns, ticks)
 
     def _observe_truth(
         self, simulated: SimulatedDevice, dt: float, held: Vector, before: Vector, hand_work: float
@@ -165,9 +168,10 @@ class SampledDeviceSide(DeviceSide):
     def _sample(self, now_ns: int) -> None:
         simulated = self._simulated
         if simulated is None:
-            self._record(now_ns, self._x, self._servo.force, None, None)
+            self._record(now_ns, self._x, self._v, self._servo.force, None, None)
         else:
-            self._record(now_ns, self._x, self._servo.force, simulated.state.hand_force, simulated.references[-1])
+            hand, target = simulated.state.hand_force, simulated.references[-1]
+            self._record(now_ns, self._x, self._v, self._servo.force, hand, target)
 
     def _parts(self, x: Vector, force: Vector) -> ForceParts | None:
         return self._servo.parts

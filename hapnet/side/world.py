@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -12,10 +12,14 @@ from hapnet.control.coupling import CouplingState, Wave, WorldCoupling, vector_o
 from hapnet.errors import HapnetError
 from hapnet.loading import cause
 from hapnet.plant.worlds.account import EnvironmentAccount
+from hapnet.plant.worlds.picture import Pictured
 from hapnet.plant.worlds.protocol import EngineMass, VirtualMass, World
-from hapnet.recording.samples import WorldSample
+from hapnet.recording.drawing import SceneWriter
+from hapnet.recording.samples import Event, WorldSample
 from hapnet.side.device import Write
 from hapnet.side.endpoint import NANO, WorldControl
+from hapnet.side.notices import signal_text
+from hapnet.wire.fields import Signal
 
 
 class WorldState(NamedTuple):
@@ -54,9 +58,9 @@ class WorldSide:
         self.mass = mass
         self.scene = scene
         self.origin_ns: int | None = None
-        self.steps = 0
-        self.longest_step_s = 0.0
-        self.stepped_s = 0.0
+        self.steps: int = 0
+        self.longest_step_s: float = 0.0
+        self.stepped_s: float = 0.0
         self.environment: EnvironmentAccount | None = None
         """The environment's own account; None before control starts."""
         self.paused = False
@@ -66,7 +70,11 @@ class WorldSide:
         self.rng: Final = rng
         self._name = name
         self._write = write
+        self._take_signal: Callable[[str, Signal], None] | None = getattr(scene, "signal", None)
+        self._tell_signals: Callable[[], Mapping[str, Signal]] | None = getattr(scene, "signals", None)
+        self._told: dict[str, Signal] = {}
         self._last_ns = 0
+        self._scene_writer: SceneWriter | None = None
 
     @property
     def coupling(self) -> CouplingState:
@@ -78,6 +86,7 @@ class WorldSide:
         Until control starts (`origin_ns` is None) there are neither steps nor messages.
         """
         endpoint, mass = self.endpoint, self.mass
+        self._exchange_signals(now_ns)
         if self.origin_ns is None:
             if not endpoint.paired:
                 return None
@@ -90,6 +99,8 @@ class WorldSide:
             endpoint.start(self._world)
             self.environment = EnvironmentAccount(self.scene.contacts, mass.position)
             self.origin_ns = self._last_ns = now_ns
+            if isinstance(self.scene, Pictured):
+                self._scene_writer = SceneWriter(self.scene.picture(), self._write, now_ns)
             return endpoint.step(now_ns, 0.0, mass.position, mass.kinetic_J, 0.0, 0.0)
         dt = (now_ns - self._last_ns) * NANO
         self._last_ns = now_ns
@@ -111,9 +122,28 @@ class WorldSide:
                 now_ns, dt, done.position, mass.velocity, coupling.set_position, coupling.target,
                 done.coupling_force, done.force, done.penetration_m, coupling.reservoir,
                 coupling.potential(done.position), ledger.sent, ledger.credited, ledger.margin, ledger.slack,
+                *endpoint.used(now_ns),
             )
         )  # fmt: skip
+        if self._scene_writer is not None:
+            self._scene_writer.step(now_ns, done.position, done.force)
         return message
+
+    def _exchange_signals(self, now_ns: int) -> None:
+        """Give the scene the signals that have come, if it takes any, and tell the device those of the scene."""
+        try:
+            for name, value in self.endpoint.signals():
+                if self._take_signal is not None:
+                    self._take_signal(name, value)
+            if self._tell_signals is None:
+                return
+            for name, value in self._tell_signals().items():
+                if self._told.get(name, self) != value:
+                    self._told[name] = value
+                    self.endpoint.tell(name, value)
+                    self._write(Event(now_ns, "signal", signal_text(name, value)))
+        except Exception as error:
+            raise HapnetError(f"the scene {self._name} failed: its signals raised {cause(error)}") from error
 
     def place(self, position: Vector) -> None:
         """Begin as near to `position` [m] as the walls let; before control starts."""

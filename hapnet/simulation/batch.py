@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence, Sized
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping, Sequence, Sized
+from typing import Any, NamedTuple
 
+from hapnet import checks
 from hapnet.assembly.build import Setup, prepare
 from hapnet.assembly.memory import require_room
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.params import Params
+from hapnet.params import Params, as_params
 from hapnet.plant.worlds.scene import Scene
 from hapnet.side.device import DeviceSide
 from hapnet.side.world import WorldSide
@@ -49,7 +50,7 @@ class BatchRun(NamedTuple):
 
 
 def simulate_batch(
-    params: Params | Iterable[Params] | None = None,
+    params: Params | Mapping[str, object] | Iterable[Params | Mapping[str, object]] | None = None,
     seeds: Iterable[int] = range(1),
     *,
     workers: int = 1,
@@ -59,7 +60,7 @@ def simulate_batch(
 
     Parameters
     ----------
-    params : one or several, which may differ in anything.
+    params : one or several, each as for `simulate`; they may differ in anything.
     seeds : every one of them is used with each of `params`.
     workers : processes to share the work. With more than one, the caller's main module must be importable.
     progress : called from time to time with the share that is done, 0 to 1.
@@ -76,12 +77,18 @@ def simulate_batch(
     """
     if workers < 1:
         raise InvalidParameter("workers", workers, "1 or more processes")
-    several = [params or Params()] if params is None or isinstance(params, Params) else list(params)
+    several: Any = Params() if params is None else params
+    if isinstance(several, Params | Mapping | str) or not isinstance(several, Iterable):
+        several = [several]
+    chosen = [as_params(one) for one in several]
+    given: object = seeds
+    if isinstance(given, str) or not isinstance(given, Iterable):
+        raise InvalidParameter("seeds", seeds, "whole numbers, such as range(100)")
     if isinstance(seeds, Sized):
-        require_room("seeds", seeds, len(several) * len(seeds), RUN_BYTES, "runs")
-    seed_list = list(seeds)
-    cases = [(one, seed) for one in several for seed in seed_list]
-    coverage.compile_for(len(seed_list) * sum(one.duration_s * one.device.servo_hz for one in several))
+        require_room("seeds", seeds, len(chosen) * len(seeds), RUN_BYTES, "runs")
+    seed_list = [checks.whole("seeds", seed, at_least=0) for seed in seeds]
+    cases = [(one, seed) for one in chosen for seed in seed_list]
+    coverage.compile_for(len(seed_list) * sum(one.duration_s * one.device.servo_hz for one in chosen))
     workers = min(workers, len(cases))
     if workers <= 1:
         return _simulate(cases, progress or (lambda share: None))

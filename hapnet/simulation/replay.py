@@ -21,7 +21,7 @@ from hapnet.params import Params
 from hapnet.recording.hand import begins_late, fingerprint, hand_times, knows_hand, left_out, replay_ns
 from hapnet.recording.link_events import KIND, played
 from hapnet.recording.mcap import read_recording
-from hapnet.recording.samples import Columns, Recording, join
+from hapnet.recording.samples import Columns, Recording, join, on_device_clock
 from hapnet.summary.recorded import of_recordings
 from hapnet.summary.run import Summary
 from hapnet.summary.structure import SIDES
@@ -184,11 +184,9 @@ def _link(whole: Recording, part: Recording, way: str, asked: Mapping[str, Any])
     `whole` is on the device's clock, `part` on its own.
     """
     words = (part.meta.get("links") or {}).get(way, asked.get(f"link.{way}", ""))
-    aligned = whole.meta.get("aligned", True)
-    device = (whole.meta.get("sides") or {}).get("device", whole.meta)
-    shift_ns = 0 if aligned else int(device["origin_ns"]) - int(part.meta["origin_ns"])
     events = [event for event in part.events if event.kind == KIND]
-    times = replay_ns(whole, np.array([event.time_ns + shift_ns for event in events], dtype=np.int64))
+    times = np.array([event.time_ns for event in events], dtype=np.int64)
+    times = replay_ns(whole, times if part.device is not None else on_device_clock(whole.meta, times))
     start, entries, notes = played(words, zip(times.tolist(), (event.text for event in events), strict=True))
     if entries:
         often = "once" if len(entries) == 1 else f"{len(entries)} times"

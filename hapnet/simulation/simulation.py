@@ -7,19 +7,19 @@ step, the device's tick. In each of the first two the device's side comes before
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hapnet import checks
 from hapnet.assembly.build import LIVE, Setup, device_session, device_side, prepare, world_session, world_side
 from hapnet.assembly.memory import bytes_a_second, require_room
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.metrics import motion
-from hapnet.params import Params
+from hapnet.params import Params, as_params
 from hapnet.recording.hand import fingerprint
-from hapnet.recording.samples import MemoryRecorder, Recording
+from hapnet.recording.samples import MemoryRecorder
 from hapnet.side.device import DeviceSide, Write
 from hapnet.side.endpoint import NANO, DeviceEndpoint, WorldEndpoint
 from hapnet.side.link_port import LinkPort
@@ -28,6 +28,7 @@ from hapnet.side.world import WorldSide
 from hapnet.simulation.compiled import coverage
 from hapnet.simulation.compiled.coverage import NotCompiledError
 from hapnet.simulation.garbage_collector import collector_paused
+from hapnet.simulation.result import Result as Result
 from hapnet.simulation.two_port import TwoPort
 from hapnet.summary import path
 from hapnet.summary.run import Summary, combine, device_summary, versions, with_wire, world_summary
@@ -52,21 +53,6 @@ _LOOK = 3
 
 _REPORT_NS = 500_000_000
 """Simulated time between two reports of progress [ns]."""
-
-
-@dataclass(frozen=True)
-class Result:
-    """The result of a simulated run."""
-
-    summary: Summary
-    recording: Recording
-    device: DeviceSide
-    world: WorldSide
-    warnings: tuple[str, ...]
-    hand: TwoPort
-    """The margin over the hand's port and the world's, whatever the servo. Some couplings claim passivity there,
-    because they rely on the device's own damping. With a sampled servo the summary's margin is over the actuator's
-    port."""
 
 
 class Simulation:
@@ -100,7 +86,7 @@ class Simulation:
         self.seed = seed
         if params.operator == LIVE:
             raise InvalidParameter("operator", LIVE, "another operator: nobody can guide a hand in virtual time")
-        self.setup = setup or prepare(params, "continuous")
+        self.setup: Setup = setup or prepare(params, "continuous")
         self._motion_only = motion_only
         self._begin()
         watched = type(self) is not Simulation and "_run" in vars(type(self))
@@ -110,22 +96,24 @@ class Simulation:
     def _begin(self) -> None:
         """Make both sides and both links, at the time 0."""
         seed = self.seed
-        self.now_ns = 0
-        self.two_port = TwoPort()
-        self.hand = self.two_port if self.setup.servo == "continuous" else TwoPort()
+        self.now_ns: int = 0
+        self.two_port: TwoPort = TwoPort()
+        self.hand: TwoPort = self.two_port if self.setup.servo == "continuous" else TwoPort()
         up, down, steps, names = np.random.SeedSequence(seed).spawn(4)
         incarnations = np.random.default_rng(names).integers(1, 2**63, size=2).tolist()
         write = self._writer()
         write_motion = self._recorder.write if self._motion_only else None
-        self.device_endpoint = DeviceEndpoint(device_session(self.setup, incarnations[0]))
-        self.world_endpoint = WorldEndpoint(world_session(self.setup, incarnations[1]))
-        self.device = device_side(self.setup, self.device_endpoint, lambda: self.now_ns, write, write_motion)
-        self.world = world_side(self.setup, self.world_endpoint, np.random.default_rng(steps), write)
+        self.device_endpoint: DeviceEndpoint = DeviceEndpoint(device_session(self.setup, incarnations[0]))
+        self.world_endpoint: WorldEndpoint = WorldEndpoint(world_session(self.setup, incarnations[1]))
+        self.device: DeviceSide = device_side(
+            self.setup, self.device_endpoint, lambda: self.now_ns, write, write_motion
+        )
+        self.world: WorldSide = world_side(self.setup, self.world_endpoint, np.random.default_rng(steps), write)
         self.up: Link[Packet] = Link(self.setup.up, seed=up)
         self.down: Link[Packet] = Link(self.setup.down, seed=down)
-        self.device_port = LinkPort(self.device_endpoint, self.up)
-        self.world_port = LinkPort(self.world_endpoint, self.down)
-        self.period_ns = round(1e9 / self.setup.params.device.servo_hz)
+        self.device_port: LinkPort = LinkPort(self.device_endpoint, self.up)
+        self.world_port: LinkPort = LinkPort(self.world_endpoint, self.down)
+        self.period_ns: int = round(1e9 / self.setup.params.device.servo_hz)
         self._due = [_NEVER, _NEVER, 0, 0, 0, self.period_ns]
         self._tick_ns = self.period_ns  # time of the next tick to compute; ticks before the due one may wait
         self._later_ns = _NEVER  # time of the tick at which the start ends
@@ -142,6 +130,8 @@ class Simulation:
             "role": "both",
             "clock": "virtual",
             "origin_ns": 0,
+            "utc_origin_ns": 0,
+            "utc_clock": "virtual",  # its time 0 counts as the beginning of 1970
             "surfaces": [surface._asdict() for surface in setup.scene.surfaces],
             "scene": setup.scene.name,
             "coupling": setup.params.coupling,
@@ -171,7 +161,7 @@ class Simulation:
         return self._run_whole(progress, compiled=False)
 
     def _run_whole(self, progress: Callable[[float], None] | None, *, compiled: bool) -> Result:
-        start_ns = self._meta["origin_ns"] = self.pair()
+        start_ns = self._meta["origin_ns"] = self._meta["utc_origin_ns"] = self.pair()
         self._meta["device_origin_ns"] = self.device.origin_ns
         end_ns = start_ns + round(self.setup.params.duration_s / NANO)
         kernel = self._on_kernel(end_ns) if compiled else None
@@ -412,6 +402,16 @@ def _or_never(due_ns: int | None) -> int:
     return _NEVER if due_ns is None else due_ns
 
 
-def simulate(params: Params | None = None, seed: int = 0, *, kernel: bool | None = None) -> Result:
-    """Run both sides and both links in virtual time; see `Simulation`."""
-    return Simulation(params or Params(), seed, kernel=kernel).run()
+def simulate(
+    params: Params | Mapping[str, object] | None = None, seed: int = 0, *, kernel: bool | None = None
+) -> Result:
+    """Run both sides and both links in virtual time; see `Simulation`.
+
+    params : a `Params`, or changes to the defaults by dotted names, such as ``{"link.up": "4g", "link.down": "4g"}``.
+
+    Raises
+    ------
+    InvalidParameter, netem.NetemError : `params` is neither, or not valid for a run; `seed` is below 0.
+    """
+    chosen = Params() if params is None else as_params(params)
+    return Simulation(chosen, checks.whole("seed", seed, at_least=0), kernel=kernel).run()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -18,12 +18,12 @@ from hapnet.metrics.drift import drift
 from hapnet.metrics.environment import environment_force, standing_force
 from hapnet.metrics.force import buzz, force_error, largest_step, rms_difference
 from hapnet.metrics.free_motion import drag, following_error
+from hapnet.metrics.obstacles import Obstacle, obstacles
 from hapnet.metrics.swing import residual_swing
 from hapnet.metrics.touch import latency, touches
 from hapnet.params import Params
 from hapnet.plant.worlds.moving_wall import MovingWall
 from hapnet.plant.worlds.protocol import World
-from hapnet.plant.worlds.walls import Wall
 from hapnet.recording.samples import Columns, Recording
 from hapnet.side.sampled_device import SampledDeviceSide
 from hapnet.simulation.simulation import Result, Simulation
@@ -62,9 +62,10 @@ class Run:
     result: Result
     scene: World
 
-    @property
-    def walls(self) -> tuple[Wall, ...]:
-        return self.scene.walls
+    @cached_property
+    def walls(self) -> tuple[Obstacle, ...] | None:
+        """The walls and solids of the scene; None: they are not known, and no metric that needs them is."""
+        return () if isinstance(self.scene, MovingWall) else obstacles(self.scene)
 
     @property
     def recording(self) -> Recording:
@@ -111,7 +112,9 @@ def measures(run: Run, ideal: Recording) -> Measures:
     up_ms, down_ms = up["delay_p50_ms"], down["delay_p50_ms"]
     delay_ms = None if up_ms is None or down_ms is None else up_ms + down_ms
     wanted = _environment(run, device)
-    error, true_error = force_error(recording, ideal), rms_difference(device, wanted) if _scalar(run.params) else None
+    error, true_error = force_error(recording, ideal), None
+    if wanted is not None and _scalar(run.params):
+        true_error = rms_difference(device, wanted)
     per_s = [(way["offered"] or 0) / (summary["duration_s"] or math.inf) for way in (up, down)]
     found = {
         "margin_J": bound + result.hand.lowest,
@@ -120,7 +123,7 @@ def measures(run: Run, ideal: Recording) -> Measures:
         "margin_later_J": None if result.hand.later is None else bound + result.hand.later,
         "hand_margin_J": hand_bound + result.hand.device_lowest,
         "actuator_margin_J": theorem["margin_J"] if isinstance(result.device, SampledDeviceSide) else None,
-        "free_rms_mm": _times(1e3, following_error(recording, np.asarray(np.count_nonzero(wanted, axis=1) == 0))),
+        "free_rms_mm": _following_mm(recording, wanted),
         "contact_rms_mm": _times(1e3, motion["contact_rms_m"]),
         "stiffness_percent": None if delay_ms is None else _stiffness_percent(run, delay_ms / 1e3),
         "force_error_N": None if error is None else error[0],
@@ -130,7 +133,7 @@ def measures(run: Run, ideal: Recording) -> Measures:
         **_dragged(run, delay_ms),
         "swing_N": residual_swing(recording),
         "buzz_N2": buzz(device),
-        "drift_mm_per_min": _times(60e3, drift(recording, walls)),
+        "drift_mm_per_min": None if walls is None else _times(60e3, drift(recording, walls)),
         **_touched(run, delay_ms),
         "peak_force_N": motion["peak_force_N"],
         "force_step_N": largest_step(device),
@@ -162,14 +165,20 @@ def _ideal(params: Params) -> Params:
     return params.set({**nothing, DEADBAND: 0.0})
 
 
-def _environment(run: Run, device: Columns) -> Array:
-    """The force of the walls that stood at each time: zero where the device is in none.
+def _following_mm(recording: Recording, wanted: Array | None) -> float | None:
+    if wanted is None:
+        return None
+    return _times(1e3, following_error(recording, np.asarray(np.count_nonzero(wanted, axis=1) == 0)))
+
+
+def _environment(run: Run, device: Columns) -> Array | None:
+    """The force of the walls that stood at each time: zero where the device is in none. None: they are not known.
 
     Springs that are no scalars are taken as rigid, which tells no more than where the walls are.
     """
     scene, walls, springs = run.scene, run.walls, _scalar(run.params)
 
-    def stiffness(wall: Wall) -> float:
+    def stiffness(wall: Obstacle) -> float:
         return ideal_stiffness(run.params, wall.stiffness) if springs else wall.stiffness
 
     if isinstance(scene, MovingWall) and scene.schedule.changes:
@@ -179,13 +188,13 @@ def _environment(run: Run, device: Columns) -> Array:
         return environment_force(
             device["position_m"], times, lambda t: () if (wall := moving.at(t)) is None else (wall,), stiffness
         )
-    return standing_force(device["position_m"], walls, stiffness)
+    return None if walls is None else standing_force(device["position_m"], walls, stiffness)
 
 
 def _dragged(run: Run, delay_ms: float | None) -> Measures:
     """Drag in free motion, and how much harder a contact is."""
     world = run.recording.world
-    if delay_ms is None or world is None:
+    if delay_ms is None or world is None or run.walls is None:
         return {"drag_N": None, "contact_to_drag": None}
     delay_s = delay_ms / 1e3
     found = drag(run.recording, run.walls, delay_s + 2.0 * float(world["step_s"].max()))
@@ -196,11 +205,12 @@ def _dragged(run: Run, delay_ms: float | None) -> Measures:
 
 def _touched(run: Run, delay_ms: float | None) -> Measures:
     """When contacts were felt, and how many were not."""
-    wall = pressed_wall(run.recording.device, run.walls)
+    walls = run.walls
     first = later = count = felt = None
-    if delay_ms is not None and (wall is None or _scalar(run.params)):
+    wall = None if walls is None else pressed_wall(run.recording.device, walls)
+    if delay_ms is not None and walls is not None and (wall is None or _scalar(run.params)):
         stiffness = 0.0 if wall is None else ideal_stiffness(run.params, wall.stiffness)
-        found = touches(run.recording, run.walls, stiffness, delay_ms / 1e3)
+        found = touches(run.recording, walls, stiffness, delay_ms / 1e3)
         first, later, count, felt = latency(found, delay_ms / 1e3)
     return {
         "first_contact_ms": _finite_ms(first),
@@ -220,9 +230,11 @@ def _scalar(params: Params) -> bool:
 
 
 def _stiffness_percent(run: Run, round_trip_s: float) -> float | None:
-    params = run.params
-    wall = pressed_wall(run.recording.device, run.walls)
-    rendered = rendered_stiffness(run.recording, run.walls, round_trip_s)
+    params, walls = run.params, run.walls
+    if walls is None:
+        return None
+    wall = pressed_wall(run.recording.device, walls)
+    rendered = rendered_stiffness(run.recording, walls, round_trip_s)
     if wall is None or not _scalar(params) or rendered is None:
         return None
     return 100.0 * rendered / ideal_stiffness(params, wall.stiffness)

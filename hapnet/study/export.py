@@ -5,38 +5,21 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Iterable
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from hapnet.errors import InvalidParameter, MissingLibrary
+from hapnet.recording.export import formats as formats
 from hapnet.recording.mcap import complete_or_absent
 from hapnet.study.journal import Journal, Row
 from hapnet.study.spec import LINK, SEED, flat_of, link_words, value_words
 
 NAME = "results"
-FORMATS = ("auto", "csv", "parquet", "both")
 TIMING = ("wall_s", "worker")
 """The last columns; only these differ between two runs of the same sweep."""
 _WORDS = (LINK, "error", "worker")
 
 Table = dict[str, list[Any]]
 """Columns by name; None where there is no value."""
-
-
-def formats(word: str) -> tuple[str, ...]:
-    """The file endings for ``auto``, ``csv``, ``parquet`` or ``both``.
-
-    Raises
-    ------
-    InvalidParameter : `word` is none of these. MissingLibrary : Parquet is asked for, but pyarrow is not installed.
-    """
-    if word not in FORMATS:
-        raise InvalidParameter("--format", word, ", ".join(FORMATS))
-    there = find_spec("pyarrow") is not None
-    if word in ("parquet", "both") and not there:
-        raise MissingLibrary(f"--format {word}", "pyarrow", "sweep")
-    return {"csv": ("csv",), "parquet": ("parquet",)}.get(word, ("csv", "parquet") if there else ("csv",))
 
 
 def table(journal: Journal) -> Table:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from math import ceil
+from textwrap import fill
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from hapnet.checks import Array
 from hapnet.metrics import METRICS
 from hapnet.metrics.contact import pressed_wall
+from hapnet.metrics.obstacles import normal_where_deepest
 from hapnet.plant.worlds.walls import Wall
 from hapnet.report.style import MM, STYLE
 from hapnet.study.case import Run, simulated, was_passive
@@ -32,6 +34,7 @@ _OUT = (
 _DASHED = (0, (3, 1.2))
 _SHOWN_S = 5.0
 _COLUMNS = 2
+_STORY = 100  # characters of a line that the figure's width holds
 _WIDTH_MM, _TOP_MM, _CELL_MM, _BOTTOM_MM = 180.0, 6.0, 56.0, 14.0
 _SHADE: dict[str, Any] = {"facecolor": "#fcbba1", "edgecolor": "#cb181d", "hatch": "////", "alpha": 0.5, "lw": 0}
 
@@ -44,14 +47,15 @@ def traces(plan: Plan, cases: Sequence[Case]) -> Figure:
     """
     runs = [simulated(case.params, case.seed) for case in cases]
     direction, surface_mm = _along(runs[0])
-    curves = [_curves(run, direction) for run in runs]
     about = cases[0]
+    shown = min(_SHOWN_S, about.params.duration_s)
+    curves = [_curves(run, direction, shown) for run in runs]
     rows = ceil(len(runs) / _COLUMNS)
     with _style():
         fig = _figure(_TOP_MM + _CELL_MM * rows + _BOTTOM_MM, layout=None)
-        shown = min(_SHOWN_S, about.params.duration_s)
         title = (
-            f"{about.operator} over {about.link}, seed {about.seed}, first {shown:g} s: one in colour, others in grey"
+            f"the same hand ({about.operator}) over {about.link}, seed {about.seed}: the first {shown:g} s with each "
+            "coupling; in grey the others"
         )
         fig.suptitle(title, fontsize=9, y=1.0 - 2.0 / _height_mm(fig), va="top", parse_math=False)
         fig.legend(handles=_legend(surface_mm), loc="lower center", ncols=3, fontsize=8)
@@ -79,7 +83,7 @@ def traces(plan: Plan, cases: Sequence[Case]) -> Figure:
             else:
                 bottom.tick_params(labelbottom=False)
         for panel in fig.axes:
-            panel.set_xlim(0.0, min(_SHOWN_S, about.params.duration_s))
+            panel.set_xlim(0.0, shown)
     return fig
 
 
@@ -119,8 +123,52 @@ def tradeoff(plan: Plan, outcomes: Sequence[Outcome]) -> Figure:
         _axes(panels, links, _bound_mJ(outcomes), max(_out_mJ(outcomes), default=0.0))
         fig.supxlabel(_OUT, fontsize=8)
         marks = [panels[0][0].plot([], [], label=str(one), **_mark(plan, one))[0] for one in plan.variants]
-        fig.legend(handles=marks, loc="outside upper center", ncols=min(4, len(marks)), fontsize=8)
+        told = story(plan, outcomes)  # as the legend's title: a figure's own title would lie on the legend
+        legend = fig.legend(
+            handles=marks,
+            loc="outside upper center",
+            ncols=_columns(plan.variants),
+            fontsize=8,
+            title=told,
+            title_fontsize=9,
+        )
+        legend.get_title().set(multialignment="center", parse_math=False)
     return fig
+
+
+def story(plan: Plan, outcomes: Sequence[Outcome]) -> str:
+    """What the figure of all cases shows, in one or two lines: who was passive, and who of them felt most true."""
+    lost: dict[str, list[str]] = {}
+    errors: dict[str, list[float]] = {}
+    for variant in plan.variants:
+        for link in plan.links:
+            ours = [one.measures for one in outcomes if (one.case.variant, one.case.link) == (variant, link)]
+            if not all(was_passive(measures) for measures in ours if measures):
+                lost.setdefault(str(variant), []).append(link)
+            found = [value for m in ours if m and (value := m["true_force_error_percent"]) is not None]
+            if found:
+                errors.setdefault(str(variant), []).append(float(np.median(found)))
+    kept = {name: values for name, values in errors.items() if name not in lost}
+    who, lines = "", ["every coupling was passive in all cases"]
+    if lost:
+        who = "of the others "
+        lines = [f"not passive in all cases: {', '.join(f'{name} ({_some(links)})' for name, links in lost.items())}"]
+    if kept:
+        best = min(kept, key=lambda name: max(kept[name]))
+        low, high = min(kept[best]), max(kept[best])
+        spread = f"{low:.2g} %" if f"{low:.2g}" == f"{high:.2g}" else f"{low:.2g} to {high:.2g} %"
+        lines.append(f"{who}{best} has the least force error: {spread} (a link's median)")
+    return "\n".join(fill(line, _STORY) for line in lines)
+
+
+def _columns(variants: Sequence[Variant]) -> int:
+    """How many of their names have room side by side, with a mark each."""
+    widths = [len(str(one)) + 7 for one in variants]
+    return len(widths) if sum(widths) <= _STORY + 10 else max(1, min(len(widths), _STORY // max(widths)))
+
+
+def _some(links: Sequence[str]) -> str:
+    return ", ".join(links) if len(links) <= 3 else f"{len(links)} links"
 
 
 def _axes(panels: Any, links: Sequence[str], bound: float, most: float) -> None:
@@ -210,22 +258,25 @@ def _legend(surface_mm: float | None) -> list[Any]:
 
 def _along(run: Run) -> tuple[Array, float | None]:
     """The direction along which to draw (n,), and the position of the wall's surface on it [mm]."""
-    wall: Wall | None = pressed_wall(run.recording.device, run.walls)
-    if wall is not None:
-        return np.array(wall.normal), 1e3 * wall.offset
-    assert run.recording.device is not None
-    return np.eye(run.recording.device["position_m"].shape[1])[0], None
+    device = run.recording.device
+    assert device is not None
+    wall = pressed_wall(device, run.walls or ())
+    if wall is None:
+        return np.eye(device["position_m"].shape[1])[0], None
+    normal = normal_where_deepest(wall, device["position_m"])
+    return np.array(normal), 1e3 * wall.offset if isinstance(wall, Wall) else None
 
 
-def _curves(run: Run, direction: Array) -> Mapping[str, tuple[Array, Array]]:
+def _curves(run: Run, direction: Array, until_s: float) -> Mapping[str, tuple[Array, Array]]:
     """Times [s] and values of the curves: positions [mm], and the force that resists the hand [N]."""
     device, world = run.recording.device, run.recording.world
     assert device is not None
     assert world is not None
+    felt, moved = device["time_s"] <= until_s, world["time_s"] <= until_s
     return {
-        "device": (device["time_s"], 1e3 * (device["position_m"] @ direction)),
-        "proxy": (world["time_s"], 1e3 * (world["position_m"] @ direction)),
-        "force": (device["time_s"], -(device["force_N"] @ direction)),
+        "device": (device["time_s"][felt], 1e3 * (device["position_m"][felt] @ direction)),
+        "proxy": (world["time_s"][moved], 1e3 * (world["position_m"][moved] @ direction)),
+        "force": (device["time_s"][felt], -(device["force_N"][felt] @ direction)),
     }
 
 

@@ -56,7 +56,8 @@ def draw(grid: Grid, stat: str | None = None, where: Sequence[str] = (), name: s
     with matplotlib.rc_context(STYLE):
         fig = Figure(figsize=(180 * MM, (45 + 9 * rows) * MM), dpi=150, layout="constrained")
         FigureCanvasAgg(fig)
-        fig.suptitle(_title(grid, f"{stat} of {label.partition(' [')[0]}", where, name), fontsize=9, parse_math=False)
+        title = [_title(grid, f"{stat} of {label.partition(' [')[0]}", where, name), *_extremes(grid, figures, label)]
+        fig.suptitle("\n".join(title), fontsize=9, parse_math=False)
         panel = fig.add_subplot()
         if grid.y is None:
             _draw_line(panel, grid, figures, stat, label, scale)
@@ -249,3 +250,18 @@ def _title(grid: Grid, what: str, where: Sequence[str], name: str) -> str:
     over = f" over {', '.join(grid.over)}" if grid.over else ""
     words = f"{name}: {what}{over}" if name else f"{what}{over}"
     return "\n".join(textwrap.wrap(", ".join([words, f"where {', '.join(where)}"] if where else [words]), 105))
+
+
+def _extremes(grid: Grid, figures: dict[tuple[int, int], float], label: str) -> list[str]:
+    """Where the least and the greatest figure are, in a line or two; nothing if all are the same."""
+    if not figures or min(figures.values()) == max(figures.values()):
+        return []
+    unit = label.partition(" [")[2].rstrip("]")
+
+    def told(word: str, place: tuple[int, int]) -> str:
+        axes = [(grid.x, place[0])] + ([] if grid.y is None else [(grid.y, place[1])])
+        at = ", ".join(f"{axis.name} {axis.words[index]}" for axis, index in axes)
+        return f"{word} {figures[place]:.3g} {unit}".rstrip() + f" at {at}"
+
+    least, most = min(figures, key=figures.__getitem__), max(figures, key=figures.__getitem__)
+    return textwrap.wrap(f"{told('least', least)}; {told('most', most)}", 105)

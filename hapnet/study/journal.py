@@ -64,7 +64,8 @@ class Journal:
     """
 
     def __init__(self, path: Path, connection: sqlite3.Connection, lock: int | None) -> None:
-        self.path, self._db, self._lock = path, connection, lock
+        self.path: Path = path
+        self._db, self._lock = connection, lock
         about = {name: json.loads(value) for name, value in self._db.execute("SELECT name, value FROM about")}
         if about.get("format") != FORMAT:
             raise HapnetError(f"{path} has format {about.get('format')}, of another hapnet version; allowed: {FORMAT}")

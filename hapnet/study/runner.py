@@ -59,7 +59,7 @@ class Sweep:
         self._case_s: float | None = None
         self._fresh: list[CaseResult] = []
         self._committed_s = clock()
-        self.done = journal.count()[1]
+        self.done: int = journal.count()[1]
 
     def run(self) -> None:
         """Run all these cases. However this ends, the results of all finished cases are in the journal.

@@ -59,21 +59,11 @@ class Search:
     """
 
     def __init__(self, spec: TuneSpec, journal: Journal) -> None:
-        self.spec, self._journal = spec, journal
+        self.spec: TuneSpec = spec
+        self._journal = journal
         self.trials: list[Trial] = []
         self.defaults: tuple[Trial, Trial] | None = None
         self._score: Trial | None = None
-
-    @property
-    def most(self) -> int:
-        """The greatest number of cases."""
-        tuned, scored = (len(cases) for cases in base(self.spec))
-        return (self.spec.trials + (not self._default_is_tried)) * tuned + 2 * scored
-
-    @property
-    def _default_is_tried(self) -> bool:
-        """Are the defaults the first trial? They may be outside of the ranges, such as a 0 for "by a rule"."""
-        return all(one.default in one for one in self.spec.space)
 
     def rounds(self) -> Iterator[None]:
         """At each step the journal's cases without a result must be run before the next step."""
@@ -84,7 +74,7 @@ class Search:
         self.defaults = self._trial(defaults, tuned), self._trial(defaults, scored)
         for number, start in enumerate(range(0, spec.trials, spec.generation)):
             size = min(spec.generation, spec.trials - start)
-            known = [defaults] if number == 0 and self._default_is_tried else []
+            known = [defaults] if number == 0 and _default_is_tried(spec) else []
             earlier = list(zip([one.values for one in self.trials], self.verdicts(), strict=True))
             fresh = propose(spec.space, earlier, size - len(known), (spec.seed, number), 2 * spec.generation)
             generation = [(values, spec.tuning_cases(values)) for values in (*known, *fresh)]
@@ -131,6 +121,17 @@ class Search:
 def base(spec: TuneSpec) -> tuple[list[Case], list[Case]]:
     """The cases with the default values: to tune, and to score on. They are in every journal of this spec."""
     return spec.tuning_cases(spec.defaults), spec.scoring_cases(spec.defaults)
+
+
+def most_cases(spec: TuneSpec) -> int:
+    """The greatest number of cases that a search may need."""
+    tuned, scored = (len(cases) for cases in base(spec))
+    return (spec.trials + (not _default_is_tried(spec))) * tuned + 2 * scored
+
+
+def _default_is_tried(spec: TuneSpec) -> bool:
+    """Are the defaults the first trial? They may be outside of the ranges, such as a 0 for "by a rule"."""
+    return all(one.default in one for one in spec.space)
 
 
 def judge(spec: TuneSpec, trials: Sequence[Trial]) -> list[Verdict]:

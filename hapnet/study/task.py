@@ -38,10 +38,11 @@ class CaseResult:
 def run(task: Task) -> list[CaseResult]:
     """Run the cases of `task`. An error in a case becomes the result of that case."""
     worker = f"{socket.gethostname()}:{os.getpid()}"
-    return [_run(task.fixed, case, worker) for case in task.cases]
+    return [run_case(task.fixed, case, worker) for case in task.cases]
 
 
-def _run(fixed: Values, case: Case, worker: str) -> CaseResult:
+def run_case(fixed: Values, case: Case, worker: str = "") -> CaseResult:
+    """Run one case. An error in it becomes its result."""
     began = time.perf_counter()
     measures: Measures = {}
     error = None

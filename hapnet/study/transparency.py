@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from math import inf, pi
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from hapnet.params import RELAXED_HAND, Params
@@ -43,11 +45,15 @@ def run(tasks: Sequence[Task], progress: Callable[[float], None]) -> list[Transm
     found: list[Transmission | ZWidth] = []
     for done, task in enumerate(tasks):
         progress(done / len(tasks))
-        if task.hand is None:
-            found.append(impedance.transmission(task.params, task.seed))
-        else:
-            found.append(z_width(task.params.set(HANDS[task.hand]), Z_SEEDS))
+        found.append(run_one(task))
     return found
+
+
+def run_one(task: Task) -> Transmission | ZWidth:
+    """Do this task."""
+    if task.hand is None:
+        return impedance.transmission(task.params, task.seed)
+    return z_width(task.params.set(HANDS[task.hand]), Z_SEEDS)
 
 
 def as_dict(curves: dict[tuple[str, str], Curve], widths: dict[tuple[str, str, str], ZWidth]) -> dict[str, Any]:
@@ -94,7 +100,9 @@ def draw(curves: dict[tuple[str, str], Curve]) -> Figure:
             any_of = next(iter(shown.values()))
             for axis, truth in ((above, [z.real for z in any_of.truth]), (below, _damping(any_of))):
                 axis.semilogx(any_of.frequency_hz, truth, "k--", label="true wall, through the springs")
-            above.set_title(link, parse_math=False)
+            best, off = min(((name, _off(one)) for name, one in shown.items()), key=itemgetter(1))
+            said = f"{link}: {best} shows the wall's stiffness within {100.0 * off:.2g} %"
+            above.set_title("\n".join(textwrap.wrap(said, 100 // len(links))), parse_math=False)
             below.set_xlabel("frequency [Hz]")
             below.set_xlim(any_of.frequency_hz[0], MOST_HZ)
             below.set_xticks(TICKS_HZ, map(str, TICKS_HZ))
@@ -106,6 +114,12 @@ def draw(curves: dict[tuple[str, str], Curve]) -> Figure:
         handles, labels = axes[0][0].get_legend_handles_labels()
         made.legend(handles, labels, loc="outside lower center", ncols=5)
     return made
+
+
+def _off(found: Curve) -> float:
+    """By how much the median stiffness differs from the true wall's, at most, as a share of that."""
+    pairs = zip(found.stiffness, found.truth, strict=True)
+    return max((abs(one.median - z.real) / z.real for one, z in pairs if z.real > 0.0), default=inf)
 
 
 def _line(axis: Axes, x: Sequence[float], values: Sequence[Spread], colour: str, label: str) -> None:

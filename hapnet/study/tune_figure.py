@@ -45,6 +45,8 @@ def draw(search: Search) -> Figure:
         fig = Figure(figsize=(180 * MM, (_TOP_MM + _CELL_MM * rows) * MM), dpi=150, layout="constrained")
         FigureCanvasAgg(fig)
         title = f"{spec.name}: {' + '.join(map(str, spec.goal.terms))}"
+        if search.best is not None and math.isfinite(default := _default_cost(search)):
+            title += f": {_shown(search)[search.best]:.3g} with what was chosen, {default:.3g} with the defaults"
         fig.suptitle("\n".join(textwrap.wrap(title, _TITLE)), fontsize=9, parse_math=False)
         layout = fig.add_gridspec(1 + rows, _COLUMNS, height_ratios=[_TOP_MM, *[_CELL_MM] * rows])
         top = fig.add_subplot(layout[0, :])

@@ -14,6 +14,7 @@ from hapnet.side.endpoint import NANO, ControlHalf
 from hapnet.side.world import WorldSide
 from hapnet.summary import path as paths
 from hapnet.summary.structure import (
+    DriverPart,
     Energy,
     Environment,
     EnvironmentPart,
@@ -45,8 +46,9 @@ _HELD = (
     "force",
     "hand_work_J",
     "stopped",
+    "driver",
 )
-"""The entries about held torques, the simulated hand and a stopped force."""
+"""The entries about held torques, the simulated hand, a stopped force and a real device."""
 
 
 def device_summary(side: DeviceSide, coupling_name: str, servo: Mapping[str, Any] | None = None) -> SidePart:
@@ -64,6 +66,7 @@ def _held(side: DeviceSide) -> SidePart:
     result = _nothing_held()
     result["hand_work_J"] = side.hand_work if side.simulated else None
     result["stopped"] = _stopped(side)
+    result["driver"] = cast(DriverPart | None, side.driver_figures())
     if side.origin_ns is not None:
         result["force"] = "applied" if side.applied else "commanded"
     figures = side.held_forces()
@@ -80,8 +83,8 @@ def _stopped(side: DeviceSide) -> Stopped | None:
     """When and why the device's force was stopped for good."""
     if side.stopped is None or side.origin_ns is None:
         return None
-    at_ns, why = side.stopped
-    return {"after_s": round((at_ns - side.origin_ns) * NANO, 3), "why": why}
+    at_ns, why, asked = side.stopped
+    return {"after_s": round((at_ns - side.origin_ns) * NANO, 3), "why": why, "asked": asked}
 
 
 def unknown_device() -> SidePart:

@@ -123,10 +123,22 @@ class Step(TypedDict):
 
 
 class Stopped(TypedDict):
-    """When and why the device's force was stopped for good."""
+    """When and why the device's force was stopped for good. `asked` : somebody wanted it, and the account is exact."""
 
     after_s: Number
     why: str | None
+    asked: bool | None
+
+
+class DriverPart(TypedDict):
+    """A real device: how many readings were missed, how often and for how long that was a silence, and how long heat
+    limited its force."""
+
+    name: str | None
+    missed: Count
+    silences: Count
+    silent_s: Number
+    hot_s: Number
 
 
 class SidePart(TypedDict, total=False):
@@ -167,6 +179,7 @@ class SidePart(TypedDict, total=False):
     force: str | None
     hand_work_J: Number
     stopped: Stopped | None
+    driver: DriverPart | None
 
 
 class Flow(TypedDict):

@@ -91,6 +91,11 @@ def _stop(summary: Summary) -> str | None:
     return f"the device's force was stopped after {stop['after_s']} s: {stop['why']}"
 
 
+def _was_asked(summary: Summary) -> bool:
+    device = summary["device"]
+    return device is not None and (stop := device["stopped"]) is not None and stop["asked"] is True
+
+
 def restarted(*sides: SidePart | None) -> bool:
     """Has one of these sides had more than one peer?"""
     return any((side.get("incarnations") or 0) > 1 for side in sides if side is not None)
@@ -226,7 +231,7 @@ def _doubts(summary: Summary) -> Iterator[str]:
             yield f"the {side} gave out {_milli(deficit)} mJ that its reservoir did not have"
         if silent_s is not None and silent_s > UNANSWERED_S:
             yield f"the {side}'s energy stream is dead: nothing of it was acknowledged for {silent_s:.1f} s"
-    if (line := _stop(summary)) is not None:
+    if (line := _stop(summary)) is not None and not _was_asked(summary):
         yield line
     if (device := summary["device"]) is not None:
         yield from _doubts_of_device(device, margin)

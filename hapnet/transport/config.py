@@ -83,6 +83,9 @@ def zenoh_config(settings: ZenohSettings) -> zenoh.Config:
     if settings.mode is not None and settings.mode not in _MODES:
         raise InvalidParameter("mode", settings.mode, "one of " + ", ".join(_MODES))
     for name, endpoints in (("connect", settings.connect), ("listen", settings.listen)):
+        given: object = endpoints
+        if isinstance(given, str):
+            raise InvalidParameter(name, given, f"a tuple of endpoints: ({given!r},)")
         for endpoint in endpoints:
             _check_endpoint(name, endpoint)
     settings.security.check()

@@ -106,6 +106,11 @@ class ConnectionDiagnosis:
             self._thread.start()
         return self._answer
 
+    def close(self) -> None:
+        """Wait for a probe that is being made, a few seconds at most."""
+        if self._thread is not None:
+            self._thread.join(2.0 * PROBE_S)
+
     def _ask(self) -> None:
         with contextlib.suppress(HapnetError):  # the settings were checked, but a file may be gone since then
             self._answer = why_unanswered(self._settings, PROBE_S) or ""

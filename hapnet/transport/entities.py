@@ -9,6 +9,9 @@ import zenoh
 
 KINDS = ("position", "energy", "control")
 
+SIGNALS = "signals"
+"""The key of values beside the stream. It is silent where there are none, so nobody watches it as those of `KINDS`."""
+
 TELEMETRY = "telemetry"
 """What a side publishes on a separate key, for others and not for its peer."""
 
@@ -16,6 +19,7 @@ _PRIORITY = {
     "position": zenoh.Priority.REAL_TIME,
     "energy": zenoh.Priority.INTERACTIVE_HIGH,
     "control": zenoh.Priority.INTERACTIVE_LOW,
+    SIGNALS: zenoh.Priority.DATA,
     TELEMETRY: zenoh.Priority.BACKGROUND,
 }
 

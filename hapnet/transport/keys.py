@@ -56,7 +56,9 @@ class KeyWatch:
         self._sent_ns[kind] = now_ns
 
     def heard(self, kind: str, now_ns: int) -> None:
-        """Something came on the key."""
+        """Something came on the key; one that is not watched does not matter."""
+        if kind not in self._heard_ns:
+            return
         self._heard_ns[kind] = now_ns
         self._in_vain[kind] = 0
         self._patience[kind] = IN_VAIN

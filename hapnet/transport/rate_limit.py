@@ -16,7 +16,7 @@ class RateLimiter:
         self._span_ns = self._cost_ns * burst
         self._paid_ns = 0  # at this time the allowed rate has caught up with the messages so far
         self._lock = threading.Lock()
-        self.refused = 0
+        self.refused: int = 0
         """Messages that were not let through."""
 
     def admit(self, now_ns: int) -> bool:

@@ -42,7 +42,7 @@ class Subscription:
         self._keys, self._on_message = keys, on_message
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._main, name="subscription", daemon=True)
-        self.problem = ""
+        self.problem: str = ""
 
     @property
     def where(self) -> str:

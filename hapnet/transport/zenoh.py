@@ -27,8 +27,8 @@ import zenoh
 from hapnet.errors import InvalidParameter, TransportError
 from hapnet.transport.config import ZenohSettings, may_lose, reason, where, zenoh_config
 from hapnet.transport.entities import KINDS as KINDS
+from hapnet.transport.entities import SIGNALS, call, direct, publisher
 from hapnet.transport.entities import TELEMETRY as TELEMETRY
-from hapnet.transport.entities import call, direct, publisher
 from hapnet.transport.keys import WATCH_NS, KeyWatch, any_node, key_expressions
 from hapnet.transport.probe import PROBE, answer_probes
 from hapnet.transport.rate_limit import RateLimiter
@@ -47,6 +47,7 @@ LOOK_EVERY_NS = 1_000_000_000
 """How often a side that does not see the other one looks for processes that play its own role [ns]."""
 
 _MOST_ANSWERS = 16
+_ALL = (*KINDS, SIGNALS, TELEMETRY)
 
 REOPEN_EVERY_S = 0.5
 """Time between two attempts to reopen a lost session [s]."""
@@ -123,18 +124,18 @@ class ZenohTransport:
         self._token: zenoh.LivelinessToken | None = None
         self._partners: set[str] = set()
         self._clients: set[str] = set()
-        self._changed, self._closed = asyncio.Event(), asyncio.Event()
+        self._changed = asyncio.Event()
         self._keeper: threading.Thread | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
-        self.failed_puts = 0
+        self.failed_puts: int = 0
         self.callback_errors = 0
-        self.reopened = 0
-        self.declared_again = 0
-        self.doubled = False
+        self.reopened: int = 0
+        self.declared_again: int = 0
+        self.doubled: bool = False
         self._answers: zenoh.handlers.Handler[zenoh.Reply] | None = None
         self._look_ns = 0
         scale = min(max(1.0, rate_hz / KILOHERTZ), 20.0)  # no servo is faster than 20 kHz
-        self.rate_limiter = RateLimiter(round(scale * MOST_HZ), round(scale * MOST_AT_ONCE))
+        self.rate_limiter: RateLimiter = RateLimiter(round(scale * MOST_HZ), round(scale * MOST_AT_ONCE))
 
     async def open(self) -> None:
         """Open, once. A peer returns within a second, connected or not; a client returns when its router answers.
@@ -155,13 +156,16 @@ class ZenohTransport:
 
     async def close(self, timeout_s: float = 2.0) -> bool:
         """Close for good; False if Zenoh did not finish in time (with loss it can take 10 s, in the background)."""
+        return await asyncio.to_thread(self.shut, timeout_s)
+
+    def shut(self, timeout_s: float = 2.0) -> bool:
+        """As `close`, on a thread that may wait."""
         self._closing.set()
-        try:
-            if self._keeper is not None:
-                await asyncio.wait_for(self._closed.wait(), timeout_s)
-        except TimeoutError:
-            self._warn(f"Zenoh did not close within {timeout_s:g} s")
-            return False
+        if self._keeper is not None:
+            self._keeper.join(timeout_s)
+            if self._keeper.is_alive():
+                self._warn(f"Zenoh did not close within {timeout_s:g} s")
+                return False
         return True
 
     def put(self, kind: str, data: bytes) -> bool:
@@ -170,13 +174,13 @@ class ZenohTransport:
         if publisher is not None:
             try:
                 publisher.put(data)
-                if kind != TELEMETRY:
+                if kind in KINDS:
                     self._watch.sent(kind, time.monotonic_ns())
                 return True
             except zenoh.ZError:
                 pass
-        elif kind not in (*KINDS, TELEMETRY):
-            raise InvalidParameter("kind", kind, "one of " + ", ".join((*KINDS, TELEMETRY)))
+        elif kind not in _ALL:
+            raise InvalidParameter("kind", kind, "one of " + ", ".join(_ALL))
         with self._lock:
             self.failed_puts += 1
         return False
@@ -238,7 +242,6 @@ class ZenohTransport:
                 self._look_for_doubles(time.monotonic_ns())
             self._disconnect()
         atexit.unregister(self._at_exit)
-        self._post(self._closed.set)
 
     def _keep_keys(self, session: zenoh.Session) -> bool:
         """Send keep-alives, and declare again if a key is silent; False if only another session can help."""
@@ -307,17 +310,15 @@ class ZenohTransport:
             self._answers = session.liveliness().get(self._doubles, look, timeout=LOOK_EVERY_NS * 1e-9)
 
     def _at_exit(self) -> None:
-        self._closing.set()
-        if self._keeper is not None:
-            self._keeper.join(EXIT_TIMEOUT_S)
+        self.shut(EXIT_TIMEOUT_S)
 
     def _connect(self) -> None:
         session = self._open_session()
         try:
             # no history: it would panic with transport/unicast/lowlatency
             session.info.declare_transport_events_listener(direct(self._on_link), history=False)
-            publishers = {kind: publisher(session, f"{self._mine}/{kind}", kind) for kind in (*KINDS, TELEMETRY)}
-            for kind in KINDS:
+            publishers = {kind: publisher(session, f"{self._mine}/{kind}", kind) for kind in _ALL}
+            for kind in (*KINDS, SIGNALS):
                 session.declare_subscriber(f"{self._theirs}/{kind}", direct(self._receiver(kind)))
             answer_probes(session, f"{self._theirs}/{PROBE}", f"{self._mine}/{PROBE}")
             with self._lock:

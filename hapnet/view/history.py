@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from hapnet.checks import Array, Vector
 from hapnet.mechanics.plane import Plane
+from hapnet.plant.worlds.picture import Part
+from hapnet.recording.drawing import Drawing, SceneSample, unpack
 from hapnet.recording.samples import DeviceSample, Event, WorldSample
 from hapnet.recording.telemetry import KnownPlanes, Status, Telemetry
 from hapnet.view.account import Account
@@ -66,7 +68,7 @@ class Snapshot:
     `margin_J` is the sum of both sides' present margins, `least_margin_J` its least value since the episode began, and
     `later_margin_J` that after the first second. `account` is the basis of the verdict. `taken` counts all samples that
     came from either side, so that silence differs from rest. `planes` are those that the device knows; None: it is told
-    none. `past` are the pairs before this one, the newest last.
+    none. `past` are the pairs before this one, the newest last. `parts` and `scene` are what the world looks like.
     """
 
     device: Track | None
@@ -82,6 +84,8 @@ class Snapshot:
     account: Mapping[str, Any] | None = None
     planes: tuple[Plane, ...] | None = None
     past: tuple[Episode, ...] = ()
+    parts: tuple[Part, ...] | None = None
+    scene: SceneSample | None = None
 
 
 class History:
@@ -105,6 +109,9 @@ class History:
         self._planes: tuple[Plane, ...] | None = None
         self._past: list[Episode] = []
         self._events: list[Event] = []
+        self._drawing: Drawing | None = None
+        self._parts: tuple[Part, ...] | None = None
+        self._scene: SceneSample | None = None
         self._taken = 0
 
     def take(self, message: Telemetry) -> None:
@@ -122,6 +129,11 @@ class History:
                 self._take_status(message)
             elif isinstance(message, KnownPlanes):
                 self._planes = message.planes
+            elif isinstance(message, SceneSample):
+                self._scene = message
+                self._taken += 1
+            elif isinstance(message, Drawing):
+                self._draw(message)
             else:
                 self._events = [*self._events, message][-MOST_EVENTS:]
 
@@ -145,7 +157,15 @@ class History:
                 self._account.summary(next((one.about.get("coupling") for one in statuses if one), None)),
                 self._planes,
                 tuple(self._past),
+                self._parts,
+                self._scene,
             )
+
+    def _draw(self, drawing: Drawing) -> None:
+        """The same drawing comes again and again; it is unpacked once, so that a page sees that it is the same."""
+        if self._drawing is None or self._drawing.data != drawing.data:
+            self._parts = unpack(drawing.data)
+        self._drawing = drawing
 
     def _sample(self, role: Role, sample: DeviceSample | WorldSample, vectors: Vector, penetration: float) -> None:
         dof = len(sample.position_m)
@@ -168,6 +188,9 @@ class History:
                 self._past = [*self._past, Episode(coupling, feel, account)][-MOST_EPISODES:]
             self._rings[status.role] = None
             self._planes = None
+            self._scene = None
+            if _scene_of(before) != _scene_of(status):
+                self._drawing = self._parts = None
             self._account.begin(status.role)
 
 
@@ -215,6 +238,11 @@ def coupled(status: Status | None) -> tuple[str, str]:
     params = about.get("params")
     feel = params.get("feel", "") if isinstance(params, Mapping) else ""
     return str(about.get("coupling", "")), str(feel)
+
+
+def _scene_of(status: Status) -> tuple[object, object]:
+    params = status.about.get("params")
+    return status.about.get("scene"), params.get("scene") if isinstance(params, Mapping) else None
 
 
 def _same_clock(a: Status | None, b: Status | None) -> bool:

@@ -37,7 +37,7 @@ class LinkForm:
         self._lock = threading.Lock()
         self._profile = LinkProfile()
         self._followed, self._changed_s = "", -SETTLED_S
-        self.folder = gui.add_folder(label)
+        self.folder: viser.GuiFolderHandle = gui.add_folder(label)
         with self.folder:
             self._preset = gui.add_dropdown(
                 "preset", (*PRESETS, CUSTOM), initial_value="ideal", hint="typical links; figures are one way"

@@ -7,17 +7,23 @@ from typing import Any
 import viser
 
 from hapnet.checks import Vector
+from hapnet.plant.worlds.picture import Part
+from hapnet.plant.worlds.rigid import parts_of_words
 from hapnet.recording.telemetry import Status
 from hapnet.view.controls import Controls
 from hapnet.view.history import History, Snapshot
 from hapnet.view.panel import ABOUT, ControlPanel, Numbers
 from hapnet.view.plots import Plots
 from hapnet.view.scene import Scene
+from hapnet.view.troubles import Troubles
 
 SILENT_S = 0.7
 """The page reports a silence after this time without a sample [s]."""
 
 PLOTTED_S = 10.0
+
+_WIDTHS, _NARROW = (290, 370), (250, 240)  # of the two panels [pixels]
+_NARROW_BELOW = 1100  # in windows of a smaller width the panels are narrow, or little is left for the scene [pixels]
 
 
 class Page:
@@ -33,50 +39,65 @@ class Page:
         self._history = history
         self._controls = controls
         self._scene: Scene | None = None
-        self._drawn: tuple[int, Any, str, object] | None = None  # the axes, walls, solids for which the scene was made
+        self._drawn: tuple[int, Any, str, object] | None = None  # the axes, walls, words for which the scene was made
+        self._parts: tuple[Part, ...] | None = None
         self._taken, self._heard_s = 0, -1e9
+        self._troubles = Troubles()
         self._starting_from: tuple[int | None, int | None] | None = None
         self._origin: Vector = ()
         gui = server.gui
         gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
         gui.set_panel_label("hapnet")
         self._numbers = Numbers(gui)
+        front = gui.add_button("from the front", icon=viser.Icon.EYE, color="gray", hint="turn the view back")
         self._panel = None if controls is None else ControlPanel(gui, controls, self._lead, self._start_anew)
         with gui.add_folder("what am I looking at?", expand_by_default=False):
             gui.add_markdown(ABOUT)
         gui.main_panel.dock_left()
-        gui.main_panel.set_width(290)
+        gui.main_panel.set_width(_WIDTHS[0])
         panel = gui.add_panel()
         with panel.add_tab("last 10 s", viser.Icon.CHART_LINE):
             self._plots = Plots(gui, PLOTTED_S)
         panel.dock_right()
-        panel.set_width(370)
+        panel.set_width(_WIDTHS[1])
 
         @server.on_client_connect
         def _(client: viser.ClientHandle) -> None:
             self._plots.fit(client.camera.image_height)
+            if client.camera.image_width < _NARROW_BELOW:
+                gui.main_panel.set_width(_NARROW[0])
+                panel.set_width(_NARROW[1])
+
+        @front.on_click
+        def _(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+            if event.client is not None and self._scene is not None:
+                self._scene.look(event.client.camera)
 
     def draw_scene(self, now_s: float) -> None:
-        """Draw the 3-D part; to be called some 30 times a second."""
+        """Draw the 3-D part; to be called some 60 times a second."""
         snapshot = self._history.snapshot()
         if snapshot.taken == self._taken:
             return
         self._taken, self._heard_s = snapshot.taken, now_s
         if (track := snapshot.device or snapshot.world) is None:
             return
-        wanted = track.position_m.shape[1], self._surfaces(snapshot), _wall_name(snapshot), _scene_name(snapshot)
-        if self._scene is None or self._drawn != wanted:
+        words = None if snapshot.parts or _drawing_comes(snapshot) else _scene_name(snapshot)
+        wanted = track.position_m.shape[1], self._surfaces(snapshot), _wall_name(snapshot), words
+        if self._scene is None or self._drawn != wanted or self._parts is not snapshot.parts:
             lead = None if self._controls is None else self._lead
-            self._scene, self._drawn = Scene(self._server, *wanted[:2], lead, *wanted[2:]), wanted
-            self._origin = (0.0,) * wanted[0]
+            dof, surfaces, wall_name, _ = wanted
+            parts = snapshot.parts or parts_of_words(words)
+            self._scene = Scene(self._server, dof, surfaces, lead, wall_name, parts)
+            self._drawn, self._parts = wanted, snapshot.parts
+            self._origin = (0.0,) * dof
         self._scene.update(snapshot)
 
     def draw_rest(self, now_s: float) -> None:
         """Draw plots, numbers and controls; to be called some 4 times a second."""
         snapshot = self._history.snapshot()
         with self._server.atomic():
-            self._numbers.update(snapshot, self._state(snapshot, now_s))
-            self._plots.update(snapshot, self._surfaces(snapshot))
+            self._numbers.update(snapshot, self._state(snapshot, now_s), self._troubles.now(snapshot, now_s))
+            self._plots.update(snapshot, [] if _moves(snapshot) else self._surfaces(snapshot))
             if self._panel is not None:
                 self._panel.update(snapshot)
 
@@ -116,10 +137,20 @@ def _scene_name(snapshot: Snapshot) -> object:
     return None if status is None else status.about.get("scene")
 
 
+def _drawing_comes(snapshot: Snapshot) -> bool:
+    """Will the world tell what it looks like? Older ones do not."""
+    begins = snapshot.world_status is not None and snapshot.world is None
+    return snapshot.parts is None and (begins or snapshot.scene is not None)
+
+
 def _wall_name(snapshot: Snapshot) -> str:
     """A wall that moves is drawn where it was at the start."""
-    status = snapshot.world_status or snapshot.device_status
-    return "wall at the start" if status is not None and status.about.get("scene") == "moving" else "wall"
+    return "wall at the start" if _moves(snapshot) else "wall"
+
+
+def _moves(snapshot: Snapshot) -> bool:
+    """Does the scene's wall move? Where it is now is not told here."""
+    return _scene_name(snapshot) == "moving"
 
 
 def _incarnations(snapshot: Snapshot) -> tuple[int | None, int | None]:

@@ -48,11 +48,11 @@ class Numbers:
     """The measured numbers, in a few lines, in the container that is open when this is made."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
-        self._html = gui.add_html(_table(Snapshot(None, None, None, None, False, None, None, (), 0), "waiting"))
+        self._html = gui.add_html(_table(Snapshot(None, None, None, None, False, None, None, (), 0), "waiting", ()))
 
-    def update(self, snapshot: Snapshot, state: str) -> None:
-        """Show the snapshot. `state` : in a word or two, what the pair does."""
-        content = _table(snapshot, state)
+    def update(self, snapshot: Snapshot, state: str, troubles: Iterable[str] = ()) -> None:
+        """Show the snapshot. `state` : in a word or two, what the pair does. `troubles` : what is wrong with it now."""
+        content = _table(snapshot, state, troubles)
         if content != self._html.content:
             self._html.content = content
 
@@ -198,7 +198,7 @@ def _words(status: Status | None) -> str | None:
     return None if status is None else str(status.link.get("profile", ""))
 
 
-def _table(snapshot: Snapshot, state: str) -> str:
+def _table(snapshot: Snapshot, state: str, troubles: Iterable[str]) -> str:
     device, world = snapshot.device_status, snapshot.world_status
     word, colour, why = "...", "#64748b", ""
     if (kept := verdict(snapshot)) is not None:
@@ -224,16 +224,21 @@ def _table(snapshot: Snapshot, state: str) -> str:
         '<div style="padding:2px 12px 4px;font-size:13px;font-variant-numeric:tabular-nums">'
         f'<div style="font-size:20px;font-weight:700;color:{colour}" class="hapnet-passive">{word}</div>{why}'
         f'<div style="opacity:.8" class="hapnet-state">{html.escape(state)}</div>'
+        f"{''.join(map(_trouble, troubles))}"
         f'<div style="opacity:.65">{html.escape(what)}</div><div class="hapnet-coupling">{html.escape(how)}</div>'
         f"{_past(snapshot.past)}<table>{_lines(rows)}</table>"
         f'<table class="hapnet-force">{_lines(force_now(snapshot.device))}</table></div>'
     )
 
 
+def _trouble(line: str) -> str:
+    return f'<div style="color:#b45309;line-height:16px" class="hapnet-trouble">{html.escape(line)}</div>'
+
+
 def _lines(rows: Iterable[tuple[str, str]]) -> str:
     return "".join(
         f'<tr><td style="{_CELL};opacity:.65">{html.escape(name)}</td>'
-        f'<td style="{_CELL};font-weight:600">{html.escape(value)}</td></tr>'
+        f'<td style="{_CELL};font-weight:600;white-space:nowrap">{html.escape(value)}</td></tr>'
         for name, value in rows
     )
 

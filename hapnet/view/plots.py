@@ -10,8 +10,9 @@ import viser
 from viser import uplot
 
 from hapnet.checks import Array
+from hapnet.summary.verdict import has_reservoirs
 from hapnet.view.force import STACK, force_of, stacked
-from hapnet.view.history import Snapshot, Track
+from hapnet.view.history import Snapshot, Track, coupled
 
 POINTS = 300
 """Points per curve."""
@@ -27,7 +28,8 @@ _OF_PARTS = dict(zip(STACK, ("#93c5fd", "#c4b5fd", "#86efac", "#fdba74"), strict
 
 
 def _legend(*entries: tuple[str, str]) -> str:
-    said = " &nbsp; ".join(f'<span style="color:{colour}">&#9632;</span> {name}' for name, colour in entries)
+    whole = '<span style="white-space:nowrap"><span style="color:{}">&#9632;</span> {}</span>'
+    said = " &nbsp; ".join(whole.format(colour, name) for name, colour in entries)
     return f'<div style="padding:2px 12px 0;font-size:11px">{said}</div>'
 
 
@@ -42,7 +44,7 @@ class Plots:
         below = _curve("below 0", "transparent", fill="rgba(220, 38, 38, 0.45)")
         thin = [_curve(name, colour, width=1.0) for name, colour in (("device", _BLUE), ("world", _ORANGE))]
         parts = [_curve(name, "transparent", fill=colour) for name, colour in reversed(_OF_PARTS.items())]
-        title = "force on the hand, and what it is made of [N]"
+        title = "force on the hand [N]"
         self._force = self._add(gui, title, *parts, *parts, _curve("force", _GREEN))
         self._reservoirs = self._add(gui, "energy in the reservoirs [mJ]", device, world)
         self._depth = self._add(gui, "depth in the wall [mm]", device, world)
@@ -54,21 +56,23 @@ class Plots:
             plot.height = min(max((pixels - _HEADING) // 4 - _FRAME, 80), 300)
 
     def update(self, snapshot: Snapshot, surfaces: Iterable[Mapping[str, Any]]) -> None:
-        """Draw `snapshot`; `surfaces` are the scene's walls."""
+        """Draw `snapshot`; `surfaces` are the scene's flat walls, at rest: only in them is the handle's depth known."""
         device, world = snapshot.device, snapshot.world
         first = max((track.time_s[0] for track in (device, world) if track is not None), default=-self._seconds)
         at = np.linspace(min(max(first, -self._seconds), -1e-3), 0.0, POINTS)
         halves = [1e3 * _held(track, "margin_J", at) for track in (device, world)]
         both = halves[0] + halves[1]
-        depth = np.zeros(POINTS)
-        if device is not None:
-            depth = 1e3 * held(device.time_s, depth_of(device.position_m, surfaces), at)
+        of_proxy = 1e3 * np.maximum(_held(world, "penetration_m", at), 0.0)
+        of_handle, walls = of_proxy, tuple(surfaces)  # where it cannot be told, the proxy's curve covers the handle's
+        if device is not None and walls:
+            of_handle = 1e3 * held(device.time_s, depth_of(device.position_m, walls), at)
         if device is not None:
             parts = held(device.time_s, stacked(device), at)
             force = held(device.time_s, force_of(device), at)
             _draw(self._force, at, *piled(parts), force)
+        self._reservoirs.visible = has_reservoirs(coupled(snapshot.device_status or snapshot.world_status)[0])
         _draw(self._reservoirs, at, *(1e3 * _held(track, "reservoir_J", at) for track in (device, world)))
-        _draw(self._depth, at, depth, 1e3 * np.maximum(_held(world, "penetration_m", at), 0.0))
+        _draw(self._depth, at, of_handle, of_proxy)
         _draw(self._margin, at, np.minimum(both, 0.0), *halves, both)
 
     def _add(self, gui: viser.GuiApi, title: str, *curves: uplot.Series) -> viser.GuiUplotHandle:

@@ -6,9 +6,9 @@ Scene units are centimetres, so that motions of some 40 mm suit viser's camera a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import zip_longest
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import viser
@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from hapnet.checks import MOST_PLANES, Array, Vector
 from hapnet.mechanics.plane import Plane
-from hapnet.plant.worlds.outlines import solids_of
+from hapnet.plant.worlds.picture import Part
+from hapnet.view.bodies import Bodies
+from hapnet.view.contacts import ContactMarks, turned_to
 from hapnet.view.history import Snapshot
-from hapnet.view.solids import add_solids, turned_to
 
 UNIT = 100.0
 """Scene units per metre."""
@@ -38,20 +39,24 @@ _EXTENT = 4.5  # of a wall, from the origin, where no other wall ends it
 _THICKNESS, _THIN = 0.8, 0.1  # of a single wall, and of one among others
 _DEPTH = 3.0  # of a wall, across the plane of motion
 _BEYOND = 0.4  # a plane that the device knows reaches so far beyond a wall
+_FLAT_M = 1e-3  # a surface that bends is drawn as far as its plane is so near
 _LIFT = 0.75  # the arrow is drawn above the spring, which has the same direction
 _FOV = math.radians(30.0)
 _DISTANCE = 24.0
+_SEEN = 5.0  # from that distance: half the width between the panels
+_AROUND = 3.0  # of the hand, which is seen in any case
 
 
 class Scene:
     """Draws a pair with `dof` axes between `surfaces` (`hapnet.plant.worlds.scene.Surface` as dicts).
 
     One and two axes are seen from the front, three from slightly above, with z upwards.
+    More than twenty attributes: each thing that is drawn is one.
 
     Parameters
     ----------
     lead : called with the hand's target, (n,) [m], during a drag of the handle; None: it cannot be dragged.
-    wall_name : what a single wall is called. scene_name : the words for the scene; the solids that they name are drawn.
+    wall_name : what a single wall is called. parts : what the world looks like beside its walls.
     """
 
     def __init__(
@@ -61,18 +66,19 @@ class Scene:
         surfaces: Iterable[Mapping[str, Any]],
         lead: Callable[[Vector], None] | None,
         wall_name: str = "wall",
-        scene_name: object = None,
+        parts: Sequence[Part] = (),
     ) -> None:
         self.dof = dof
         self._server = server
         scene = self._scene = server.scene
         scene.reset()
         scene.set_up_direction("+z" if dof > 2 else "+y")
-        self._look()
+        self._look(parts)
         _add_grid(scene, dof)
         for number, surface in enumerate(surfaces):
             _add_wall(scene, number, dof, list(surfaces), surface, wall_name)
-        add_solids(scene, solids_of(scene_name), UNIT)
+        self._bodies = Bodies(scene, parts, UNIT)
+        self._contacts = ContactMarks(scene, UNIT, FORCE_UNIT)
         self._known: tuple[Plane, ...] = ()
         self._planes = [_add_plane(scene, number, dof) for number in range(MOST_PLANES)]
         self._model_name = scene.add_label(
@@ -81,7 +87,9 @@ class Scene:
         self._target = scene.add_icosphere(
             "/target", _HANDLE_RADIUS, SLATE, opacity=0.25, cast_shadow=False, receive_shadow=False, visible=False
         )
-        self._handle = scene.add_icosphere("/handle", _HANDLE_RADIUS, BLUE, cast_shadow=False, receive_shadow=False)
+        self._handle = scene.add_icosphere(
+            "/handle", _HANDLE_RADIUS, BLUE, opacity=0.5 if parts else None, cast_shadow=False, receive_shadow=False
+        )  # it may stand before the contacts
         self._proxy = scene.add_icosphere("/proxy", _PROXY_RADIUS, ORANGE, cast_shadow=False, receive_shadow=False)
         self._mark = scene.add_icosphere("/set_position", _MARK_RADIUS, SLATE, cast_shadow=False, receive_shadow=False)
         self._touch = scene.add_icosphere("/touch", _MARK_RADIUS, RED, cast_shadow=False, visible=False)
@@ -98,11 +106,12 @@ class Scene:
             visible=False,
         )
         self._newtons = scene.add_label("/handle/force_label", "", anchor="bottom-center", visible=False)
-        self._names = [
-            scene.add_label(f"/{node}/name", text, position=(0.0, -0.55, 0.0) if dof < 3 else (0.0, 0.0, -0.55),
-                            anchor="top-center", font_screen_scale=0.85)
-            for node, text in (("handle", "handle"), ("proxy", "proxy"))
-        ]  # fmt: skip
+        below = (0.0, -0.55, 0.0) if dof < 3 else (0.0, 0.0, -0.55)
+        self._names = [  # side by side where the two are at one place
+            scene.add_label("/handle/name", " handle ", position=below, anchor="top-right", font_screen_scale=0.85),
+            scene.add_label("/proxy/name", " proxy ", position=below, anchor="top-left", font_screen_scale=0.85),
+        ]
+        self._handle_is_right = False
         self._spot = np.zeros(3)
         if lead is not None:
             self._let_drag(lead)
@@ -126,14 +135,26 @@ class Scene:
                 self._spot = _spot(device.position_m[-1])
                 self._mark.position = _spot(device.set_position_m[-1])
                 self._show_force(device.force_N[-1])
+            if snapshot.scene is not None:
+                self._bodies.update(snapshot.scene)
+            self._contacts.update([] if snapshot.scene is None else snapshot.scene.contacts())
             self._show_touch(snapshot)
-            self._show_planes(snapshot.planes or ())
+            self._show_planes(snapshot.planes or (), np.zeros(3) if world is None else _spot(world.position_m[-1]))
             if device is not None and world is not None:
                 self._show_spring(_spot(device.position_m[-1]), _spot(world.position_m[-1]))
+                self._part_names(_spot(device.position_m[-1])[0] - _spot(world.position_m[-1])[0])
+
+    def _part_names(self, apart: float) -> None:
+        """Put each name on the side where the other one is not; `apart` : how far right the handle is of the proxy."""
+        if abs(apart) > _MARK_RADIUS and (apart > 0.0) != self._handle_is_right:
+            self._handle_is_right = apart > 0.0
+            sides: list[Literal["top-left", "top-right"]] = ["top-right", "top-left"]
+            for name, side in zip(self._names, reversed(sides) if self._handle_is_right else sides, strict=True):
+                name.anchor = side
 
     def _show_touch(self, snapshot: Snapshot) -> None:
-        """Mark where the surface pushes: the proxy's depth in front of it, along the force."""
-        world = snapshot.world
+        """Mark where a wall pushes: the proxy's depth in front of it, along the force."""
+        world = snapshot.world if snapshot.scene is None else None
         depth = 0.0 if world is None else float(world.penetration_m[-1])
         force = np.zeros(3) if world is None else _padded(world.force_N[-1])
         size = float(np.linalg.norm(force))
@@ -141,8 +162,11 @@ class Scene:
         if world is not None and self._touch.visible:
             self._touch.position = _spot(world.position_m[-1]) + force * (UNIT * depth / size)
 
-    def _show_planes(self, planes: tuple[Plane, ...]) -> None:
-        """Draw what the device knows of the world, moved back by the proxy's radius as the walls are."""
+    def _show_planes(self, planes: tuple[Plane, ...], proxy: Array) -> None:
+        """Draw what the device knows of the world, moved back by the proxy's radius as the walls are.
+
+        A plane of a surface that bends is a small piece at the foot of the proxy.
+        """
         if planes == self._known:
             return
         self._known = planes
@@ -150,7 +174,10 @@ class Scene:
             normal = _padded(() if plane is None else plane.normal)
             node.visible = float(np.linalg.norm(normal)) > 0.5
             if plane is not None and node.visible:
-                node.position = normal * (plane.offset_m * UNIT + _PROXY_RADIUS + _THIN / 2.0)
+                share = _flat_share(plane)
+                beside = proxy - normal * float(normal @ proxy) if share < 1.0 else np.zeros(3)
+                node.position = beside + normal * (plane.offset_m * UNIT + _PROXY_RADIUS + _THIN / 2.0)
+                node.scale = (1.0, share, share)
                 node.wxyz = turned_to(normal)
         self._model_name.visible = self._planes[0].visible
         if planes:
@@ -177,17 +204,26 @@ class Scene:
         self._spring.wxyz = turned_to(way / length)
         self._spring.scale = (length, 1.0, 1.0)
 
-    def _look(self) -> None:
-        """Point the cameras straight at the plane of motion, so that the dragged handle stays under the mouse."""
+    def _look(self, parts: Sequence[Part]) -> None:
+        """Point the cameras straight at the plane of motion, so that the dragged handle stays under the mouse.
+
+        With three axes: at what rests around the hand, from as far away as it needs.
+        """
         self._up = np.array([0.0, 0.0, 1.0]) if self.dof > 2 else np.array([0.0, 1.0, 0.0])
         tilt = math.radians(20.0)
         back = (0.0, -math.cos(tilt), math.sin(tilt)) if self.dof > 2 else (0.0, 0.0, 1.0)
-        cameras: list[viser.InitialCameraConfig | viser.CameraHandle] = [self._server.initial_camera]
-        cameras += [client.camera for client in self._server.get_clients().values()]
-        for camera in cameras:
-            camera.fov = _FOV
-            camera.position = _DISTANCE * np.array(back)
-            camera.look_at = np.zeros(3)
+        middle, distance = _view_of(parts) if self.dof > 2 else (np.zeros(3), _DISTANCE)
+        self._front = middle + distance * np.array(back), middle
+        self.look(self._server.initial_camera)
+        for client in self._server.get_clients().values():
+            self.look(client.camera)
+
+    def look(self, camera: viser.InitialCameraConfig | viser.CameraHandle) -> None:
+        """Point this camera as at the start."""
+        camera.fov = _FOV
+        if isinstance(camera, viser.CameraHandle):  # it may have been turned
+            camera.up_direction = self._up
+        camera.position, camera.look_at = self._front
 
     def _let_drag(self, lead: Callable[[Vector], None]) -> None:
         held = np.zeros(3)
@@ -202,6 +238,15 @@ class Scene:
             if event.phase != "end":
                 place = np.clip((pointer - held)[: self.dof] / UNIT, -REACH_M, REACH_M)
                 lead(tuple(place.tolist()))
+
+
+def _view_of(parts: Sequence[Part]) -> tuple[Array, float]:
+    """The middle of the hand's surroundings, and the distance from which their width is seen between the panels."""
+    solid = [part.vertices for part in parts if part.body < 0 and len(part.vertices)]
+    points = UNIT * np.clip(np.concatenate(solid), -REACH_M, REACH_M) if solid else np.zeros((1, 3))
+    low, high = np.minimum(points.min(axis=0), -_AROUND), np.maximum(points.max(axis=0), _AROUND)
+    middle = np.array([(low[0] + high[0]) / 2.0, 0.0, (low[2] + high[2]) / 4.0])
+    return middle, _DISTANCE * max(1.0, float(high[0] - low[0]) / (2.0 * _SEEN))
 
 
 def _spot(position: Array | Vector) -> Array:
@@ -245,6 +290,13 @@ def _add_grid(scene: viser.SceneApi, dof: int) -> None:
         position=(0.0, _EXTENT + 1.0, 0.0) if dof > 2 else (0.0, 0.0, -3.0),
         shadow_opacity=0.0,
     )
+
+
+def _flat_share(plane: Plane) -> float:
+    """The share of a drawn plane within which the surface is not farther from it than `_FLAT_M`; 1: all of it."""
+    bend = max([abs(per_m) for _, per_m in plane.curvatures], default=0.0)
+    whole = (_EXTENT + _BEYOND) / UNIT
+    return min(1.0, math.sqrt(2.0 * _FLAT_M / bend) / whole) if bend else 1.0
 
 
 def _add_plane(scene: viser.SceneApi, number: int, dof: int) -> viser.BoxHandle:

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import errno
+import os
 import socket
+import sys
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from types import TracebackType
+from typing import TYPE_CHECKING
 
 import rich
 
@@ -16,9 +20,15 @@ from hapnet.errors import InvalidParameter, MissingLibrary
 from hapnet.view.controls import Controls
 from hapnet.view.history import History
 
-FRAME_S = 1.0 / 30.0
-FRAMES_A_PLOT = 8
+if TYPE_CHECKING:
+    from viser import ViserServer
+
+FRAME_S = 1.0 / 60.0
+FRAMES_A_PLOT = 15
 """Plots, numbers and controls are drawn at some 4 Hz: for a browser without a GPU they are the most work."""
+
+NICENESS = 10
+"""The priority of the page's threads, as `nice` counts."""
 
 IDLE_S = 0.1
 """How often to check for a browser while there is none [s]."""
@@ -30,7 +40,8 @@ PORTS = 100
 class PageServer:
     """The page at `url`, until `close`. See `serve`."""
 
-    def __init__(self, history: History, controls: Controls | None, host: str, port: int) -> None:
+    def __init__(self, history: History, controls: Controls | None, host: str, port: int, frame_s: float) -> None:
+        self._frame_s = frame_s
         try:
             import viser
 
@@ -43,11 +54,16 @@ class PageServer:
                 """Refuse: otherwise any open page could ask for a tunnel to a public server."""
                 return None
 
-        with _quiet():
-            self._server = Server(host, _free_port(host, port), label="hapnet", verbose=False)
-        self.port = self._server.get_port()
+        def make() -> ViserServer:
+            _yield_to_servos()  # the server's own threads inherit it
+            with _quiet():
+                return Server(host, _free_port(host, port), label="hapnet", verbose=False)
+
+        with ThreadPoolExecutor(1) as thread:
+            self._server = thread.submit(make).result()
+        self.port: int = self._server.get_port()
         shown = {"0.0.0.0": "127.0.0.1", "": "127.0.0.1", "::": "::1"}.get(host, host)
-        self.url = f"http://[{shown}]:{self.port}" if ":" in shown else f"http://{shown}:{self.port}"
+        self.url: str = f"http://[{shown}]:{self.port}" if ":" in shown else f"http://{shown}:{self.port}"
         self._page = Page(self._server, history, controls)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._draw, name="hapnet-page", daemon=True)
@@ -76,6 +92,7 @@ class PageServer:
         self.close()
 
     def _draw(self) -> None:
+        _yield_to_servos()
         due, frame = time.monotonic(), 0
         while not self._stop.wait(max(0.0, due - time.monotonic())):
             now = time.monotonic()
@@ -83,14 +100,20 @@ class PageServer:
                 due = now + IDLE_S
                 continue
             self._page.draw_scene(now)
+            self._server.flush()  # otherwise viser collects for as long as a frame lasts before it sends
             if frame % FRAMES_A_PLOT == 0:
                 self._page.draw_rest(now)
             frame += 1
-            due = max(due + FRAME_S, now)  # a late frame is skipped
+            due = max(due + self._frame_s, now - self._frame_s)  # one late frame is made up for, more are skipped
 
 
 def serve(
-    history: History, controls: Controls | None = None, *, host: str = "127.0.0.1", port: int = 8080
+    history: History,
+    controls: Controls | None = None,
+    *,
+    host: str = "127.0.0.1",
+    port: int = 8080,
+    frame_s: float = FRAME_S,
 ) -> PageServer:
     """Serve the page that shows `history`, from threads of its own, until the server is closed.
 
@@ -100,13 +123,14 @@ def serve(
     host : the address to listen on; by default only this machine reaches it. Anybody who reaches it may press every
         button.
     port : if it is taken, the next free one is used; 0: any.
+    frame_s : time between two pictures of the scene [s].
 
     Raises
     ------
     MissingLibrary : viser is not installed.
     InvalidParameter : there is no such address here, or no port is free.
     """
-    return PageServer(history, controls, host, port)
+    return PageServer(history, controls, host, port, frame_s)
 
 
 def _free_port(host: str, port: int) -> int:
@@ -124,6 +148,12 @@ def _free_port(host: str, port: int) -> int:
             if error.errno not in (errno.EADDRINUSE, errno.EACCES):
                 raise InvalidParameter("host", host, f"an address of this machine ({error.strerror})") from None
     raise InvalidParameter("port", port, f"a port such that one of the {PORTS} from it on is free")
+
+
+def _yield_to_servos() -> None:
+    """Give this thread, and those that it starts, a lower priority: a servo on the same cores comes first."""
+    if sys.platform == "linux":  # elsewhere it would be the whole process
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICENESS)
 
 
 @contextmanager

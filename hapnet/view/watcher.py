@@ -49,7 +49,7 @@ class Watcher:
         self._pair: tuple[str, str] | None = None
         self._heard_s = 0.0
         self.others: set[tuple[str, str]] = set()
-        self.unreadable = 0
+        self.unreadable: int = 0
 
     @property
     def pair(self) -> tuple[str, str] | None:

@@ -22,7 +22,7 @@ class ControlSender:
     """
 
     def __init__(self, identity: Identity, hello_period_ns: int) -> None:
-        self.hellos = 0
+        self.hellos: int = 0
         self._identity = identity
         self._period_ns = hello_period_ns
         self._hello_ns: int | None = 0

@@ -75,12 +75,12 @@ class EnergyChannel:
         residue_J: float = 0.0,
         ack_delay_ns: int = ACK_DELAY_NS,
     ) -> None:
-        self.sent_nJ = 0
-        self.acked_nJ = 0
-        self.abandoned_nJ = 0
-        self.credited_nJ = 0
-        self.residue_J = residue_J
-        self.rto = RtoEstimator()
+        self.sent_nJ: int = 0
+        self.acked_nJ: int = 0
+        self.abandoned_nJ: int = 0
+        self.credited_nJ: int = 0
+        self.residue_J: float = residue_J
+        self.rto: RtoEstimator = RtoEstimator()
         self.admission: Final = admission
         self._most_waiting_nJ = admission.most_waiting_nJ
         self.spacing_ns: Final = spacing_ns

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from hapnet.wire.fields import Signal
 from hapnet.wire.messages import Identity, Motion, Port, Proxy, Wave
 
 
@@ -39,6 +40,14 @@ class EnergyCredited(NamedTuple):
     """Shuffled energy that arrived and was credited [nJ], reported once."""
 
     credited_nJ: int
+
+
+@dataclass(frozen=True, slots=True)
+class SignalReceived:
+    """The peer tells another value under this name than before."""
+
+    name: str
+    value: Signal
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +98,7 @@ Event = (
     | PositionReceived
     | SampleReceived
     | EnergyCredited
+    | SignalReceived
     | PeerRefused
     | Mismatch
     | PeerLeft

@@ -9,19 +9,26 @@ from collections.abc import Callable
 from math import isfinite, sqrt
 from typing import Annotated, Any, Literal, get_type_hints
 
-from hapnet.checks import MOST_PLANES, UNIT_TOLERANCE
+from hapnet.checks import MOST_FRICTION, MOST_PLANES, UNIT_TOLERANCE, wrong_curvatures
 from hapnet.errors import BadMessage
 
 MAX_DOF = 64
 MAX_TEXT = 256
 MAX_ABOUT = 32
 MAX_MORE = 32
+MAX_SIGNALS = 32
 MAX_COORDINATE = 1e6  # m or rad; keeps every square and product of the control layer finite
 MAX_TOTAL_NJ = 2**63  # exclusive: totals fit a signed 64-bit integer
 MAX_SPAN_NS = 10**10  # of a wave: every side sends far more often
 MAX_INTEGRAL = 1e12  # sqrt(W) s: differences, and their squares over a nanosecond, stay finite
 INTEGRAL = "integral"
 """The further entry of a wave: the integral of all waves of its sender's stream, and the sum of their spans in ns."""
+
+CURVATURES = "curvatures"
+"""The further entry of a proxy: how the surfaces bend that its planes touch."""
+
+FRICTION = "friction"
+"""The further entry of a proxy: Coulomb's mu of each of its planes."""
 
 
 def natural(value: object) -> int:
@@ -79,11 +86,32 @@ def about(value: object) -> None:
         raise BadMessage("range", f"about has {len(value)} entries; allowed: up to {MAX_ABOUT}")
     for key, entry in value.items():
         text(key)
-        if type(entry) is float:
-            if not isfinite(entry):
-                raise BadMessage("range", f"about has {entry}; allowed: finite numbers")
-        elif type(entry) not in (int, bool, type(None)):
-            text(entry)
+        _scalar("about", entry)
+
+
+def _scalar(owner: str, value: object) -> None:
+    """A text, an integer, a finite float, a boolean or nil."""
+    if type(value) is float:
+        if not isfinite(value):
+            raise BadMessage("range", f"{owner} has {value}; allowed: finite numbers")
+    elif type(value) not in (int, bool, type(None)):
+        text(value)
+
+
+def signals(value: object) -> None:
+    """A map of names to numbers, texts, booleans, nil, or arrays of numbers."""
+    if type(value) is not dict:
+        raise BadMessage("type", f"{_kind(value)}; allowed: a map")
+    if len(value) > MAX_SIGNALS:
+        raise BadMessage("range", f"{len(value)} signals; allowed: up to {MAX_SIGNALS}")
+    for name, told in value.items():
+        text(name)
+        if type(told) is tuple and len(told) > MAX_DOF:
+            raise BadMessage("range", f"the signal {name} has {len(told)} numbers; allowed: up to {MAX_DOF}")
+        for part in told if type(told) is tuple else (told,):
+            if type(told) is tuple and type(part) not in (float, int, bool):
+                raise BadMessage("type", f"the signal {name} has {_kind(part)} in an array; allowed: numbers")
+            _scalar(f"the signal {name}", part)
 
 
 def more(value: object) -> None:
@@ -131,12 +159,49 @@ def planes(value: object) -> None:
             raise BadMessage("range", f"a plane's stiffness {plane[2]} and damping {plane[3]}; allowed: above 0, 0")
 
 
+def curvatures(value: object, planes: Planes) -> None:
+    """Of planes: for each an array of up to two, a direction and a number."""
+    if type(value) is not tuple or planes is None or len(value) != len(planes):
+        raise BadMessage("type", f"{_kind(value)}; allowed: an array with the curvatures of each plane")
+    for (normal, *_), bends in zip(planes, value, strict=True):
+        if type(bends) is not tuple or not all(map(_is_bend, bends)):
+            raise BadMessage("type", "a plane's curvatures are not an array of a direction and a float each")
+        if wrong := wrong_curvatures(bends, normal):
+            raise BadMessage("range", wrong)
+
+
+def friction(value: object, planes: Planes) -> None:
+    """Of planes: for each a float."""
+    if type(value) is not tuple or planes is None or len(value) != len(planes):
+        raise BadMessage("type", f"{_kind(value)}; allowed: an array with the friction of each plane")
+    if not all(type(mu) is float for mu in value):
+        raise BadMessage("type", "a friction that is no float")
+    if not all(0.0 <= mu <= MOST_FRICTION for mu in value):  # false for NaN as well
+        raise BadMessage("range", f"a friction that is not within 0 to {MOST_FRICTION:g}")
+
+
+def unfolded(curvatures: Any, planes: Planes, position: tuple[float, ...]) -> None:
+    """Of checked curvatures: no centre is nearer to `position` than the surface, or that would not be the nearest."""
+    for (normal, offset, *_), bends in zip(planes or (), curvatures, strict=True):
+        depth = sum([n * x for n, x in zip(normal, position, strict=True)]) - offset
+        if not all(per_m * depth < 1.0 for _, per_m in bends):
+            raise BadMessage("range", f"a curvature whose centre is before the surface, {depth} m in")
+
+
+def _is_bend(bend: object) -> bool:
+    if type(bend) is not tuple or len(bend) != 2 or type(bend[0]) is not tuple or type(bend[1]) is not float:
+        return False
+    return all(type(part) is float for part in bend[0])
+
+
 def _kind(value: object) -> str:
     return f"of type {type(value).__name__}"
 
 
 Role = Literal["device", "world"]
 Scalar = str | int | float | bool | None
+Signal = Scalar | tuple[int | float, ...]
+"""What a signal can be."""
 
 U64 = Annotated[int, natural]
 Nanojoules = Annotated[int, total]
@@ -147,6 +212,7 @@ RoleName = Annotated[Role, role]
 Dof = Annotated[int, dof]
 Planes = Annotated[tuple[tuple[tuple[float, ...], float, float, float, float], ...] | None, planes]
 About = Annotated[dict[str, Scalar], about]
+SignalMap = Annotated[dict[str, Signal], signals]
 More = Annotated[dict[str, Any], more]
 """What a frame's map of further entries says."""
 

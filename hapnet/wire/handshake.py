@@ -70,10 +70,10 @@ class Handshake:
 
     def __init__(self, identity: Identity, living: Callable[[int], bool], hello_period_ns: int) -> None:
         self.identity = identity
-        self.state = State.SEARCHING
+        self.state: State = State.SEARCHING
         self.peer: Identity | None = None
-        self.pairs = 0
-        self.control = ControlSender(identity, hello_period_ns)
+        self.pairs: int = 0
+        self.control: ControlSender = ControlSender(identity, hello_period_ns)
         self._living = living
         self._retired: dict[int, str] = {}  # incarnations, with what they are told when they speak
         self._stale_hellos = 0  # welcomes to these are older than the present peer, or the end of the last

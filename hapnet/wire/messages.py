@@ -27,6 +27,7 @@ from hapnet.wire.fields import (
     Nanojoules,
     Planes,
     RoleName,
+    SignalMap,
     Span,
     Text,
 )
@@ -40,7 +41,7 @@ MAX_ARRAY = MAX_DOF + 1  # msgpack allocates what an array announces: 4 kB of ne
 
 _POSITION_KIND = 1
 
-Channel = Literal["position", "energy", "control"]
+Channel = Literal["position", "energy", "control", "signals"]
 
 
 class _PositionFields(NamedTuple):
@@ -66,7 +67,7 @@ class Position(_PositionFields):
     __slots__ = ()
     KIND: ClassVar[int] = _POSITION_KIND
     CHANNEL: ClassVar[Channel] = "position"
-    vector = _PositionFields.position
+    vector: Coordinates = _PositionFields.position
 
 
 class _EnergyFields(NamedTuple):
@@ -105,7 +106,7 @@ class Motion(_MotionFields):
     __slots__ = ()
     KIND: ClassVar[int] = 7
     CHANNEL: ClassVar[Channel] = "position"
-    vector = _MotionFields.position
+    vector: Coordinates = _MotionFields.position
 
 
 class _PortFields(NamedTuple):
@@ -128,7 +129,7 @@ class Port(_PortFields):
     __slots__ = ()
     KIND: ClassVar[int] = 8
     CHANNEL: ClassVar[Channel] = "position"
-    vector = _PortFields.value
+    vector: Coordinates = _PortFields.value
 
 
 class _WaveFields(NamedTuple):
@@ -152,7 +153,7 @@ class Wave(_WaveFields):
     __slots__ = ()
     KIND: ClassVar[int] = 9
     CHANNEL: ClassVar[Channel] = "position"
-    vector = _WaveFields.wave
+    vector: Coordinates = _WaveFields.wave
 
 
 class _ProxyFields(NamedTuple):
@@ -175,12 +176,15 @@ class Proxy(_ProxyFields):
     force : of the environment on the mass in the last step [N].
     planes : each is a unit normal that points into the solid, an offset along it [m], a stiffness [N/m], a damping
         [Ns/m] and a velocity along the normal [m/s]. None: this world can tell no planes.
+
+    The further entry `fields.CURVATURES` has for each plane how the surface bends that it touches: an array of a
+    direction and a curvature [1/m] each; `fields.FRICTION` has for each its coefficient of friction.
     """
 
     __slots__ = ()
     KIND: ClassVar[int] = 10
     CHANNEL: ClassVar[Channel] = "position"
-    vector = _ProxyFields.position
+    vector: Coordinates = _ProxyFields.position
 
 
 Stream = Position | Motion | Port | Wave | Proxy
@@ -254,14 +258,28 @@ class Bye:
     more: More | None = None
 
 
-Message = Stream | Energy | Hello | Welcome | Refuse | Bye
+@dataclass(frozen=True, slots=True)
+class Signals:
+    """The values that the sender tells `addressee` beside the stream, all of them, as of now; the newest frame wins."""
+
+    KIND: ClassVar[int] = 11
+    CHANNEL: ClassVar[Channel] = "signals"
+    incarnation: U64
+    addressee: U64
+    sequence: U64
+    values: SignalMap
+    more: More | None = None
+
+
+Message = Stream | Energy | Hello | Welcome | Refuse | Bye | Signals
 
 
 class OtherVersion(BadMessage):
     """A frame of another protocol version. Its kind and its sender can be read, as in every version."""
 
     def __init__(self, kind: str, detail: str, *, message_kind: int = 0, incarnation: int = 0) -> None:
-        self.message_kind, self.incarnation = message_kind, incarnation
+        self.message_kind: int = message_kind
+        self.incarnation: int = incarnation
         super().__init__(kind, detail)
 
 
@@ -375,6 +393,12 @@ def examined(frame: Any) -> Message:
         vectors = (message.force, *(plane[0] for plane in message.planes or ()))
         if any(len(vector) != len(message.position) for vector in vectors):
             raise BadMessage("dimension", f"{len(message.position)} coordinates with a force or a normal of others")
+        if message.more and fields.CURVATURES in message.more:
+            bends = message.more[fields.CURVATURES]
+            fields.curvatures(bends, message.planes)
+            fields.unfolded(bends, message.planes, message.position)
+        if message.more and fields.FRICTION in message.more:
+            fields.friction(message.more[fields.FRICTION], message.planes)
     return message
 
 

@@ -62,8 +62,8 @@ class Numbering:
     """
 
     def __init__(self) -> None:
-        self.newest = -1
-        self.least_ns = 0
+        self.newest: int = -1
+        self.least_ns: int = 0
         self._stamp_ns: int | None = None  # the newest message's; None: not known
         self._heard_ns = 0
         self._mean_ns = self._before_ns = self._lately_ns = self._roll_ns = 0

@@ -57,7 +57,9 @@ class Counts:
     """All that is counted of a path. The difference of two such counts describes the time between them."""
 
     def __init__(self) -> None:
-        self.trips, self.jitter, self.ages = Histogram(), Histogram(), Histogram()
+        self.trips: Histogram = Histogram()
+        self.jitter: Histogram = Histogram()
+        self.ages: Histogram = Histogram()
         self.sent = self.came = self.stalls = self.longest_stall_ns = 0
 
     def since(self, earlier: Counts) -> Counts:

@@ -51,7 +51,7 @@ class PeerMonitor:
         self._living_ns = living_ns
         self._life_ns: int | None = None  # of the last new position, or of the pair's beginning
         self._heard_ns: int | None = None  # the same, but a new pair does not end a silence
-        self.numbers = Numbering()  # what came before the pair's first position was for somebody else
+        self.numbers: Numbering = Numbering()  # what came before the pair's first position was for somebody else
         self._reported = False
         self._sign_ns: int | None = None  # of the first message of any kind in this silence
         self._count = self._longest_ns = self._total_ns = self._recovery_max_ns = self._received = self._missing = 0

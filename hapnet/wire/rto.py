@@ -45,7 +45,7 @@ class RtoEstimator:
         self._base_ns = initial_ns
         self._backed_off = 0
         self.srtt_ns: int | None = None
-        self.rttvar_ns = 0
+        self.rttvar_ns: int = 0
 
     @property
     def rto_ns(self) -> int:

@@ -17,6 +17,7 @@ acknowledgement was lost; a peer that leaves with a bye says exactly how much it
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -24,7 +25,7 @@ from hapnet.errors import BadMessage, InvalidParameter
 from hapnet.params import DeviceParams, WireParams
 from hapnet.wire.energy_channel import EnergyChannel, Totals
 from hapnet.wire.events import EnergyCredited, Event, PositionReceived, SampleReceived
-from hapnet.wire.fields import MAX_TEXT
+from hapnet.wire.fields import MAX_TEXT, Signal
 from hapnet.wire.handshake import EARLIER, RESERVOIR, Handshake
 from hapnet.wire.messages import (
     Bye,
@@ -41,6 +42,7 @@ from hapnet.wire.messages import (
     Refuse,
     Role,
     Scalar,
+    Signals,
     Stream,
     Wave,
     Welcome,
@@ -51,6 +53,7 @@ from hapnet.wire.numbering import Place
 from hapnet.wire.path import Path
 from hapnet.wire.peer_monitor import Outages, PeerMonitor
 from hapnet.wire.replay_window import ReplayWindow
+from hapnet.wire.signals import SignalExchange
 from hapnet.wire.stream import PositionStream as PositionStream
 from hapnet.wire.token_bucket import TokenBucket
 
@@ -118,26 +121,28 @@ class Session:
         about: dict[str, Scalar] | None = None,
         settings: SessionSettings | None = None,
     ) -> None:
-        self.identity = Identity(incarnation, role, dof, name, dict(about or {}))
+        self.identity: Identity = Identity(incarnation, role, dof, name, dict(about or {}))
         _check_identity(self.identity)
-        self.settings = settings or SessionSettings()
+        self.settings: SessionSettings = settings or SessionSettings()
         self.dropped: Counter[str] = Counter()
         self.dropped_for: dict[str, str] = {}
         """What was wrong with the last message that was dropped, for each kind in `dropped`."""
-        self.closed = False
+        self.closed: bool = False
         self._expects = self.settings.expects
         self._replay_window = ReplayWindow()
-        self.path = Path()
+        self.path: Path = Path()
         """What the peer's stream shows of the path between the sides."""
         self._monitor = PeerMonitor(self.settings.silence_ns)
         self._handshake = Handshake(self.identity, self._monitor.living, self.settings.hello_period_ns)
         self._admission = TokenBucket(self.settings.admission_W, self.settings.admission_burst_J)
         self._past = Totals()
         self._channel = self._open_channel(0.0)
-        self.positions = PositionStream(incarnation)
-        self.position = self.positions.position
+        self.positions: PositionStream = PositionStream(incarnation)
+        self.position: Callable[[int, Sequence[float]], bytes] = self.positions.position
         """(now_ns, position) -> the next frame for the position key; see `PositionStream`."""
-        self.peers_J = 0.0
+        self.signals: SignalExchange = SignalExchange()
+        """Named values beside the stream, both ways."""
+        self.peers_J: float = 0.0
         """The energy in the first peer's reservoir at its start, as it says; the peers after it start with none [J]."""
 
     @property
@@ -170,6 +175,13 @@ class Session:
         self._channel.send(energy_J)
         if self.peer is None or self.closed:
             self._channel.abandon()
+
+    def tell(self, name: str, value: Signal) -> None:
+        """Tell the peer this value beside the stream. One that is no small value is dropped, and counted."""
+        try:
+            self.signals.tell(name, value)
+        except InvalidParameter as error:
+            self._drop(BadMessage("own signal", str(error)))
 
     def receive(self, now_ns: int, data: bytes) -> tuple[Event, ...]:
         """Process the datagram `data`; returns the events that it causes. Never raises, whatever the content."""
@@ -213,6 +225,8 @@ class Session:
         peer = self._handshake.peer
         if peer is not None and (due := self._channel.poll(now_ns)) is not None:
             outgoing.append(_outgoing(Energy(self.identity.incarnation, peer.incarnation, *due)))
+        if peer is not None and not self.closed and (told := self.signals.poll(now_ns)) is not None:
+            outgoing.append(_outgoing(Signals(self.identity.incarnation, peer.incarnation, *told)))
         outgoing.extend(_outgoing(message) for message in self._handshake.poll(now_ns))
         return outgoing, events
 
@@ -220,6 +234,8 @@ class Session:
     def next_due_ns(self) -> int | None:
         """When to call `poll` next at the latest. A time in the past means now; None means that nothing is planned."""
         handshake, channel = self._handshake.next_due_ns, self._channel.next_due_ns
+        if (signals := self.signals.next_due_ns) is not None and self.peer is not None and not self.closed:
+            channel = signals if channel is None else min(signals, channel)
         if handshake is None or channel is None:
             return channel if handshake is None else handshake
         return min(handshake, channel)
@@ -287,6 +303,9 @@ class Session:
             case Energy():
                 self._handshake.on_data(message.incarnation, now_ns, message.addressee)
                 return self._credited(self._channel.receive(message.total_nJ, message.acked_nJ, now_ns))
+            case Signals():
+                self._handshake.on_data(message.incarnation, now_ns, message.addressee)
+                return self.signals.receive(message.sequence, message.values)
             case Bye():
                 return self._on_bye(message, now_ns)
             case Hello() | Welcome() | Refuse():
@@ -351,6 +370,7 @@ class Session:
             reservoir_J = peer.about.get(RESERVOIR)
             if self.incarnations == 1 and isinstance(reservoir_J, float) and reservoir_J > 0.0:
                 self.peers_J = reservoir_J  # the peers after it start with none
+        self.signals.change_pair()
         self._channel.abandon()
         self._past.add(self._channel)
         self._channel = self._open_channel(self._channel.residue_J)

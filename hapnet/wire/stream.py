@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import msgpack
 
-from hapnet.wire.fields import INTEGRAL
+from hapnet.wire.fields import CURVATURES, FRICTION, INTEGRAL
 from hapnet.wire.messages import Motion, Port, Position, Proxy, Wave
 from hapnet.wire.stream_frames import echo_of, encode_position, encode_stream, start_of
 
@@ -19,11 +19,12 @@ class PositionStream:
     """
 
     def __init__(self, incarnation: int) -> None:
-        self.next_sequence = 0
+        self.next_sequence: int = 0
         self._start = start_of(Position.KIND, incarnation, 1)
         self._starts = {kind: start_of(kind, incarnation, 2) for kind in (Motion.KIND, Port.KIND)}
         self._starts[Wave.KIND] = start_of(Wave.KIND, incarnation, 3)  # with a further entry
         self._starts[Proxy.KIND] = start_of(Proxy.KIND, incarnation, 4)
+        self._start_of_more = start_of(Proxy.KIND, incarnation, 5)
         self._pack: Callable[..., bytes] = msgpack.Packer().pack
         self._echo = echo_of(0, 0)
         self._integral: tuple[float, ...] = ()
@@ -41,11 +42,11 @@ class PositionStream:
 
     def motion(self, now_ns: int, position: Sequence[float], velocity: Sequence[float]) -> bytes:
         """The next frame: a position [m] with its velocity [m/s]."""
-        return self._next(Motion.KIND, now_ns, (_floats(position), _floats(velocity)))
+        return self._next(self._starts[Motion.KIND], now_ns, (_floats(position), _floats(velocity)))
 
     def port(self, now_ns: int, value: Sequence[float], energy_nJ: int) -> bytes:
         """The next frame: a port's position [m] or force [N], and all the energy that went in at this port so far."""
-        return self._next(Port.KIND, now_ns, (_floats(value), energy_nJ))
+        return self._next(self._starts[Port.KIND], now_ns, (_floats(value), energy_nJ))
 
     def wave(self, now_ns: int, wave: Sequence[float], span_ns: int) -> bytes:
         """The next frame: a wave [sqrt(W)], the mean over `span_ns`, with the integral of all waves so far."""
@@ -53,7 +54,7 @@ class PositionStream:
         before = self._integral or (0.0,) * len(wave)
         self._integral = tuple([total + value * seconds for total, value in zip(before, wave, strict=True)])
         self._elapsed_ns += span_ns
-        frame = self._next(Wave.KIND, now_ns, (wave, span_ns))
+        frame = self._next(self._starts[Wave.KIND], now_ns, (wave, span_ns))
         return frame + self._pack({INTEGRAL: (self._integral, self._elapsed_ns)})
 
     def proxy(
@@ -62,18 +63,31 @@ class PositionStream:
         position: Sequence[float],
         aimed_ns: int,
         force: Sequence[float],
-        planes: Iterable[Sequence[Any]] | None,
+        planes: Sequence[Sequence[Any]] | None,
     ) -> bytes:
-        """The next frame: the proxy's position [m], the device's time for which it stands, and what is around it."""
-        told = None if planes is None else tuple([(_floats(n), *map(float, numbers)) for n, *numbers in planes])
-        return self._next(Proxy.KIND, now_ns, (_floats(position), aimed_ns, _floats(force), told))
+        """The next frame: the proxy's position [m], the device's time for which it stands, and what is around it.
 
-    def _next(self, kind: int, now_ns: int, values: tuple[Any, ...]) -> bytes:
+        A plane's sixth and seventh elements, if it has them, are its curvatures and its friction.
+        """
+        told = None if planes is None else tuple([(_floats(n), *map(float, rest[:4])) for n, *rest in planes])
+        values = (_floats(position), aimed_ns, _floats(force), told)
+        bends = tuple([tuple([(_floats(e), float(k)) for e, k in _after(plane, 5, ())]) for plane in planes or ()])
+        friction = tuple([float(_after(plane, 6, 0.0)) for plane in planes or ()])
+        more = {name: each for name, each in ((CURVATURES, bends), (FRICTION, friction)) if any(each)}
+        if not more:
+            return self._next(self._starts[Proxy.KIND], now_ns, values)
+        return self._next(self._start_of_more, now_ns, values) + self._pack(more)
+
+    def _next(self, start: bytes, now_ns: int, values: tuple[Any, ...]) -> bytes:
         sequence = self.next_sequence
         self.next_sequence = sequence + 1
-        return encode_stream(self._starts[kind], sequence, now_ns, values, self._echo, self._pack)
+        return encode_stream(start, sequence, now_ns, values, self._echo, self._pack)
 
 
 def _floats(vector: Sequence[float]) -> tuple[float, ...]:
     """A peer refuses coordinates that are integers."""
     return tuple(map(float, vector))
+
+
+def _after(plane: Sequence[Any], count: int, otherwise: Any) -> Any:
+    return plane[count] if len(plane) > count else otherwise

@@ -84,6 +84,7 @@ MAY_READ_IT = {
     "hapnet/commands/bench.py",  # names a directory
     "hapnet/commands/log.py",  # once, to say at what time of day something happened
     "hapnet/commands/output.py",  # names a directory
+    "hapnet/realtime/runner.py",  # once, so that a recording has UTC
 }
 
 

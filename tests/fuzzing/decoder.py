@@ -10,9 +10,21 @@ import msgpack
 
 from hapnet.errors import BadMessage
 from hapnet.wire.messages import Message, Refuse, decode, encode
-from tests.fuzzing.mutator import BYE, ENERGY, HELLO, MOTION, PORT, POSITION, PROXY, REFUSE, WAVE, WELCOME
+from tests.fuzzing.mutator import BYE, ENERGY, HELLO, MOTION, PORT, POSITION, PROXY, REFUSE, SIGNALS, WAVE, WELCOME
 
-LENGTHS = {POSITION: 8, ENERGY: 6, HELLO: 8, WELCOME: 9, REFUSE: 5, BYE: 6, MOTION: 9, PORT: 9, WAVE: 9, PROXY: 11}
+LENGTHS = {
+    POSITION: 8,
+    ENERGY: 6,
+    HELLO: 8,
+    WELCOME: 9,
+    REFUSE: 5,
+    BYE: 6,
+    MOTION: 9,
+    PORT: 9,
+    WAVE: 9,
+    PROXY: 11,
+    SIGNALS: 6,
+}
 
 BAD_FRAMES = {"size", "malformed", "version", "kind", "length", "type", "range", "dimension"}
 
@@ -45,8 +57,14 @@ def allowed(data: bytes) -> list[Any] | None:
         return None
     if not (_fields(kind, frame[3:length]) and all(map(_further, frame[length:]))):
         return None
-    more = frame[length] if kind == WAVE and len(frame) > length else {}
-    return frame if "integral" not in more or _integral(more["integral"], len(frame[5])) else None
+    more = frame[length] if len(frame) > length else {}
+    if kind == WAVE and "integral" in more and not _integral(more["integral"], len(frame[5])):
+        return None
+    if kind == PROXY and "curvatures" in more and not _curvatures(more["curvatures"], frame[8], frame[5]):
+        return None
+    if kind == PROXY and "friction" in more and not _friction(more["friction"], frame[8]):
+        return None
+    return frame
 
 
 def _fields(kind: int, fields: list[Any]) -> bool:
@@ -61,6 +79,8 @@ def _fields(kind: int, fields: list[Any]) -> bool:
             return _integer(addressee) and _integer(number) and _identity(*identity)
         case 5, [addressee, reason]:
             return _integer(addressee) and _text(reason)
+        case 11, [addressee, sequence, values]:
+            return _integer(addressee) and _integer(sequence) and _signals(values)
         case 6, [addressee, acked_nJ, reason]:
             return _integer(addressee) and _integer(acked_nJ, 0, 2**63 - 1) and _text(reason)
     return False
@@ -82,6 +102,23 @@ def _values(kind: int, values: list[Any]) -> bool:
     return False
 
 
+def _signals(values: object) -> bool:
+    if not (isinstance(values, dict) and len(values) <= 32 and all(map(_text, values))):
+        return False
+    for value in values.values():
+        if isinstance(value, list):
+            if len(value) > 64 or not all(
+                isinstance(part, int) or (isinstance(part, float) and math.isfinite(part)) for part in value
+            ):
+                return False
+        elif isinstance(value, float):
+            if not math.isfinite(value):
+                return False
+        elif not (value is None or isinstance(value, int) or _text(value)):
+            return False
+    return True
+
+
 def _planes(planes: object, dof: int) -> bool:
     if planes is None:
         return True
@@ -95,6 +132,33 @@ def _plane(plane: list[Any], dof: int) -> bool:
     if not (_floats(normal) and len(normal) == dof and _floats(numbers)):
         return False
     return abs(math.fsum(n * n for n in normal) - 1.0) <= 1e-6 and numbers[1] > 0.0 and numbers[2] >= 0.0
+
+
+def _curvatures(value: object, planes: Any, position: list[float]) -> bool:
+    if planes is None or not (isinstance(value, list) and len(value) == len(planes)):
+        return False
+    for (normal, offset, *_), bends in zip(planes, value, strict=True):
+        if not (isinstance(bends, list) and len(bends) <= 2):
+            return False
+        depth, before = sum(n * x for n, x in zip(normal, position, strict=True)) - offset, [normal]
+        for bend in bends:
+            match bend:
+                case [list() as way, float(per_m)] if _floats(way) and len(way) == len(normal):
+                    leans = [abs(sum(a * b for a, b in zip(way, other, strict=True))) for other in before]
+                    if not (max(leans) <= 1e-6 and abs(sum(a * a for a in way) - 1.0) <= 1e-6):
+                        return False
+                    if not (abs(per_m) <= 1e4 and per_m * depth < 1.0):
+                        return False
+                    before.append(way)
+                case _:
+                    return False
+    return True
+
+
+def _friction(value: object, planes: Any) -> bool:
+    if planes is None or not (isinstance(value, list) and len(value) == len(planes)):
+        return False
+    return all(isinstance(mu, float) and 0.0 <= mu <= 10.0 for mu in value)
 
 
 def _further(value: object) -> bool:
@@ -171,4 +235,6 @@ def _same(fields: object, elements: object) -> bool:
     """Equal in value and in type, a tuple being as good as a list; zeros have signs."""
     if isinstance(fields, list | tuple) and isinstance(elements, list):
         return len(fields) == len(elements) and all(map(_same, fields, elements))
+    if isinstance(fields, dict) and isinstance(elements, dict):
+        return list(fields) == list(elements) and all(map(_same, fields.values(), elements.values()))
     return type(fields) is type(elements) and repr(fields) == repr(elements)

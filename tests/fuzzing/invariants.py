@@ -12,13 +12,13 @@ from hapnet.control.set_position_coupling import Modulator, SetPositionCoupling
 from hapnet.errors import BadMessage
 from hapnet.side.endpoint import BACKLOG, ControlHalf, Endpoint
 from hapnet.wire.events import EnergyCredited, Event, Paired, PositionReceived, SampleReceived
-from hapnet.wire.messages import Energy, Message, Motion, Port, Position, Proxy, Refuse, Wave, decode
+from hapnet.wire.messages import Energy, Message, Motion, Port, Position, Proxy, Refuse, Signals, Wave, decode
 from hapnet.wire.session import Outgoing
 from tests.fuzzing.decoder import BAD_FRAMES, Broken, allowed, hold
-from tests.fuzzing.mutator import BYE, ENERGY, MOTION, PORT, POSITION, PROXY, WAVE, WELCOME
+from tests.fuzzing.mutator import BYE, ENERGY, MOTION, PORT, POSITION, PROXY, SIGNALS, WAVE, WELCOME
 from tests.fuzzing.numbers import Numbers
 
-KEYS = dict.fromkeys((POSITION, MOTION, PORT, WAVE, PROXY), "position") | {ENERGY: "energy"}
+KEYS = dict.fromkeys((POSITION, MOTION, PORT, WAVE, PROXY), "position") | {ENERGY: "energy", SIGNALS: "signals"}
 """The key of a kind; of any other: control."""
 
 BAD_MOMENTS = {
@@ -79,6 +79,7 @@ class Watch:
         self._accept_stale = accept_stale
         self._claimed_before_nJ = 0  # by earlier peers
         self._told_nJ = 0
+        self._signals = -1
         self._credited_nJ = 0
         self._start_ns: int | None = None
         self._dropped = 0
@@ -112,6 +113,7 @@ class Watch:
         if session.peer is not peer:
             self._claimed_before_nJ += self.claimed_nJ
             self.claimed_nJ = self._told_nJ = 0
+            self._signals = -1
             self.numbers = Numbers()
             self._waves.clear()
         self._check(now_ns, events)
@@ -143,6 +145,11 @@ class Watch:
             hold(dropped != counts, "energy", message, "with", self._told_nJ, "nJ told; dropped:", dropped)
             if counts:
                 self.claimed_nJ = max(self.claimed_nJ, message.total_nJ)
+        elif isinstance(message, Signals):
+            counts = from_peer and message.addressee == self.own and message.sequence > self._signals
+            hold(dropped != counts, "signals", message, "after", self._signals, "dropped:", dropped)
+            if counts:
+                self._signals = message.sequence
         elif getattr(message, "addressee", self.own) not in (self.own, 0) and message.KIND != BYE:
             hold(dropped, message, "was meant for somebody else")
         if message.incarnation == self.own:

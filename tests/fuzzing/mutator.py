@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable
 import msgpack
 
 INCARNATION, SEQUENCE = 2, 3
-POSITION, ENERGY, HELLO, WELCOME, REFUSE, BYE, MOTION, PORT, WAVE, PROXY = range(1, 11)
+POSITION, ENERGY, HELLO, WELCOME, REFUSE, BYE, MOTION, PORT, WAVE, PROXY, SIGNALS = range(1, 12)
 STREAMS = (POSITION, MOTION, PORT, WAVE, PROXY)
 MOST_RECORDED = 64
 
@@ -79,12 +79,12 @@ class Mutator:
         self._seeds = list(seeds)
         self._values = [value for value in map(_value, self._seeds) if isinstance(value, list) and value]
         self._recorded: deque[bytes] = deque(maxlen=MOST_RECORDED)
-        self._sequence = self._total = self._sent_ns = 0
+        self._sequence = self._total = self._sent_ns = self._told_signals = 0
         plan: tuple[tuple[Callable[[], bytes], float], ...] = (
             (self._flipped, 10), (self._cut, 5), (self._padded, 3), (self._spliced, 5), (self._noise, 2),
             (self._retyped, 18), (self._resized, 5), (self._seed, 3), (self._replayed, 10),
             (self._position, 16), (self._energy, 14), (self._hello, 5), (self._welcome, 3),
-            (self._parting, 0.3), (self._version, 1), (self._deep, 0.7),
+            (self._parting, 0.3), (self._version, 1), (self._deep, 0.7), (self._signals, 2),
         )  # fmt: skip
         self._ways = [way for way, _ in plan]
         self._weights = list(_running(weight for _, weight in plan))
@@ -225,7 +225,38 @@ class Mutator:
         }
         echo = [self._count(self._sent_ns, 10**6, 2**64 - 1), self._count(self._sent_ns, 10**6, 2**64 - 1)]
         values = [position, *more.get(kind, [])]
-        return _packed([2, kind, self._who(), sequence, self._sent_ns, *values, *echo, *self._further()])
+        end = self._of_planes(values[-1]) if kind == PROXY and r() < 0.5 else self._further()
+        return _packed([2, kind, self._who(), sequence, self._sent_ns, *values, *echo, *end])
+
+    def _of_planes(self, planes: object) -> list[object]:
+        """The told planes' curvatures, their friction, or both."""
+        which = self.rng.random()
+        curvatures = {"curvatures": self._curvatures(planes)} if which < 0.7 else {}
+        return [curvatures | ({"friction": self._friction(planes)} if which > 0.4 else {})]
+
+    def _friction(self, planes: object) -> object:
+        r = self.rng.random
+        count = len(planes) if isinstance(planes, list) else 0
+        odd = self.rng.choice
+        friction = [odd(ODD_FLOATS) if r() < 0.02 else 10.0 * r() ** 4 for _ in range(count if r() < 0.98 else 2)]
+        return friction if r() < 0.95 else self._odd()
+
+    def _curvatures(self, planes: object) -> object:
+        """How the told planes' surfaces bend, mostly: across the normal's first two components."""
+        r = self.rng.random
+        bends: list[object] = []
+        for plane in planes if isinstance(planes, list) else []:
+            match plane:
+                case [[float(first), float(second), *others], *_]:
+                    size = math.hypot(first, second) or 1.0
+                    way = [-second / size, first / size if r() < 0.98 else first] + [0.0] * len(
+                        others if r() < 0.99 else ()
+                    )
+                case _:  # an odd one, or of one axis
+                    way = [1.0]
+            per_m = self.rng.choice(ODD_FLOATS) if r() < 0.05 else (r() - 0.6) * 10 ** (6 * r())
+            bends.append([[way, per_m]] * int(r() * 1.7) if r() < 0.95 else self._odd())
+        return bends if r() < 0.95 else self._odd()
 
     def _planes(self, dof: int) -> object:
         """Mostly planes; some of them with numbers that no plane has."""
@@ -266,6 +297,21 @@ class Mutator:
         return _packed(
             [2, ENERGY, self._who(), self._whom(), 0 if self.rng.random() < 0.05 else total, acked, *self._further()]
         )
+
+    def _signals(self) -> bytes:
+        """Values beside the stream; never the word that stops a device, since that would be obeyed."""
+        r = self.rng.random
+        self._told_signals = self._count(self._told_signals, 2, 2**64 - 1)
+        if r() < 0.05:
+            self._told_signals = 0
+        values: object = {
+            f"signal {int(r() * 5)}": self.rng.choice(
+                (r(), int(r() * 9), r() < 0.5, "words", None, [r(), r()], self._odd())
+            )
+            for _ in range(int(r() * (6 if r() < 0.97 else 40)))
+        }
+        values = values if r() < 0.95 else self._odd()
+        return _packed([2, SIGNALS, self._who(), self._whom(), self._told_signals, values, *self._further()])
 
     def _hello(self) -> bytes:
         r = self.rng.random

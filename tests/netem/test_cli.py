@@ -164,7 +164,7 @@ def test_help_loads_neither_numpy_nor_a_relay() -> None:
     assert done.stdout.splitlines()[-1] == "[]"
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", ["udp", "zenoh"])
 def test_a_relay_stops_cleanly_with_its_figures(kind: str, number: int, tmp_path: Path) -> None:
     target = tmp_path / "figures.json"

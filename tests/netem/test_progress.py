@@ -33,8 +33,9 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_lines_in_a_pipe() -> None:
     out = Screen(terminal=False, enough=3)
-    with Progress(out, "sending") as progress:
-        progress.at(0.25)
+    progress = Progress(out, "sending")
+    progress.at(0.25)
+    with progress:
         assert out.full.wait(10)
     assert out.getvalue().startswith("sending: 25 %, 0 s left\nsending: 25 %, 0 s left\n")
 

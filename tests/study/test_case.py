@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -38,6 +39,28 @@ def test_a_press_over_an_ideal_link_feels_the_springs_in_series(device: float, w
     assert found["stiffness_percent"] == pytest.approx(100.0, abs=1.5)
     assert found["force_error_N"] == found["force_error_percent"] == 0.0
     assert found["margin_J"] == pytest.approx(0.1)
+
+
+def test_a_solid_is_measured_as_a_wall_is() -> None:
+    """A ball that is pressed in its middle feels as the wall does."""
+    own = {"dof": 3, "duration_s": 2.2, "operator_hand.reach_s": 0.5}
+    wall, ball = (measure(params("delay 20ms 5ms loss 5%", scene=name, **own), 3) for name in ("wall", "sphere"))
+    assert all(wall[name] is not None for name in ("stiffness_percent", "true_force_error_N", "first_contact_ms"))
+    for name in METRICS:
+        assert ball[name] == pytest.approx(wall[name], rel=1e-3, abs=1e-6), name
+
+
+def field(position: Sequence[float], velocity: Sequence[float], t: float) -> float:
+    """A force whose surface nothing knows."""
+    return -1000.0 * max(0.0, position[0] - 0.02)
+
+
+def test_what_needs_a_surface_is_left_out_where_none_is_known() -> None:
+    found = measure(params("delay 20ms", scene=f"{__name__}:field", duration_s=1.0), 3)
+    unknown = {name for name, value in found.items() if value is None}
+    assert {"stiffness_percent", "true_force_error_N", "free_rms_mm", "drag_N", "first_contact_ms"} <= unknown
+    assert found["contact_rms_mm"] is None  # the proxy's penetration is not told
+    assert found["peak_force_N"] is not None
 
 
 def test_every_metric_and_no_other() -> None:

@@ -29,7 +29,7 @@ from hapnet.study.journal import Journal, Row
 from hapnet.study.runner import Sweep
 from hapnet.study.spec import params_of
 from tests.conftest import DATA
-from tests.processes import started
+from tests.processes import started, without_progress
 from tests.study.sweeps import Here
 
 Capture = pytest.CaptureFixture[str]
@@ -134,6 +134,7 @@ def test_the_cases_are_those_of_a_sweep(tmp_path: Path) -> None:
             assert case.seed == one.case.seed
 
 
+@pytest.mark.slow
 def test_the_same_from_any_number_of_workers(tmp_path: Path) -> None:
     asked = plan(seeds=1)
     alone = compared(asked, tmp_path, Here())
@@ -288,7 +289,7 @@ def test_the_same_command_goes_on_and_another_is_refused(
         str(out),
     )
     assert cli.main([*asked]) == 130
-    told = capsys.readouterr().err
+    told = without_progress(capsys.readouterr().err)
     assert told == f"hapnet: stopped: 3 of 4 cases are done; with --out {out} the same command goes on\n"
     assert cli.main([*asked]) == 0
     assert "4 cases, 2 of them before, in " in capsys.readouterr().out

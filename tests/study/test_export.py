@@ -9,6 +9,7 @@ import pytest
 from pyarrow import parquet
 
 from hapnet.errors import InvalidParameter, MissingLibrary, RecordingError
+from hapnet.recording import export as tables
 from hapnet.study import export
 from hapnet.study.task import CaseResult
 from tests.processes import no_room
@@ -97,7 +98,7 @@ def test_results_are_whole_or_those_of_before(tmp_path: Path) -> None:
 def test_formats_by_what_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
     assert export.formats("auto") == export.formats("both") == ("csv", "parquet")
     assert export.formats("parquet") == ("parquet",)
-    monkeypatch.setattr(export, "find_spec", lambda name: None)
+    monkeypatch.setattr(tables, "find_spec", lambda name: None)
     assert export.formats("auto") == export.formats("csv") == ("csv",)
     with pytest.raises(MissingLibrary, match="--format parquet needs pyarrow, of the extra `sweep`"):
         export.formats("parquet")

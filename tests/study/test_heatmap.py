@@ -66,7 +66,10 @@ def test_a_map_shows_values_failures_and_what_is_not_there(tmp_path: Path) -> No
     assert panel.get_ylabel() == "link"
     assert [tick.get_text() for tick in panel.get_xticklabels()] == ["50", "100", "200", "400"]
     assert legend(figure) == ["no value", "cases that failed: 16"]
-    assert figure.get_suptitle() == "mine: max of peak force over 3 seeds"
+    assert figure.get_suptitle().splitlines() == [
+        "mine: max of peak force over 3 seeds",
+        "least 1.9 N at device.stiffness 50, link 4g; most 2.25 N at device.stiffness 400, link 4g",
+    ]
 
 
 def test_colours_meet_at_zero_where_values_have_both_signs(tmp_path: Path) -> None:
@@ -108,7 +111,10 @@ def test_one_that_varies_is_a_line_with_quartiles(tmp_path: Path) -> None:
     (band,) = panel.collections
     edges = np.asarray(band.get_paths()[0].vertices)
     assert {round(float(y), 9) for x, y in edges if x == 100.0} == {0.45, 1.45}  # of -0.05, 0.95 and 1.95
-    assert figure.get_suptitle() == "median of peak force over 3 seeds, where link=4g"
+    assert figure.get_suptitle().splitlines() == [
+        "median of peak force over 3 seeds, where link=4g",
+        "least 0.9 N at device.stiffness 50; most 1.25 N at device.stiffness 400",
+    ]
     names = draw(grid(journal, "link", None, None, {}, {}))
     journal.close()
     assert [tick.get_text() for tick in names.axes[0].get_xticklabels()] == ["4g", "lan", "dsl"]

@@ -15,7 +15,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 from hapnet.study.case import Measures
 from hapnet.study.journal import Journal, Row
-from hapnet.study.search import Search, base
+from hapnet.study.search import Search, base, most_cases
 from hapnet.study.search_space import propose
 from hapnet.study.spec import Case, Values
 from hapnet.study.task import CaseResult
@@ -201,7 +201,7 @@ def test_defaults_outside_of_the_ranges_are_no_trial(tmp_path: Path) -> None:
     assert search.defaults is not None
     assert search.defaults[0].values["wave.impedance"] == 0.0
     assert all(1.0 <= trial.values["wave.impedance"] <= 9.0 for trial in search.trials)
-    assert len(rows(tmp_path)) <= search.most == (1 + 4) * 2 + 2
+    assert len(rows(tmp_path)) <= most_cases(search.spec) == (1 + 4) * 2 + 2
 
 
 @given(st.integers(0, 2**32 - 1))

@@ -1,4 +1,4 @@
-"""What a tuning may change of each law: the same in the code, in the examples and in README."""
+"""What a tuning may change of each law: the same in the code, in the examples and on the page."""
 
 from __future__ import annotations
 
@@ -54,8 +54,13 @@ def test_all_laws_have_the_same_objective_hands_and_links() -> None:
     assert all(rest(name) == rest("pspm") for name in COUPLINGS)
 
 
-def test_the_readme_lists_what_is_searched() -> None:
-    text = (ROOT / "README.md").read_text().partition("| coupling | searched |")[2].partition("\n\n")[0]
+def test_the_page_lists_what_is_searched() -> None:
+    text = (
+        (ROOT / "hapnet" / "study" / "comparison.md")
+        .read_text()
+        .partition("| coupling | searched |")[2]
+        .partition("\n\n")[0]
+    )
     told = {
         name: re.findall(r"`([^`]+)`", names)
         for laws, names in re.findall(r"^\| (`.*`) \| (`.*`) \|$", text, re.MULTILINE)

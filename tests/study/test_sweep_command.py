@@ -25,7 +25,7 @@ from hapnet.study.journal import NAME, Journal
 from hapnet.study.spec import Spec
 from hapnet.study.task import CaseResult, Task, run
 from tests.conftest import ENVIRONMENT, ROOT
-from tests.processes import Program, started
+from tests.processes import Program, started, without_progress
 from tests.study.sweeps import FATAL, SHORT, TOUCHY, done, spec_file
 
 Capture = pytest.CaptureFixture[str]
@@ -64,7 +64,7 @@ def test_a_sweep_from_its_spec_to_its_figure(directory: Path, capsys: Capture) -
     out, err = capsys.readouterr()
     assert "3 of 9 cases failed:" in out
     assert "  3 x the scene tests.study.sweeps:touchy failed: " in out
-    assert not err
+    assert not without_progress(err)
     found = rows(Path("runs/sweep-study"))
     assert [int(row["case"]) for row in found] == list(range(9))
     assert [row["world.wall.stiffness"] for row in found] == ["1000.0"] * 3 + ["13.0"] * 3 + ["3000.0"] * 3
@@ -103,8 +103,18 @@ def test_a_dry_run_says_what_would_run_and_writes_nothing(directory: Path, capsy
     out = capsys.readouterr().out.splitlines()
     assert out[0] == "40 cases, 10 seeds, into runs/sweep-study"
     assert out[1] == "  0: coupling = pspm, link = lan, seed = 0"
-    assert out[-1] == "  39: coupling = zoh, link = 4g, seed = 9"
+    assert out[-2] == "  39: coupling = zoh, link = 4g, seed = 9"
+    assert re.fullmatch(r"a case takes \S+ s \(mean of 8\); all of them, with \d+ workers?: about .+", out[-1])
     assert sorted(path.name for path in directory.iterdir()) == ["study.toml"]
+
+
+def test_a_dry_run_estimates_by_the_cases_that_can_run(directory: Path, capsys: Capture) -> None:
+    """The first one cannot, and they do not last equally long."""
+    spec_file(directory, "[vary]\ndevice.stiffness = [-1, 100]\nduration_s = [0.2, 0.4]\nseed = [0, 1]")
+    assert cli.main(["sweep", "study.toml", "--dry-run", "--workers", "1"]) == 0
+    out = capsys.readouterr().out.splitlines()
+    assert out[0] == "4 of 8 cases cannot run; the first: device.stiffness is -1.0; allowed: a number above 0"
+    assert re.fullmatch(r"a case takes \S+ s \(mean of 2\); all of them, with 1 worker: about .+", out[-1])
 
 
 MIXED = """
@@ -231,8 +241,10 @@ def test_tab(
     assert capsys.readouterr().out.split() == offered
 
 
-def test_the_spec_of_the_readme_is_one(directory: Path, capsys: Capture) -> None:
-    found = re.search(r"```toml\n(# study.toml.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL)
+def test_the_spec_of_the_page_is_one(directory: Path, capsys: Capture) -> None:
+    found = re.search(
+        r"```toml\n(# study.toml.*?)```", (ROOT / "hapnet" / "study" / "README.md").read_text("utf-8"), re.DOTALL
+    )
     assert found is not None
     spec_file(directory, found[1])
     assert cli.main(["sweep", "study.toml", "--dry-run"]) == 0
@@ -263,7 +275,7 @@ def test_a_sweep_that_cannot_go_on_writes_what_it_has(
     monkeypatch.setattr("hapnet.commands.studies.local_workers", lambda workers: Gone())
     spec_file(directory, SHORT)
     assert cli.main(["sweep", "study.toml", "--workers", "1"]) == 2
-    assert capsys.readouterr().err == (
+    assert without_progress(capsys.readouterr().err) == (
         "hapnet: the scheduler is gone: 2 of 40 cases are done; the same command goes on\n"
     )
     assert [row["case"] for row in rows(Path("runs/sweep-study"))] == ["0", "10"]  # one task: the same but for the link
@@ -278,6 +290,7 @@ def test_another_version_warns(directory: Path, capsys: Capture, monkeypatch: py
     assert "warning: hapnet 0." in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_interrupted_before_a_result_it_says_one_line_and_offers_no_figure(directory: Path) -> None:
     """Its workers are starting: the moment at which they are easiest to hit."""
     spec_file(directory, LONGER.replace("duration_s = 2", "duration_s = 30"))

@@ -19,6 +19,7 @@ from hapnet.study.backend import TaskOutcome
 from hapnet.study.case import Measures
 from hapnet.study.tune_figure import draw
 from tests.conftest import ROOT
+from tests.processes import without_progress
 from tests.study.sweeps import Here, spec_file
 
 Capture = pytest.CaptureFixture[str]
@@ -135,7 +136,8 @@ def test_interrupted_it_goes_on_where_it_was(directory: Path, capsys: Capture, m
     cut = tuned("--out", "cut", code=130)
     done = cut["done"]
     assert 5 < done < 38
-    assert capsys.readouterr().err == f"hapnet: stopped: {done} of 38 cases are done; the same command goes on\n"
+    said = without_progress(capsys.readouterr().err)
+    assert said == f"hapnet: stopped: {done} of 38 cases are done; the same command goes on\n"
     assert cut["files"] == ["cut/results.csv", "cut/trials.csv", "cut/tune.png"]
     begun = trials(directory / "cut")
     assert begun
@@ -203,7 +205,7 @@ def test_values_whose_cases_fail_are_not_chosen(
 
     monkeypatch.setattr("hapnet.study.task.measure", failing)
     told = tuned(code=code)
-    assert capsys.readouterr().err == said
+    assert without_progress(capsys.readouterr().err) == said
     found = told["parameters"]["contact_model.lead"]["found"]
     assert found >= 0.5 if code == 0 else found < 0.5
     assert told["failed"] > 0
@@ -220,7 +222,7 @@ def test_a_claim_that_was_not_kept_ends_with_4(capsys: Capture, monkeypatch: pyt
 
 def test_a_dry_run_says_what_would_run_and_writes_nothing(directory: Path, capsys: Capture) -> None:
     assert cli.main(["tune", "study.toml", "--dry-run"]) == 0
-    out = [line for line in capsys.readouterr().out.splitlines() if not line.startswith("warning")]
+    *out, estimated = [line for line in capsys.readouterr().out.splitlines() if not line.startswith("warning")]
     assert out == [
         "16 trials of 2 cases, scored on 3 others, into runs/tune-study",
         f"  contact_model.lead: 0 to 1, default {LEAD:g}",
@@ -231,6 +233,7 @@ def test_a_dry_run_says_what_would_run_and_writes_nothing(directory: Path, capsy
         "  first case of tuning: link = lan, seed = 0",
         "  first case of scoring: link = wifi, seed = 5",
     ]
+    assert re.fullmatch(r"a case takes \S+ s \(mean of \d\); all of them, with \d+ workers?: about .+", estimated)
     assert sorted(path.name for path in directory.iterdir()) == ["study.toml"]
 
 
@@ -284,8 +287,10 @@ def test_the_example_is_a_spec(capsys: Capture) -> None:
     assert "into runs/tune-pspm" in capsys.readouterr().out
 
 
-def test_the_spec_of_the_readme_is_one(directory: Path, capsys: Capture) -> None:
-    found = re.search(r"```toml\n(# pd.toml.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL)
+def test_the_spec_of_the_page_is_one(directory: Path, capsys: Capture) -> None:
+    found = re.search(
+        r"```toml\n(# pd.toml.*?)```", (ROOT / "hapnet" / "study" / "README.md").read_text("utf-8"), re.DOTALL
+    )
     assert found is not None
     spec_file(directory, found[1], "pd")
     assert cli.main(["tune", "pd.toml", "--dry-run"]) == 0

@@ -30,6 +30,7 @@ from tests.view.feed import FakeControls, Feed
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 SMALL = (940, 560)  # what is not looked at need not cost much
+SLOWER_S = 1.0 / 30.0  # a browser that draws without a graphics card falls behind at the page's own 60 Hz
 LIMIT_MS = 180_000.0  # software rendering on a busy machine is slow
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium here (Debian: apt install chromium)")
@@ -79,7 +80,7 @@ def opened(
     with Feed(history, params) as feed:
         controls = FakeControls(feed)
         given: Controls | None = None if watching else controls
-        with serve(history, given, port=0) as server:
+        with serve(history, given, port=0, frame_s=SLOWER_S) as server:
             page = browser.new_page(viewport={"width": size[0], "height": size[1]})
             page.set_default_timeout(LIMIT_MS)
             page.on("pageerror", lambda error: errors.append(str(error)))

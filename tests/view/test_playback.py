@@ -40,7 +40,7 @@ def test_every_sample_comes_when_it_is_due(recording: Recording) -> None:
     for (now_ns, one), sample in zip(came, expected, strict=True):
         assert one.time_ns - START_NS == sample.time_ns - expected[0].time_ns
         assert 0 <= now_ns - one.time_ns < 10 * MS
-        assert one == sample._replace(time_ns=one.time_ns)
+        assert repr(one) == repr(sample._replace(time_ns=one.time_ns))  # an age before the first message is NaN
 
 
 def test_it_begins_again_as_another_pair_after_a_rest(recording: Recording) -> None:

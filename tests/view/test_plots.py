@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,8 +13,8 @@ pytest.importorskip("viser", reason="the live page's library is not installed")
 
 from hapnet.plant.worlds.registry import make_scene
 from hapnet.view.force import force_now, force_of, parts_of, stacked
-from hapnet.view.history import Track
-from hapnet.view.plots import depth_of, held, piled
+from hapnet.view.history import Snapshot, Track
+from hapnet.view.plots import Plots, depth_of, held, piled
 
 
 def test_a_value_is_held_until_the_next() -> None:
@@ -54,3 +56,32 @@ def test_depth_is_that_of_the_scenes_walls(name: str) -> None:
     surfaces = [surface._asdict() for surface in scene.surfaces]
     expected = [max([0.0, *(wall.penetration(tuple(p)) for wall in scene.walls)]) for p in places]
     np.testing.assert_allclose(depth_of(places, surfaces), expected, atol=1e-15)
+
+
+class Gui:
+    """Keeps the plots that it is asked for, by title."""
+
+    def __init__(self) -> None:
+        self.plots: dict[str, SimpleNamespace] = {}
+
+    def add_html(self, content: str) -> None:
+        pass
+
+    def add_uplot(self, data: object, series: object, title: str, **more: object) -> SimpleNamespace:
+        self.plots[title] = SimpleNamespace(data=data, visible=True)
+        return self.plots[title]
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_the_depth_of_the_handle_is_drawn_where_it_is_known_else_the_proxys_covers_it(known: bool) -> None:
+    """The handle is 7 mm behind a wall at 10 mm, the proxy 1 mm deep in it."""
+    gui = Gui()
+    device = track([[-1.0]] * 2, [[[math.nan]] * 4] * 2)
+    device = replace(device, position_m=np.full((2, 1), 0.017))
+    world = replace(device, parts_N=np.zeros((2, 0, 1)), penetration_m=np.full(2, 0.001))
+    walls = [{"axis": 0, "position_m": 0.01, "solid": 1}]
+    shown = Snapshot(device, world, None, None, True, None, None, (), 2)
+    Plots(gui, 10.0).update(shown, walls if known else [])  # type: ignore[arg-type]
+    *_, of_handle, of_proxy = gui.plots["depth in the wall [mm]"].data
+    np.testing.assert_allclose(of_proxy, 1.0, rtol=1e-12)
+    np.testing.assert_allclose(of_handle, 7.0 if known else 1.0, rtol=1e-12)

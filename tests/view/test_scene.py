@@ -13,13 +13,16 @@ pytest.importorskip("viser", reason="the live page's library is not installed")
 import viser
 import viser.transforms
 
+from hapnet.mechanics.curvature import Curvature
 from hapnet.mechanics.plane import Plane
 from hapnet.plant.worlds.mesh import volume
-from hapnet.plant.worlds.outlines import cylinder, solids_of
+from hapnet.plant.worlds.outlines import cylinder
+from hapnet.plant.worlds.picture import part
+from hapnet.plant.worlds.rigid import parts_of_words
 from hapnet.plant.worlds.shapes import Cylinder
+from hapnet.view.contacts import turned_to
 from hapnet.view.history import Snapshot, Track
-from hapnet.view.scene import _PROXY_RADIUS, _THIN, UNIT, Scene, _coil
-from hapnet.view.solids import turned_to
+from hapnet.view.scene import _PROXY_RADIUS, _THIN, UNIT, Scene, _coil, _view_of
 from tests.solids import torus, write_stl
 
 
@@ -52,13 +55,29 @@ def test_a_plane_that_the_device_knows_lies_where_a_wall_of_its_place_does(norma
     server.stop()
 
 
-def test_the_solids_of_a_rigid_scene_are_drawn_and_where_they_are_touched(tmp_path: Path) -> None:
+def test_a_plane_of_a_ball_is_a_small_piece_where_the_proxy_is() -> None:
+    """Of a ball of 50 mm it reaches 10 mm far, where the ball is 1 mm behind it. Then it is flat and whole again."""
+    server = viser.ViserServer(port=0, verbose=False)
+    scene = Scene(server, 2, [], None)
+    plane = Plane((1.0, 0.0), 0.02, 3000.0, 10.0, 0.0, (Curvature((0.0, 1.0), 20.0),))
+    scene._show_planes((plane,), np.array((1.5, 3.0, 0.0)))
+    (node, *_) = scene._planes
+    np.testing.assert_allclose(node.position, (0.02 * UNIT + _PROXY_RADIUS + _THIN / 2.0, 3.0, 0.0))
+    sizes = np.array(node.dimensions) * node.scale
+    assert sizes[1] == pytest.approx(2.0 * 0.01 * UNIT)
+    scene._show_planes((plane._replace(curvatures=()),), np.array((1.5, 3.0, 0.0)))
+    assert node.position[1] == 0.0
+    assert tuple(node.scale) == (1.0, 1.0, 1.0)
+    server.stop()
+
+
+def test_the_solids_of_a_rigid_scene_are_drawn_and_where_a_wall_is_touched(tmp_path: Path) -> None:
     file = write_stl(tmp_path / "torus.stl", *torus(24, 12))
     words = f"sphere + mesh:{file}?unit=mm + plane + cuboid + cylinder?axis=y + sphere?relief=0.3mm,4mm"
     server = viser.ViserServer(port=0, verbose=False)
-    scene = Scene(server, 3, [], None, scene_name=words)
-    drawn = [server.scene.add_frame(f"/solid_{number}/probe") for number in range(6)]
-    assert len(solids_of(words)) == len(drawn)
+    parts = parts_of_words(words)
+    assert len(parts) == 6
+    scene = Scene(server, 3, [], None, parts=parts)
     still = Snapshot(None, None, None, None, False, None, None, (), 0)
     many, none = np.zeros((1, 3)), np.zeros(1)
     place, force = np.array([[0.021, 0.0, 0.0]]), np.array([[-3.0, 0.0, 0.0]])
@@ -73,7 +92,7 @@ def test_the_solids_of_a_rigid_scene_are_drawn_and_where_they_are_touched(tmp_pa
 
 def test_solids_that_cannot_be_made_here_are_not_drawn() -> None:
     for words in ("wall", "mesh:not_here.stl?unit=mm", "tests.test_scene:Own", None, 3):
-        assert solids_of(words) == ()
+        assert parts_of_words(words) == ()
 
 
 def test_a_cylinder_is_drawn_as_it_is() -> None:
@@ -89,3 +108,40 @@ def test_the_coil_is_one_line_from_end_to_end() -> None:
     assert coil[0, 0].tolist() == [0.0, 0.0, 0.0]
     assert coil[-1, 1].tolist() == [1.0, 0.0, 0.0]
     np.testing.assert_array_equal(coil[1:, 0], coil[:-1, 1])
+
+
+def test_with_three_axes_the_cameras_see_the_solids_beside_the_hand() -> None:
+    """A ring from x = 20 to 104 mm, which is cut at 100, and 30 mm on the other side of the hand."""
+    middle, distance = _view_of([part([(0.02, 0.0, 0.0), (0.104, 0.0, 0.0)], [(0, 0, 1)])])
+    assert middle == pytest.approx((3.5, 0.0, 0.0))
+    assert distance == pytest.approx(24.0 * 13.0 / 10.0)
+    server = viser.ViserServer(port=0, verbose=False)
+    for dof, parts in ((1, ()), (3, ())):
+        Scene(server, dof, [], None, parts=parts)
+        assert server.initial_camera.look_at == pytest.approx((0.0, 0.0, 0.0))
+        assert np.linalg.norm(server.initial_camera.position) == pytest.approx(24.0)
+    server.stop()
+
+
+@pytest.mark.parametrize("dof", [1, 3])
+def test_it_can_be_seen_from_the_front_again(dof: int) -> None:
+    server = viser.ViserServer(port=0, verbose=False)
+    scene, camera = Scene(server, dof, [], None), server.initial_camera
+    front = np.array([camera.position, camera.look_at])
+    camera.position, camera.look_at = np.array([9.0, 8.0, 7.0]), np.ones(3)
+    scene.look(camera)
+    np.testing.assert_array_equal([camera.position, camera.look_at], front)
+    server.stop()
+
+
+def test_names_stay_apart() -> None:
+    """Each name is on the side where the other ball is not."""
+    server = viser.ViserServer(port=0, verbose=False)
+    scene = Scene(server, 1, [], None)
+    still, none = np.zeros((1, 1)), np.zeros(1)
+    proxy = Track(none, still, still, still, np.zeros((1, 0, 1)), none, none, none)
+    for handle_m, anchors in ((0.03, ["top-left", "top-right"]), (-0.03, ["top-right", "top-left"])):
+        handle = replace(proxy, position_m=np.array([[handle_m]]))
+        scene.update(Snapshot(handle, proxy, None, None, False, None, None, (), 0))
+        assert [name.anchor for name in scene._names] == anchors
+    server.stop()

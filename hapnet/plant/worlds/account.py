@@ -33,11 +33,12 @@ class EnvironmentAccount:
 
     def __init__(self, surroundings: Surroundings, position: Sequence[float]) -> None:
         self._surroundings = surroundings
-        self._start_J = self.stored_J = surroundings.stored_J(position)
+        self.stored_J: float = surroundings.stored_J(position)
+        self._start_J = self.stored_J
         self._supplied_at_start_J = surroundings.supplied_J
-        self.supplied_J = 0.0
+        self.supplied_J: float = 0.0
         """S: work put in by obstacles that are moved from outside."""
-        self.slack_min = math.inf
+        self.slack_min: float = math.inf
         """The least slack so far, infinite before the first step."""
 
     @property

@@ -21,9 +21,10 @@ import numpy as np
 from hapnet.checks import Array
 from hapnet.errors import InvalidParameter
 from hapnet.plant.worlds.implicit import solved
-from hapnet.plant.worlds.observed_world import ObservedWorld, compliance_of
+from hapnet.plant.worlds.observed_world import ObservedWorld, compliance_of, nearest
 from hapnet.plant.worlds.obstacle import Body, Law, Obstacle
-from hapnet.plant.worlds.protocol import Inverse
+from hapnet.plant.worlds.obstacles_picture import ObstaclesPicture
+from hapnet.plant.worlds.protocol import Inverse, Plane
 
 
 class ForceWorld(ObservedWorld):
@@ -43,8 +44,8 @@ class ForceWorld(ObservedWorld):
         obstacles = [Obstacle(force)] if callable(force) else list(force)
         if not obstacles or not all(isinstance(obstacle, Obstacle) for obstacle in obstacles):
             raise InvalidParameter("force", force, "a function, or hapnet.Obstacle objects")
-        self.obstacles = [Body(obstacle, self.dof, self.name) for obstacle in obstacles]
-        self.time_s = 0.0
+        self.obstacles: list[Body] = [Body(obstacle, self.dof, self.name) for obstacle in obstacles]
+        self.time_s: float = 0.0
         self._supplied_J = 0.0
 
     @property
@@ -55,6 +56,16 @@ class ForceWorld(ObservedWorld):
     def bodies_J(self) -> float:
         """Kinetic energy of driven obstacles [J]."""
         return sum(body.kinetic_J for body in self.obstacles)
+
+    def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...] | None:
+        """Those of all obstacles; None if one of them can tell none: the device would not feel it."""
+        told = [body.planes(position, self.time_s) for body in self.obstacles]
+        if None in told:
+            return None
+        return nearest([plane for planes in told for plane in planes or ()], position, reach_m)
+
+    def picture(self) -> ObstaclesPicture:
+        return ObstaclesPicture(self.obstacles)
 
     def solve(
         self, dt: float, position: Sequence[float], velocity: list[float], inverse: Inverse

@@ -5,17 +5,51 @@ takes, ``vhat' D vhat T``, is never negative, whatever c_i >= 0 is: so friction 
 matter of feel. With s the tangential speed without friction and a = A along it, c = mu |F| / (s - mu |F|/a) makes the
 friction mu |F| where it slides. Where it sticks, a mass that began the step with the tangential velocity v0 would end
 it with -v0 if vhat became 0, and would chatter: so no c is greater than what makes it end at rest, |vhat| = |v0|/2.
+
+mu may vary over the surface: a step takes that of the place where it begins. That is as passive, for the same reason.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from math import hypot, inf, sqrt
+from math import hypot, inf, pi, sin, sqrt
 
+from hapnet import checks
 from hapnet.checks import Vector
+from hapnet.errors import InvalidParameter
+
+Friction = Callable[[Vector], float]
+"""Coulomb's mu at a place (3,) [m]; what is not above 0 there counts as 0."""
 
 _STUCK = 1e3
 """The greatest c, in units of a."""
+
+
+def at(friction: float | Friction, place: Vector) -> float:
+    """mu at a place (3,) [m]; 0 where the function gives none, or no number."""
+    if not callable(friction):
+        return friction
+    found = friction(place)
+    return found if 0.0 < found < inf else 0.0
+
+
+class FrictionTexture:
+    """A `Friction` that varies: ``mu (1 + share/3 (sin kx + sin ky + sin kz))``, k = 2 pi / wavelength.
+
+    mu : its mean. share : 0 to 1. wavelength : [m].
+    """
+
+    def __init__(self, mu: float, share: float, wavelength: float) -> None:
+        self.mu: float = checks.positive("friction", mu)
+        if not 0.0 <= share <= 1.0:
+            raise InvalidParameter("texture", share, "a share of the friction from 0 to 1, and a wavelength")
+        self._third = share / 3.0
+        self._wave = 2.0 * pi / checks.positive("wavelength", wavelength)
+
+    def __call__(self, position: Vector) -> float:
+        x, y, z = position
+        k = self._wave
+        return self.mu * (1.0 + self._third * (sin(k * x) + sin(k * y) + sin(k * z)))
 
 
 def coefficient(

@@ -12,7 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from math import sqrt
+from math import dist, sqrt
+from operator import mul
 from typing import Final
 
 import numpy as np
@@ -43,20 +44,20 @@ class Mesh:
 
     Raises
     ------
-    InvalidParameter : the mesh is empty or not closed. MissingLibrary : libigl is not installed.
+    InvalidParameter : the mesh is empty or not closed. MissingLibrary : the extra `mesh` is not installed.
     """
 
     slope: Final = 1.0
     flat_m: Final = 5e-5
 
     def __init__(self, vertices: Array, triangles: Triangles) -> None:
-        self.vertices = np.ascontiguousarray(vertices, dtype=np.float64)
-        self.triangles = np.ascontiguousarray(triangles, dtype=np.int64)
+        self.vertices: Array = np.ascontiguousarray(vertices, dtype=np.float64)
+        self.triangles: NDArray[np.int64] = np.ascontiguousarray(triangles, dtype=np.int64)
         require_closed(self.triangles)
         try:
             import igl
         except ImportError:
-            raise MissingLibrary("a scene with a mesh", "libigl", "mesh") from None
+            raise MissingLibrary("a scene with a mesh", "libigl trimesh", "mesh") from None
         tree = igl.AABB()
         tree.init(self.vertices, self.triangles)
         self._search = partial(tree.squared_distance, self.vertices, self.triangles)
@@ -66,19 +67,16 @@ class Mesh:
         self._normals = doubled / np.where(sizes, sizes, 1.0)[:, None]
         self._normal_of: list[Vector] = [tuple(row) for row in self._normals.tolist()]
         self._corner_normals = _corner_normals(self.vertices, self.triangles, self._normals)
-        keys = _edges(self.triangles)
-        self._edge_order = np.argsort(keys, kind="stable")
-        self._edge_keys = keys[self._edge_order]
+        self._edge_normals = _edge_normals(self.triangles, self._normals)
+        self._point = np.zeros((1, 3))
 
     def near(self, position: Vector) -> Near:
         """Distance and gradient at `position` (3,) [m]."""
-        _, faces, points = self._search(np.array((position,)))
+        self._point[0] = position
+        _, faces, points = self._search(self._point)
         face = faces.item()
-        x, y, z = position
         a, b, c = point = points[0].tolist()
-        x -= a
-        y -= b
-        z -= c
+        x, y, z = position[0] - a, position[1] - b, position[2] - c
         distance = sqrt(x * x + y * y + z * z)
         normal = self._normal_of[face]
         side = x * normal[0] + y * normal[1] + z * normal[2]
@@ -92,19 +90,17 @@ class Mesh:
 
     def _pseudonormal(self, face: int, point: Sequence[float]) -> Vector:
         """The unit normal of the triangle, edge or corner on which `point` lies."""
-        corners = self.triangles[face].tolist()
-        away = [weight > _ON_EDGE for weight in _barycentric(np.array(point), *self.vertices[corners])]
+        corners = self.triangles[face]
+        away = [weight > _ON_EDGE for weight in _barycentric(point, *self.vertices[corners].tolist())]
         if sum(away) == 1:
             normal = self._corner_normals[corners[away.index(True)]]
         elif sum(away) == 2:
-            i = away.index(False)
-            low, high = sorted((corners[i - 2], corners[i - 1]))
-            first = int(np.searchsorted(self._edge_keys, low * _KEY + high))
-            normal = self._normals[self._edge_order[first : first + 2] % len(self.triangles)].sum(axis=0)
+            normal = self._edge_normals[face, away.index(False)]
         else:
-            normal = self._normals[face]
-        size = float(np.linalg.norm(normal))
-        return tuple((normal / size).tolist()) if size else (1.0, 0.0, 0.0)
+            return self._normal_of[face]
+        x, y, z = normal.tolist()
+        size = sqrt(x * x + y * y + z * z)
+        return (x / size, y / size, z / size) if size else (1.0, 0.0, 0.0)
 
 
 _KEY = 1 << 31
@@ -135,11 +131,15 @@ def _directed(triangles: Triangles) -> tuple[Triangles, Triangles]:
     return triangles.T.reshape(-1), np.roll(triangles, -1, axis=1).T.reshape(-1)
 
 
-def _edges(triangles: Triangles) -> Triangles:
-    """A number for each undirected edge, in the order of `_directed`."""
+def _edge_normals(triangles: Triangles, normals: Array) -> Array:
+    """(F, 3, 3): for each triangle and each of its corners the sum of the two normals at the edge across from it."""
     one, other = _directed(triangles)
-    numbers: Triangles = np.minimum(one, other) * _KEY + np.maximum(one, other)
-    return numbers
+    order = np.argsort(np.minimum(one, other) * _KEY + np.maximum(one, other), kind="stable")
+    pairs = order.reshape(-1, 2)  # the mesh is closed: each edge is there twice
+    total = np.empty((len(order), 3))
+    total[pairs] = (normals[pairs[:, 0] % len(normals)] + normals[pairs[:, 1] % len(normals)])[:, None]
+    by_first = total.reshape(3, -1, 3).swapaxes(0, 1)  # of the edges from corners 0, 1 and 2
+    return np.ascontiguousarray(np.roll(by_first, -1, axis=1))
 
 
 def _corner_normals(vertices: Array, triangles: Triangles, normals: Array) -> Array:
@@ -154,13 +154,24 @@ def _corner_normals(vertices: Array, triangles: Triangles, normals: Array) -> Ar
     return total
 
 
-def _barycentric(point: Array, a: Array, b: Array, c: Array) -> tuple[float, float, float]:
+def _barycentric(point: Sequence[float], a: Vector, b: Vector, c: Vector) -> Vector:
     """The weights of the corners with which `point` is made; all 0 but one in a triangle without area."""
-    normal = np.cross(b - a, c - a)
-    square = float(normal @ normal)
+    ab, ac, ap = _less(b, a), _less(c, a), _less(point, a)
+    x, y, z = normal = _cross(ab, ac)
+    square = x * x + y * y + z * z
     if not square:
-        nearest = int(np.argmin([float(np.linalg.norm(point - corner)) for corner in (a, b, c)]))
-        return float(nearest == 0), float(nearest == 1), float(nearest == 2)
-    v = float(np.cross(c - a, a - point) @ normal) / square
-    w = float(np.cross(a - b, a - point) @ normal) / square
-    return 1.0 - v - w, v, w
+        nearest = min(range(3), key=lambda i: dist(point, (a, b, c)[i]))
+        return (float(nearest == 0), float(nearest == 1), float(nearest == 2))
+    v = sum(map(mul, _cross(ap, ac), normal)) / square
+    w = sum(map(mul, _cross(ab, ap), normal)) / square
+    return (1.0 - v - w, v, w)
+
+
+def _less(one: Sequence[float], other: Sequence[float]) -> Vector:
+    return (one[0] - other[0], one[1] - other[1], one[2] - other[2])
+
+
+def _cross(one: Vector, other: Vector) -> Vector:
+    a, b, c = one
+    x, y, z = other
+    return (b * z - c * y, c * x - a * z, a * y - b * x)

@@ -35,7 +35,7 @@ def read_mesh(file: str, unit_m: float) -> tuple[Array, Triangles]:
     Raises
     ------
     InvalidParameter : the file cannot be read, has no triangles or too many, or is absurdly large or small.
-    MissingLibrary : trimesh is not installed.
+    MissingLibrary : the extra `mesh` is not installed.
     """
     kind = Path(file).suffix.lower()
     if kind not in FORMATS:
@@ -43,7 +43,7 @@ def read_mesh(file: str, unit_m: float) -> tuple[Array, Triangles]:
     try:
         import trimesh
     except ImportError:
-        raise MissingLibrary("a scene with a mesh", "trimesh", "mesh") from None
+        raise MissingLibrary("a scene with a mesh", "libigl trimesh", "mesh") from None
     data = _read(file)
     try:
         loaded: Any = trimesh.load(io.BytesIO(data), file_type=kind[1:], force="mesh", process=False)

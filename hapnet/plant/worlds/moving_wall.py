@@ -87,7 +87,7 @@ class Schedule:
         self._start = {
             "shift": 0.0, "turn": 0.0, "presence": 1.0, "stiffness": wall.stiffness, "damping": wall.damping
         }  # fmt: skip
-        self.changes = tuple(_changes(timeline, self._start, len(wall.normal)))
+        self.changes: tuple[Change, ...] = tuple(_changes(timeline, self._start, len(wall.normal)))
 
     def at(self, t: float) -> Wall | None:
         """The wall at `t` seconds after the world's first step; None while it is gone."""
@@ -133,11 +133,11 @@ class MovingWall:
 
     def __init__(self, schedule: Schedule, min_s: float = STEP_MIN_S, max_s: float = STEP_MAX_S) -> None:
         self.schedule = schedule
-        self.dof = len(schedule.wall.normal)
+        self.dof: int = len(schedule.wall.normal)
         # The scene that it is at the start checks the steps' range and draws their lengths.
         self._still = Scene("moving", self.dof, (schedule.wall,), min_s, max_s)
-        self.start = self._still.start
-        self.supplied_J = 0.0
+        self.start: Vector = self._still.start
+        self.supplied_J: float = 0.0
         self._time_s = 0.0
         self._set_wall()
 

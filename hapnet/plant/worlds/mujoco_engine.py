@@ -41,10 +41,15 @@ class Engine:
     """
 
     def __init__(self, found: Model, dof: int) -> None:
-        self.found, self.dof = found, dof
-        self.own_step_s = float(found.model.opt.timestep)
-        self.supplied_J = self.given_J = self.paid_J = 0.0
-        self.account_J = 0.0
+        self.found: Model = found
+        self.dof: int = dof
+        self.own_step_s: float = float(found.model.opt.timestep)
+        self._substep_s = self.own_step_s
+        self.supplied_J: float = 0.0
+        self.given_J: float = 0.0
+        self.paid_J: float = 0.0
+        self.account_J: float = 0.0
+        self._substeps, self._touch = 0, np.zeros(dof)
         self._engine, self._model, self._data = found.engine, found.model, found.data
         self._signature = found.engine.mjtState.mjSTATE_FULLPHYSICS
         self._saved = np.empty(found.engine.mj_stateSize(found.model, self._signature))
@@ -53,10 +58,11 @@ class Engine:
         place = int(found.model.jnt_qposadr[found.model.dof_jntid[found.dofs[0]]]) if found.dofs else 0
         first = found.dofs[0] if found.dofs else 0
         self._qpos, self._qvel = found.data.qpos[place : place + dof], found.data.qvel[first : first + dof]
+        self._contact = found.data.qfrc_constraint[first : first + dof]
         self._push, self._energies = found.data.qfrc_applied[first : first + dof], found.data.energy
         self._has_motors = bool(found.model.nu)
         self._first_geom = int(found.model.body_geomadr[found.body])
-        self._end_geom = self._first_geom + int(found.model.body_geomnum[found.body])
+        self._geoms = int(found.model.body_geomnum[found.body])
         self._jacobian = np.zeros((3, found.model.nv))
         rk4 = found.model.opt.integrator == found.engine.mjtIntegrator.mjINT_RK4
         if rk4:  # mj_step2 integrates by Euler's method then, as the warning says
@@ -109,14 +115,19 @@ class Engine:
         self._engine.mj_solveM(self._model, self._data, solved, rows)
         return rows @ solved.T
 
+    @property
+    def contact_force(self) -> Vector:
+        """Of all contacts on an added sphere, the mean over this step's substeps [N]."""
+        return tuple((self._touch / max(1, self._substeps)).tolist())
+
     def depth(self) -> float:
         """How deep the proxy is in what it touches, where it is deepest [m]."""
         contacts, count = self._data.contact, self._data.ncon
         if not count:
             return 0.0
-        geoms = contacts.geom[:count]
-        own = ((geoms >= self._first_geom) & (geoms < self._end_geom)).any(axis=1)
-        return max(0.0, -float(contacts.dist[:count][own].min())) if own.any() else 0.0
+        # as unsigned numbers those below the first one are great
+        own = ((contacts.geom[:count] - self._first_geom).view(np.uint32) < self._geoms).nonzero()[0].tolist()
+        return max(0.0, -min([float(contacts.dist[i]) for i in own])) if own else 0.0
 
     def place(self, position: Vector) -> bool:
         """Put the added sphere at rest there [m]; returns whether it is free. A body of the model stays where it is."""
@@ -130,8 +141,13 @@ class Engine:
     # -- steps -------------------------------------------------------------------------------------------------------
 
     def begin(self, length_s: float) -> None:
-        """The next substeps have this length [s]."""
-        before, self._model.opt.timestep = self._model.opt.timestep, length_s
+        """A step begins, whose substeps have this length [s]."""
+        self._substeps = 0
+        self._touch[:] = 0.0
+        if length_s == self._substep_s:
+            return
+        before, self._substep_s = self._substep_s, length_s
+        self._model.opt.timestep = length_s
         if length_s > 1.5 * before:  # contacts may not be stiffer than their step allows: look again
             self._engine.mj_step1(self._model, self._data)
 
@@ -151,7 +167,9 @@ class Engine:
             force, work = none, 0.0
             _, supplied = self._advance(none)
         self._engine.mj_step1(self._model, self._data)
+        self._substeps += 1
         if self._settle(work, supplied):
+            self._touch += self._contact
             return force, work
         self._return(at_rest=True)
         _, supplied = self._advance(none)
@@ -170,9 +188,7 @@ class Engine:
         moved = tuple(map(sub, self.position(), before))
         if not self._has_motors:
             return moved, 0.0
-        return moved, float(self._model.opt.timestep) * float(
-            data.qfrc_actuator @ data.qvel
-        )  # the new velocity moves it
+        return moved, self._substep_s * float(data.qfrc_actuator @ data.qvel)  # the new velocity moves it
 
     def _return(self, *, at_rest: bool) -> None:
         """Go back to before this substep; `at_rest`: what moved then is stopped, which goes into the account."""

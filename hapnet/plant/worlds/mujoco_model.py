@@ -2,7 +2,8 @@
 
 ``mujoco:FILE.xml`` loads any model as it is. A sphere is added that only the virtual coupling moves: on slide joints,
 without weight. ``?proxy=NAME`` makes a body of the model the proxy, at its centre of mass, or a site, at its place.
-``?at=X,Y,Z`` [m] says where the added sphere begins, ``?radius=`` [m] how large it is; several with &.
+``?at=X,Y,Z`` [m] says where the added sphere begins, ``?radius=`` [m] how large it is, ``?planes=`` of what the device
+is told (`hapnet.plant.worlds.mujoco_planes`); several with &.
 """
 
 from __future__ import annotations
@@ -21,9 +22,11 @@ from hapnet.loading import cause
 from hapnet.plant.worlds.walls import check_number
 
 PREFIX = "mujoco:"
+PLANES = ("auto", "all", "none")
+"""What the device is told as planes: what they describe well, all that the sphere meets, nothing."""
 _NAME = "hapnet_proxy"
 _RADIUS = 0.005
-_FORM = "mujoco:FILE.xml, perhaps with ?proxy=NAME of a body or site, or ?at=X,Y,Z&radius=R in metres"
+_FORM = "mujoco:FILE.xml, perhaps with ?proxy=NAME of a body or site, or ?at=X,Y,Z&radius=R in metres, or ?planes=all"
 
 
 class Asked(NamedTuple):
@@ -33,6 +36,7 @@ class Asked(NamedTuple):
     proxy: str
     at: tuple[float, ...]
     radius: float
+    planes: str
 
 
 class Model(NamedTuple):
@@ -52,7 +56,7 @@ def asked(scene: str) -> Asked:
     file, _, query = scene.removeprefix(PREFIX).partition("?")
     try:
         options = dict(parse_qsl(query, strict_parsing=True)) if query else {}
-        unknown = set(options) - {"proxy", "at", "radius"}
+        unknown = set(options) - {"proxy", "at", "radius", "planes"}
         at = tuple(float(part) for part in options.get("at", "").split(",") if part.strip())
         radius = float(options.get("radius", _RADIUS))
     except ValueError as error:
@@ -62,7 +66,9 @@ def asked(scene: str) -> Asked:
     check_number("scene's radius", radius, "a positive number [m], at most 1", lambda r: 0.0 < r <= 1.0)
     if "proxy" in options and ("at" in options or "radius" in options):
         raise InvalidParameter("scene", scene, "either proxy=NAME, or at= and radius= for a sphere that is added")
-    return Asked(file, options.get("proxy", ""), at, radius)
+    if (planes := options.get("planes", "auto")) not in PLANES:
+        raise InvalidParameter("scene", scene, f"planes= one of {', '.join(PLANES)}")
+    return Asked(file, options.get("proxy", ""), at, radius, planes)
 
 
 def load(scene: str, dof: int, mass: float) -> Model:

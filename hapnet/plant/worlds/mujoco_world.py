@@ -32,7 +32,9 @@ from hapnet.checks import Array, Vector
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.plant.integrator import Step
 from hapnet.plant.worlds.mujoco_engine import Engine
-from hapnet.plant.worlds.mujoco_model import load, warnings
+from hapnet.plant.worlds.mujoco_model import asked, load, warnings
+from hapnet.plant.worlds.mujoco_picture import ModelPicture
+from hapnet.plant.worlds.mujoco_planes import SpherePlanes
 from hapnet.plant.worlds.protocol import Inverse, Observed, Plane, Surface
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene, checked_dof
 from hapnet.plant.worlds.walls import Wall
@@ -57,7 +59,7 @@ class MujocoProxy:
     engine : the running model. damping, stiffness : B' [Ns/m], K' [N/m].
     """
 
-    kinetic_J = 0.0
+    kinetic_J: float = 0.0
     """Zero: the proxy's motion is stored in the engine."""
 
     def __init__(self, engine: Engine, damping: ArrayLike, stiffness: ArrayLike) -> None:
@@ -155,9 +157,14 @@ class MujocoWorld:
     def __init__(self, scene: str, dof: int = 3, min_s: float = STEP_MIN_S, max_s: float = STEP_MAX_S) -> None:
         self._steps = Scene(self.name, checked_dof(dof), (), min_s, max_s)
         self._found = load(scene, dof, _SMALLEST_MASS)
-        self.warnings = tuple(warnings(self._found))
-        self.engine = Engine(self._found, dof)
-        self.dof, self.start = dof, self._steps.start
+        self.warnings: tuple[str, ...] = tuple(warnings(self._found))
+        self.engine: Engine = Engine(self._found, dof)
+        self.dof: int = dof
+        self.start: Vector = self._steps.start
+        told, self._planes = asked(scene).planes, None
+        if self._found.dofs and not self._found.model.nflex and told != "none":
+            planes = SpherePlanes(self._found, dof, everything=told == "all")
+            self._planes = planes if planes.any_fits else None
 
     @property
     def contacts(self) -> MujocoWorld:
@@ -176,6 +183,9 @@ class MujocoWorld:
             self._found.engine.mj_setConst(model, self._found.data)
             self.engine.weigh()
         return MujocoProxy(self.engine, damping, stiffness)
+
+    def picture(self) -> ModelPicture:
+        return ModelPicture(self.engine)
 
     def next_step_s(self, rng: np.random.Generator) -> float:
         return self._steps.next_step_s(rng)
@@ -220,13 +230,21 @@ class MujocoWorld:
     def penetration(self, position: Sequence[float]) -> float:
         return self.engine.depth()
 
+    @property
+    def contact_force(self) -> Vector:
+        """Of all contacts on the proxy, the mean over the last step [N]."""
+        return self.engine.contact_force
+
     def plane(self, position: Sequence[float]) -> Plane | None:
-        """None, as `planes`."""
-        return None
+        """The deepest of `planes`."""
+        deepest = next(iter(self.planes(position, 0.0) or ()), None)
+        return None if deepest is None or deepest.depth(position) <= 0.0 else deepest
 
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...] | None:
-        """None: not told."""
-        return None
+        """Those around an added sphere where it is. None: it touches what no plane describes, or there is a flex, or
+        the hand holds a body of the model, with its weight and joints.
+        """
+        return None if self._planes is None else self._planes.around(tuple(position), reach_m)
 
 
 def _product(matrix: Array) -> Product:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from math import inf
 
 import numpy as np
 
-from hapnet.checks import Array, Vector
+from hapnet.checks import MOST_PLANES, Array, Vector
 from hapnet.plant.worlds.observer import Observer
 from hapnet.plant.worlds.protocol import Inverse, Observed, Plane, Surface
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene
@@ -43,7 +43,10 @@ class ObservedWorld:
     ) -> None:
         check_number("energy_J", energy_J, "zero or a positive number [J]", lambda energy: 0.0 <= energy < inf)
         self._steps = Scene(name, dof, (), min_s, max_s, tuple(start))  # checks dof and the steps' range, draws them
-        self.name, self.dof, self.start, self.surfaces = name, dof, self._steps.start, surfaces
+        self.name: str = name
+        self.dof: int = dof
+        self.start: Vector = self._steps.start
+        self.surfaces: tuple[Surface, ...] = surfaces
         self._observer = Observer(energy_J)
 
     @property
@@ -88,16 +91,23 @@ class ObservedWorld:
         raise NotImplementedError
 
     def penetration(self, position: Sequence[float]) -> float:
-        """Zero: where the forces have a surface is not known."""
-        return 0.0
+        """Zero where no planes are told: it is not known where the forces have a surface."""
+        plane = self.plane(position)
+        return 0.0 if plane is None else plane.depth(position)
 
     def plane(self, position: Sequence[float]) -> Plane | None:
-        """None, as `planes`."""
-        return None
+        deepest = next(iter(self.planes(position, 0.0) or ()), None)
+        return None if deepest is None or deepest.depth(position) <= 0.0 else deepest
 
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...] | None:
         """None: a force tells no planes."""
         return None
+
+
+def nearest(planes: Iterable[Plane], position: Sequence[float], reach_m: float) -> tuple[Plane, ...]:
+    """Those that `position` (n,) [m] is behind, or has within `reach_m` [m]: the deepest first."""
+    within = [plane for plane in planes if plane.depth(position) >= -reach_m]
+    return tuple(sorted(within, key=lambda plane: -plane.depth(position))[:MOST_PLANES])
 
 
 def compliance_of(inverse: Inverse, dof: int) -> Array:

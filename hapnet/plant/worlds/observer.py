@@ -41,9 +41,11 @@ class Observer:
     """
 
     def __init__(self, energy_J: float = 0.0) -> None:
-        self.start_J = self.energy_J = energy_J
+        self.energy_J: float = energy_J
+        self.start_J: float = energy_J
         """What is left to give out [J]; below 0 is a debt, which only `charge` can make."""
-        self.given_J = self.paid_J = 0.0
+        self.given_J: float = 0.0
+        self.paid_J: float = 0.0
 
     @property
     def observed(self) -> Observed:

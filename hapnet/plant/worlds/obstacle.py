@@ -22,11 +22,16 @@ import numpy as np
 from hapnet.checks import Array, Vector
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.loading import cause
+from hapnet.mechanics.plane import Plane, checked
 from hapnet.plant.worlds.implicit import solved
+from hapnet.plant.worlds.shapes import Shape
 from hapnet.plant.worlds.walls import check_number
 
 Law = Callable[[Vector, Vector, float], Sequence[float] | float]
 """A force (n,) [N] at a position (n,) [m], with a velocity (n,) [m/s], at a time [s]."""
+
+Planes = Callable[[Vector, float], Sequence[Plane]]
+"""The planes near a position (n,) [m], at a time [s]."""
 
 Motion = Callable[[float], Sequence[float] | float]
 """A position (n,) [m] at a time [s]."""
@@ -47,6 +52,9 @@ class Obstacle:
     motion : the obstacle's position, by a script; None: it rests at the origin, or is driven.
     mass : of a driven obstacle [kg], which starts at rest at the origin; 0: it is not driven.
     drive : the force on a driven obstacle, a `Law` of its own position and velocity.
+    planes : what the device is told, so that it feels the surface without delay: a plane, or a function of the proxy's
+        position and of time that gives planes; all as seen from the obstacle. None: no plane describes the force.
+    shape : what pictures show, as seen from the obstacle (`hapnet.plant.worlds.shapes`); it does not act on anything.
 
     Raises InvalidParameter.
     """
@@ -55,6 +63,8 @@ class Obstacle:
     motion: Motion | None = None
     mass: float = 0.0
     drive: Law | None = None
+    planes: Plane | Planes | None = None
+    shape: Shape | None = None
 
     def __post_init__(self) -> None:
         check_number("mass", self.mass, "zero or a positive number [kg]", lambda m: 0.0 <= m < inf)
@@ -71,9 +81,9 @@ class Body:
         self.obstacle = obstacle
         self._dof, self._scene = dof, scene
         self.position = np.zeros(dof) if obstacle.motion is None else self._asked("motion", obstacle.motion, 0.0)
-        self.velocity = np.zeros(dof)
-        self.drive = np.zeros(dof)
-        self.ahead = np.zeros(dof)
+        self.velocity: Array = np.zeros(dof)
+        self.drive: Array = np.zeros(dof)
+        self.ahead: Array = np.zeros(dof)
         """uhat without the proxy's reaction [m/s]."""
 
     @property
@@ -108,6 +118,30 @@ class Body:
             return float(force @ moved)
         self.velocity = 2.0 * mean - self.velocity
         return float(self.drive @ moved)
+
+    def planes(self, position: Sequence[float], time: float) -> tuple[Plane, ...] | None:
+        """The planes around `position` [m] at `time` [s], moved with the obstacle; None: it can tell none."""
+        tell = self.obstacle.planes
+        if tell is None:
+            return None
+        away = tuple([x - r for x, r in zip(position, self.position.tolist(), strict=True)])
+        if isinstance(tell, Plane):
+            found: Sequence[Plane] = (tell,)
+        else:
+            try:
+                found = tuple(tell(away, time))
+            except Exception as error:
+                raise HapnetError(f"the scene {self._scene} failed: its planes raised {cause(error)}") from error
+        moves = self.velocity if self.obstacle.mass else self.ahead
+        return tuple(
+            [
+                plane._replace(
+                    offset_m=plane.offset_m + float(self.position @ plane.normal),
+                    velocity_mps=plane.velocity_mps + float(moves @ plane.normal),
+                )
+                for plane in checked(found, self._dof)
+            ]
+        )
 
     def _mean(self, name: str, law: Law, dt: float, position: Array, velocity: Array, time: float) -> Array:
         """The mean of `law` over a step of `dt` [s]."""

@@ -1,29 +1,22 @@
-"""The surfaces of a rigid scene's solids as triangles, for pictures of it."""
+"""The surfaces of solids as triangles, for pictures of them."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from hapnet.checks import Array
-from hapnet.errors import HapnetError
-from hapnet.plant.worlds import rigid
 from hapnet.plant.worlds.mesh import Mesh, Triangles
-from hapnet.plant.worlds.rigid_contacts import Solid
+from hapnet.plant.worlds.picture import GREY, RESTS, Color, Part, part
 from hapnet.plant.worlds.shapes import Cuboid, Cylinder, HalfSpace, Shape, Sphere, Textured
 
 Outline = tuple[Array, Triangles]
 """Vertices (N, 3) [m], and triangles (M, 3) as indices of them."""
 
 _SIDES = 48
-
-
-def solids_of(scene: object) -> tuple[Solid, ...]:
-    """The solids of the scene with these words; none if it is another one, or its files are not here."""
-    build = rigid.builder(scene) if isinstance(scene, str) else None
-    try:
-        return () if build is None else build().contacts.solids
-    except HapnetError:
-        return ()
+_FINE = 1000
+"""Meshes of so many triangles stand for something curved."""
 
 
 def smooth(shape: Shape) -> Shape:
@@ -62,23 +55,42 @@ def cylinder(shape: Cylinder) -> Outline:
     return np.roll(ends, shape.axis + 1, axis=1) + shape.centre, triangles
 
 
-def _sphere(shape: Sphere) -> Outline:
-    turns, heights = np.meshgrid(
-        2.0 * np.pi * np.arange(_SIDES) / _SIDES, np.pi * np.arange(_SIDES // 2 + 1) / (_SIDES // 2)
+def ball(sides: int = _SIDES, straight: float = 0.0) -> Outline:
+    """A ball of radius 1 about the origin; with `straight` a capsule along z, whose cylinder is so long."""
+    half = np.linspace(0.0, 0.5 * np.pi, sides // 4 + 1)
+    heights, lifts = (
+        np.concatenate([half, np.pi - half[::-1]]),
+        np.repeat((0.5 * straight, -0.5 * straight), len(half)),
     )
-    points = np.stack([np.sin(heights) * np.cos(turns), np.sin(heights) * np.sin(turns), np.cos(heights)], -1)
-    at = np.arange(points.shape[0] * _SIDES).reshape(-1, _SIDES)
+    turn, height = np.meshgrid(2.0 * np.pi * np.arange(sides) / sides, heights)
+    lift = np.broadcast_to(lifts[:, None], height.shape)
+    points = np.stack([np.sin(height) * np.cos(turn), np.sin(height) * np.sin(turn), np.cos(height) + lift], -1)
+    at = np.arange(points.shape[0] * sides).reshape(-1, sides)
     here, beside = at[:-1], np.roll(at, -1, axis=1)[:-1]
     below, both = at[1:], np.roll(at, -1, axis=1)[1:]
     triangles = np.concatenate([np.stack([here, below, beside], -1), np.stack([beside, below, both], -1)])
-    return points.reshape(-1, 3) * shape.radius + shape.centre, triangles.reshape(-1, 3)
+    vertices = points.reshape(-1, 3)
+    a, b, c = (vertices[triangles.reshape(-1, 3)[:, k]] for k in range(3))
+    has_area = np.linalg.norm(np.cross(b - a, c - a), axis=1) > 1e-12  # not at the poles
+    return vertices, triangles.reshape(-1, 3)[has_area]
+
+
+def _sphere(shape: Sphere) -> Outline:
+    vertices, triangles = ball()
+    return vertices * shape.radius + shape.centre, triangles
+
+
+def cuboid(size: Sequence[float]) -> Outline:
+    """A box of this size (3,) about the origin."""
+    corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    triangles = [half for a, b, c, d in faces for half in ((a, b, c), (a, c, d))]
+    return corners * np.array(size), np.array(triangles)
 
 
 def _cuboid(shape: Cuboid) -> Outline:
-    corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    triangles = [part for a, b, c, d in faces for part in ((a, b, c), (a, c, d))]
-    return corners * np.array(shape.size) + shape.centre, np.array(triangles)
+    corners, triangles = cuboid(shape.size)
+    return corners + shape.centre, triangles
 
 
 def _plane(shape: HalfSpace, around: Array, reach_m: float) -> Outline:
@@ -89,3 +101,12 @@ def _plane(shape: HalfSpace, around: Array, reach_m: float) -> Outline:
     other = np.cross(normal, one)
     corners = [foot + reach_m * (a * one + b * other) for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
     return np.array(corners), np.array([(0, 1, 2), (0, 2, 3)])
+
+
+def part_of(shape: Shape, color: Color = GREY, body: int = RESTS, reach_m: float = 0.06) -> Part | None:
+    """A shape as a part of a picture; None: of this kind nothing is known. A plane is cut `reach_m` from the origin."""
+    found = outline(shape, np.zeros(3), reach_m)
+    if found is None:
+        return None
+    fine = isinstance(smooth(shape), Sphere | Mesh) and len(found[1]) >= _FINE
+    return part(*found, color, body, smooth=fine)

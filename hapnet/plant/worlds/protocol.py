@@ -51,7 +51,8 @@ class Observed(NamedTuple):
 class Surroundings(Protocol):
     """Everything around the proxy that acts on it; `dof` is n.
 
-    Those that promise nothing have an attribute `observed` too (`Observed`): what their observer saw.
+    Those that promise nothing have an attribute `observed` too (`Observed`): what their observer saw. An engine that
+    moves the proxy itself has `contact_force`, of all contacts on the proxy, the mean over the last step (n,) [N].
     """
 
     @property
@@ -82,9 +83,10 @@ class Surroundings(Protocol):
 
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...] | None:
         """The planes that a proxy at `position` (n,) [m] touches, or has within `reach_m` [m]: at most four, the
-        deepest or nearest first. A curved obstacle gives its tangent plane at the nearest point.
+        deepest or nearest first. A curved obstacle gives its tangent plane at the nearest point, and how its surface
+        bends there, if it is known (`Plane.curvatures`). The device feels these planes and nothing else.
 
-        None: this world can tell no planes.
+        None: this world can tell no planes, or has forces that no plane describes.
         """
 
     def stored_J(self, position: Sequence[float]) -> float:

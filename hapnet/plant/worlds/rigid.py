@@ -15,13 +15,16 @@ from math import hypot
 import numpy as np
 
 from hapnet.checks import Array, Vector
-from hapnet.errors import InvalidParameter
+from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.plant.worlds.friction import Friction, FrictionTexture
 from hapnet.plant.worlds.mesh import Mesh, Triangles
 from hapnet.plant.worlds.mesh_file import read_heights, read_mesh
+from hapnet.plant.worlds.picture import Part
 from hapnet.plant.worlds.protocol import Surface
 from hapnet.plant.worlds.rigid_contacts import RigidContacts, Solid, padded
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene, checked_dof
 from hapnet.plant.worlds.shapes import Cuboid, Cylinder, HalfSpace, Shape, Sphere, Textured
+from hapnet.plant.worlds.solids_picture import SolidsPicture
 from hapnet.plant.worlds.walls import WALL_DAMPING, WALL_STIFFNESS, Wall
 
 _FRONT_M = 0.02
@@ -57,15 +60,18 @@ class RigidScene:
         if not solids:
             raise InvalidParameter("solids", solids, "one or more")
         self.name = name
-        self.dof = checked_dof(dof)
-        self.contacts = RigidContacts(solids, self.dof)
+        self.dof: int = checked_dof(dof)
+        self.contacts: RigidContacts = RigidContacts(solids, self.dof)
         self._empty = Scene(name, self.dof, (), min_s, max_s, start)
-        self.start = self._empty.start
+        self.start: Vector = self._empty.start
         self.contacts.require_outside(self.start)
 
     def next_step_s(self, rng: np.random.Generator) -> float:
         """Draw the duration of the next step, T_k [s]: uniform in [min_s, max_s]."""
         return self._empty.next_step_s(rng)
+
+    def picture(self) -> SolidsPicture:
+        return SolidsPicture(self.contacts.solids)
 
     def towards(self, position: Vector) -> Vector:
         """The farthest point on the straight line from `start` to `position` (n,) [m] before a solid."""
@@ -109,6 +115,15 @@ def rigid(
 def builder(words: str) -> Callable[..., RigidScene] | None:
     """A function that makes the scene with these words; None: they are not those of a rigid scene."""
     return partial(rigid, words) if _kind(_parts(words)[0])[0] in KINDS else None
+
+
+def parts_of_words(scene: object) -> tuple[Part, ...]:
+    """The parts of the scene with these words; none if it is no rigid scene, or its files are not here."""
+    build = builder(scene) if isinstance(scene, str) else None
+    try:
+        return () if build is None else build().picture().parts
+    except HapnetError:
+        return ()
 
 
 class Properties:
@@ -162,10 +177,11 @@ class Kind:
     """A kind of solid: how it is made, and the words for its properties."""
 
     def __init__(self, make: Callable[[Properties, str], Shape], words: str) -> None:
-        self.make, self.words = make, f"{words}, {_MATERIAL}"
+        self.make: Callable[[Properties, str], Shape] = make
+        self.words: str = f"{words}, {_MATERIAL}"
 
 
-_MATERIAL = "stiffness=N/m, damping=Ns/m, friction=0.5, relief=HEIGHT,WAVELENGTH"
+_MATERIAL = "stiffness=N/m, damping=Ns/m, friction=0.5, texture=SHARE,WAVELENGTH, relief=HEIGHT,WAVELENGTH"
 
 
 def _solid(words: str, given: Mapping[str, float]) -> Solid:
@@ -180,13 +196,27 @@ def _solid(words: str, given: Mapping[str, float]) -> Solid:
         relief = properties.lengths("relief", (0.0, 1.0))
         if relief[0]:
             shape = Textured(shape, *relief)
-        material = {key: properties.number(key, value) for key, value in (*given.items(), ("friction", 0.0))}
+        material = {key: properties.number(key, value) for key, value in given.items()}
+        friction = _friction(properties)
         properties.finish()
-        return Solid(shape, **material)
+        return Solid(shape, friction=friction, **material)
     except InvalidParameter as error:
         if error.name.startswith("scene "):
             raise
         raise InvalidParameter(f"scene {words}: {error.name}", error.value, error.allowed) from error
+
+
+def _friction(properties: Properties) -> float | Friction:
+    mu = properties.number("friction", 0.0)
+    text = properties.text("texture")
+    if text is None:
+        return mu
+    share, comma, wavelength = text.partition(",")
+    number, length = _value(share.strip(), None), _value(wavelength.strip(), _UNITS)
+    if number is None or length is None or not comma or not mu:
+        allowed = "a share of the friction and a length with its unit, such as friction=0.5&texture=0.8,4mm"
+        raise properties.error(f"texture={text}", allowed)
+    return FrictionTexture(mu, number, length)
 
 
 def _value(text: str, units: Mapping[str, float] | None) -> float | None:

@@ -29,21 +29,22 @@ from math import hypot, sqrt
 from operator import mul
 
 from hapnet import checks
-from hapnet.checks import MOST_PLANES, Vector
+from hapnet.checks import MOST_FRICTION, MOST_PLANES, Vector
 from hapnet.errors import InvalidParameter
+from hapnet.mechanics.curvature import Curvature, Curvatures, across
 from hapnet.mechanics.plane import Plane
 from hapnet.plant.worlds.coupled import Contact, compliance, solve, solved, times
-from hapnet.plant.worlds.friction import coefficient, drag_of, tangential
+from hapnet.plant.worlds.friction import Friction, coefficient, drag_of, tangential
 from hapnet.plant.worlds.protocol import Inverse
 from hapnet.plant.worlds.secant import GOOD_MPS, Secant
-from hapnet.plant.worlds.shapes import Shape
+from hapnet.plant.worlds.shapes import Bent, Shape
 from hapnet.plant.worlds.walls import WALL_DAMPING, WALL_STIFFNESS
 
 ANCHOR_CEILING_J = 0.01
 """Of E_c. The springs store some 5 mJ in a firm contact."""
 
-CORRECTIONS = 3
-"""The most secants after the first plane."""
+CORRECTIONS = 8
+"""The most secants after the first plane; 1 is usual."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,8 @@ class Solid:
 
     Parameters
     ----------
-    shape : see `hapnet.plant.worlds.shapes`. stiffness : K_w [N/m]. damping : B_w [Ns/m]. friction : Coulomb's mu.
+    shape : see `hapnet.plant.worlds.shapes`. stiffness : K_w [N/m]. damping : B_w [Ns/m]. friction : Coulomb's mu, or
+        a function that gives it for a place (3,) [m].
 
     Raises InvalidParameter.
     """
@@ -60,12 +62,13 @@ class Solid:
     shape: Shape
     stiffness: float = WALL_STIFFNESS
     damping: float = WALL_DAMPING
-    friction: float = 0.0
+    friction: float | Friction = 0.0
 
     def __post_init__(self) -> None:
         checks.positive("stiffness", self.stiffness)
         checks.non_negative("damping", self.damping)
-        checks.non_negative("friction", self.friction)
+        if not callable(self.friction):
+            checks.non_negative("friction", self.friction)
 
 
 class RigidContacts:
@@ -75,13 +78,13 @@ class RigidContacts:
     """
 
     def __init__(self, solids: Sequence[Solid], dof: int) -> None:
-        self.solids = tuple(solids)
+        self.solids: tuple[Solid, ...] = tuple(solids)
         self.dof = dof
-        self.supplied_J = 0.0
+        self.supplied_J: float = 0.0
         """Zero: no solid moves."""
-        self.energy_J = 0.0
+        self.energy_J: float = 0.0
         """e + E_c after the last step."""
-        self.scale = 1.0
+        self.scale: float = 1.0
         """s of the last step; 1: its depths were the true ones."""
         self._secants = [Secant(one.shape, one.stiffness, one.damping, one.friction) for one in self.solids]
         self._rubs = any(solid.friction for solid in self.solids)
@@ -94,9 +97,7 @@ class RigidContacts:
     ) -> tuple[Sequence[float], list[float]]:
         """A step, as in `hapnet.plant.worlds.protocol`, and its account."""
         if (missing := 3 - self.dof) == 0:
-            x, y, z = position
-            a, b, c = velocity
-            force, vhat = self._solve(dt, (x, y, z), (a, b, c), inverse)
+            force, vhat = self._solve(dt, tuple(position), tuple(velocity), inverse)
             return force, list(vhat)
         zeros = (0.0,) * missing
 
@@ -107,8 +108,9 @@ class RigidContacts:
         return force[: self.dof], list(vhat[: self.dof])
 
     def _solve(self, dt: float, x: Vector, w: Vector, inverse: Inverse) -> tuple[Vector, Vector]:
-        delta: Vector = (dt * w[0], dt * w[1], dt * w[2])
-        length = sqrt(_dot(delta, delta))
+        a, b, c = w
+        delta: Vector = (dt * a, dt * b, dt * c)
+        length = dt * sqrt(a * a + b * b + c * c)
         met = [secant for secant in self._secants if secant.meets(x, delta, length)]
         force, vhat, held = _STILL, w, 0.0
         if met:
@@ -264,11 +266,28 @@ class RigidContacts:
                 continue
             normal = tuple([-part / length for part in out])
             offset = sum(map(mul, normal, x)) + distance / length
-            found.append((-distance, Plane(normal, offset, secant.stiffness, secant.damping)))
+            bends = self._bends(secant.shape, x, gradient, length)
+            mu = min(secant.friction_at(x), MOST_FRICTION)
+            found.append((-distance, Plane(normal, offset, secant.stiffness, secant.damping, 0.0, bends, mu)))
         return sorted(found, reverse=True)
+
+    def _bends(self, shape: Shape, x: Vector, gradient: Vector, length: float) -> Curvatures:
+        """How the solid's surface bends, as it is cut by the axes: with two, along the one way across the normal.
+
+        Empty: it does not say so; or the front is what counts, and the back is nearer; or the cut is oblique.
+        """
+        if not isinstance(shape, Bent) or abs(length - 1.0) > _OBLIQUE or shape.near(x).gradient != gradient:
+            return ()
+        bends = shape.curvatures(x)
+        if self.dof == 3:
+            return bends
+        ways = across(gradient[: self.dof])
+        return tuple([Curvature(way, sum([k * _dot(e, padded(way)) ** 2 for e, k in bends])) for way in ways])
 
 
 _STILL: Vector = (0.0, 0.0, 0.0)
+_OBLIQUE = 1e-6
+"""A gradient whose part along the axes is shorter by more belongs to a solid that is cut obliquely."""
 _UNITS: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 

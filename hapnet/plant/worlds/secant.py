@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import dist, inf, sqrt
 from typing import NamedTuple
 
 from hapnet.checks import Vector
+from hapnet.plant.worlds.friction import Friction
 from hapnet.plant.worlds.shapes import Near, Shape
 from hapnet.plant.worlds.walls import Axis, Face
 
@@ -32,39 +34,46 @@ class Hit(NamedTuple):
     near: Near
 
 
-class _Asked(NamedTuple):
-    at: Vector
-    near: Near
-    along: float  #: gradient . at
-
-
 class Secant:
     """A solid near the proxy. In a step a plane stands for it, ``p = depth + normal . Delta``, with spring and damper.
 
     Parameters
     ----------
-    shape : of the solid. stiffness, damping, friction : K_w [N/m], B_w [Ns/m] and Coulomb's mu.
+    shape : of the solid. stiffness, damping, friction : K_w [N/m], B_w [Ns/m] and Coulomb's mu; if that is a function
+        of the place, the attribute is what it gave for this step.
     """
 
     __slots__ = (
-        "_asked", "_at", "_entering", "_flat", "_front", "_half", "_near", "_start", "damping", "depth", "friction",
-        "normal", "push", "shape", "slope", "stiffness",
+        "_along", "_asked", "_at", "_entering", "_flat", "_front", "_half", "_near", "_plane", "_rounds", "_start",
+        "_varies", "damping", "depth", "friction", "normal", "push", "shape", "slope", "stiffness",
     )  # fmt: skip
 
-    def __init__(self, shape: Shape, stiffness: float, damping: float, friction: float) -> None:
-        self.shape, self.slope, self._flat = shape, shape.slope, shape.flat_m
-        self.stiffness, self.damping, self.friction = stiffness, damping, friction
-        self.push = Axis((), Face(0.0, stiffness, damping), Face(-inf, 0.0, 0.0)).force
+    def __init__(self, shape: Shape, stiffness: float, damping: float, friction: float | Friction) -> None:
+        self.shape: Shape = shape
+        self.slope: float = shape.slope
+        self._flat = shape.flat_m
+        self.stiffness: float = stiffness
+        self.damping: float = damping
+        self._varies: Friction | None = None
+        self.friction: float = 0.0
+        if callable(friction):
+            self._varies = friction
+        else:
+            self.friction = friction
+        plane = Axis((), Face(0.0, stiffness, damping), Face(-inf, 0.0, 0.0))
+        self.push: Callable[[float, float, float, float], float] = plane.force
         """The force along a plane's normal, from depth, velocity without contact, A along it, and the step's length."""
-        self.depth = 0.0
+        self.depth: float = 0.0
         self.normal: Vector = (0.0, 0.0, 0.0)
         """Into the solid; of about unit length."""
         self._half = 0.5 * stiffness
         self._front: Vector | None = None  # the gradient at the last onset if that was inside, or where a step enters
         self._at: Vector | None = None  # what is known is known there
         self._near = self._start = Near(0.0, self.normal)
-        self._asked: _Asked | None = None  # of the shape itself, last
+        self._asked: Vector | None = None  # where the shape itself was asked last, and what it answered:
+        self._plane, self._along = self._near, 0.0  # distance and gradient, and gradient . place
         self._entering = False
+        self._rounds = 0
 
     # -- where it is --------------------------------------------------------------------------------------------------
 
@@ -72,18 +81,18 @@ class Secant:
         """Distance and gradient at `x` [m]; of a thin solid that was entered, those of the side where it was."""
         if self._at == x:
             return self._near
-        if self._flat and (asked := self._asked) is not None and (off := dist(asked.at, x)) <= self._flat:
-            distance, gradient = asked.near
+        if self._flat and (asked := self._asked) is not None and (off := dist(asked, x)) <= self._flat:
+            distance, gradient = self._plane
             if off < abs(distance):
                 self._at = x
-                self._near = Near(distance + _dot(gradient, x) - asked.along, gradient)
+                self._near = Near(distance + _dot(gradient, x) - self._along, gradient)
                 return self._near
         near = self.shape.near(x)
         if self._front is not None and _dot(near.gradient, self._front) < _AGAINST:
             near = self._from_the_front(x, near, self._front)
         self._at, self._near = x, near
         if self._flat:
-            self._asked = _Asked(x, near, _dot(near.gradient, x))
+            self._asked, self._plane, self._along = x, near, _dot(near.gradient, x)
         return near
 
     def farther_than(self, reach: float, x: Vector) -> bool:
@@ -103,6 +112,11 @@ class Secant:
             lift *= 2.0
         return near
 
+    def friction_at(self, x: Vector) -> float:
+        """Coulomb's mu at `x` [m]; 0: none, or a number of no sense."""
+        mu = self.friction if self._varies is None else self._varies(x)
+        return mu if mu > 0.0 else 0.0
+
     # -- its plane in a step ------------------------------------------------------------------------------------------
 
     def meets(self, x: Vector, delta: Vector, length: float) -> bool:
@@ -114,6 +128,9 @@ class Secant:
             self._front = None
             return False
         self._start = near = self.near(x)
+        self._rounds = 0
+        if self._varies is not None:
+            self.friction = self._varies(x)
         distance, gradient = near
         if distance <= 0.0:
             self._front = gradient
@@ -140,7 +157,11 @@ class Secant:
         return self._half * depth * depth if depth > 0.0 else 0.0
 
     def correct(self, x: Vector, delta: Vector, end: Vector, good: float) -> bool:
-        """Turn the plane to what is true at the step's end; False: it is so within `good` [m] already."""
+        """Turn the plane to what is true at the step's end; False: it is so within `good` [m] already.
+
+        Where the surface turns much within the step, planes would alternate without an end. So round k takes the mean
+        of all k: it goes by 1/k of the way.
+        """
         distance, gradient = self.near(end)
         a, b, c = self.normal
         after = self.depth + a * delta[0] + b * delta[1] + c * delta[2]
@@ -149,6 +170,8 @@ class Secant:
         wanted = -distance if self._entering else self.depth + self._start.distance_m - distance
         if -good <= after - wanted <= good:
             return False
+        self._rounds += 1
+        before = self.normal
         if self._entering:
             self._enter(x, Hit(end, Near(distance, gradient)))
         else:
@@ -162,6 +185,9 @@ class Secant:
         if turn:
             turn *= min(1.0, _MOST_TURN / (abs(turn) * sqrt(square)))
             self.normal = _along(self.normal, delta, turn)
+        if not self._entering and self._rounds > 1:
+            a, b, c = self.normal
+            self.normal = _along(before, (a - before[0], b - before[1], c - before[2]), 1.0 / self._rounds)
         return True
 
     def _enter(self, x: Vector, hit: Hit) -> None:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import cos, hypot, inf, isfinite, pi, sin, sqrt
 from operator import sub
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol, runtime_checkable
 
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
+from hapnet.mechanics.curvature import Curvature, Curvatures, round_all_over
 
 
 class Near(NamedTuple):
@@ -34,6 +35,14 @@ class Shape(Protocol):
         """The distance and its gradient at `position` (3,) [m]."""
 
 
+@runtime_checkable
+class Bent(Protocol):
+    """A shape that knows how its surface bends."""
+
+    def curvatures(self, position: Vector) -> Curvatures:
+        """Principal curvatures where the surface is nearest to `position` (3,) [m]. None: it is flat, or an edge."""
+
+
 class HalfSpace:
     """Solid where ``normal . x > offset`` [m]; `normal` (3,) has any length."""
 
@@ -46,8 +55,8 @@ class HalfSpace:
         if not 0.0 < length < inf:
             raise InvalidParameter("normal", normal, "a vector of non-zero length")
         x, y, z = [-part / length for part in into]
-        self.normal = (-x, -y, -z)
-        self.offset = _finite("offset", offset)
+        self.normal: tuple[float, float, float] = (-x, -y, -z)
+        self.offset: float = _finite("offset", offset)
         self._out = (x, y, z)
 
     def near(self, position: Vector) -> Near:
@@ -62,8 +71,8 @@ class Sphere:
     flat_m: Final = 0.0
 
     def __init__(self, centre: Sequence[float], radius: float) -> None:
-        self.centre = checks.vector("centre", centre, 3)
-        self.radius = checks.positive("radius", radius)
+        self.centre: Vector = checks.vector("centre", centre, 3)
+        self.radius: float = checks.positive("radius", radius)
 
     def near(self, position: Vector) -> Near:
         x, y, z = map(sub, position, self.centre)
@@ -71,6 +80,9 @@ class Sphere:
         if length == 0.0:  # all directions are alike
             return Near(-self.radius, (1.0, 0.0, 0.0))
         return Near(length - self.radius, (x / length, y / length, z / length))
+
+    def curvatures(self, position: Vector) -> Curvatures:
+        return round_all_over(self.near(position).gradient, self.radius)
 
 
 class Cuboid:
@@ -80,8 +92,8 @@ class Cuboid:
     flat_m: Final = 0.0
 
     def __init__(self, centre: Sequence[float], size: Sequence[float]) -> None:
-        self.centre = checks.vector("centre", centre, 3)
-        self.size = tuple([checks.positive("size", side) for side in checks.vector("size", size, 3)])
+        self.centre: Vector = checks.vector("centre", centre, 3)
+        self.size: tuple[float, ...] = tuple([checks.positive("size", side) for side in checks.vector("size", size, 3)])
 
     def near(self, position: Vector) -> Near:
         way = list(map(sub, position, self.centre))
@@ -103,9 +115,9 @@ class Cylinder:
     flat_m: Final = 0.0
 
     def __init__(self, centre: Sequence[float], radius: float, length: float, axis: int = 2) -> None:
-        self.centre = checks.vector("centre", centre, 3)
-        self.radius = checks.positive("radius", radius)
-        self.length = checks.positive("length", length)
+        self.centre: Vector = checks.vector("centre", centre, 3)
+        self.radius: float = checks.positive("radius", radius)
+        self.length: float = checks.positive("length", length)
         if axis not in (0, 1, 2):
             raise InvalidParameter("axis", axis, "0, 1 or 2")
         self.axis = axis
@@ -127,6 +139,16 @@ class Cylinder:
         gradient[self.axis] = lengthwise * _sign(along)
         return Near(distance, tuple(gradient))
 
+    def curvatures(self, position: Vector) -> Curvatures:
+        """Of the side, around the axis."""
+        out = self.near(position).gradient
+        if out[self.axis]:
+            return ()
+        around = [0.0, 0.0, 0.0]
+        one, other = (self.axis + 1) % 3, (self.axis + 2) % 3
+        around[one], around[other] = -out[other], out[one]
+        return (Curvature(tuple(around), 1.0 / self.radius),)
+
 
 class Textured:
     """A shape with a relief: its surface is raised by ``height/3 (sin kx + sin ky + sin kz)``.
@@ -141,8 +163,8 @@ class Textured:
         steepness = self._height * self._wave * sqrt(3.0)
         if not steepness <= _STEEPEST:
             raise InvalidParameter("height", height, f"a relief that rises by {_STEEPEST:g} per metre of way at most")
-        self.slope = shape.slope + steepness
-        self.flat_m = 0.0
+        self.slope: float = shape.slope + steepness
+        self.flat_m: float = 0.0
 
     def near(self, position: Vector) -> Near:
         distance, (a, b, c) = self.shape.near(position)

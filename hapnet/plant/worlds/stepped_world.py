@@ -6,7 +6,7 @@ observer keeps its account (hapnet/plant/worlds/observer.py).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import isfinite
 from typing import Any, Protocol, runtime_checkable
 
@@ -15,8 +15,9 @@ import numpy as np
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError
 from hapnet.loading import cause
-from hapnet.plant.worlds.observed_world import ObservedWorld, compliance_of
-from hapnet.plant.worlds.protocol import Inverse
+from hapnet.mechanics.plane import checked
+from hapnet.plant.worlds.observed_world import ObservedWorld, compliance_of, nearest
+from hapnet.plant.worlds.protocol import Inverse, Plane
 
 
 @runtime_checkable
@@ -24,7 +25,9 @@ class Stepping(Protocol):
     """What the user writes.
 
     It may have attributes too: `dof`, `name`, and the others of `ObservedWorld`; `supplied_J`, the total work of its
-    motors, and `stored_J`, the energy in its bodies and springs, both numbers [J].
+    motors, and `stored_J`, the energy in its bodies and springs, both numbers [J]. And it may have a method
+    `planes(position, reach_m)` with all surfaces near the proxy as they are now (`Surroundings.planes`); a method
+    `signal(name, value)` that hears the device's signals, and one `signals()` that gives its own as a dict.
     """
 
     def step(self, dt: float, position: Vector, velocity: Vector) -> Sequence[float] | float:
@@ -55,6 +58,27 @@ class SteppedWorld(ObservedWorld):
     @property
     def bodies_J(self) -> float:
         return float(getattr(self._stepping, "stored_J", 0.0))
+
+    def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...] | None:
+        """What the object tells; None if it has no method `planes`."""
+        tell: Callable[[Vector, float], Sequence[Plane] | None] | None = getattr(self._stepping, "planes", None)
+        if tell is None:
+            return None
+        try:
+            told = tell(tuple(position), reach_m)
+        except Exception as error:
+            raise HapnetError(f"the scene {self.name} failed: planes() raised {cause(error)}") from error
+        return None if told is None else nearest(checked(told, self.dof), position, reach_m)
+
+    def signal(self, name: str, value: object) -> None:
+        """The device's side tells a value beside the stream; the object gets it if it has a method `signal`."""
+        if (take := getattr(self._stepping, "signal", None)) is not None:
+            take(name, value)
+
+    def signals(self) -> Mapping[str, Any]:
+        """What the object's method `signals` tells the device's side beside the stream, if it has one."""
+        tell = getattr(self._stepping, "signals", None)
+        return {} if tell is None else tell()
 
     def solve(
         self, dt: float, position: Sequence[float], velocity: list[float], inverse: Inverse

@@ -28,8 +28,10 @@ from math import hypot, inf, isfinite, sqrt
 from operator import mul
 from typing import NamedTuple
 
+import numpy as np
+
 from hapnet import checks
-from hapnet.checks import MOST_PLANES, Vector
+from hapnet.checks import MOST_PLANES, Array, Vector
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.plane import Plane
 from hapnet.params import WallParams
@@ -75,6 +77,14 @@ class Wall:
     def penetration(self, position: Sequence[float]) -> float:
         """Signed penetration p [m] of `position` (n,) [m]: negative on the free side."""
         return float(sum(map(mul, self.normal, position)) - self.offset)
+
+    def depths(self, positions: Array) -> Array:
+        """`penetration` of many positions (N, n): (N,) [m]."""
+        return np.asarray(positions @ np.array(self.normal) - self.offset)
+
+    def normals(self, positions: Array) -> Array:
+        """The normal at each of them: (N, n)."""
+        return np.broadcast_to(self.normal, positions.shape)
 
 
 class Face(NamedTuple):
@@ -172,22 +182,24 @@ class Contacts:
     """
 
     def __init__(self, walls: Sequence[Wall], dof: int | None = None) -> None:
-        self.walls = tuple(walls)
+        self.walls: tuple[Wall, ...] = tuple(walls)
         if dof is None and not self.walls:
             raise InvalidParameter("dof", dof, "the number of degrees of freedom, because without walls it is unknown")
-        self.dof = len(self.walls[0].normal) if dof is None else dof
+        self.dof: int = len(self.walls[0].normal) if dof is None else dof
         for i, wall in enumerate(self.walls):
             if len(wall.normal) != self.dof:
                 raise InvalidParameter(
                     f"walls[{i}].normal", wall.normal, f"{self.dof} numbers, one for each degree of freedom"
                 )
-        self.supplied_J = 0.0
+        self.supplied_J: float = 0.0
         """Zero: no wall moves."""
-        self.separate = True
+        self.separate: bool = True
         """Are all axes independent, for the A that `require_separate` has seen?"""
         self._units = [tuple([float(i == j) for j in range(self.dof)]) for i in range(self.dof)]
-        self.axes = self._axes()
-        self.spans = tuple((axis, axis.normal, axis.lower.at, axis.upper.at) for axis in self.axes)
+        self.axes: tuple[Axis, ...] = self._axes()
+        self.spans: tuple[tuple[Axis, Vector, float, float], ...] = tuple(
+            (axis, axis.normal, axis.lower.at, axis.upper.at) for axis in self.axes
+        )
 
     def _axes(self) -> tuple[Axis, ...]:
         axes: list[Axis] = []

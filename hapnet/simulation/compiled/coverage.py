@@ -89,6 +89,7 @@ def _reasons(setup: Setup) -> Iterator[str]:
 
 
 def _of_scene(setup: Setup) -> Iterator[str]:
+    """The walls of a `Scene` are all that is covered. They are flat and smooth; so is its contact model."""
     scene = setup.scene
     if type(scene) is not Scene or type(scene.contacts) is not Contacts:
         yield f"the scene {setup.params.scene}"

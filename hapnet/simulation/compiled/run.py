@@ -46,12 +46,15 @@ _PORT = {
 }  # fmt: skip
 _DEVICE_VECTORS = (
     "position_m", "set_position_m", "target_m", "force_N", "operator_force_N", "operator_target_m", "spring_force_N",
-    "damper_force_N", "model_force_N", "added_damping_force_N",
+    "damper_force_N", "model_force_N", "added_damping_force_N", "velocity_mps",
 )  # fmt: skip
-_DEVICE_SCALARS = ("reservoir_J", "deficit_J", "potential_J", "sent_J", "credited_J", "margin_J", "slack_J")
+_DEVICE_SCALARS = (
+    "reservoir_J", "deficit_J", "potential_J", "sent_J", "credited_J", "margin_J", "slack_J", "age_s", "transit_s",
+)  # fmt: skip
 _WORLD_VECTORS = ("position_m", "velocity_mps", "set_position_m", "target_m", "coupling_force_N", "contact_force_N")
 _WORLD_SCALARS = (
     "step_s", "penetration_m", "reservoir_J", "potential_J", "sent_J", "credited_J", "margin_J", "slack_J",
+    "age_s", "transit_s",
 )  # fmt: skip
 
 

@@ -45,6 +45,8 @@ def read_wire(wire: endpoints.Wire, endpoint: Endpoint, *, proxies: bool) -> Non
     record.n, record.backlog, record.proxies = session.identity.dof, arrived.maxlen, int(proxies)
     record.next_sequence = session.positions.next_sequence
     _, record.echo_ns, _, record.came_ns = _ECHO(value(session.positions, "echo"))
+    used = value(endpoint, "used")
+    record.took_ns = -1 if used is None else used[2]
     record.accepts_stale = int(session.settings.accept_stale and session.settings.expects is Position)
     _sizes(record, session)
     for k, (sample, sent_ns, came_ns, took_ns, _) in enumerate(arrived):
@@ -62,11 +64,11 @@ def read_wire(wire: endpoints.Wire, endpoint: Endpoint, *, proxies: bool) -> Non
 
 
 def put_proxy(message: Message, aimed_ns: int, force: tuple[float, ...], planes: Any) -> None:
-    """A proxy's content besides its position."""
+    """A proxy's content besides its position. The kernel's walls have neither curvature nor friction."""
     message.aimed_ns = aimed_ns
     put(message, "force", force)
     message.planes = len(planes)
-    for k, (normal, offset, stiffness, _, velocity) in enumerate(planes):
+    for k, (normal, offset, stiffness, _, velocity, *_) in enumerate(planes):
         message.normal[k, : len(normal)] = normal
         message.offset[k], message.stiffness[k], message.velocity[k] = offset, stiffness, velocity
 
@@ -75,6 +77,8 @@ def write_wire(record: endpoints.Wire, endpoint: Endpoint) -> None:
     session, side = endpoint.session, record.endpoint
     session.positions.next_sequence = int(side.next_sequence)
     session.positions.echo(int(side.echo_ns), int(side.came_ns))
+    if side.took_ns >= 0:
+        replace(endpoint, "used", (int(side.echo_ns), int(side.came_ns), int(side.took_ns)))
     for kind, count in (("stale", int(side.stale)), ("leap", int(side.leaps))):
         if count:
             session.dropped[kind] += count

@@ -1,0 +1,113 @@
+"""Makes the pictures of README and of the pages, into examples/.
+
+python -m examples.pictures                                 # all of them, in some minutes
+python -m examples.pictures run.png mesh.png                # these
+python -m examples.pictures --list                          # what there is, and from which command
+"""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+LIGHT = "--set operator_hand.mass=0.1 --set operator_hand.damping=1"
+LINK = "--delay 40ms --jitter 10ms --loss 2%"
+COMPARED = "--deadband 0 --seeds 5:17 --operator hand-5 --operator hand-6 --operator hand-7 --case 4g,hand-6,5"
+LINKS = "--link lan --link 4g --link intercontinental --link leo --link wifi"
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Commands of hapnet, which write into DIR, and which of its files is which picture.
+
+    {data} in a command is the directory with the recorded inputs, which are not part of this repository.
+    """
+
+    commands: tuple[str, ...]
+    pictures: dict[str, str]
+
+
+def simulated(picture: str, flags: str) -> Recipe:
+    return Recipe((f"hapnet simulate {flags} --out DIR",), {picture: "figure.png"})
+
+
+def scene(picture: str, flags: str) -> Recipe:
+    return Recipe(
+        (f"hapnet simulate {flags} --out DIR", "hapnet report DIR/run.mcap --out DIR"), {picture: "run-scene.png"}
+    )
+
+
+RECIPES = (
+    simulated("run.png", f"{LINK} --seed 1"),
+    simulated(
+        "without-pspm.png", f"--scene free --operator sine --profile 4g {LIGHT} --seed 1 --coupling zoh --feel paper"
+    ),
+    simulated("with-pspm.png", f"--scene free --operator sine --profile 4g {LIGHT} --seed 1"),
+    scene(
+        "mesh.png",
+        "--scene 'mesh:examples/ring.obj?unit=mm&friction=0.3' --operator hand-6 --profile 4g --duration 20 --seed 3",
+    ),
+    scene("dominoes.png", "--scene mujoco:examples/dominoes.xml --operator press --duration 6 --seed 1"),
+    scene("planet.png", "--scene examples.planet:planet --operator hand-6 --duration 12 --seed 1"),
+    Recipe(("hapnet transparency --link 4g --out DIR",), {"transparency.png": "transparency.png"}),
+    Recipe(("hapnet tune examples/tune/pspm.toml --out DIR",), {"tune.png": "tune.png"}),
+    Recipe(
+        (
+            f"hapnet compare --params examples/tuned.toml {LINKS} --trace lte={{data}}/links/ATT-LTE-driving-2016 "
+            f"{COMPARED} --operator {{data}}/hand/handwriting.csv --out DIR",
+        ),
+        {"compare.png": "tradeoff.png", "traces.png": "traces.png"},
+    ),
+)
+FILM = "play.gif"
+
+
+def make(recipe: Recipe, data: Path) -> None:
+    """Run the commands in a directory of their own, and keep the pictures."""
+    with tempfile.TemporaryDirectory() as there:
+        here = Path(there)
+        (here / "examples").symlink_to(ROOT / "examples")
+        for command in recipe.commands:
+            words = shlex.split(command.format(data=data).replace("DIR", "out"))
+            subprocess.run([sys.executable, "-m", *words], cwd=here, check=True, stdout=subprocess.DEVNULL)
+        for picture, made in recipe.pictures.items():
+            shutil.copyfile(here / "out" / made, ROOT / "examples" / picture)
+            print(f"examples/{picture}", flush=True)
+
+
+def main() -> None:
+    known = [FILM, *(picture for recipe in RECIPES for picture in recipe.pictures)]
+    parser = argparse.ArgumentParser(prog="python -m examples.pictures")
+    parser.add_argument("picture", nargs="*", help=f"of {', '.join(known)}; all without any")
+    parser.add_argument("--data", type=Path, default=ROOT.parent / "shared" / "data", help="the recorded inputs")
+    parser.add_argument("--list", action="store_true", help="say what is made from which command, and end")
+    given = parser.parse_args()
+    if wrong := set(given.picture) - set(known):
+        parser.error(f"no such picture: {', '.join(sorted(wrong))}; there are {', '.join(known)}")
+    wanted = set(given.picture or known)
+    for recipe in (recipe for recipe in RECIPES if wanted & set(recipe.pictures)):
+        if given.list:
+            print(f"{', '.join(recipe.pictures)}: {'; '.join(recipe.commands)}")
+        elif any("{data}" in command for command in recipe.commands) and not given.data.is_dir():
+            print(f"not made, as the recorded inputs are not in {given.data}: {', '.join(recipe.pictures)}")
+        else:
+            make(recipe, given.data.resolve())
+    if FILM in wanted:
+        if given.list:
+            print(f"{FILM}: the page of `hapnet play`, in a browser")
+        else:
+            from examples.pictures.film import film  # here, since it needs a browser
+
+            film(ROOT / "examples" / FILM)
+            print(f"examples/{FILM}")
+
+
+if __name__ == "__main__":
+    main()

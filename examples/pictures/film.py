@@ -1,0 +1,186 @@
+"""The page of `hapnet play` as a moving picture: a mouse leads the hand into the wall, through two couplings.
+
+The page is the real one, in a browser. The pair behind it runs in virtual time, and waits until each picture is taken:
+so the film is the same on every machine, however slow it draws.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from matplotlib import font_manager
+from PIL import Image, ImageDraw, ImageFont
+from playwright.sync_api import Page, expect, sync_playwright
+
+from hapnet.checks import Vector
+from hapnet.params import RELAXED_HAND, Params
+from hapnet.plant.operator import Impedance
+from hapnet.recording.samples import Event
+from hapnet.recording.telemetry import KnownPlanes, Status
+from hapnet.simulation.simulation import Simulation
+from hapnet.view import page as live_page
+from hapnet.view.history import History
+from hapnet.view.server import serve
+
+LINK = "delay 40ms 10ms loss 2%"
+FRAME_NS = 150_000_000
+SIZE = (1080, 630)  # of the browser's window
+CAPTION = 40  # height of the words below it
+COLOURS = 40
+KEPT = bytes.fromhex(
+    "ffffff111827 2563eb1e40af60a5fa ea580c9a3412fb923c 16a34a86efac dc2626fca5a5 93c5fd 15803d fa5252 228be6"
+)
+"""Colours of the page that the film keeps exactly: handle, proxy, force, verdict, buttons."""
+
+REST_MS = 2500
+LIMIT_MS = 120_000.0
+
+POINTER = """
+const dot = document.createElement('div');
+dot.innerHTML = '<svg width="22" height="30"><path d="M2 2v22l6-5 4 9 4-2-4-9h8z" fill="#111" stroke="#fff"/></svg>';
+dot.style.cssText = 'position:fixed;z-index:9999;pointer-events:none;left:-99px';
+addEventListener('DOMContentLoaded', () => document.body.append(dot));
+addEventListener('pointermove', e => { dot.style.left = e.clientX + 'px'; dot.style.top = e.clientY + 'px'; }, true);
+"""
+PAINTED = "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
+
+
+@dataclass(frozen=True)
+class Act:
+    """A coupling, for so long [s], and the words below the picture."""
+
+    coupling: str
+    feel: str
+    duration_s: float
+    words: str
+
+
+ACTS = (
+    Act(
+        "pspm",
+        "hapnet",
+        4.5,
+        "hapnet: the mouse pulls the handle (blue) into a wall 40 ms away; it is felt, nothing shakes",
+    ),
+    Act("zoh", "paper", 6.0, "zoh, a plain virtual coupling: it gives out energy, and the hand shakes with 3 N"),
+)
+
+
+class Mouse:
+    """Where the mouse leads the hand: into the wall, and out again. An operator (``module:Class``)."""
+
+    def __init__(self, dof: int, impedance: Impedance) -> None:
+        self.dof, self.impedance = dof, impedance
+
+    def reference(self, t: float) -> Vector:
+        place = 0.038 * (_eased((t - 0.4) / 0.9) - _eased((t - 2.7) / 0.9))
+        return (place, *(0.0 for _ in range(self.dof - 1)))
+
+
+class Untouched:
+    """The page's controls, which nobody presses in the film."""
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *_: None
+
+
+def film(file: Path) -> None:
+    """Write the film as a GIF."""
+    live_page.SILENT_S = math.inf  # the pair stands still while a picture is taken, which is no silence
+    history, pictures = History(), list[Image.Image]()
+    with serve(history, Untouched(), port=0, frame_s=0.02) as server, sync_playwright() as driver:
+        browser = driver.chromium.launch(
+            executable_path=shutil.which("chromium") or shutil.which("google-chrome"),
+            args=["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
+        )
+        page = browser.new_page(viewport={"width": SIZE[0], "height": SIZE[1]})
+        page.set_default_timeout(LIMIT_MS)
+        page.add_init_script(POINTER)
+        for number, act in enumerate(ACTS):
+            for seconds in _played(history, act, number):
+                if not pictures:
+                    page.goto(server.url)
+                    expect(page.locator(".hapnet-state")).to_have_text("running", timeout=LIMIT_MS)
+                    page.wait_for_timeout(3000)
+                    page.locator(".mantine-Notification-closeButton").click()  # the browser's remark on its graphics
+                    page.wait_for_timeout(1000)
+                _point(page, Mouse(1, Impedance(0.0, 0.0, 0.0)).reference(seconds)[0])
+                page.wait_for_timeout(400)
+                page.evaluate(PAINTED)
+                pictures.append(_framed(page.screenshot(), act.words))
+        browser.close()
+    _save(file, pictures)
+
+
+def _played(history: History, act: Act, number: int) -> Iterator[float]:
+    """Give the pair's samples to the page, a frame after the other; yields the time of each [s]."""
+    changes = {"coupling": act.coupling, "feel": act.feel, "operator": f"{__name__}:Mouse", "device.servo": "sampled"}
+    links = {"link.up": LINK, "link.down": LINK, "duration_s": act.duration_s, "record_hz": 60.0}
+    run = Simulation(Params().set({**RELAXED_HAND, **changes, **links}), seed=1, kernel=False)
+    recording = run.run().recording
+    samples = [sample for sample in recording.samples() if not isinstance(sample, Event)]
+    first_ns, offset_ns = samples[0].time_ns, number * 60_000_000_000
+    due_ns = FRAME_NS
+    for role in ("device", "world"):
+        history.take(_status(recording.meta, role, number, act))
+    history.take(KnownPlanes(run.device_endpoint.planes if act.feel == "hapnet" else None))
+    for sample in samples:
+        if sample.time_ns - first_ns > due_ns:
+            yield due_ns / 1e9
+            due_ns += FRAME_NS
+        history.take(sample._replace(time_ns=sample.time_ns + offset_ns))
+
+
+def _status(meta: Any, role: Any, number: int, act: Act) -> Status:
+    about = {**meta, "role": role, "clock": "virtual", "name": "device", "session": "play"}
+    link = {"profile": LINK, "delay_now_ms": 40.0, "loss_now": 0.02}
+    heard = {"up": {"loss": 0.02}, "down": None} if role == "world" else {"up": None, "down": {"loss": 0.02}}
+    path = {"round_trip_p50_ms": 80.0, **heard}
+    return Status(role, 0, number + 1, True, False, "", about, link, path)
+
+
+def _eased(share: float) -> float:
+    share = min(max(share, 0.0), 1.0)
+    return (3.0 - 2.0 * share) * share**2
+
+
+def _point(page: Page, x_m: float) -> None:
+    """Point at a place of the first axis: 24 units of 10 mm away, seen at 30 degrees."""
+    left, top, width, height = page.evaluate(
+        "() => { const b = document.querySelector('canvas').getBoundingClientRect();"
+        " return [b.x, b.y, b.width, b.height]; }"
+    )
+    per_m = height / 2.0 / (0.24 * math.tan(math.radians(15.0)))
+    page.mouse.move(left + width / 2.0 + x_m * per_m, top + height / 2.0)
+
+
+def _framed(data: bytes, words: str) -> Image.Image:
+    """The picture, with the words below it."""
+    seen = Image.open(io.BytesIO(data)).convert("RGB")
+    whole = Image.new("RGB", (seen.width, seen.height + CAPTION), "#111827")
+    whole.paste(seen, (0, 0))
+    font = ImageFont.truetype(font_manager.findfont("DejaVu Sans"), 18)
+    place = (seen.width // 2, seen.height + CAPTION // 2)
+    ImageDraw.Draw(whole).text(place, words, fill="white", font=font, anchor="mm")
+    return whole
+
+
+def _save(file: Path, pictures: list[Image.Image]) -> None:
+    """As a GIF with one palette, the last picture of all for longer."""
+    few = [pictures[round(share * (len(pictures) - 1))] for share in (0.0, 0.25, 0.4, 0.75, 1.0)]
+    width, height = pictures[0].size
+    sample = Image.new("RGB", (width, height * len(few)))
+    for row, picture in enumerate(few):
+        sample.paste(picture, (0, row * height))
+    found = sample.quantize(COLOURS - len(KEPT) // 3, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([*KEPT, *(found.getpalette() or [])[: 3 * COLOURS - len(KEPT)]])
+    first, *rest = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
+    lasting = [FRAME_NS // 1_000_000] * len(rest) + [REST_MS]
+    first.save(file, save_all=True, append_images=rest, duration=lasting, loop=0, optimize=False)

@@ -1,0 +1,136 @@
+"""What a driver is, and what it may declare. README.md beside this file explains each part.
+
+A driver needs no base class: hapnet asks for the parts by name. `Driver` has a default for every part that is optional.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import ClassVar
+
+from hapnet.checks import Vector
+
+
+class Driver(ABC):
+    """A haptic device. Made with ``dof``, and with the options that follow the device's name as keywords.
+
+    All lengths are in metres, forces in newtons, in a right-handed frame: x to the right, y away from the user, z up.
+    What is None is not declared: the run's parameters stand in for it, or nothing is limited.
+    """
+
+    about: ClassVar[str] = ""
+    """The device in a few words, for `hapnet devices`."""
+    tested: ClassVar[str] = "untested"
+    """How far this driver was tested: ``emulator-tested``, or on which hardware."""
+    emulator: ClassVar[str] = ""
+    """``module:Class`` of an emulator (`hapnet.devices.emulator.Emulator`); empty: none."""
+
+    rate_hz: float | None = None
+    """The fastest servo that the device keeps up with [Hz]; a class attribute. None: as fast as the servo is set."""
+    blocking: bool = False
+    """Does `read` wait for the next reading of the device? Then the device sets the servo's pace."""
+
+    dof: int
+    force_limit: float | None = None
+    """The longest force of the actuators [N]."""
+    resolution: float = 0.0
+    """Of the encoders [m]; 0: exact."""
+    continuous_force: float | None = None
+    """The force that the actuators can give for ever [N]; longer ones only for `thermal_s`."""
+    thermal_s: float = 10.0
+    """Time constant with which the actuators heat up [s]."""
+    greatest_speed: float | None = None
+    """The handle is never faster [m/s]."""
+    workspace: float | Vector | None = None
+    """How far the handle reaches from its origin [m], or on each axis, either way."""
+    stiffness_range: tuple[float, float] | None = None
+    """Least and greatest stiffness that the device renders [N/m]."""
+    damping_range: tuple[float, float] | None = None
+    """Least and greatest damping that the device renders [Ns/m]."""
+    smallest_mass: float | None = None
+    """Least apparent mass in any direction [kg]."""
+    watchdog_s: float | None = None
+    """The device itself takes the force away when no command has come for so long [s]; None: it does not."""
+    dead_man: int | None = None
+    """The button that must be held for a force; None: there is none."""
+    knows_force: bool = True
+    """Is what `acted` returns known from the device? False: it is a command, believed to have acted then."""
+
+    @classmethod
+    def missing(cls) -> str:
+        """What must be installed before the driver can be made, in words; empty: nothing."""
+        return ""
+
+    @classmethod
+    def found(cls) -> Sequence[str]:
+        """The devices that are connected to this machine, each in words that can follow ``NAME:``."""
+        return ()
+
+    def home(self) -> None:
+        """Calibrate the device, before its first reading. It may take its time, and ask the user for something.
+
+        Raises
+        ------
+        HapnetError : says what the user has to do first.
+        """
+        return
+
+    def begin(self) -> None:
+        """The sides have met: from now on forces come that are not zero. Enable the motors, open a catch."""
+        return
+
+    @abstractmethod
+    def read(self) -> tuple[Vector, Vector]:
+        """Position [m] and velocity [m/s] now, `dof` finite numbers each.
+
+        Raises
+        ------
+        DeviceSilent : there is no reading now. Anything else ends the run.
+        """
+
+    @abstractmethod
+    def apply(self, force: Vector) -> Vector | None:
+        """Hold this force [N] until the next call; returns the one that is really applied, or None if it is not known.
+
+        Raises
+        ------
+        DeviceSilent : the command did not go out. Anything else ends the run.
+        """
+
+    def acted(self) -> Vector | None:
+        """The mean force that really acted between the last two readings [N]; None: what `apply` returned.
+
+        A device whose commands arrive late, or not at all, tells it here: the account counts this force.
+        """
+        return None
+
+    def interval(self) -> float | None:
+        """The time between the last two readings by the device's own clock [s]; None: by when `read` returned.
+
+        Readings that waited together on a busy machine are no fast motion: only the device knows when it took them.
+        """
+        return None
+
+    def orientation(self) -> Vector | None:
+        """How the handle is turned, as of the last reading: a unit quaternion w, x, y, z; None: it does not tell."""
+        return None
+
+    def signal(self, name: str, value: object) -> None:
+        """The world tells this value beside the stream: a light, a sound, a vibration. It must return at once."""
+        return
+
+    def braked(self) -> str:
+        """Why the device renders no force now, in words: a brake, no power. Empty: it does.
+
+        Meanwhile it is told no force, and afterwards the force grows from zero.
+        """
+        return ""
+
+    def buttons(self) -> Sequence[bool]:
+        """The buttons as of the last reading: True is pressed."""
+        return ()
+
+    def close(self) -> None:
+        """Let go of the device, after the last force was set to zero."""
+        return

@@ -1,0 +1,232 @@
+"""Force Dimension's devices (omega, delta, sigma, lambda) and the Novint Falcon, by the maker's library `libdhd`.
+
+**Experimental**: written after the library's documented functions, and tested against a stand-in of it, never on a
+device. The library is the maker's and is loaded when the device is made; force_dimension.md beside this file says more.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+import math
+from collections.abc import Sequence
+from ctypes import POINTER, byref, c_byte, c_char_p, c_double, c_int, c_ubyte, c_uint
+from typing import NamedTuple
+
+from hapnet.checks import Vector
+from hapnet.devices.axes import Axes
+from hapnet.devices.driver import Driver
+from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
+
+_NAMES = ("dhd", "drd")
+_WATCHDOG_TICKS = 160
+"""The device ends the force after so many times 125 us without a command: 20 ms."""
+
+_ON, _OFF = 1, 0
+_STATUS_COUNT, _STATUS_BRAKE, _STATUS_RESET = 16, 6, 3
+_DOUBLES = [POINTER(c_double)] * 3
+_FUNCTIONS: dict[str, tuple[type, list[type]]] = {
+    "dhdClose": (c_int, [c_byte]),
+    "dhdEnableExpertMode": (c_int, []),
+    "dhdEnableForce": (c_int, [c_ubyte, c_byte]),
+    "dhdErrorGetLastStr": (c_char_p, []),
+    "dhdGetButtonMask": (c_uint, [c_byte]),
+    "dhdGetDeviceCount": (c_int, []),
+    "dhdGetForce": (c_int, [*_DOUBLES, c_byte]),
+    "dhdGetLinearVelocity": (c_int, [*_DOUBLES, c_byte]),
+    "dhdGetOrientationFrame": (c_int, [POINTER(c_double * 9), c_byte]),
+    "dhdGetPosition": (c_int, [*_DOUBLES, c_byte]),
+    "dhdGetStatus": (c_int, [POINTER(c_int * _STATUS_COUNT), c_byte]),
+    "dhdGetSystemName": (c_char_p, [c_byte]),
+    "dhdHasWrist": (c_ubyte, [c_byte]),
+    "dhdOpenID": (c_int, [c_byte]),
+    "dhdSetForce": (c_int, [c_double, c_double, c_double, c_byte]),
+    "dhdSetGravityCompensation": (c_int, [c_int, c_byte]),
+    "dhdSetWatchdog": (c_int, [c_ubyte, c_byte]),
+    "dhdStop": (c_int, [c_byte]),
+}  # fmt: skip
+
+
+class Limits(NamedTuple):
+    """What the maker's data sheet says: force [N], reach either way [m], stiffness [N/m]."""
+
+    force_N: float
+    reach_m: float
+    stiffness: float
+
+
+_KNOWN = {
+    "omega": Limits(12.0, 0.12, 14_500.0),
+    "delta": Limits(20.0, 0.26, 14_500.0),
+    "sigma": Limits(20.0, 0.15, 14_500.0),
+    "lambda": Limits(20.0, 0.19, 14_500.0),
+    "falcon": Limits(8.0, 0.08, 8_000.0),
+}
+_UNKNOWN = Limits(8.0, 0.3, 8_000.0)
+
+
+class ForceDimension(Driver):
+    """``dhd``, or ``dhd:1`` for the second device.
+
+    number : of the device, from 0. axes : which of its axes the scene gets, as in `Axes`. library : path of the
+    library; empty: where the system finds it. gravity : does the device carry the weight of its own arms?
+
+    Raises
+    ------
+    InvalidParameter : a value is not allowed. HapnetError : no library, or no device.
+    """
+
+    about = "Force Dimension omega, delta, sigma, lambda; Novint Falcon (libdhd)"
+    tested = "experimental: tested with a stand-in of the library"
+    rate_hz: float = 1000.0
+    resolution: float = 1e-5
+
+    def __init__(self, dof: int, number: int = 0, axes: str = "", library: str = "", gravity: bool = True) -> None:
+        if not 0 <= number <= 15:
+            raise InvalidParameter("number", number, "0 to 15")
+        self.dof = dof
+        self._axes = Axes(axes, dof)
+        self._dhd = _load(library)
+        self._id = self._dhd.dhdOpenID(number)
+        if self._id < 0:
+            raise HapnetError(f"no device {number} of Force Dimension: {self._why()} ({self._count()} connected)")
+        self._buttons = 0
+        self._braked = False
+        self._has_wrist = bool(self._dhd.dhdHasWrist(self._id))
+        self.name: str = (self._dhd.dhdGetSystemName(self._id) or b"").decode(errors="replace")
+        limits = next((found for name, found in _KNOWN.items() if name in self.name.lower()), _UNKNOWN)
+        self.force_limit: float = limits.force_N
+        self.workspace: float = limits.reach_m
+        self.stiffness_range: tuple[float, float] = (0.0, limits.stiffness)
+        self._dhd.dhdEnableExpertMode()
+        # the device then ends the force by itself; an older one has no watchdog
+        ticks = _WATCHDOG_TICKS if self._dhd.dhdSetWatchdog(_WATCHDOG_TICKS, self._id) >= 0 else 0
+        self.watchdog_s: float | None = ticks * 125e-6 or None
+        self._require(self._dhd.dhdSetGravityCompensation(_ON if gravity else _OFF, self._id))
+        self._require(self._dhd.dhdEnableForce(_ON, self._id))
+
+    @classmethod
+    def missing(cls) -> str:
+        return "" if _find() else "libdhd, from Force Dimension's SDK"
+
+    @classmethod
+    def found(cls) -> Sequence[str]:
+        return tuple(str(number) for number in range(max(0, _load("").dhdGetDeviceCount())))
+
+    def home(self) -> None:
+        """The device calibrates itself; until it has, its positions mean nothing."""
+        if self._status(_STATUS_RESET):
+            raise HapnetError(f"{self.name} is not calibrated: move its handle through its calibration first")
+
+    def read(self) -> tuple[Vector, Vector]:
+        """Position [m] and velocity [m/s], which the library estimates over 20 ms.
+
+        Raises
+        ------
+        DeviceSilent : the library reports an error.
+        """
+        position = self._three("dhdGetPosition")
+        velocity = self._three("dhdGetLinearVelocity")
+        self._buttons = self._dhd.dhdGetButtonMask(self._id)
+        return self._axes.take(_ours(position)), self._axes.take(_ours(velocity))
+
+    def apply(self, force: Vector) -> Vector:
+        """Hold this force; with the brake on there is none."""
+        theirs = _theirs(self._axes.spread(force))
+        if self._dhd.dhdSetForce(*theirs, self._id) < 0:
+            raise DeviceSilent(f"{self.name} takes no force: {self._why()}")
+        self._braked = self._status(_STATUS_BRAKE)
+        if self._braked:
+            return (0.0,) * self.dof
+        # motors that saturate make another force than the one asked for: the library tells it
+        return self._axes.take(_ours(self._three("dhdGetForce")))
+
+    def orientation(self) -> Vector | None:
+        """How the wrist is turned, where there is one; a unit quaternion w, x, y, z in hapnet's frame."""
+        if not self._has_wrist:
+            return None
+        frame = (c_double * 9)()
+        if self._dhd.dhdGetOrientationFrame(byref(frame), self._id) < 0:
+            return None
+        columns = [_ours((frame[k], frame[3 + k], frame[6 + k])) for k in (1, 0, 2)]
+        turned = [columns[0], tuple([-c for c in columns[1]]), columns[2]]  # our axes are their y, -x and z
+        return _quaternion([[turned[column][row] for column in range(3)] for row in range(3)])
+
+    def braked(self) -> str:
+        """Whether the brake was on at the last force; when it is off again the force grows from zero."""
+        return "its brake is on" if self._braked else ""
+
+    def buttons(self) -> tuple[bool, ...]:
+        return tuple(bool(self._buttons >> k & 1) for k in range(max(1, self._buttons.bit_length())))
+
+    def close(self) -> None:
+        if self._id >= 0:
+            self._dhd.dhdStop(self._id)
+            self._dhd.dhdClose(self._id)
+            self._id = -1
+
+    def _three(self, function: str) -> Vector:
+        x, y, z = c_double(), c_double(), c_double()
+        if getattr(self._dhd, function)(byref(x), byref(y), byref(z), self._id) < 0:
+            raise DeviceSilent(f"{self.name} gives no reading: {self._why()}")
+        return x.value, y.value, z.value
+
+    def _status(self, which: int) -> bool:
+        status = (c_int * _STATUS_COUNT)()
+        return self._dhd.dhdGetStatus(byref(status), self._id) >= 0 and bool(status[which])
+
+    def _require(self, result: int) -> None:
+        if result < 0:
+            why = self._why()
+            self.close()
+            raise HapnetError(f"the device of Force Dimension cannot be set up: {why}")
+
+    def _count(self) -> int:
+        return int(self._dhd.dhdGetDeviceCount())
+
+    def _why(self) -> str:
+        return (self._dhd.dhdErrorGetLastStr() or b"unknown error").decode(errors="replace")
+
+
+def _ours(theirs: Vector) -> Vector:
+    """Their x points to the user, y to the right, z up; ours to the right, away from the user, up."""
+    x, y, z = theirs
+    return y, -x, z
+
+
+def _theirs(ours: Vector) -> Vector:
+    x, y, z = ours
+    return -y, x, z
+
+
+def _quaternion(rows: Sequence[Sequence[float]]) -> Vector:
+    """The unit quaternion w, x, y, z of a rotation matrix: the largest component first, so that nothing cancels."""
+    (a, b, c), (d, e, f), (g, h, i) = rows
+    squares = (1.0 + a + e + i, 1.0 + a - e - i, 1.0 - a + e - i, 1.0 - a - e + i)
+    table = (
+        (squares[0], h - f, c - g, d - b),
+        (h - f, squares[1], b + d, c + g),
+        (c - g, b + d, squares[2], f + h),
+        (d - b, c + g, f + h, squares[3]),
+    )
+    row = table[max(range(4), key=squares.__getitem__)]
+    length = math.hypot(*row)
+    return tuple([part / length for part in row])
+
+
+def _find() -> str | None:
+    return next(filter(None, map(ctypes.util.find_library, _NAMES)), None)
+
+
+def _load(library: str) -> ctypes.CDLL:
+    path = library or _find()
+    if path is None:
+        raise HapnetError("the device needs libdhd, from Force Dimension's SDK, where the system finds libraries")
+    try:
+        loaded = ctypes.CDLL(path)
+        for name, (result, arguments) in _FUNCTIONS.items():
+            function = getattr(loaded, name)
+            function.restype, function.argtypes = result, arguments
+    except (OSError, AttributeError) as error:
+        raise HapnetError(f"{path} is no libdhd: {error}") from None
+    return loaded

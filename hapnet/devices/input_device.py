@@ -1,0 +1,140 @@
+"""Devices that only tell a motion: a gamepad's stick, a 3D mouse. They have no motors, so the account counts no force.
+
+The deflection of the stick is the position: fully deflected it is `reach` away from the origin, released it is back. A
+low-pass filter of 20 ms makes a motion of the steps in which such devices report. The kernel's files are read without
+waiting; no library is needed.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from abc import abstractmethod
+from collections.abc import Sequence
+
+from hapnet.checks import Vector
+from hapnet.devices.axes import Axes
+from hapnet.devices.driver import Driver
+from hapnet.errors import DeviceSilent, InvalidParameter
+
+SMOOTHING_S = 0.02
+_AGAIN_S = 0.5
+_MOST_BYTES = 4096
+
+
+class InputDevice(Driver):
+    """A device behind a file of the kernel.
+
+    path : the file; empty: the first that is found. axes : which of its axes the scene gets, as in `Axes`. reach : how
+    far full deflection is [m]. dead : deflections below this share are none.
+
+    Raises
+    ------
+    InvalidParameter : a value is not allowed, or there is no such device.
+    """
+
+    tested = "tested with recorded events, not on hardware"
+    force_limit: float = 1e-6  # none, in effect: so the coupling keeps no energy for a force
+    resolution: float = 0.0
+    smallest_mass: float = 1.0  # it has no motors, so no force makes it faster
+
+    def __init__(self, dof: int, path: str = "", axes: str = "", reach: float = 0.04, dead: float = 0.05) -> None:
+        if not 1e-3 <= reach <= 1.0:
+            raise InvalidParameter("reach", reach, "0.001 to 1 m")
+        if not 0.0 <= dead < 1.0:
+            raise InvalidParameter("dead", dead, "0 or above, below 1")
+        found = self.found()
+        if not path and not found:
+            raise InvalidParameter("path", path, f"a device of this machine, and none was found ({self.about})")
+        self.dof = dof
+        self.workspace: float = 2.0 * reach
+        self.greatest_speed: float = 10.0 * reach / SMOOTHING_S
+        self._axes, self._reach, self._dead = Axes(axes, dof), reach, dead
+        self._path = path or found[0]
+        self._file: int | None = None
+        self._unread = b""
+        self._next_try_s = 0.0
+        self.deflections: list[float] = [0.0] * 3
+        """Of the axes x, y, z, each -1 to 1."""
+        self.pressed: dict[int, bool] = {}
+        self._position = self._velocity = (0.0,) * dof
+        self._read_s: float | None = None
+        try:
+            self._open()
+        except OSError as error:
+            raise InvalidParameter("path", self._path, f"a file that can be read ({error.strerror})") from None
+
+    @abstractmethod
+    def take(self, data: bytes) -> int:
+        """Process the whole reports in `data`: set `deflections` and `pressed`. Returns how many bytes were used."""
+
+    def read(self) -> tuple[Vector, Vector]:
+        self._listen()
+        now_s = time.monotonic()
+        dt = 0.0 if self._read_s is None else now_s - self._read_s
+        self._read_s = now_s
+        share = -math.expm1(-dt / SMOOTHING_S)
+        goal = self._axes.take(tuple([self._reach * self._live(d) for d in self.deflections]))
+        moved = tuple([share * (g - x) for g, x in zip(goal, self._position, strict=True)])
+        self._position = tuple([x + m for x, m in zip(self._position, moved, strict=True)])
+        if dt > 0.0:
+            self._velocity = tuple([m / dt for m in moved])
+        return self._position, self._velocity
+
+    def apply(self, force: Vector) -> Vector:
+        """There are no motors: no force is applied."""
+        return (0.0,) * self.dof
+
+    def buttons(self) -> tuple[bool, ...]:
+        return tuple(self.pressed.get(number, False) for number in range(1 + max(self.pressed, default=-1)))
+
+    def close(self) -> None:
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
+
+    def _live(self, deflection: float) -> float:
+        """The deflection beyond the dead zone; full deflection stays full."""
+        size = max(0.0, abs(deflection) - self._dead) / (1.0 - self._dead)
+        return math.copysign(min(1.0, size), deflection)
+
+    def _listen(self) -> None:
+        if self._file is None:
+            self._open_again()
+        while True:
+            try:
+                assert self._file is not None
+                data = os.read(self._file, _MOST_BYTES)
+            except BlockingIOError:
+                return
+            except OSError as error:
+                self.close()
+                raise DeviceSilent(f"{self._path} has gone ({error.strerror})") from None
+            if not data:
+                return
+            self._unread += data
+            self._unread = self._unread[self.take(self._unread) :]
+
+    def _open_again(self) -> None:
+        now_s = time.monotonic()
+        if now_s >= self._next_try_s:
+            self._next_try_s = now_s + _AGAIN_S
+            try:
+                self._open()
+            except OSError:
+                pass
+            else:
+                return
+        raise DeviceSilent(f"{self._path} has gone")
+
+    def _open(self) -> None:
+        self._file = os.open(self._path, os.O_RDONLY | os.O_NONBLOCK)
+        self._unread = b""
+        self.deflections = [0.0] * 3
+        self.pressed.clear()
+
+
+def existing(paths: Sequence[str]) -> tuple[str, ...]:
+    """Those of the paths that can be read."""
+    return tuple(path for path in paths if os.access(path, os.R_OK))

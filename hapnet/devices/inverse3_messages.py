@@ -1,0 +1,154 @@
+"""The messages of Haply's Inverse Service 3.5, and no input or output. inverse3.md beside it is its page.
+
+What is missing, of another type or not finite is never guessed: such a message has no state in it.
+"""
+
+from __future__ import annotations
+
+import json
+from math import hypot, isfinite
+from typing import Any, NamedTuple
+
+from hapnet.checks import Vector
+
+SPELLINGS = ("vector", "values")
+"""What a command calls its force: service 3.5, and those before."""
+
+_GRIPS = ("wireless_verse_grip", "custom_verse_grip", "verse_grip")
+_ARMS = ("inverse3", "minverse")
+_UNIT = 0.01
+"""A quaternion's length may differ from 1 by so much."""
+
+
+class State(NamedTuple):
+    """An arm's state, and that of the grip on it."""
+
+    position: Vector
+    """[m], shape (3,)."""
+    velocity: Vector
+    """[m/s], shape (3,)."""
+    calibrated: bool
+    powered: bool
+    """Has it its power supply? Without it there is no force."""
+    buttons: tuple[bool, ...]
+    """Of the grip, by their names' order."""
+    orientation: Vector | None
+    """Of the grip: a unit quaternion (w, x, y, z); None: not known."""
+
+
+class Notice(NamedTuple):
+    """An event of the service that concerns the force."""
+
+    what: str
+    """The event's name, or for a safety event its `safety_type`."""
+    device: str
+    """Which device it concerns; empty: it does not say."""
+
+
+def parsed(raw: bytes) -> dict[str, Any] | None:
+    """The object in a message; None if it is none."""
+    try:
+        found = json.loads(raw)
+    except (ValueError, RecursionError):
+        return None
+    return found if isinstance(found, dict) else None
+
+
+def arms(message: dict[str, Any]) -> list[str]:
+    """The ids of the arms that a message lists."""
+    listed = [_text(entry.get("device_id")) for kind in _ARMS for entry in _entries(message, kind)]
+    return [name for name in listed if name]
+
+
+def state(message: dict[str, Any], device: str) -> State | None:
+    """The state of the arm `device`, and of the first grip that tells its own; None: it is not in the message."""
+    for kind in _ARMS:
+        for entry in _entries(message, kind):
+            if entry.get("device_id") == device:
+                return _state(message, entry)
+    return None
+
+
+def command(device: str, force: Vector, spelling: str = SPELLINGS[0]) -> bytes:
+    """A force for the arm [N], shape (3,). The service answers it with one state."""
+    return b'{"inverse3":[{"device_id":%b,"commands":{%b}}]}' % (_quoted(device), _force(force, spelling))
+
+
+def greeting(device: str, preset: str, spelling: str = SPELLINGS[0]) -> bytes:
+    """The first message: a name for the session, the maker's own frame, the arm's preset, and no force."""
+    session = b'{"configure":{"profile":{"name":"hapnet"},"basis":{"permutation":"XYZ"}}}'
+    arm = b'"device_id":%b,"configure":{"preset":%b}' % (_quoted(device), _quoted(preset))
+    return b'{"session":%b,"inverse3":[{%b,"commands":{%b}}]}' % (session, arm, _force((0.0, 0.0, 0.0), spelling))
+
+
+def notice(raw: bytes) -> Notice | None:
+    """The event in a message of the event socket; None if it is none."""
+    if (message := parsed(raw)) is None or not (name := _text(message.get("name"))):
+        return None
+    data = message.get("data")
+    told = data if isinstance(data, dict) else {}
+    return Notice(_text(told.get("safety_type")) or name, _text(told.get("device_id")))
+
+
+def _force(force: Vector, spelling: str) -> bytes:
+    x, y, z = force
+    return f'"set_cursor_force":{{"{spelling}":{{"x":{x!r},"y":{y!r},"z":{z!r}}}}}'.encode("ascii")
+
+
+def _quoted(text: str) -> bytes:
+    return json.dumps(text).encode("ascii")
+
+
+def _state(message: dict[str, Any], entry: dict[str, Any]) -> State | None:
+    told, status = entry.get("state"), entry.get("status")
+    if not isinstance(told, dict):
+        return None
+    position, velocity = _vector(told.get("cursor_position")), _vector(told.get("cursor_velocity"))
+    if position is None or velocity is None:
+        return None
+    status = status if isinstance(status, dict) else {}
+    calibrated, powered = status.get("calibrated") is not False, status.get("power_supply") is not False
+    return State(position, velocity, calibrated, powered, *_grip(message))
+
+
+def _grip(message: dict[str, Any]) -> tuple[tuple[bool, ...], Vector | None]:
+    for kind in _GRIPS:
+        for entry in _entries(message, kind):
+            if isinstance(told := entry.get("state"), dict):
+                return _buttons(told), _quaternion(told.get("orientation"))
+    return (), None
+
+
+def _buttons(told: dict[str, Any]) -> tuple[bool, ...]:
+    if isinstance(several := told.get("buttons"), dict):
+        return tuple([several[name] is True for name in sorted(several)])
+    return (told["button"] is True,) if "button" in told else ()
+
+
+def _entries(message: dict[str, Any], kind: str) -> list[dict[str, Any]]:
+    listed = message.get(kind)
+    return [entry for entry in listed if isinstance(entry, dict)] if isinstance(listed, list) else []
+
+
+def _text(value: object) -> str:
+    return value if isinstance(value, str) else ""
+
+
+def _vector(told: object, names: str = "xyz") -> Vector | None:
+    if not isinstance(told, dict):
+        return None
+    values: list[Any] = [told.get(name) for name in names]
+    if any(type(value) not in (int, float) for value in values):
+        return None
+    try:
+        found = tuple(map(float, values))
+    except OverflowError:
+        return None
+    return found if isfinite(sum(found)) else None
+
+
+def _quaternion(told: object) -> Vector | None:
+    if (found := _vector(told, "wxyz")) is None or abs(hypot(*found) - 1.0) > _UNIT:
+        return None
+    length = hypot(*found)
+    return tuple([part / length for part in found])

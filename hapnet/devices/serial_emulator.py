@@ -1,0 +1,131 @@
+"""An emulator of the serial axis on a pseudo-terminal, with faults on request."""
+
+from __future__ import annotations
+
+import os
+import random
+import select
+import threading
+import tty
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import ClassVar
+
+from hapnet.devices import serial_line as wire
+from hapnet.devices.emulator import NANO, Emulator, Handle
+from hapnet.errors import InvalidParameter
+
+_PERIOD_NS = 1_000_000
+_STALLED_NS = 500_000_000
+_LIMIT_MN, _CONTINUOUS_MN, _RESOLUTION_NM, _REACH_UM, _WATCHDOG_MS = 3000, 0, 1000, 80_000, 20
+
+
+class SerialEmulator(Emulator):
+    """The axis as `serial_axis.ino` makes one: 3 N, 1 um, 80 mm either way, 1 kHz, and a watchdog of 20 ms.
+
+    link : a path that points to the pseudo-terminal, whose own name changes. noise : share of the bytes that get lost,
+    each way. stall : for 0.5 s, so many seconds after its first command, it neither sends nor listens. rubbish : share
+    of the states that are random bytes. units : what its positions are multiplied by; 1000 is a mistake of units.
+    button : is its dead-man switch held? seed : of what is random.
+    """
+
+    dof = 1
+    resolution_m: float = _RESOLUTION_NM * 1e-9
+    force_limit: ClassVar[float] = _LIMIT_MN * 1e-3
+    watchdog_s: ClassVar[float] = _WATCHDOG_MS * 1e-3
+
+    def __init__(
+        self,
+        handle: Handle,
+        clock: Callable[[], int],
+        link: str = "",
+        noise: float = 0.0,
+        stall: float = 0.0,
+        rubbish: float = 0.0,
+        units: float = 1.0,
+        button: bool = True,
+        seed: int = 0,
+    ) -> None:
+        super().__init__(handle, clock)
+        self._noise, self._stall_s, self._rubbish, self._units, self._button = noise, stall, rubbish, units, button
+        self._random = random.Random(seed)
+        self._device, self._driver = os.openpty()
+        for end in (self._device, self._driver):
+            tty.setraw(end)
+        os.set_blocking(self._device, False)
+        self.address: str = link or os.ttyname(self._driver)
+        self._link = Path(link) if link else None
+        if self._link is not None:
+            try:
+                if self._link.is_symlink():
+                    self._link.unlink()
+                self._link.symlink_to(os.ttyname(self._driver))
+            except OSError as error:
+                raise InvalidParameter("link", link, f"a path that can be made ({error.strerror})") from error
+        self._unread = b""
+        self._first_ns: int | None = None  # when the first command came
+        self._sequence = 0
+
+    def run(self, stop: threading.Event) -> None:
+        start_ns = due_ns = self._clock()
+        while not stop.is_set():
+            left = (due_ns - self._clock()) * NANO
+            if left > 0.0:
+                if select.select([self._device], [], [], left)[0]:
+                    self._receive()
+                continue
+            if self._stall_s and self._first_ns is not None and due_ns - self._first_ns >= self._stall_s / NANO:
+                self._stall_s = 0.0
+                due_ns += _STALLED_NS
+                stop.wait((due_ns - self._clock()) * NANO)
+                continue
+            self._send_state(start_ns)
+            due_ns += _PERIOD_NS
+        with suppress(OSError):
+            if self._link is not None:
+                self._link.unlink()
+        os.close(self._device)
+        os.close(self._driver)
+
+    def _send_state(self, start_ns: int) -> None:
+        now_ns = self._clock()
+        (x,), (v,) = self.handle.read(now_ns)
+        impulse = round(self.handle.impulse_at(now_ns)[0] * 1e9)
+        line = wire.line(
+            "S",
+            (now_ns - start_ns) // 1000 % wire.WRAP,
+            round(x * self._units / self.resolution_m) * _RESOLUTION_NM,
+            round(v * self._units * 1e6),
+            impulse % wire.WRAP,
+            self._sequence,
+            int(self._button),
+        )
+        if self._rubbish and self._random.random() < self._rubbish:
+            line = self._random.randbytes(len(line))
+        self._send(line)
+
+    def _receive(self) -> None:
+        try:
+            came = os.read(self._device, 4096)
+        except OSError:
+            return
+        *lines, self._unread = (self._unread + self._lossy(came)).split(b"\n")
+        for raw in lines:
+            if (command := wire.command(raw)) is not None:
+                self._sequence = command.sequence
+                self._first_ns = self._first_ns or self._clock()
+                self.handle.hold(self._clock(), (command.force_uN * 1e-6,))
+            elif raw == wire.line("I").rstrip():
+                self._send(wire.line(
+                    "I", 1, 1000, _LIMIT_MN, _CONTINUOUS_MN, _RESOLUTION_NM, _REACH_UM, _WATCHDOG_MS, 1, 1, 0
+                ))  # fmt: skip
+
+    def _send(self, line: bytes) -> None:
+        with suppress(OSError):  # nobody reads: what does not fit is lost, as on a wire
+            os.write(self._device, self._lossy(line))
+
+    def _lossy(self, data: bytes) -> bytes:
+        if not self._noise:
+            return data
+        return bytes(byte for byte in data if self._random.random() >= self._noise)

@@ -1,0 +1,69 @@
+"""Where a device is in an obstacle: what the metrics of contact need to know, of flat walls and of solids alike."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from hapnet.checks import Array, Vector
+from hapnet.plant.worlds.protocol import World
+from hapnet.plant.worlds.rigid_contacts import RigidContacts, Solid, padded
+from hapnet.plant.worlds.walls import Contacts, Wall
+
+
+class Obstacle(Protocol):
+    """A wall, or a solid of any shape."""
+
+    @property
+    def stiffness(self) -> float:
+        """K_w [N/m]."""
+
+    def depths(self, positions: Array) -> Array:
+        """(N,) how far inside each of `positions` (N, n) is from the nearest surface [m]; below 0 outside."""
+
+    def normals(self, positions: Array) -> Array:
+        """(N, n) the unit normals there, into the obstacle; where a solid's has no part along the n axes, 0."""
+
+
+class SolidObstacle:
+    """A solid of a scene with n axes. What was asked last is kept: several metrics ask for the same positions."""
+
+    def __init__(self, solid: Solid) -> None:
+        self.stiffness: float = solid.stiffness
+        self._shape = solid.shape
+        self._positions: Array | None = None
+        self._depths = self._normals = np.empty(0)
+
+    def depths(self, positions: Array) -> Array:
+        self._ask(positions)
+        return self._depths
+
+    def normals(self, positions: Array) -> Array:
+        self._ask(positions)
+        return self._normals
+
+    def _ask(self, positions: Array) -> None:
+        if positions is self._positions:
+            return
+        found = [self._shape.near(padded(place)) for place in positions.tolist()]
+        self._depths = np.array([-distance for distance, _ in found])
+        out = np.array([gradient for _, gradient in found]).reshape(-1, 3)[:, : positions.shape[1]]
+        sizes = np.linalg.norm(out, axis=1, keepdims=True)
+        self._normals = -out / np.where(sizes, sizes, 1.0)
+        self._positions = positions
+
+
+def obstacles(world: World) -> tuple[Obstacle, ...] | None:
+    """Those of `world`; None: they are not known, as those of a force or of another engine."""
+    contacts = world.contacts
+    if isinstance(contacts, RigidContacts):
+        return tuple([SolidObstacle(solid) for solid in contacts.solids])
+    return tuple(world.walls) if world.walls or isinstance(contacts, Contacts) else None
+
+
+def normal_where_deepest(obstacle: Obstacle, positions: Array) -> Vector:
+    """The normal (n,) at the sample that is deepest inside: a wall's is the same everywhere."""
+    if isinstance(obstacle, Wall):
+        return obstacle.normal
+    return tuple(obstacle.normals(positions)[int(np.argmax(obstacle.depths(positions)))].tolist())

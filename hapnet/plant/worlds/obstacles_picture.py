@@ -1,0 +1,54 @@
+"""The picture of a world of the user's own: the shapes of its obstacles; a small ball where one moves that has none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hapnet.checks import Array, Vector
+from hapnet.plant.worlds.obstacle import Body
+from hapnet.plant.worlds.outlines import part_of
+from hapnet.plant.worlds.picture import GREY, RESTS, Color, Part, Touch, at_rest, shared
+from hapnet.plant.worlds.rigid_contacts import Solid, padded
+from hapnet.plant.worlds.shapes import Sphere
+from hapnet.plant.worlds.solids_picture import touched
+
+_MOVES: Color = (202, 138, 4, 204)
+_MARK = Sphere((0.0, 0.0, 0.0), 0.003)
+
+
+class ObstaclesPicture:
+    """Obstacles while they move."""
+
+    def __init__(self, obstacles: Sequence[Body]) -> None:
+        self._shaped = [body for body in obstacles if body.obstacle.shape is not None]
+        self._moving = [body for body in obstacles if body.obstacle.motion is not None or body.obstacle.mass]
+        parts = []
+        for body in obstacles:
+            number = self._moving.index(body) if body in self._moving else RESTS
+            shape = body.obstacle.shape or (None if number == RESTS else _MARK)
+            if shape is not None:
+                parts.append(part_of(shape, GREY if number == RESTS else _MOVES, number))
+        self.parts: tuple[Part, ...] = tuple([found for found in parts if found is not None])
+
+    def poses(self) -> Array:
+        """As `hapnet.plant.worlds.picture.Picture`."""
+        return at_rest([body.position.tolist() for body in self._moving])
+
+    def soft(self) -> Array:
+        """None."""
+        return np.zeros((0, 3))
+
+    def touches(self, position: Vector, force: Vector) -> list[Touch]:
+        """Where the proxy is in an obstacle's shape; a force law tells no friction."""
+        found = []
+        for body in self._shaped:
+            shape, place = body.obstacle.shape, np.array(padded(body.position.tolist()))
+            if shape is None or not any(force):
+                continue
+            seen = tuple((np.array(padded(position)) - place).tolist())
+            if (touch := touched(Solid(shape), seen)) is not None:
+                point, normal, friction = touch
+                found.append((tuple((np.array(point) + place).tolist()), normal, friction))
+        return shared(padded(force), found) if found else []

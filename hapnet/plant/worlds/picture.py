@@ -1,0 +1,105 @@
+"""What a world looks like: surfaces of triangles, how its bodies lie now, and where the proxy touches them.
+
+This is for pages and figures only; nothing here acts on the proxy. A world that can be drawn has a method `picture`.
+What it gives is asked some 60 times a second, on the thread that steps the world.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple, Protocol, TypeAlias, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapnet.checks import Array, Vector
+
+Color: TypeAlias = tuple[int, int, int, int]
+"""Red, green, blue and opacity, 0 to 255."""
+
+RESTS, SOFT = -1, -2
+"""In place of a body's number: a part that rests; one whose vertices are told anew each time."""
+
+GREY: Color = (148, 163, 184, 153)
+
+
+class Part(NamedTuple):
+    """A surface in the frame of its body: of those that rest, in the frame of the scene."""
+
+    vertices: NDArray[Any]  #: (N, 3) [m]
+    triangles: NDArray[Any]  #: (M, 3), as indices of vertices
+    color: Color
+    body: int  #: the pose with which it moves, or `RESTS` or `SOFT`
+    smooth: bool  #: is it curved, or are its edges seen?
+
+
+class Touch(NamedTuple):
+    """A contact of the proxy. Vectors have three axes."""
+
+    point: Vector  #: on the surface [m]
+    normal: Vector  #: of unit length, out of what is touched
+    friction: float  #: Coulomb's mu
+    force_N: Vector  #: on the proxy
+
+
+class Picture(Protocol):
+    """How a world looks during a run."""
+
+    @property
+    def parts(self) -> tuple[Part, ...]: ...
+
+    def poses(self) -> Array:
+        """Of the bodies that move: place [m], and quaternion w, x, y, z, of unit length. (B, 7)."""
+
+    def soft(self) -> Array:
+        """The present vertices of all soft parts, one after another (V, 3) [m]."""
+
+    def touches(self, position: Vector, force: Vector) -> list[Touch]:
+        """The contacts of a proxy at `position` (n,) [m] which feels `force` (n,) [N] in all."""
+
+
+@runtime_checkable
+class Pictured(Protocol):
+    """A world that can be drawn."""
+
+    def picture(self) -> Picture: ...
+
+
+def part(vertices: Any, triangles: Any, color: Color = GREY, body: int = RESTS, *, smooth: bool = False) -> Part:
+    """A part from any arrays."""
+    return Part(np.asarray(vertices, dtype=np.float32), np.asarray(triangles, dtype=np.uint32), color, body, smooth)
+
+
+def at_rest(places: Sequence[Sequence[float]]) -> Array:
+    """The poses of bodies at these places (B, n) [m] which do not turn."""
+    poses = np.zeros((len(places), 7))
+    poses[:, 3] = 1.0
+    for row, place in zip(poses, places, strict=True):
+        row[: min(3, len(place))] = place[:3]
+    return poses
+
+
+_ROUNDS = 30
+
+
+def shared(force: Vector, found: Sequence[tuple[Vector, Vector, float]]) -> list[Touch]:
+    """Touches from points, normals and frictions: how contacts share `force` (3,) [N].
+
+    One contact has all of it. Of several, each pushes along its normal so that together they come as close to the force
+    as pushes can (non-negative least squares, by coordinates), and what is across is shared in proportion to mu times
+    the push. With more contacts than axes many ways are possible: then it is one of them.
+    """
+    if len(found) == 1:
+        return [Touch(*found[0], force)]
+    normals = np.array([normal for _, normal, _ in found]).reshape(-1, 3)
+    pushes, left = np.zeros(len(found)), np.array(force, dtype=float)
+    for _ in range(_ROUNDS):
+        for i, normal in enumerate(normals):
+            more = max(-pushes[i], float(normal @ left))
+            pushes[i] += more
+            left -= more * normal
+    grips = pushes * [friction for _, _, friction in found]
+    total = float(grips.sum())
+    shares = grips / total if total > 0.0 else pushes / (float(pushes.sum()) or 1.0)
+    forces = pushes[:, None] * normals + shares[:, None] * left
+    return [Touch(*one, tuple(each)) for one, each in zip(found, forces.tolist(), strict=True)]

@@ -1,0 +1,272 @@
+"""`connect_device` and `connect_world`: one side of a pair as an asynchronous context manager."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping
+from contextlib import AbstractAsyncContextManager, ExitStack, asynccontextmanager
+from dataclasses import dataclass
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any
+
+from hapnet import checks
+from hapnet.assembly import user_device
+from hapnet.assembly.build import prepare
+from hapnet.errors import InvalidParameter
+from hapnet.loading import lent
+from hapnet.params import Params, as_params
+from hapnet.plant.device import Device
+from hapnet.plant.worlds.protocol import World
+from hapnet.realtime.connected import ConnectedDevice, ConnectedWorld
+from hapnet.realtime.runner import RealtimeSide
+from hapnet.realtime.side_task import SideTask
+from hapnet.recording.samples import Sample
+from hapnet.side.notices import Notice
+from hapnet.transport.config import ZenohSettings, zenoh_warnings
+from hapnet.wire.messages import Role
+
+Settings = Params | Mapping[str, object] | None
+Endpoints = str | Iterable[str]
+DeviceChoice = str | Device | Callable[..., Device] | None
+Scene = str | World | Callable[..., Any] | None
+
+
+def connect_device(
+    params: Settings = None,
+    *,
+    device: DeviceChoice = None,
+    scene: Scene = None,
+    connect: Endpoints = (),
+    listen: Endpoints = (),
+    zenoh: ZenohSettings | None = None,
+    session: str = "default",
+    name: str = "device",
+    duration_s: float = 0.0,
+    record: str | PathLike[str] | None = None,
+    seed: int | None = None,
+    realtime: bool = False,
+    once: bool = False,
+) -> AbstractAsyncContextManager[ConnectedDevice]:
+    """Run a haptic device, simulated or real, for as long as the block lasts; a world elsewhere is its peer.
+
+        async with hapnet.connect_device({"scene": "wall"}, connect="tcp/192.168.0.2:17447") as device:
+            await device.wait_paired()
+            async for event in device.events():
+                print(event.kind, event.text)
+
+    The block begins when the servo runs and the world can come; `wait_paired` waits for it. However the block is left,
+    also by an exception or a cancellation, the force is zero first; then the world is told and the recording closed,
+    and no thread, task, socket or file is left behind. When it is left in order, energy in flight is waited for: 2 s
+    at most, and what the link takes. A cancellation does not wait for that.
+
+    Parameters
+    ----------
+    params : a `Params`, or changes to the defaults by dotted names, such as ``{"device.stiffness": 200}``.
+    device : instead of the parameter `hardware`: a driver's name with its options (``"serial:/dev/ttyACM0"``,
+        ``"simulated"``), a device (`hapnet.plant.device.Device`), or what makes one from ``dof``.
+    scene : instead of the parameter `scene`: its name, a world such as `Scene`, or what makes one. It must have as many
+        axes as the world's own.
+    connect, listen : endpoints to dial or to listen on, such as ``"tcp/192.168.0.2:17447"``. Neither: the two find each
+        other by multicast.
+    zenoh : instead of these, all settings of the connection, such as certificates.
+    session, name : keep several pairs apart; the same on both sides.
+    duration_s : end by itself so long after pairing [s], in place of the parameter; 0: when the block is left.
+    record : where to record, a file's path.
+    seed : of the emulated link; None: a random one.
+    realtime : run the servo in a process of its own, with SCHED_FIFO and locked memory where that is allowed.
+    once : end with the first peer; do not wait for another one.
+
+    Raises
+    ------
+    InvalidParameter : an argument, or a parameter, is not allowed.
+    TransportError : the connection cannot be opened, for example because an address is in use.
+    RecordingError : the recording cannot be written.
+    HapnetError : the device cannot be made, or fails, or the world does not fit. All are raised as the block begins or,
+        later, when it is left; streams and `wait_paired` raise them too.
+    """
+    call = _Call(
+        "device", params, device, scene, connect, listen, zenoh, session, name, duration_s, record, seed, realtime, once
+    )
+    return _device(call)
+
+
+def connect_world(
+    params: Settings = None,
+    *,
+    scene: Scene = None,
+    connect: Endpoints = (),
+    listen: Endpoints = (),
+    zenoh: ZenohSettings | None = None,
+    session: str = "default",
+    name: str = "device",
+    duration_s: float = 0.0,
+    record: str | PathLike[str] | None = None,
+    seed: int | None = None,
+    once: bool = False,
+) -> AbstractAsyncContextManager[ConnectedWorld]:
+    """Run a virtual world for as long as the block lasts; a device elsewhere is its peer, and after it another one.
+
+        async with hapnet.connect_world({"scene": "box"}, listen="tcp/0.0.0.0:17447") as world:
+            async for sample in world.samples():
+                print(sample.position_m, sample.penetration_m)
+
+    Parameters and errors are those of `connect_device`. `name` is the device's, for several devices on one network.
+    `seed` is that of the lengths of the steps too.
+    """
+    call = _Call(
+        "world", params, None, scene, connect, listen, zenoh, session, name, duration_s, record, seed, False, once
+    )
+    return _world(call)
+
+
+@asynccontextmanager
+async def _device(call: _Call) -> AsyncIterator[ConnectedDevice]:
+    async with _running(call) as task:
+        yield ConnectedDevice(task)
+
+
+@asynccontextmanager
+async def _world(call: _Call) -> AsyncIterator[ConnectedWorld]:
+    async with _running(call) as task:
+        yield ConnectedWorld(task)
+
+
+@asynccontextmanager
+async def _running(call: _Call) -> AsyncIterator[SideTask]:
+    """The side in its task, which is over when this is left."""
+    call.check()
+    with ExitStack() as names:
+        task = SideTask(lambda **callbacks: call.make(names, **callbacks), call.duration_s)
+        try:
+            await task.open()
+            yield task
+        except BaseException:
+            await task.leave(hurry=True)
+            raise
+        await task.leave(hurry=False)
+        if task.failure is not None:
+            raise task.failure
+
+
+@dataclass(frozen=True)
+class _Call:
+    """The arguments of a call; see `connect_device`."""
+
+    role: Role
+    params: Settings
+    device: DeviceChoice
+    scene: Scene
+    connect: Endpoints
+    listen: Endpoints
+    zenoh: ZenohSettings | None
+    session: str
+    name: str
+    duration_s: float
+    record: str | PathLike[str] | None
+    seed: int | None
+    realtime: bool
+    once: bool
+
+    def check(self) -> None:
+        """Raise InvalidParameter for an argument of the wrong type."""
+        for name in ("session", "name"):
+            _require(name, getattr(self, name), str, "a name")
+        for name in ("realtime", "once"):
+            _require(name, getattr(self, name), bool, "True or False")
+        _require("record", self.record, str | PathLike | None, "a file's path, or None")
+        _require("zenoh", self.zenoh, ZenohSettings | None, "a ZenohSettings, or None")
+        checks.non_negative("duration_s", self.duration_s)
+        if self.seed is not None:
+            checks.whole("seed", self.seed, at_least=0)
+
+    def make(
+        self, names: ExitStack, *, notify: Callable[[Notice], None], watch: Callable[[Sample], None]
+    ) -> tuple[RealtimeSide, tuple[str, ...]]:
+        """The side, and what its user should be warned of. `names` : the names of what was given as an object."""
+        try:
+            return self._made(names, notify, watch)
+        except InvalidParameter as error:
+            if self.device is None or error.name != "hardware":
+                raise
+            raise InvalidParameter("device", self.device, error.allowed) from error
+
+    def _made(
+        self, names: ExitStack, notify: Callable[[Notice], None], watch: Callable[[Sample], None]
+    ) -> tuple[RealtimeSide, tuple[str, ...]]:
+        zenoh = self._settings()
+        setup = prepare(self._parameters(names))
+        warnings = setup.warnings + zenoh_warnings(zenoh)
+        side = RealtimeSide(
+            setup, self.role, zenoh, session=self.session, name=self.name, seed=self.seed,
+            record=None if self.record is None else Path(fspath(self.record)),
+            realtime=self.realtime, once=self.once, notify=notify, watch=watch,
+        )  # fmt: skip
+        return side, warnings
+
+    def _settings(self) -> ZenohSettings:
+        connect, listen = _endpoints("connect", self.connect), _endpoints("listen", self.listen)
+        if self.zenoh is None:
+            return ZenohSettings(connect=connect, listen=listen, multicast_scouting=not (connect or listen))
+        for name, given in (("connect", connect), ("listen", listen)):
+            if given:
+                raise InvalidParameter(name, given, "not beside zenoh, which has it too")
+        return self.zenoh
+
+    def _parameters(self, names: ExitStack) -> Params:
+        if isinstance(self.params, Mapping) and "duration_s" in self.params:
+            raise InvalidParameter("params", self.params, "duration_s as an argument of its own")
+        changes: dict[str, object] = {"duration_s": self.duration_s}
+        if self.device is not None:
+            changes["hardware"] = _named(names, "device", self.device, user_device.allowed(), _is_device)
+        if self.scene is not None:
+            changes["scene"] = _named(
+                names, "scene", self.scene, "a scene's name, a world, or what makes one", _is_world
+            )
+        return (Params() if self.params is None else as_params(self.params)).set(changes)
+
+
+def _require(name: str, value: object, kind: Any, allowed: str) -> None:
+    if not isinstance(value, kind):
+        raise InvalidParameter(name, value, allowed)
+
+
+def _endpoints(name: str, given: object) -> tuple[str, ...]:
+    if isinstance(given, str):
+        return (given,)
+    if isinstance(given, Iterable):
+        found = tuple(given)
+        if all(isinstance(each, str) for each in found):
+            return found
+    raise InvalidParameter(name, given, "an endpoint such as tcp/192.168.0.2:17447, or several in a list")
+
+
+def _is_device(part: object) -> bool:
+    return not isinstance(part, type) and all(hasattr(part, name) for name in ("dof", "read", "apply"))
+
+
+def _is_world(part: object) -> bool:
+    return not isinstance(part, type) and isinstance(part, World)
+
+
+def _named(names: ExitStack, name: str, part: object, allowed: str, is_made: Callable[[object], bool]) -> str:
+    """The name by which parameters have `part`, which is a name, an object that is made already, or what makes one."""
+    if isinstance(part, str):
+        return part
+    if is_made(part):
+        return names.enter_context(lent(_Made(part), type(part).__name__))
+    if not callable(part):
+        raise InvalidParameter(name, part, allowed)
+    return names.enter_context(lent(part, getattr(part, "__name__", type(part).__name__)))
+
+
+class _Made:
+    """Stands for what makes a part that is made already."""
+
+    def __init__(self, part: object) -> None:
+        self._part = part
+
+    def __call__(self, **given: object) -> object:
+        return self._part
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._part, name)

@@ -1,0 +1,192 @@
+"""A side that runs in a task of its own, beside the program that uses it."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from typing import Any, Protocol
+
+from hapnet.couplings.registry import jointly_passive
+from hapnet.errors import Ended
+from hapnet.realtime.feed import Feed
+from hapnet.realtime.off_loop import off_loop, until_done
+from hapnet.realtime.runner import RealtimeSide
+from hapnet.realtime.side_events import SideEvent, event_of, own_event
+from hapnet.recording.samples import DeviceSample, Sample, WorldSample
+from hapnet.side.notices import Notice
+from hapnet.summary.structure import Summary
+from hapnet.summary.verdict import ROUNDING_J, has_reservoirs
+
+MOST_SAMPLES, MOST_EVENTS = 1000, 200
+"""A stream that is further behind misses the oldest."""
+
+TELL_MISSED_S = 1.0
+"""What streams missed is told at most this often [s]."""
+
+
+class MakeSide(Protocol):
+    """Makes the side, on a thread: a device may take its time to open."""
+
+    def __call__(
+        self, *, notify: Callable[[Notice], None], watch: Callable[[Sample], None]
+    ) -> tuple[RealtimeSide, tuple[str, ...]]:
+        """The side, and what its user should be warned of."""
+
+
+class SideTask:
+    """Runs a side in a task that the cancellation of its user does not reach: the way out takes several steps.
+
+    make : makes the side. duration_s : from pairing [s]; 0: no end.
+
+    Attributes
+    ----------
+    samples, events : what its user reads.
+    """
+
+    def __init__(self, make: MakeSide, duration_s: float) -> None:
+        self._make, self._duration_s = make, duration_s
+        self._loop = asyncio.get_running_loop()
+        self.samples: Feed[Any] = Feed(MOST_SAMPLES, missed=partial(self._missed, "samples"))
+        self.events: Feed[SideEvent] = Feed(MOST_EVENTS, keep=MOST_EVENTS, missed=partial(self._missed, "events"))
+        self._stop, self._opened, self._paired = asyncio.Event(), asyncio.Event(), asyncio.Event()
+        self._made: RealtimeSide | None = None
+        self._was_paired = self._lost = self._hurried = False
+        self._missing: dict[str, int] = {}
+        self._told_s = 0.0
+        self._task = self._loop.create_task(self._run())
+        self._task.add_done_callback(self._end)
+
+    @property
+    def side(self) -> RealtimeSide:
+        assert self._made is not None, "not before `open` has returned"
+        return self._made
+
+    @property
+    def failure(self) -> BaseException | None:
+        """What the side failed with."""
+        if not self._task.done():
+            return None
+        return Ended("this side's task was cancelled") if self._task.cancelled() else self._task.exception()
+
+    def require_running(self) -> None:
+        """Raise what the side failed with, or `Ended`, if it runs no more."""
+        if self.failure is not None:
+            raise self.failure
+        if self._task.done() or self._stop.is_set():
+            raise Ended("this side has ended")
+
+    async def open(self) -> None:
+        """Wait until the side runs and can be reached. Raises why it does not."""
+        await self._opened.wait()
+        self.require_running()
+
+    async def paired(self) -> None:
+        """Wait for the first peer. Raises why none will come."""
+        await self._paired.wait()
+        if not self._was_paired:
+            self.require_running()
+
+    async def result(self) -> Summary:
+        """The side's summary, once it has ended. Raises what it failed with."""
+        await asyncio.wait((self._task,))
+        if self.failure is not None:
+            raise self.failure
+        return self._task.result()
+
+    async def leave(self, *, hurry: bool) -> None:
+        """End the side; returns when nothing of it is left. Cancelled meanwhile, it hurries, and raises that then.
+
+        hurry : do not wait for the energy in flight.
+        """
+        self._stop.set()
+        if hurry:
+            self._hurry()
+        await until_done(self._task, cancelled=self._hurry)
+
+    def _hurry(self) -> None:
+        """Do not wait for the energy in flight; the second time, not for the peer to be told either."""
+        if self._made is None:
+            return
+        if self._hurried:
+            self._made.hurry()
+        self._made.forgo()
+        self._hurried = True
+
+    async def _run(self) -> Summary:
+        try:
+            for warning in await off_loop(self._make_side):
+                self.events.give(own_event("notice", warning, "warning"))
+            if self._stop.is_set():
+                return self.side.summary()
+            return await self.side.run(self._stop, self._duration_s, self._opened.set)
+        finally:
+            if self._made is not None:  # a device that never ran was opened all the same
+                await off_loop(self._made.control.stop)
+
+    def _make_side(self) -> tuple[str, ...]:
+        self._made, warnings = self._make(notify=self._notify, watch=self._watch)
+        return warnings
+
+    def _notify(self, notice: Notice) -> None:
+        """On the loop."""
+        if notice.kind == "progress":
+            return
+        self.events.give(event_of(notice))
+        if notice.kind == "paired":
+            self._was_paired = True
+            self._paired.set()
+
+    def _watch(self, sample: Sample) -> None:
+        """On control's thread."""
+        if not isinstance(sample, DeviceSample | WorldSample):
+            return
+        self.samples.give(sample)
+        if min(sample.margin_J, sample.slack_J) < -ROUNDING_J and not self._lost and (why := self._broken(sample)):
+            self._lost = True
+            with suppress(RuntimeError):  # the loop is closed
+                self._loop.call_soon_threadsafe(self._lose, why)
+
+    def _broken(self, sample: DeviceSample | WorldSample) -> str:
+        """Why this side's own account says that it is not passive, by the verdict's rules; empty: it does not."""
+        coupling = self.side.setup.params.coupling
+        if not jointly_passive(coupling) and sample.margin_J < -ROUNDING_J:
+            return f"the {self.side.role}'s half: margin {1e3 * sample.margin_J:.4g} mJ"
+        if has_reservoirs(coupling) and sample.slack_J < -ROUNDING_J:
+            return f"the {self.side.role}'s half of the theorem fails by {-1e3 * sample.slack_J:.4g} mJ"
+        return ""
+
+    def _lose(self, why: str) -> None:
+        self.events.give(own_event("passivity lost", why, "error"))
+
+    def _missed(self, what: str, count: int) -> None:
+        """Count what a stream has missed, and tell it now and then; on the loop."""
+        self._missing[what] = self._missing.get(what, 0) + count
+        if (now_s := self._loop.time()) - self._told_s >= TELL_MISSED_S:
+            self._told_s = now_s
+            self._tell_missed()
+
+    def _tell_missed(self) -> None:
+        for what in list(self._missing):
+            count = self._missing.pop(what)
+            text = f"{count} {what} were missed: they came faster than they were read"
+            self.events.give(own_event("missed", text, "warning", {"count": count}))
+
+    def _end(self, task: asyncio.Task[Summary]) -> None:
+        """The side has ended; on the loop."""
+        self._tell_missed()
+        failure = self.failure
+        if failure is not None:
+            self.events.give(own_event("ended", f"failed: {failure}", "error"))
+        else:
+            summary = task.result()
+            if summary["verdict"]["passive"] is False and not self._lost:
+                self._lose(summary["verdict"]["reason"])
+            duration_s = summary["duration_s"]
+            text = "nobody came" if duration_s is None else f"after {duration_s:.1f} s: {summary['verdict']['reason']}"
+            self.events.give(own_event("ended", text, values={} if duration_s is None else {"duration_s": duration_s}))
+        for feed in (self.events, self.samples):
+            feed.end(failure)
+        self._opened.set()
+        self._paired.set()

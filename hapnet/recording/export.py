@@ -1,0 +1,106 @@
+"""A recording as tables in files: CSV for everything, Parquet (pyarrow, extra `sweep`) for much data."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterable, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapnet.errors import InvalidParameter, MissingLibrary
+from hapnet.recording.frames import knows_utc, table
+from hapnet.recording.mcap import complete_or_absent
+from hapnet.recording.samples import Recording, plain, utc_less_clock_ns
+
+FORMATS = ("auto", "csv", "parquet", "both")
+SETTINGS = b"hapnet"
+"""The settings of a recording in a Parquet file: a JSON text under this key of its metadata."""
+
+
+def formats(word: str) -> tuple[str, ...]:
+    """The file endings for ``auto``, ``csv``, ``parquet`` or ``both``.
+
+    Raises
+    ------
+    InvalidParameter : `word` is none of these. MissingLibrary : Parquet is asked for, but pyarrow is not installed.
+    """
+    if word not in FORMATS:
+        raise InvalidParameter("--format", word, ", ".join(FORMATS))
+    there = find_spec("pyarrow") is not None
+    if word in ("parquet", "both") and not there:
+        raise MissingLibrary(f"--format {word}", "pyarrow", "sweep")
+    return {"csv": ("csv",), "parquet": ("parquet",)}.get(word, ("csv", "parquet") if there else ("csv",))
+
+
+def write(recording: Recording, directory: Path, stems: Sequence[str], endings: Iterable[str]) -> list[Path]:
+    """Write a table for each side and one of the events; each file appears only when it is complete.
+
+    stems : the names of the recordings' files, without endings. If it is the device's, ``device.mcap`` becomes
+        ``device.csv`` and ``device-events.csv``; with both sides, ``run.mcap`` becomes ``run-device.csv``,
+        ``run-world.csv`` and ``run-events.csv``.
+
+    Raises
+    ------
+    RecordingError : one cannot be written.
+    """
+    tables: dict[str, dict[str, Any]] = {}
+    for k, side in enumerate(side for side in ("device", "world") if getattr(recording, side) is not None):
+        stem = stems[min(k, len(stems) - 1)]
+        tables[stem if stem == side else f"{stem}-{side}"] = dict(table(recording, side))
+    if recording.events:
+        tables["-".join(dict.fromkeys([*stems, "events"]))] = _events(recording)
+    paths = []
+    for ending in endings:
+        for name, columns in tables.items():
+            path = directory / f"{name}.{ending}"
+            with complete_or_absent(path, "table") as part:
+                if ending == "csv":
+                    _csv(columns, part)
+                else:
+                    _parquet(columns, part, recording.meta)
+            paths.append(path)
+    return paths
+
+
+def _events(recording: Recording) -> dict[str, Any]:
+    times = np.array([event.time_ns for event in recording.events], dtype=np.int64)
+    found: dict[str, Any] = {"time_s": (times - int(recording.meta["origin_ns"])) / 1e9}
+    if knows_utc(recording):
+        found["utc_ns"] = times + utc_less_clock_ns(recording.meta)
+    return {
+        **found, "time_ns": times, "kind": [event.kind for event in recording.events],
+        "level": [event.level for event in recording.events],
+        "text": [event.text for event in recording.events],
+    }  # fmt: skip
+
+
+def _csv(columns: dict[str, Any], path: Path) -> None:
+    """A value that is unknown is an empty cell."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(zip(*map(_cells, columns.values()), strict=True))
+
+
+def _cells(values: NDArray[Any] | list[str]) -> list[Any]:
+    if isinstance(values, list) or values.dtype.kind != "f":
+        return list(values)
+    cells: list[Any] = values.tolist()
+    for at in np.flatnonzero(np.isnan(values)).tolist():
+        cells[at] = ""
+    return cells
+
+
+def _parquet(columns: dict[str, Any], path: Path, meta: dict[str, Any]) -> None:
+    """A value that is unknown is null."""
+    import pyarrow
+    from pyarrow import parquet
+
+    arrays = {name: pyarrow.array(values, from_pandas=True) for name, values in columns.items()}
+    settings = json.dumps(plain(meta), allow_nan=False)
+    parquet.write_table(pyarrow.table(arrays, metadata={SETTINGS: settings}), path)

@@ -1,0 +1,166 @@
+"""Foxglove's own schemas, as protobuf: events as lines of a log, handle and proxy as frames, set-positions as poses.
+
+Viewers know these schemas, so they show the lines, and draw the rest in 3D, without being told how. Names, numbers and
+types of the fields are those that Foxglove publishes. All poses are in the frame `FRAME`, in metres; of one or two axes
+the others are 0. More than three axes are no place in space, so nothing is drawn of them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from hapnet.checks import Vector
+from hapnet.recording.samples import DeviceSample, Event, WorldSample
+
+if TYPE_CHECKING:
+    from google.protobuf.descriptor_pb2 import FileDescriptorProto
+
+PERIOD_NS = 16_000_000
+"""The least time between two poses of a side [ns]: some 60 a second."""
+
+FRAME = "scene"
+TEXT_LIMIT = 2000
+
+_CHILD = {DeviceSample: "device", WorldSample: "proxy"}
+_SIDE = {DeviceSample: "device", WorldSample: "world"}
+_TIME = "google.protobuf.Timestamp"
+LEVELS = ("UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL")
+_FIELDS = {
+    "Vector3": {"x": "double", "y": "double", "z": "double"},
+    "Quaternion": {"x": "double", "y": "double", "z": "double", "w": "double"},
+    "Pose": {"position": "Vector3", "orientation": "Quaternion"},
+    "FrameTransform": {
+        "timestamp": _TIME, "parent_frame_id": "string", "child_frame_id": "string", "translation": "Vector3",
+        "rotation": "Quaternion",
+    },
+    "PoseInFrame": {"timestamp": _TIME, "frame_id": "string", "pose": "Pose"},
+    "Log": {
+        "timestamp": _TIME, "level": "Level", "message": "string", "name": "string", "file": "string",
+        "line": "fixed32",
+    },
+}  # fmt: skip
+
+
+class Schema(NamedTuple):
+    """How messages of one kind are written.
+
+    name : of the message. descriptor : a serialised ``FileDescriptorSet``.
+    encode : gives the message of a sample; ValueError or TypeError if the sample does not have these fields.
+    """
+
+    name: str
+    descriptor: bytes
+    encode: Callable[[Any], bytes]
+
+
+class Shown(NamedTuple):
+    """A place at a time [ns]: of a frame (`child` is its name), or of a pose in `FRAME`."""
+
+    time_ns: int
+    position_m: Vector
+    child: str = ""
+
+
+def shown(time_ns: int, sample: DeviceSample | WorldSample) -> Iterator[tuple[str, Shown]]:
+    """What is drawn of a sample at this time [ns], each with its topic."""
+    kind = type(sample)
+    if len(sample.position_m) <= 3 and all(map(math.isfinite, (*sample.position_m, *sample.set_position_m))):
+        yield f"/{_SIDE[kind]}/frame", Shown(time_ns, sample.position_m, _CHILD[kind])
+        yield f"/{_SIDE[kind]}/set_position", Shown(time_ns, sample.set_position_m)
+
+
+def log_schema() -> Schema:
+    """``foxglove.Log``, from an `Event`."""
+
+    def line(event: Event) -> dict[str, Any]:
+        return {
+            "timestamp": _stamp(event.time_ns), "level": event.level.upper(), "message": event.text[:TEXT_LIMIT],
+            "name": event.kind,
+        }  # fmt: skip
+
+    return _schema("Log", line)
+
+
+def frame_schema() -> Schema:
+    """``foxglove.FrameTransform``, from what is `Shown`."""
+
+    def transform(one: Shown) -> dict[str, Any]:
+        return {
+            "timestamp": _stamp(one.time_ns), "parent_frame_id": FRAME, "child_frame_id": one.child,
+            "translation": _place(one.position_m), "rotation": {"w": 1.0},
+        }  # fmt: skip
+
+    return _schema("FrameTransform", transform)
+
+
+def pose_schema() -> Schema:
+    """``foxglove.PoseInFrame``, from what is `Shown`."""
+
+    def pose(one: Shown) -> dict[str, Any]:
+        place = {"position": _place(one.position_m), "orientation": {"w": 1.0}}
+        return {"timestamp": _stamp(one.time_ns), "frame_id": FRAME, "pose": place}
+
+    return _schema("PoseInFrame", pose)
+
+
+def message_class(name: str, files: Any) -> Any:
+    """The class of the message `name` in a ``FileDescriptorSet``."""
+    from google.protobuf.descriptor_pool import DescriptorPool
+    from google.protobuf.message_factory import GetMessageClass
+
+    pool = DescriptorPool()
+    for file in files.file:
+        pool.Add(file)
+    return GetMessageClass(pool.FindMessageTypeByName(name))
+
+
+def _schema(name: str, values: Callable[[Any], dict[str, Any]]) -> Schema:
+    from google.protobuf.descriptor_pb2 import FileDescriptorSet
+
+    described = FileDescriptorSet(file=_files(name))
+    message = message_class(f"foxglove.{name}", described)
+
+    def encode(one: Any) -> bytes:
+        data: bytes = message(**values(one)).SerializeToString()
+        return data
+
+    return Schema(f"foxglove.{name}", described.SerializeToString(), encode)
+
+
+def _files(name: str) -> list[FileDescriptorProto]:
+    """The files that describe the message `name`, one a message; each comes after those that it needs."""
+    from google.protobuf.descriptor_pb2 import FileDescriptorProto
+    from google.protobuf.timestamp_pb2 import DESCRIPTOR
+
+    if name == _TIME:
+        stamp = FileDescriptorProto()
+        DESCRIPTOR.CopyToProto(stamp)
+        return [stamp]
+    file = FileDescriptorProto(name=f"foxglove/{name}.proto", package="foxglove", syntax="proto3")
+    message = file.message_type.add(name=name)
+    files: list[FileDescriptorProto] = []
+    for number, (field, kind) in enumerate(_FIELDS[name].items(), 1):
+        added = message.field.add(name=field, number=number, label="LABEL_OPTIONAL")
+        if kind in _FIELDS or kind == _TIME:
+            added.type, added.type_name = added.TYPE_MESSAGE, f".{kind}" if kind == _TIME else f".foxglove.{kind}"
+            needed = _files(kind)
+            file.dependency.append(needed[-1].name)
+            files += [one for one in needed if one not in files]
+        elif kind == "Level":
+            added.type, added.type_name = added.TYPE_ENUM, f".foxglove.{name}.Level"
+            values = [{"name": level, "number": i} for i, level in enumerate(LEVELS)]
+            message.enum_type.add(name="Level", value=values)
+        else:
+            added.type = getattr(added, f"TYPE_{kind.upper()}")
+    return [*files, file]
+
+
+def _stamp(time_ns: int) -> dict[str, int]:
+    seconds, nanos = divmod(time_ns, 1_000_000_000)
+    return {"seconds": seconds, "nanos": nanos}
+
+
+def _place(position: Vector) -> dict[str, float]:
+    return dict(zip("xyz", position, strict=False))

@@ -1,0 +1,61 @@
+"""A recording's columns as a table: plain, or of pandas (extra `pandas`)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from hapnet.errors import InvalidParameter, MissingLibrary
+from hapnet.recording.samples import Columns, Recording, utc_less_clock_ns
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+AXES = "xyz"
+
+
+def table(recording: Recording, side: str = "device") -> Columns:
+    """One side's samples as columns of numbers, all of shape (N,), the first ``time_s``, the time since the start.
+
+    A vector is a column for each axis: ``position_m`` (N, 2) is ``position_m_x`` and ``position_m_y``. Where the
+    recording knows the real time, ``utc_ns`` says it.
+
+    Raises
+    ------
+    InvalidParameter : this side was not recorded.
+    """
+    recorded = {name: columns for name in ("device", "world") if (columns := getattr(recording, name)) is not None}
+    if side not in recorded:
+        raise InvalidParameter("side", side, " or ".join(recorded) or "none: nothing was recorded")
+    columns = recorded[side]
+    found = {"time_s": columns["time_s"]}
+    if knows_utc(recording):
+        found["utc_ns"] = columns["time_ns"] + utc_less_clock_ns(recording.meta)
+    for name, values in columns.items():
+        if values.ndim == 1:
+            found.setdefault(name, values)
+        else:
+            found.update({f"{name}_{AXES[k] if k < 3 else k}": values[:, k] for k in range(values.shape[1])})
+    return found
+
+
+def knows_utc(recording: Recording) -> bool:
+    """Does it say when it was made? A simulation's time is no real time, and older recordings do not say.
+
+    Nor is it known of two hosts whose clocks cannot be compared.
+    """
+    meta = recording.meta
+    return meta.get("utc_origin_ns") is not None and meta.get("utc_clock") != "virtual" and meta.get("aligned", True)
+
+
+def to_pandas(recording: Recording, side: str = "device") -> DataFrame:
+    """One side's `table` as pandas has it, by time since the start [s].
+
+    Raises
+    ------
+    InvalidParameter : this side was not recorded. MissingLibrary : pandas is not installed.
+    """
+    try:
+        import pandas
+    except ImportError as error:
+        raise MissingLibrary("a table", "pandas", "pandas") from error
+    return pandas.DataFrame(table(recording, side)).set_index("time_s")

@@ -1,0 +1,26 @@
+"""What a message of the peer's stream holds, as control takes it: in SI units."""
+
+from __future__ import annotations
+
+from hapnet.control.coupling import CouplingSample, Motion, Port, Proxy, Wave
+from hapnet.mechanics.plane import Plane
+from hapnet.wire import messages
+from hapnet.wire.fields import CURVATURES, FRICTION, INTEGRAL
+
+NANO = 1e-9
+
+
+def sample_of(message: messages.Motion | messages.Port | messages.Wave | messages.Proxy) -> CouplingSample:
+    """The content of a message, in SI units."""
+    match message:
+        case messages.Motion():
+            return Motion(message.position, message.velocity)
+        case messages.Port():
+            return Port(message.value, message.energy_nJ * NANO)
+        case messages.Wave():
+            total, total_ns = (message.more or {}).get(INTEGRAL, ((), 0))
+            return Wave(message.wave, message.span_ns * NANO, total, total_ns * NANO)
+        case messages.Proxy():
+            more = message.more or {}
+            planes = Plane.all_of(message.planes, more.get(CURVATURES), more.get(FRICTION))
+            return Proxy(message.position, message.aimed_ns * NANO, message.force, planes)

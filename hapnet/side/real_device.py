@@ -1,0 +1,290 @@
+"""The side of a device that hapnet does not simulate: it may be silent, its readings may block, its force is limited.
+
+While the device gives no reading the coupling stands still, as if the servo were away: the other side hears nothing,
+and the force is zero as soon as the device can be reached, or its own watchdog acts. What the actuators did meanwhile
+is not known. So the account counts the force, of those that may have been held, that put least energy in.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from operator import mul, sub
+from typing import Any, Protocol
+
+from hapnet.checks import Vector
+from hapnet.control.coupling import DeviceCoupling
+from hapnet.errors import DeviceSilent, HapnetError
+from hapnet.plant.device import Device
+from hapnet.plant.operating_range import OperatingRange
+from hapnet.recording.samples import Event, Level
+from hapnet.side.device import Drive
+from hapnet.side.endpoint import NANO, DeviceControl
+from hapnet.side.force_limiter import ForceLimiter
+from hapnet.side.notices import signal_text
+from hapnet.side.sampled_device import SampledDeviceSide
+from hapnet.wire.fields import Signal
+
+_TURNED_EVERY_NS = 10_000_000
+
+
+class RealDevice(Device, Protocol):
+    """A device with what only real ones have."""
+
+    name: str
+    watchdog_s: float | None
+    """It takes the force away by itself when no command has come for so long [s]; None: it does not."""
+
+    knows_force: bool
+    """Is what `acted` returns known from the device?"""
+
+    def begin(self) -> None:
+        """Control begins."""
+
+    def acted(self) -> Vector | None:
+        """The force that acted between the last two readings [N], if the device tells it."""
+
+    def interval(self) -> float | None:
+        """The time between the last two readings [s] by the device's own clock, if it tells it."""
+
+    def orientation(self) -> Vector | None:
+        """How its handle is turned, as of the last reading: a unit quaternion, or None where it does not tell."""
+
+    def signal(self, name: str, value: Signal) -> None:
+        """The world tells a value beside the stream."""
+
+    def braked(self) -> str:
+        """Why it renders no force now; empty: it does."""
+
+    def buttons(self) -> Sequence[bool]:
+        """Its buttons as of the last reading."""
+
+    def close(self) -> None:
+        """Let go of it."""
+
+
+class RealDeviceSide(SampledDeviceSide):
+    """A real device, its servo and its endpoint.
+
+    More than twenty attributes: each silence, brake and switch is told once, so what was told last is kept.
+
+    limiter : of the force that goes to the actuators. Other parameters as for `SampledDeviceSide`.
+    """
+
+    device: RealDevice
+
+    def __init__(
+        self,
+        endpoint: DeviceControl,
+        device: RealDevice,
+        make_servo: Callable[[Vector, bool], DeviceCoupling],
+        drive: Drive,
+        declared: OperatingRange | None,
+        limiter: ForceLimiter,
+    ) -> None:
+        super().__init__(endpoint, device, make_servo, drive, declared)
+        self.limiter = limiter
+        self.missed: int = 0
+        """How many readings were missed."""
+        self.silences: int = 0
+        """How many times that lasted until the watchdog acted."""
+        self.silent_ns: int = 0
+        """How long that was in all [ns]."""
+        self._silent = False
+        self._heard_ns: int | None = None
+        self._patience_ns = drive.watchdog_ns or 0
+        if device.watchdog_s is not None:
+            self._patience_ns = min(self._patience_ns, round(device.watchdog_s / NANO))
+        self._tells = False
+        self._sent: Vector = (0.0,) * device.dof
+        self._held_before: Vector | None = None  # what may still be held, as a command did not go out
+        self._was_released = False  # so that one that is not held at the start is told
+        self._was_braked = ""
+        self._reading: tuple[Vector, Vector] = (), ()
+        self._risk_J = 0.0
+        self._closed = False
+        self._buttons: tuple[bool, ...] = ()
+        self._turned_ns = 0
+        self._clocks = _Clocks()
+
+    def tick(self, now_ns: int) -> bytes | None:
+        try:
+            self._reading = self.device.read()
+        except DeviceSilent as error:
+            self._keep_still(self._clock(), error)
+            return None
+        now_ns = self._clock()  # a reading may have been waited for
+        if self._silent:
+            self._go_on(now_ns)
+        self._heard_ns = now_ns
+        self._tell(now_ns)
+        if self.origin_ns is None:
+            self._send((0.0,) * self.device.dof)  # a device's watchdog may want to hear from us
+        return super().tick(now_ns)
+
+    def stop(self) -> None:
+        if self._closed:
+            return
+        self._closed = True
+        try:
+            super().stop()
+        except DeviceSilent as error:
+            text = f"the device {self.device.name} cannot be told to give no force: {error}"
+            self._write(Event(self._clock(), "device", text, "error"))
+        finally:
+            self.device.close()
+
+    def held_forces(self) -> dict[str, Any]:
+        figures = super().held_forces()
+        if figures:
+            figures["overrun_risk_J"] = max(figures["overrun_risk_J"], self._risk_J)
+        return figures
+
+    def driver_figures(self) -> dict[str, Any]:
+        """What the summary says about the device itself."""
+        return {
+            "name": self.device.name,
+            "missed": self.missed,
+            "silences": self.silences,
+            "silent_s": self.silent_ns * NANO,
+            "hot_s": self.limiter.limited_s,
+        }
+
+    def _on_signal(self, now_ns: int, name: str, value: Signal) -> None:
+        super()._on_signal(now_ns, name, value)
+        self.device.signal(name, value)
+
+    def _tell(self, now_ns: int) -> None:
+        """Tell the world which buttons are pressed and how the handle is turned, where that has changed."""
+        buttons = tuple(self.device.buttons())
+        if buttons != self._buttons:
+            self._buttons = buttons
+            self.endpoint.tell("buttons", buttons)
+            self._write(Event(now_ns, "signal", signal_text("buttons", buttons)))
+        if now_ns - self._turned_ns >= _TURNED_EVERY_NS and (turned := self.device.orientation()) is not None:
+            self._turned_ns = now_ns
+            self.endpoint.tell("orientation", turned)
+
+    def _start(self, x: Vector) -> None:
+        super()._start(x)
+        self.device.begin()
+
+    def _read(self) -> tuple[Vector, Vector]:
+        return self._reading
+
+    def _elapsed(self) -> float:
+        ours = super()._elapsed()
+        told = self.device.interval()
+        if told is None:
+            return ours
+        if (apart := self._clocks.apart(told, ours, late=self._released)) is not None:
+            raise HapnetError(f"the device {self.device.name} failed: the sum of its interval() is {apart}")
+        return told
+
+    def _apply(self, dt: float, force: Vector) -> Vector | None:
+        braked = self.device.braked()
+        if braked != self._was_braked:
+            self._was_braked = braked
+            state = f"renders no force: {braked}" if braked else "renders force again: it grows"
+            level: Level = "warning" if braked else "info"
+            self._write(Event(self._clock(), "device", f"the device {self.device.name} {state}", level))
+        if braked:
+            self.limiter.restart()
+        permitted = self.limiter.permit(dt, (0.0,) * len(force) if braked else force, self._buttons)
+        if self.limiter.released != self._was_released:
+            self._was_released = self.limiter.released
+            state = "not held: no force" if self._was_released else "held: the force grows"
+            level = "warning" if self._was_released else "info"
+            self._write(Event(self._clock(), "dead-man", f"the dead-man switch is {state}", level))
+        applied = self._send(permitted)
+        if applied is None and (self._tells or permitted is not force):
+            self.applied &= self._tells and self.device.knows_force
+            return permitted
+        return applied
+
+    def _send(self, force: Vector) -> Vector | None:
+        try:
+            applied = self.device.apply(force)
+        except DeviceSilent as error:
+            self._held_before = self._sent
+            self._keep_still(self._clock(), error)
+            return force
+        self._sent = force if applied is None else applied
+        return applied
+
+    def _control(self, now_ns: int, *, release: bool) -> bytes | None:
+        if (acted := self.device.acted()) is not None:
+            self._servo.force, self._held_before = acted, None
+            self._tells = True
+        elif release or self._held_before is not None or self._tells:
+            self._doubt((now_ns - self._last_ns) * NANO, tuple(map(sub, self._reading[0], self._x)))
+        return super()._control(now_ns, release=release)
+
+    def _doubt(self, dt: float, moved: Vector) -> None:
+        """Choose the force that the account counts for `dt` seconds in which the device `moved` [m].
+
+        What it may have put out counts, as far as it can have been held before the device's own watchdog acted; what it
+        may have taken in does not.
+        """
+        servo, coupling = self._servo, self.coupling
+        possible = [servo.force] if self._held_before is None else [servo.force, self._held_before]
+        self._held_before = None
+        speed = super().held_forces().get("speed_limit_mps", math.inf)
+        most_m = speed * min(dt, self.device.watchdog_s or dt)  # as far as the device can go while a force is held
+        held_J = max(0.0, coupling.account + coupling.potential(self._x))
+        self._risk_J = max(self._risk_J, max(math.hypot(*force) for force in possible) * most_m - held_J)
+        share = min(1.0, most_m / far) if (far := math.hypot(*moved)) else 0.0
+        put_out = [share * sum(map(mul, force, moved)) for force in possible]
+        worst = max(range(len(possible)), key=put_out.__getitem__)
+        servo.force = tuple([share * f if put_out[worst] > 0.0 else 0.0 for f in possible[worst]])
+
+    def _keep_still(self, now_ns: int, error: DeviceSilent) -> None:
+        """Miss a reading or a command. From when the watchdog acts: no force, as far as the device can be told."""
+        self.missed += 1
+        if not self._silent:
+            if self._heard_ns is not None and now_ns - self._heard_ns <= self._patience_ns:
+                return  # the reserve covers the force that is held meanwhile
+            self._silent = True
+            self.silences += 1
+            self._held_before = self._sent
+            text = f"the device {self.device.name} is silent, no force: {error}"
+            self._write(Event(now_ns, "device", text, "warning"))
+        with suppress(DeviceSilent):
+            self.device.apply((0.0,) * self.device.dof)
+
+    def _go_on(self, now_ns: int) -> None:
+        self._silent = False
+        self._released = True  # the servo was not away, so this is no overrun
+        self.limiter.restart()
+        lasted_ns = 0 if self._heard_ns is None else now_ns - self._heard_ns
+        self.silent_ns += lasted_ns
+        text = f"the device {self.device.name} is back after {lasted_ns * 1e-6:.1f} ms: the force grows"
+        self._write(Event(now_ns, "device", text))
+
+
+class _Clocks:
+    """The same intervals by a device's clock and by ours, added up."""
+
+    LATE_S = 0.1
+    RATE = 0.02
+    """Readings may wait for so long, and the clocks run at rates that differ by so much: resonators are within 1 %."""
+
+    def __init__(self) -> None:
+        self._told_s = self._lived_s = 0.0
+        self._told_on_time_s = self._on_time_s = 0.0
+
+    def apart(self, told_s: float, lived_s: float, *, late: bool) -> str | None:
+        """Another interval [s]; returns by how much the clocks differ, in words, if that cannot be.
+
+        late : the servo was away. Of what the device told meanwhile some may be lost, and the rest comes later.
+        """
+        self._told_s += told_s
+        self._lived_s += lived_s
+        if not late:
+            self._told_on_time_s += told_s
+            self._on_time_s += lived_s
+        slack_s = self.LATE_S + self.RATE * self._lived_s
+        if self._told_s <= self._lived_s + slack_s and self._told_on_time_s >= self._on_time_s - slack_s:
+            return None
+        return f"{self._told_s:.3g} s in {self._lived_s:.3g} s (is the unit s?)"

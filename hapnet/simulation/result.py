@@ -1,0 +1,50 @@
+"""What a run in virtual time gives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from hapnet.recording.samples import Recording
+from hapnet.report.words import verdict
+from hapnet.side.device import DeviceSide
+from hapnet.side.world import WorldSide
+from hapnet.simulation.two_port import TwoPort
+from hapnet.summary.run import Summary
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
+
+@dataclass(frozen=True)
+class Result:
+    """The result of a simulated run.
+
+    summary : as `hapnet simulate --json -` prints it; its keys are in `hapnet.summary.structure`. recording : the
+    samples as numpy's arrays, `recording.device["position_m"]` (N, n) and so on.
+    """
+
+    summary: Summary
+    recording: Recording
+    device: DeviceSide
+    world: WorldSide
+    warnings: tuple[str, ...]
+    hand: TwoPort
+    """The margin over the hand's port and the world's, whatever the servo. Some couplings claim passivity there,
+    because they rely on the device's own damping. With a sampled servo the summary's margin is over the actuator's
+    port."""
+
+    def __repr__(self) -> str:
+        seed, duration_s = self.summary["seed"], self.summary["duration_s"]
+        return f"Result({verdict(self.summary)}; seed {seed}, {duration_s:g} s; {self.recording})"
+
+    def to_pandas(self, side: str = "device") -> DataFrame:
+        """The samples of the device or the world as a table of pandas; see `hapnet.recording.frames.to_pandas`."""
+        return self.recording.to_pandas(side)
+
+    def plot(self) -> Figure:
+        """The run's figure, as matplotlib has it: ``result.plot().savefig("run.png")``."""
+        from hapnet.report.figures import figure  # here, since it loads matplotlib
+
+        return figure(self.recording)

@@ -1,0 +1,50 @@
+"""What a world looks like, in the page's 3-D part: each surface is sent once, then only where its body is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import viser
+
+from hapnet.plant.worlds.picture import RESTS, SOFT, Part
+from hapnet.recording.drawing import SceneSample
+
+
+class Bodies:
+    """Draws `parts`; `unit` is scene units per metre."""
+
+    def __init__(self, scene: viser.SceneApi, parts: Sequence[Part], unit: float) -> None:
+        self._unit = unit
+        moving = sorted({part.body for part in parts if part.body >= 0})
+        self._frames = {body: scene.add_frame(f"/body_{body}", show_axes=False) for body in moving}
+        self._soft: list[tuple[viser.MeshHandle, slice]] = []
+        first = 0
+        for number, part in enumerate(parts):
+            *color, opacity = part.color
+            handle = scene.add_mesh_simple(
+                f"/body_{part.body}/part_{number}" if part.body >= 0 else f"/part_{number}",
+                unit * part.vertices,
+                part.triangles,
+                color=(color[0], color[1], color[2]),
+                opacity=None if opacity == 255 else opacity / 255.0,
+                flat_shading=not part.smooth,
+                side="double",
+                cast_shadow=part.body != RESTS,
+                receive_shadow=part.body == RESTS,
+            )
+            if part.body == SOFT:
+                self._soft.append((handle, slice(first, first + len(part.vertices))))
+                first += len(part.vertices)
+
+    def update(self, scene: SceneSample) -> None:
+        """Move what has moved."""
+        poses = scene.bodies()
+        for body, frame in self._frames.items():
+            if body < len(poses):  # viser sends only what has changed by more than rounding
+                frame.position, frame.wxyz = poses[body, :3] * self._unit, poses[body, 3:]
+        if self._soft:
+            vertices = (self._unit * scene.vertices()).astype(np.float32)
+            for handle, rows in self._soft:
+                if len(vertices) >= rows.stop:
+                    handle.vertices = vertices[rows]

@@ -1,0 +1,93 @@
+"""Signals: small named values beside the stream, such as buttons, or what a user's own world wants to show. No clock.
+
+A signal is a state, not an event: the newest value counts. A side sends all its signals when one has changed, and again
+every `REPEAT_NS`, so that a lost frame is repaired by the next. What must be counted is sent as a number that grows.
+"""
+
+from __future__ import annotations
+
+from hapnet.errors import BadMessage, InvalidParameter
+from hapnet.wire import fields
+from hapnet.wire.events import SignalReceived
+from hapnet.wire.fields import Signal
+
+STOP = "stop"
+"""This signal, a text with the reason, takes the device's force away for good."""
+
+SPACING_NS = 10_000_000
+"""The least time between two frames [ns]."""
+
+REPEAT_NS = 200_000_000
+MOST_CHARACTERS = 1024
+"""Of all names and texts of one side together: a frame stays below 4096 bytes."""
+
+
+class SignalExchange:
+    """The signals of one side, in both directions.
+
+    Attributes
+    ----------
+    told : this side's own. heard : the peer's.
+    """
+
+    def __init__(self) -> None:
+        self.told: dict[str, Signal] = {}
+        self.heard: dict[str, Signal] = {}
+        self._sequence = 0
+        self._newest = -1
+        self._due_ns: int | None = None
+        self._sent_ns: int | None = None
+
+    def tell(self, name: str, value: Signal) -> None:
+        """Tell the peer this value from now on.
+
+        Raises
+        ------
+        InvalidParameter : it is no signal, or there would be too many.
+        """
+        if self.told.get(name, self) == value and type(self.told[name]) is type(value):
+            return
+        told = {**self.told, name: value}
+        characters = sum(len(text) for item in told.items() for text in item if isinstance(text, str))
+        numbers = sum(len(each) for each in told.values() if isinstance(each, tuple))
+        try:
+            fields.signals(told)
+            if characters + 9 * numbers > MOST_CHARACTERS:
+                raise BadMessage("size", f"more than {MOST_CHARACTERS} characters, at 9 for a number")
+        except BadMessage as error:
+            raise InvalidParameter(f"signal {name}", value, f"a small value ({error.detail})") from None
+        self.told = told
+        earliest_ns = 0 if self._sent_ns is None else self._sent_ns + SPACING_NS
+        self._due_ns = earliest_ns if self._due_ns is None else min(self._due_ns, earliest_ns)
+
+    def receive(self, sequence: int, values: dict[str, Signal]) -> tuple[SignalReceived, ...]:
+        """Take a frame of the peer's; returns what has changed. BadMessage : it is older than one before."""
+        if sequence <= self._newest:
+            raise BadMessage("stale", f"signals {sequence} come after later ones")
+        self._newest = sequence
+        before, self.heard = self.heard, values
+        return tuple(
+            SignalReceived(name, value)
+            for name, value in values.items()
+            if name not in before or before[name] != value or type(before[name]) is not type(value)
+        )
+
+    def poll(self, now_ns: int) -> tuple[int, dict[str, Signal]] | None:
+        """The number and the values of the frame to send now; None: none is due."""
+        if self._due_ns is None or now_ns < self._due_ns:
+            return None
+        self._sequence += 1
+        self._sent_ns = now_ns
+        self._due_ns = now_ns + REPEAT_NS
+        return self._sequence, self.told
+
+    @property
+    def next_due_ns(self) -> int | None:
+        """When to call `poll` next; None: this side has no signals."""
+        return self._due_ns
+
+    def change_pair(self) -> None:
+        """There is another peer now, or none: it has told nothing yet, and heard nothing."""
+        self.heard, self._newest = {}, -1
+        if self.told:
+            self._due_ns = 0

@@ -1,0 +1,75 @@
+"""The words above the comparison's figure."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from hapnet.params import COUPLING_NAMES, Params
+from hapnet.study.compare import Case, Outcome, Plan, Variant
+from hapnet.study.figures import story, tradeoff
+
+PLAN = Plan(Params(), ("pspm", "zoh", "pd"), {"lan": ("", ""), "4g": ("", "")}, ("press",), (0, 1))
+
+
+def outcomes(told: dict[tuple[str, str], tuple[float, float]]) -> list[Outcome]:
+    """For each coupling over each link: the force error [%] and the margin [J], the same with both seeds."""
+    return [
+        Outcome(
+            Case(Variant(coupling), link, "press", seed, Params()),
+            {"true_force_error_percent": error, "margin_J": margin_J},
+        )
+        for (coupling, link), (error, margin_J) in told.items()
+        for seed in (0, 1)
+    ]
+
+
+def test_the_best_of_those_that_were_passive_is_named_and_those_that_were_not() -> None:
+    told = {
+        ("pspm", "lan"): (0.5, 0.1), ("pspm", "4g"): (0.7, 0.1), ("pd", "lan"): (9.0, 0.1), ("pd", "4g"): (30.0, 0.1),
+        ("zoh", "lan"): (0.4, 0.1), ("zoh", "4g"): (0.4, -0.1),
+    }  # fmt: skip
+    assert story(PLAN, outcomes(told)).splitlines() == [
+        "not passive in all cases: zoh (4g)",
+        "of the others pspm has the least force error: 0.5 to 0.7 % (a link's median)",
+    ]
+
+
+def test_where_all_were_passive_it_says_so() -> None:
+    told = {("pspm", "lan"): (0.5, 0.1), ("pspm", "4g"): (0.5, 0.1)}
+    assert story(PLAN, outcomes(told)).splitlines() == [
+        "every coupling was passive in all cases",
+        "pspm has the least force error: 0.5 % (a link's median)",
+    ]
+
+
+LONG = tuple(f"pspm:device.stiffness={stiffness}" for stiffness in (100, 200, 300, 400, 500))
+
+
+@pytest.mark.parametrize("margin_J", [0.1, -0.1])
+@pytest.mark.parametrize("couplings", [("pspm", "zoh"), COUPLING_NAMES, LONG])
+def test_words_names_and_panels_lie_beside_one_another(couplings: tuple[str, ...], margin_J: float) -> None:
+    """Also where the story is long: none of the couplings was passive, on any of three links."""
+    plan = replace(PLAN, couplings=couplings, links=dict.fromkeys(("lan", "4g", "intercontinental"), ("", "")))
+    told = [
+        Outcome(
+            case,
+            {
+                "true_force_error_percent": 1.0,
+                "stiffness_percent": 90.0,
+                "margin_J": margin_J,
+                "energy_out_J": 0.1 - margin_J,
+            },
+        )
+        for case in plan.cases()
+    ]
+    made = tradeoff(plan, told)
+    made.draw_without_rendering()
+    (legend,) = made.legends
+    above = legend.get_window_extent()
+    assert above.x0 >= 0.0
+    assert above.x1 <= made.bbox.x1
+    assert above.y1 <= made.bbox.y1
+    assert all(not above.overlaps(panel.get_tightbbox()) for panel in made.axes)
+    assert made.get_suptitle() == ""

@@ -1,0 +1,171 @@
+"""Gamepad and 3D mouse, from events as the kernel gives them: written by hand after its documentation."""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hapnet.devices.gamepad import Gamepad
+from hapnet.devices.input_device import InputDevice
+from hapnet.devices.registry import options, resolve
+from hapnet.devices.space_mouse import SpaceMouse, _is_ours
+from hapnet.errors import DeviceSilent, InvalidParameter
+
+MILLI = 0.001
+
+
+def js(value: int, kind: int, number: int) -> bytes:
+    return struct.pack("=IhBB", 123456, value, kind, number)
+
+
+class Pipe:
+    """A named pipe in place of the kernel's file."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = str(path)
+        os.mkfifo(path)
+        self.end = os.open(path, os.O_RDWR)
+
+    def write(self, *events: bytes) -> None:
+        for event in events:
+            os.write(self.end, event)
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    now = [0.0]
+    monkeypatch.setattr("hapnet.devices.input_device.time.monotonic", lambda: now[0])
+    return now
+
+
+@pytest.fixture
+def pipe(tmp_path: Path) -> Iterator[Pipe]:
+    pipe = Pipe(tmp_path / "events")
+    yield pipe
+    os.close(pipe.end)
+
+
+def settled(device: InputDevice, clock: list[float]) -> tuple[float, ...]:
+    for _ in range(1000):
+        clock[0] += MILLI
+        device.read()
+    return device.read()[0]
+
+
+def test_the_left_stick_is_the_position(pipe: Pipe, clock: list[float]) -> None:
+    pad = Gamepad(3, path=pipe.path)
+    pipe.write(js(0, 0x82, 0), js(0, 0x82, 1), js(0, 0x81, 0))  # what it is at first
+    assert settled(pad, clock) == (0.0, 0.0, 0.0)
+    pipe.write(js(32767, 0x02, 0), js(-32767, 0x02, 1), js(16384, 0x02, 4), js(32767, 0x02, 2))
+    # down is minus z; half is (0.5 - 0.05) / 0.95; axis 2 is a trigger
+    assert settled(pad, clock) == pytest.approx((0.04, 0.04, -0.04 * 0.45 / 0.95), rel=1e-3)
+    pipe.write(js(1000, 0x02, 0), js(0, 0x02, 1), js(0, 0x02, 4))
+    assert settled(pad, clock) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)  # 3 % is within the dead zone
+    pad.close()
+
+
+def test_buttons_are_told_by_their_numbers(pipe: Pipe, clock: list[float]) -> None:
+    pad = Gamepad(1, path=pipe.path)
+    pipe.write(js(0, 0x81, 0), js(0, 0x81, 1), js(0, 0x81, 2))
+    pad.read()
+    assert pad.buttons() == (False, False, False)
+    pipe.write(js(1, 0x01, 2))
+    pad.read()
+    assert pad.buttons() == (False, False, True)
+    pad.close()
+
+
+def test_a_stick_that_jumps_makes_a_motion_that_the_range_allows(pipe: Pipe, clock: list[float]) -> None:
+    """Read at 1 kHz: each velocity is the difference of positions over the time, and below the declared speed."""
+    pad = Gamepad(1, path=pipe.path)
+    pad.read()
+    pipe.write(js(32767, 0x02, 0))
+    before = 0.0
+    for _ in range(100):
+        clock[0] += MILLI
+        (x,), (v,) = pad.read()
+        assert v == pytest.approx((x - before) / MILLI, rel=1e-9, abs=1e-12)
+        assert pad.greatest_speed is not None
+        assert abs(v) < pad.greatest_speed
+        before = x
+    assert before > 0.039
+    assert pad.apply((3.0,)) == (0.0,)
+    pad.close()
+
+
+@given(st.lists(st.binary(max_size=20), max_size=10))
+def test_any_bytes_leave_positions_within_reach(chunks: list[bytes]) -> None:
+    for kind in (Gamepad, SpaceMouse):
+        device = kind.__new__(kind)
+        device.deflections, device.pressed = [0.0] * 3, {}
+        unread = b""
+        for chunk in chunks:
+            unread += chunk
+            unread = unread[device.take(unread) :]
+        assert all(-1.0 <= d <= 1.0 for d in device.deflections)
+        assert len(device.buttons()) <= 256
+
+
+@pytest.mark.parametrize("newer", [False, True])
+def test_a_3d_mouse(newer: bool, pipe: Pipe, clock: list[float]) -> None:
+    """To the right, towards the user and down in its reports; x right, y away and z up here."""
+    mouse = SpaceMouse(3, path=pipe.path, dead=0.0)
+    pipe.write(b"\x01" + struct.pack("<3h", 350, 175, -350) + (struct.pack("<3h", 0, 0, 99) if newer else b""))
+    assert settled(mouse, clock) == pytest.approx((0.04, -0.02, 0.04), rel=1e-3)
+    pipe.write(b"\x02" + struct.pack("<3h", 350, 350, 350))  # a rotation
+    assert settled(mouse, clock) == pytest.approx((0.04, -0.02, 0.04), rel=1e-3)
+    mouse.close()
+
+
+def test_a_3d_mouses_buttons(pipe: Pipe, clock: list[float]) -> None:
+    mouse = SpaceMouse(1, path=pipe.path)
+    pipe.write(b"\x03\x02\x00")
+    mouse.read()
+    assert mouse.buttons() == (False, True)
+    mouse.close()
+
+
+@pytest.mark.parametrize(
+    ("told", "ours"),
+    [
+        ("HID_ID=0003:0000256F:0000C62E\nHID_NAME=SpaceMouse", True),
+        ("HID_ID=0003:0000046D:0000C626", True),
+        ("HID_ID=0003:0000046D:0000C077", False),  # a plain mouse
+        ("DRIVER=usb", False),
+    ],
+)
+def test_which_files_are_3d_mice(told: str, ours: bool, tmp_path: Path) -> None:
+    (tmp_path / "device").mkdir()
+    (tmp_path / "device" / "uevent").write_text(told)
+    assert _is_ours(tmp_path) is ours
+
+
+def test_one_that_goes_away_is_silent_until_it_is_back(pipe: Pipe, clock: list[float]) -> None:
+    pad = Gamepad(1, path=pipe.path)
+    pad.close()
+    os.rename(pipe.path, pipe.path + ".gone")
+    with pytest.raises(DeviceSilent, match="has gone"):
+        pad.read()
+    os.rename(pipe.path + ".gone", pipe.path)
+    with pytest.raises(DeviceSilent):
+        pad.read()  # it looks again twice a second
+    clock[0] += 1.0
+    assert pad.read()[0] == (0.0,)
+    pad.close()
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [("path=/dev/nil", "No such file"), ("path=/dev/null,reach=30", "reach is 30"), ("dead=1", "dead")],
+)
+def test_what_cannot_be_is_refused(words: str, says: str) -> None:
+    for name, kind in (("gamepad", Gamepad), ("3dmouse", SpaceMouse)):
+        assert resolve(f"{name}:{words}")[1] == words
+        with pytest.raises(InvalidParameter, match=says):
+            kind(1, **options(name, kind, words))
