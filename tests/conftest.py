@@ -45,12 +45,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Tests that run in real time are one worker's, one after the other; all others are the other worker's.
 
     One that fails is run once more, and both are reported: a shared machine may stand still for longer than it allows.
+    The second time is a little later, as what holds a machine up seldom lasts for a moment only. A test that hangs has
+    failed after some minutes, except one that is to run for hours.
     """
     for item in items:
-        if isinstance(item, pytest.Function) and _in_real_time(item.module):
+        if isinstance(item, pytest.Function) and (item.get_closest_marker("realtime") or _in_real_time(item.module)):
             item.add_marker(pytest.mark.realtime)
-            item.add_marker(pytest.mark.flaky(reruns=1))
+            item.add_marker(pytest.mark.flaky(reruns=1, reruns_delay=5))
             item.add_marker(pytest.mark.xdist_group("real time"))
+        if item.get_closest_marker("soak"):
+            item.add_marker(pytest.mark.timeout(0))
 
 
 def pytest_collection_finish(session: pytest.Session) -> None:

@@ -16,7 +16,7 @@ from hapnet.side.notices import Notice
 from hapnet.transport.config import ZenohSettings
 from hapnet.wire.messages import Role
 
-WAIT_S = 10.0
+WAIT_S = 30.0
 LINK = "delay 5ms 2ms loss 5%"
 
 

@@ -20,7 +20,7 @@ from tests.conftest import ENVIRONMENT
 
 HAPNET = (sys.executable, "-m", "hapnet")
 NETEM = (sys.executable, "-c", "import sys; from netem.cli import main; sys.exit(main())")
-LIMIT_S = 30.0
+LIMIT_S = 60.0
 _DOING = "starting|running|simulating|drawing|reading|writing|replaying|comparing|sweeping|tuning|checking|measuring"
 _DOING += "|compiling"
 PROGRESS = re.compile(rf"({_DOING})[a-z ,]*: (\d[\d.]* (of \S+ )?[a-z ]+|.*\d (s|min) (so far|left))$")

@@ -298,7 +298,7 @@ def test_interrupted_it_leaves_no_process(tmp_path: Path) -> None:
         try:
             wait_until(lambda: len(processes_of(bench.pid)) >= 3)
             os.killpg(bench.pid, signal.SIGINT)
-            _, err = bench.communicate(timeout=20)
+            _, err = bench.communicate(timeout=60)
             wait_until(lambda: not processes_of(bench.pid))
         finally:
             with contextlib.suppress(ProcessLookupError):

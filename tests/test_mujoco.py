@@ -337,6 +337,7 @@ def test_a_law_without_a_spring_at_the_world_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.realtime  # beside other tests, which take of the cores' cache, both are slower, but not alike
 def test_thirty_boxes_take_little_longer_than_with_bare_mujoco(tmp_path: Path) -> None:
     """Steps a second beside bare `mj_step` in the same state, interleaved, in the thread's CPU time."""
     boxes = "".join(

@@ -31,7 +31,7 @@ from tests.processes import until
 
 pytestmark = pytest.mark.skipif(not available(), reason="no SOCK_SEQPACKET here")
 
-WAIT_S = 20.0
+WAIT_S = 30.0
 FILE = Path(__file__)
 
 

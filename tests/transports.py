@@ -13,7 +13,7 @@ from hapnet.transport.security import Security
 from hapnet.transport.zenoh import KINDS, ZenohTransport
 from hapnet.wire.messages import Role
 
-WAIT_S = 10.0
+WAIT_S = 30.0
 
 
 class Side:

@@ -179,7 +179,7 @@ def test_a_relay_stops_cleanly_with_its_figures(kind: str, number: int, tmp_path
         assert first.startswith("netem: relaying ")
         assert relay.stdout.readline().split()[1] == "s"  # one line with figures; the signal handlers are there
         relay.send_signal(number)
-        out, err = relay.communicate(timeout=20)
+        out, err = relay.communicate(timeout=60)
     assert (relay.returncode, err) == (0, "")
     assert "delay 3ms" in out
     found = json.loads(target.read_text())

@@ -16,7 +16,7 @@ from hapnet.transport.zenoh import ZenohTransport
 from netem import LinkProfile, NetemError
 from netem.zenoh_relay import ZenohRelay
 
-WAIT_S = 10.0
+WAIT_S = 30.0
 NOTHING = LinkProfile()
 
 

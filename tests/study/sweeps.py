@@ -93,13 +93,17 @@ def done(directory: Path) -> int:
 
 def _end_it_all(directory: Path) -> None:
     """Once some results are on the disk, kill the sweep, the first time: its process, or its group as WHOM says."""
-    if Path("killed").exists():
+    sweep = multiprocessing.parent_process()
+    assert sweep is not None
+    assert sweep.pid is not None
+    try:
+        Path("killing").touch(exist_ok=False)  # by one worker: to the next one another process is the parent
+    except FileExistsError:
         return
     until(lambda: done(directory) > 0)
-    Path("killed").touch()
     if os.environ["WHOM"] == "all":
         os.killpg(0, signal.SIGKILL)
-    os.kill(os.getppid(), signal.SIGKILL)
+    os.kill(sweep.pid, signal.SIGKILL)
 
 
 def spec_file(directory: Path, text: str, name: str = "study") -> Path:
