@@ -16,6 +16,7 @@ import zenoh
 
 from hapnet.transport.config import ZenohSettings, free_address, zenoh_config
 from hapnet.transport.security import Security
+from tests.conftest import mostly_slow
 from tests.processes import read_json, started
 from tests.secured import ACCESS, shows
 from tests.secured import users as users
@@ -55,7 +56,7 @@ async def assert_only(right: Side, strangers: dict[str, Side], world: Side) -> N
         assert all(side.received.empty() for side in strangers.values())
 
 
-@pytest.mark.parametrize("protocol", ["tls", "quic"])
+@pytest.mark.parametrize("protocol", mostly_slow(["tls", "quic"], 1))
 async def test_mutual_tls(protocol: str, certificates: Path) -> None:
     endpoint = free_address(protocol)
 

@@ -100,8 +100,10 @@ async def test_some_places(place: Place) -> None:
             assert task.cancelled()
 
 
-@pytest.mark.parametrize("realtime", [False, True])
-@pytest.mark.parametrize("step", [16, pytest.param(3, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("realtime", "step"),
+    [(False, 16), pytest.param(False, 3, marks=pytest.mark.slow), pytest.param(True, 3, marks=pytest.mark.slow)],
+)
 async def test_a_recording_is_whole_and_a_servos_process_is_gone(
     place: Place, realtime: bool, step: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -12,6 +12,7 @@ import pytest
 from hapnet import read_recording
 from hapnet.transport.config import local_address
 from tests.cancelling import Noting
+from tests.conftest import mostly_slow
 from tests.processes import Program
 
 PROGRAM = """
@@ -36,7 +37,7 @@ asyncio.run(main(sys.argv[1], sys.argv[2], sys.argv[3] == "True"))
 """
 
 
-@pytest.mark.parametrize("realtime", [False, True])
+@pytest.mark.parametrize("realtime", mostly_slow([True, False], 1))
 @pytest.mark.parametrize("times", [1, 2])
 def test_ctrl_c_ends_the_program_and_leaves_all_in_order(tmp_path: Path, realtime: bool, times: int) -> None:
     """Pressed again it ends sooner, in the same order: no force, a whole recording, no process."""

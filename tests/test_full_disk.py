@@ -48,6 +48,7 @@ def test_a_full_disk_ends_recording_and_log_and_not_the_run(more: tuple[str, ...
     assert notices(Path("device.jsonl"), "recording")
 
 
+@pytest.mark.slow
 def test_what_is_missing_at_the_end_is_one_line_and_exit_code_3() -> None:
     """The directory of the recording and the summary is removed while the device runs."""
     Path("d").mkdir()

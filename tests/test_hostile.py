@@ -113,7 +113,7 @@ def admitted(rig: Rig) -> float:
     return wire.admission_burst_J + wire.admission_W * rig.now_ns * 1e-9
 
 
-@pytest.mark.parametrize("style", STYLES)
+@pytest.mark.parametrize("style", mostly_slow(STYLES, 2))
 @pytest.mark.parametrize("side", mostly_slow(SIDES, 1))
 def test_a_hostile_peer_buys_no_more_than_admission_lets_in(side: str, style: Style) -> None:
     done = attack(side, style, STRONG, rising=style is random_)

@@ -86,6 +86,7 @@ async def test_keys_whose_declarations_were_lost_are_heard_and_energy_arrives() 
         assert all(side.session.sent_nJ > 0 for side in two.sides)
 
 
+@pytest.mark.slow
 async def test_the_path_is_that_of_the_network_though_nothing_is_emulated() -> None:
     """40 ms each way and 5 % lost, below Zenoh: of 250 messages, 12.5 with a standard deviation of 3.4."""
     async with talking("udp", lossy_relay("delay 40ms loss 5%", 3)) as two:

@@ -126,6 +126,7 @@ async def test_whoever_listens_answers_and_a_session_of_another_name_does_not() 
         await device.close()
 
 
+@pytest.mark.slow
 def test_where_zenoh_is_not_reached_nothing_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(machine, "REACH_S", 0.3)
     names = [check.name for check in machine.examine([free_address()])]

@@ -25,6 +25,7 @@ from hapnet.transport.config import ZenohSettings, free_address
 from hapnet.view.history import History
 from hapnet.view.watcher import Watcher
 from netem.errors import NetemError
+from tests.conftest import mostly_slow
 from tests.processes import started
 
 WAIT_S = 30.0
@@ -250,7 +251,7 @@ def alive(pids: set[int]) -> set[int]:
     return {pid for pid in pids if Path(f"/proc/{pid}").exists()}
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", mostly_slow([signal.SIGINT, signal.SIGTERM], 1))
 def test_play_says_where_its_page_is_and_leaves_nothing_behind(number: signal.Signals) -> None:
     pytest.importorskip("viser")
     with started("play", "--no-browser", "--port", 0) as program:

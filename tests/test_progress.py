@@ -144,7 +144,9 @@ def test_progress_is_for_people_and_results_are_for_programs(capsys: pytest.Capt
     assert (captured.out, captured.err) == ("0.3 us\n", "1/2 servo\n")
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.slow)]
+)
 def test_whoever_ends_it_finds_the_terminal_as_it_was(number: signal.Signals, code: int) -> None:
     """The bar drawn, a signal: the line is erased, the cursor is back, and nothing is said."""
     window, inside = pty.openpty()

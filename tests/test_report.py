@@ -17,6 +17,7 @@ from rich.console import Console
 from hapnet.errors import RecordingError
 from hapnet.recording.samples import DeviceSample, Event, MemoryRecorder, Recording, WorldSample
 from hapnet.report import brief_text, figure, save_figure, summary_text, verdict
+from tests.conftest import mostly_slow
 
 ALONE = "passivity not known: of both ports together only, and the world's account is not here"
 APART = "passivity not known: of both ports together only, and both were not seen at the same time"
@@ -86,7 +87,7 @@ def test_print_size_and_legends_clear_of_the_data(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["run.png"]
 
 
-@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("n", mostly_slow([3, 1, 2], 1))
 @pytest.mark.parametrize("sides", ["device", "world", "device world", ""])
 def test_any_dimension_and_either_side_alone(n: int, sides: str) -> None:
     fig = figure(run(n, sides))

@@ -248,7 +248,7 @@ def _kill(protocol: str, victim: Role, *, slow: bool) -> Any:
 
 
 KILLS = [
-    _kill("tcp", "device", slow=False),
+    _kill("tcp", "device", slow=True),
     _kill("udp", "world", slow=True),
     _kill("tcp", "world", slow=True),
     _kill("udp", "device", slow=True),
