@@ -31,6 +31,7 @@ settings.load_profile("hapnet")
 _SIGNALS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)
 _REAL_TIME = ("hapnet.bench", "hapnet.realtime", "hapnet.transport", "netem.bench", "netem.relay", "netem.zenoh_relay",
               "tests.faults", "tests.processes", "tests.view")  # fmt: skip
+_PROCESSES = ("multiprocessing", "subprocess", "tests.processes", "hapnet.simulation.processes")
 _VIRTUAL_TIME = ("tests.study", "tests.test_processes")
 
 
@@ -45,14 +46,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Tests that run in real time are one worker's, one after the other; all others are the other worker's.
 
     One that fails is run once more, and both are reported: a shared machine may stand still for longer than it allows.
-    The second time is a little later, as what holds a machine up seldom lasts for a moment only. A test that hangs has
-    failed after some minutes, except one that is to run for hours.
+    The second time is a little later, as what holds a machine up seldom lasts for a moment only. So are tests that
+    start processes. A test that hangs has failed after some minutes, except one that is to run for hours.
     """
     for item in items:
         if isinstance(item, pytest.Function) and (item.get_closest_marker("realtime") or _in_real_time(item.module)):
             item.add_marker(pytest.mark.realtime)
-            item.add_marker(pytest.mark.flaky(reruns=1, reruns_delay=5))
             item.add_marker(pytest.mark.xdist_group("real time"))
+        if item.get_closest_marker("realtime") or (
+            isinstance(item, pytest.Function) and _uses(item.module, _PROCESSES)
+        ):
+            item.add_marker(pytest.mark.flaky(reruns=1, reruns_delay=5))
         if item.get_closest_marker("soak"):
             item.add_marker(pytest.mark.timeout(0))
 
@@ -71,10 +75,13 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 def _in_real_time(module: ModuleType) -> bool:
     """Whether a module of tests uses what runs in real time, and is none that starts processes in virtual time only."""
-    if module.__name__.startswith(_VIRTUAL_TIME):
-        return False
-    homes = (getattr(value, "__module__", None) or getattr(value, "__name__", "") for value in vars(module).values())
-    return any(str(home).startswith(_REAL_TIME) for home in homes)
+    return not module.__name__.startswith(_VIRTUAL_TIME) and _uses(module, _REAL_TIME)
+
+
+def _uses(module: ModuleType, homes: tuple[str, ...]) -> bool:
+    """Whether it has imported any of these modules, or something out of one."""
+    found = (getattr(value, "__module__", None) or getattr(value, "__name__", "") for value in vars(module).values())
+    return any(str(home).startswith(homes) for home in found)
 
 
 def mostly_slow(values: Iterable[object], first: int) -> list[Any]:

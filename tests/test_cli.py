@@ -45,12 +45,12 @@ def test_a_summary_that_finds_no_room_is_exit_code_3(capsys: Capture) -> None:
     asked = ([*command, "-"], 3), ([*command, "s.json"], 0), ([*command[:4], "--show-params"], 3)
     with Path("/dev/full").open("w") as full:
         for argv, code in asked:  # words that nobody can read are no loss
-            done = subprocess.run(argv, stdout=full, stderr=subprocess.PIPE, text=True, timeout=30, env=ENVIRONMENT)
+            done = subprocess.run(argv, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60, env=ENVIRONMENT)
             assert done.returncode == code
             assert "Traceback" not in done.stderr
     read, write = os.pipe()
     os.close(read)
-    done = subprocess.run([*command, "-"], stdout=write, stderr=subprocess.PIPE, text=True, timeout=30, env=ENVIRONMENT)
+    done = subprocess.run([*command, "-"], stdout=write, stderr=subprocess.PIPE, text=True, timeout=60, env=ENVIRONMENT)
     os.close(write)
     assert done.returncode == 3
     assert done.stderr.endswith("hapnet: cannot write standard output: Broken pipe\n")

@@ -86,7 +86,7 @@ def test_workers_never_hear_ctrl_c() -> None:
         "while not all(worker.ready for worker in pool._workers): pool.wait(0.1)\n"
         "show(); pool.close()"
     )
-    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30, env=ENVIRONMENT)
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, env=ENVIRONMENT)
     assert (told.returncode, told.stderr) == (0, "")
     blocked, ignored = (
         [int(word, 16) >> (signal.SIGINT - 1) & 1 for word in re.findall(rf"{name}:\s*(\w+)", told.stdout)]

@@ -100,10 +100,10 @@ def test_a_scheduler_that_goes_away_ends_it_and_it_can_go_on(tmp_path: Path) -> 
 
 @pytest.mark.slow
 def test_workers_must_be_there_and_have_this_hapnet(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "REACH_S", 1.0)
+    monkeypatch.setattr(module, "REACH_S", 5.0)
     with dask(0) as (address, _, _), pytest.raises(HapnetError, match=f"the Dask scheduler at {address} has no worker"):
         DaskCluster(address)
-    monkeypatch.setattr(module, "REACH_S", 5.0)
+    monkeypatch.setattr(module, "REACH_S", 30.0)
     with dask(1) as (address, _, _):
         monkeypatch.setattr(module, "versions", lambda: {DISTRIBUTION: "99.0"})
         with pytest.raises(

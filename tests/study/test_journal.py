@@ -134,7 +134,7 @@ os.kill(os.getpid(), 9)
 def test_killed_in_the_middle_of_a_transaction_nothing_of_it_is_left(tmp_path: Path) -> None:
     journal_of(tmp_path, SHORT).close()
     done = subprocess.run(
-        [sys.executable, "-c", WRITER, str(tmp_path)], env=ENVIRONMENT, capture_output=True, text=True, timeout=30
+        [sys.executable, "-c", WRITER, str(tmp_path)], env=ENVIRONMENT, capture_output=True, text=True, timeout=60
     )
     assert done.returncode == -signal.SIGKILL, done.stderr
     assert (tmp_path / f"{NAME}-journal").exists()  # torn indeed
