@@ -46,8 +46,8 @@ def main() -> None:
             print(f"{row[0]:>10}  {words:<23}{row[1]:>21.1f}{row[2]:>26.2f}")
         top.plot(DELAYS_MS, out, "o-", label=words)
         bottom.plot(DELAYS_MS, errors, "o-", label=words)
-    top.axhline(100.0, color="0.3", linewidth=0.8)  # what both reservoirs start with
-    top.set(ylabel="energy that came out, most [mJ]", title="above d² = 100 mJ: not passive")
+    top.axhline(150.0, color="0.3", linewidth=0.8)  # what both reservoirs start with
+    top.set(ylabel="energy that came out, most [mJ]", title="above d² = 150 mJ: not passive")
     bottom.set(xlabel="delay, one way [ms]", ylabel="position error at the end,\nrms of all seeds [mm]")
     bottom.legend()
     Path("runs").mkdir(exist_ok=True)

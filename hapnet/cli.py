@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hapnet.commands import compare as compare_command
-from hapnet.commands import complete, devices, export, flags, output, overview, sweep, transparency, tune
+from hapnet.commands import compare_plan, complete, devices, export, flags, output, overview, sweep, transparency, tune
 from hapnet.commands.groups import Without, grouped
 from hapnet.commands.options import (
     NO_LINK,
@@ -50,6 +50,7 @@ def run(
     out: flags.Out = None,
     verbose: flags.Verbose = False,
     files: flags.Files = True,
+    log_to: flags.Log = None,
     realtime: flags.Realtime = False,
 ) -> int:
     """Run both processes on this machine, over Zenoh: a hand presses a virtual wall over a link with delay and loss.
@@ -64,7 +65,8 @@ def run(
     json_target(json_to)
     from hapnet.commands import run as command
 
-    return command.main(chosen, seed, json_to, _directory(out, files), files=files, realtime=realtime, verbose=verbose)
+    options = command.RunOptions(seed, json_to, _directory(out, files), files, log_to, realtime, verbose)
+    return command.main(chosen, options)
 
 
 @app.command()
@@ -210,9 +212,7 @@ def replay(
         ModelOptions,
         Without("operator", "hardware", "servo", "servo_hz", "dof", "on_silence", "silence_after"),
     ],
-    seed: Annotated[
-        int | None, typer.Option(min=0, help="Seed of everything random.", show_default="the recording's")
-    ] = None,
+    seed: flags.ReplaySeed = None,
     links: LinkOptions,
     params: Annotated[ParamsOptions, Without("show_params", "schema")],
     json_to: flags.Json = None,
@@ -234,9 +234,7 @@ def replay(
 
 @app.command()
 def report(
-    files: Annotated[
-        list[Path], typer.Argument(metavar="FILE", help="One recording, or the device's and the world's.")
-    ],
+    files: flags.Recorded,
     json_to: flags.Json = None,
     out: Annotated[Path | None, typer.Option(help="Directory for output files.", show_default="beside FILE")] = None,
     verbose: flags.Verbose = False,
@@ -267,7 +265,7 @@ def compare(
 
     Prints one table per link. Writes all cases as JSON, the traces of one case and a figure of all cases.
     """
-    chosen = params.over(compare_command.BASE, model.named())
+    chosen = params.over(compare_plan.BASE, model.named())
     if params.show_params:
         return _show(params.shown(chosen))
     json_target(json_to)
@@ -313,23 +311,24 @@ def doctor(
     name: flags.Name = "device",
     hardware: flags.Hardware = None,
     dof: flags.Dof = None,
-    ramp: Annotated[
-        float, typer.Option(metavar="N", help="With --device: press the hand on it with up to so many newtons.")
+    ramp: Annotated[float, typer.Option(metavar="N", help="With --device: press the hand on it by up to N.")] = 0.0,
+    damping: Annotated[
+        float, typer.Option(metavar="N", help="With --device: push its free handle by N, to measure its own damping.")
     ] = 0.0,
     json_to: flags.Json = None,
 ) -> int:
     """Check what this machine allows a servo to do, and say how to allow the rest.
 
     With -e, also check whether Zenoh answers there, and measure the network: a side that listens there answers probes.
-    With --device, measure that device instead: rate, latency, noise and resolution, without a force unless --ramp asks.
+    With --device, measure that device instead: rate, latency, noise and resolution; --ramp and --damping use a force.
     """
     json_target(json_to)
     from hapnet.commands import doctor as command
 
     if hardware is not None:
-        return command.examine_device(hardware, dof or 1, ramp, json_to)
-    if ramp:
-        raise InvalidParameter("--ramp", ramp, "given together with --device")
+        return command.examine_device(hardware, dof or 1, ramp, damping, json_to)
+    if force := ramp or damping:
+        raise InvalidParameter("--ramp" if ramp else "--damping", force, "given together with --device")
     return command.main(zenoh.connect or [], json_to, zenoh.security, session, name)
 
 
@@ -364,6 +363,8 @@ def main(argv: list[str] | None = None) -> int:
         context = getattr(error, "ctx", None)
         asked = "hapnet" if context is None else context.command_path
         return _fail(f"{format_message().rstrip('.')}; see {asked} --help")
+    finally:
+        output.remove_empty()
     return code if isinstance(code, int) else 0
 
 
@@ -390,6 +391,7 @@ def _side(
     if params.show_params:
         return _show(params.shown(chosen))
     json_target(given.json_to)
+    _directory(given.out, given.files)
     from hapnet.commands import side
 
     return side.main(chosen, side.SideOptions(role=role, zenoh=side.zenoh_settings(zenoh), **vars(given)))

@@ -11,6 +11,9 @@ from typing import Any
 
 from hapnet.errors import InvalidParameter
 
+FAILURES = (Exception, SystemExit)
+"""What a user's own part may raise that is its failure. A SystemExit would else end the program without a word."""
+
 
 def load(parameter: str, name: str, allowed: str) -> Any:
     """The object that ``module:Name`` names. Importing it runs the user's code, which may raise anything.
@@ -26,7 +29,7 @@ def load(parameter: str, name: str, allowed: str) -> Any:
         raise InvalidParameter(parameter, name, allowed)
     try:
         return getattr(import_module(module), attribute)
-    except Exception as error:
+    except FAILURES as error:
         raise InvalidParameter(parameter, name, f"{allowed} ({cause(error)})") from error
 
 

@@ -13,6 +13,9 @@ from typing import Any
 
 from hapnet.errors import InvalidParameter
 
+LARGEST_SEED = 2**63 - 1
+"""What every reader of JSON and TOML can hold as a whole number of 64 bits."""
+
 
 @dataclass(frozen=True)
 class Range:

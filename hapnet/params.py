@@ -55,10 +55,17 @@ class DeviceParams:
     pspm_period_s: float = _p(
         0.005, "positions are sent this often; with the paper's feel PSPM runs as often, and on new data [s]", _POSITIVE
     )
-    stiffness: Matrix = _p(100.0, "K [N/m]: a number, one per axis, or a matrix (rec.)", _POSITIVE)
+    stiffness: Matrix = _p(
+        0.0,
+        "K [N/m]: a number, one per axis, or a matrix; 0: by what the device renders (paper: 100, rec.)",
+        _NOT_NEGATIVE,
+    )
     damping: Matrix = _p(0.1, "B [Ns/m]: a number, or one per axis", _POSITIVE)
-    ceiling_J: float = _p(0.05, "the reservoir's ceiling [J]", _NOT_NEGATIVE)
-    shuffle: str = _p("harvested", "which part of the surplus energy is sent", ("harvested", "all"))
+    ceiling_J: float = _p(0.1, "the reservoir's ceiling [J]", _NOT_NEGATIVE)
+    shuffle: str = _p(
+        "needed", "what is sent: harvested surplus, and what the other side needs more; harvested; all (the paper's)",
+        ("needed", "harvested", "all"),
+    )  # fmt: skip
     harvest: str = _p("auto", "auto: range with the continuous servo, measured with the sampled one",
                       ("auto", "range", "measured"))  # fmt: skip
     force_limit_N: float = _p(3.3, "greatest force of the actuators [N]; 0: no limit", _NOT_NEGATIVE)
@@ -147,7 +154,7 @@ class WorldParams:
     stiffness: Matrix = _p(500.0, "K' [N/m] (rec.); K'/K scales the force that is felt", _POSITIVE)
     damping: Matrix = _p(14.0, "B' [Ns/m]", _POSITIVE)
     ceiling_J: float = _p(0.05, "the reservoir's ceiling [J]", _NOT_NEGATIVE)
-    shuffle: str = _p("harvested", "which part of the surplus energy is sent", ("harvested", "all"))
+    shuffle: str = _p("needed", "what is sent, as device.shuffle", ("needed", "harvested", "all"))
     step_min_s: float = _p(0.010, "shortest integration step T_k [s] (rec.)", _POSITIVE)
     step_max_s: float = _p(
         0.050, "longest integration step T_k [s]; steps are uniform between the two (rec.)", _POSITIVE
@@ -180,7 +187,17 @@ class ContactModelParams:
     window_s: float = _p(0.036, "the world predicts the device from the positions of so long a time [s]", _POSITIVE)
     longest_s: float = _p(0.135, "longest prediction [s]", _POSITIVE)
     curve_s: float = _p(0.075, "longest time for which an acceleration is predicted to last [s]", _NOT_NEGATIVE)
-    reach_m: float = _p(0.05, "planes within this distance of the proxy are told [m]", _NOT_NEGATIVE)
+    reach_m: float = _p(
+        0.05, "planes are told so far, and as far as the device comes in a round trip [m]", _NOT_NEGATIVE
+    )
+    remembers: bool = _p(True, "planes that were told stay known until the world says that they are gone")
+    stop_s: float = _p(
+        0.015,
+        "behind a plane, the predicted motion dies away with this time constant [s]; 0: it does not",
+        _NOT_NEGATIVE,
+    )
+    yields_below: float = _p(0.8, "the lead gives way below this level of the world's reservoir; 0: never",
+                             Range(at_least=0.0, at_most=1.0))  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -220,7 +237,9 @@ class WireParams:
     )
 
 
-_BEFORE: Mapping[str, object] = {"feel": "paper", "operator_hand.start_periods": 0.0, "operator_hand.end_hold_s": 0.0}
+_BEFORE: Mapping[str, object] = {
+    "feel": "paper", "operator_hand.start_periods": 0.0, "operator_hand.end_hold_s": 0.0,
+    "contact_model.remembers": False, "contact_model.stop_s": 0.0, "contact_model.yields_below": 0.0}  # fmt: skip
 """What recordings without such an entry were made with."""
 
 

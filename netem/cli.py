@@ -70,7 +70,7 @@ Down = Annotated[str | None, typer.Option(metavar="WORDS", help="Profile of the 
 TimelineOption = Annotated[str | None, typer.Option("--timeline", metavar="TEXT|FILE", help=f"{_TIMELINE}.")]
 UpTimeline = Annotated[str | None, typer.Option(metavar="TEXT|FILE", help="The same for the uplink alone.")]
 DownTimeline = Annotated[str | None, typer.Option(metavar="TEXT|FILE", help="The same for the downlink alone.")]
-Seed = Annotated[int, typer.Option(min=0, help="Seed of the draws; each direction has its own streams.")]
+Seed = Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Seed of the draws; each direction has its own streams.")]
 Duration = Annotated[str | None, typer.Option(metavar="S", help="Stop after this time, as 10 or 500ms; else Ctrl-C.")]
 
 
@@ -121,7 +121,7 @@ def show(
     reorder: Reorder = None,
     rate: Rate = None,
     resend: Resend = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the link's draws.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Seed of the link's draws.")] = 0,
     count: Annotated[int, typer.Option(min=1, max=10_000_000, help="Number of messages to send.")] = 20_000,
     interval: Annotated[str, typer.Option(help="Time between two messages.")] = "1ms",
     size: Annotated[int, typer.Option(min=0, help="Size of a message in bytes.")] = 100,

@@ -79,7 +79,7 @@ class Resend:
     """``resend N TIME [unordered]``: a lost message is offered again after `after_ns`, up to `times` times.
 
     Ordered, as link layers deliver: later messages wait until the lost one has come through or is given up, which is
-    `times` resends after its loss. Unordered: no message waits.
+    `times` resends after its loss, and none arrives before an earlier one, whatever the jitter. Unordered: none waits.
     """
 
     times: int

@@ -4,7 +4,7 @@ The order of effects is tc-netem's: loss, corruption, limit, reordering, delay, 
 
 * A resent message (`netem.resend`) is delayed from the time of its last offer, and so are messages that wait for it
   (`netem.effects.Resend`); none of them is sent ahead. An unordered resend reaches the line (a rate or a trace) at that
-  time, so other messages cross before it. Jitter may still reorder after the resends.
+  time, so other messages cross before it. With ordered ones a message waits for those before it, whatever the jitter.
 * A reordered message leaves at once, ahead of all messages in flight, and skips rate and slot. The gap counts the
   messages between two that may be reordered. (The kernel also puts it ahead of messages due at the same instant; here
   these have left already, so that the order does not depend on the times of polling.)
@@ -59,7 +59,8 @@ class Link(Generic[T]):
 
     counters : the counts so far. streams : the draws. queue : messages in flight, a heap. line : with a rate or a
     trace.
-    resends : see `netem.resend`. in_order_ns : with ordered resends, nothing comes through before this time.
+    resends : see `netem.resend`. in_order_ns : with ordered resends, nothing comes through before this time, and
+    last_due_ns : nothing arrives before this one.
     since_reorder : number of messages offered since the last one that was sent ahead.
     """
 
@@ -74,7 +75,7 @@ class Link(Generic[T]):
         self.streams = Streams(seed if isinstance(seed, SeedSequence) else SeedSequence(seed))
         self.queue: list[Entry[T]] = []
         self.since_reorder = 0
-        self.in_order_ns = _LONG_AGO
+        self.in_order_ns = self.last_due_ns = _LONG_AGO
         self.line: RateLine | TraceLine | None = None
         self.resends: Resends | None = None
         self._flip = flip
@@ -186,6 +187,8 @@ class Link(Generic[T]):
             heappush(self._again, (offered_ns, order, item, now_ns, cast(int, size), delay))
             return
         due = offered_ns + delay
+        if self.resends is not None and self.resends.ordered:
+            self.last_due_ns = due = max(due, self.last_due_ns)
         if (line := self.line) is not None:
             due = line.release_ns(due, size or 0)
         heappush(queue, (due, order, item, now_ns, size or 0))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from dataclasses import dataclass
 from operator import mul
@@ -68,7 +67,8 @@ class LinkStats:
 
     def as_dict(self) -> dict[str, object]:
         """All fields by name, as JSON has them."""
-        return dataclasses.asdict(self) | {"delay_histogram_ms": [list(pair) for pair in self.delay_histogram_ms]}
+        plain = {name: getattr(self, name) for name in self.__slots__}
+        return plain | {"delay_histogram_ms": [list(pair) for pair in self.delay_histogram_ms]}
 
 
 class Delays(NamedTuple):

@@ -68,17 +68,19 @@ def format_fraction(fraction: float) -> str:
 
 def parse_rate(word: str, text: str) -> int:
     """Rate in bit/s, with tc's suffixes: ``bit`` and a bare number mean bits, ``bps`` bytes."""
-    allowed = "a rate such as 1mbit, 500kbit (bits per second) or 60kbps (bytes per second); 0 for no limit"
+    allowed = "a rate such as 1mbit, 500kbit (bits per second) or 60kbps (bytes per second); a bare 0 for no limit"
     number, unit = _split(word, text, allowed)
     if unit not in _RATE_BIT_S or not 0 <= (rate := number * _RATE_BIT_S[unit]) <= MAX_RATE_BIT_S:
         raise ProfileError(word, text, allowed)
-    if 0 < rate < 1:
+    if 0 < rate < 1 or (unit and not rate):  # a rate of 0 would let nothing pass, and not everything
         raise ProfileError(word, text, allowed)
     return int(rate)
 
 
 def format_rate(bit_s: int) -> str:
-    """The shortest exact text of a rate in bit/s."""
+    """The shortest exact text of a rate in bit/s; 0 is no limit."""
+    if not bit_s:
+        return "0"
     unit = next((u for u in ("tbit", "gbit", "mbit", "kbit") if bit_s >= _RATE_BIT_S[u]), "bit")
     return _plain(Decimal(bit_s) / _RATE_BIT_S[unit]) + unit
 

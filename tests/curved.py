@@ -66,6 +66,7 @@ def error_N(
     """The root mean square of the force's difference from the ball's own, felt without delay, and of that force [N]."""
     import_module("tests.curved").Slide.speed_mps = speed_mps  # of the module that the run imports
     params = Params().set({
+        "device.stiffness": K,
         "scene": scene, "dof": dof, "operator": "tests.curved:Slide", "link.up": LINK, "link.down": LINK,
         "duration_s": seconds, "record_hz": 1000.0, "world.step_min_s": steps_s[0], "world.step_max_s": steps_s[1],
         **more,

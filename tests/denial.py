@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import argparse
 import statistics
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from hapnet.checks import Vector
+from examples.pictures.lying import lying_planes
 from hapnet.mechanics.plane import Plane
 from hapnet.params import Params
 from hapnet.plant.worlds.moving_wall import MovingWall
@@ -47,20 +47,10 @@ class Denied:
     wrong: float | None
 
 
-def lying_planes(rng: np.random.Generator) -> Callable[[Vector, float], tuple[Plane, ...]]:
-    """A world's `planes` that tells a random one each time."""
-
-    def planes(position: Vector, reach_m: float) -> tuple[Plane, ...]:
-        normal = rng.standard_normal(len(position))
-        normal /= np.linalg.norm(normal)
-        offset = float(normal @ np.array(position)) + rng.uniform(-0.02, 0.02)
-        return (Plane(tuple(normal.tolist()), offset, 10 ** rng.uniform(2.0, 4.5), 10.0),)
-
-    return planes
-
-
-def denied(change: str, hand: str, at_s: float, *, coupling: str = "pspm", seed: int = 0, dof: int = 2) -> Denied:
-    """Press a wall of scene `moving` over 4G, and let it change at this time."""
+def denied(
+    change: str, hand: str, at_s: float, *, coupling: str = "pspm", seed: int = 0, dof: int = 2, stiffness: float = 0.0
+) -> Denied:
+    """Press a wall of scene `moving` over 4G, and let it change at this time. stiffness : K [N/m]; 0: by rule."""
     words = CHANGES[change]
     timeline = f"at {at_s}s: {words}" if words else ""
     if change == "comes":
@@ -68,7 +58,7 @@ def denied(change: str, hand: str, at_s: float, *, coupling: str = "pspm", seed:
     params = Params().set({
         "scene": "moving", "dof": dof, "world.wall.timeline": timeline, "coupling": coupling, "operator": "press",
         "operator_hand.hold_s": 2.0, "link.up": LINK, "link.down": LINK, "record_hz": 1000.0,
-        "duration_s": at_s + 0.5, **HANDS[hand],
+        "duration_s": at_s + 0.5, "device.stiffness": stiffness, **HANDS[hand],
     })  # fmt: skip
     run = Simulation(params, seed)
     scene: Any = run.world.scene
@@ -100,10 +90,10 @@ def denied(change: str, hand: str, at_s: float, *, coupling: str = "pspm", seed:
         assert word_ns is not None, f"{change}, {hand}, at {at_s} s, {coupling}, seed {seed}: no word of it came"
         i = int(np.searchsorted(device["time_ns"], word_ns + round(CORRECTED_S * 1e9)))
         part = slice(i, i + 50)
-        ideal = _ideal(scene, at_s, x[part], params)
-        damping = params.device.damping  # in contact; when the wall is gone, what the lead leaves of all of it
-        if change == "vanishes":
-            damping = (damping + run.setup.tuning.damping_Ns_m) * (1.0 - params.contact_model.lead)
+        ideal = _ideal(scene, at_s, x[part], run.setup.params)
+        held = params.device.damping  # in contact; in free motion, what the lead leaves of all of it
+        left = (held + run.setup.tuning.damping_Ns_m) * (1.0 - params.contact_model.lead)
+        damping = np.where(np.any(ideal, axis=1), held, left)[:, None]
         drag = damping * np.gradient(x, 1e-3, axis=0)[part]
         right = float(np.linalg.norm(ideal, axis=1).mean())
         wrong = float(np.linalg.norm(force[part] + drag - ideal, axis=1).mean())

@@ -310,7 +310,10 @@ def _shuffled(witness: Witness, summary: dict[str, Any]) -> Iterator[str]:
         sent, credited = flow["sent_nJ"], flow["credited_nJ"]
         if credited != receiver.credited_nJ or abs(sent - sender.given_J * 1e9) > 1.0 + 1e-12 * sent:
             yield f"energy {way}: {sender.given_J:.9g} J given, {receiver.credited_nJ} nJ taken; the summary: {flow}"
-        if min(flow.values()) < 0 or sent != credited + flow["in_flight_nJ"] + flow["abandoned_nJ"]:
+        if (
+            min(value for value in flow.values() if value is not None) < 0
+            or sent != credited + flow["in_flight_nJ"] + flow["abandoned_nJ"]
+        ):
             yield f"energy {way}: {flow}"
 
 

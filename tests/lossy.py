@@ -19,7 +19,6 @@ from hapnet.transport.config import ZenohSettings
 from hapnet.transport.keys import KeyWatch
 from hapnet.transport.security import ANYBODY, Security
 from hapnet.transport.zenoh import KINDS, ZenohTransport
-from hapnet.wire.events import PositionReceived
 from hapnet.wire.messages import Role
 from hapnet.wire.session import Session
 from netem import LinkProfile
@@ -51,11 +50,14 @@ class Talker:
 
     def __init__(self, role: Role, settings: ZenohSettings) -> None:
         self.session = Session(role=role, dof=1, name=role, incarnation=secrets.randbits(63) + 1)
-        self.transport = ZenohTransport(settings, self._on_message, role=role)
+        self.transport = ZenohTransport(settings, self._on_message, role=role, stream_hz=100.0)
+        self.session.sample(self.transport.sampled)
         self.arrivals = self.transport._watch = Arrivals()
         self.shuffles = True
         self.paired_ns: int | None = None
         self.unreadable: Counter[str] = Counter()
+        self.frames: Counter[tuple[str, bytes]] = Counter()
+        """How often each frame came."""
         self._lock = threading.Lock()
 
     async def run(self) -> None:
@@ -85,10 +87,11 @@ class Talker:
     def _on_message(self, kind: str, data: bytes) -> None:
         now_ns = time.monotonic_ns()
         with self._lock:
-            for event in self.session.receive(now_ns, data):
-                if isinstance(event, PositionReceived):  # as a control half does that uses it
-                    self.session.positions.echo(event.sent_ns, now_ns)
+            self.session.receive(now_ns, data)
+            if self.session.path.arrival is not None:  # as the two halves of a side do
+                self.session.positions.echo(*self.session.path.arrival)
             self.unreadable[kind] += len(data) == 1
+            self.frames[kind, data] += 1
 
 
 class Two:

@@ -47,7 +47,7 @@ def felt(name: str, planes: str, *, round_: bool = False, operator: str = "press
         params = Params().set({
             "scene": f"{scene(Path(folder), GEOMS[name])}&planes={planes}", "dof": 3, "operator": operator,
             "link.up": LINK, "link.down": LINK, "duration_s": 3.0, "record_hz": 1000.0,
-            "world.step_min_s": 0.01, "world.step_max_s": 0.03,
+            "world.step_min_s": 0.01, "world.step_max_s": 0.03, "device.stiffness": 100.0,
         })  # fmt: skip
         result = Simulation(params, seed).run()
     device = result.recording.device

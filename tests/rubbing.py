@@ -79,6 +79,7 @@ def run(
     hand: Any = import_module("tests.rubbing").Rub  # of the module that the run imports
     hand.speed_mps, hand.aside_m = speed_mps, aside_m
     params = Params().set({
+        "device.stiffness": K,
         "scene": scene, "dof": dof, "operator": "tests.rubbing:Rub", "link.up": LINKS[link], "link.down": LINKS[link],
         "duration_s": seconds, "record_hz": 1000.0, "world.step_min_s": steps_s[0], "world.step_max_s": steps_s[1],
         **more,

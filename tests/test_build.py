@@ -247,10 +247,10 @@ def test_range_harvest_on_a_sampled_servo_is_refused_where_no_spring_can_be_held
     ("changes", "words"),
     [
         # 1 m/s for 21 ms with up to 3.3 N: 69.3 mJ, less (3.2 N)^2 / 2K that the spring holds: 67 mJ at 2,268 N/m
-        ({"device__stiffness": 2268.0}, r"ceiling_J 0\.05 keeps 0\.025 J"),
+        ({"device__stiffness": 2268.0}, r"ceiling_J 0\.1 keeps 0\.05 J"),
         # 21 mm (3.15 N + 0.1 N) - (3.15 N)^2 / 300 N/m = 35.2 mJ, more than half of 50 mJ
         (
-            {"device__stiffness": 150.0},
+            {"device__stiffness": 150.0, "device__ceiling_J": 0.05},
             r"ceiling_J 0\.05 keeps 0\.025 J in reserve.*device\.ceiling_J=0\.0704 would do",
         ),
         ({"device__ceiling_J": 0.0}, r"ceiling_J 0 keeps 0 J"),
@@ -278,13 +278,14 @@ def test_no_warning_where_nothing_is_wrong(changes: dict[str, object]) -> None:
 
 def test_sessions_tell_the_peer_what_this_side_runs() -> None:
     setup = setup_of(scene="paper", coupling="zoh")
-    for session, role in ((device_session(setup, 5), "device"), (world_session(setup, 6), "world")):
+    sessions = (device_session(setup, 5), "device", 0.1), (world_session(setup, 6), "world", 0.05)
+    for session, role, ceiling_J in sessions:
         assert session.identity.role == role
         assert session.identity.dof == 3
         assert session.identity.about == {
             "scene": "paper",
             "coupling": "zoh",
-            "reservoir_J": 0.05,
+            "reservoir_J": ceiling_J,
             "shared.contact_model": False,
         }
 

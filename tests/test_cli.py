@@ -183,9 +183,10 @@ def test_out_gets_everything_and_report_reads_it(tmp_path: Path, empty_directory
     assert (out / "run.png").stat().st_size > 10_000
 
 
-def test_five_lines_and_all_tables_on_demand(tmp_path: Path, capsys: Capture) -> None:
+def test_six_lines_and_all_tables_on_demand(tmp_path: Path, capsys: Capture) -> None:
     short = ("--duration", "0.5", "--out", str(tmp_path))
-    begin = ["passive: ", "tracking error (rms): ", "largest force: ", "path: round trip ", "files: "]
+    begin = ["passive: ", "tracking error (rms): ", "largest force: ", "wall: 3000 N/m, felt as 171.4 N/m ",
+             "path: round trip ", "files: "]  # fmt: skip
     assert cli.main(["simulate", *short]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line[: len(start)] for line, start in zip(lines, begin, strict=True)] == begin

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from hapnet import InvalidParameter, Scene, Wall, ZenohSettings, connect_device, connect_world
-from hapnet.errors import RecordingError, TransportError
+from hapnet.errors import HapnetError, RecordingError, TransportError
 from hapnet.loading import load
 from hapnet.transport.config import free_address, local_address
 from tests.cancelling import Handle
@@ -100,3 +100,11 @@ async def test_devices_and_scenes_may_be_objects_classes_or_functions(tmp_path: 
             assert name.startswith("object:")
             with pytest.raises(InvalidParameter):
                 load("scene", name, "a scene")  # it is forgotten
+
+
+@pytest.mark.parametrize("connect", [connect_device, connect_world])
+def test_without_asyncio_one_line_says_what_to_choose(connect: Any) -> None:
+    """As on trio: the block is entered where no loop of asyncio runs."""
+    entering = connect(SETTINGS, connect=NOBODY).__aenter__()
+    with pytest.raises(HapnetError, match=f"^{connect.__name__} needs asyncio's event loop.* not trio$"):
+        entering.send(None)

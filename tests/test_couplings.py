@@ -90,7 +90,7 @@ def test_eba_trusts_the_devices_own_damping() -> None:
 @pytest.mark.parametrize(("link", "K_p"), [("ideal", 100.0), (DEFAULT, 64.1), ("delay 270ms", 16.8)])
 def test_pd_pays_for_the_round_trip_and_for_holding(link: str, K_p: float) -> None:
     """R: both delays and jitters, 5 ms, 50 ms, 1 ms; K_d = K_p R/2, never above 5 Ns/m: K_p gives way instead."""
-    tuning = tuned("pd", link)
+    tuning = tuned("pd", link, device__stiffness=100.0)
     one_way = {"ideal": 0.0, DEFAULT: 0.05, "delay 270ms": 0.27}[link]
     assert tuning["stiffness_N_m"] == pytest.approx(K_p, rel=0.002)
     assert tuning["damping_Ns_m"] == pytest.approx(tuning["stiffness_N_m"] * (2.0 * one_way + 0.056) / 2.0)
@@ -104,7 +104,7 @@ def test_pd_takes_the_users_damping_and_leaves_the_spring_alone() -> None:
 
 def test_pd_says_when_the_device_does_not_damp_what_holding_its_force_needs() -> None:
     """0.3 against 100/2000 + 2.8 Ns/m; 3 would do."""
-    params = Params().set({"coupling": "pd", "link.up": "ideal", "link.down": "ideal"})
+    params = Params().set({"coupling": "pd", "link.up": "ideal", "link.down": "ideal", "device.stiffness": 100.0})
     (warning,) = prepare(params).warnings
     assert "0.3 Ns/m" in warning
     assert "above 2.85 Ns/m" in warning
@@ -114,8 +114,9 @@ def test_pd_says_when_the_device_does_not_damp_what_holding_its_force_needs() ->
 def test_the_ideal_is_the_spring_that_was_asked_for() -> None:
     """Scaled, the device's 100 N/m sees 3000/3500 of the way; one spring: 100 and 3000 in series, however tuned."""
     for coupling in ("zoh", "popc", "eba"):
-        assert ideal_stiffness(Params(coupling=coupling), 3000.0) == pytest.approx(100.0 * 3000.0 / 3500.0)
-    assert ideal_stiffness(Params(coupling="pd"), 3000.0) == pytest.approx(1.0 / (1.0 / 100.0 + 1.0 / 3000.0))
+        params = Params().set({"coupling": coupling, "device.stiffness": 100.0})
+        assert ideal_stiffness(params, 3000.0) == pytest.approx(100.0 * 3000.0 / 3500.0)
+    assert ideal_stiffness(params.set({"coupling": "pd"}), 3000.0) == pytest.approx(1.0 / (1.0 / 100.0 + 1.0 / 3000.0))
 
 
 @pytest.mark.parametrize("coupling", ["popc", "eba"])

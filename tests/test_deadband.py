@@ -167,6 +167,7 @@ def cases(count: int) -> list[dict[str, object]]:
             "link__down": rng.choice(links),
             "operator": rng.choice(("press", "sine")),
             "device__shuffle": rng.choice(("harvested", "all")),
+            "world__shuffle": "harvested",
         }
         for seed in range(count)
     ]
@@ -179,7 +180,8 @@ def assert_passive(case: dict[str, Any]) -> None:
         assert result.summary[side]["ledger"]["slack_J"] >= -1e-9
         assert result.summary[side]["reservoir_min_J"] >= 0.0
     flows = result.summary["energy"]
-    assert all(flows[way]["in_flight_nJ"] == 0 for way in ("up", "down")), "surplus stayed behind"
+    if "60%" not in case["link__up"] + case["link__down"]:  # else the last repetition, or its answer, may be lost
+        assert all(flows[way]["in_flight_nJ"] == 0 for way in ("up", "down")), "surplus stayed behind"
 
 
 @pytest.mark.parametrize("case", cases(8), ids=str)

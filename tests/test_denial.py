@@ -28,8 +28,10 @@ def test_what_changes_under_the_hand_is_right_after_100_ms_and_passive(change: s
 @pytest.mark.parametrize("hand", HANDS)
 @pytest.mark.parametrize("change", CHANGES)
 def test_at_any_moment_of_a_contact(change: str, hand: str) -> None:
+    """A wall that comes throws a light hand out, the faster the stiffer the spring: there with the paper's."""
+    stiffness = 100.0 if (change, hand) == ("comes", "light") else 0.0
     for seed in range(6):
-        assert_mended(change, denied(change, hand, 1.2 + 0.37 * seed, seed=seed))
+        assert_mended(change, denied(change, hand, 1.2 + 0.37 * seed, seed=seed, stiffness=stiffness))
 
 
 def test_the_same_stages_without_pspm_create_energy() -> None:

@@ -74,6 +74,7 @@ def test_trusted_damping_gives_nothing_for_being_late() -> None:
     """At the hand's port, with what was sent counted as gone: the device never gives more than it had (d^2)."""
     late = [450_000 * (index % 2) for index in range(5000)]
     words: dict[str, object] = {"device.own_damping": 0.3, "device.trusted_damping": 0.3, "device.shuffle": "all"}
+    words["device.ceiling_J"] = 0.05
     side, device, work, kinetic = run_late(words, late)
     coupling = side.coupling
     stored = device.kinetic - kinetic + coupling.potential(device.position)
@@ -111,19 +112,17 @@ def stopped(stop_ms: int, words: dict[str, object]) -> tuple[dict[str, Any], flo
     return device_summary(side, "pspm"), given - side.coupling.ledger.credited + side.coupling.ledger.sent
 
 
-def test_what_a_stopped_servo_gave_out_beyond_its_reserve_is_counted() -> None:
-    """300 ms under force, 22 times, with a ceiling of 1 mJ: no software can stop that, but it can say so."""
+def test_a_servo_that_is_stopped_for_long_again_and_again_holds_no_more_than_its_account_covers() -> None:
+    """300 ms under force, 22 times, with a ceiling of 1 mJ. Forces that come back in full gave out 1.5 mJ."""
     part, given = stopped(300, {"device.ceiling_J": 1e-3})
     assert part["servo"]["ticks"] == 22 * 101
-    assert given > 1e-3  # the bound was broken
-    assert part["ledger"]["margin_J"] < 0.0
-    assert part["deficit_max_J"] > 0.0
-    assert part["overrun_leak_J"] >= -part["ledger"]["margin_J"] - 1e-12
-    assert part["overrun_risk_J"] > part["overrun_leak_J"] / 22  # what may have happened in one, unseen
+    assert given <= 1e-3
+    assert part["ledger"]["margin_J"] >= 0.0
+    assert (part["deficit_max_J"], part["overrun_leak_J"], part["overrun_risk_J"]) == (0.0, 0.0, 0.0)
 
 
 def test_a_servo_that_is_away_for_as_long_as_its_watchdog_allows_stays_within_its_bound() -> None:
-    part, given = stopped(20, {})
+    part, given = stopped(20, {"device.ceiling_J": 0.05})
     assert given <= 0.05
     assert part["ledger"]["margin_J"] >= 0.0
     assert (part["deficit_max_J"], part["overrun_leak_J"]) == (0.0, 0.0)
@@ -173,7 +172,10 @@ def test_a_servo_that_was_away_renders_nothing_until_it_is_on_time_and_the_accou
         now_ns += MS
         tick(now_ns)
     steps = [b - a for a, b in itertools.pairwise(forces[102:])]
-    assert forces[-1] > 1.0
+    if servo == "sampled":  # what is left of 0.1 J, less 5 mJ at the most, covers another 300 ms at 1 m/s
+        assert 0.095 / 0.301 < forces[-1] < 0.105 / 0.300
+    else:
+        assert forces[-1] > 1.0
     assert max(steps) <= setup.params.device.step_limit_N + 0.1  # it begins anew without a jump (0.1 N: the hand moves)
     assert side.coupling.ledger.slack_min >= -1e-12
     assert side.coupling.energy_min >= 0.0
@@ -185,7 +187,7 @@ def test_a_watchdog_that_is_off_lets_nothing_go() -> None:
 
 
 def test_a_restarted_side_starts_with_nothing() -> None:
-    for restarted, energy in ((False, 0.05), (True, 0.0)):
+    for restarted, energy in ((False, 0.1), (True, 0.0)):
         setup = prepare(PAPER, "sampled")
         side = device_side(setup, DeviceEndpoint(device_session(setup, 7)), lambda: 0, lambda sample: None)
         side.endpoint.paired, side.endpoint.restarted = True, restarted

@@ -71,6 +71,18 @@ class Reversed(Held):
     turn = -1.0
 
 
+class Stuck(Arm):
+    """Its handle does not move at all, and it has motors that must be enabled."""
+
+    began_after: int | None = None
+
+    def begin(self) -> None:
+        self.began_after = sum(force != (0.0,) for force in self.pushed)
+
+    def read(self) -> tuple[Vector, Vector]:
+        return (0.0,) * self.dof, (0.0,) * self.dof
+
+
 class Stuttering(Arm):
     silent_every = 10
 
@@ -238,14 +250,14 @@ def test_an_emulator_says_how_to_reach_it_and_what_it_gave(tmp_path: Path, capsy
 # The doctor
 
 
+def step(seconds: float) -> None:
+    Arm.now_ns += round(seconds * 1e9)
+
+
 def examined(name: str, ramp_N: float = 0.0) -> dict[str, tuple[str, str]]:
     Arm.now_ns = 0
-
-    def sleep(seconds: float) -> None:
-        Arm.now_ns += round(seconds * 1e9)
-
     device = UserDevice(f"tests.test_devices:{name}", 1)
-    checks = list(examine_device(device, 1000.0, lambda: Arm.now_ns, sleep, ramp_N))
+    checks = list(examine_device(device, 1000.0, lambda: Arm.now_ns, step, ramp_N))
     assert isinstance(device.device, Arm)
     assert all(force == (0.0,) for force in device.device.pushed) == (ramp_N == 0.0)
     return {check.name: (check.state, check.value) for check in checks}
@@ -287,6 +299,18 @@ def test_a_hand_that_moves_is_not_taken_for_a_motor() -> None:
     state, value = examined("Arm", ramp_N=1.0)["force ramp"]
     assert state == WARNING
     assert "its own motion is 7." in value  # 10 mm / sqrt 2
+
+
+def test_a_ramp_begins_first_and_says_that_a_handle_did_not_move() -> None:
+    state, value = examined("Stuck", ramp_N=1.0)["force ramp"]
+    assert state == WARNING
+    assert value.startswith("1 N move the handle by ")
+    Arm.now_ns = 0
+    device = UserDevice("tests.test_devices:Stuck", 1)
+    assert isinstance(device.device, Stuck)
+    for _ in examine_device(device, 1000.0, lambda: Arm.now_ns, step, 1.0):
+        pass
+    assert device.device.began_after == 0
 
 
 @pytest.mark.usefixtures("named")

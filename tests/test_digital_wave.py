@@ -130,6 +130,6 @@ def test_duplicates_are_discarded(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_the_rule() -> None:
     """The replay is spread over the longest time between two arrivals: a step and the jitter."""
-    tuning = COUPLINGS["digital-wave"].tune(params(), Delays(0.035, 0.118))
+    tuning = COUPLINGS["digital-wave"].tune(params(device__stiffness=100.0), Delays(0.035, 0.118))
     assert tuning.spread_s == pytest.approx(0.05 + 0.048)
     assert tuning.impedance_Ns_m == 5.0

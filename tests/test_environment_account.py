@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 import pytest
 
+from hapnet.checks import Vector
+from hapnet.errors import HapnetError
 from hapnet.params import Params
 from hapnet.plant.worlds.scene import Scene
 from hapnet.plant.worlds.walls import Contacts, Wall
@@ -120,3 +123,25 @@ def test_of_two_processes_the_world_tells_it_and_an_older_file_tells_nothing() -
     found = merge(device, older)
     assert found["environment"]["env_slack_J"] is None
     assert "energy came" not in judge(found)["reason"]
+
+
+class Forgetful:
+    """A world whose own energy is no number for a while."""
+
+    supplied_J = 0.0
+
+    def __init__(self, *, dof: int = 1) -> None:
+        self.dof, self._steps = dof, 0
+
+    @property
+    def stored_J(self) -> float:
+        return math.nan if 20 < self._steps < 40 else 0.0
+
+    def step(self, dt: float, position: Vector, velocity: Vector) -> Vector:
+        self._steps += 1
+        return (0.0,) * self.dof
+
+
+def test_a_world_whose_energy_is_no_number_ends_the_run_with_one_line() -> None:
+    with pytest.raises(HapnetError, match="the scene Forgetful failed: its stored_J is nan, not a finite number"):
+        simulate({"scene": f"{__name__}:Forgetful", "duration_s": 3.0}, seed=1)

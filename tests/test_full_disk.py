@@ -67,7 +67,7 @@ def test_what_is_missing_at_the_end_is_one_line_and_exit_code_3() -> None:
 
 @pytest.mark.slow
 def test_a_log_that_ends_early_is_exit_code_3() -> None:
-    words = ("--log", "device.jsonl", "--duration", 0.5)
+    words = ("--log", "device.jsonl", "--no-files", "--duration", 0.5)
     with pushing(*words, before=limited(300)) as (device, _):
         code, stdout, stderr = device.end()
     assert (code, stderr) == (3, "hapnet: cannot write the log device.jsonl: File too large\n")

@@ -184,9 +184,9 @@ def test_a_wave_that_counts_twice_is_noticed(monkeypatch: pytest.MonkeyPatch) ->
 def test_an_update_that_makes_energy_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     modulate = Audited.modulate
 
-    def generous(self: Audited, y: object, x: object, dissipated: float, received: float) -> object:
+    def generous(self: Audited, y: Any, x: Any, dissipated: float, received: float, keep: float = 0.0) -> object:
         self.inner.energy += 1e-6  # type: ignore[misc]
-        return modulate(self, y, x, dissipated, received)  # type: ignore[arg-type]
+        return modulate(self, y, x, dissipated, received, keep)
 
     monkeypatch.setattr(Audited, "modulate", generous)
     assert re.search("slack|energy", found("device"))

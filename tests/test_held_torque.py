@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hapnet.checks import Vector
-from hapnet.params import RELAXED_HAND
+from hapnet.control.reserve import spendable
+from hapnet.params import RELAXED_HAND, Params
 from hapnet.plant.device import SimulatedDevice
-from hapnet.simulation.simulation import Result, simulate
+from hapnet.simulation.simulation import Result, Simulation, simulate
 from tests.paper import PAPER
 
 LIGHT = {
@@ -83,3 +87,30 @@ def test_the_held_force_keeps_to_its_limit(limit: float, monkeypatch: pytest.Mon
     lengths = np.linalg.norm(np.array(forces), axis=1)
     assert lengths.max() <= limit * (1.0 + 1e-12)
     assert lengths.max() > 0.99 * limit
+
+
+@given(st.floats(0.0, 0.2), st.floats(0.0, 0.1), st.floats(0.001, 0.1), st.floats(0.0, 0.5), st.floats(10.0, 2000.0))
+def test_what_the_spring_may_hold_is_covered(P: float, kept: float, far: float, drag: float, K: float) -> None:
+    """With phi = F^2/2K in the spring, either the whole reserve is left, or all that there is covers F with the damper
+    over the way that the device may go while it is held."""
+    phi = spendable(P, kept, far, drag, K)
+    assert phi <= P
+    assert phi >= P - kept
+    if phi > P - kept:
+        assert far * (np.sqrt(2.0 * K * phi) + drag) <= P * (1.0 + 1e-12)
+
+
+def test_a_reservoir_below_its_reserve_fills_again_by_what_the_hand_pays() -> None:
+    """As after a long stall of the servo: both reservoirs are nearly empty. A hand that moves pays, and feels the wall
+    again; with the whole reserve kept first, there was no force at all, and so nothing to harvest."""
+    simulation = Simulation(
+        Params().set({"operator": "hand-21", "link.up": "4g", "link.down": "4g", "duration_s": 20.0}), 21, kernel=False
+    )
+    simulation.pair()
+    for side, energy in ((simulation.device, 0.02), (simulation.world, 0.0)):
+        modulator: Any = side.coupling.modulator  # type: ignore[attr-defined]
+        modulator.energy = energy
+    result = simulation.run()
+    device = result.recording.device
+    assert device is not None
+    assert device["reservoir_J"][-1] > 0.044

@@ -81,6 +81,8 @@ async def test_keys_whose_declarations_were_lost_are_heard_and_energy_arrives() 
             assert not any(re.search(beginning + b"(?!/)", data) for data in sent)
         for side in two.sides:
             side.shuffles = False
+            positions = [count for (kind, _), count in side.frames.items() if kind == "position"]
+            assert set(positions) == {1}  # the second subscription hands on nothing
         await two.until(lambda: all(side.session.settled for side in two.sides))
         assert not two.unsettled
         assert all(side.session.sent_nJ > 0 for side in two.sides)

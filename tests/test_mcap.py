@@ -74,10 +74,10 @@ TEXTS = {  # what viewers must find: the fields of a two-axis device and world, 
     "force_y_N operator_force_x_N operator_force_y_N reservoir_J deficit_J potential_J sent_J credited_J margin_J "
     "slack_J operator_target_x_m operator_target_y_m spring_force_x_N spring_force_y_N damper_force_x_N "
     "damper_force_y_N model_force_x_N model_force_y_N added_damping_force_x_N added_damping_force_y_N "
-    "velocity_x_mps velocity_y_mps age_s transit_s",
+    "velocity_x_mps velocity_y_mps age_s transit_s bound_J work_J stored_J account_J operator_work_J",
     "/world/state": "step_s position_x_m position_y_m velocity_x_mps velocity_y_mps set_position_x_m set_position_y_m "
     "target_x_m target_y_m coupling_force_x_N coupling_force_y_N contact_force_x_N contact_force_y_N penetration_m "
-    "reservoir_J potential_J sent_J credited_J margin_J slack_J age_s transit_s",
+    "reservoir_J potential_J sent_J credited_J margin_J slack_J age_s transit_s bound_J work_J stored_J account_J",
 }
 UNITS = ("_m", "_mps", "_s", "_N", "_J")
 FOR_VIEWERS = {  # further topics that only viewers read, at most every 16 ms (tests/test_foxglove.py)

@@ -25,8 +25,9 @@ def test_shown_parameters_read_back_to_the_same(tmp_path: Path) -> None:
 
 
 def test_defaults_are_section_4s() -> None:
+    """But for the device's stiffness, 100 N/m there, that a rule chooses."""
     p = Params()
-    assert (p.device.stiffness, p.device.damping, p.world.stiffness, p.world.damping) == (100.0, 0.1, 500.0, 14.0)
+    assert (p.device.stiffness, p.device.damping, p.world.stiffness, p.world.damping) == (0.0, 0.1, 500.0, 14.0)
     assert (p.world.mass, p.world.wall.stiffness, p.world.wall.damping) == (0.02, 3000.0, 10.0)
     assert (p.device.servo_hz, p.device.pspm_period_s) == (1000.0, 0.005)
     assert (p.world.step_min_s, p.world.step_max_s) == (0.01, 0.05)

@@ -11,8 +11,10 @@ import pytest
 from hapnet.control import deadband
 from hapnet.couplings.registry import COUPLINGS
 from hapnet.params import Params
+from hapnet.realtime import account_teller
 from hapnet.transport import keys, probe, zenoh
 from hapnet.wire import (
+    account,
     control_sender,
     energy_channel,
     handshake,
@@ -61,6 +63,9 @@ CODE: dict[str, float] = {
     "a silent key is subscribed to again after [ms]": keys.SILENT_NS / MS,
     "least time between two frames of signals [ms]": signals.SPACING_NS / MS,
     "signals are repeated every [ms]": signals.REPEAT_NS / MS,
+    "an account is told every [ms]": account_teller.EVERY_NS / MS,
+    "least time between two accounts at the end [ms]": account_teller.AT_THE_END_NS / MS,
+    "an account that is not answered is repeated every [ms]": account.REPEAT_NS / MS,
     "telemetry [Hz]": 60.0,
     "probes that are answered [a second]": probe.MOST_HZ,
 }

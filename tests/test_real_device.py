@@ -154,6 +154,21 @@ def test_what_a_silence_hid_never_counts_as_energy_taken_in(to: float) -> None:
     assert rig.work - before == pytest.approx(-held * 0.5 * 0.005 if to > 0.0 else 0.0, rel=1e-9, abs=1e-15)
 
 
+def test_only_a_device_without_a_watchdog_of_its_own_is_held_less_after_an_overrun() -> None:
+    """100 N/m, 20 mm: 2 N. The servo is away for 202 ms at 0.5 m/s: 0.1 J cover 1 N over such a way."""
+    forces = []
+    for device in (Arm, Unguarded):
+        rig = Rig(device)
+        rig.tick(0.0)
+        rig.tick(0.0, ms=202)
+        assert rig.arm.told[-1] == (0.0,)
+        rig.side.coupling.receive((0.02,), 0.0, 0.0)
+        for _ in range(5):
+            rig.tick(0.0)
+        forces.append(rig.arm.told[-1][0])
+    assert forces == pytest.approx([2.0, 0.1 / 0.101], rel=0.02)
+
+
 def test_without_a_watchdog_of_its_own_the_whole_way_counts() -> None:
     rig = Rig(Unguarded)
     for _ in range(3):

@@ -127,8 +127,9 @@ def test_a_recording_of_before_all_this_is_read_as_it_was() -> None:
     assert recording.device["time_ns"].tolist() == list(range(20_000_000, 120_000_000, 10_000_000))
     assert recording.device["time_s"][0] == pytest.approx(0.009)
     assert recording.world["penetration_m"].shape == recording.world["age_s"].shape
-    for name in ("velocity_mps", "age_s", "transit_s"):
+    for name in ("velocity_mps", "age_s", "transit_s", "bound_J", "work_J", "operator_work_J"):
         assert np.isnan(recording.device[name]).all()
+    assert np.isnan(recording.world["work_J"]).all()
     assert "utc_origin_ns" not in recording.meta
     assert recording.summary is not None
     assert recording.summary["seed"] == 1

@@ -31,7 +31,7 @@ def sample(index: int) -> WorldSample:
 def test_samples_are_written_in_their_order_with_the_summary(tmp_path: Path) -> None:
     told: list[str] = []
     recorder = Recorder(tmp_path / "new" / "x.mcap", told.append)
-    assert not list((tmp_path / "new").iterdir())  # nothing before it is known what the recording is of
+    assert not (tmp_path / "new").exists()  # nothing before it is known what the recording is of
     for index in range(500):
         recorder.keep(sample(index))
         if index % 50 == 0:

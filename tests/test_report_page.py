@@ -102,7 +102,7 @@ def test_what_a_reader_wants_to_know_comes_in_that_order(simulated: Recording) -
     ]  # fmt: skip
     assert simulated.summary is not None
     theorem = simulated.summary["theorem"]
-    assert f"Passive: at most {theorem['energy_out_J'] * 1e3:.4g} of d² = 100 mJ ever came out" in found.sections[""]
+    assert f"Passive: at most {theorem['energy_out_J'] * 1e3:.4g} of d² = 150 mJ ever came out" in found.sections[""]
     assert f"margin {theorem['margin_end_J'] * 1e3:.4g} mJ at the end" in found.sections[""]
     run_of = found.sections["What was run"].split("\n")
     facts = dict(zip(run_of[::2], run_of[1::2], strict=False))
@@ -267,7 +267,9 @@ def test_that_virtual_time_records_no_events_is_told() -> None:
 def test_settings_with_units_and_meaning_and_what_differs_from_the_defaults(simulated: Recording) -> None:
     rows = {row.name: row for row in settings(simulated)}
     assert list(rows) == list(Params().flat())
-    assert rows["device.stiffness"][1:] == ("80.0", "100.0", "K [N/m]: a number, one per axis, or a matrix (rec.)")
+    given, default, meaning = rows["device.stiffness"][1:]
+    assert (given, default) == ("80.0", "0.0")
+    assert meaning.startswith("K [N/m]: a number, one per axis, or a matrix; 0: by what the device renders")
     assert rows["device.damping"].default == ""
     assert {row.name for row in rows.values() if row.default} == {"device.stiffness", "duration_s", "link.up"}
     found = page_of(simulated)
@@ -295,6 +297,8 @@ def test_settings_of_two_processes_and_of_another_version() -> None:
         "--set", "feel=paper", "--set", "duration_s=3.457", "--set", "device.servo=sampled",
         "--set", "operator_hand.start_periods=0.0", "--set", "world.mass=[[1.0, 0.0], [0.0, 2.0]]",
         "--set", "link.up=delay 1ms", "--set", "link.down=delay 2ms",
+        "--set", "contact_model.remembers=false", "--set", "contact_model.stop_s=0.0",
+        "--set", "contact_model.yields_below=0.0",
     ]  # fmt: skip
 
 

@@ -114,6 +114,7 @@ def run_pressed(scene: str, link: str, steps_s: tuple[float, float], seconds: fl
     params = Params().set({
         "scene": scene, "operator": "press", "link.up": link, "link.down": link, "duration_s": seconds,
         "operator_hand.goal_m": 0.033, "operator_hand.reach_s": 1.5, "operator_hand.hold_s": 0.3,
+        "device.stiffness": 100.0,
         "world.step_min_s": steps_s[0], "world.step_max_s": steps_s[1], **more,
     })  # fmt: skip
     simulation = Simulation(params, seed=3)

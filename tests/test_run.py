@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from hapnet import cli
+from hapnet.assembly import memory
 from hapnet.recording.mcap import read_recording
 from hapnet.transport.config import free_address
 from tests.conftest import ENVIRONMENT
@@ -92,7 +94,7 @@ def test_energy_that_passes_through_the_link_is_judged_at_both_ports_at_once(tmp
     summary = json.loads(stdout)
     margins = [summary[side]["ledger"]["margin_J"] for side in ("device", "world")]
     assert sum(margins) < -0.02
-    assert 0.0 <= summary["theorem"]["margin_J"] <= summary["theorem"]["bound_J"] == pytest.approx(0.1)
+    assert 0.0 <= summary["theorem"]["margin_J"] <= summary["theorem"]["bound_J"] == pytest.approx(0.15)
     files = [out / f"{side}.mcap" for side in ("device", "world")]
     for file in files:
         assert read_recording(file).meta["tuning"] == summary["tuning"] != {}
@@ -178,7 +180,7 @@ def test_a_run_whose_child_is_killed_says_so(tmp_path: Path) -> None:
         code, _, stderr = program.end()
         assert not program.alive
     assert code == 2
-    assert stderr == "hapnet: the device process ended with exit code -9\n"
+    assert stderr == "hapnet: the device process was killed by SIGKILL\n"
     torn = read_recording(out / "device.mcap")
     assert torn.torn
     assert torn.device is not None
@@ -234,6 +236,22 @@ def test_a_device_that_fails_ends_its_side_in_one_line(tmp_path: Path, monkeypat
     ):
         code, _, stderr = device.end()
     assert (code, stderr) == (2, FAILED)
+
+
+def test_a_run_that_is_too_long_for_memory_has_its_summary_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its recordings stay; only what needs both of them in memory is missing."""
+    monkeypatch.setattr(memory, "installed_bytes", lambda: 1e4)
+    out = tmp_path / "run"
+    assert cli.main(["run", "--duration", "1", "--out", str(out)]) == 3
+    line = capsys.readouterr().err
+    assert "no report: duration_s is" in line
+    assert "this machine has 10 kB" in line
+    summary = read_json(out / "summary.json")
+    assert summary["verdict"]["passive"]
+    assert summary["theorem"]["margin_J"] is not None
+    assert {path.name for path in out.glob("*.mcap")} == {"device.mcap", "world.mcap"}
 
 
 @pytest.mark.parametrize("first", [pytest.param("device", marks=pytest.mark.slow), "world"])

@@ -20,6 +20,7 @@ def device_sample(i: int, n: int = 2, origin: int = ORIGIN) -> DeviceSample:
     return DeviceSample(
         origin + i * 1_000_000, v, w, v, w, None if i % 2 else v, 0.05, 0.0, 1 / 3, 1e-9, 0.0, 0.1, -0.0, w, v, w,
         None if i % 3 else w, v, velocity_mps=w, age_s=0.01 + 1e-3 * i, transit_s=0.02,
+        bound_J=0.1, work_J=1e-3 * i, stored_J=0.02, account_J=0.08, operator_work_J=2e-3 * i,
     )  # fmt: skip
 
 
@@ -27,6 +28,7 @@ def world_sample(i: int, n: int = 2, origin: int = ORIGIN) -> WorldSample:
     v = tuple(0.1 * math.cos(0.3 * i + axis) for axis in range(n))
     return WorldSample(
         origin + i * 30_000_000, 0.03, v, v, v, v, v, v, -0.01, 0.05, 0.2, 0.0, 1e-9, 0.1, 0.2, 0.03, 0.01,
+        0.05, -1e-3 * i, 0.03, 0.02,
     )  # fmt: skip
 
 

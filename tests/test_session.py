@@ -10,7 +10,17 @@ import pytest
 
 from hapnet.errors import InvalidParameter
 from hapnet.wire.control_sender import MAX_REPLIES
-from hapnet.wire.events import Mismatch, Paired, PeerHeard, PeerRefused, PeerSilent, PositionReceived
+from hapnet.wire.events import (
+    Contradiction,
+    EnergyCredited,
+    Mismatch,
+    Paired,
+    PeerHeard,
+    PeerLeft,
+    PeerRefused,
+    PeerSilent,
+    PositionReceived,
+)
 from hapnet.wire.messages import Bye, Energy, Hello, Identity, Position, Refuse, Welcome, decode, encode
 from hapnet.wire.peer_monitor import Outages
 from hapnet.wire.session import Session, SessionSettings
@@ -276,11 +286,9 @@ def test_version_1_is_refused_in_words_that_it_understands() -> None:
         ("dimension", Position(2, 5, 0, (0.0, 0.0))),
         ("addressee", Energy(2, 9, 10, 0)),
         ("stranger", Energy(9, 1, 10, 0)),
-        ("acknowledgement", Energy(2, 1, 10, 1)),
         ("addressee", Welcome(8, 7, 1, "world", 1, "w", {})),
         ("stale", Welcome(8, 1, 10**6, "world", 1, "w", {})),
         ("stranger", Bye(8, 1, 0, "")),
-        ("acknowledgement", Bye(2, 1, 10, "")),
     ],
 )
 def test_bad_messages_are_counted_and_change_nothing(kind: str, message: Any) -> None:
@@ -288,6 +296,19 @@ def test_bad_messages_are_counted_and_change_nothing(kind: str, message: Any) ->
     assert device.receive(10**9, encode(message)) == ()  # long after the last position: a stranger is no rival
     assert device.dropped == {kind: 1}
     assert (device.peer, device.credited_nJ) == (world.identity, 0)
+
+
+def test_an_acknowledgement_of_what_was_never_announced_is_told_and_the_rest_counts() -> None:
+    """So that a forged total, which makes the other side acknowledge too much, does not end the stream back."""
+    _, device, _ = paired()
+    told, credited = device.receive(10**9, encode(Energy(2, 1, 10, 1)))
+    assert isinstance(told, Contradiction)
+    assert told.kind == "acknowledged"
+    assert credited == EnergyCredited(10)
+    assert device.receive(10**9, encode(Energy(2, 1, 15, 7))) == (EnergyCredited(5),)  # told once
+    assert (device.acked_nJ, device.dropped.total()) == (0, 0)
+    assert isinstance(device.receive(10**9, encode(Bye(2, 1, 10, "")))[-1], PeerLeft)
+    assert device.sums.contradictions == {"acknowledged": 3}
 
 
 def test_a_flood_of_strangers_costs_bounded_memory_and_replies() -> None:

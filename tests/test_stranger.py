@@ -11,13 +11,22 @@ from collections.abc import Iterator
 import msgpack
 import pytest
 
+from hapnet.assembly.build import device_session, prepare
 from hapnet.wire.events import PositionReceived
 from hapnet.wire.session import Session, SessionSettings
 from netem import Link, LinkProfile
 
 MS = 1_000_000
-VERSION, POSITION, ENERGY, HELLO, WELCOME, REFUSE, BYE = 2, 1, 2, 3, 4, 5, 6
-KEY = {POSITION: "position", ENERGY: "energy", HELLO: "control", WELCOME: "control", REFUSE: "control", BYE: "control"}
+VERSION, POSITION, ENERGY, HELLO, WELCOME, REFUSE, BYE, PROXY = 2, 1, 2, 3, 4, 5, 6, 10
+KEY = {
+    POSITION: "position",
+    PROXY: "position",
+    ENERGY: "energy",
+    HELLO: "control",
+    WELCOME: "control",
+    REFUSE: "control",
+    BYE: "control",
+}
 
 
 class Stranger:
@@ -40,6 +49,7 @@ class Stranger:
         self.ack_ns: int | None = None
         self.spaced_ns = 0
         self.said: list[tuple[str, bytes]] = []
+        self.knows_a_place = False
 
     def _say(self, kind: int, *elements: object) -> None:
         self.said.append((KEY[kind], msgpack.packb([VERSION, kind, self.me, *elements])))
@@ -115,7 +125,10 @@ class Stranger:
         """Send a position."""
         if self.peer:
             self.numbers += 1
-            self._say(POSITION, self.numbers, now_ns, position, *self.echo)
+            if self.knows_a_place:
+                self._say(PROXY, self.numbers, now_ns, position, 0, [0.0] * len(position), None, *self.echo)
+            else:
+                self._say(POSITION, self.numbers, now_ns, position, *self.echo)
 
     def poll(self, now_ns: int) -> Iterator[tuple[str, bytes]]:
         """All that is to be said now."""
@@ -163,8 +176,8 @@ class Talk:
         session, stranger = self.session, self.stranger
         for now in range(self.now, self.now + duration_ns, MS):
             if moving and now % (5 * MS) == 0 and session.peer is not None:
-                self.to_them.send(now, session.position(now, (1e-6 * now, -0.5)))
-                stranger.move(now + AHEAD, [0.25, 1e-6 * now])
+                self.to_them.send(now, session.position(now, (1e-6 * now, -0.5)[: stranger.dof]))
+                stranger.move(now + AHEAD, [0.25, 1e-6 * now][: stranger.dof])
             if energy and now % (7 * MS) == 0:
                 session.shuffle(1.7e-6)
                 stranger.sent += 1234
@@ -223,3 +236,22 @@ def test_it_is_refused_where_it_does_not_fit_and_understands_why() -> None:
     Talk(ours("device"), stranger, "").run(500 * MS)
     assert stranger.peer == 0
     assert stranger.refused == "stranger has 3 degrees of freedom, ours has 2"
+
+
+@pytest.mark.parametrize("feel", ["hapnet", "paper"])
+@pytest.mark.parametrize("sends_proxies", [True, False])
+def test_where_a_world_must_send_proxies(feel: str, sends_proxies: bool) -> None:
+    """The page says by which entry of the device's hello a world knows it; and what else comes is silence."""
+    session = device_session(prepare({"feel": feel}), 7)
+    stranger = Stranger("world", 1, 99)
+    stranger.knows_a_place = sends_proxies
+    talk = Talk(session, stranger, "")
+    talk.run(300 * MS)
+    talk.run(1000 * MS, moving=True)
+    assert session.identity.about["shared.contact_model"] is (feel == "hapnet")
+    if sends_proxies is session.identity.about["shared.contact_model"]:
+        assert session.outages(talk.now).received >= 200
+        assert "stream" not in session.dropped
+    else:
+        assert session.outages(talk.now).received == 0
+        assert session.dropped["stream"] >= 200

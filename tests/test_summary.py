@@ -75,8 +75,8 @@ def test_without_pspm_there_is_no_reservoir(simulated: Any) -> None:
 
 
 def test_both_reservoirs_full_bound_is_two_ceilings(simulated: Any) -> None:
-    """Everything starts at rest at ybar = x: d^2 = E(0) + E_0 = 0.05 J + 0.05 J, for either coupling."""
-    assert simulated.summary["theorem"]["bound_J"] == pytest.approx(0.1, rel=1e-12)
+    """Everything starts at rest at ybar = x: d^2 = E(0) + E_0 = 0.1 J + 0.05 J, for either coupling."""
+    assert simulated.summary["theorem"]["bound_J"] == pytest.approx(0.15, rel=1e-12)
 
 
 def test_margin_of_two_processes_is_the_sum_of_their_own() -> None:
@@ -182,20 +182,26 @@ def test_one_side_alone_has_no_theorem(device: Summary | None, world: Summary | 
 
 def test_energy_in_flight_is_what_neither_side_has() -> None:
     energy = both(side(0, 0, sent=100, credited=7, abandoned=20), side(0, 0, sent=10, credited=70))["energy"]
-    assert energy["up"] == {"sent_nJ": 100, "credited_nJ": 70, "in_flight_nJ": 10, "abandoned_nJ": 20}
-    assert energy["down"] == {"sent_nJ": 10, "credited_nJ": 7, "in_flight_nJ": 3, "abandoned_nJ": 0}
+    assert energy["up"] == {"sent_nJ": 100, "credited_nJ": 70, "in_flight_nJ": 10, "abandoned_nJ": 20, "early_J": None}
+    assert energy["down"] == {"sent_nJ": 10, "credited_nJ": 7, "in_flight_nJ": 3, "abandoned_nJ": 0, "early_J": None}
 
 
 def test_what_was_given_up_and_credited_nevertheless_is_not_abandoned() -> None:
     """The sender left before the acknowledgement came: of its 20 nJ the receiver has credited 15."""
     energy = both(side(0, 0, sent=100, credited=0, abandoned=20), side(0, 0, sent=0, credited=95))["energy"]
-    assert energy["up"] == {"sent_nJ": 100, "credited_nJ": 95, "in_flight_nJ": 0, "abandoned_nJ": 5}
+    assert energy["up"] == {"sent_nJ": 100, "credited_nJ": 95, "in_flight_nJ": 0, "abandoned_nJ": 5, "early_J": None}
 
 
 def test_one_side_knows_its_own_in_flight_and_not_what_was_credited() -> None:
     energy = both(side(0, 0, sent=100, credited=7, abandoned=20), None)["energy"]
-    assert energy["up"] == {"sent_nJ": 100, "credited_nJ": None, "in_flight_nJ": 3, "abandoned_nJ": 20}
-    assert energy["down"] == {"sent_nJ": None, "credited_nJ": 7, "in_flight_nJ": None, "abandoned_nJ": None}
+    assert energy["up"] == {"sent_nJ": 100, "credited_nJ": None, "in_flight_nJ": 3, "abandoned_nJ": 20, "early_J": None}
+    assert energy["down"] == {
+        "sent_nJ": None,
+        "credited_nJ": 7,
+        "in_flight_nJ": None,
+        "abandoned_nJ": None,
+        "early_J": None,
+    }
 
 
 def test_merge_takes_from_each_process_its_own() -> None:

@@ -17,7 +17,7 @@ from hapnet.couplings.registry import COUPLINGS
 from hapnet.params import Params
 from hapnet.simulation.simulation import Simulation, simulate
 from hapnet.summary.run import combine, device_summary, judged, with_wire, world_summary
-from hapnet.summary.verdict import broken, judge
+from hapnet.summary.verdict import broken, judge, overloaded
 from hapnet.wire.messages import Energy, decode, encode
 from tests.fuzzing.rig import MS, Rig
 
@@ -98,7 +98,8 @@ DOUBTS: dict[str, tuple[dict[str, Any], str]] = {
     "restart": ({"world.incarnations": 2, "theorem.margin_J": None}, "a side was started anew"),
     "torn": ({"torn": ["device"]}, "the device's recording is torn"),
     "blur": ({"device.quantisation_J": 0.11}, "the encoders blur the account by up to 110 mJ, more than the margin of"),
-    "servo away": ({"device.overrun_leak_J": 0.0058}, "watchdog_s, 5.8 mJ came out beyond the reserve"),
+    "servo away": ({"device.overrun_leak_J": 0.0058}, "watchdog_s: 5.8 mJ came out beyond the account"),
+    "world's account": ({"environment": {"env_diverged": True}}, "the world's own account is no finite number"),
     "speed": (
         {"device.speed_max_mps": 1.2, "device.speed_limit_mps": 1.0},
         "the device moved at 1.2 m/s, and declares",
@@ -114,6 +115,52 @@ def test_what_keeps_it_from_being_known(changes: dict[str, Any], words: str) -> 
     assert not broken(but(changes))
     worse = but({**changes, "device": {**SIDE, "ledger": {"slack_J": -1.0}}})
     assert judge(worse)["passive"] is False  # what is missing does not excuse what is known
+
+
+AWAY = {"device.servo": {"overruns": 1076, "longest_ms": 239.7}, "device.overrun_leak_J": 0.0072}
+HELD = {"theorem.margin_J": -0.007, "device.ledger": {"margin_J": -0.0071}, "environment": {"env_slack_J": 0.0}}
+
+
+def test_what_held_forces_put_out_while_the_servo_was_away_is_the_servos() -> None:
+    found = judge(but({**HELD, **AWAY}))
+    assert found["passive"] is False
+    assert "energy came from the servo (7 mJ)" in found["reason"]
+    assert "1076 times, for up to 240 ms: 7.2 mJ came out beyond the account" in found["reason"]
+    assert "coupling" not in found["reason"]
+    assert not broken(but({**HELD, **AWAY}))
+    line = overloaded(but({**HELD, **AWAY}))
+    assert line is not None
+    assert line.startswith("not passive, because of the servo and not of the coupling: the servo was away")
+
+
+@pytest.mark.parametrize(
+    "worse",
+    [
+        {"theorem.margin_J": -0.0073},
+        {"device.ledger": {"margin_J": -0.0073}},
+        {"device.ledger": {"margin_J": -0.0071, "slack_J": -1e-8}},
+        {"world.ledger": {"margin_J": -1e-8}},
+        {"energy.down": FLOW | {"credited_nJ": 11}},
+        {"hand": {"margin_J": -0.0073}},
+    ],
+)
+def test_a_servo_that_was_away_excuses_nothing_else(worse: dict[str, Any]) -> None:
+    changes = {**HELD, **AWAY, **worse}
+    assert judge(but(changes))["passive"] is False
+    assert broken(but(changes))
+    assert overloaded(but(changes)) is None
+    if "theorem.margin_J" in worse:
+        assert "energy came from the servo (7.2 mJ), the coupling (0.1 mJ)" in judge(but(changes))["reason"]
+
+
+def test_of_a_simulated_device_the_margins_tell_what_an_overrun_did() -> None:
+    """Its port is known all the way; of a real one it is not, so there the same is a doubt."""
+    changes = {**AWAY, "device.deficit_max_J": 0.0072}
+    found = judge(but({**changes, "device.hand_work_J": 0.3}))
+    assert found["passive"] is True
+    assert found["reason"].endswith("1076 times, for up to 240 ms: 7.2 mJ came out beyond the account")
+    assert judge(but(changes))["passive"] is None
+    assert judge(but({**changes, "device.hand_work_J": 0.3, "device.deficit_max_J": 0.0073}))["passive"] is None
 
 
 @pytest.mark.parametrize(
@@ -323,3 +370,22 @@ def test_a_law_of_ones_own_is_held_to_its_claim_where_it_runs_but_not_by_a_file_
     assert broken(summary, spec=claiming)
     assert not broken(summary, spec=Mine)  # which claims nothing
     assert not broken(summary)
+
+
+def test_a_servo_that_was_away_for_too_long_ends_with_3(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = Simulation.run
+
+    def away(self: Simulation, progress: Any = None) -> Any:
+        result = run(self, progress)
+        result.summary["device"] = {**result.summary["device"], **but(AWAY)["device"], **but(HELD)["device"]}
+        result.summary["theorem"]["margin_J"] = -0.007
+        result.summary.update(judged(result.summary))
+        return result
+
+    monkeypatch.setattr(Simulation, "run", away)
+    assert cli.main(["simulate", "--no-files", "--duration", "0.2"]) == 3
+    out, err = capsys.readouterr()
+    assert out.startswith("NOT passive: ")
+    assert "hapnet: not passive, because of the servo and not of the coupling: the servo was away" in err

@@ -210,15 +210,15 @@ def test_holding_the_last_wave_is_not_passive_where_waves_are_lost(missing: str,
 def test_the_rule() -> None:
     tune = COUPLINGS["wave"].tune
     delays = Delays(0.035, 0.118)
-    by_rule = tune(params(), delays)
+    by_rule = tune(params(device__stiffness=100.0), delays)
     assert by_rule.impedance_Ns_m == 5.0
     assert by_rule.damping_Ns_m == 5.0
     assert by_rule.stiffness_N_m == pytest.approx(1000.0)  # the line alone is softer than device.stiffness
     assert by_rule.longest_wait_s == pytest.approx(0.3)
-    stiff = tune(params(wave__impedance=50.0), delays)
+    stiff = tune(params(device__stiffness=100.0, wave__impedance=50.0), delays)
     wait = 0.035 + 0.05 + 0.048
     assert 1.0 / stiff.stiffness_N_m + wait / 50.0 == pytest.approx(1.0 / 100.0)
-    own = tune(params(wave__stiffness=300.0, wave__damping=2.0), delays)
+    own = tune(params(device__stiffness=100.0, wave__stiffness=300.0, wave__damping=2.0), delays)
     assert (own.stiffness_N_m, own.damping_Ns_m) == (300.0, 2.0)
 
 

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import os
 import subprocess
 import sys
 import textwrap
@@ -49,9 +51,34 @@ def test_flags_and_overrides_come_after_the_file_and_defaults_never_undo_it(tmp_
 
 def test_a_peer_that_only_scouts_listens_on_a_free_port() -> None:
     settings = ZenohSettings(multicast_scouting=True)
-    assert value(settings, "listen/endpoints") == ["tcp/[::]:0"]
+    assert value(settings, "listen/endpoints") == ["tcp/127.0.0.1:0"]
+    assert value(settings, "scouting/multicast/interface") == "127.0.0.1"
     strategy = zenoh_config(settings).get_json("scouting/multicast/autoconnect_strategy")
     assert '"to_peer":"greater-zid"' in strategy
+
+
+def listening() -> set[str]:
+    """The addresses and ports on which this process accepts connections, as Linux tells them: in hexadecimal."""
+    own: set[str] = set()
+    for entry in Path("/proc/self/fd").iterdir():
+        with contextlib.suppress(FileNotFoundError):  # that of the directory itself
+            own.add(os.readlink(entry))
+    found = set()
+    for table in ("tcp", "tcp6"):
+        for line in Path(f"/proc/self/net/{table}").read_text("ascii").splitlines()[1:]:
+            fields = line.split()
+            if fields[3] == "0A" and f"socket:[{fields[9]}]" in own:
+                found.add(fields[1])
+    return found
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
+async def test_without_endpoints_two_sides_find_each_other_and_only_this_machine_reaches_them() -> None:
+    alone, before = ZenohSettings(multicast_scouting=True), listening()
+    world, device = (Side(role, alone, session=f"alone-{os.getpid()}") for role in ("world", "device"))
+    async with opened(world, device):
+        await paired(world, device)
+        assert {place.partition(":")[0] for place in listening() - before} == {"0100007F"}
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-LIGHT = "--set operator_hand.mass=0.1 --set operator_hand.damping=1"
 LINK = "--delay 40ms --jitter 10ms --loss 2%"
 COMPARED = "--deadband 0 --seeds 5:17 --operator hand-5 --operator hand-6 --operator hand-7 --case 4g,hand-6,5"
 LINKS = "--link lan --link 4g --link intercontinental --link leo --link wifi"
@@ -25,7 +24,7 @@ LINKS = "--link lan --link 4g --link intercontinental --link leo --link wifi"
 
 @dataclass(frozen=True)
 class Recipe:
-    """Commands of hapnet, which write into DIR, and which of its files is which picture.
+    """Commands of hapnet or programs of this folder, which write into DIR, and which of its files is which picture.
 
     {data} in a command is the directory with the recorded inputs, which are not part of this repository.
     """
@@ -46,10 +45,8 @@ def scene(picture: str, flags: str) -> Recipe:
 
 RECIPES = (
     simulated("run.png", f"{LINK} --seed 1"),
-    simulated(
-        "without-pspm.png", f"--scene free --operator sine --profile 4g {LIGHT} --seed 1 --coupling zoh --feel paper"
-    ),
-    simulated("with-pspm.png", f"--scene free --operator sine --profile 4g {LIGHT} --seed 1"),
+    Recipe(("examples.pictures.credit --out DIR",), {"credit.png": "credit.png"}),
+    Recipe(("examples.pictures.ten_minutes --out DIR",), {"ten-minutes.png": "ten-minutes.png"}),
     scene(
         "mesh.png",
         "--scene 'mesh:examples/ring.obj?unit=mm&friction=0.3' --operator hand-6 --profile 4g --duration 20 --seed 3",

@@ -6,21 +6,24 @@ import dataclasses
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
 from hapnet.assembly.operators import LIVE as LIVE
 from hapnet.assembly.operators import operator
+from hapnet.assembly.own_parts import named_failures, require_parts
+from hapnet.assembly.springs import with_springs
 from hapnet.assembly.units import check_units
 from hapnet.assembly.user_device import UserDevice, servo_rate
 from hapnet.checks import Vector
-from hapnet.control.coupling import DeviceCoupling, WorldCoupling
+from hapnet.control.coupling import DeviceCoupling, DeviceLaw, LawServo, LawSteps, WorldCoupling, WorldLaw
 from hapnet.control.set_position_servo import ContinuousServo, Harvest
 from hapnet.couplings import held_torque
 from hapnet.couplings.deadband import deadband
+from hapnet.couplings.felt import Felt, felt
 from hapnet.couplings.link_delays import delays
-from hapnet.couplings.registry import coupling
+from hapnet.couplings.registry import coupling, known
 from hapnet.couplings.spec import CouplingSpec, CouplingStart
 from hapnet.errors import InvalidParameter
 from hapnet.params import DeviceParams, Params, WorldParams, as_params
@@ -38,10 +41,13 @@ from hapnet.side.sampled_device import SampledDeviceSide
 from hapnet.side.world import WorldSide
 from hapnet.wire.handshake import RESERVOIR, SHARED
 from hapnet.wire.messages import Role
+from hapnet.wire.secret import Secret
 from hapnet.wire.session import Session, SessionSettings
 from netem import LinkProfile, Timeline
 
 _DEFAULTS = Params()
+_LAWS: dict[type, type] = {LawServo: DeviceLaw, LawSteps: WorldLaw}
+End = TypeVar("End")
 
 _SCENE_PARAMETERS = {
     "stiffness": "world.wall.stiffness",
@@ -86,6 +92,14 @@ class Setup:
         """The tuning by its fields' names, as recordings and summaries contain it."""
         return dataclasses.asdict(self.tuning)
 
+    @property
+    def felt(self) -> Felt:
+        """How stiff the stiffest wall is felt; in a scene without flat walls that reads it, `world.wall.stiffness`."""
+        walls = [wall.stiffness for wall in self.scene.walls]
+        if not walls and "stiffness" in scene_parameters(self.params.scene):
+            walls = [self.params.world.wall.stiffness]
+        return felt(self.params, self.coupling.scaled, max(walls, default=None))
+
 
 def prepare(params: Params | Mapping[str, object], default_servo: str = "sampled") -> Setup:
     """Check the parameters against each other, and resolve "auto": for the servo it stands for `default_servo`.
@@ -97,9 +111,15 @@ def prepare(params: Params | Mapping[str, object], default_servo: str = "sampled
     InvalidParameter : names the parameter that does not fit.
     """
     params = as_params(params)
+    with named_failures(params):
+        return _prepared(params, default_servo)
+
+
+def _prepared(params: Params, default_servo: str) -> Setup:
     scene, warnings = _scene(params)
     if (rate_hz := servo_rate(params)) != params.device.servo_hz:
         params = params.set({"device.servo_hz": rate_hz})
+    params = with_springs(params)
     check_units(params, scene.dof)
     device = params.device
     spec = coupling(params.coupling)
@@ -164,14 +184,14 @@ def _timeline(text: str) -> Timeline | None:
     return Timeline.parse(text) if text else None
 
 
-def device_session(setup: Setup, incarnation: int, name: str = "device") -> Session:
+def device_session(setup: Setup, incarnation: int, name: str = "device", secret: Secret | None = None) -> Session:
     """The device's protocol state, for one start of the process."""
-    return _session(setup, "device", name, incarnation)
+    return _session(setup, "device", name, incarnation, secret)
 
 
-def world_session(setup: Setup, incarnation: int, name: str = "world") -> Session:
+def world_session(setup: Setup, incarnation: int, name: str = "world", secret: Secret | None = None) -> Session:
     """The world's protocol state, for one start of the process."""
-    return _session(setup, "world", name, incarnation)
+    return _session(setup, "world", name, incarnation, secret)
 
 
 def device_side(
@@ -276,7 +296,7 @@ def world_side(setup: Setup, endpoint: WorldControl, rng: np.random.Generator, w
     mass = virtual_mass(setup)
 
     def make_coupling(position: Vector, kinetic: float, empty: bool = False) -> WorldCoupling:
-        return setup.coupling.world(_start(setup, world, position, empty, kinetic))
+        return _end(setup, setup.coupling.world, WorldCoupling, _start(setup, world, position, empty, kinetic))
 
     make_coupling(mass.position, 0.0)  # so that an error shows now and not at pairing
     return WorldSide(endpoint, mass, setup.scene, make_coupling, rng=rng, write=write, name=setup.params.scene)
@@ -288,6 +308,17 @@ def _start(
     """What an end of the coupling is made from; `empty`: the side has restarted, so it begins without energy."""
     energy = 0.0 if empty else side.ceiling_J
     return CouplingStart(setup.params, setup.tuning, position, energy, kinetic, setup.harvest)
+
+
+def _end(setup: Setup, make: Callable[[CouplingStart[Any]], End], kind: type, start: CouplingStart[Any]) -> End:
+    """One end of the coupling. HapnetError if it is a user's own, and cannot be made or lacks a part."""
+    with named_failures(setup.params):
+        end = make(start)
+    if known(setup.params.coupling) is None:
+        require_parts(f"the coupling {setup.params.coupling}", end, kind)
+        if isinstance(end, LawServo | LawSteps):
+            require_parts(f"the coupling {setup.params.coupling}", end.law, _LAWS[type(end)])
+    return end
 
 
 def _continuous(setup: Setup) -> Callable[[Vector, float, bool], ContinuousServo]:
@@ -304,12 +335,12 @@ def _held(setup: Setup) -> Callable[[Vector, bool], DeviceCoupling]:
     device = setup.params.device
 
     def make(position: Vector, empty: bool = False) -> DeviceCoupling:
-        return setup.coupling.device(_start(setup, device, position, empty))
+        return _end(setup, setup.coupling.device, DeviceCoupling, _start(setup, device, position, empty))
 
     return make
 
 
-def _session(setup: Setup, role: Role, name: str, incarnation: int) -> Session:
+def _session(setup: Setup, role: Role, name: str, incarnation: int, secret: Secret | None) -> Session:
     wire = setup.params.wire
     side = setup.params.device if role == "device" else setup.params.world
     return Session(
@@ -331,7 +362,9 @@ def _session(setup: Setup, role: Role, name: str, incarnation: int) -> Session:
             spacing_ns=round(wire.energy_spacing_s / NANO),
             silence_ns=round(side.silence_after_s / NANO),
             expects=setup.coupling.sends("world" if role == "device" else "device", setup.params),
+            tells_sums=secret is not None,
         ),
+        secret=secret,
     )
 
 

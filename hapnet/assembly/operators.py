@@ -74,7 +74,7 @@ def _moving(params: Params, scene: World) -> Operator:
     if name == "press":
         goal = _along(scene, hand.goal_m)
         return Press(start, goal, impedance, reach=hand.reach_s, hold=hand.hold_s, wait=hand.wait_s)
-    if found := re.fullmatch(r"hand-(\d{1,9})", name):
+    if found := re.fullmatch(r"hand-([1-9]\d{0,8})", name):
         return _generated(int(found[1]), _along(scene, 1.0))
     if is_recording(name):
         return recorded_hand(name, dof, impedance, reach)

@@ -22,7 +22,7 @@ from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.devices.registry import known, options, resolve
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
-from hapnet.loading import cause, load
+from hapnet.loading import FAILURES, cause, load
 from hapnet.params import DeviceParams, Params
 from hapnet.plant.device import Device
 from hapnet.plant.operating_range import SPEED_MPS, NamedValue, OperatingRange, operating_range
@@ -105,6 +105,9 @@ _UNIT = 1e-3
 _MOST_TOLD = 2.0
 """A driver may tell a force up to so many times its limit, as currents overshoot. Beyond, the unit is wrong."""
 
+_MOST_TOLD_N = 1e4
+"""No device that a hand holds renders more [N], whatever its limit."""
+
 THERMAL_S = 10.0
 """Time constant of a device that declares a continuous force, but not how fast its actuators heat up [s]."""
 
@@ -128,7 +131,7 @@ class UserDevice:
             self.device: Device = make(dof=dof)
         except HapnetError as error:  # the driver says what is wrong
             raise HapnetError(f"the device {name} cannot be made: {error}") from error
-        except Exception as error:
+        except FAILURES as error:
             raise InvalidParameter("hardware", name, f"{allowed()}, made with dof ({cause(error)})") from error
         self._tells_acted, self._tells_turned = self._can("acted"), self._can("orientation")
         self._tells_interval = self._can("interval")
@@ -185,7 +188,7 @@ class UserDevice:
             driver.home()
         except HapnetError as error:  # the driver says what to do first
             raise HapnetError(f"the device {self.name} is not ready: {error}") from error
-        except Exception as error:
+        except FAILURES as error:
             raise HapnetError(f"the device {self.name} failed: home() raised {cause(error)}") from error
 
     def read(self) -> tuple[Vector, Vector]:
@@ -269,7 +272,7 @@ class UserDevice:
             return getattr(self.device, part)(*given)
         except DeviceSilent:
             raise
-        except Exception as error:
+        except FAILURES as error:
             raise HapnetError(f"the device {self.name} failed: {part}() raised {cause(error)}") from error
 
     def _wrong(self, part: str, told: object, wanted: str) -> HapnetError:
@@ -291,6 +294,8 @@ class UserDevice:
             raise self._wrong(part, force, wanted)
         if self.force_limit is not None and math.hypot(*force) > _MOST_TOLD * self.force_limit:
             raise self._wrong(part, force, f"a force within its force_limit, {self.force_limit:g} N (is the unit N?)")
+        if math.hypot(*force) > _MOST_TOLD_N:
+            raise self._wrong(part, force, f"a force of {_MOST_TOLD_N:g} N at most (is the unit N?)")
         return force
 
     def _first_reading(self) -> tuple[Vector, Vector]:

@@ -7,11 +7,13 @@ from math import isfinite
 
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.loading import cause, load
+from hapnet.loading import FAILURES, cause, load
 from hapnet.plant.operating_range import in_millimetres
 from hapnet.plant.operator import Impedance, Operator
 
-ALLOWED = "rest, sine, press, hand-N, a recording's path (.csv, .mcap), or module:Class taking dof and impedance"
+ALLOWED = (
+    "rest, sine, press, hand-N (N from 1), a recording's path (.csv, .mcap), or module:Class taking dof and impedance"
+)
 
 
 class UserOperator:
@@ -32,7 +34,7 @@ class UserOperator:
         try:
             self._operator: Operator = make(dof=dof, impedance=impedance)
             self._axes = len(self._operator.reference(0.0))
-        except Exception as error:
+        except FAILURES as error:
             raise InvalidParameter("operator", name, f"{ALLOWED} ({cause(error)})") from error
         if not isinstance(getattr(self._operator, "impedance", None), Impedance):
             raise InvalidParameter("operator", name, f"{ALLOWED}; what it makes has no impedance")
@@ -46,7 +48,7 @@ class UserOperator:
         """x_d [m] at `t` [s]; HapnetError if the operator fails."""
         try:
             x = tuple(map(float, self._operator.reference(t)))
-        except Exception as error:
+        except FAILURES as error:
             raise HapnetError(f"the operator {self.name} failed: reference({t:g}) raised {cause(error)}") from error
         if len(x) != self._axes or not isfinite(sum(x)):
             wanted = f"{self._axes} finite numbers"

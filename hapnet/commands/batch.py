@@ -34,10 +34,10 @@ def seed_range(words: str) -> range:
     ------
     InvalidParameter : these are not two whole numbers, or there is no seed between them.
     """
-    found = re.fullmatch(r"(\d+):(\d+)", words.strip())
+    found = re.fullmatch(r"(\d{1,18}):(\d{1,18})", words.strip())
     seeds = range(int(found[1]), int(found[2])) if found else range(0)
     if not seeds:
-        raise InvalidParameter("--seeds", words, "A:B, the seeds from A to B - 1, such as 0:1000")
+        raise InvalidParameter("--seeds", words, "A:B, the seeds from A to B - 1, of 18 digits at most, such as 0:1000")
     return seeds
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,51 +12,48 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hapnet.commands import complete, output
+from hapnet.commands.compare_plan import drawn_case, plans_of
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
 from hapnet.params import COUPLING_NAMES, Params
-from netem.presets import PRESETS
-from netem.units import format_path
+from hapnet.study.sections import FULL, QUICK
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from hapnet.study.compare import Case, Group, Outcome, Plan
-    from hapnet.study.journal import Journal
-
-LINKS = {"ideal": "ideal", "lan": "lan", "4g": "4g", "intercontinental": "wan-intercontinental"}
-"""The default links, each with its profile; `--link` takes these names too."""
-
-OPERATORS = ("press", "sine", "press@light", "sine@light")
-
-BASE = Params().set({"device.servo": "sampled", "operator_hand.end_hold_s": 3.0})
-"""All cases have the sampled servo of real hardware, at 1 kHz. The hand holds still at the end, which shows a swing."""
-
-NOTICED = 0.1
-"""The first coupling is also tried with this Weber fraction: people notice about a tenth."""
-
-_OWN = {
-    "coupling": "--coupling",
-    "operator": "--operator",
-    "link.up": "--link",
-    "link.down": "--link",
-    "wire.deadband": "--deadband",
-}
-"""Parameters that a comparison varies, and their flags."""
+    from hapnet.study.spec import Case as SpecCase
 
 _LINKS = "What is compared"
+
+PAGE = "compare.md"
+"""The tables of a comparison as Markdown; of all sections together, in the directory above theirs."""
+
+_SHORT_S, _AT_ONCE_S = 5.0, 300.0
+"""How long a case is run at most to estimate its time, and how much simulated time in all takes too little to tell [s].
+"""
 
 
 @dataclass(frozen=True)
 class CompareOptions:
     """What is compared, and what is shown."""
 
+    bench: Annotated[
+        str,
+        typer.Option(
+            metavar="quick|full|SECTION[,SECTION]",
+            help=f"quick: {QUICK.about}. full: {', '.join(FULL)}; or some of these sections. Couplings, links, "
+            "operators, seeds and parameters that are given count for all of them.",
+            rich_help_panel=_LINKS,
+            autocompletion=complete.words("quick", "full", *FULL),
+        ),
+    ] = "quick"
     coupling: Annotated[
         list[str] | None,
         typer.Option(
             metavar="NAME[:PARAM=VALUE...]",
             help="A coupling to compare, parameters of its own after colons; repeat it, or separate by commas: "
-            "pspm,pspm:feel=paper,zoh. Default: all.",
+            "pspm,pspm:feel=paper,zoh. Default: all (--bench full: see --dry-run).",
             rich_help_panel=_LINKS,
             autocompletion=complete.words(*COUPLING_NAMES),
         ),
@@ -66,7 +63,7 @@ class CompareOptions:
         typer.Option(
             metavar="NAME[=WORDS[|WORDS]]",
             help="A profile, or a name and tc-netem's words (up|down if they differ); may be repeated. "
-            f"Default: {', '.join(LINKS)}.",
+            f"Default: {', '.join(QUICK.links)}.",
             rich_help_panel=_LINKS,
             autocompletion=complete.profiles,
         ),
@@ -82,21 +79,24 @@ class CompareOptions:
     operator: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="NAME[@light]",
+            metavar="NAME[@light][:PARAM=VALUE...]",
             help="rest, sine, press, hand-N (generated) or a recording's path; may be repeated. @light: relaxed. "
-            f"Default: {', '.join(OPERATORS)}.",
+            f"Parameters of its own after colons. Default: {', '.join(QUICK.operators)}.",
             rich_help_panel=_LINKS,
             autocompletion=complete.operators,
         ),
     ] = None
-    seeds: Annotated[str, typer.Option(metavar="A:B", help="Seeds from A to B - 1.", rich_help_panel=_LINKS)] = "0:3"
+    seeds: Annotated[
+        str | None,
+        typer.Option(metavar="A:B", help="Seeds from A to B - 1.", rich_help_panel=_LINKS, show_default=QUICK.seeds),
+    ] = None
     deadband: Annotated[
         str | None,
         typer.Option(
             metavar="W[,W]",
             help="Perceptual deadbands, as Weber fractions; each coupling is tried with each. 0: none.",
             rich_help_panel=_LINKS,
-            show_default="0, and the first coupling with 0.1 too",
+            show_default="0; with --bench quick and all couplings the first one with 0.1 too",
         ),
     ] = None
     workers: Annotated[int, typer.Option(min=0, help="Number of processes; 0: one per core.")] = 0
@@ -111,7 +111,8 @@ class CompareOptions:
     files: Annotated[
         bool,
         typer.Option(
-            "--files/--no-files", help="Write compare.json, compare.csv (medians and quartiles), figures and a journal."
+            "--files/--no-files",
+            help="Write compare.json, compare.csv (medians and intervals), compare.md, figures and a journal.",
         ),
     ] = True
     fresh: Annotated[bool, typer.Option("--fresh", help="Discard an earlier comparison in --out, and start again.")] = (
@@ -125,62 +126,86 @@ class CompareOptions:
 
 def main(params: Params, given: CompareOptions, json_to: str | None, out: Path | None) -> int:
     """Compare, and show the result. Returns 0 even if cases failed (the tables show them), 4 if a claim was broken."""
+    from hapnet.report.files import save
     from hapnet.study import tables
-    from hapnet.study.journal import Journal
 
     words = output.console(json_to)
     if given.metrics:
         words.print(tables.definitions())
         return 0
-    plan = plan_of(params, given)
-    drawn = drawn_case(plan, given.case)
-    spec = plan.spec
+    plans = plans_of(params, given)
+    drawn = {name: drawn_case(plan, given.case) for name, plan in plans.items()}
+    _announce(words, plans, given)
     if given.dry_run:
-        _show(words, plan, given.workers)
         return 0
+    written = output.Written()
+    whole: dict[str, dict[str, Any]] = {}
     with ExitStack() as stack:
         if given.files:
             directory = output.run_directory(out, "compare")
         else:
             directory = Path(stack.enter_context(TemporaryDirectory(prefix="hapnet-compare-")))
-        journal = Journal.create_or_resume(directory, spec, spec.cases(), fresh=given.fresh)
-        stack.callback(journal.close)
-        return _compare(words, plan, drawn, journal, directory, given, json_to)
+        for name, plan in plans.items():
+            title = f"{name}: {FULL[name].about}" if name else QUICK.about
+            if name:
+                words.print(f"\n{title}", style="bold", markup=False)
+            its = output.run_directory(directory / name, None)
+            code = _compare(words, plan, drawn[name], its, title, given, written, whole.setdefault(name, {}))
+            if code:
+                return code
+        pages = [file for name in plans if name and (file := directory / name / PAGE).exists()]
+        if pages:
+            with written.part():
+                save("\n".join(file.read_text("utf-8") for file in pages).encode(), directory / PAGE, "the tables")
+    with written.part():
+        output.write_json(whole.get("", {"sections": whole}), json_to)
+    return written.code()
 
 
 def _compare(
     words: Console,
     plan: Plan,
     drawn: Case,
-    journal: Journal,
     directory: Path,
+    title: str,
     given: CompareOptions,
-    json_to: str | None,
+    written: output.Written,
+    whole: dict[str, Any],
 ) -> int:
+    """Run one plan and show it; `whole` gets all of it. Returns the exit code if it was stopped, else 0."""
     from hapnet.commands.studies import run_missing
     from hapnet.simulation.processes import usable_cores
     from hapnet.study import compare, tables, tunings
     from hapnet.study.backend import local_workers
     from hapnet.study.case import kept
+    from hapnet.study.journal import Journal
 
-    journal.forget_failed()
-    workers = given.workers or usable_cores()
-    ran = run_missing(words, journal, "comparing", lambda cases: local_workers(min(workers, cases)))
-    if ran.stopped is not None:
-        return ran.stop(f"with --out {directory} the same command goes on" if given.files else "nothing is kept")
-    outcomes = plan.outcomes(journal.rows())
+    spec = plan.spec
+    journal = Journal.create_or_resume(directory, spec, spec.cases(), fresh=given.fresh)
+    try:
+        journal.forget_failed()
+        workers = given.workers or usable_cores()
+        ran = run_missing(words, journal, "comparing", lambda cases: local_workers(min(workers, cases)))
+        if ran.stopped is not None:
+            top = directory if given.bench == "quick" else directory.parent
+            again = f"with --out {top} the same command goes on" if given.files else "nothing is kept"
+            return ran.stop(again)
+        outcomes = plan.outcomes(journal.rows())
+    finally:
+        journal.close()
     if all(one.error is not None for one in outcomes):
         raise InvalidParameter("--coupling", list(plan.couplings), f"cases that run; none did: {outcomes[0].error}")
     found = compare.groups(plan, outcomes)
-    whole = tables.as_dict(plan, outcomes, found)
+    whole |= tables.as_dict(plan, outcomes, found)
     whole["wall_clock"] = {"cases": len(outcomes), "seconds": ran.lasted_s, "workers": workers}
-    written = output.Written()
     there = []
     if given.files:
         with Progress(output.progress_console(), "drawing"):
-            there = _write(directory, plan, drawn, outcomes, found, whole, written)
+            there = _write(directory, title, plan, drawn, outcomes, found, whole, written)
     for table in tables.tables(plan, found, words.width):
         words.print(table, soft_wrap=False)
+    for line in tables.headline(plan, found):
+        words.print(line, style="bold", markup=False, soft_wrap=False)
     words.print(tables.note(plan), markup=False, soft_wrap=False)
     if (chosen := tunings.table(plan)).row_count:
         words.print(chosen, soft_wrap=False)
@@ -193,27 +218,60 @@ def _compare(
     for one in outcomes:
         if one.measures is not None and not kept(one.measures):
             written.broken.append(f"{one.case}: the coupling claims to be passive, and was not")
-    with written.part():
-        output.write_json(whole, json_to)
-    return written.code()
+    return 0
 
 
-def _show(words: Console, plan: Plan, workers: int) -> None:
-    """Say what would be compared, and how long it takes."""
-    from hapnet.commands.studies import check_cases, estimate_cases
+def _announce(words: Console, plans: Mapping[str, Plan], given: CompareOptions) -> None:
+    """Say how many cases there are and, unless that is at once, how long they take."""
+    from hapnet.commands.studies import check_cases
 
-    cases = plan.spec.cases()
-    parts = [(plan.variants, "coupling"), (plan.links, "link"), (plan.operators, "operator"), (plan.seeds, "seed")]
-    told = [f"{len(values)} {name}{'s' * (len(values) != 1)}" for values, name in parts]
-    words.print(f"{len(cases)} cases: {', '.join(told)}")
-    for values, name in parts:
-        words.print(f"  {name}: {'; '.join(map(str, values))}", markup=False)
-    can_run = check_cases(words, plan.spec, cases)
-    estimate_cases(words, plan.spec.fixed, can_run, len(can_run), workers)
+    cases = {name: plan.spec.cases() for name, plan in plans.items()}
+    for name, plan in plans.items():
+        parts = [(plan.variants, "coupling"), (plan.links, "link"), (plan.operators, "operator"), (plan.seeds, "seed")]
+        told = [f"{len(values)} {part}{'s' * (len(values) != 1)}" for values, part in parts]
+        words.print(f"{name}{': ' * bool(name)}{len(cases[name])} cases: {', '.join(told)}", markup=False)
+        if given.dry_run:
+            for values, part in parts:
+                words.print(f"  {part}: {'; '.join(map(str, values))}", markup=False)
+            cases[name] = check_cases(words, plan.spec, cases[name])
+    simulated_s = sum(len(cases[name]) * plan.params.duration_s for name, plan in plans.items())
+    if given.dry_run or simulated_s > _AT_ONCE_S:
+        _tell_time(words, plans, cases, given.workers)
+
+
+def _tell_time(
+    words: Console, plans: Mapping[str, Plan], cases: Mapping[str, Sequence[SpecCase]], workers: int
+) -> None:
+    """Print how long these cases take, by the first seconds of a few of each plan."""
+    from hapnet.commands.studies import Kind, estimate
+    from hapnet.study.spec import params_of
+    from hapnet.study.task import run_case
+
+    kinds: list[Kind[tuple[Plan, SpecCase]]] = []
+    failed: list[str] = []
+
+    def params(part: tuple[Plan, SpecCase]) -> Params:
+        return params_of(part[0].spec.fixed, part[1].values)
+
+    def run(part: tuple[Plan, SpecCase]) -> None:
+        plan, case = part
+        short = replace(case, values={**case.values, "duration_s": min(_SHORT_S, params(part).duration_s)})
+        if (error := run_case(plan.spec.fixed, short).error) is not None:
+            failed.append(error)
+
+    for name, plan in plans.items():
+        parts = [(plan, case) for case in cases[name]]
+        longer = max(1.0, plan.params.duration_s / _SHORT_S)
+        shared = (len(plan.links) + 1) / (2 * len(plan.links))  # one reference run for all links, not one for each
+        kinds.append(Kind(f"case{' of ' * bool(name)}{name}", parts, len(parts), params, longer * shared))
+    estimate(words, run, kinds, workers)
+    if failed:
+        output.show_warnings(words, (f"the estimate may be wrong, as cases failed; the first: {failed[0]}",))
 
 
 def _write(
     directory: Path,
+    title: str,
     plan: Plan,
     drawn: Case,
     outcomes: Sequence[Outcome],
@@ -221,9 +279,9 @@ def _write(
     whole: dict[str, Any],
     written: output.Written,
 ) -> list[str]:
-    """Write compare.json, compare.csv and the figures; returns what was written, in words."""
-    from hapnet.report.files import save_figure
-    from hapnet.study import figures, tables
+    """Write compare.json, compare.csv, compare.md and the figures; returns what was written, in words."""
+    from hapnet.report.files import save, save_figure
+    from hapnet.study import figures, markdown, tables
 
     there = []
     with written.part():
@@ -232,6 +290,9 @@ def _write(
     with written.part():
         output.write_csv(tables.as_rows(found), directory / "compare.csv")
         there.append("compare.csv")
+    with written.part():
+        save(markdown.page(plan, found, title).encode(), directory / PAGE, "the tables")
+        there.append(PAGE)
     same = _same(drawn, outcomes)
     if same:
         with written.part():
@@ -241,107 +302,6 @@ def _write(
         save_figure(figures.tradeoff(plan, outcomes), directory / "tradeoff.png")
         there.append("tradeoff.png")
     return there
-
-
-def plan_of(params: Params, given: CompareOptions) -> Plan:
-    """The plan that the flags describe; each of its links and operators is checked once.
-
-    Raises
-    ------
-    InvalidParameter, netem.NetemError : in one line, what is wrong and what is allowed.
-    """
-    from hapnet.commands.batch import seed_range
-    from hapnet.couplings.registry import coupling
-    from hapnet.simulation.simulation import Simulation
-    from hapnet.study.compare import Plan, Variant, parted
-
-    if params.duration_s <= 0.0:
-        raise InvalidParameter("duration_s", params.duration_s, "above 0 in virtual time")
-    for name, flag in _OWN.items():
-        if params.get(name) != BASE.get(name):
-            raise InvalidParameter(name, params.get(name), f"its default: in a comparison {flag} sets it")
-    chosen = names_of(given.coupling)
-    for words in chosen:
-        name, own = parted(words)
-        coupling(name)
-        for parameter in params.typed(own):
-            if parameter in _OWN:
-                raise InvalidParameter("--coupling", words, f"other parameters: {_OWN[parameter]} sets {parameter}")
-    plan = Plan(
-        params,
-        tuple(dict.fromkeys(chosen or COUPLING_NAMES)),
-        links_of(given.link, given.trace or ()),
-        tuple(dict.fromkeys(given.operator or OPERATORS)),
-        tuple(seed_range(given.seeds)),
-        (0.0,) if given.deadband is None else tuple(dict.fromkeys(deadbands(given.deadband))),
-        (Variant((chosen or COUPLING_NAMES)[0], NOTICED),) if given.deadband is None else (),
-    )
-    first = plan.cases()[0]
-    for link in plan.links:
-        Simulation(plan.case(first.variant, link, first.operator, first.seed).params, first.seed)
-    for operator in plan.operators:
-        Simulation(plan.case(first.variant, first.link, operator, first.seed).params, first.seed)
-    return plan
-
-
-def names_of(given: Sequence[str] | None) -> list[str]:
-    """The names given by a flag that may be repeated, and may name several with commas between them."""
-    return [name.strip() for names in given or () for name in names.split(",")]
-
-
-def links_of(given: Sequence[str] | None, traces: Iterable[str]) -> dict[str, tuple[str, str]]:
-    """Links by name, each with its words for the uplink and for the downlink."""
-    links: dict[str, tuple[str, str]] = {}
-
-    def add(flag: str, name: str, up: str, down: str) -> None:
-        if name in links:
-            raise InvalidParameter(flag, name, "a different name for each link")
-        links[name] = up, down
-
-    for text in LINKS if given is None else given:
-        name, equals, words = (part.strip() for part in text.partition("="))
-        if equals and name:
-            up, bar, down = (part.strip() for part in words.partition("|"))
-            add("--link", name, up, down if bar else up)
-        elif (profile := LINKS.get(name, name)) in PRESETS and not equals:
-            add("--link", name, profile, profile)
-        else:
-            allowed = f"{', '.join(dict.fromkeys((*LINKS, *PRESETS)))}, or NAME=WORDS such as 'slow=delay 80ms loss 1%'"
-            raise InvalidParameter("--link", text, allowed)
-    for text in traces:
-        name, _, path = text.rpartition("=")
-        up, down = (f"trace {format_path(f'{path}.{way}')}" for way in ("up", "down"))
-        add("--trace", name or Path(path).name, up, down)
-    return links
-
-
-def deadbands(text: str) -> list[float]:
-    """The Weber fractions of ``0,0.1``."""
-    try:
-        found = [float(word) for word in text.split(",")]
-    except ValueError:
-        found = []
-    if not found or not all(0.0 <= fraction <= 1.0 for fraction in found):
-        raise InvalidParameter("--deadband", text, "Weber fractions from 0 (none) to 1, such as 0,0.1")
-    return found
-
-
-def drawn_case(plan: Plan, text: str | None) -> Case:
-    """The case that ``LINK[,OPERATOR[,SEED]]`` names, with the first variant."""
-    from hapnet.assembly.build import link_profile
-
-    def delay_ns(link: str) -> int:
-        return sum(link_profile("--link", words).delay_ns for words in plan.links[link])
-
-    link, operator, seed = max(plan.links, key=delay_ns), plan.operators[-1], str(plan.seeds[0])
-    given = [word.strip() for word in (text or "").split(",")]
-    link, operator, seed = (word or default for word, default in zip([*given, "", ""], (link, operator, seed),
-                                                                     strict=False))  # fmt: skip
-    numbers = {str(number): number for number in plan.seeds}
-    if len(given) > 3 or link not in plan.links or operator not in plan.operators or seed not in numbers:
-        allowed = f"{'|'.join(plan.links)}[,{'|'.join(plan.operators)}[,{'|'.join(numbers)}]]"
-        raise InvalidParameter("--case", text, allowed)
-    return plan.case(plan.variants[0], link, operator, numbers[seed])
 
 
 def _same(case: Case, outcomes: Iterable[Outcome]) -> list[Case]:

@@ -22,7 +22,7 @@ def main(connect: list[str], json_to: str | None, security: Security, session: s
     return _show(examine(connect, security, session, name), json_to)
 
 
-def examine_device(hardware: str, dof: int, ramp_N: float, json_to: str | None) -> int:
+def examine_device(hardware: str, dof: int, ramp_N: float, damping_N: float, json_to: str | None) -> int:
     """Measure a device; returns 0, as a warning is for people to judge."""
     if hardware == "simulated":
         raise InvalidParameter("--device", hardware, "a real device (`hapnet devices`), or module:Class")
@@ -31,10 +31,13 @@ def examine_device(hardware: str, dof: int, ramp_N: float, json_to: str | None) 
     device = UserDevice(hardware, dof, params.set({"device.servo_hz": rate_hz}).device)
     most_N = device.force_limit
     try:
-        if ramp_N < 0.0 or (most_N is not None and ramp_N > most_N):
-            allowed = "0 (no force), or above" + ("" if most_N is None else f", at most {most_N:g} N")
-            raise InvalidParameter("--ramp", ramp_N, allowed)
-        return _show(measure(device, rate_hz, time.monotonic_ns, time.sleep, ramp_N), json_to)
+        for flag, force_N in (("--ramp", ramp_N), ("--damping", damping_N)):
+            if force_N < 0.0 or (most_N is not None and force_N > most_N):
+                allowed = "0 (no force), or above" + ("" if most_N is None else f", at most {most_N:g} N")
+                raise InvalidParameter(flag, force_N, allowed)
+        if ramp_N and damping_N:
+            raise InvalidParameter("--damping", damping_N, "without --ramp: one wants a hand on the handle, one none")
+        return _show(measure(device, rate_hz, time.monotonic_ns, time.sleep, ramp_N, damping_N), json_to)
     finally:
         device.close()
 

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from hapnet import checks
 from hapnet.assembly.operators import operator
 from hapnet.commands import output
 from hapnet.devices import registry
@@ -51,6 +52,7 @@ def _row(name: str, target: str, package: str) -> dict[str, Any]:
 def emulate(device: str, params: Params, duration_s: float, json_to: str | None) -> int:
     """Run the device's emulator until the time is over or a signal comes; returns the exit code."""
     name, _, _ = device.partition(":")
+    checks.non_negative("--duration", duration_s)
     emulator = make_emulator(device, params)
     words = output.console(json_to)
     words.print(f"emulates {name}: hapnet run --device {name}:{emulator.address}", markup=False)
@@ -96,7 +98,7 @@ def make_emulator(device: str, params: Params) -> Emulator:
             "NAME", name, f"one with an emulator: {', '.join(having)} (a driver names its own in `emulator`)"
         )
     kind = load("emulator", target, "a class that can be imported")
-    given = registry.options(name, kind, behind)
+    given = registry.options(device, kind, behind)
     scene = make_scene("free", dof=kind.dof)
     simulated = SimulatedDevice(
         operator(params, scene),

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from hapnet.commands import complete
+from hapnet.param_values import LARGEST_SEED
 from hapnet.params import COUPLING_NAMES
 
 _LINK = "Link, emulated"
@@ -66,9 +67,14 @@ ServoKind = Annotated[
 ServoRate = Annotated[float | None, typer.Option("--servo-hz", help="Rate of the servo [Hz]; 1000 by default.")]
 Duration = Annotated[float | None, typer.Option(help="Seconds from pairing; 0: until Ctrl-C (not in virtual time).")]
 Dof = Annotated[int | None, typer.Option(help="Degrees of freedom, 1 to 3; the scene's own by default.")]
-Seed = Annotated[int, typer.Option(min=0, help="Seed of everything random.")]
+Seed = Annotated[int, typer.Option(min=0, max=LARGEST_SEED, help="Seed of everything random.")]
+ReplaySeed = Annotated[
+    int | None,
+    typer.Option("--seed", min=0, max=LARGEST_SEED, help="Seed of everything random.", show_default="the recording's"),
+]
 SideSeed = Annotated[
-    int | None, typer.Option("--seed", min=0, help="Seed of this side's link and steps; random by default.")
+    int | None,
+    typer.Option("--seed", min=0, max=LARGEST_SEED, help="Seed of this side's link and steps; random by default."),
 ]
 ParamsFile = Annotated[
     Path | None,
@@ -94,6 +100,13 @@ Json = Annotated[
 ]
 Out = Annotated[
     Path | None, typer.Option(help="Directory for all output files.", show_default="runs/<UTC time>-<seed>")
+]
+Recorded = Annotated[
+    list[Path],
+    typer.Argument(metavar="FILE", help="One recording, or the device's and the world's; or a run's directory."),
+]
+SideOut = Annotated[
+    Path | None, typer.Option(help="Directory for all output files.", show_default="runs/<UTC time>-<device or world>")
 ]
 Files = Annotated[bool, typer.Option("--files/--no-files", help="Write recording, figure and summary.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Show all tables of the summary, not only five lines.")]
@@ -232,10 +245,21 @@ Users = Annotated[
     Path | None,
     typer.Option("--users", metavar="FILE", help="Who may dial here: lines user:password.", rich_help_panel=_SECURITY),
 ]
+SecretFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--secret-file",
+        metavar="FILE",
+        help="A file whose first line only the two sides know: nobody else can take part.",
+        rich_help_panel=_SECURITY,
+    ),
+]
 
 Session = Annotated[str, typer.Option(help="Name of the session, the same on both sides.")]
 Name = Annotated[str, typer.Option(help="Name of the device, the same on both sides.")]
-Record = Annotated[Path | None, typer.Option(help="Record this side to an MCAP file.")]
+Record = Annotated[
+    Path | None, typer.Option(help="Record this side to this MCAP file, and write no other without --out.")
+]
 Log = Annotated[
     str | None,
     typer.Option("--log", metavar="FILE|-", help="Log events, one JSON object per line; -: to stdout, without text."),

@@ -179,6 +179,7 @@ class ZenohOptions:
     user: flags.User = None
     password_file: flags.PasswordFile = None
     users: flags.Users = None
+    secret_file: flags.SecretFile = None
 
     @property
     def security(self) -> Security:
@@ -195,10 +196,13 @@ class ZenohOptions:
             self.password_file,
             password,
             self.users,
+            self.secret_file,
         )
 
 
-Dialling = Annotated[ZenohOptions, Without("mode", "listen", "config", "no_multicast_scouting", "cfg", "users")]
+Dialling = Annotated[
+    ZenohOptions, Without("mode", "listen", "config", "no_multicast_scouting", "cfg", "users", "secret_file")
+]
 """The options of a command that only dials."""
 
 
@@ -211,6 +215,8 @@ class SideFlags:
     name: flags.Name = "device"
     record: flags.Record = None
     json_to: flags.Json = None
+    out: flags.SideOut = None
+    files: flags.Files = True
     realtime: flags.Realtime = False
     once: flags.Once = False
     log_to: flags.Log = None

@@ -28,6 +28,9 @@ INCOMPLETE = 3
 NOT_PASSIVE = 4
 """Exit code: a coupling that claims to be passive here was not. It takes precedence over all codes but an error's."""
 
+CONTRADICTED = 5
+"""Exit code: somebody else spoke in the name of one of the sides, so that nobody knows whether the run was passive."""
+
 
 def console(json_to: str | None) -> Console:
     """The console for people: standard error if the JSON object goes to standard output, otherwise standard output."""
@@ -106,25 +109,33 @@ class Written:
 
     Attributes
     ----------
-    missing : a line for each part that is missing or not complete. broken : a line for each claim that was not kept.
+    missing : a line for each part that is missing or not complete, and one if the servo was away for too long.
+    broken : a line for each claim that was not kept. contradicted : somebody else spoke in a side's name.
     """
 
     def __init__(self) -> None:
         self.missing: list[str] = []
         self.broken: list[str] = []
+        self.contradicted: bool = False
 
     def judge(self, summary: Mapping[str, Any], params: Params | None, *, virtual: bool, ran: bool = True) -> None:
         """Note if the coupling of a run broke its claim; the arguments are those of `verdict.broken`.
 
         ran : it ran here. A file may name any module, and none is loaded because of that.
         """
+        from hapnet.assembly.own_parts import named_failures
         from hapnet.couplings import registry
         from hapnet.summary import verdict
 
         spec = registry.coupling(params.coupling) if ran and params is not None else None
-        if verdict.broken(summary, params, virtual=virtual, spec=spec):
+        self.contradicted = verdict.contradicted(summary)
+        with nullcontext() if params is None else named_failures(params):  # a user's own law says what it covers
+            broken = verdict.broken(summary, params, virtual=virtual, spec=spec)
+        if broken:
             why = verdict.judge(summary)["reason"]
             self.broken.append(f"the coupling {summary.get('coupling')} did not keep passivity, as it claims: {why}")
+        elif (line := verdict.overloaded(summary)) is not None:
+            self.missing.append(line)
 
     @contextmanager
     def part(self) -> Iterator[None]:
@@ -141,6 +152,8 @@ class Written:
                 complain("; ".join(dict.fromkeys(lines)))
         if self.broken:
             return NOT_PASSIVE
+        if self.contradicted:
+            return code or CONTRADICTED
         return code or (INCOMPLETE if self.missing else 0)
 
 
@@ -150,17 +163,41 @@ def complain(line: str) -> None:
         sys.stderr.write(f"hapnet: {line}\n")
 
 
+_made: list[Path] = []
+"""Directories that this process has made for output."""
+
+
+def remove_empty() -> None:
+    """Remove those made directories that are still empty: a command that has failed leaves none."""
+    for path in sorted(_made, key=lambda path: -len(path.parts)):  # the inner ones first
+        with suppress(OSError):
+            path.rmdir()
+    _made.clear()
+
+
 def run_directory(out: Path | None, which: int | str | None) -> Path:
     """The directory for a command's output, made if needed: `out`, or runs/<UTC time>-<seed or name>."""
     name = f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{which}"
     path = out if out is not None else Path("runs") / name
+    new = [each for each in (path, *path.parents) if not each.exists()]
     try:
         path.mkdir(parents=True, exist_ok=True)
+        _made.extend(new)
     except FileExistsError:
         raise HapnetError(f"cannot write to {path}: it is a file, but --out must name a directory") from None
     except OSError as error:
         raise HapnetError(f"cannot write to {path}: {error.strerror or error}") from None
     return path
+
+
+def discard(directory: Path, *names: str) -> None:
+    """Remove the directory under runs/ of a run that never began, with these files; not if anything else is in it."""
+    with suppress(OSError):
+        if {file.name for file in directory.iterdir()} <= set(names):
+            for name in names:
+                (directory / name).unlink(missing_ok=True)
+            directory.rmdir()
+            directory.parent.rmdir()  # only if it is empty
 
 
 def write_json(value: Mapping[str, Any] | Sequence[Mapping[str, Any]], json_to: str | None) -> None:

@@ -49,7 +49,8 @@ def program() -> typer.Typer:
         "modulation (PSPM) over Zenoh through an emulated lossy link. `hapnet run` shows it.",
         epilog="Exit codes: 0 all is well; 2 an argument or file is wrong, or the run failed: one line says what; 3 "
         "the run went to its end, but its output is not complete, or the device's force was stopped; 4 a coupling that "
-        "claims to be passive was not; 128 + N stopped by signal N (Ctrl-C: 130).",
+        "claims to be passive was not; 5 somebody else spoke in a side's name, so that nobody knows; "
+        "128 + N stopped by signal N (Ctrl-C: 130).",
         pretty_exceptions_enable=False,
         context_settings={"help_option_names": ["-h", "--help"]},
     )

@@ -11,19 +11,27 @@ import shutil
 import signal
 import sys
 import tempfile
+import time
 from collections.abc import AsyncIterator, Callable
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from hapnet.checks import Vector
 from hapnet.commands import output
+from hapnet.commands.log import record
 from hapnet.commands.side import CONSOLE, PARENT, PLACE
 from hapnet.errors import HapnetError
 from hapnet.params import Params
+from hapnet.side.notices import Notice
 from hapnet.transport.config import free_address, local_address
 
 STOP_LIMIT_S = 30.0
 """How long the processes may take to end after the request [s]; then they are killed."""
+
+STOPPED_LOOKS, LOOK_S = 20, 0.5
+"""A process that stands still (SIGSTOP) for so many looks, so far apart [s], is asked to end. Looks are counted, as
+whoever looks may have been stopped too, and just been continued."""
 
 
 class Pair:
@@ -42,6 +50,7 @@ class Pair:
     ----------
     parts : the summary of each side that has left one.
     errors : by role, the lines on standard error.
+    failure : one line on the process that ended although nobody had asked it to, or that stood still; None: none.
     """
 
     def __init__(
@@ -63,6 +72,7 @@ class Pair:
         self._session = session or f"run-{secrets.token_hex(4)}"
         self.parts: dict[str, dict[str, Any]] = {}
         self.errors: dict[str, list[str]] = {}
+        self.failure: str | None = None
         self._params, self._seed, self._directory, self._on_notice = params, seed, directory, on_notice
         self._record, self._console, self._realtime = record, console, realtime
         self._children: dict[str, asyncio.subprocess.Process] = {}
@@ -84,28 +94,29 @@ class Pair:
             self._children[role] = await self._start(role, endpoints)
 
     async def run(self, stop: asyncio.Event) -> None:
-        """Wait until both have ended: normally, because one failed, or because `stop` was set.
-
-        Raises
-        ------
-        HapnetError : a process failed; the message is its own.
-        """
+        """Wait until both have ended: normally, because one failed or stood still, or because `stop` was set."""
         watchers = [asyncio.create_task(self._watch(role)) for role in self._children]
         stopping = asyncio.create_task(stop.wait())
-        ended, _ = await asyncio.wait([*watchers, stopping], return_when=asyncio.FIRST_COMPLETED)
-        if stopping in ended or any(map(self._failed, self._children)):
+        stopping.add_done_callback(lambda task: None if task.cancelled() else self.stop())
+        still = asyncio.create_task(self._watch_still())
+        while self.failure is None and not stopping.done() and not all(task.done() for task in watchers):
+            pending = [task for task in (*watchers, stopping, still) if not task.done()]
+            limit_s = STOP_LIMIT_S if any(task.done() for task in watchers) else None  # both end at the same time
+            done, _ = await asyncio.wait(pending, timeout=limit_s, return_when=asyncio.FIRST_COMPLETED)
+            if not done:
+                break
+        if self.failure is not None or not stopping.done():
             self.stop()
-        stopping.cancel()
         _, late = await asyncio.wait(watchers, timeout=STOP_LIMIT_S)
         if late:
+            self.failure = self.failure or "a process did not end, and was killed"
             self._signal(signal.SIGKILL)
             await asyncio.wait(watchers)
+        for task in (stopping, still):
+            task.cancel()
+        for task in watchers:
+            task.result()
         self._at_end.close()
-        for role in self._children:
-            if self._failed(role) and not stop.is_set():
-                said = self.errors[role]
-                code = self._children[role].returncode
-                raise HapnetError(said[-1] if said else f"the {role} process ended with exit code {code}")
 
     def recording(self, role: str) -> Path:
         """The path of this side's recording."""
@@ -119,9 +130,13 @@ class Pair:
                 child.stdin.write(json.dumps(command).encode() + b"\n")
 
     def stop(self) -> None:
-        """Ask both to end; called again: without delay. SIGINT would count twice, as the terminal sends it too."""
+        """Ask both to end; called again: without delay. SIGINT would count twice, as the terminal sends it too.
+
+        One that stands still goes on, so that it can end in order: without force, and with a whole recording.
+        """
         self._told = True
         self._signal(signal.SIGTERM)
+        self._signal(signal.SIGCONT)
 
     def _link(self) -> str:
         """Where the world listens for the device."""
@@ -136,7 +151,7 @@ class Pair:
         report, theirs = os.pipe()  # for the summary, which then needs no room on a disk
         command = [sys.executable, "-m", "hapnet", role, *endpoints, "--no-multicast-scouting"]
         command += ["--session", self._session, "--params", str(self._directory / "params.toml")]
-        command += ["--seed", str(self._seed), "--json", f"/dev/fd/{theirs}", "--log", "-", "--progress"]
+        command += ["--seed", str(self._seed), "--json", f"/dev/fd/{theirs}", "--log", "-", "--progress", "--no-files"]
         if self._record:
             command += ["--record", str(self.recording(role))]
         if self._realtime and role == "device":
@@ -167,23 +182,56 @@ class Pair:
         async for line, notice in _notices(child):
             self._on_notice(role, line, notice)
         said = (await errors).decode(errors="replace").strip().splitlines()
-        await child.wait()
+        code = await child.wait()
         self.errors[role] = [line.removeprefix("hapnet: ") for line in said if line.startswith("hapnet: ")]
-        if self._failed(role) and not self.errors[role]:
-            self.errors[role] = said
         with contextlib.suppress(json.JSONDecodeError):
             self.parts[role] = json.loads(await self._reports[role])
+        if code not in (0, output.INCOMPLETE) and not self._told and self.failure is None:
+            own = (self.errors[role] or said) if 0 < code < 128 else []
+            self.failure = own[-1] if own else f"the {role} process {_ended(code)}"
 
-    def _failed(self, role: str) -> bool:
-        """Has the process failed?"""
-        told = (128 + signal.SIGTERM, -signal.SIGTERM) if self._told else ()
-        return self._children[role].returncode not in (None, 0, output.INCOMPLETE, *told)
+    async def _watch_still(self) -> None:
+        """Say which process stands still, and set `failure` if it does not go on."""
+        looks = dict.fromkeys(self._children, 0)
+        while max(looks.values()) < STOPPED_LOOKS:
+            await asyncio.sleep(LOOK_S)
+            for role, child in self._children.items():
+                still = child.returncode is None and _stands_still(child.pid)
+                looks[role] = looks[role] + 1 if still else 0
+                if looks[role] == 1:
+                    limit_s = STOPPED_LOOKS * LOOK_S
+                    text = f"stands still, stopped by a signal; ended after {limit_s:.0f} s unless it goes on"
+                    text += f" (kill -CONT {child.pid})"
+                    self._say(role, text)
+        role = max(looks, key=looks.__getitem__)
+        self.failure = self.failure or f"the {role} process was stopped by a signal, and did not go on"
+
+    def _say(self, role: str, text: str) -> None:
+        """A notice about a process that cannot speak for itself."""
+        at = datetime.now(UTC)
+        notice = record(Notice("stopped", text, time.monotonic_ns(), "warning"), role, at)
+        self._on_notice(role, json.dumps(notice).encode() + b"\n", notice)
 
     def _signal(self, number: signal.Signals) -> None:
         for child in self._children.values():
             if child.returncode is None:
                 with contextlib.suppress(ProcessLookupError):
                     child.send_signal(number)
+
+
+def _stands_still(pid: int) -> bool:
+    """Has a signal stopped this child? It is looked at only: whoever waits for its end still learns of that."""
+    with contextlib.suppress(ChildProcessError):
+        return os.waitid(os.P_PID, pid, os.WSTOPPED | os.WNOHANG | os.WNOWAIT) is not None
+    return False
+
+
+def _ended(code: int) -> str:
+    """How a process ended, in words: its exit code, or a signal that was not from here."""
+    number = -code if code < 0 else code - 128
+    with contextlib.suppress(ValueError):
+        return f"was {'killed' if code < 0 else 'ended'} by {signal.Signals(number).name}"
+    return f"ended with exit code {code}"
 
 
 async def _read(pipe: int) -> bytes:

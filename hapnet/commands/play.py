@@ -19,7 +19,7 @@ from hapnet.commands.run import check_sides
 from hapnet.commands.side import catch, exit_code
 from hapnet.commands.view import show
 from hapnet.couplings.registry import coupling
-from hapnet.errors import InvalidParameter
+from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import RELAXED_HAND, OperatorParams, Params
 from hapnet.report.words import stated
 from hapnet.summary.run import merge
@@ -148,6 +148,8 @@ class Stage:
                     self._record()
                 await pair.run(self._over)
                 self._report(params, pair)
+                if pair.failure is not None:
+                    raise HapnetError(pair.failure)
         stopping.cancel()
 
     def hurry(self) -> None:

@@ -7,17 +7,18 @@ from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from hapnet.commands import output
 from hapnet.commands.progress import Progress
-from hapnet.errors import InvalidParameter
+from hapnet.errors import InvalidParameter, RecordingError
 from hapnet.metrics import motion
 from hapnet.param_values import flatten
 from hapnet.params import Params
 from hapnet.recording.mcap import read_recording, repair
 from hapnet.recording.samples import Recording, join
 from hapnet.summary.recorded import of_recordings
+from hapnet.summary.structure import SIDES, Motion
 
 if TYPE_CHECKING:
     from hapnet.report import Source
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
 def main(files: list[Path], json_to: str | None, out: Path | None, *, verbose: bool) -> int:
     """Read, repair what is torn, summarise, draw."""
+    files = [file for named in files for file in (_recordings_in(named) if named.is_dir() else [named])]
     if not 1 <= len(files) <= 2:
         raise InvalidParameter("FILE", [str(file) for file in files], "one recording, or the device's and the world's")
     words = output.console(json_to)
@@ -33,7 +35,10 @@ def main(files: list[Path], json_to: str | None, out: Path | None, *, verbose: b
         recordings = [read_recording(file) for file in files]
     summary = of_recordings(files, recordings)
     whole = recordings[0] if len(files) == 1 else join(*recordings)
-    summary["motion"] = motion(whole)
+    told, moved = summary.get("motion"), motion(whole)
+    if isinstance(told, Mapping):  # what the other side told of its own stays
+        moved = cast(Motion, {name: told.get(name) if value is None else value for name, value in moved.items()})
+    summary["motion"] = moved
     sources = []
     for file, recording in zip(files, recordings, strict=True):
         source = source_of(file, recording)
@@ -59,6 +64,20 @@ def main(files: list[Path], json_to: str | None, out: Path | None, *, verbose: b
     with written.part():
         output.write_json(summary, json_to)
     return written.code()
+
+
+def _recordings_in(named: Path) -> list[Path]:
+    """The recordings in a run's directory. One that was cut off before its first samples counts if it is alone."""
+    there = [file for side in SIDES if (file := named / f"{side}.mcap").exists()]
+    found = []
+    for file in there:
+        with suppress(RecordingError):
+            recording = read_recording(file)
+            if recording.device is not None or recording.world is not None:
+                found.append(file)
+    if not there:
+        raise InvalidParameter("FILE", str(named), "a recording, or a directory with device.mcap or world.mcap")
+    return found or there[:1]
 
 
 def asked(recordings: Sequence[Recording]) -> Params | None:

@@ -3,67 +3,70 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import signal
+import sys
 import time
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
 
 from hapnet.assembly.build import Setup, device_session, device_side, prepare, world_session, world_side
 from hapnet.assembly.user_device import load_class
 from hapnet.commands import output
+from hapnet.commands.log import check_target
+from hapnet.commands.outcome import FILES, outcome, write_files
 from hapnet.commands.pair import Pair
 from hapnet.commands.progress import Progress
 from hapnet.commands.repeats import Repeats
-from hapnet.commands.report import source_of, write
 from hapnet.commands.side import catch, exit_code
-from hapnet.errors import HapnetError, RecordingError
-from hapnet.metrics import motion
+from hapnet.errors import HapnetError
 from hapnet.params import Params
-from hapnet.recording.mcap import read_recording
-from hapnet.recording.samples import Recording, join
 from hapnet.side.endpoint import DeviceEndpoint, WorldEndpoint
 from hapnet.side.notices import OVER
-from hapnet.summary.run import Summary, merge
-
-if TYPE_CHECKING:
-    from hapnet.report import Source
+from hapnet.summary.structure import SIDES, Summary
 
 
-def main(
-    params: Params, seed: int, json_to: str | None, out: Path | None, *, files: bool, realtime: bool, verbose: bool
-) -> int:
-    """Start both processes, wait for them, and print the summary; with `files` also write it, a report and a figure."""
+@dataclass(frozen=True)
+class RunOptions:
+    """The options of a run besides its parameters."""
+
+    seed: int
+    json_to: str | None
+    out: Path | None
+    files: bool
+    log_to: str | None
+    """Where notices go as JSON lines: a file; "-": to standard output; None: log.jsonl among the files."""
+    realtime: bool
+    verbose: bool
+
+
+def main(params: Params, options: RunOptions) -> int:
+    """Start both processes, wait for them, and print the summary; with files also write it, a report and a figure."""
     setup = prepare(params, "sampled")
     check_sides(setup)
+    check_target(options.log_to, options.json_to)
     with ExitStack() as passing:
-        if files:
-            directory = output.run_directory(out, seed)
+        if options.files:
+            directory = output.run_directory(options.out, options.seed)
         else:  # the summary needs both recordings
             directory = Path(passing.enter_context(TemporaryDirectory(prefix="hapnet-")))
-        return _main(params, seed, setup, directory, json_to, files=files, realtime=realtime, verbose=verbose)
+        return _main(params, setup, directory, options)
 
 
-def _main(
-    params: Params,
-    seed: int,
-    setup: Setup,
-    directory: Path,
-    json_to: str | None,
-    *,
-    files: bool,
-    realtime: bool,
-    verbose: bool,
-) -> int:
-    words = output.console(json_to)
+def _main(params: Params, setup: Setup, directory: Path, options: RunOptions) -> int:
+    seed, json_to, files, verbose = options.seed, options.json_to, options.files, options.verbose
+    words = output.console("-" if options.log_to == "-" else json_to)
+    log_to = options.log_to or str(directory / "log.jsonl")
     try:
-        log = (directory / "log.jsonl").open("wb", buffering=0)
+        target = os.dup(sys.stdout.fileno()) if log_to == "-" else Path(log_to)
+        log = open(target, "ab" if options.log_to else "wb", buffering=0)  # noqa: SIM115
     except OSError as error:
-        raise HapnetError(f"cannot write to {directory}: {error.strerror or error}") from None
+        raise HapnetError(f"cannot write to {log_to}: {error.strerror or error}") from None
     output.show_warnings(words, setup.warnings)
     written = output.Written()
     with log, Progress(output.progress_console(), "starting") as progress:
@@ -78,37 +81,36 @@ def _main(
                 if text is not None and (verbose or not _expected(notice)):
                     words.print(f"{role}: {text}", markup=False)
                 with written.part():
-                    output.write_line(log.fileno(), line, str(directory / "log.jsonl"))
+                    output.write_line(log.fileno(), line, log_to)
             elif role == "device":
                 if not running:
                     running = True
                     progress.stage("running", params.duration_s or None)
                 progress.update(float(notice["text"]))
 
-        pair = Pair(params, seed, directory, on_notice, realtime=realtime)
+        pair = Pair(params, seed, directory, on_notice, realtime=options.realtime)
         code = asyncio.run(_run(pair))
     for role, text in repeats.rest():
         words.print(f"{role}: {text}", markup=False)
     for said in pair.errors.values():
-        written.missing += said
-    if len(pair.parts) < 2:  # a process that is interrupted while it starts leaves no summary
-        words.print("stopped before both processes ran: there is nothing to report", style="yellow")
-        return written.code(code)
-    summary, recording, sources = _result(pair, setup, seed, written)
+        written.missing += [line for line in said if line != pair.failure]
+    told = {role: cast(Summary, part) for role, part in pair.parts.items()}
+    recorded: dict[str, Path] = {role: file for role in SIDES if (file := pair.recording(role)).exists()}
+    if not recorded and len(told) < 2:  # a process that is interrupted while it starts leaves nothing
+        words.print("stopped before both processes ran", style="yellow")
+    found = outcome(told, recorded, setup, seed, written)
     if files:
-        with written.part():
-            output.write_json(summary, str(directory / "summary.json"))
-        if recording is not None:
-            with Progress(output.progress_console(), "drawing"):
-                write(recording, sources, directory, "report.html", {"run": "figure.png"}, written)
-    output.show_summary(words, summary, verbose=verbose)
-    written.judge(summary, params, virtual=False)
+        write_files(found, directory, written)
+    output.show_summary(words, found.summary, verbose=verbose)
+    written.judge(found.summary, params, virtual=False)
     if files:
-        there = ("device.mcap", "world.mcap", "report.html", "figure.png", "summary.json", "log.jsonl")
-        output.show_files(words, there, directory)
+        output.show_files(words, FILES, directory)
     with written.part():
-        output.write_json(summary, json_to)
-    return written.code(code)
+        output.write_json(found.summary, json_to)
+    code = written.code(code)
+    if pair.failure is not None:
+        raise HapnetError(pair.failure)
+    return code
 
 
 def _expected(notice: dict[str, Any]) -> bool:
@@ -126,25 +128,6 @@ async def _run(pair: Pair) -> int:
     await pair.start()
     await pair.run(stop)
     return exit_code(caught)
-
-
-def _result(
-    pair: Pair, setup: Setup, seed: int, written: output.Written
-) -> tuple[Summary, Recording | None, list[Source]]:
-    """The summary of both sides, and what they recorded."""
-    sides = cast(Summary, pair.parts["device"]), cast(Summary, pair.parts["world"])
-    try:
-        parts = {(file := pair.recording(role)): read_recording(file) for role in ("device", "world")}
-        recording = join(*parts.values())
-    except RecordingError as error:
-        written.missing.append(f"no report: {error}")
-        return merge(*sides, seed=seed), None, []
-    summary = merge(*sides, seed=seed, recording=recording)
-    summary["motion"] = motion(recording)
-    recording.meta["seed"] = seed
-    recording.meta["links"] = {"up": str(setup.up), "down": str(setup.down)}
-    sources = [source_of(file, part) for file, part in parts.items()]
-    return summary, replace(recording, summary=summary), sources
 
 
 def check_sides(setup: Setup) -> None:

@@ -18,11 +18,12 @@ from hapnet.commands import output
 from hapnet.commands.console import run_console
 from hapnet.commands.log import Log, check_target
 from hapnet.commands.options import ZenohOptions
-from hapnet.errors import InvalidParameter
+from hapnet.commands.outcome import FILES, outcome_of_side, write_files
+from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
 from hapnet.realtime.runner import RealtimeSide
 from hapnet.side.notices import Notice
-from hapnet.summary.structure import Summary
+from hapnet.summary.structure import SIDES, Summary
 from hapnet.summary.verdict import stopped
 from hapnet.transport.config import Mode, ZenohSettings, zenoh_warnings
 from hapnet.transport.refusals import Refusals, watched
@@ -54,6 +55,9 @@ class SideOptions:
     once: bool
     """End with the first peer."""
     json_to: str | None
+    out: Path | None
+    files: bool
+    """Write files into `out`, or into a directory of their own; with `record` only if `out` is given."""
     log_to: str | None
     """Where notices go as JSON lines: to a file or, for "-", to standard output instead of text for people."""
     progress: bool
@@ -63,7 +67,7 @@ class SideOptions:
 
 
 def zenoh_settings(options: ZenohOptions) -> ZenohSettings:
-    """Zenoh's settings from the flags. Without an endpoint or a file, multicast scouting finds the other side."""
+    """Zenoh's settings from the flags. Without an endpoint or a file, a side looks for the other on this machine."""
     alone = not options.connect and not options.listen and options.config is None
     if options.mode is not None:
         checks.one_of("mode", options.mode, get_args(Mode))
@@ -80,20 +84,30 @@ def zenoh_settings(options: ZenohOptions) -> ZenohSettings:
 
 def main(params: Params, options: SideOptions) -> int:
     """Run one side until its duration is over or a signal stops it; returns the exit code."""
-    with watched(options.zenoh) as refusals:
-        return _main(params, options, refusals)
+    directory = None
+    if options.files and (options.record is None or options.out is not None):
+        directory = output.run_directory(options.out, options.role)
+    try:
+        with watched(options.zenoh) as refusals:
+            return _main(params, options, refusals, directory)
+    except BaseException:
+        if directory is not None and options.out is None:
+            output.discard(directory, "log.jsonl")
+        raise
 
 
-def _main(params: Params, options: SideOptions, refusals: Refusals) -> int:
+def _main(params: Params, options: SideOptions, refusals: Refusals, directory: Path | None) -> int:
     setup = prepare(params, "sampled")
     if params.operator == LIVE and CONSOLE not in os.environ:
         raise InvalidParameter("operator", LIVE, f"any other: only hapnet play has the page that leads {LIVE}")
     warnings = setup.warnings + zenoh_warnings(options.zenoh)
     check_target(options.log_to, options.json_to)
+    record = options.record or (None if directory is None else directory / f"{options.role}.mcap")
     words = None if options.log_to == "-" else output.console(options.json_to)
     if words is not None:
         output.show_warnings(words, warnings)
-    log = Log(options.role, words, options.log_to, progress=options.progress)
+    log_to = options.log_to or (None if directory is None else str(directory / "log.jsonl"))
+    log = Log(options.role, words, log_to, progress=options.progress)
     for warning in warnings:
         log.write(Notice("warning", warning, time.monotonic_ns(), "warning"))
     written, started_by_run = output.Written(), PARENT in os.environ
@@ -105,7 +119,7 @@ def _main(params: Params, options: SideOptions, refusals: Refusals) -> int:
             session=options.session,
             name=options.name,
             seed=options.seed,
-            record=options.record,
+            record=record,
             realtime=options.realtime,
             once=options.once,
             notify=log.notify,
@@ -113,19 +127,35 @@ def _main(params: Params, options: SideOptions, refusals: Refusals) -> int:
         )
         if (place := os.environ.pop(PLACE, None)) is not None:
             side.place(tuple(json.loads(place)))
-        summary, code = asyncio.run(_run(side, params.duration_s, log))
+        failure: HapnetError | None = None
+        try:
+            summary, code = asyncio.run(_run(side, params.duration_s, log))
+        except HapnetError as error:
+            if side.control.origin_ns is None:
+                raise  # nothing has run
+            failure, summary, code = error, side.summary(), 0
     finally:
         log.close()
     written.missing += filter(None, (side.unrecorded, log.failure, stopped(summary)))
+    if directory is not None and record is not None:
+        found = outcome_of_side(summary, record, written)
+        write_files(found, directory, written)
+        summary = found.summary
     if words is not None:
         output.show_summary(words, summary, verbose=options.verbose)
-        if options.record is not None:
-            output.show_files(words, [options.record.name], options.record.parent)
+        if directory is not None:
+            other = SIDES[1 - SIDES.index(options.role)]
+            output.show_files(words, FILES, directory, f"; hapnet report joins them with the {other}'s")
+        elif record is not None:
+            output.show_files(words, [record.name], record.parent)
     if not started_by_run:  # hapnet run judges both sides together
         written.judge(summary, params, virtual=False)
     with written.part():
         output.write_json(summary, options.json_to)
-    return written.code(code)
+    code = written.code(code)
+    if failure is not None:
+        raise failure
+    return code
 
 
 async def _run(side: RealtimeSide, duration_s: float, log: Log) -> tuple[Summary, int]:

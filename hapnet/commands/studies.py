@@ -147,13 +147,15 @@ def check_cases(words: Console, spec: Spec, cases: Sequence[Case]) -> list[Case]
 class Kind(Generic[Part]):
     """Parts of a study that take alike.
 
-    name : of one. some : of them. count : how many there are. params : of one.
+    name : of one. some : of them. count : how many there are. params : of one. times : one takes so many times what
+    `run` takes with it, if that runs less of it.
     """
 
     name: str
     some: Sequence[Part]
     count: int
     params: Callable[[Part], Params]
+    times: float = 1.0
 
     @property
     def ticks(self) -> float:
@@ -191,6 +193,7 @@ def estimate(
         progress.stage("running a few, to see how long they take")
         for kind in kinds:
             mean_s, of = mean_seconds(run, kind.some)
+            mean_s *= kind.times
             told.append(f"a {kind.name} takes {mean_s:.2g} s (mean of {of})")
             sum_s, parts = sum_s + mean_s * kind.count, parts + kind.count
     if dask is not None:

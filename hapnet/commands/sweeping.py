@@ -14,7 +14,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 from hapnet.study import export
 from hapnet.study.journal import NAME, Journal
-from hapnet.study.spec import SEED, Case, Spec, value_words
+from hapnet.study.spec import SEED, Case, Spec, in_file, value_words
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -43,7 +43,8 @@ def run(file: Path, assignments: list[str], how: Options, json_to: str | None, o
     if how.dask is not None and how.workers:
         raise InvalidParameter("--workers", how.workers, "left out with --dask: the cluster has its own")
     words = output.console(json_to)
-    spec = Spec.read(file, assigned("--set", assignments))
+    with in_file(file):
+        spec = Spec.read(file, assigned("--set", assignments))
     directory = out or Path("runs") / f"sweep-{spec.name}"
     cases = spec.cases()
     if (twice := spec.count - len(cases)) > 0:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hapnet.commands import complete, flags, output
-from hapnet.commands.compare import links_of, names_of
+from hapnet.commands.compare_plan import links_of, names_of
 from hapnet.commands.groups import Without, grouped
 from hapnet.commands.options import ModelOptions, ParamsOptions, json_target
 from hapnet.commands.progress import Progress
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from hapnet.study.impedance import Curve
+    from hapnet.study.stable_stiffness import Case
     from hapnet.study.transparency import Task
     from hapnet.study.z_width import ZWidth
 
@@ -51,7 +52,11 @@ class TransparencyOptions:
     ] = None
     seeds: Annotated[str, typer.Option(metavar="A:B", help="Seeds from A to B - 1.")] = "0:3"
     z_width: Annotated[
-        bool, typer.Option("--z-width", help="Also find the stiffest wall without limit cycles, by bisection (slow).")
+        bool,
+        typer.Option(
+            "--z-width",
+            help="Also find the stiffest wall without limit cycles, and the stiffest stable K of the device (slow).",
+        ),
     ] = False
     workers: Annotated[int, typer.Option(min=0, help="Number of processes; 0: one per core.")] = 0
     dry_run: Annotated[
@@ -86,7 +91,8 @@ def transparency(
 ) -> int:
     """Measure what couplings transmit of a wall: stiffness and damping over frequency, in virtual time.
 
-    Prints a table; writes a figure and all numbers as JSON. --z-width adds the stiffest wall without limit cycles.
+    Prints a table; writes a figure and all numbers as JSON. --z-width adds the stiffest wall without limit cycles, and
+    the stiffest stable spring of the device, over servo rates and own dampings, beside Colgate's bound.
     """
     chosen = params.over(Params(), model.named())
     if params.show_params:
@@ -101,7 +107,7 @@ def main(params: Params, given: TransparencyOptions, json_to: str | None, out: P
     from hapnet.couplings.registry import coupling
     from hapnet.report.files import save_figure
     from hapnet.simulation.processes import dealt, usable_cores
-    from hapnet.study import transparency
+    from hapnet.study import stable_stiffness, transparency
     from hapnet.study.impedance import Transmission, curve
     from hapnet.study.transparency import Task
 
@@ -118,6 +124,8 @@ def main(params: Params, given: TransparencyOptions, json_to: str | None, out: P
         for link, (up, down) in links.items()
         for seed, hand in [*((seed, None) for seed in seeds), *((0, hand) for hand in _hands(given))]
     ]
+    cases = stable_stiffness.cases(params) if given.z_width else []
+    tasks += [Task(case.coupling, "", params, 0, case=case) for case in cases]
     words = output.console(json_to)
     if given.dry_run:
         _show(words, tasks, given.workers)
@@ -129,8 +137,12 @@ def main(params: Params, given: TransparencyOptions, json_to: str | None, out: P
         bar.stage("drawing")
         curves: dict[tuple[str, str], Curve] = {}
         widths: dict[tuple[str, str, str], ZWidth] = {}
+        springs: dict[Case, ZWidth] = {}
         for task, result in zip(tasks, found, strict=True):
-            if task.hand is not None:
+            if task.case is not None:
+                assert not isinstance(result, Transmission)
+                springs[task.case] = result
+            elif task.hand is not None:
                 assert not isinstance(result, Transmission)
                 widths[task.coupling, task.link, task.hand] = result
             elif (task.coupling, task.link) not in curves:
@@ -139,7 +151,11 @@ def main(params: Params, given: TransparencyOptions, json_to: str | None, out: P
                 ]
                 curves[task.coupling, task.link] = curve(same)
         save_figure(transparency.draw(curves), directory / "transparency.png")
+        if springs:
+            save_figure(stable_stiffness.draw(springs, params), directory / "stable-stiffness.png")
     whole = transparency.as_dict(curves, widths)
+    if springs:
+        whole["stable_stiffness"] = stable_stiffness.as_dict(springs, params)
     output.write_json(whole, str(directory / "transparency.json"))
     words.print(_table(curves, widths))
     words.print(
@@ -147,7 +163,10 @@ def main(params: Params, given: TransparencyOptions, json_to: str | None, out: P
         f"median and quartiles over {len(seeds)} seeds. A device is moved by 2 mm about 10 mm inside the wall.",
         markup=False,
     )
-    output.show_files(words, ("transparency.png", "transparency.json"), directory)
+    if springs:
+        words.print(_springs(springs, params))
+        words.print(f"{stable_stiffness.JUDGED}. {_HELD}", markup=False)
+    output.show_files(words, ("transparency.png", "stable-stiffness.png", "transparency.json"), directory)
     output.write_json(whole, json_to)
     return 0
 
@@ -157,12 +176,15 @@ def _show(words: Console, tasks: Sequence[Task], workers: int) -> None:
     from hapnet.commands.studies import Kind, estimate
     from hapnet.study import transparency
 
-    runs = [task for task in tasks if task.hand is None]
-    searches = [task for task in tasks if task.hand is not None]
-    more = f", {len(searches)} searches for the stiffest wall" if searches else ""
-    pairs = len({task[:2] for task in tasks})
+    runs = [task for task in tasks if task.hand is None and task.case is None]
+    walls = [task for task in tasks if task.hand is not None]
+    springs = [task for task in tasks if task.case is not None]
+    more = f", {len(walls)} searches for the stiffest wall" if walls else ""
+    pairs = len({task[:2] for task in runs})
     words.print(f"{len(runs)} runs{more}: {pairs} pair{'s' * (pairs > 1)} of a coupling and a link")
-    named = [("run", runs), ("search", searches)]
+    if springs:
+        words.print(f"{len(springs)} searches for the stiffest stable spring of the device")
+    named = [("run", runs), ("search of a wall", walls), ("search of a spring", springs)]
     kinds = [Kind(name, some, len(some), attrgetter("params")) for name, some in named if some]
     estimate(words, transparency.run_one, kinds, workers)
 
@@ -183,6 +205,30 @@ def _table(curves: dict[tuple[str, str], Curve], widths: dict[tuple[str, str, st
         cells = [_width(widths[coupling, link, hand]) for hand in hands]
         spread = "" if off.q1 == off.q3 else f" ({_hz(off.q1)} to {_hz(off.q3)})"
         table.add_row(coupling, link, f"{_hz(off.median)}{spread}", *cells)
+    return table
+
+
+_HELD = (
+    "The hand that presses is only a spring; what it has as damping of its own adds to the device's. The bound: with "
+    "K < 2 (b - B)/T the device is passive, so that no hand makes it swing; B is device.damping."
+)
+
+
+def _springs(found: dict[Case, ZWidth], params: Params) -> Table:
+    from rich.table import Table
+
+    from hapnet.study.stable_stiffness import bound
+
+    columns = list(dict.fromkeys(case.column for case in found))
+    rows: dict[tuple[float, float], dict[str, str]] = {}
+    for case, width in found.items():
+        rows.setdefault((case.servo_hz, case.own_damping), {})[case.column] = _width(width)
+    table = Table("servo [Hz]", "own damping [Ns/m]", "bound [N/m]", *(f"stable K, {name} [N/m]" for name in columns))
+    for (hz, b), cells in rows.items():
+        limit = bound(b, hz, params.device.damping)
+        table.add_row(
+            f"{hz:g}", f"{b:g}", f"{limit:.0f}" if limit else "none", *(cells.get(name, "-") for name in columns)
+        )
     return table
 
 

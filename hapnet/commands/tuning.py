@@ -13,7 +13,7 @@ from hapnet.study import export, tune_results
 from hapnet.study.journal import NAME, Journal
 from hapnet.study.search import Search, base, most_cases
 from hapnet.study.search_space import need_library
-from hapnet.study.spec import SEED, value_words
+from hapnet.study.spec import SEED, in_file, value_words
 from hapnet.study.tune_spec import TuneSpec
 
 if TYPE_CHECKING:
@@ -45,7 +45,8 @@ def run(file: Path, assignments: list[str], how: Options, json_to: str | None, o
     if how.dask is not None and how.workers:
         raise InvalidParameter("--workers", how.workers, "left out with --dask: the cluster has its own")
     words = output.console(json_to)
-    spec = TuneSpec.read(file, assigned("--set", assignments))
+    with in_file(file):
+        spec = TuneSpec.read(file, assigned("--set", assignments))
     need_library()
     directory = out or Path("runs") / f"tune-{spec.name}"
     tuned, scored = base(spec)

@@ -15,12 +15,14 @@ PSPM then pays for y as for any other set-position (end of Section 3). So the mo
 feels wrong, but creates no energy. Model-mediated teleoperation (Niemeyer, Mitra 2004; Xu et al. 2016) relies on the
 model for stability, and needs it to be right.
 
-Four things keep the model true:
+Five things keep the model true:
 
 * A new set of planes takes effect over some milliseconds: what y would jump by is added to y and fades.
 * The proxy's own position and force say where its plane really was: w = n . x_p - f/K. While in contact, the difference
   to the plane that was told shifts all planes (`shift`), filtered. Free of contact, the proxy must be in front.
 * A world that says along a surface where its proxy rests moves the place where the model's sticks, if that is far away.
+* A plane that is told no more is remembered, until the world says that there is none: its answer tells how far around
+  its proxy it has looked. So a wall that was met once is felt at the next touch, however fast that is.
 * A world that can tell no planes is felt through its proxy's position, less the own motion since the time for which
   that position stands (`OwnMotion`).
 """
@@ -32,7 +34,7 @@ from collections.abc import Sequence
 from operator import add, mul, sub
 
 from hapnet import checks
-from hapnet.checks import Vector
+from hapnet.checks import MOST_PLANES, Vector
 from hapnet.control.added_damping import AddedDamping
 from hapnet.control.coupling import CouplingSample, Proxy, vector_of
 from hapnet.control.friction_cone import RubbingProxy
@@ -63,8 +65,14 @@ ROUNDS = 2
 """How often several surfaces that bend are seen anew from where the proxy rests among their tangent planes."""
 
 
+YIELDING_S = 0.3
+"""Time constant with which the lead follows the level of the world's reservoir [s]: the hand must not notice."""
+
+
 class ContactModel:
     """Computes y from the own position and the planes that the world told last.
+
+    More than twenty attributes: what was told, what follows from it, and three filters each change on their own.
 
     Parameters
     ----------
@@ -73,6 +81,9 @@ class ContactModel:
     lead : g K^-1 (B + b), (n, n) [s]: y leads the position by this times the velocity, in free motion.
     lead_s : time constant of that velocity [s]. fade_s : time constant with which a change of planes takes effect, and
         the lead goes in contact [s]. shift_s : time constant of the planes' shift in contact [s].
+    yields_below : level of the world's reservoir below which the lead gives way, so that the hand pays for what the
+        world's walls dissipate; 0: never. remembers : do planes that are told no more stay known?
+    untold_share : the share of the spring's stiffness with which a world is felt that can tell no planes.
     own_motion : computes y for a world that can tell no planes. added : the damping for what is left to swing.
     """
 
@@ -87,6 +98,9 @@ class ContactModel:
         lead_s: float = _DEFAULTS.lead_s,
         fade_s: float = _DEFAULTS.fade_s,
         shift_s: float = _DEFAULTS.shift_s,
+        yields_below: float = _DEFAULTS.yields_below,
+        remembers: bool = _DEFAULTS.remembers,
+        untold_share: float = 1.0,
     ) -> None:
         self._compliance = [tuple(row) for row in compliance]
         softest = self._compliance[0][0]
@@ -100,6 +114,9 @@ class ContactModel:
         self._velocity = FilteredVelocity(lead_s)
         self._fade_s = checks.positive("fade_s", fade_s)
         self._shift_s = checks.positive("shift_s", shift_s)
+        self._yields_below = checks.non_negative("yields_below", yields_below)
+        self._remembers = remembers
+        self._untold_share = checks.positive("untold_share", untold_share)
         self.reset(position)
 
     def reset(self, position: Vector) -> None:
@@ -114,9 +131,18 @@ class ContactModel:
         self._age = 0.0
         self._velocity.reset()
         self._freedom = 1.0
+        self._kept = self._kept_goal = 1.0
         self._start: Vector | None = position
         self._made = position, position, self._still, position, position
         self._own_motion.reset(position)
+
+    def release(self, position: Vector) -> None:
+        """y continues at `position` [m]; what the world told stays known, and how far the lead has given way."""
+        planes, kept = self._planes, (self._kept, self._kept_goal)
+        self.reset(position)
+        if planes is not None:
+            self._planes, (self._kept, self._kept_goal) = planes, kept
+            self._rubbing.told(planes, None)
 
     @property
     def shift(self) -> Vector:
@@ -135,6 +161,11 @@ class ContactModel:
         *_, before, y = self._made
         return tuple(map(sub, y, before))
 
+    @property
+    def lead_kept(self) -> float:
+        """The share of the lead that has not given way, 0 to 1."""
+        return self._kept
+
     def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
         """The world's newest answer, and how old it is; see `CouplingState.receive`."""
         if not isinstance(sample, Proxy):
@@ -152,10 +183,12 @@ class ContactModel:
         if self._pending is not None:
             self._take(*self._pending, x)
         velocity = self._velocity.step(dt, x)
-        lead = tuple([sum(map(mul, row, velocity)) for row in self._lead])
+        (self._kept,) = low_passed(dt, YIELDING_S, (self._kept,), (self._kept_goal,))
+        lead = tuple([self._kept * sum(map(mul, row, velocity)) for row in self._lead])
         if self._planes is None:
             self._rubbing.place = x
-            y = self._faded(dt, self._own_motion.step(dt, x, lead))
+            lead = tuple([part / self._untold_share for part in lead])
+            y = self._faded(dt, self._softened(x, self._own_motion.step(dt, x, lead)))
             damped = self._added.step(dt, x, y, self._age, 1.0, swings=True)
             self._made = x, x, self._still, y, damped
             return damped
@@ -180,22 +213,34 @@ class ContactModel:
         self._pending = None
         before = self._model(x)
         self._age = age_s
+        level = 1.0 if told.level is None else told.level
+        self._kept_goal = min(1.0, level / self._yields_below) if self._yields_below else 1.0
         if told.planes is None:
             self._own_motion.receive(told.position, age_s)
             self._planes = None
         else:
             earlier = self._planes or ()
-            self._planes = tuple([ToldPlane(plane, self._compliance, told.position) for plane in told.planes])
+            planes = tuple([ToldPlane(plane, self._compliance, told.position) for plane in told.planes])
+            self._wanted_shift = self._shift_wanted(planes, told, self._proxy_velocity(told.position, sent_s), earlier)
+            self._planes = planes + self._remembered(planes, told, earlier)
             self._rubbing.told(self._planes, told.position if told.force != self._still else None)
-            self._wanted_shift = self._shift_wanted(told, self._proxy_velocity(told.position, sent_s), earlier)
         after = self._model(x)
         if after != before:
             self._fading = tuple(map(add, self._fading, map(sub, before, after)))
 
+    def _remembered(
+        self, planes: Sequence[ToldPlane], told: Proxy, earlier: Sequence[ToldPlane]
+    ) -> tuple[ToldPlane, ...]:
+        """The earlier planes that this answer neither tells nor denies; with the told ones as many as can be told."""
+        if not self._remembers or told.reach_m is None:
+            return ()
+        kept = [one for one in earlier if not one.withdrawn(planes, told.position, told.reach_m)]
+        return tuple(kept[: MOST_PLANES - len(planes)])
+
     def _model(self, x: Vector) -> Vector:
         """y of the present model, but for lead and fading."""
         if self._planes is None:
-            return self._own_motion.at(x)
+            return self._softened(x, self._own_motion.at(x))
         return self._rest(x, self._planes)[0]
 
     def _proxy_velocity(self, position: Vector, sent_s: float) -> Vector:
@@ -205,15 +250,16 @@ class ContactModel:
             return self._still
         return tuple([(new - old) / (sent_s - earlier[1]) for old, new in zip(earlier[0], position, strict=True)])
 
-    def _shift_wanted(self, told: Proxy, velocity: Vector, earlier: Sequence[ToldPlane]) -> Vector | None:
+    def _shift_wanted(
+        self, planes: Sequence[ToldPlane], told: Proxy, velocity: Vector, earlier: Sequence[ToldPlane]
+    ) -> Vector | None:
         """The shift with which the told planes agree with the proxy's own position and force; None: nothing known.
 
         The force is of the step that has ended, so a plane that was not there before it proves nothing yet.
         """
-        assert self._planes is not None
         wanted: list[float] = [0.0] * len(self._still)
         known = False
-        touched = self._planes
+        touched = planes
         if self._rubbing.rubs and len(touched) > 1:  # friction on one plane may be along the normal of another
             touched = tuple([one for one in touched if one.depth(told.position) > 0.0])
             if len(touched) > 1:
@@ -241,6 +287,11 @@ class ContactModel:
         if goal == self._shift:
             return
         self._shift = low_passed(dt, constant, self._shift, goal)
+
+    def _softened(self, x: Vector, y: Vector) -> Vector:
+        """y for a world that can tell no planes: its answer is late, and a stiff spring to it would ring."""
+        share = self._untold_share
+        return y if share == 1.0 else tuple([a + share * (b - a) for a, b in zip(x, y, strict=True)])
 
     # -- y ------------------------------------------------------------------------------------------------------------
 

@@ -20,48 +20,15 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 from hapnet.checks import Vector
 from hapnet.control.ledger import Ledger
+from hapnet.control.samples import CouplingSample as CouplingSample
+from hapnet.control.samples import Motion as Motion
+from hapnet.control.samples import Port as Port
+from hapnet.control.samples import Position as Position
+from hapnet.control.samples import Proxy as Proxy
+from hapnet.control.samples import Wave as Wave
+from hapnet.control.samples import level_of as level_of
+from hapnet.control.samples import vector_of as vector_of
 from hapnet.control.ticks import TICK_SLACK_S, ticks_before
-from hapnet.mechanics.plane import Plane
-
-
-class Motion(NamedTuple):
-    """A position [m] and its velocity [m/s]."""
-
-    position: Vector
-    velocity: Vector
-
-
-class Port(NamedTuple):
-    """The signal at one port, a position [m] or a force [N], and the total energy put in there so far [J]."""
-
-    value: Vector
-    energy: float
-
-
-class Wave(NamedTuple):
-    """A wave variable [sqrt(W)], averaged over a time span [s].
-
-    total, total_s : the integral of all waves that its sender sent so far, this one included [sqrt(W) s], and the sum
-        of their spans [s]. Of a received wave only; empty where the sender does not tell it.
-    """
-
-    value: Vector
-    span: float
-    total: Vector = ()
-    total_s: float = 0.0
-
-
-class Proxy(NamedTuple):
-    """The virtual mass's position with what its world knows of the place."""
-
-    position: Vector
-    """[m]"""
-    aimed_s: float
-    """The time on the device's clock for which the position stands [s]; 0: the world does not know."""
-    force: Vector
-    """Of the environment on the mass in the last step [N]; zero: it moves freely."""
-    planes: tuple[Plane, ...] | None
-    """The planes that it touches or is near; None: this world can tell no planes."""
 
 
 class ForceParts(NamedTuple):
@@ -75,19 +42,6 @@ class ForceParts(NamedTuple):
     """The part of the spring's force that the local contact model's planes have made."""
     added_damping: Vector
     """The part of it that is added damping."""
-
-
-CouplingSample = Vector | Motion | Port | Wave | Proxy
-"""What one side sends to the other. A bare vector is a position [m]."""
-
-
-def vector_of(sample: CouplingSample) -> Vector:
-    """The vector in a sample: a position, a port's value or a wave."""
-    match sample:
-        case Motion(vector, _) | Port(vector, _) | Wave(vector, _, _, _) | Proxy(vector, _, _, _):
-            return vector
-        case _:
-            return sample
 
 
 class Update(NamedTuple):
@@ -107,6 +61,10 @@ class CouplingState(Protocol):
     discarded: float
     account: float
     """The reservoir's content as the ledger counts it [J]."""
+
+    @property
+    def modulated_share(self) -> float | None:
+        """The share of the updates in which the energy did not suffice for y; None: there was none."""
 
     @property
     def set_position(self) -> Vector:
@@ -296,6 +254,7 @@ class LawState(Generic[L]):
         self.deficit: float = 0.0
         self.deficit_max: float = 0.0
         self.discarded: float = 0.0
+        self.modulated_share: float | None = None
 
     @property
     def set_position(self) -> Vector:

@@ -26,7 +26,7 @@ from math import dist, hypot
 from typing import Literal
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import CouplingSample, Motion, Port, Proxy, Wave, vector_of
+from hapnet.control.coupling import CouplingSample, Motion, Port, Position, Proxy, Wave, vector_of
 from hapnet.control.ticks import TICK_SLACK_S
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.plane import Plane
@@ -113,6 +113,8 @@ class Deadband:
                 return self._changed(value, self._value, LEAST_N)
             case Port(value, _):
                 return self._moved(value, opposite)
+            case Position(position, _):
+                return self._moved(position, opposite)
             case Proxy(position, _, _, planes):
                 return self._moved(position, opposite) or planes != self._planes
             case Wave(value, _, _, _):

@@ -27,6 +27,8 @@ class LedgerState(NamedTuple):
     margin_min: float
     slack: float
     slack_min: float
+    stored: float
+    reservoir: float
     carry: float
     sent_carry: float
     credited_carry: float
@@ -44,8 +46,8 @@ class Ledger:
     """
 
     __slots__ = (
-        "_carry", "_credited_carry", "_sent_carry", "bound", "credited", "margin", "margin_min", "sent", "slack",
-        "slack_min", "work",
+        "_carry", "_credited_carry", "_sent_carry", "bound", "credited", "margin", "margin_min", "reservoir", "sent",
+        "slack", "slack_min", "stored", "work",
     )  # fmt: skip
 
     def __init__(self, stored: float, reservoir: float) -> None:
@@ -58,6 +60,10 @@ class Ledger:
         self.margin_min: float = self.bound
         self.slack: float = 0.0
         self.slack_min: float = math.inf
+        self.stored: float = stored
+        """V at the last `observe`, or at the start."""
+        self.reservoir: float = reservoir
+        """E likewise; a deficit counts as negative."""
         self._carry = self._sent_carry = self._credited_carry = 0.0
 
     def credit(self, energy: float) -> None:
@@ -81,6 +87,8 @@ class Ledger:
         slack = margin - stored - reservoir
         self.margin = margin
         self.slack = slack
+        self.stored = stored
+        self.reservoir = reservoir
         if margin < self.margin_min:
             self.margin_min = margin
         if slack < self.slack_min:
@@ -90,14 +98,14 @@ class Ledger:
         """What `restore` takes."""
         return LedgerState(
             self.bound, self.work, self.credited, self.sent, self.margin, self.margin_min, self.slack, self.slack_min,
-            self._carry, self._sent_carry, self._credited_carry,
+            self.stored, self.reservoir, self._carry, self._sent_carry, self._credited_carry,
         )  # fmt: skip
 
     def restore(self, state: LedgerState) -> None:
         """Go on from there."""
         (
             self.bound, self.work, self.credited, self.sent, self.margin, self.margin_min, self.slack, self.slack_min,
-            self._carry, self._sent_carry, self._credited_carry,
+            self.stored, self.reservoir, self._carry, self._sent_carry, self._credited_carry,
         ) = state  # fmt: skip
 
 

@@ -47,7 +47,12 @@ class Silence:
         self.after: float = after
         self.elapsed: float = 0.0
 
+    @property
+    def is_silent(self) -> bool:
+        """Is the peer silent?"""
+        return self.elapsed > self.after
+
     def step(self, dt: float, *, fresh: bool) -> bool:
         """Advance by dt seconds. Returns True if y is to be released (ramped to x under the step limit)."""
         self.elapsed = 0.0 if fresh else self.elapsed + dt
-        return self.policy == "release" and self.elapsed > self.after
+        return self.policy == "release" and self.is_silent

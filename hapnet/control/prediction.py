@@ -6,6 +6,10 @@ aims ahead by the sample's age plus that lag, and the proxy then stands where th
 
 A parabola is fitted to all positions of the last 36 ms by least squares. One position per step would leave the velocity
 to two noisy time stamps. A prediction is only another y(k), so it cannot break passivity (end of Section 3).
+
+A wall stops the hand, and a parabola does not know that: it runs on into the wall and bounces back out of it, and each
+time the wall takes energy that the hand never paid. So along the normal of a plane that the world tells, motion behind
+the plane is predicted to die away (`depth_ahead`).
 """
 
 from __future__ import annotations
@@ -18,6 +22,7 @@ from operator import mul
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.control.coupling import CouplingSample, vector_of
+from hapnet.mechanics.plane import Plane
 from hapnet.params import ContactModelParams
 
 _DEFAULTS = ContactModelParams()
@@ -27,6 +32,27 @@ SHORTEST_SPAN_S = 0.01
 
 STEP_GAIN = 0.1
 """Of the running mean of the world's steps: the next step is not known when y is chosen."""
+
+
+def depth_ahead(depth: float, free: float, speed: float, ahead: float, stop_s: float) -> float:
+    """How deep a hand will be behind a plane that stops it [m]; below 0: in front of it (ours).
+
+    Behind the plane a way v t shrinks to v t / (1 + t/tau), in both directions; in front of it nothing changes. Also
+    compiled for the kernel, as it stands.
+
+    Parameters
+    ----------
+    depth : of the newest position [m]. free : as predicted without the plane [m]; one of the two must be above 0.
+    speed : into the plane, at the newest position [m/s]. ahead : how far ahead [s], above 0 if depth is not.
+    stop_s : tau [s].
+    """
+    if depth <= 0.0:
+        inside = ahead * free / (free - depth)
+        return free / (1.0 + inside / stop_s)
+    stopped = depth + speed * ahead / (1.0 + ahead / stop_s)
+    if stopped >= 0.0:
+        return stopped
+    return speed * (ahead - depth / (-speed - depth / stop_s))
 
 
 class MotionPredictor:
@@ -51,6 +77,13 @@ class MotionPredictor:
         self._stamps: deque[float] = deque()
         self._positions: deque[Vector] = deque()
         self._fit: tuple[Vector, Vector, Vector] | None = None
+
+    @property
+    def newest(self) -> tuple[Vector, Vector]:
+        """Position [m] and velocity [m/s] at the newest stamp, as fitted; there must be a position."""
+        if self._fit is None:
+            self._fit = _parabola(self._stamps, self._positions)
+        return self._fit[0], self._fit[1]
 
     @property
     def newest_s(self) -> float | None:
@@ -130,12 +163,14 @@ class PredictedDevice:
     Parameters
     ----------
     position : the mass's at the start [m].
-    lag : B'/K' [s]. predictor : predicts the device's motion.
+    lag : B'/K' [s]. predictor : predicts the device's motion. stop_s : time constant with which it dies away behind a
+        plane [s]; 0: planes change nothing.
     """
 
-    def __init__(self, position: Vector, lag: float, predictor: MotionPredictor) -> None:
+    def __init__(self, position: Vector, lag: float, predictor: MotionPredictor, stop_s: float = 0.0) -> None:
         self._lag = lag
         self._predictor = predictor
+        self._stop_s = checks.non_negative("stop_s", stop_s)
         self.reset(position)
 
     def reset(self, position: Vector) -> None:
@@ -146,6 +181,17 @@ class PredictedDevice:
         self._fresh = False
         self._step = 0.0
         self._aimed_s: float | None = None
+        self.planes: Sequence[Plane] = ()
+        """What stands around the virtual mass; whoever moves the mass sets it before each step."""
+
+    @property
+    def turn_s(self) -> float:
+        """How long it takes until the device has an answer to what it does, roughly [s]: a round trip and a step."""
+        return 2.0 * self._age + self._step
+
+    def release(self, position: Vector) -> None:
+        """As `reset`."""
+        self.reset(position)
 
     def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
         """The device's position, and how old it is; see `CouplingState.receive`."""
@@ -164,8 +210,21 @@ class PredictedDevice:
         if newest_s is None:
             return self._y
         self._y, ahead = self._predictor.at(self._age + self._lag + self._step / 2.0)
+        if self._stop_s and ahead:
+            for plane in self.planes:
+                self._y = self._stopped(self._y, plane, ahead)
         self._aimed_s = newest_s + ahead
         return self._y
+
+    def _stopped(self, y: Vector, plane: Plane, ahead: float) -> Vector:
+        """y, as the plane lets the hand go on; a plane that moves takes the hand with it, so it changes nothing."""
+        position, velocity = self._predictor.newest
+        depth, free = plane.depth(position), plane.depth(y)
+        if plane.velocity_mps or (depth <= 0.0 and free <= 0.0):
+            return y
+        speed = sum(map(mul, plane.normal, velocity))
+        back = depth_ahead(depth, free, speed, ahead, self._stop_s) - free
+        return tuple([part + back * n for part, n in zip(y, plane.normal, strict=True)])
 
     def stands_for(self, dt: float) -> float:
         """The time on the device's clock for which the proxy stands after a step of `dt` seconds [s]; 0: unknown."""

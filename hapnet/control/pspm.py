@@ -26,6 +26,8 @@ from numpy.typing import ArrayLike
 
 from hapnet import checks
 from hapnet.checks import Array, Vector
+from hapnet.control import reserve as reserves
+from hapnet.control import reservoir_level
 from hapnet.control.harvest import dissipated_by_range
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.spring import Spring, shared_spring
@@ -79,6 +81,8 @@ class SetPositionModulator:
     force_limit : the force at which the spring saturates [N], see `Spring`.
     energy : E(0) [J]; None: the ceiling, as in the paper. A restarted side starts with 0.
     reserve : energy that the spring's jumps must leave in the reservoir [J]; at most the ceiling.
+    held_m, drag_N : of a torque that is held, as `hapnet.control.reserve.spendable`; 0: none is held.
+    lends : does the energy in the spring come back by itself? See `hapnet.control.reservoir_level`.
 
     Raises
     ------
@@ -86,7 +90,8 @@ class SetPositionModulator:
     """
 
     __slots__ = (
-        "ceiling", "damping", "deficit", "dof", "energy", "harvested_only", "reserve", "set_position", "spring",
+        "ceiling", "damping", "deficit", "dof", "drag_N", "energy", "harvested_only", "held_m", "lends", "level",
+        "modulated", "reserve", "set_position", "spring", "stored",
     )  # fmt: skip
 
     def __init__(
@@ -100,6 +105,9 @@ class SetPositionModulator:
         force_limit: float | None = None,
         energy: float | None = None,
         reserve: float = 0.0,
+        held_m: float = 0.0,
+        drag_N: float = 0.0,
+        lends: bool = False,
     ) -> None:
         self.set_position: Vector = checks.vector("position", position)
         self.dof: int = len(self.set_position)
@@ -114,6 +122,15 @@ class SetPositionModulator:
         if self.reserve > self.ceiling:
             raise InvalidParameter("reserve", reserve, f"at most the ceiling, {self.ceiling} J")
         self.deficit: float = 0.0
+        self.held_m: Final = checks.non_negative("held_m", held_m)
+        self.drag_N: Final = checks.non_negative("drag_N", drag_N)
+        self.lends: Final = lends
+        self.modulated: bool = False
+        """Is ybar another than the y of the last update?"""
+        self.stored: float = 0.0
+        """phi after the last update [J]."""
+        self.level: float | None = reservoir_level.level(self.energy, 0.0, self.reserve, self.ceiling, False)
+        """How full the reservoir was after the last update, see `hapnet.control.reservoir_level`."""
 
     @property
     def account(self) -> float:
@@ -123,6 +140,17 @@ class SetPositionModulator:
     def split_reservoir(self, most: float = math.inf) -> float:
         """Take half of the energy out of the reservoir, but at most `most` [J]. Returns what was taken [J]."""
         given = max(0.0, min(self.energy / 2.0, most))
+        self.energy -= given
+        return given
+
+    def give(self, dt: float, peer_level: float, keep: float) -> float:
+        """Take out of the reservoir what the other side needs more (`hapnet.control.reservoir_level`) [J].
+
+        dt : since the last update [s]. peer_level : the other side's. keep : as in `modulate`.
+        """
+        own = reservoir_level.level(self.energy, 0.0, self.reserve, self.ceiling, self.modulated)
+        spare = self.energy - max(self.reserve, keep - self.stored)
+        given = reservoir_level.gift(dt, own, peer_level, self.ceiling - self.reserve, spare)
         self.energy -= given
         return given
 
@@ -176,9 +204,11 @@ class SetPositionModulator:
         spring = self.spring
         before = spring.between(self.set_position, x)
         at_hand = self.energy - self.deficit + received + dissipated + before  # R of the ellipsoid (9)
-        spendable = at_hand - self.reserve
+        largest = spring.ellipsoid.largest
+        spendable = reserves.spendable(at_hand, self.reserve, self.held_m, self.drag_N, largest)
         after = spring.between(y, x)
-        if after <= spendable:
+        self.modulated = after > spendable
+        if not self.modulated:
             self.set_position = y
         else:
             offset = spring.nearest(tuple(map(sub, x, y)), spendable)
@@ -203,5 +233,7 @@ class SetPositionModulator:
             sent = max(0.0, surplus - received) if self.harvested_only else surplus
             discarded = surplus - sent
             energy = ceiling
-        self.energy = energy
+        self.energy, self.stored = energy, after
+        lent = after if self.lends else 0.0
+        self.level = reservoir_level.level(energy, lent, self.reserve, self.ceiling, self.modulated)
         return Modulation(self.set_position, energy, self.deficit, sent, discarded, after - before)

@@ -22,8 +22,24 @@ stiffness, a spring of force F_s stores at least ``F_s^2 / 2K``, and the damper 
     reserve = max over F_s of   L(min(F_s + B v, F_max)) - F_s^2 / 2K           brought down tick by tick
               and of            (v h + r) min(F_s + B v, F_max) - F_s^2 / 2K    held for h = T + watchdog, then dropped
 
-Software cannot act while it does not run. The second line covers a servo that is stopped for as long as the watchdog
-allows; beyond that only hardware can remove the torque.
+An account that holds less than the reserve covers a smaller force: with P in spring and reservoir together a force of
+P / (v h + r), damper included, may be held (`spendable`). So a nearly empty reservoir renders little, and not nothing:
+the hand pays for what it feels, and the reservoir fills again.
+
+Software cannot act while it does not run. The second line covers a servo that is away for as long as the watchdog
+allows. Where it was away for longer it may be so again (`HoldTime`), and a device without a watchdog of its own then
+goes on with the torque for ``A = v h + r``, h being that longer time. From then on the torque must be paid for over A:
+with ``F_0 = D floor(A / a)`` the guard puts in place of L
+
+    L_A(F) = A F                            up to F_0
+             a (S(F) - S(F_0)) + A F_0      above
+
+L_A(F) >= A F, so the account covers the overrun whenever it begins. And ``L_A(F) - a F >= L_A(F - D)``, so the force
+still ends by steps of D. (Above F_0 that is an equality. Below, it says ``A D >= a F``. Where F - D < F_0 < F, with
+``m = floor(A / a)`` and F = F_0 + e, it says ``(D - e) (A - a m) >= 0``.)
+
+An overrun that is longer than any that is remembered may output more than the account holds: only hardware can remove
+the torque then. It is counted, see `SampledServo.overrun_leak`.
 """
 
 from __future__ import annotations
@@ -34,6 +50,12 @@ from typing import NamedTuple
 
 from hapnet.checks import Vector
 from hapnet.control.limits import step_towards
+
+FORGET_S = 10.0
+"""How long an overrun is remembered in full, and then half of it [s]."""
+
+FARTHEST_M = 1.0
+"""However long a torque is held, no desktop device moves farther [m]."""
 
 _SHARE = 1.0 - 1e-9
 _ROUNDING_J = 1e-12
@@ -50,7 +72,10 @@ class ForceGuard:
     speed : greatest speed, v [m/s]. inertia : m/T [Ns/m] of the smallest mass; infinite: unknown.
     """
 
-    __slots__ = ("_constant", "_inertia", "_limit", "_linear", "_reach", "_speed", "_square", "_step", "has_account")
+    __slots__ = (
+        "_constant", "_held_m", "_inertia", "_limit", "_linear", "_more", "_plain", "_reach", "_speed", "_square",
+        "_step", "has_account",
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -71,10 +96,31 @@ class ForceGuard:
         # S(F) <= square F^2 + linear F + constant, with equality where F is an odd number of half steps
         finite = step != math.inf
         self._square, self._linear, self._constant = (0.5 / step, 0.5, step / 8.0) if finite else (0.0, 1.0, 0.0)
+        self._held_m = self._plain = self._more = 0.0
+
+    def cover(self, held_m: float) -> None:
+        """From now on the account must also pay for a force that is held for a way of `held_m`, A [m]; 0: it need not.
+
+        Nothing changes where no account limits the force, or where A is no longer than the travel in a tick.
+        """
+        self._held_m = held_m if self.has_account and held_m > self._reach else 0.0
+        if self._held_m and self._step != math.inf:
+            self._plain = self._step * math.floor(held_m / self._reach)
+            self._more = held_m * self._plain - self._reach * ramp(self._plain, self._step)
+        else:
+            self._plain, self._more = math.inf, 0.0
 
     def cost(self, force: float) -> float:
-        """L(F) [J]: the most that a force of this length [N] outputs until it has been reduced to zero."""
-        return self._reach * ramp(force, self._step)
+        """L(F), or L_A(F) [J]: the energy that a force of this length [N] needs until it has been reduced to zero."""
+        if self._held_m and force <= self._plain:
+            return self._held_m * force
+        return self._reach * ramp(force, self._step) + (self._more if self._held_m else 0.0)
+
+    def _affordable(self, energy: float) -> float:
+        """The longest force [N] that costs no more than this energy [J]."""
+        if self._held_m and energy <= self._held_m * self._plain:
+            return energy / self._held_m
+        return longest((energy - (self._more if self._held_m else 0.0)) / self._reach, self._step)
 
     def needed(self, force: Vector) -> float:
         """Energy needed in spring and reservoir to hold this force [N] for a tick and then reduce it to zero [J]."""
@@ -97,7 +143,8 @@ class ForceGuard:
         length = math.hypot(*wanted)
         ramped = length * (length * self._square + self._linear) + self._constant
         if (
-            length <= self._limit
+            not self._held_m
+            and length <= self._limit
             and ramped * self._reach + _ROUNDING_J <= energy * _SHARE
             and math.dist(wanted, held) <= self._step
             and ramped <= self._inertia * (self._speed - math.hypot(*v))
@@ -110,7 +157,7 @@ class ForceGuard:
         most = self._limit
         if self._reach > 0.0:
             spendable = energy * _SHARE - _ROUNDING_J
-            most = min(most, longest(spendable / self._reach, step)) if spendable > 0.0 else 0.0
+            most = min(most, self._affordable(spendable)) if spendable > 0.0 else 0.0
         if self._inertia < math.inf and length > 0.0:
             along = sum(map(mul, wanted, v)) / length
             room = math.sqrt(along * along + max(0.0, self._speed * self._speed - sum(map(mul, v, v)))) - along
@@ -149,6 +196,37 @@ class ForceGuard:
         return tuple([s + share * w for s, w in zip(shortest, way, strict=True)])
 
 
+class HoldTime:
+    """How long a torque may next be held before the servo is back, judged by how late it was so far (ours).
+
+    A servo that was away may next be away for as long: for the longest absence of the last `FORGET_S`, and after that
+    for half of it in each further `FORGET_S`, so that a force does not come back at once.
+
+    Parameters
+    ----------
+    allowed : so long a torque may be held without any of this [s].
+    most : a longer absence costs no more than this one [s].
+    """
+
+    __slots__ = ("_age", "_before", "_longest", "allowed", "expected", "most")
+
+    def __init__(self, allowed: float, most: float = math.inf) -> None:
+        self.allowed, self.most = allowed, most
+        self.expected: float = allowed
+        """How long the next torque may be held [s]."""
+        self._longest = self._before = self._age = 0.0  # of the present span of FORGET_S, and of the one before it
+
+    def tick(self, dt: float, held: float) -> None:
+        """A tick `dt` seconds after the last. Until then a torque may have been held for `held` seconds of it."""
+        self._age += dt
+        if self._age > FORGET_S:
+            self._before = self._longest if self._age <= 2.0 * FORGET_S else 0.0
+            self._longest = self._age = 0.0
+        self._longest = max(self._longest, min(held, self.most))
+        fading = self.expected * 0.5 ** (dt / FORGET_S)
+        self.expected = max(self.allowed, fading, self._longest, self._before)
+
+
 class Holding(NamedTuple):
     """The values from which the guard of a held torque was computed."""
 
@@ -160,6 +238,36 @@ class Holding(NamedTuple):
     """Energy that the account must hold for it [J]; infinite if no account is enough."""
     reserve: float
     """Energy that the account keeps for it [J]: what is needed, unless the ceiling is too low for that."""
+    far: float = 0.0
+    """v h + r: how far the device moves while a torque is held for h [m]."""
+    drag: float = 0.0
+    """B v, the most of the damper [N]."""
+
+    def far_in(self, time: float) -> float:
+        """How far the device moves while a torque is held for `time` [s], A in place of `far` [m]."""
+        return self.far + self.speed * (time - self.time)
+
+    @property
+    def most(self) -> float:
+        """The time in which the device has moved as far as it can, at least `time` [s]."""
+        return self.time + max(0.0, FARTHEST_M - self.far) / self.speed
+
+
+def spendable(at_hand: float, reserve: float, held_m: float, drag_N: float, stiffness: float) -> float:
+    """The most energy that the spring may hold [J], of all in spring and reservoir; also compiled as it stands.
+
+    Parameters
+    ----------
+    at_hand : P [J]. reserve : as above [J]. held_m : v h + r [m]; 0: no force is held. drag_N : B v [N].
+    stiffness : the largest of K [N/m].
+    """
+    free = at_hand - reserve
+    if held_m <= 0.0 or at_hand <= 0.0:
+        return free
+    covered = at_hand / held_m - drag_N
+    if covered <= 0.0:
+        return free
+    return max(free, min(at_hand, covered * covered / (2.0 * stiffness)))
 
 
 def ramp(force: float, step: float) -> float:

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import CouplingSample, Mass, Proxy, S, Update, vector_of
+from hapnet.control.coupling import CouplingSample, Mass, Proxy, S, Update, level_of, vector_of
 from hapnet.control.ledger import Ledger
 from hapnet.control.limits import Silence, step_towards
 from hapnet.control.prediction import PredictedDevice
@@ -19,6 +19,9 @@ from hapnet.control.pspm import Modulation
 from hapnet.control.smoothing import Pipeline
 from hapnet.mechanics.plane import Plane, checked
 from hapnet.mechanics.spring import Spring
+
+MOST_REACH_M = 1.0
+"""Planes that are farther away are never told [m]: no desktop device reaches so far."""
 
 
 class Modulator(Protocol):
@@ -34,7 +37,12 @@ class Modulator(Protocol):
     def deficit(self) -> float: ...
     @property
     def account(self) -> float: ...
+    @property
+    def level(self) -> float | None: ...
+    @property
+    def modulated(self) -> bool: ...
 
+    def give(self, dt: float, peer_level: float, keep: float) -> float: ...
     def modulate(self, y: Vector, x: Vector, dissipated: float, received: float, keep: float = 0.0) -> Modulation: ...
     def split_reservoir(self, most: float = ...) -> float: ...
 
@@ -49,7 +57,10 @@ class Source(Protocol):
         """y [m] at the own position x [m], `dt` seconds after the last step."""
 
     def reset(self, position: Vector) -> None:
-        """Start again at `position` [m]: the peer was replaced, or the spring was released."""
+        """Start again at `position` [m]: the peer was replaced."""
+
+    def release(self, position: Vector) -> None:
+        """Go on from `position` [m]: the spring was released, but the peer is the same."""
 
 
 class Arrived(NamedTuple):
@@ -66,6 +77,8 @@ class Arrived(NamedTuple):
 class SetPositionCoupling:
     """One side's coupling between its position x and what the other side sends.
 
+    More than twenty attributes: y passes source, stages, silence, step limit and modulator, and each step is counted.
+
     Parameters
     ----------
     modulator : `SetPositionModulator` or `ZeroOrderHold`, at rest at the side's position.
@@ -75,6 +88,7 @@ class SetPositionCoupling:
     longest_step : how far the set-position may move in one update [m]; infinite: no limit.
     kinetic : kinetic energy at the start [J].
     kept_for_peers : when the reservoir holds at most twice this [J], a new peer gets a hundredth of it, not half.
+    shares : does it tell how full its reservoir is, and give energy to a side that needs it more?
     """
 
     def __init__(
@@ -87,6 +101,7 @@ class SetPositionCoupling:
         longest_step: float = math.inf,
         kinetic: float = 0.0,
         kept_for_peers: float = 0.0,
+        shares: bool = False,
     ) -> None:
         self.modulator = modulator
         self.spring: Spring = modulator.spring
@@ -104,6 +119,12 @@ class SetPositionCoupling:
         self.energy_min: float = modulator.energy
         self.deficit_max: float = 0.0
         self.discarded: float = 0.0
+        self.updates: int = 0
+        self.modulated: int = 0
+        """Of these updates: how many could not pay for the whole of y."""
+        self.peer_level: float | None = None
+        """How full the other side's reservoir is; None: it does not tell."""
+        self._shares = shares
         self.spare: Callable[[], float] = lambda: math.inf
         """Energy that the reservoir can spare now [J]; a servo that holds a torque sets this."""
         self._kept_for_peers = kept_for_peers
@@ -112,6 +133,11 @@ class SetPositionCoupling:
         self._credit = 0.0
         self._potential: tuple[Vector, Vector, float] = modulator.set_position, modulator.set_position, 0.0
         stages.reset(modulator.set_position)
+
+    @property
+    def modulated_share(self) -> float | None:
+        """The share of the updates that could not pay for the whole of y; None: there was none yet."""
+        return self.modulated / self.updates if self.updates else None
 
     @property
     def set_position(self) -> Vector:
@@ -128,8 +154,15 @@ class SetPositionCoupling:
         """The part of a measured, negative D that the reservoir could not cover [J]."""
         return self.modulator.deficit
 
+    @property
+    def level(self) -> float | None:
+        """How full the reservoir is, to tell the other side; None: it is not told."""
+        return self.modulator.level if self._shares else None
+
     def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
         """A set-position arrived [m]; see `CouplingState.receive`."""
+        if self._shares:
+            self.peer_level = level_of(sample)
         if self.source is not None:
             self.source.receive(sample, sent_s, age_s)
         self._received = vector_of(sample)
@@ -159,6 +192,7 @@ class SetPositionCoupling:
         old one's.
         """
         self._reset(self.target)
+        self.peer_level = None
         most, energy = self.spare(), self.modulator.energy
         if energy <= 2.0 * self._kept_for_peers:
             most = min(most, energy / 100.0)
@@ -187,10 +221,12 @@ class SetPositionCoupling:
         y = self.stages.step(dt, y, sent_s)
         if self.silence.step(dt, fresh=sent_s is not None):
             y = x
+        if self.silence.is_silent:
+            self.peer_level = None  # energy sent now would be lost with the link, or find a full reservoir
         self.target = y
         if self.longest_step != math.inf:
             y = step_towards(self.modulator.set_position, y, self.longest_step)
-        return self._modulate(y, x, dissipated, keep)
+        return self._modulate(dt, y, x, dissipated, keep)
 
     def release(self, x: Vector, dissipated: float) -> Modulation:
         """Run PSPM once and release the spring at once: ybar = x, and y stays there until a sample arrives.
@@ -199,20 +235,26 @@ class SetPositionCoupling:
         """
         self._received = self.target = x
         self._sent_s = None
-        self._reset(x)
-        return self._modulate(x, x, dissipated)
+        self.stages.reset(x)
+        if self.source is not None:
+            self.source.release(x)
+        return self._modulate(0.0, x, x, dissipated)
 
     def _reset(self, position: Vector) -> None:
         self.stages.reset(position)
         if self.source is not None:
             self.source.reset(position)
 
-    def _modulate(self, y: Vector, x: Vector, dissipated: float, keep: float = 0.0) -> Modulation:
+    def _modulate(self, dt: float, y: Vector, x: Vector, dissipated: float, keep: float = 0.0) -> Modulation:
         credit = self._credit
         self._credit = 0.0
         self.has_sample = False
         modulator = self.modulator
         result = modulator.modulate(y, x, dissipated, credit, keep)
+        self.updates += 1
+        self.modulated += modulator.modulated
+        if self.peer_level is not None and (given := modulator.give(dt, self.peer_level, keep)):
+            result = result._replace(energy=modulator.energy, sent=result.sent + given)
         self.ledger.credit(credit)
         if result.sent:
             self.ledger.send(result.sent)
@@ -232,15 +274,21 @@ class SetPositionSteps:
     ----------
     coupling : this side's set-position coupling.
     predicted : the coupling's source, if the proxy is sent with the planes around it; None: only its position is sent.
-    reach : planes within this distance are told [m].
+    reach : planes within this distance are told [m]. reach_speed : and those that a device so fast [m/s] could reach
+        before it is told of them.
     """
 
     def __init__(
-        self, coupling: SetPositionCoupling, predicted: PredictedDevice | None = None, reach: float = 0.0
+        self,
+        coupling: SetPositionCoupling,
+        predicted: PredictedDevice | None = None,
+        reach: float = 0.0,
+        reach_speed: float = 0.0,
     ) -> None:
         self.coupling = coupling
         self._predicted = predicted
         self._reach = reach
+        self._reach_speed = reach_speed
         self._contacts: Any = None
         self._force: Vector = (0.0,) * len(coupling.set_position)
 
@@ -255,10 +303,14 @@ class SetPositionSteps:
         predicted = self._predicted
         if predicted is None:
             return Update(x, self.coupling.update(dt, x, dissipated).sent)
+        reach = min(MOST_REACH_M, self._reach + self._reach_speed * predicted.turn_s)
         planes: tuple[Plane, ...] | None = ()  # it starts outside of every obstacle
+        looked_m = None if self._contacts is None else reach
         if self._contacts is not None:
             tell = getattr(self._contacts, "planes", None)  # a user's own world may have been written without it
-            told = None if tell is None else tell(x, self._reach)
+            told = None if tell is None else tell(x, reach)
             planes = None if told is None else tuple([plane.unfolded(x) for plane in checked(told, len(x))])
-        proxy = Proxy(x, predicted.stands_for(dt), self._force, planes)
-        return Update(proxy, self.coupling.update(dt, x, dissipated).sent)
+        predicted.planes = planes or ()
+        stands_for = predicted.stands_for(dt)
+        sent = self.coupling.update(dt, x, dissipated).sent
+        return Update(Proxy(x, stands_for, self._force, planes, looked_m, self.coupling.level), sent)

@@ -15,9 +15,9 @@ from typing import Any, Final, Literal
 
 from hapnet.checks import Vector
 from hapnet.control.contact_model import ContactModel
-from hapnet.control.coupling import ForceParts, Update
+from hapnet.control.coupling import ForceParts, Position, Update
 from hapnet.control.harvest import MeasuredHarvest, dissipated_by_range
-from hapnet.control.reserve import ForceGuard, Holding
+from hapnet.control.reserve import ForceGuard, Holding, HoldTime
 from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.control.ticks import TICK_SLACK_S, ticks_before
 from hapnet.mechanics.encoders import rounding
@@ -79,7 +79,7 @@ class ContinuousServo:
         result = coupling.release(x, dissipated) if release else coupling.update(elapsed, x, dissipated)
         self.elapsed = 0.0
         coupling.ledger.observe(kinetic + coupling.potential(x), coupling.account)
-        return self._sender.update(elapsed, x, result.sent)
+        return self._sender.update(elapsed, x, result.sent, coupling.level)
 
     def resting(self, dt: float) -> int:
         """Number of coming ticks, `dt` seconds apart, without PSPM if no sample arrives: each needs only `rest`."""
@@ -126,12 +126,12 @@ class _Sender:
         self._due = period - TICK_SLACK_S
         self._elapsed = 0.0
 
-    def update(self, dt: float, x: Vector, shuffled: float) -> Update | None:
-        """What to send, `dt` seconds after the last run of PSPM."""
+    def update(self, dt: float, x: Vector, shuffled: float, level: float | None) -> Update | None:
+        """What to send, `dt` seconds after the last run of PSPM. level : of the reservoir; None: it is not told."""
         self._elapsed += dt
         if self._elapsed >= self._due:
             self._elapsed = 0.0
-            return Update(x, shuffled)
+            return Update(x if level is None else Position(x, level), shuffled)
         return Update(None, shuffled) if shuffled else None
 
 
@@ -184,11 +184,16 @@ class SampledServo:
         self.overrun_leak: float = 0.0
         """Energy that held torques output beyond the account while the servo was late for too long [J]."""
         self.overrun_risk: float = 0.0
-        """The most that may have been output beyond the account meanwhile and taken back unseen [J]."""
+        """The most that may have been output beyond the account meanwhile and taken back unseen [J]; 0 where the way
+        is known, see `follow`."""
+        self.force_ends_s: float = math.inf
+        """The device ends the force by itself when no command has come for so long [s]; infinite: it does not."""
         self.guarded: int = 0
         """Number of ticks whose force the guard changed."""
         self._guard = guard or ForceGuard()
-        self._longest_hold = math.inf if holding is None else holding.time * (1.0 + 1e-9)
+        self._longest_hold = math.inf if holding is None else holding.time * (1.0 + 1e-9) + 1e-9  # whole nanoseconds
+        self._hold_time = HoldTime(self._longest_hold, math.inf if holding is None else holding.most)
+        self._followed: tuple[float, float, float] | None = None  # for how long, P then, and the least P since
         self._measured = MeasuredHarvest(self.trusted_damping, resolution)
         self._position = position
         self._low = self._high = position
@@ -267,22 +272,15 @@ class SampledServo:
         Sets `force`; `release` sets it to zero (ybar = x). Returns what to send, if PSPM ran. The harvest up to a
         release is always measured, because (10) does not account for a torque held for so long.
         """
-        coupling, measured = self.coupling, self._measured
-        ledger = coupling.ledger
-        travel = math.dist(x, self._position)
-        if travel > self.speed_max * dt or dt > self._longest_hold:
-            self._watch(dt, x, travel)
+        coupling, ledger = self.coupling, self.coupling.ledger
+        if dt > self._longest_hold or self._hold_time.expected > self._longest_hold:
+            self._expect(dt)
         if self.resolution:
             self._blur()
-        ledger.put_in(measured.hold(self.force, self._position, x, dt))
-        self._position = x
-        potential, account = coupling.potential(x), coupling.account
-        if self.harvest == "measured":
-            account += measured.work - (potential - self._potential)
+        if dt > self._longest_hold or self._followed is not None:
+            self._overrun(dt, x)
         else:
-            self._low = tuple(map(min, self._low, x))
-            self._high = tuple(map(max, self._high, x))
-        ledger.observe(potential, account)
+            self._move(dt, x)
         self._elapsed += dt
         update = None
         if coupling.has_sample or self._elapsed >= self._due or release:
@@ -291,7 +289,7 @@ class SampledServo:
             else:
                 keep = self._guard.needed_after(self._commanded)
                 result = coupling.update(self._elapsed, x, self._dissipated(x), keep)
-            update = self._sender.update(self._elapsed, x, result.sent)
+            update = self._sender.update(self._elapsed, x, result.sent, coupling.level)
             self._potential = coupling.potential(x)
             self._elapsed = 0.0
             self._low = self._high = x
@@ -306,17 +304,47 @@ class SampledServo:
         """As `DeviceCoupling.resting`: PSPM does not run in these ticks."""
         return 0 if self.coupling.has_sample else ticks_before(self._due, self._elapsed, dt)
 
-    def _watch(self, dt: float, x: Vector, travel: float) -> None:
-        """Record the greatest speed, and the energy output by a torque that was held for too long."""
-        count = rounding(self.resolution, len(x))
-        if dt > 0.0:
-            self.speed_max = max(self.speed_max, (travel - count) / dt)
+    def follow(self, dt: float, x: Vector) -> None:
+        """The device has come to x [m] in further `dt` seconds, under the force that is held, while the servo is late.
+
+        For a device whose way is known. The next `tick` gets the time since the last tick all the same.
+        """
+        since, before, least = self._followed or (0.0, self._stored, math.inf)
+        self._move(dt, x)
+        self._followed = since + dt, before, min(least, self._stored)
+
+    def _move(self, dt: float, x: Vector) -> None:
+        """Account for `dt` seconds in which the force was held and the device came to x [m]."""
+        coupling, measured = self.coupling, self._measured
+        travel = math.dist(x, self._position)
+        if dt > 0.0 and travel > self.speed_max * dt:
+            self.speed_max = max(self.speed_max, (travel - rounding(self.resolution, len(x))) / dt)
+        coupling.ledger.put_in(measured.hold(self.force, self._position, x, dt))
+        self._position = x
+        potential, account = coupling.potential(x), coupling.account
+        if self.harvest == "measured":
+            account += measured.work - (potential - self._potential)
+        else:
+            self._low = tuple(map(min, self._low, x))
+            self._high = tuple(map(max, self._high, x))
+        coupling.ledger.observe(potential, account)
+
+    def _overrun(self, dt: float, x: Vector) -> None:
+        """As `_move`, after `dt` seconds of which `follow` told a part; counts what was output beyond the account."""
+        followed, before, least = self._followed or (0.0, self._stored, math.inf)
+        self._move(dt - followed, x)
         if dt > self._longest_hold and self.holding is not None:
-            held = max(0.0, self._stored)
-            leak = sum(map(mul, self.force, map(sub, x, self._position)))
-            far = self.holding.speed * dt + count
-            self.overrun_leak += max(0.0, leak - held)
-            self.overrun_risk = max(self.overrun_risk, math.hypot(*self.force) * far - held)
+            self.overrun_leak += max(0.0, -min(least, self._stored) - max(0.0, -before))
+            if self._followed is None:
+                far = self.holding.speed * dt + rounding(self.resolution, len(x))
+                self.overrun_risk = max(self.overrun_risk, math.hypot(*self.force) * far - max(0.0, before))
+        self._followed = None
+
+    def _expect(self, dt: float) -> None:
+        """Limit the force to what the account can pay for through another absence like those before."""
+        self._hold_time.tick(dt, min(dt, self.force_ends_s))
+        late = self.holding is not None and self._hold_time.expected > self._longest_hold
+        self._guard.cover(self.holding.far_in(self._hold_time.expected) if late and self.holding is not None else 0.0)
 
     def _measured_now(self, x: Vector) -> float:
         return self._measured.take(self.coupling.potential(x) - self._potential)

@@ -43,6 +43,15 @@ class ToldPlane:
         along: float = sum(map(mul, self.normal, position))
         return along - self.offset
 
+    def withdrawn(self, told: Sequence[ToldPlane], position: Vector, reach_m: float) -> bool:
+        """Does a proxy at `position` [m] that tells these planes, and no others within `reach_m` [m], deny this one?
+
+        A plane that moves is not remembered: nobody knows where it is by now.
+        """
+        if self.velocity or -self.depth(position) <= reach_m:
+            return True
+        return any(self.same(one, position) for one in told)
+
     def given(self, force: Vector) -> Vector:
         """By how much the virtual coupling gives way to `force` (n,) [N]: K'^-1 times it [m]."""
         return tuple([sum(map(mul, row, force)) for row in self._compliance])

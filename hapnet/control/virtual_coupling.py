@@ -9,7 +9,7 @@ from __future__ import annotations
 from operator import mul, sub
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import CouplingSample, Motion, Port, Proxy, Wave
+from hapnet.control.coupling import CouplingSample, Motion, Port, Position, Proxy, Wave
 from hapnet.mechanics.spring import Spring
 
 
@@ -29,7 +29,7 @@ class VirtualCoupling:
 
     def receive(self, sample: CouplingSample) -> None:
         """A position arrived [m]."""
-        assert not isinstance(sample, Motion | Port | Wave | Proxy), "the world sends bare positions here"
+        assert not isinstance(sample, Position | Motion | Port | Wave | Proxy), "the world sends bare positions here"
         self.set_position = sample
 
     def on_peer_changed(self) -> None:

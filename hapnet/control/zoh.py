@@ -22,6 +22,9 @@ class ZeroOrderHold:
     """
 
     __slots__ = ("deficit", "energy", "set_position", "spring")
+    level: float | None = None
+    """None: there is no reservoir to fill."""
+    modulated = False
 
     def __init__(self, spring: Spring, position: Vector, energy: float) -> None:
         self.spring: Spring = spring
@@ -39,6 +42,10 @@ class ZeroOrderHold:
         self.set_position = y
         jump = self.spring.between(y, x) - before
         return Modulation(y, self.energy, 0.0, 0.0, 0.0, jump)
+
+    def give(self, dt: float, peer_level: float, keep: float) -> float:
+        """Zero [J]: there is no reservoir."""
+        return 0.0
 
     def split_reservoir(self, most: float = 0.0) -> float:
         """Zero [J]: there is no reservoir to split."""

@@ -9,7 +9,14 @@
 | PSPM | at every tick, harvest measured; positions are sent every `device.pspm_period_s` | least delay |
 | lead | g K^-1 (B + b) v, g = `contact_model.lead`: a part of the drag is cancelled in free motion | (2) |
 | the world's prediction | age of the sample + B'/K' + T/2, T the mean step | lag of the integrator on a ramp |
-| planes told | those within `contact_model.reach_m` | a fast hand, 0.25 m/s, in 0.2 s |
+| behind a plane | predicted motion v t shrinks to v t/(1 + t/tau), tau = `contact_model.stop_s` | a wall stops a hand |
+| planes told | within `contact_model.reach_m` + `device.greatest_speed` times (round trip + step) | (below) |
+| planes known | until the world, which says how far it looks, tells them no more | a wall mostly stands still |
+| the lead yields | below the level `contact_model.yields_below` of the world's reservoir | (below) |
+
+A world that can tell no planes is felt through its late answers, with 100 N/m at most: a stiffer spring rings.
+A plane must be told before the hand is there, however fast it is. A world that has less energy than it wants lets the
+hand pay for what its walls dissipate: the lead goes in proportion. In contact the hand feels the wall and nothing else.
 """
 
 from __future__ import annotations
@@ -27,6 +34,7 @@ from hapnet.control.added_damping import AddedDamping
 from hapnet.control.contact_model import ContactModel
 from hapnet.control.own_motion import OwnMotion
 from hapnet.control.prediction import MotionPredictor, PredictedDevice
+from hapnet.couplings.default_stiffness import PAPERS
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.spec import RENDERED_DAMPING, Between, CouplingStart
 from hapnet.params import Params
@@ -40,6 +48,7 @@ SEARCHED: Mapping[str, Between | tuple[Any, ...]] = {
     "contact_model.window_s": Between(0.02, 0.2, log=True),
     "contact_model.longest_s": Between(0.05, 0.4, log=True),
     "contact_model.curve_s": Between(0.0, 0.2),
+    "contact_model.stop_s": Between(0.005, 0.1, log=True),
 }
 """`CouplingSpec.searched` of both couplings with this feel."""
 
@@ -49,6 +58,7 @@ class FeelTuning:
     """contact_model : does the device compute y from the planes that the world tells? If not, the rest is 0.
 
     lag_s : B'/K'. damping_Ns_m : b. lead_s : the velocity's factor in y. reach_m : planes that are so near are told.
+    reach_speed_mps : and those that a device so fast could reach before it is told.
     """
 
     contact_model: bool = False
@@ -56,6 +66,7 @@ class FeelTuning:
     damping_Ns_m: float = 0.0
     lead_s: float = 0.0
     reach_m: float = 0.0
+    reach_speed_mps: float = 0.0
 
 
 def tune(params: Params, link: Delays) -> FeelTuning:
@@ -71,6 +82,7 @@ def tune(params: Params, link: Delays) -> FeelTuning:
         damping_Ns_m=added,
         lead_s=params.contact_model.lead * (_largest(device.damping) + added) / _smallest(device.stiffness),
         reach_m=params.contact_model.reach_m,
+        reach_speed_mps=device.greatest_speed,
     )
 
 
@@ -93,12 +105,16 @@ def at_device(start: CouplingStart[FeelTuning]) -> ContactModel | None:
         lead_s=model.lead_s,
         fade_s=model.fade_s,
         shift_s=model.shift_s,
+        yields_below=model.yields_below,
+        remembers=model.remembers,
+        untold_share=min(1.0, PAPERS / _largest(start.params.device.stiffness)),
     )
 
 
 def at_world(start: CouplingStart[Any]) -> PredictedDevice:
     """What computes the world's y, if it is not the newest set-position."""
-    return PredictedDevice(start.position, lag_s(start.params), predictor(start.params))
+    params = start.params
+    return PredictedDevice(start.position, lag_s(params), predictor(params), params.contact_model.stop_s)
 
 
 def predicts(params: Params, link: Delays, longest_s: float) -> bool:

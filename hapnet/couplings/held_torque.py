@@ -57,7 +57,14 @@ def _holding(device: DeviceParams, dof: int) -> Holding:
         limit=device.force_limit_N or math.inf,
         step=device.step_limit_N or math.inf,
     )
-    return Holding(speed, hold, needed, min(needed, device.ceiling_J * RESERVED_SHARE))
+    far = speed * hold + rounding(device.resolution_m, dof)
+    drag = speed * max(checks.diagonal("device.damping", device.damping, dof))
+    return Holding(speed, hold, needed, min(needed, device.ceiling_J * RESERVED_SHARE), far, drag)
+
+
+def ceiling_for(device: DeviceParams) -> float:
+    """The ceiling that covers a held torque of this device's spring on one axis [J]; infinite if none does."""
+    return _holding(device, 1).needed / RESERVED_SHARE
 
 
 def check(device: DeviceParams, harvest: Harvest, dof: int) -> list[str]:

@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import Any
 
 from hapnet.couplings.eba import EBA
+from hapnet.couplings.felt import through
 from hapnet.couplings.pd import PD
 from hapnet.couplings.popc import POPC
 from hapnet.couplings.set_position import PSPM, ZOH
@@ -73,7 +74,7 @@ def ideal_stiffness(params: Params, wall: float) -> float:
     K = scalar_stiffness(params)
     K_world = params.world.stiffness
     if not coupling(params.coupling).scaled:
-        return K * wall / (K + wall)
+        return through((K,), wall)
     if not isinstance(K_world, float):
         raise InvalidParameter("world.stiffness", K_world, "a number, to compute the ideal stiffness at a wall")
-    return K * wall / (K_world + wall)
+    return through((K, K_world), wall)

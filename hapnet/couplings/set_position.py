@@ -13,8 +13,8 @@ from hapnet.control.contact_model import ContactModel
 from hapnet.control.coupling import DeviceCoupling, WorldCoupling
 from hapnet.control.limits import OnSilence, Silence
 from hapnet.control.prediction import PredictedDevice
-from hapnet.control.pspm import SetPositionModulator, Shuffle
-from hapnet.control.reserve import ForceGuard
+from hapnet.control.pspm import SetPositionModulator
+from hapnet.control.reserve import ForceGuard, Holding
 from hapnet.control.set_position_coupling import Modulator, SetPositionCoupling, SetPositionSteps, Source
 from hapnet.control.set_position_servo import ContinuousServo, SampledServo
 from hapnet.control.smoothing import Pipeline, SmoothingFilter, Stage, VelocityPredictor
@@ -30,25 +30,32 @@ KEPT_FOR_PEERS = 0.002
 force."""
 
 Side = DeviceParams | WorldParams
-MakeModulator = Callable[[Side, Spring, Vector, float, float], Modulator]
-"""The side's parameters, spring, position [m], energy at the start [J], reserve [J]."""
+MakeModulator = Callable[[Side, Spring, Vector, float, float, Holding | None], Modulator]
+"""The side's parameters, spring, position [m], energy at the start [J], reserve [J], and the torque that is held."""
 
 BOTH_SIDES = frozenset({"device", "world"})
 
 
-def _pspm(side: Side, spring: Spring, position: Vector, energy: float, reserve: float) -> Modulator:
+def _pspm(
+    side: Side, spring: Spring, position: Vector, energy: float, reserve: float, holding: Holding | None
+) -> Modulator:
     return SetPositionModulator(
         stiffness=side.stiffness,
         position=position,
         ceiling=side.ceiling_J,
-        shuffle=cast(Shuffle, side.shuffle),
+        shuffle="all" if side.shuffle == "all" else "harvested",
         force_limit=spring.force_limit,
         energy=energy,
         reserve=reserve,
+        held_m=0.0 if holding is None else holding.far,
+        drag_N=0.0 if holding is None else holding.drag,
+        lends=isinstance(side, WorldParams),
     )
 
 
-def _plain(side: Side, spring: Spring, position: Vector, energy: float, reserve: float) -> Modulator:
+def _plain(
+    side: Side, spring: Spring, position: Vector, energy: float, reserve: float, holding: Holding | None
+) -> Modulator:
     return ZeroOrderHold(spring, position, energy)
 
 
@@ -74,6 +81,9 @@ def _coupling(
         longest_step=longest,
         kinetic=start.kinetic,
         kept_for_peers=kept,
+        shares=side.shuffle == "needed"
+        and start.params.feel != "paper"
+        and isinstance(modulator, SetPositionModulator),
     )
 
 
@@ -92,11 +102,12 @@ def device_spring(params: Params, dof: int) -> tuple[Spring, Vector]:
 
 
 def _at_device(
-    start: CouplingStart[FeelTuning], make: MakeModulator, limited: bool, reserve: float = 0.0
+    start: CouplingStart[FeelTuning], make: MakeModulator, limited: bool, holding: Holding | None = None
 ) -> tuple[SetPositionCoupling, Vector, ContactModel | None]:
     device = start.params.device
     spring, damping = device_spring(start.params, len(start.position))
-    modulator = make(device, spring, start.position, start.initial_energy, reserve)
+    reserve = 0.0 if holding is None else holding.reserve
+    modulator = make(device, spring, start.position, start.initial_energy, reserve, holding)
     longest = _longest_step(device, spring, limited)
     model = feel.at_device(start)
     return _coupling(start, device, spring, modulator, longest, model), damping, model
@@ -119,7 +130,7 @@ def _sampled(start: CouplingStart[FeelTuning], make: MakeModulator, limited: boo
     guard, holding = ForceGuard(limit=device.force_limit_N or math.inf), None
     if limited:
         guard, holding = held_torque.guard(device, start.harvest, dof)
-    coupling, damping, model = _at_device(start, make, limited, 0.0 if holding is None else holding.reserve)
+    coupling, damping, model = _at_device(start, make, limited, holding)
     period, sending = _rates(start)
     return SampledServo(
         coupling,
@@ -139,7 +150,9 @@ def _sampled(start: CouplingStart[FeelTuning], make: MakeModulator, limited: boo
 def _world(start: CouplingStart[FeelTuning], make: MakeModulator, limited: bool) -> WorldCoupling:
     """The world's end that tells its proxy, unless the feel is the paper's."""
     source = feel.at_world(start) if start.tuning.contact_model else None
-    return SetPositionSteps(_at_world(start, make, limited, source), source, start.tuning.reach_m)
+    return SetPositionSteps(
+        _at_world(start, make, limited, source), source, start.tuning.reach_m, start.tuning.reach_speed_mps
+    )
 
 
 def plain_world(start: CouplingStart[Any], predicted: bool) -> WorldCoupling:
@@ -156,7 +169,7 @@ def _at_world(
     world = start.params.world
     spring = shared_spring(world.stiffness, len(start.position))
     kept = world.ceiling_J * KEPT_FOR_PEERS
-    modulator = make(world, spring, start.position, start.initial_energy, kept)
+    modulator = make(world, spring, start.position, start.initial_energy, kept, None)
     return _coupling(start, world, spring, modulator, _longest_step(world, spring, limited), source, kept)
 
 

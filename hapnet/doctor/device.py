@@ -1,6 +1,7 @@
 """What a device really does: how fast it answers, how it reads when it rests, and what a force does to its handle.
 
-The force is zero unless a ramp is asked for, with a hand on the handle. Clock and sleep are arguments.
+The force is zero unless it is asked for: a ramp, with a hand on the handle, or pushes, with none, which show the
+device's own damping (`own_damping`). Clock and sleep are arguments.
 """
 
 from __future__ import annotations
@@ -14,7 +15,8 @@ import numpy as np
 
 from hapnet.assembly.user_device import UserDevice
 from hapnet.checks import Vector
-from hapnet.doctor.machine import OK, WARNING, Check
+from hapnet.doctor.machine import OK, SKIPPED, WARNING, Check
+from hapnet.doctor.own_damping import NAME, own_damping
 from hapnet.errors import DeviceSilent, HapnetError
 
 NANO = 1e-9
@@ -64,9 +66,16 @@ class Readings:
 
 
 def examine_device(
-    device: UserDevice, rate_hz: float, clock: Callable[[], int], sleep: Callable[[float], None], ramp_N: float = 0.0
+    device: UserDevice,
+    rate_hz: float,
+    clock: Callable[[], int],
+    sleep: Callable[[float], None],
+    ramp_N: float = 0.0,
+    damping_N: float = 0.0,
 ) -> Iterator[Check]:
     """Yields a line for each thing that was measured.
+
+    ramp_N : press the hand with up to this force; damping_N : push the free handle with it; 0: do not.
 
     Raises
     ------
@@ -95,6 +104,12 @@ def examine_device(
         held = switch < len(buttons) and buttons[switch]
         advice = "" if held else "hold it: without it there is no force"
         yield Check("buttons", OK if held else WARNING, f"{shown}; button {switch} is the dead-man switch", advice)
+    if ramp_N > 0.0 or damping_N > 0.0:
+        device.begin()
+    if damping_N > 0.0:
+        yield own_damping(device, rate_hz, clock, sleep, damping_N)
+    else:
+        yield Check(NAME, SKIPPED, "not measured", "--damping 0.3, with no hand on the handle")
     if ramp_N > 0.0:
         yield _ramp(device, rate_hz, clock, sleep, ramp_N)
 
@@ -184,7 +199,7 @@ def _ramp(
     rest_m = float(np.std(table[:, 2] - terms @ fitted))
     moved_m = float(fitted[0]) * most_N
     value = f"{most_N:g} N move the handle by {moved_m * 1e3:+.2f} mm"
-    if abs(moved_m) < 2.0 * rest_m:
+    if abs(moved_m) <= 2.0 * rest_m:
         still = "hold the handle still, or give more force: its own motion hides what the force does"
         return Check("force ramp", WARNING, f"{value}, its own motion is {rest_m * 1e3:.2f} mm", still)
     if moved_m < 0.0:

@@ -11,7 +11,7 @@ from hapnet.kernel.jit import compiled
 from hapnet.kernel.records import AXES, PLANES, Floats, Matrix, OfPlanes, Record, Vector, VectorsOfPlanes
 from hapnet.kernel.vectors import copy, dot, equal, length, low_pass, times
 
-_FORGET_S, _SETTLED_MPS = reference.FORGET_S, reference.SETTLED_MPS
+_FORGET_S, _SETTLED_MPS, _YIELDING_S = reference.FORGET_S, reference.SETTLED_MPS, reference.YIELDING_S
 _SAME_M, _SAME_COSINE, _SAME_STIFFNESS = told_plane.SAME_M, told_plane.SAME_COSINE, told_plane.SAME_STIFFNESS
 _SWEEPS, _SETTLED_N = reference.SWEEPS, reference.SETTLED_N
 _LONGEST_EXTRAPOLATION_S = told_plane.LONGEST_EXTRAPOLATION_S
@@ -33,7 +33,8 @@ class ContactModel(Record):
     """The attributes of `ContactModel`.
 
     in_use : does the device have one? has_wanted : is a shift wanted? has_earlier : is an earlier answer known?
-    starts : is this the first step after a reset? pending : the answer that the next step takes is in `told_...`.
+    starts : is this the first step after a reset? pending : the answer that the next step takes is in `told_...`, with
+    a reach and a level below 0 where they are not told.
     """
 
     in_use: int
@@ -41,6 +42,10 @@ class ContactModel(Record):
     lead: Matrix
     fade_s: float
     shift_s: float
+    yields_below: float
+    remembers: int
+    kept: float
+    kept_goal: float
     shift: Vector
     fading: Vector
     has_wanted: int
@@ -57,6 +62,8 @@ class ContactModel(Record):
     told_force: Vector
     told_sent_s: float
     told_age_s: float
+    told_reach_m: float
+    told_level: float
     made_x: Vector
     made_s: Vector
     made_fading: Vector
@@ -91,7 +98,11 @@ def step(
     if model.pending:
         _take(model, planes, told, n, x)
     filter_velocity(velocity, n, dt, x)
+    gain = dt / (_YIELDING_S + dt)
+    model.kept = model.kept + gain * (model.kept_goal - model.kept)
     times(n, model.lead, velocity.velocity, model.leading)
+    for i in range(n):
+        model.leading[i] = model.kept * model.leading[i]
     _rest(model, planes, n, x)
     gain = dt / (model.fade_s + dt)
     model.freedom = model.freedom + gain * ((0.0 if model.touches else 1.0) - model.freedom)
@@ -122,8 +133,11 @@ def _take(model: ContactModel, planes: Planes, told: Planes, n: int, x: Floats) 
     _rest(model, planes, n, x)
     copy(n, model.s, model.before)
     model.age = model.told_age_s
+    level = 1.0 if model.told_level < 0.0 else model.told_level
+    model.kept_goal = min(1.0, level / model.yields_below) if model.yields_below else 1.0
     understand(model, told, n)
     _want_shift(model, planes, told, n)
+    _remember(model, planes, told, n)
     copy_planes(told, planes)
     _rest(model, planes, n, x)
     if not equal(n, model.s, model.before):
@@ -136,12 +150,36 @@ def copy_planes(source: Planes, target: Planes) -> None:
     """Copy a set of planes."""
     target.count = source.count
     for i in range(source.count):
-        copy(AXES, source.normal[i], target.normal[i])
-        copy(AXES, source.response[i], target.response[i])
-        target.offset[i] = source.offset[i]
-        target.stiffness[i] = source.stiffness[i]
-        target.velocity[i] = source.velocity[i]
-        target.softness[i] = source.softness[i]
+        copy_plane(source, i, target, i)
+
+
+@compiled
+def copy_plane(source: Planes, i: int, target: Planes, k: int) -> None:
+    """Copy plane i of one set to the place k of another."""
+    copy(AXES, source.normal[i], target.normal[k])
+    copy(AXES, source.response[i], target.response[k])
+    target.offset[k] = source.offset[i]
+    target.stiffness[k] = source.stiffness[i]
+    target.velocity[k] = source.velocity[i]
+    target.softness[k] = source.softness[i]
+
+
+@compiled
+def _remember(model: ContactModel, earlier: Planes, told: Planes, n: int) -> None:
+    """`ContactModel._remembered`: adds to the told planes."""
+    if not model.remembers or model.told_reach_m < 0.0:
+        return
+    reach_m, count, position = model.told_reach_m, told.count, model.told_position
+    if count >= PLANES:
+        return
+    for j in range(earlier.count):
+        if told.count == PLANES:
+            return
+        depth = dot(n, earlier.normal[j], position) - earlier.offset[j]
+        if earlier.velocity[j] or -depth <= reach_m or _among(earlier, j, told, count, n, position):
+            continue
+        copy_plane(earlier, j, told, told.count)
+        told.count += 1
 
 
 @compiled
@@ -157,7 +195,7 @@ def _want_shift(model: ContactModel, earlier: Planes, told: Planes, n: int) -> N
     known = False
     for i in range(told.count):
         moving = abs(dot(n, told.normal[i], model.leading)) > _SETTLED_MPS
-        if moving or not _known_before(model, earlier, told, i, n):
+        if moving or not _among(told, i, earlier, earlier.count, n, model.told_position):
             copy(n, model.shift, model.wanted_shift)
             model.has_wanted = 1
             return
@@ -177,15 +215,21 @@ def _want_shift(model: ContactModel, earlier: Planes, told: Planes, n: int) -> N
 
 
 @compiled
-def _known_before(model: ContactModel, earlier: Planes, told: Planes, i: int, n: int) -> bool:
-    """Was the told plane i told before? `ToldPlane.same` with any of the earlier ones."""
-    for j in range(earlier.count):
-        here = dot(n, told.normal[i], model.told_position) - told.offset[i]
-        apart = here - (dot(n, earlier.normal[j], model.told_position) - earlier.offset[j])
-        alike = 1.0 / _SAME_STIFFNESS < told.stiffness[i] / earlier.stiffness[j] < _SAME_STIFFNESS
-        if alike and abs(apart) < _SAME_M and dot(n, told.normal[i], earlier.normal[j]) > _SAME_COSINE:
-            return True
-    return False
+def _among(one: Planes, i: int, others: Planes, count: int, n: int, position: Floats) -> bool:
+    """Is plane i the same surface as any of the first `count` others?"""
+    found = False
+    for j in range(count):
+        found = found or _same(one, i, others, j, n, position)
+    return found
+
+
+@compiled
+def _same(one: Planes, i: int, other: Planes, j: int, n: int, position: Floats) -> bool:
+    """`ToldPlane.same`."""
+    here = dot(n, one.normal[i], position) - one.offset[i]
+    apart = here - (dot(n, other.normal[j], position) - other.offset[j])
+    alike = 1.0 / _SAME_STIFFNESS < one.stiffness[i] / other.stiffness[j] < _SAME_STIFFNESS
+    return alike and abs(apart) < _SAME_M and dot(n, one.normal[i], other.normal[j]) > _SAME_COSINE
 
 
 @compiled

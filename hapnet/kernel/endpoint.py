@@ -26,11 +26,12 @@ class Endpoint(Record):
 
     first, waiting, backlog : the samples that wait for the next tick are a ring. credits_J : shuffled energy that waits
     for it, a sum. has_credit : is there any?
-    echo_ns, came_ns : the stamps that its messages echo: of the newest sample in use. took_ns : how long that took;
-    below 0: there is none. proxies, accepts_stale : does it send, and accept, such messages? stream_bytes,
-    energy_bytes : the least size of its messages. plane_bytes : what each plane adds.
-    stale, leaps : messages that were dropped, and the number of the last stale one. impossible : it would send what no
-    receiver accepts.
+    echo_ns, came_ns : the stamps that its messages echo: of the message that came last.
+    used_ns, used_came_ns, took_ns : of the newest sample in use; took_ns below 0: there is none.
+    proxies, accepts_stale : does it send, and accept, such messages?
+    stream_bytes, energy_bytes : the least size of its messages. plane_bytes, level_bytes : what each plane, and the
+    level, add. stale, leaps : messages that were dropped, and the number of the last stale one. impossible : it would
+    send what no receiver accepts.
     """
 
     n: int
@@ -41,11 +42,14 @@ class Endpoint(Record):
     next_sequence: int
     echo_ns: int
     came_ns: int
+    used_ns: int
+    used_came_ns: int
     took_ns: int
     proxies: int
     accepts_stale: int
     stream_bytes: int
     plane_bytes: int
+    level_bytes: int
     energy_bytes: int
     stale: int
     last_stale: int
@@ -102,6 +106,7 @@ def _on_stream(wire: Wire, message: Message, now_ns: int) -> None:
     if not late:
         paths.age(path, now_ns, stamp_ns, since, place == NEW)
     took_ns = paths.measure(path, now_ns, stamp_ns, since, late, message.echo_ns, message.came_ns)
+    endpoint.echo_ns, endpoint.came_ns = stamp_ns, now_ns
     if late:
         paths.on_any_message(path, now_ns)
         if not endpoint.accepts_stale:
@@ -147,6 +152,8 @@ def finish(endpoint: Endpoint, message: Message, now_ns: int) -> None:
     message.echo_ns, message.came_ns = endpoint.echo_ns, endpoint.came_ns
     endpoint.next_sequence += 1
     message.octets = endpoint.stream_bytes
+    if message.level >= 0.0:
+        message.octets += endpoint.level_bytes
     for i in range(endpoint.n):
         if not abs(message.position[i]) <= _MAX_COORDINATE:
             endpoint.impossible = 1

@@ -22,6 +22,8 @@ class Ledger(Record):
     margin_min: float
     slack: float
     slack_min: float
+    stored: float
+    reservoir: float
     _carry: float
     _sent_carry: float
     _credited_carry: float

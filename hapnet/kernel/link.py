@@ -27,7 +27,8 @@ class Message(Record):
 
     kind : `STREAM` or `ENERGY`. order : its number on the link. offered_ns : when it was offered. octets : its size.
     sequence, stamp_ns, position, echo_ns, came_ns : of a stream's message; of a proxy besides aimed_ns, force, planes.
-    total_nJ, acked_nJ : of an energy message.
+    total_nJ, acked_nJ : of an energy message. level : how full its sender's reservoir is; below 0: not told. reach_m :
+    of a proxy; below 0: not told.
     """
 
     kind: int
@@ -48,6 +49,8 @@ class Message(Record):
     velocity: Annotated[Floats, (PLANES,)]
     total_nJ: int
     acked_nJ: int
+    level: float
+    reach_m: float
 
 
 class Link(Record):
@@ -73,6 +76,7 @@ class Link(Record):
     resend_ordered: int
     resend_chances: Annotated[Floats, (MOST_RESENDS,)]
     in_order_ns: int
+    last_due_ns: int
     since_reorder: int
     offered: int
     begun: int
@@ -158,6 +162,8 @@ def send(link: Link, now_ns: int, message: Message) -> None:
         _queue(link, now_ns, message)
         return
     due_ns = offered_ns + delay_ns
+    if link.resends and link.resend_ordered:
+        link.last_due_ns = due_ns = max(due_ns, link.last_due_ns)
     if link.rate_bit_s:
         due_ns = link.free_ns = max(due_ns, link.free_ns) + _takes_ns(link, message.octets)
     _queue(link, due_ns, message)
@@ -234,6 +240,7 @@ def copy_message(source: Message, target: Message) -> None:
     target.echo_ns, target.came_ns = source.echo_ns, source.came_ns
     target.aimed_ns, target.planes = source.aimed_ns, source.planes
     target.total_nJ, target.acked_nJ = source.total_nJ, source.acked_nJ
+    target.level, target.reach_m = source.level, source.reach_m
     for i in range(AXES):
         target.position[i], target.force[i] = source.position[i], source.force[i]
     for k in range(source.planes):

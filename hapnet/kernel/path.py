@@ -26,8 +26,8 @@ _LONGEST_NS, _STALL_NS, _LAST_BIN = LONGEST_NS, STALL_NS, BINS - 1
 class Path(Record):
     """`Numbering`, `PeerMonitor` and `Path`.
 
-    has_... : is the value that follows known? counts, highest : of the three histograms. messages, came, stalls and
-    longest_stall_ns are those of `Counts`, where `messages` is `sent`.
+    has_... : is the value that follows known? counts, highest : of the three histograms. messages, came, overtaken,
+    stalls and longest_stall_ns are those of `Counts`, where `messages` is `sent` and `overtaken` is `late`.
     """
 
     newest: int
@@ -63,6 +63,7 @@ class Path(Record):
     highest: Annotated[Wholes, (3,)]
     messages: int
     came: int
+    overtaken: int
     stalls: int
     longest_stall_ns: int
     has_trip: int
@@ -188,7 +189,9 @@ def measure(path: Path, now_ns: int, sent_ns: int, since: int, late: bool, echo_
     """`Path.on_position`, `on_echo` and `took_ns`: how long the message was under way [ns]."""
     path.came += 1
     _add(path, JITTER, now_ns - sent_ns - path.least_ns)
-    if not late:
+    if late:
+        path.overtaken += 1
+    else:
         path.messages += since
     if echo_ns:
         _on_echo(path, now_ns, sent_ns, echo_ns, came_ns)

@@ -5,11 +5,14 @@ from __future__ import annotations
 from typing import Annotated
 
 from hapnet.control import prediction as reference
-from hapnet.kernel.jit import compiled
+from hapnet.kernel.contact_model import Planes
+from hapnet.kernel.jit import compiled, shared
 from hapnet.kernel.records import AXES, Floats, Record, Vector
-from hapnet.kernel.vectors import copy
+from hapnet.kernel.vectors import copy, dot
 
 _SHORTEST_SPAN_S, _STEP_GAIN = reference.SHORTEST_SPAN_S, reference.STEP_GAIN
+
+_depth_ahead = shared(reference.depth_ahead)
 
 MOST = 1024
 """The most positions in a predictor's window."""
@@ -26,6 +29,7 @@ class PredictedDevice(Record):
     window: float
     longest: float
     longest_curve: float
+    stop_s: float
     count: int
     overflow: int
     times: Annotated[Floats, (MOST,)]
@@ -54,8 +58,8 @@ def receive(predicted: PredictedDevice, n: int, position: Floats, sent_s: float,
 
 
 @compiled
-def step(predicted: PredictedDevice, n: int, dt: float, out: Floats) -> None:
-    """`PredictedDevice.step`: y into `out`."""
+def step(predicted: PredictedDevice, around: Planes, n: int, dt: float, out: Floats) -> None:
+    """`PredictedDevice.step`: y into `out`. around : the planes that the world tells."""
     if not predicted.fresh:
         predicted.age += dt
     predicted.fresh = 0
@@ -65,7 +69,29 @@ def step(predicted: PredictedDevice, n: int, dt: float, out: Floats) -> None:
         ahead = _predict(predicted, n, predicted.age + predicted.lag + predicted.mean_step / 2.0)
         predicted.aimed_s = predicted.times[predicted.count - 1] + ahead
         predicted.has_aimed = 1
+        if predicted.stop_s and ahead:
+            for k in range(around.count):
+                _stop(predicted, around, k, n, ahead)
     copy(n, predicted.y, out)
+
+
+@compiled
+def turn_s(predicted: PredictedDevice) -> float:
+    """`PredictedDevice.turn_s`."""
+    return 2.0 * predicted.age + predicted.mean_step
+
+
+@compiled
+def _stop(predicted: PredictedDevice, around: Planes, k: int, n: int, ahead: float) -> None:
+    """`PredictedDevice._stopped` by plane k: changes `predicted.y`."""
+    normal = around.normal[k]
+    depth = dot(n, normal, predicted.position) - around.offset[k]
+    free = dot(n, normal, predicted.y) - around.offset[k]
+    if around.velocity[k] or (depth <= 0.0 and free <= 0.0):
+        return
+    back = _depth_ahead(depth, free, dot(n, normal, predicted.velocity), ahead, predicted.stop_s) - free
+    for i in range(n):
+        predicted.y[i] = predicted.y[i] + back * normal[i]
 
 
 @compiled

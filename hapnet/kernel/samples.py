@@ -10,10 +10,11 @@ from hapnet.kernel import springs
 from hapnet.kernel.device import Hand
 from hapnet.kernel.endpoint import Wire
 from hapnet.kernel.jit import compiled
+from hapnet.kernel.ledger import Ledger
 from hapnet.kernel.records import AXES, Floats, Record, Wholes
 from hapnet.kernel.sides import Counts, DeviceSide, WorldSide
 
-DEVICE_VECTORS, DEVICE_SCALARS, WORLD_VECTORS, WORLD_SCALARS = 11, 9, 6, 10
+DEVICE_VECTORS, DEVICE_SCALARS, WORLD_VECTORS, WORLD_SCALARS = 11, 14, 6, 14
 """The numbers of columns of a row: vectors first, then scalars."""
 
 _NANO = 1e-9
@@ -67,6 +68,8 @@ def record_tick(rows: Rows, side: DeviceSide, wire: Wire, hand: Hand, now_ns: in
         _part(row, side, n)
     _account(row, DEVICE_VECTORS * n, side, x)
     _times(row, DEVICE_VECTORS * n + 7, wire, now_ns)
+    _energies(row, DEVICE_VECTORS * n + 9, side.ledger)
+    row[DEVICE_VECTORS * n + 13] = side.ledger.work if within else side.hand.work
 
 
 @compiled
@@ -101,8 +104,17 @@ def _times(row: Floats, at: int, wire: Wire, now_ns: int) -> None:
     """`ControlHalf.used`: age and transit of the newest sample in use."""
     endpoint = wire.endpoint
     known = endpoint.took_ns >= 0
-    row[at] = (now_ns - endpoint.came_ns + endpoint.took_ns) * _NANO if known else math.nan
-    row[at + 1] = (endpoint.came_ns - endpoint.echo_ns) * _NANO if known else math.nan
+    row[at] = (now_ns - endpoint.used_came_ns + endpoint.took_ns) * _NANO if known else math.nan
+    row[at + 1] = (endpoint.used_came_ns - endpoint.used_ns) * _NANO if known else math.nan
+
+
+@compiled
+def _energies(row: Floats, at: int, ledger: Ledger) -> None:
+    """Bound, work, stored and account."""
+    row[at] = ledger.bound
+    row[at + 1] = ledger.work
+    row[at + 2] = ledger.stored
+    row[at + 3] = ledger.reservoir
 
 
 @compiled
@@ -130,3 +142,4 @@ def record_step(rows: Rows, side: WorldSide, wire: Wire, counts: Counts, now_ns:
     row[first + 6] = ledger.margin
     row[first + 7] = ledger.slack
     _times(row, first + 8, wire, now_ns)
+    _energies(row, first + 10, ledger)

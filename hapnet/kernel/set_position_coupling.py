@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from hapnet.control import reserve, reservoir_level
 from hapnet.kernel import ledger as ledgers
 from hapnet.kernel import smoothing, springs
-from hapnet.kernel.jit import compiled
+from hapnet.kernel.jit import compiled, shared
 from hapnet.kernel.ledger import Ledger
 from hapnet.kernel.records import Floats, Record, Vector
 from hapnet.kernel.smoothing import Stages
@@ -13,12 +14,17 @@ from hapnet.kernel.vectors import copy, distance
 
 _ROUNDING = 2.0**-50
 
+_level = shared(reservoir_level.level)
+_gift = shared(reservoir_level.gift)
+_spendable = shared(reserve.spendable)
+
 
 class Coupling(Record):
     """`SetPositionCoupling` and its modulator.
 
     passive : is it PSPM? fresh : has a sample come since the last update, sent at `sent_s`? y : the set-position that
-    is being chosen. shuffled : the energy to send, of the last update.
+    is being chosen. shuffled : the energy to send, of the last update. shares, lends : as the reference's. level,
+    peer_level : how full both reservoirs are; below 0: not told.
     """
 
     set_position: Vector
@@ -35,6 +41,8 @@ class Coupling(Record):
     deficit: float
     ceiling: float
     reserve: float
+    held_m: float
+    drag_N: float
     passive: int
     harvested_only: int
     longest_step: float
@@ -42,6 +50,12 @@ class Coupling(Record):
     deficit_max: float
     discarded: float
     shuffled: float
+    shares: int
+    lends: int
+    level: float
+    peer_level: float
+    updates: int
+    modulated: int
 
 
 @compiled
@@ -68,16 +82,19 @@ def update(
     smoothing.step(n, stages, dt, y, fresh, coupling.sent_s)
     if smoothing.silent(stages, dt, fresh):
         copy(n, x, y)
+    if stages.elapsed > stages.after:
+        coupling.peer_level = -1.0
     copy(n, y, coupling.target)
     step_towards(n, coupling.set_position, y, coupling.longest_step)
     credit = coupling.credit
     coupling.credit = 0.0
     coupling.has_sample = 0
     if coupling.passive:
-        _modulate(coupling, spring, x, dissipated, credit, keep)
+        _modulate(coupling, spring, dt, x, dissipated, credit, keep)
     else:
         copy(n, y, coupling.set_position)
         coupling.shuffled = 0.0
+    coupling.updates += 1
     ledgers.credit(ledger, credit)
     if coupling.shuffled != 0.0:
         ledgers.send(ledger, coupling.shuffled)
@@ -99,14 +116,17 @@ def step_towards(n: int, start: Floats, goal: Floats, longest: float) -> None:
 
 
 @compiled
-def _modulate(coupling: Coupling, spring: Spring, x: Floats, dissipated: float, received: float, keep: float) -> None:
-    """`SetPositionModulator.modulate`."""
+def _modulate(
+    coupling: Coupling, spring: Spring, dt: float, x: Floats, dissipated: float, received: float, keep: float
+) -> None:
+    """`SetPositionModulator.modulate`, with what `give` gives."""
     y, ybar = coupling.y, coupling.set_position
     before = springs.between(spring, ybar, x)
     at_hand = coupling.energy - coupling.deficit + received + dissipated + before
-    spendable = at_hand - coupling.reserve
+    spendable = _spendable(at_hand, coupling.reserve, coupling.held_m, coupling.drag_N, spring.largest)
     after = springs.between(spring, y, x)
-    if after <= spendable:
+    modulated = after > spendable
+    if not modulated:
         copy(spring.dof, y, ybar)
     else:
         after = _bring_within(coupling, spring, x, spendable)
@@ -122,6 +142,15 @@ def _modulate(coupling: Coupling, spring: Spring, x: Floats, dissipated: float, 
         sent = max(0.0, surplus - received) if coupling.harvested_only else surplus
         coupling.discarded += surplus - sent
         energy = ceiling
+    coupling.modulated += modulated
+    if coupling.shares:
+        room = coupling.ceiling - coupling.reserve
+        lent = after if coupling.lends else 0.0
+        coupling.level = _level(energy, lent, coupling.reserve, coupling.ceiling, modulated)
+        own = _level(energy, 0.0, coupling.reserve, coupling.ceiling, modulated)
+        given = _gift(dt, own, coupling.peer_level, room, energy - max(coupling.reserve, keep - after))
+        energy -= given
+        sent += given
     coupling.energy = energy
     coupling.shuffled = sent
 

@@ -13,15 +13,15 @@ from hapnet.kernel.reserve import ForceGuard, admit, needed_after
 from hapnet.kernel.set_position_coupling import Coupling, potential, update
 from hapnet.kernel.smoothing import Stages
 from hapnet.kernel.springs import Spring
-from hapnet.kernel.vectors import copy, distance, length
+from hapnet.kernel.vectors import copy, distance
 
 
 class SampledServo(Record):
     """The attributes of `SampledServo` and of its parts.
 
     period_due, sending_due : its `_due` and its sender's; sending_elapsed : the sender's time. work : of its
-    `MeasuredHarvest`. holds : is its `holding` known, and hold_speed that speed? trusts : is there trusted damping?
-    sends : does the last tick send the position?
+    `MeasuredHarvest`. trusts : is there trusted damping? sends : does the last tick send the position? In virtual time
+    no tick is late, so nothing of overruns is here.
     """
 
     due: float
@@ -32,9 +32,6 @@ class SampledServo(Record):
     damping: Vector
     trusts: int
     trusted: Vector
-    holds: int
-    hold_speed: float
-    longest_hold: float
     force: Vector
     commanded: Vector
     before: Vector
@@ -45,8 +42,6 @@ class SampledServo(Record):
     torque_path: float
     boundary: float
     speed_max: float
-    overrun_leak: float
-    overrun_risk: float
     guarded: int
     work: float
     sends: int
@@ -69,8 +64,8 @@ def tick(
     """`SampledServo.tick`. `updates`: PSPM runs (see `due`), and the source's y is in `coupling.y`."""
     n = spring.dof
     travel = distance(n, x, servo.position)
-    if travel > servo.speed_max * dt or dt > servo.longest_hold:
-        _watch(servo, coupling, n, dt, x, travel)
+    if dt > 0.0 and travel > servo.speed_max * dt:
+        servo.speed_max = max(servo.speed_max, (travel - servo.rounding) / dt)
     if servo.resolution != 0.0:
         _blur(servo, coupling, spring, n)
     work = hold(servo.trusts != 0, servo.trusted, n, servo.force, servo.position, x, dt, servo.resolution)
@@ -127,21 +122,6 @@ def hold(
                 lost += trusted[i] * travel * travel
         work += lost / period
     return work
-
-
-@compiled
-def _watch(servo: SampledServo, coupling: Coupling, n: int, dt: float, x: Floats, travel: float) -> None:
-    """`SampledServo._watch`."""
-    if dt > 0.0:
-        servo.speed_max = max(servo.speed_max, (travel - servo.rounding) / dt)
-    if dt > servo.longest_hold and servo.holds:
-        held = max(0.0, _stored(servo, coupling))
-        leak = 0.0
-        for i in range(n):
-            leak += servo.force[i] * (x[i] - servo.position[i])
-        far = servo.hold_speed * dt + servo.rounding
-        servo.overrun_leak += max(0.0, leak - held)
-        servo.overrun_risk = max(servo.overrun_risk, length(n, servo.force) * far - held)
 
 
 @compiled

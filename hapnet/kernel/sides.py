@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from hapnet.control.set_position_coupling import MOST_REACH_M
 from hapnet.kernel import contact_model, coupled_device, environment_account, integrator, prediction, walls
 from hapnet.kernel import device as devices
 from hapnet.kernel import ledger as ledgers
@@ -29,6 +30,7 @@ from hapnet.kernel.vectors import copy
 from hapnet.kernel.walls import Contacts
 
 _NANO = 1e-9
+_MOST_REACH_M = MOST_REACH_M
 
 
 class Counts(Record):
@@ -42,6 +44,7 @@ class Counts(Record):
     longest_step_s: float
     step_s: float
     reach_m: float
+    reach_mps: float
 
 
 class DeviceSide(Record):
@@ -97,7 +100,7 @@ def tick(side: DeviceSide, wire: Wire, counts: Counts, hand: Hand, now_ns: int, 
     if not side.servo.sends:
         return False
     copy(side.plant.n, side.plant.read_position, message.position)
-    message.planes = 0
+    message.planes, message.reach_m, message.level = 0, -1.0, side.coupling.level
     finish(wire.endpoint, message, now_ns)
     return True
 
@@ -164,13 +167,15 @@ def _take(side: DeviceSide, wire: Wire, now_ns: int) -> None:
 
 @compiled
 def _note(coupling: Coupling, wire: Wire, at: int, n: int) -> None:
-    """The coupling receives the sample at this place of the backlog, and its stamp is to be echoed."""
+    """The coupling receives the sample at this place of the backlog."""
     sample = wire.samples[at]
     copy(n, sample.position, coupling.received)
     coupling.sent_s = sample.stamp_ns * _NANO
     coupling.fresh = coupling.has_sample = 1
+    if coupling.shares:
+        coupling.peer_level = sample.level
     endpoint = wire.endpoint
-    endpoint.echo_ns, endpoint.came_ns, endpoint.took_ns = sample.stamp_ns, wire.came_ns[at], wire.took_ns[at]
+    endpoint.used_ns, endpoint.used_came_ns, endpoint.took_ns = sample.stamp_ns, wire.came_ns[at], wire.took_ns[at]
 
 
 @compiled
@@ -189,6 +194,7 @@ def _tell(side: DeviceSide, sample: Message, n: int, age_s: float) -> None:
     copy(n, sample.position, model.told_position)
     copy(n, sample.force, model.told_force)
     model.told_sent_s, model.told_age_s = side.coupling.sent_s, age_s
+    model.told_reach_m, model.told_level = sample.reach_m, sample.level
     told.count = sample.planes
     for k in range(sample.planes):
         copy(n, sample.normal[k], told.normal[k])
@@ -240,14 +246,17 @@ def step(side: WorldSide, wire: Wire, counts: Counts, now_ns: int, message: Mess
     ledgers.observe(ledger, kinetic + couplings.potential(coupling, side.spring, mass.x), coupling.account)
     copy(n, mass.x, message.position)
     message.planes = message.aimed_ns = 0
+    message.reach_m = -1.0
     if side.predicted.in_use:
         if wire.endpoint.proxies:
-            _say(side, counts.reach_m, dt, message)
-        prediction.step(side.predicted, n, dt, coupling.y)
+            reach_m = counts.reach_m + counts.reach_mps * prediction.turn_s(side.predicted)
+            _say(side, min(_MOST_REACH_M, reach_m), dt, message)
+        prediction.step(side.predicted, side.around, n, dt, coupling.y)
     else:
         copy(n, coupling.received, coupling.y)
     couplings.update(coupling, side.spring, ledger, side.stages, dt, mass.x, mass.dissipated, 0.0)
     ledgers.observe(ledger, kinetic + couplings.potential(coupling, side.spring, mass.x), coupling.account)
+    message.level = coupling.level
     finish(wire.endpoint, message, now_ns)
     if side.predicted.overflow:
         wire.endpoint.impossible = 1
@@ -280,6 +289,7 @@ def _say(side: WorldSide, reach_m: float, dt: float, message: Message) -> None:
     message.aimed_ns = max(0, round(prediction.stands_for(side.predicted, dt) / _NANO))
     copy(n, side.mass.force, message.force)
     walls.tell(side.contacts, n, side.mass.x, reach_m, around)
+    message.reach_m = reach_m
     message.planes = around.count
     for k in range(around.count):
         copy(n, around.normal[k], message.normal[k])

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapnet.checks import Array
 from hapnet.metrics.obstacles import Obstacle
+from hapnet.metrics.windows import Mask, tenths
 from hapnet.recording.samples import Columns, Recording
 
 _LEAST_S = 0.1  # shortest settled contact for which a slope is computed
@@ -34,6 +34,28 @@ def contact_force(recording: Recording, walls: Sequence[Obstacle], round_trip_s:
     """Median of the resisting force in settled contact [N], as `rendered_stiffness` says; None as it says."""
     settled = _settled_contact(recording, walls, round_trip_s)
     return None if settled is None else float(np.median(settled[1]))
+
+
+def rendered_by_tenths(recording: Recording, wanted: Array, round_trip_s: float, lasts_s: float) -> list[float]:
+    """The share of the true environment's stiffness that is rendered in each tenth of a run with settled contact.
+
+    It is ``sum(F . W) / sum(W . W)`` over settled contact, with F the force on the device and W = `wanted` (N, n) that
+    of the true environment [N] (`environment_force`): for a wall the slope of `rendered_stiffness` over the stiffness
+    of springs and wall in series. Contact is where W is not zero, settled and at least 0.1 s long in a tenth as
+    `rendered_stiffness` says. If no tenth has that, as with taps shorter than a round trip, all contact counts.
+    """
+    device, world = recording.device, recording.world
+    if device is None or world is None:
+        return []
+    inside = (wanted != 0.0).any(axis=1)
+    settled = _settled(device, inside, round_trip_s + 2.0 * float(world["step_s"].max()))
+    parts = tenths(device["time_s"], lasts_s)
+    for contact in (settled, inside):
+        chosen = [contact & part for part in parts]
+        long = [one for one in chosen if np.count_nonzero(one) * _period_s(device) >= _LEAST_S]
+        if long:
+            return [float(np.sum(device["force_N"][one] * wanted[one]) / np.sum(wanted[one] ** 2)) for one in long]
+    return []
 
 
 def pressed_wall(device: Columns | None, walls: Sequence[Obstacle]) -> Obstacle | None:
@@ -62,15 +84,15 @@ def _settled_contact(
     if device is None or world is None or found is None:
         return None
     depth, resistance = found
-    settled = _settled(device, depth, round_trip_s + 2.0 * float(world["step_s"].max()))
+    settled = _settled(device, depth > 0.0, round_trip_s + 2.0 * float(world["step_s"].max()))
     if np.count_nonzero(settled) * _period_s(device) < _LEAST_S:
         return None
     return depth[settled], resistance[settled]
 
 
-def _settled(device: Columns, depth: Array, after_s: float) -> NDArray[np.bool_]:
+def _settled(device: Columns, inside: Mask, after_s: float) -> Mask:
     """Samples in the wall whose visit began more than `after_s` earlier."""
-    times, inside = device["time_s"], depth > 0.0
+    times = device["time_s"]
     outside_last = np.maximum.accumulate(np.where(inside, -np.inf, times))
     return np.asarray(inside & (times - outside_last > after_s) & np.isfinite(outside_last))
 

@@ -68,6 +68,17 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "the hand got more energy than that",
             ),
             Metric(
+                "hand_energy_out_J", "energy out at the hand", "J", "lower",
+                "greatest energy over time that came out at the hand's port alone. A hand that is pushed back by a "
+                "spring gets none that it has not put in before",
+            ),
+            Metric(
+                "world_energy_out_J", "energy out at the world", "J", "lower",
+                "greatest energy over time that came out at the virtual world's port alone, into its walls and "
+                "bodies: what their damping takes. Where both ports together gave out more than d² and the hand's "
+                "gave out nothing, this is where the energy went",
+            ),
+            Metric(
                 "actuator_margin_J", "two-port margin at the actuator", "J", "higher",
                 "as the two-port margin, but with the actuator's port as the device's port, so without the help of the "
                 "device's own damping. Sampled servos only",
@@ -78,8 +89,17 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "wall. (A run's summary, free_rms_m, asks whether the proxy is in none)",
             ),
             Metric(
+                "free_first_mm", "position error, free, first 10 s", "mm", "lower",
+                "the position error in free motion over the first 10 s of a run of 120 s or more",
+            ),
+            Metric(
+                "free_last_mm", "position error, free, last minute", "mm", "lower",
+                "the same over the last minute before the hand comes to rest, in a run of 120 s or more: if it is "
+                "greater than that of the first 10 s, the coupling gets worse with time",
+            ),
+            Metric(
                 "contact_rms_mm", "position error, contact", "mm", "lower",
-                "the same while the proxy is in a wall. A perfect coupling has this error too: its spring yields",
+                "that distance while the proxy is in a wall. A perfect coupling has this error too: its spring yields",
             ),
             Metric(
                 "stiffness_percent", "rendered stiffness", "%", "nearer 100",
@@ -87,6 +107,12 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "after a visit has settled (a round trip and two of the world's longest steps after it began). It is "
                 "in % of the stiffness of the given springs and the wall in series: two springs for pspm, zoh, popc "
                 "and eba, only device.stiffness for the others. If a law's rule makes its spring softer, this shows",
+            ),
+            Metric(
+                "stiffness_worst_percent", "stiffness, worst tenth", "%", "nearer 100",
+                "the stiffness that is rendered in each tenth of the run, in % of that of the springs and the wall in "
+                "series; of the tenths with 0.1 s of settled contact the one farthest from 100. If none has that, as "
+                "with taps shorter than a round trip, all contact counts. Walls may move",
             ),
             Metric(
                 "force_error_N", "force error", "N", "lower",
@@ -101,17 +127,33 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "true_force_error_N", "true force error", "N", "lower",
                 "root mean square over time of the difference between the force on the device and that of the true "
                 "environment at the device's place: the walls, rendered locally and at once through the given springs "
-                "in series, and nothing in free space (transparency: Lawrence 1993). Drag, lag and softness all count",
+                "in series, and nothing in free space (transparency: Lawrence 1993). Drag, lag and softness all count. "
+                "Where walls rub, no spring says their force: there it is the difference from the force at the same "
+                "time in the same run over an ideal link, with a world that steps at 1 kHz",
             ),
             Metric(
                 "true_force_error_percent", "true force error", "%", "lower",
                 "the same in % of the true environment's peak force in this run",
             ),
             Metric(
+                "true_force_error_last_percent", "true force error, last minute", "%", "lower",
+                "the same over the last minute before the hand comes to rest, in a run of 120 s or more; in % of the "
+                "whole run's peak",
+            ),
+            Metric(
                 "drag_N", "drag at 67 mm/s", "N", "nearer 0",
                 "force against the motion in free space, by linear regression on the device's velocity, at 67 mm/s; "
                 "both are means over a third of a second, so that no swing hides it. Not within a round trip and two "
                 "of the world's longest steps after a contact",
+            ),
+            Metric(
+                "drag_p95_N", "drag, 95th percentile", "N", "nearer 0",
+                "95th percentile of the force against the motion, over the thirds of a second of free motion with a "
+                "mean speed of 50 to 90 mm/s",
+            ),
+            Metric(
+                "drag_last_N", "drag, last minute", "N", "nearer 0",
+                "drag at 67 mm/s over the last minute before the hand comes to rest, in a run of 120 s or more",
             ),
             Metric(
                 "contact_to_drag", "contact to drag", "", "higher",
@@ -154,6 +196,34 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
             ),
             Metric("later_contacts", "later contacts", "", "higher", "how many contacts followed the first"),
             Metric("later_contacts_missed", "later contacts missed", "", "lower", "how many of these were not felt"),
+            Metric(
+                "world_force_error_percent", "contact force error in the world", "%", "lower",
+                "root mean square over time of the difference between the walls' force on the proxy and the force "
+                "that they would have at rest with the device where it is in the middle of that step, through the "
+                "spring between device and proxy and the wall in series; in % of that force's peak",
+            ),
+            Metric(
+                "contacts_ratio", "contacts per contact", "", "lower",
+                "visits of the proxy to a wall in the world, at its steps, per visit of the device, at each tick of "
+                "the servo; neither is debounced. Above 1 the proxy chatters, and each impact costs energy",
+            ),
+            Metric(
+                "modulated_percent", "modulated at the world", "%", "lower",
+                "share of the world's updates whose set-position in use differs from the wanted one by more than 1 "
+                "nm; for a coupling with energy reservoirs",
+            ),
+            Metric(
+                "modulated_device_percent", "modulated at the device", "%", "lower",
+                "the same share at the device, as the run's summary counts it (modulated_share)",
+            ),
+            Metric(
+                "world_reservoir_min_J", "world's reservoir, least", "J", "higher",
+                "least content of the reservoir at the world's side",
+            ),
+            Metric(
+                "device_reservoir_min_J", "device's reservoir, least", "J", "higher",
+                "the same at the device's side",
+            ),
             Metric(
                 "peak_force_N", "peak force", "N", "lower",
                 "largest force on the device",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hapnet.checks import Array
 from hapnet.recording.samples import Columns, Recording
@@ -24,20 +25,42 @@ def force_error(recording: Recording, ideal: Recording) -> tuple[float, float | 
     ours, theirs = recording.device, ideal.device
     if ours is None or theirs is None:
         return None
-    times, reference = _hand_s(recording, ours), _hand_s(ideal, theirs)
-    both = (times >= reference[0]) & (times <= reference[-1])
+    wanted = force_meanwhile(recording, ideal)
+    both = np.isfinite(wanted[:, 0])
     if not both.any():
         return None
-    wanted = np.column_stack([np.interp(times[both], reference, axis) for axis in theirs["force_N"].T])
-    rms = float(np.sqrt(np.mean(np.sum((ours["force_N"][both] - wanted) ** 2, axis=1))))
+    rms = float(np.sqrt(np.mean(np.sum((ours["force_N"][both] - wanted[both]) ** 2, axis=1))))
     peak = float(np.linalg.norm(theirs["force_N"], axis=1).max())
     return rms, 100.0 * rms / peak if peak > 0.0 else None
 
 
-def rms_difference(device: Columns, wanted: Array) -> tuple[float, float | None]:
-    """(rms of the difference between the force on the device and `wanted` (N, n) [N], in % of the peak of `wanted`)."""
-    rms = float(np.sqrt(np.mean(np.sum((device["force_N"] - wanted) ** 2, axis=1))))
-    peak = float(np.linalg.norm(wanted, axis=1).max())
+def force_meanwhile(recording: Recording, other: Recording) -> Array:
+    """The force on the device of `other` (N, n) [N] at the times of this run's samples, since the hand began to move.
+
+    NaN where `other` has not begun, or has ended. Both have a device's samples.
+    """
+    ours, theirs = recording.device, other.device
+    assert ours is not None, "this run has a device's samples"
+    assert theirs is not None, "the other run has a device's samples"
+    times, reference = _hand_s(recording, ours), _hand_s(other, theirs)
+    forces = [np.interp(times, reference, axis, left=np.nan, right=np.nan) for axis in theirs["force_N"].T]
+    return np.column_stack(forces)
+
+
+def rms_difference(
+    device: Columns, wanted: Array, counts: NDArray[np.bool_] | None = None
+) -> tuple[float | None, float | None]:
+    """(rms of the difference between the force on the device and `wanted` (N, n) [N], in % of the peak of `wanted`).
+
+    counts : (N,) the samples over which the mean is taken; None: all. Where `wanted` is NaN it is not known, and the
+        sample does not count. None without any that counts, and no percentage where `wanted` is always 0.
+    """
+    known = np.isfinite(wanted).all(axis=1)
+    chosen = known if counts is None else known & counts
+    if not chosen.any():
+        return None, None
+    rms = float(np.sqrt(np.mean(np.sum((device["force_N"][chosen] - wanted[chosen]) ** 2, axis=1))))
+    peak = float(np.linalg.norm(wanted[known], axis=1).max())
     return rms, 100.0 * rms / peak if peak > 0.0 else None
 
 

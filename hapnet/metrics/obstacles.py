@@ -62,6 +62,12 @@ def obstacles(world: World) -> tuple[Obstacle, ...] | None:
     return tuple(world.walls) if world.walls or isinstance(contacts, Contacts) else None
 
 
+def rubs(world: World) -> bool:
+    """Has any solid of `world` friction? Then no spring alone says what force it would have at a place."""
+    contacts = world.contacts
+    return isinstance(contacts, RigidContacts) and any(solid.friction for solid in contacts.solids)
+
+
 def normal_where_deepest(obstacle: Obstacle, positions: Array) -> Vector:
     """The normal (n,) at the sample that is deepest inside: a wall's is the same everywhere."""
     if isinstance(obstacle, Wall):

@@ -24,22 +24,22 @@ def residual_swing(recording: Recording) -> float | None:
     return max((_swing(recording, stop, FROM_S, UNTIL_S) for stop in _stops(recording)), default=None)
 
 
-def limit_cycles(recording: Recording) -> bool | None:
+def limit_cycles(recording: Recording, until_s: float = UNTIL_S) -> bool | None:
     """Does the force go on to swing after the hand has stopped?
 
-    It does if the force without its mean is at least `LIMIT_CYCLE_N` (rms) from 2 to 3 s after a stop, and not less
-    than half of what it was from 1 to 2 s after it: what decays faster is the end of a transient. None without a stop
-    of 3 s.
+    It does if the force without its mean is at least `LIMIT_CYCLE_N` (rms) in the last second before `until_s`, which
+    counts from a stop, and not less than half of what it was from 1 to 2 s: what decays faster is the end of a
+    transient. The longer, the slower may it decay. None without a stop of `until_s`.
     """
     found = None
-    for stop in _stops(recording):
-        before, after = (_swing(recording, stop, since, since + 1.0) for since in (1.0, 2.0))
+    for stop in _stops(recording, until_s):
+        before, after = (_swing(recording, stop, since, since + 1.0) for since in (FROM_S, until_s - 1.0))
         found = found or (after >= LIMIT_CYCLE_N and after >= 0.5 * before)
     return found
 
 
-def _stops(recording: Recording) -> list[float]:
-    """When the hand's reference came to rest for at least 3 s [s]."""
+def _stops(recording: Recording, until_s: float = UNTIL_S) -> list[float]:
+    """When the hand's reference came to rest for at least so long [s]."""
     device = recording.device
     if device is None or "operator_target_m" not in device:
         return []
@@ -47,7 +47,7 @@ def _stops(recording: Recording) -> list[float]:
     moves = np.abs(np.diff(target, axis=0)).max(axis=1, initial=0.0)
     stops = np.flatnonzero(np.r_[True, ~(moves <= _STILL_M)])  # an unknown reference moves
     ends = np.r_[stops[1:], len(times)]
-    rests = (times[ends - 1] - times[stops] >= UNTIL_S) & np.isfinite(target[stops]).all(axis=1)
+    rests = (times[ends - 1] - times[stops] >= until_s) & np.isfinite(target[stops]).all(axis=1)
     return [float(start) for start in times[stops[rests]]]
 
 

@@ -19,7 +19,7 @@ LASTS_S = 60.0
 
 OUTSIDE_M, INSIDE_M = (-0.02, 0.01), (0.025, 0.045)
 """Where the hand aims to before the wall and behind it, along its normal from the start [m]. The wall is at 20 mm by
-default; the hand is soft, so that it stays before its aim."""
+default; the hand is soft, so that it stays before its aim, but it touches such a wall."""
 
 ALONG_M = 0.02
 """How far it moves along the wall, in both directions [m]."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator, Callable, Iterable, Mapping
 from contextlib import AbstractAsyncContextManager, ExitStack, asynccontextmanager
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ from typing import Any
 from hapnet import checks
 from hapnet.assembly import user_device
 from hapnet.assembly.build import prepare
-from hapnet.errors import InvalidParameter
+from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.loading import lent
 from hapnet.params import Params, as_params
 from hapnet.plant.device import Device
@@ -67,7 +68,7 @@ def connect_device(
     scene : instead of the parameter `scene`: its name, a world such as `Scene`, or what makes one. It must have as many
         axes as the world's own.
     connect, listen : endpoints to dial or to listen on, such as ``"tcp/192.168.0.2:17447"``. Neither: the two find each
-        other by multicast.
+        other on this machine, and nobody else reaches them.
     zenoh : instead of these, all settings of the connection, such as certificates.
     session, name : keep several pairs apart; the same on both sides.
     duration_s : end by itself so long after pairing [s], in place of the parameter; 0: when the block is left.
@@ -134,6 +135,11 @@ async def _world(call: _Call) -> AsyncIterator[ConnectedWorld]:
 @asynccontextmanager
 async def _running(call: _Call) -> AsyncIterator[SideTask]:
     """The side in its task, which is over when this is left."""
+    try:
+        asyncio.get_running_loop()
+    except RuntimeError:
+        hint = "under anyio choose the backend asyncio, not trio"
+        raise HapnetError(f"connect_{call.role} needs asyncio's event loop, and none runs here: {hint}") from None
     call.check()
     with ExitStack() as names:
         task = SideTask(lambda **callbacks: call.make(names, **callbacks), call.duration_s)

@@ -88,7 +88,7 @@ class ConnectedSide(Generic[SampleType]):
         return self._task.samples.stream(_set_position)
 
     def summary(self) -> Summary:
-        """The side's summary so far, or of the whole run; the other side's part is None."""
+        """The summary so far, or of the whole run; the other side's part is what it told, or None."""
         return self._task.side.summary()
 
     # -- what can be changed -------------------------------------------------------------------------------------------

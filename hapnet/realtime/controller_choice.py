@@ -11,12 +11,14 @@ from hapnet.realtime import servo_pipe
 from hapnet.realtime.controllers import Control, ControlCallbacks, ThreadedDevice, ThreadedWorld
 from hapnet.realtime.servo_process import ServoProcess
 from hapnet.wire.messages import Role
+from hapnet.wire.secret import Secret
 
 
 def control_of(
     setup: Setup,
     role: Role,
     incarnation: int,
+    secret: Secret,
     callbacks: ControlCallbacks,
     clock: Callable[[], int],
     steps: np.random.SeedSequence,
@@ -25,9 +27,9 @@ def control_of(
 ) -> Control:
     """The side's control, not started yet. `steps` seeds the random lengths of a world's steps."""
     if role == "world":
-        session = world_session(setup, incarnation)
+        session = world_session(setup, incarnation, secret=secret)
         return ThreadedWorld(setup, session, callbacks, clock, rng=np.random.default_rng(steps))
-    session = device_session(setup, incarnation)
+    session = device_session(setup, incarnation, secret=secret)
     if realtime and servo_pipe.available():
         return ServoProcess(setup, session, callbacks)
     return ThreadedDevice(setup, session, callbacks, clock, realtime=realtime)

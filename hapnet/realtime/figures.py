@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from hapnet.assembly.build import Setup
+from hapnet.couplings.registry import jointly_passive
+from hapnet.metrics.live import LiveFigures
 from hapnet.realtime.controllers import Control
 from hapnet.realtime.link_driver import LinkDriver
 from hapnet.realtime.recorder import described
@@ -14,8 +16,13 @@ from hapnet.side.device import Clock
 from hapnet.side.endpoint import NANO
 from hapnet.summary import path
 from hapnet.summary.run import Summary, combine, versions, with_wire
+from hapnet.summary.told import Claim, joined, values_of
 from hapnet.transport.zenoh import ZenohTransport
+from hapnet.wire.fields import Signal
 from hapnet.wire.messages import Role
+
+_ENERGY = ("sent_nJ", "credited_nJ", "acked_nJ", "in_flight_nJ", "abandoned_nJ")
+"""What of an account may still change after control has stopped."""
 
 
 class Figures:
@@ -29,7 +36,7 @@ class Figures:
 
     Attributes
     ----------
-    stopped_ns : when control stopped; None while it runs.
+    stopped_ns : when control stopped; None while it runs. live : takes each of this side's samples.
     """
 
     def __init__(
@@ -45,6 +52,8 @@ class Figures:
         utc_less_clock_ns: int,
     ) -> None:
         self.stopped_ns: int | None = None
+        self.live: LiveFigures = LiveFigures()
+        self._final: dict[str, Signal] | None = None
         self._setup, self._role, self._seed = setup, role, seed
         self._control, self._driver, self._transport, self._clock = control, driver, transport, clock
         self._started_ns = clock()
@@ -75,6 +84,32 @@ class Figures:
         return dict(self._control.wire.session.dropped) | ({"flood": flood} if flood else {})
 
     def summary(self) -> Summary:
+        """The summary so far; the other side's part is what it told, or None."""
+        own = self._own()
+        with self._driver.lock:
+            accounts = self._control.wire.session.accounts
+            heard, whole = accounts.heard, accounts.whole
+        origin_ns = self._control.origin_ns
+        if heard is None or origin_ns is None:
+            return own
+        return joined(
+            own, self._role, Claim(heard.values, (heard.came_ns - origin_ns) * NANO, heard.final, whole or heard.final)
+        )
+
+    def account(self, *, final: bool) -> dict[str, Signal]:
+        """What this side tells its peer of its half. final : control has stopped, and only energy in flight moves."""
+        told = values_of(self._own(), self._role)
+        if not final:  # a servo's process reports its part at its end; its samples come
+            live = {"ledger.margin_J": self.live.margin_J, "ledger.margin_end_J": self.live.margin_end_J}
+            if not jointly_passive(self._setup.params.coupling):
+                live["ledger.slack_J"] = self.live.slack_J
+            return {name: value for name, value in live.items() if value is not None} | told
+        if self._final is None:
+            self._final = told
+        self._final |= {name: told[name] for name in _ENERGY if name in told}
+        return self._final
+
+    def _own(self) -> Summary:
         """This side's summary so far; the other side's part is None."""
         own: dict[str, Any] = {"device": None, "world": None}
         links: dict[str, Any] = {"up": None, "down": None}
@@ -90,8 +125,9 @@ class Figures:
         summary = combine(
             own["device"], own["world"], links,
             seed=self._seed, duration_s=elapsed, coupling=self._setup.params.coupling, tuning=self._setup.tuned,
-            path=path.of_side(self._role, self._control.wire.session.path.figures()),
+            felt=self._setup.felt, path=path.of_side(self._role, self._control.wire.session.path.figures()),
         )  # fmt: skip
+        summary["motion"] = self.live.motion()
         summary["wall_clock"] = {"elapsed_s": (self._clock() - self._started_ns) * NANO}
         return summary
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from typing import Literal
 
 from hapnet.errors import HapnetError
+from hapnet.realtime.account_teller import AccountTeller
 from hapnet.realtime.controllers import Control
 from hapnet.realtime.figures import Figures
 from hapnet.realtime.link_driver import LinkDriver
@@ -38,7 +39,7 @@ class Housekeeping:
     Parameters
     ----------
     role : this side's. control, driver, transport, figures, reporter, clock : its parts.
-    alone : what it does without its peer. diagnosis : finds out why nobody answers.
+    accounts : tells its account. alone : what it does without its peer. diagnosis : finds out why nobody answers.
     timeline : of its link, from pairing on.
     refused : called with the time [ns]; says in words who was refused since the last call.
     fail : ends the side with an error.
@@ -54,6 +55,7 @@ class Housekeeping:
         reporter: Reporter,
         clock: Clock,
         *,
+        accounts: AccountTeller,
         alone: PeerAbsence,
         diagnosis: ConnectionDiagnosis,
         timeline: Timeline | None,
@@ -62,7 +64,7 @@ class Housekeeping:
     ) -> None:
         self._role, self._clock = role, clock
         self._control, self._driver, self._transport = control, driver, transport
-        self._figures, self._reporter = figures, reporter
+        self._figures, self._reporter, self._accounts = figures, reporter, accounts
         self._alone, self._diagnosis, self._timeline = alone, diagnosis, timeline
         self._refused, self._fail = refused, fail
         self._path = PathReporter(role, control.wire.session.path)
@@ -96,6 +98,7 @@ class Housekeeping:
                 self._timeline = None
             self.watch()
             self.drain()
+            self._accounts.look()
             rounds += 1
             if rounds % _COLLECT_EVERY == 0:
                 collect()

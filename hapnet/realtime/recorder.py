@@ -67,10 +67,13 @@ class Recorder:
             return
         try:
             if self._writer is None:
+                self.path.parent.mkdir(parents=True, exist_ok=True)
                 self._writer = RecordingWriter(self.path, meta())
             while self._samples:
                 self._writer.write(self._samples.popleft())
             self._writer.flush(now_ns)
+        except OSError as error:
+            self._give_up(RecordingError(f"cannot write recording {self.path}: {error.strerror or error}"))
         except RecordingError as error:
             self._give_up(error)
 
@@ -170,6 +173,7 @@ def described(setup: Setup, role: Role, seed: int, link: LinkProfile) -> dict[st
         "scene": setup.scene.name,
         "coupling": setup.params.coupling,
         "tuning": setup.tuned,
+        "felt": setup.felt,
         "surfaces": [surface._asdict() for surface in setup.scene.surfaces],
         "links": {"up" if role == "device" else "down": str(link)},
     }
@@ -184,12 +188,15 @@ def _boot_id() -> str:
 
 
 def require_writable(path: Path) -> None:
-    """Raise RecordingError if no recording can be written at `path`. Its directory is made."""
+    """Raise RecordingError if no recording can be written at `path`. What this makes is gone again."""
+    new = [each for each in path.parents if not each.exists()]
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         existed = path.exists()
         path.open("ab").close()
         if not existed:
             path.unlink()  # nothing is written before the sides have met
+        for directory in new:
+            directory.rmdir()
     except OSError as error:
         raise RecordingError(f"cannot write recording {path}: {error.strerror or error}") from None

@@ -19,8 +19,10 @@ import numpy as np
 
 from hapnet import checks
 from hapnet.assembly.build import LIVE, Setup, link_profile
+from hapnet.assembly.own_parts import named_failure
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
+from hapnet.realtime.account_teller import AccountTeller
 from hapnet.realtime.controller_choice import control_of
 from hapnet.realtime.controllers import Control, ControlCallbacks
 from hapnet.realtime.figures import Figures
@@ -31,7 +33,7 @@ from hapnet.realtime.peerless import PeerAbsence
 from hapnet.realtime.recorder import measured_utc_less_clock_ns, require_writable
 from hapnet.realtime.reporter import Reporter
 from hapnet.realtime.servo import tuned_interpreter
-from hapnet.realtime.shutdown import LINGER_S, GracefulShutdown
+from hapnet.realtime.shutdown import FAILED_LINGER_S, LINGER_S, GracefulShutdown
 from hapnet.realtime.telemetry_publisher import TelemetryPublisher
 from hapnet.recording import hand, link_events
 from hapnet.recording.samples import Event as Note
@@ -47,6 +49,7 @@ from hapnet.transport.zenoh import TELEMETRY, ZenohTransport
 from hapnet.wire.events import EnergyCredited, Event, PositionReceived, SampleReceived
 from hapnet.wire.fields import Signal
 from hapnet.wire.messages import Role
+from hapnet.wire.secret import Secret
 from netem import Link, LinkProfile
 
 _ORDINARY = (PositionReceived, SampleReceived, EnergyCredited)
@@ -94,6 +97,7 @@ class RealtimeSide:
         self._write: Callable[[Sample], None] = early.append
         callbacks = ControlCallbacks(self._send, self._keep, self._fail, lambda: self._link_driver.arm())
         incarnation = secrets.randbits(63) + 1
+        secret = Secret(secrets.token_bytes(32), zenoh.security.secret_word())
         if record is not None:
             require_writable(record)
         self._transport = ZenohTransport(
@@ -103,13 +107,17 @@ class RealtimeSide:
             device=name,
             role=role,
             rate_hz=max(setup.params.device.servo_hz, 1.0 / setup.params.world.step_min_s),
+            stream_hz=1.0 / (setup.params.device.pspm_period_s if role == "device" else setup.params.world.step_min_s),
             on_change=lambda: self._on_connection(),
             warn=self._warn,
         )
         # after all that may be refused: it opens the device
-        self.control: Control = control_of(setup, role, incarnation, callbacks, clock, entropy[2], realtime=realtime)
+        self.control: Control = control_of(
+            setup, role, incarnation, secret, callbacks, clock, entropy[2], realtime=realtime
+        )
         control = self.control
         self.wire: WireHalf = control.wire
+        self.wire.session.sample(self._transport.sampled)
         own, way = (setup.params.device, 0) if role == "device" else (setup.params.world, 1)
         profile, timeline = (setup.up, setup.up_timeline) if role == "device" else (setup.down, setup.down_timeline)
         port = LinkPort(control.wire, Link(profile, seed=entropy[way]))
@@ -119,16 +127,18 @@ class RealtimeSide:
         planes = (lambda: self.wire.planes) if role == "device" else None
         self._telemetry = TelemetryPublisher(rate_hz, self._put, self._status, planes) if rate_hz else None
         self._reporter = Reporter(role, own.on_silence, clock, notify, self._telemetry, watch)
-        self._write = self._reporter.keep
-        for sample in early:
-            self._reporter.keep(sample)
         self._figures = Figures(
             setup, role, seed, (session, name), control, self._link_driver, self._transport, clock,
             measured_utc_less_clock_ns(clock, time.time_ns),
         )  # fmt: skip
+        for sample in early:
+            self._keep_and_see(sample)
+        self._write = self._keep_and_see
+        self._accounts = AccountTeller(self._figures, control.wire.session, self._link_driver, clock)
         self._diagnosis = ConnectionDiagnosis(zenoh, clock())
         self._housekeeping = Housekeeping(
             role, control, self._link_driver, self._transport, self._figures, self._reporter, clock,
+            accounts=self._accounts,
             alone=PeerAbsence(role, once, self._reporter.notify, lambda: self._stop.set()),
             diagnosis=self._diagnosis,
             timeline=timeline, refused=refused, fail=self._fail,
@@ -148,6 +158,10 @@ class RealtimeSide:
 
     def _keep(self, sample: Sample) -> None:
         self._write(sample)
+
+    def _keep_and_see(self, sample: Sample) -> None:
+        self._figures.live.see(sample)
+        self._reporter.keep(sample)
 
     def _send(self, data: bytes) -> None:
         """On control's thread."""
@@ -170,7 +184,7 @@ class RealtimeSide:
         self._reporter.keep(Note(self._clock(), "transport", text, "warning"))
 
     def _fail(self, error: BaseException) -> None:
-        self._failure = self._failure or error
+        self._failure = self._failure or named_failure(self.setup.params, error)
         self._loop.call_soon_threadsafe(self._stop.set)
 
     # -- the event loop ----------------------------------------------------------------------------------------------
@@ -241,7 +255,7 @@ class RealtimeSide:
             self._diagnosis.close()
 
     def summary(self) -> Summary:
-        """This side's summary so far; the other side's part is None."""
+        """The summary so far; the other side's part is what it told, or None."""
         return self._figures.summary()
 
     def forgo(self) -> None:
@@ -344,9 +358,10 @@ class RealtimeSide:
         """After control has stopped, let the energy in flight be acknowledged, then say goodbye."""
         session, driver = self.wire.session, self._link_driver
         leaving = GracefulShutdown(
-            session, driver, self._clock, self._pump, lambda: self._lingers, lambda: self._hurried
-        )
-        await leaving.run(reason, LINGER_S * linger, self.profile.delay_ns * NANO)
+            session, driver, self._clock, self._pump, self._accounts.end,
+            lambda: self._lingers, lambda: self._hurried,
+        )  # fmt: skip
+        await leaving.run(reason, LINGER_S if linger else FAILED_LINGER_S, self.profile.delay_ns * NANO)
 
     def _pump(self) -> None:
         """Send what is due, and report what has happened."""

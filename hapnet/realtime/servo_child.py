@@ -15,6 +15,7 @@ from collections.abc import Callable
 from typing import Any
 
 from hapnet.assembly.build import device_side, prepare
+from hapnet.assembly.own_parts import named_failure
 from hapnet.assembly.user_device import is_blocking
 from hapnet.errors import HapnetError
 from hapnet.params import Params
@@ -40,7 +41,7 @@ class ServoChild:
     def __init__(self, pipe: Pipe, setup: dict[str, Any]) -> None:
         params = Params().set(setup["params"])
         self._pipe = pipe
-        self._coupling = params.coupling
+        self._params, self._coupling = params, params.coupling
         prepared = prepare(params, "sampled")
         waiting = backlog(prepared.coupling.sends("world", params))
         self._control = DeviceControl(PositionStream(setup["incarnation"]), waiting)
@@ -101,6 +102,8 @@ class ServoChild:
                 match frame:
                     case ("arrive", kind, values, sent_ns, came_ns, took_ns):
                         control.on_sample(sample_of(kind, values), sent_ns, came_ns, took_ns)
+                    case ("echo", sent_ns, came_ns):
+                        control.echo(sent_ns, came_ns)
                     case ("signal", name, value):
                         control.on_signal(name, value)
                     case ("credit", credited_nJ):
@@ -130,6 +133,7 @@ class ServoChild:
         self._samples = []
 
     def _fail(self, error: BaseException) -> None:
+        error = named_failure(self._params, error)
         known = isinstance(error, HapnetError)
         self._pipe.send(FINAL_SEND_S, "failed", str(error) if known else f"{type(error).__name__}: {error}")
 

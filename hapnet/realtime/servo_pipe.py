@@ -14,14 +14,15 @@ from typing import Any
 
 import msgpack
 
-from hapnet.control.coupling import CouplingSample, Motion, Port, Proxy, Wave
+from hapnet.control.coupling import CouplingSample, Motion, Port, Position, Proxy, Wave
 from hapnet.mechanics.plane import Plane
 
 LONGEST_FRAME = 1 << 17
-_TO_SERVO, _FROM_SERVO = 1 << 16, 1 << 20
-"""Buffer sizes; a frame takes some 800 bytes. What waits for a servo is soon out of date; what it says is kept."""
+_TO_SERVO, _FROM_SERVO = 1 << 16, 1 << 21
+"""Buffer sizes; a frame takes some 800 bytes. What waits for a servo is soon out of date. What it says is kept,
+also while its parent stands still for some seconds."""
 
-_KINDS: tuple[Any, ...] = (tuple, Motion, Port, Wave, Proxy)
+_KINDS: tuple[Any, ...] = (tuple, Motion, Port, Wave, Proxy, Position)
 
 _pack = msgpack.packb
 _unpack = msgpack.unpackb

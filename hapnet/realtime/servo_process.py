@@ -74,6 +74,10 @@ class ServoProcess:
         if not self._owed:  # a new peer that waits here must arrive before that peer's data
             self._pipe.offer("arrive", kind_of(sample), sample, sent_ns, came_ns, took_ns)
 
+    def echo(self, sent_ns: int, came_ns: int) -> None:
+        if not self._owed:
+            self._pipe.offer("echo", sent_ns, came_ns)
+
     def on_signal(self, name: str, value: Signal) -> None:
         self._deliver("signal", name, value)
 

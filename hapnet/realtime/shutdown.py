@@ -1,4 +1,4 @@
-"""How a side leaves: it waits until the energy in flight is acknowledged, then it says goodbye."""
+"""How a side leaves: it waits until energy in flight is acknowledged and its account answered, then says goodbye."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ from hapnet.wire.session import Session
 
 LINGER_S = 2.0
 """How long a side waits, after control has stopped, for the energy in flight to be acknowledged [s]."""
+
+FAILED_LINGER_S = 0.5
+"""The same of a side that has failed [s]: its account may still be told."""
 
 QUIET_S = 0.3
 """A side leaves when nothing was credited for this time [s]: the other side, which ends a little later, has then sent
@@ -27,7 +30,8 @@ _LOOK_S = 0.005
 class GracefulShutdown:
     """Ends a side whose control has stopped; on the event loop.
 
-    session, link_driver, clock : the side's. pump : sends what is due.
+    session, link_driver, clock : the side's. pump : sends what is due. tell : tells the peer the account, and says
+    whether it is known there.
     lingers : says whether to wait for the energy in flight. hurried : says whether the user wants to end at once.
     """
 
@@ -37,17 +41,19 @@ class GracefulShutdown:
         link_driver: LinkDriver,
         clock: Clock,
         pump: Callable[[], None],
+        tell: Callable[[], bool],
         lingers: Callable[[], bool],
         hurried: Callable[[], bool],
     ) -> None:
         self._session, self._link_driver, self._clock = session, link_driver, clock
-        self._pump, self._lingers, self._hurried = pump, lingers, hurried
+        self._pump, self._tell, self._lingers, self._hurried = pump, tell, lingers, hurried
 
     async def run(self, reason: str, linger_s: float, delay_s: float) -> None:
         """Wait at most `linger_s`, plus time for the emulated link's delay of `delay_s`, then leave; 0: do not wait."""
         loop, session = asyncio.get_running_loop(), self._session
         trip_s = min(2.0 * delay_s, LONGEST_TRIP_S)
         deadline = loop.time() + (linger_s + 2.0 * trip_s if linger_s else 0.0)
+        self._tell()
         self._pump()
         credited, quiet_until = -1, 0.0
         while loop.time() < deadline and self._lingers() and not self._hurried():
@@ -55,7 +61,7 @@ class GracefulShutdown:
                 paired, settled, now = session.peer is not None, session.settled, session.credited_nJ
             if now != credited:
                 credited, quiet_until = now, loop.time() + QUIET_S + trip_s
-            if not paired or (settled and loop.time() >= quiet_until):
+            if not paired or (self._tell() and settled and loop.time() >= quiet_until):
                 break
             await asyncio.sleep(_LOOK_S)
         with self._link_driver.lock:

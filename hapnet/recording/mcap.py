@@ -43,15 +43,13 @@ from hapnet.recording.samples import (
 if TYPE_CHECKING:
     from mcap.records import Channel, McapRecord, Schema
 
+    from hapnet.recording.mcap_writer import McapWriter
+
 CHUNK_BYTES = 128 * 1024
 """No chunk is larger. A torn file can lose one chunk, and what came after the last flush."""
 
 FLUSH_NS = 500_000_000
-"""How old unwritten samples may become while `RecordingWriter.flush` is called [ns].
-
-Each flush ends a chunk. The file's index stays in memory until the end and has half a kilobyte per chunk: with ten
-chunks a second it grew by 4 MB in ten minutes.
-"""
+"""How old unwritten samples may become while `RecordingWriter.flush` is called [ns]. Each flush ends a chunk."""
 
 _MESSAGE_ROOM = 1024  # mcap closes a chunk after the message that passes its limit; a sample is smaller than this
 _MAGIC = b"\x89MCAP0\r\n"
@@ -86,7 +84,7 @@ class RecordingWriter:
         self._encode = json.JSONEncoder(allow_nan=False, ensure_ascii=False, separators=(",", ":")).encode
         text = self._encode(plain(meta))
         try:
-            self._file = self._path.open("wb")
+            self._file = self._path.open("w+b")
         except OSError as error:
             raise self._error(error) from error
         self._writer = _mcap_writer(self._file)
@@ -258,7 +256,7 @@ def repair(path: str | os.PathLike[str]) -> Path:
     target = source.with_name(source.name.removesuffix(".mcap") + ".repaired.mcap")
     known, channels = {0: 0}, dict[int, int]()
     records = _Records(source)
-    with complete_or_absent(target) as part, part.open("wb") as file:
+    with complete_or_absent(target) as part, part.open("w+b") as file:
         writer = _mcap_writer(file)
         writer.start()
         for r in records:
@@ -280,15 +278,14 @@ def repair(path: str | os.PathLike[str]) -> Path:
 
 def preload() -> None:
     """Import what a writer needs. It takes 30 ms, so do it before anything runs that must not wait."""
-    for module in ("mcap.writer", "google.protobuf.message_factory", "google.protobuf.timestamp_pb2"):
+    for module in ("hapnet.recording.mcap_writer", "google.protobuf.message_factory", "google.protobuf.timestamp_pb2"):
         import_module(module)
 
 
-def _mcap_writer(file: IO[bytes]) -> Any:  # Any: some of the class's methods have no annotations
-    from mcap.writer import CompressionType, Writer
+def _mcap_writer(file: IO[bytes]) -> McapWriter:
+    from hapnet.recording.mcap_writer import McapWriter
 
-    # lz4 halves the file for 1 us a sample; zstd, the library's default, takes three times as long
-    return Writer(file, chunk_size=CHUNK_BYTES - _MESSAGE_ROOM, compression=CompressionType.LZ4)
+    return McapWriter(file, CHUNK_BYTES - _MESSAGE_ROOM)
 
 
 @contextmanager

@@ -37,6 +37,13 @@ class DeviceSample(NamedTuple):
     something off. `model_force_N` and `added_damping_force_N` are the parts of the spring's force that come from the
     planes of the local contact model and from added damping. All four are None where a coupling does not tell.
 
+    `work_J` is W, the energy put in since the start at the port of this side's account: the hand's with the continuous
+    servo, else the actuator's, by the force really applied. `bound_J` is V(0) + E(0). With them anybody can repeat the
+    account (hapnet/control/ledger.py): margin = W + bound + credited - sent, and slack = margin - V - E. `stored_J` is
+    V, at the hand's port with the kinetic energy. `account_J` is E as the ledger counts it: the reservoir less the
+    deficit, and what was harvested since PSPM last ran. `operator_work_J` is the energy that the simulated hand put in.
+    Work is summed over every tick and substep, whichever are recorded. All are NaN in older recordings.
+
     More than twenty attributes: one for each series that a viewer plots.
 
     `velocity_mps` is what the servo measured in this tick. `age_s` and `transit_s` are those of the newest message of
@@ -66,6 +73,11 @@ class DeviceSample(NamedTuple):
     velocity_mps: Vector | None = None
     age_s: float = math.nan
     transit_s: float = math.nan
+    bound_J: float = math.nan
+    work_J: float = math.nan
+    stored_J: float = math.nan
+    account_J: float = math.nan
+    operator_work_J: float = math.nan
 
 
 class MotionSample(NamedTuple):
@@ -81,7 +93,10 @@ class WorldSample(NamedTuple):
     """The world's side at the start of one step of length `step_s`; `position_m` is the proxy's.
 
     `penetration_m` is the depth in the deepest wall (0 or less outside), `contact_force_N` the walls' force on the
-    proxy, `coupling_force_N` the virtual coupling's. The rest is as in `DeviceSample`.
+    proxy, `coupling_force_N` the virtual coupling's. `work_J` is the energy that the environment put in at the world's
+    port by the end of the last step, with every substep of an engine. The rest is as in `DeviceSample`.
+
+    More than twenty attributes: one for each column of a recording.
     """
 
     time_ns: int
@@ -101,6 +116,10 @@ class WorldSample(NamedTuple):
     slack_J: float
     age_s: float = math.nan
     transit_s: float = math.nan
+    bound_J: float = math.nan
+    work_J: float = math.nan
+    stored_J: float = math.nan
+    account_J: float = math.nan
 
 
 Level: TypeAlias = Literal["info", "warning", "error"]

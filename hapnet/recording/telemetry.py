@@ -10,7 +10,6 @@ read.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,7 +26,7 @@ from hapnet.wire import fields
 from hapnet.wire.fields import MAX_DOF
 from hapnet.wire.messages import Role
 
-VERSION = 4
+VERSION = 5
 
 LONGEST = 64 * 1024
 """No message but a drawing is longer [bytes]."""
@@ -84,7 +83,7 @@ def encode(message: Sample | Status | KnownPlanes) -> bytes:
     if isinstance(message, KnownPlanes):
         packed = msgpack.packb((VERSION, "planes", *_parts_of(message.planes)))
     elif isinstance(message, Status):
-        packed = msgpack.packb((VERSION, "status", plain(dataclasses.asdict(message))))
+        packed = msgpack.packb((VERSION, "status", plain(vars(message))))
     else:
         kind = _KINDS[type(message)]
         packed = msgpack.packb((VERSION, kind, *message))

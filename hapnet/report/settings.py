@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from hapnet.assembly.build import LIVE
+from hapnet.assembly.springs import without_rule
 from hapnet.errors import InvalidParameter
 from hapnet.param_values import flatten
 from hapnet.params import Params
@@ -37,13 +38,16 @@ def settings(recording: Recording) -> list[Setting]:
     """All parameters in the recording, in the order of `--show-params`; two values where the sides differ."""
     sides = [_flat(part) for part in _parts(recording).values()]
     defaults = {name: (value, meaning) for name, value, meaning in Params().described()}
+    params = _params(recording)
+    chosen = {} if params is None else {name: _written(value) for name, value in params.flat().items()}
     names = dict.fromkeys([*defaults, *(name for side in sides for name in side)])
     rows = []
     for name in names:
         values = list(dict.fromkeys(_written(side[name]) for side in sides if name in side))
         default, meaning = defaults.get(name, ("", ""))
         if values:
-            rows.append(Setting(name, " / ".join(values), "" if values == [default] else default, meaning))
+            is_default = values == [default] or chosen.get(name) == default
+            rows.append(Setting(name, " / ".join(values), "" if is_default else default, meaning))
     return rows
 
 
@@ -89,7 +93,7 @@ def _params(recording: Recording) -> Params | None:
     if not known(flat.get("duration_s")):
         flat["duration_s"] = round(read(recording.summary)["duration_s"] or Params().duration_s, 3)
     try:
-        return Params.recorded(flat)
+        return without_rule(Params.recorded(flat))
     except InvalidParameter:
         return None
 

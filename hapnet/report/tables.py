@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 from hapnet.couplings.registry import jointly_passive
 from hapnet.report.words import (
+    felt,
     has_reservoirs,
     milli,
     millijoule,
     number,
     outcome,
+    percent,
     shuffled,
     text,
     tuning,
@@ -55,6 +57,7 @@ _SIDES: tuple[_Row[SidePart], ...] = (
     _Row("slack, least", "mJ", lambda of: of["ledger"]["slack_J"], millijoule),
     _Row("true slack, least", "mJ", lambda of: of["true_slack_J"], millijoule),
     _Row("reservoir, least", "mJ", lambda of: of["reservoir_min_J"], millijoule),
+    _Row("set-positions modulated", "%", lambda of: of["modulated_share"], percent),
     _Row("deficit, largest", "mJ", lambda of: of["deficit_max_J"], millijoule),
     _Row("reserve", "mJ", lambda of: of["reserve_J"], millijoule),
     _Row("given out while the servo was away", "mJ", lambda of: of["overrun_leak_J"], millijoule),
@@ -87,6 +90,8 @@ _BOTH: tuple[_Row[Theorem], ...] = (
     _Row("margin after 1 s, least", "mJ", lambda of: of["margin_later_J"], millijoule),
 )
 _ENVIRONMENT: tuple[_Row[Environment], ...] = (
+    _Row("stiffness of the wall", "N/m", lambda of: of["stiffness_N_m"], number),
+    _Row("felt stiffness of the wall", "N/m", lambda of: of["felt_stiffness_N_m"], number),
     _Row("work on the proxy", "mJ", lambda of: of["work_J"], millijoule),
     _Row("balance of its own account, least", "mJ", lambda of: of["env_slack_J"], millijoule),
     _Row("put in by what moves it", "mJ", lambda of: of["env_supplied_J"], millijoule),
@@ -116,7 +121,9 @@ _LINKS: tuple[_Row[LinkPart], ...] = (
 )
 _PATH: tuple[_Row[PathWay], ...] = (
     _Row("messages numbered", "", lambda of: of["sent"], number),
-    _Row("not come", "", lambda of: of["lost"], number),
+    _Row("arrived", "", lambda of: of["arrived"], number),
+    _Row("overtaken", "", lambda of: of["overtaken"], number),
+    _Row("lost", "", lambda of: of["lost"], number),
     _Row("jitter p50", "ms", lambda of: of["jitter_p50_ms"], number),
     _Row("jitter p99", "ms", lambda of: of["jitter_p99_ms"], number),
     _Row("age of what is used p50", "ms", lambda of: of["age_p50_ms"], number),
@@ -157,7 +164,7 @@ def both_ports(summary: Summary) -> Table:
 
 
 def environment(summary: Summary) -> Table:
-    """The virtual world's own account: below 0 it gave out energy that nobody had put in."""
+    """How stiff its walls are felt, and its own account: below 0 it gave out energy that nobody had put in."""
     return Table("environment", ("",), [*_rows(_ENVIRONMENT, [summary["environment"]])])
 
 
@@ -184,7 +191,7 @@ def path(summary: Summary) -> Table:
     rows = [*_rows(_PATH, [found[way] for way in WAYS])]
     lost = _lost(found)
     if any(lost):
-        rows.insert(2, ("lost [%]", *map(text, lost)))
+        rows.insert(4, ("lost [%]", *map(text, lost)))
     trips = {"min": found["round_trip_min_ms"], "p50": found["round_trip_p50_ms"], "p99": found["round_trip_p99_ms"]}
     rows += [(f"round trip {name} [ms]", "", number(trip)) for name, trip in trips.items() if trip is not None]
     return Table("path, measured end to end (up: from the device)", WAYS, rows)
@@ -196,7 +203,7 @@ def motion(summary: Summary) -> Table:
 
 
 def brief(summary: Summary) -> list[str]:
-    """What matters most, one line each: tracking error, largest force, path."""
+    """What matters most, one line each: tracking error, largest force, how stiff a wall is felt, path."""
     moved = summary["motion"]
     force, depth, contacts = moved["peak_force_N"], moved["peak_penetration_m"], moved["contacts"]
     errors = {"free": moved["free_rms_m"], "in contact": moved["contact_rms_m"]}
@@ -204,9 +211,11 @@ def brief(summary: Summary) -> list[str]:
     pushed = [] if force is None else [f"{number(force)} N"]
     pushed += [f"{number(contacts)} contact{'s' * (contacts != 1)}"] if contacts else []
     pushed += [f"{milli(depth)} mm deep at most"] if contacts and depth is not None else []
+    walls = felt(summary["environment"])
     return [
         f"tracking error (rms): {told or 'not known'}",
         f"largest force: {', '.join(pushed) or 'not known'}",
+        *([] if walls is None else [f"wall: {walls}"]),
         f"path: {_path_words(summary['path'])}",
     ]
 

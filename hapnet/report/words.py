@@ -50,6 +50,20 @@ def legible(value: Any) -> Any:
     return [legible(item) for item in value] if isinstance(value, list) else value
 
 
+def felt(environment: object, *, springs: bool = True) -> str | None:
+    """How stiff the wall is felt, and through which springs; None: there is none, or it is not known.
+
+    environment : of a summary, or what a side told as `Felt`.
+    """
+    wall, hand = (known(get(environment, name)) for name in ("stiffness_N_m", "felt_stiffness_N_m"))
+    if wall is None or hand is None:
+        return None
+    told = get(environment, "springs_N_m") if springs else None
+    names = " and ".join(map(number, told)) if isinstance(told, list | tuple) else ""
+    through = f" through {'springs' if ' and ' in names else 'a spring'} of {names} N/m" if names else ""
+    return f"{number(wall)} N/m, felt as {number(hand)} N/m{through}"
+
+
 def tuning(summary: Summary) -> str | None:
     """What the coupling's own rule chose, if it had anything to choose."""
     return ", ".join(f"{name} {number(value)}" for name, value in summary["tuning"].items()) or None
@@ -69,6 +83,11 @@ def number(value: Any) -> str:
 def milli(value: Any) -> str:
     """A value in joules, metres or seconds, shown in thousandths."""
     return text(value) if known(value) is None else number(value * 1e3 if value else 0)
+
+
+def percent(value: Any) -> str:
+    """A share in %."""
+    return number(None if value is None else 100.0 * value)
 
 
 def millijoule(value: Any) -> str:

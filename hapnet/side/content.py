@@ -5,7 +5,7 @@ from __future__ import annotations
 from hapnet.control.coupling import CouplingSample, Motion, Port, Proxy, Wave
 from hapnet.mechanics.plane import Plane
 from hapnet.wire import messages
-from hapnet.wire.fields import CURVATURES, FRICTION, INTEGRAL
+from hapnet.wire.fields import CURVATURES, FRICTION, INTEGRAL, LEVEL, REACH
 
 NANO = 1e-9
 
@@ -23,4 +23,5 @@ def sample_of(message: messages.Motion | messages.Port | messages.Wave | message
         case messages.Proxy():
             more = message.more or {}
             planes = Plane.all_of(message.planes, more.get(CURVATURES), more.get(FRICTION))
-            return Proxy(message.position, message.aimed_ns * NANO, message.force, planes)
+            aimed_s, reach_m, level = message.aimed_ns * NANO, more.get(REACH), more.get(LEVEL)
+            return Proxy(message.position, aimed_s, message.force, planes, reach_m, level)

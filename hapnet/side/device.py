@@ -5,6 +5,7 @@ Here is the continuous servo; the sampled one is in sampled_device.py.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -38,7 +39,7 @@ class Drive:
     period_ns : of the servo. record_every : ticks between two samples given to `write`.
     watchdog_ns : a tick that is late by more than this renders no force and releases the spring (ybar = x). So do the
         ticks after it, until one is in time. From there the coupling starts again, as fast as the limit of the
-        force's step allows. None: no watchdog.
+        force's step allows, and as far as the account covers another absence (control/reserve.py). None: no watchdog.
     clock : read once more after the device was read, so that no interval is taken too short (10).
     write_motion : takes the device's samples in place of `write`, with the motion alone.
     """
@@ -203,8 +204,8 @@ class DeviceSide(ABC):
 
     def _on_signal(self, now_ns: int, name: str, value: Signal) -> None:
         """A value beside the stream has come, from the world or from this side's own program."""
-        if name == STOP:
-            self.stop_force(now_ns, str(value), asked=True)
+        if name == STOP and isinstance(value, str):
+            self.stop_force(now_ns, value, asked=True)
 
     @abstractmethod
     def _start(self, x: Vector) -> None: ...
@@ -248,7 +249,8 @@ class DeviceSide(ABC):
             DeviceSample(
                 now_ns, x, coupling.set_position, coupling.target, force, hand, coupling.reservoir, coupling.deficit,
                 coupling.potential(x), ledger.sent, ledger.credited, ledger.margin, ledger.slack, target,
-                spring, damper, model, added, v, *self.endpoint.used(now_ns),
+                spring, damper, model, added, v, *self.endpoint.used(now_ns), ledger.bound, ledger.work, ledger.stored,
+                ledger.reservoir, math.nan if hand is None else self.hand_work,
             )
         )  # fmt: skip
 

@@ -19,6 +19,7 @@ from hapnet.control.coupling import (
     DeviceCoupling,
     Motion,
     Port,
+    Position,
     Proxy,
     Update,
     Wave,
@@ -57,10 +58,10 @@ class ControlInbox(Protocol):
         """
 
     def on_sample(self, sample: CouplingSample, sent_ns: int, came_ns: int, took_ns: int) -> None:
-        """A sample, mostly a set-position [m], came at `came_ns`.
+        """A sample [m] left at `sent_ns`, on its sender's clock, and came at `came_ns`; `took_ns` is an estimate."""
 
-        `sent_ns`: when it left, on its sender's clock. `took_ns`: estimate of how long it was under way.
-        """
+    def echo(self, sent_ns: int, came_ns: int) -> None:
+        """The next messages echo this stamp of the peer, whose message came at `came_ns`, used or not."""
 
     def credit(self, credited_nJ: int) -> None:
         """Shuffled energy came [nJ]."""
@@ -102,6 +103,7 @@ class ControlHalf:
         self._pairs = 0
         self._pair = 1  # the one that control knows; another peer has another clock and another position
         self._coupling: CouplingState | None = None
+        self._echo = 0, 0  # stamp and arrival of the peer's message that came last
         self._used: tuple[int, int, int] | None = None  # the newest sample in use: when it was sent, came, and took
         # each with the times at which it was sent and came, the time that it took, and the pair
         self._arrived: deque[tuple[CouplingSample, int, int, int, int]] = deque(maxlen=backlog)
@@ -128,6 +130,10 @@ class ControlHalf:
             self.restarted = restarted
         self._pairs += 1
         self.paired = True
+        self._echo = 0, 0
+
+    def echo(self, sent_ns: int, came_ns: int) -> None:
+        self._echo = sent_ns, came_ns
 
     def on_sample(self, sample: CouplingSample, sent_ns: int, came_ns: int, took_ns: int) -> None:
         self._arrived.append((sample, sent_ns, came_ns, took_ns, self._pairs))
@@ -186,7 +192,6 @@ class ControlHalf:
                 else:
                     age_s = (now_ns - came_ns + took_ns) * NANO
                 coupling.receive(sample, sent_ns * NANO, age_s)
-                self._positions.echo(sent_ns, came_ns)
                 self._used = sent_ns, came_ns, took_ns
         while self._credits:
             coupling.credit(self._credits.popleft() * NANO)
@@ -201,7 +206,6 @@ class ControlHalf:
 
     def _change_peer(self, coupling: CouplingState, pair: int) -> None:
         self._pair, self._used = pair, None
-        self._positions.echo(0, 0)
         if self.deadband is not None:
             self.deadband.on_peer_changed()
         if (energy := coupling.on_peer_changed()) > 0.0:
@@ -218,18 +222,21 @@ class ControlHalf:
         if sample is None:
             return None
         if self.deadband is not None:
-            offered = self.deadband.offer(now_ns * NANO, sample, self.coupling.set_position)
-            if offered is None:
+            sample = self.deadband.offer(now_ns * NANO, sample, self.coupling.set_position)
+            if sample is None:
                 return None
-            sample = offered
         positions = self._positions
+        positions.echo(*self._echo)
         match sample:
             case Motion(position, velocity):
                 return positions.motion(now_ns, position, velocity)
             case Port(value, energy):
                 return positions.port(now_ns, value, max(0, math.floor(energy / NANO)))  # never too much
-            case Proxy(position, aimed_s, force, planes):
-                return positions.proxy(now_ns, position, max(0, round(aimed_s / NANO)), force, planes)
+            case Proxy(position, aimed_s, force, planes, reach_m, level):
+                aimed_ns = max(0, round(aimed_s / NANO))
+                return positions.proxy(now_ns, position, aimed_ns, force, planes, reach_m, level)
+            case Position(position, level):
+                return positions.position(now_ns, position, level)
             case Wave(value, span, _, _):
                 return positions.wave(now_ns, value, max(1, round(span / NANO)))
             case _:
@@ -250,11 +257,15 @@ class WireHalf:
         self.planes: tuple[Plane, ...] | None = None
         """The planes that the peer's newest message tells; None: it tells none."""
         self._control = control
+        self._echoed: tuple[int, int] | None = None
 
     def receive(self, now_ns: int, data: bytes) -> tuple[Event, ...]:
         """Process bytes from the network; never raises, whatever they are."""
         events = self.session.receive(now_ns, data)
         self._hand_over(events, now_ns)
+        if (arrival := self.session.path.arrival) is not None and arrival is not self._echoed:
+            self._echoed = arrival
+            self._control.echo(*arrival)
         return events
 
     def poll(self, now_ns: int) -> tuple[list[Outgoing], tuple[Event, ...]]:
@@ -292,12 +303,14 @@ class WireHalf:
     def _hand_over(self, events: tuple[Event, ...], now_ns: int) -> None:
         for event in events:
             if isinstance(event, PositionReceived):
-                self._control.on_sample(event.position, event.sent_ns, now_ns, event.took_ns)
+                sample: CouplingSample
+                sample = event.position if event.level is None else Position(event.position, event.level)
+                self._control.on_sample(sample, event.sent_ns, now_ns, event.took_ns)
             elif isinstance(event, SampleReceived):
-                sample = sample_of(event.message)
-                if isinstance(sample, Proxy):
-                    self.planes = sample.planes
-                self._control.on_sample(sample, event.message.sent_ns, now_ns, event.took_ns)
+                content = sample_of(event.message)
+                if isinstance(content, Proxy):
+                    self.planes = content.planes
+                self._control.on_sample(content, event.message.sent_ns, now_ns, event.took_ns)
             elif isinstance(event, EnergyCredited):
                 self._control.credit(event.credited_nJ)
             elif isinstance(event, SignalReceived):

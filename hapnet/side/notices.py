@@ -8,7 +8,17 @@ from dataclasses import dataclass, field
 
 from hapnet.recording.samples import Level
 from hapnet.side.endpoint import NANO
-from hapnet.wire.events import Event, Mismatch, Paired, PeerHeard, PeerLeft, PeerRefused, PeerSilent, SignalReceived
+from hapnet.wire.events import (
+    Contradiction,
+    Event,
+    Mismatch,
+    Paired,
+    PeerHeard,
+    PeerLeft,
+    PeerRefused,
+    PeerSilent,
+    SignalReceived,
+)
 from hapnet.wire.fields import Signal
 
 OVER = "the run is over"
@@ -52,6 +62,9 @@ def notice_of(event: Event, now_ns: int, other: str, on_silence: str) -> Notice 
         case PeerRefused(reason, by_peer):
             who = f"the {other}" if by_peer else f"a {other} that is not this side's peer"
             return Notice("refused", f"{who} refuses this side: {reason}", now_ns, "error", {"reason": reason})
+        case Contradiction(kind, detail):
+            text = f"somebody else speaks in the {other}'s name ({detail}): it is not known whether this run is passive"
+            return Notice("contradiction", text, now_ns, "error", {"kind": kind})
         case PeerSilent(since_ns):
             silence_s = (now_ns - since_ns) * NANO
             does = "the set-position is held" if on_silence == "hold" else "the spring is released"

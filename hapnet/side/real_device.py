@@ -15,6 +15,7 @@ from typing import Any, Protocol
 
 from hapnet.checks import Vector
 from hapnet.control.coupling import DeviceCoupling
+from hapnet.control.set_position_servo import SampledServo
 from hapnet.errors import DeviceSilent, HapnetError
 from hapnet.plant.device import Device
 from hapnet.plant.operating_range import OperatingRange
@@ -168,6 +169,8 @@ class RealDeviceSide(SampledDeviceSide):
 
     def _start(self, x: Vector) -> None:
         super()._start(x)
+        if self.device.watchdog_s is not None and isinstance(self._servo, SampledServo):
+            self._servo.force_ends_s = self.device.watchdog_s
         self.device.begin()
 
     def _read(self) -> tuple[Vector, Vector]:

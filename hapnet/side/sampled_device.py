@@ -40,6 +40,7 @@ class SampledDeviceSide(DeviceSide):
         self._true_ledger: Ledger | None = None
         self._hand = Ledger(0.0, 0.0)
         self._resting: Callable[[float], int] | None = None
+        self._follow: Callable[[float, Vector], None] | None = None
 
     @property
     def hand_work(self) -> float:
@@ -77,15 +78,22 @@ class SampledDeviceSide(DeviceSide):
             self._true_ledger = Ledger(stored, servo.coupling.account)
             self._resting_dt = max(self._period_ns * NANO, self._simulated.period)
             self._resting = getattr(servo, "resting", None)  # a user's own coupling may have been written without it
+            if self._watch is None:
+                self._follow = getattr(servo, "follow", None)
 
     def _control(self, now_ns: int, *, release: bool) -> bytes | None:
         simulated, servo = self._simulated, self._servo
         before: Vector = ()
-        elapsed_s = hand_work = 0.0
+        elapsed_s = followed_s = hand_work = 0.0
         if simulated is not None:
-            before = simulated.position
             periods = self._periods(now_ns)
             elapsed_s = periods * simulated.period
+            if self._follow is not None and periods > 1:
+                followed_s = (periods - 1) * simulated.period
+                for _ in range(periods - 1):
+                    self._live_through(simulated, self._follow)
+                periods = 1
+            before = simulated.position
             for _ in range(periods):
                 hand_work += simulated.advance()
             self._hand.put_in(hand_work)
@@ -105,8 +113,17 @@ class SampledDeviceSide(DeviceSide):
         else:
             servo.force = applied
         if simulated is not None:
-            self._observe_truth(simulated, dt, held, before, hand_work)
+            self._observe_truth(simulated, dt - followed_s, held, before, hand_work)
         return message
+
+    def _live_through(self, simulated: SimulatedDevice, follow: Callable[[float, Vector], None]) -> None:
+        """A period in which the servo was away: the device goes on under the force that is held, and both accounts see
+        what it really puts out on the way."""
+        before = simulated.position
+        hand_work = simulated.advance()
+        self._hand.put_in(hand_work)
+        follow(simulated.period, simulated.read()[0])
+        self._observe_truth(simulated, simulated.period, self._servo.force, before, hand_work)
 
     def _elapsed(self) -> float:
         """The time since the last tick's reading [s]."""

@@ -10,7 +10,7 @@ import numpy as np
 from hapnet.checks import Vector
 from hapnet.control.coupling import CouplingState, Wave, WorldCoupling, vector_of
 from hapnet.errors import HapnetError
-from hapnet.loading import cause
+from hapnet.loading import FAILURES, cause
 from hapnet.plant.worlds.account import EnvironmentAccount
 from hapnet.plant.worlds.picture import Pictured
 from hapnet.plant.worlds.protocol import EngineMass, VirtualMass, World
@@ -122,7 +122,7 @@ class WorldSide:
                 now_ns, dt, done.position, mass.velocity, coupling.set_position, coupling.target,
                 done.coupling_force, done.force, done.penetration_m, coupling.reservoir,
                 coupling.potential(done.position), ledger.sent, ledger.credited, ledger.margin, ledger.slack,
-                *endpoint.used(now_ns),
+                *endpoint.used(now_ns), ledger.bound, ledger.work, ledger.stored, ledger.reservoir,
             )
         )  # fmt: skip
         if self._scene_writer is not None:
@@ -142,7 +142,7 @@ class WorldSide:
                     self._told[name] = value
                     self.endpoint.tell(name, value)
                     self._write(Event(now_ns, "signal", signal_text(name, value)))
-        except Exception as error:
+        except FAILURES as error:
             raise HapnetError(f"the scene {self._name} failed: its signals raised {cause(error)}") from error
 
     def place(self, position: Vector) -> None:
@@ -162,5 +162,5 @@ class WorldSide:
         """The length that the scene asks for the step that has begun [ns]; HapnetError if the scene fails."""
         try:
             return max(1, round(self.scene.next_step_s(self.rng) / NANO))
-        except Exception as error:
+        except FAILURES as error:
             raise HapnetError(f"the scene {self._name} failed: next_step_s() raised {cause(error)}") from error

@@ -15,6 +15,7 @@ import numpy as np
 from hapnet import checks
 from hapnet.assembly.build import LIVE, Setup, device_session, device_side, prepare, world_session, world_side
 from hapnet.assembly.memory import bytes_a_second, require_room
+from hapnet.assembly.own_parts import named_failures
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.metrics import motion
 from hapnet.params import Params, as_params
@@ -41,7 +42,6 @@ if TYPE_CHECKING:
 PAIRING_LIMIT_NS = 60_000_000_000
 LINGER_NS = 10_000_000_000
 """How long after the end the links may deliver shuffled energy, so that the accounts can be closed [ns]."""
-
 
 _UP, _DOWN, _DEVICE_TIMER, _WORLD_TIMER, _STEP, _TICK = range(6)
 """The kinds of events, in the order in which they run at the same nanosecond."""
@@ -136,6 +136,7 @@ class Simulation:
             "scene": setup.scene.name,
             "coupling": setup.params.coupling,
             "tuning": setup.tuned,
+            "felt": setup.felt,
             "links": {"up": str(setup.up), "down": str(setup.down)},
             "versions": versions(),
         }
@@ -152,13 +153,14 @@ class Simulation:
         ------
         HapnetError : the sides did not find each other, or the duration is unlimited.
         """
-        if self.not_compiled is None:
-            try:
-                return self._run_whole(progress, compiled=True)
-            except NotCompiledError as error:
-                self.not_compiled = str(error)
-                self._begin()
-        return self._run_whole(progress, compiled=False)
+        with named_failures(self.setup.params):
+            if self.not_compiled is None:
+                try:
+                    return self._run_whole(progress, compiled=True)
+                except NotCompiledError as error:
+                    self.not_compiled = str(error)
+                    self._begin()
+            return self._run_whole(progress, compiled=False)
 
     def _run_whole(self, progress: Callable[[float], None] | None, *, compiled: bool) -> Result:
         start_ns = self._meta["origin_ns"] = self._meta["utc_origin_ns"] = self.pair()
@@ -268,6 +270,7 @@ class Simulation:
             two_port_end_J=self.two_port.now,
             two_port_later_J=self.two_port.later,
             tuning=self.setup.tuned,
+            felt=self.setup.felt,
             path=path.of_both(path.of_side("device", device), path.of_side("world", world)),
         )
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from math import inf, isfinite
 from typing import Any, NamedTuple
 
 from hapnet.errors import InvalidParameter
@@ -14,8 +13,8 @@ from hapnet.metrics import METRICS
 from hapnet.params import RELAXED_HAND, Params
 from hapnet.study.case import DEADBAND, Measures
 from hapnet.study.journal import Row
-from hapnet.study.misses import quantile, value_of
 from hapnet.study.spec import LINK, SEED, Spec, Values
+from hapnet.study.statistics import Spread, spreads
 from hapnet.summary.verdict import ROUNDING_J
 
 NAME = "compare"
@@ -23,12 +22,12 @@ LIGHT = "@light"
 """Suffix of an operator's name: it has a relaxed hand. A firm hand damps what a bad coupling does."""
 
 
-def parted(words: str) -> tuple[str, dict[str, str]]:
-    """The coupling's name in ``pspm:feel=paper``, and the parameters that are set besides; any number may follow.
+def parted(words: str, flag: str = "--coupling") -> tuple[str, dict[str, str]]:
+    """The name in ``pspm:feel=paper``, and the parameters that are set besides; any number may follow.
 
     Raises
     ------
-    InvalidParameter : a parameter is set twice.
+    InvalidParameter : a parameter is set twice. It names `flag`.
     """
     name, *rest = words.split(":")
     if rest and "=" not in rest[0]:
@@ -37,11 +36,21 @@ def parted(words: str) -> tuple[str, dict[str, str]]:
     for word in rest:
         parameter, equals, value = (part.strip() for part in word.partition("="))
         if not equals or parameter in settings:
-            raise InvalidParameter(
-                "--coupling", words, "a name, and PARAMETER=VALUE after each further colon, once each"
-            )
+            raise InvalidParameter(flag, words, "a name, and PARAMETER=VALUE after each further colon, once each")
         settings[parameter] = value
     return name.strip(), settings
+
+
+def hand(operator: str) -> tuple[str, dict[str, object]]:
+    """The operator's name in ``press@light:operator_hand.reach_s=0.5``, and the parameters that go with it.
+
+    Raises
+    ------
+    InvalidParameter : a parameter is set twice.
+    """
+    name, own = parted(operator, "--operator")
+    relaxed = RELAXED_HAND if name.endswith(LIGHT) else {}
+    return name.removesuffix(LIGHT), {**relaxed, **own}
 
 
 class Variant(NamedTuple):
@@ -88,7 +97,7 @@ class Plan:
     ----------
     params : of all cases, except for what follows.
     couplings : each as `Variant.coupling`. links : by name, the words of the uplink and of the downlink.
-    operators : as `Params.operator`, followed by `LIGHT` for a relaxed hand.
+    operators : as `Params.operator`, followed by `LIGHT` for a relaxed hand, and by parameters of its own (`hand`).
     deadbands : each coupling is tried with each of them. extra : further variants of these couplings.
     """
 
@@ -130,21 +139,22 @@ class Plan:
             alike.setdefault(json.dumps(self._settings(one)), []).append(one)
         sets = [(couplings, list(self.deadbands)) for couplings in alike.values()]
         sets += [([one.coupling], [one.deadband]) for one in self.extra]
-        hands = [[one for one in self.operators if one.endswith(LIGHT) is light] for light in (False, True)]
+        hands: dict[str, list[str]] = {}
+        for one in self.operators:
+            hands.setdefault(json.dumps(self._hand(one)), []).append(one)
         links = [{"up": up, "down": down} for up, down in self.links.values()]
         products: tuple[dict[str, list[Any]], ...] = tuple(
             {
                 "coupling": [parted(one)[0] for one in couplings],
                 DEADBAND: deadbands,
-                "operator": [one.removesuffix(LIGHT) for one in operators],
+                "operator": [hand(one)[0] for one in operators],
                 **{name: [value] for name, value in self._hand(operators[0]).items()},
                 **{name: [value] for name, value in self._settings(couplings[0]).items()},
                 LINK: links,
                 SEED: list(self.seeds),
             }
             for couplings, deadbands in sets
-            for operators in hands
-            if operators
+            for operators in hands.values()
         )
         plain = Params().flat()
         varied = {"link.up", "link.down"}.union(*products)
@@ -172,7 +182,7 @@ class Plan:
         return {
             "coupling": parted(variant.coupling)[0],
             DEADBAND: variant.deadband,
-            "operator": operator.removesuffix(LIGHT),
+            "operator": hand(operator)[0],
             **self._hand(operator),
             **self._settings(variant.coupling),
             LINK: {"up": up, "down": down},
@@ -185,28 +195,10 @@ class Plan:
         return {name: own.get(name, self.params.get(name)) for name in every}
 
     def _hand(self, operator: str) -> Values:
-        """The parameters of an operator's hand; none if all operators have the same hand."""
-        if not any(one.endswith(LIGHT) for one in self.operators):
-            return {}
-        light = operator.endswith(LIGHT)
-        return {name: value if light else self.params.get(name) for name, value in RELAXED_HAND.items()}
-
-
-@dataclass(frozen=True)
-class Spread:
-    """A metric over several cases.
-
-    count : how many have a value. missed : how many missed it, as a contact that was not felt. The median and the
-    quartiles (linear) are over both, each miss being infinite; the extremes are those of the values.
-    """
-
-    count: int
-    median: float
-    q1: float
-    q3: float
-    least: float
-    most: float
-    missed: int = 0
+        """The values with this operator of all parameters that go with any operator."""
+        own = hand(operator)[1]
+        every = dict.fromkeys(name for one in self.operators for name in hand(one)[1])
+        return {name: own.get(name, self.params.get(name)) for name in every}
 
 
 @dataclass(frozen=True)
@@ -214,7 +206,8 @@ class Group:
     """The cases of a variant over a link, with one operator or with all (None).
 
     `spreads` contains the metrics for which at least one case has a value. `passive` and `hand_passive` : in how many
-    cases the two-port margin, and the margin at the hand's port, were not negative.
+    cases the two-port margin, and the margin at the hand's port, were not negative. `lost` : the measures of
+    the cases that were not passive.
     """
 
     variant: Variant
@@ -225,6 +218,7 @@ class Group:
     passive: int
     hand_passive: int
     spreads: Mapping[str, Spread]
+    lost: Sequence[Measures] = ()
 
     @property
     def measured(self) -> int:
@@ -233,6 +227,15 @@ class Group:
     def median(self, metric: str) -> float | None:
         spread = self.spreads.get(metric)
         return None if spread is None else spread.median
+
+
+def by_hand(outcomes: Iterable[Outcome]) -> list[list[Measures]]:
+    """The measures of the cases that did not fail, those of each operator together."""
+    hands: dict[str, list[Measures]] = {}
+    for one in outcomes:
+        if one.measures is not None:
+            hands.setdefault(one.case.operator, []).append(one.measures)
+    return list(hands.values())
 
 
 def groups(plan: Plan, outcomes: Sequence[Outcome]) -> list[Group]:
@@ -258,21 +261,11 @@ def _group(variant: Variant, link: str, operator: str | None, outcomes: Sequence
         len(ours) - len(known),
         _positive(known, "margin_J"),
         _positive(known, "hand_margin_J"),
-        dict(spreads(known)),
+        dict(spreads(by_hand(ours))),
+        [one for one in known if not _positive([one], "margin_J")],
     )
 
 
 def _positive(known: Sequence[Measures], margin: str) -> int:
     """How many of these margins are not negative, up to rounding."""
     return sum((value := measures[margin]) is not None and value >= -ROUNDING_J for measures in known)
-
-
-def spreads(known: Sequence[Measures]) -> Iterator[tuple[str, Spread]]:
-    """Each metric for which at least one case has a value, and its spread over the cases."""
-    for metric in METRICS:
-        values = [value for measures in known if (value := value_of(measures, metric)) is not None]
-        if values:
-            q1, median, q3 = (quantile(values, share) for share in (0.25, 0.5, 0.75))
-            finite = [value for value in values if isfinite(value)] or [inf]
-            missed = sum(not isfinite(value) for value in values)
-            yield metric, Spread(len(values) - missed, median, q1, q3, min(finite), max(finite), missed)

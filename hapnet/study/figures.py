@@ -16,7 +16,8 @@ from hapnet.metrics.obstacles import normal_where_deepest
 from hapnet.plant.worlds.walls import Wall
 from hapnet.report.style import MM, STYLE
 from hapnet.study.case import Run, simulated, was_passive
-from hapnet.study.compare import Case, Outcome, Plan, Variant
+from hapnet.study.compare import Case, Outcome, Plan, Variant, by_hand
+from hapnet.study.statistics import spreads
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,8 +29,8 @@ _MARKS = ("o", "s", "^", "D", "v", "P", "X", "p")
 _OTHERS: dict[str, Any] = {"color": "0.8", "linewidth": 0.6, "zorder": 1}
 _OUT = (
     "most energy that ever came out of both ports [mJ] (beyond d², shaded: not passive).\n"
-    "Dots: cases (crosses: not passive). Marks: a variant's largest energy across, its median up (black edge: "
-    "not all passive)"
+    "Dots: cases (crosses: not passive). Marks: a variant's largest energy across, up the median over hands and its "
+    "95 % interval\n(black edge: not all passive)"
 )
 _DASHED = (0, (3, 1.2))
 _SHOWN_S = 5.0
@@ -142,12 +143,13 @@ def story(plan: Plan, outcomes: Sequence[Outcome]) -> str:
     errors: dict[str, list[float]] = {}
     for variant in plan.variants:
         for link in plan.links:
-            ours = [one.measures for one in outcomes if (one.case.variant, one.case.link) == (variant, link)]
+            these = [one for one in outcomes if (one.case.variant, one.case.link) == (variant, link)]
+            ours = [one.measures for one in these]
             if not all(was_passive(measures) for measures in ours if measures):
                 lost.setdefault(str(variant), []).append(link)
-            found = [value for m in ours if m and (value := m["true_force_error_percent"]) is not None]
-            if found:
-                errors.setdefault(str(variant), []).append(float(np.median(found)))
+            found = dict(spreads(by_hand(these))).get("true_force_error_percent")
+            if found is not None:
+                errors.setdefault(str(variant), []).append(found.median)
     kept = {name: values for name, values in errors.items() if name not in lost}
     who, lines = "", ["every coupling was passive in all cases"]
     if lost:
@@ -191,7 +193,7 @@ def _axes(panels: Any, links: Sequence[str], bound: float, most: float) -> None:
     force.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
     force.set_yticks([], minor=True)
     low, high = stiffness.get_ylim()
-    stiffness.set_ylim(min(low, 80.0), max(high, 120.0))
+    stiffness.set_ylim(max(min(low, 80.0), -50.0), min(max(high, 120.0), 250.0))  # of a graze it may be anything
     for panel in panels.flat:
         panel.axvspan(bound, right, zorder=0, **_SHADE)
         panel.axvline(bound, color="#cb181d", linewidth=1.0)
@@ -214,7 +216,10 @@ def _points(panel: Axes, mark: dict[str, Any], outcomes: Sequence[Outcome], metr
     panel.plot(x[~kept], y[~kept], marker="x", markersize=4.5, markeredgewidth=1.2, **dots)
     bad = not all(was_passive(one.measures) for one in outcomes if one.measures)
     filled = {"markerfacecolor": mark["color"], "markeredgecolor": "black", "markersize": 9.0} if bad else {}
-    panel.plot(max(most), np.median(y), **{**mark, **filled}, zorder=4 if bad else 3)
+    spread = dict(spreads(by_hand(outcomes)))[metric]
+    if spread.low is not None and spread.high is not None:
+        panel.vlines(max(most), spread.low, spread.high, colors=mark["color"], linewidth=1.2, zorder=3)
+    panel.plot(max(most), spread.median, **{**mark, **filled}, zorder=4 if bad else 3)
 
 
 def _out_mJ(outcomes: Sequence[Outcome]) -> list[float]:

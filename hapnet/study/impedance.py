@@ -121,6 +121,7 @@ def transmission(params: Params, seed: int, periods: int = 4) -> Transmission:
     own = {"operator": "rest", "duration_s": begin_s + periods * PERIOD_S + 0.5, "record_hz": params.device.servo_hz}
     params = params.set({**servo, **own})
     setup = prepare(params, "sampled")
+    params = setup.params
     if not setup.scene.walls:
         raise InvalidParameter("scene", params.scene, "one with a wall at rest, to be moved through")
     wall = setup.scene.walls[0]

@@ -23,13 +23,14 @@ import math
 import re
 import tomllib
 from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 from hapnet.errors import InvalidParameter
-from hapnet.param_values import flatten
+from hapnet.param_values import LARGEST_SEED, flatten
 from hapnet.params import Params
 from netem.errors import NetemError
 from netem.profile import PRESETS, LinkProfile
@@ -195,6 +196,17 @@ def table_of(file: Path) -> Values:
         raise InvalidParameter("SPEC", str(file), f"a TOML file ({why})") from None
 
 
+@contextmanager
+def in_file(file: Path) -> Iterator[None]:
+    """The error of an entry names the file too."""
+    try:
+        yield
+    except InvalidParameter as error:
+        if error.name.startswith("--") or error.value == str(file):  # a flag, or the file itself
+            raise
+        raise InvalidParameter(f"{file}: {error.name}", error.value, error.allowed) from error
+
+
 def known(what: str, word: str, words: Collection[str], allowed: str) -> None:
     """Raise InvalidParameter unless `word` is one of `words`; the message names those that are nearly the same."""
     if word not in words:
@@ -257,7 +269,7 @@ def _axes(table: Mapping[str, Any]) -> Iterator[tuple[str, list[Any]]]:
 
 def _values_of(name: str, given: object) -> list[Any]:
     if name == SEED and isinstance(given, str):
-        words = re.fullmatch(r"(\d+):(\d+)", given.strip())
+        words = re.fullmatch(r"(\d{1,18}):(\d{1,18})", given.strip())
         if words is None or int(words[1]) >= int(words[2]):
             raise InvalidParameter(SEED, given, "'A:B', the seeds from A to B - 1, such as '0:10'")
         if int(words[2]) - int(words[1]) > MOST:
@@ -288,8 +300,8 @@ def _range(name: str, given: Mapping[str, Any]) -> list[Any]:
     first, last = ends
     if whole and not all(isinstance(end, int) for end in ends):
         raise InvalidParameter(name, dict(given), "whole numbers")
-    if name == SEED and min(first, last) < 0:
-        raise InvalidParameter(name, dict(given), "whole numbers, 0 or above")
+    if name == SEED and not 0 <= min(first, last) <= max(first, last) <= LARGEST_SEED:
+        raise InvalidParameter(name, dict(given), "whole numbers, 0 or above, of 64 bits")
     if "steps" not in given and not whole:
         raise InvalidParameter(name, dict(given), "a range with the number of its values: steps = N")
     steps = given.get("steps", abs(last - first) + 1 if whole else None)
@@ -318,8 +330,8 @@ def _parameter(name: str) -> None:
 
 
 def _seed(value: object, allowed: str) -> None:
-    if not isinstance(value, int) or isinstance(value, bool) or value < 0:
-        raise InvalidParameter(SEED, value, allowed)
+    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= LARGEST_SEED:
+        raise InvalidParameter(SEED, value, f"{allowed}, of 64 bits")
 
 
 def _link(value: object) -> None:

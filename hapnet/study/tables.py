@@ -13,12 +13,17 @@ from rich.table import Table
 from hapnet.metrics import METRICS
 from hapnet.recording.samples import plain
 from hapnet.study.compare import Group, Outcome, Plan
+from hapnet.study.run import Measures
 from hapnet.study.tunings import tunings
 from hapnet.versions import versions
 from netem.profile import PRESETS
 
 WIDE = 160
-"""From this width of a terminal on [columns], a table has room for `_FULL` and its quartiles, and for no more."""
+"""From this width of a terminal on [columns], a table has room for all of `_SHOWN` and their intervals."""
+
+
+_NAMED = 6
+"""So many hands the note names."""
 
 
 class _Column(NamedTuple):
@@ -30,34 +35,38 @@ class _Column(NamedTuple):
     digits: int
 
 
-_BRIEF = (
-    _Column("margin_end_J", "end\n[mJ]", 1e3, 0),
+OUT = (
+    _Column("energy_out_J", "out\n[mJ]", 1e3, 1),
+    _Column("hand_energy_out_J", "hand\n[mJ]", 1e3, 1),
+    _Column("world_energy_out_J", "world\n[mJ]", 1e3, 1),
+)
+"""The most energy that came out, of all cases: of both ports together, and of each alone."""
+
+_SHOWN = (
     _Column("stiffness_percent", "stiff\n[%]", 1.0, 0),
     _Column("true_force_error_percent", "true\nerror\n[%]", 1.0, 1),
     _Column("free_rms_mm", "free\nerror\n[mm]", 1.0, 1),
     _Column("drag_N", "drag\n[N]", 1.0, 2),
+    _Column("free_last_mm", "last\nminute\n[mm]", 1.0, 1),
+    _Column("free_first_mm", "first\n10 s\n[mm]", 1.0, 1),
+    _Column("stiffness_worst_percent", "worst\ntenth\n[%]", 1.0, 0),
+    _Column("contacts_ratio", "contacts\nper one", 1.0, 1),
+    _Column("modulated_percent", "modu-\nlated\n[%]", 1.0, 1),
     _Column("swing_N", "swing\n[N]", 1.0, 3),
-    _Column("first_contact_ms", "felt\n[ms]", 1.0, 0),
-)
-_FULL = (
-    _Column("stiffness_percent", "rendered\nstiffness\n[%]", 1.0, 0),
-    _Column("true_force_error_percent", "true\nerror\n[%]", 1.0, 1),
-    _Column("free_rms_mm", "error,\nfree\n[mm]", 1.0, 1),
-    _Column("drag_N", "drag\n[N]", 1.0, 2),
-    _Column("swing_N", "swing\n[N]", 1.0, 3),
-    _Column("buzz_N2", "buzz\n[10⁻³ N²]", 1e3, 2),
-    _Column("drift_mm_per_min", "drift\n[mm/min]", 1.0, 1),
     _Column("first_contact_ms", "first\nfelt\n[ms]", 1.0, 0),
-    _Column("later_contact_ms", "later\nfelt\n[ms]", 1.0, 0),
-    _Column("packets_per_s", "packets\n[1/s]", 1.0, 0),
 )
+"""In the order in which they get a place: `_NARROW` of them in a narrow table, `_MOST` in a wide one."""
+
+_NARROW, _MOST = 5, 10
+
 _NOTE = (
-    "Medians over {operators} and {seeds}, quartiles in a terminal of {wide} columns or more; a number in brackets "
+    "Medians over {operators}, each with the mean over {seeds}{interval}; a number in brackets "
     "counts the cases that have a value, if not all do; a contact that was not felt counts as infinitely late. "
-    "passive: cases whose two-port margin stayed above zero; hand: the same for the margin at the hand's port alone; "
-    "out: the most energy that ever came out of both ports together; end: the margin at the end. "
+    "passive: cases whose two-port margin stayed above zero; out: the most energy that ever came out of both ports "
+    "together, hand and world: of each alone. "
     "hapnet compare --metrics defines all columns."
 )
+_INTERVAL = ", 95 % intervals by resampling these hands (quartiles of fewer than three) in a terminal of {wide} columns"
 
 
 def tables(plan: Plan, found: Sequence[Group], width: int) -> list[Table]:
@@ -68,14 +77,46 @@ def tables(plan: Plan, found: Sequence[Group], width: int) -> list[Table]:
         up, down = PRESETS.get(up, up), PRESETS.get(down, down)
         words = up if up == down else f"up {up}; down {down}"
         title = f"{link}: {words or 'nothing in the way'}"
-        made.append(_table(escape(title), [g for g in found if g.link == link and g.operator is None], wide=wide))
+        rows = [group for group in found if group.link == link and group.operator is None]
+        made.append(_table(escape(title), rows, _columns(found, wide=wide), wide=wide))
     return made
+
+
+def headline(plan: Plan, found: Sequence[Group]) -> list[str]:
+    """A line for each variant that was not passive in all cases: where, and at which port the energy came out."""
+    lines = []
+    for variant in plan.variants:
+        groups = [one for one in found if one.variant == variant and one.operator is None and one.lost]
+        lost = [measures for one in groups for measures in one.lost]
+        if not lost:
+            continue
+        both, hand, world = (_most_mJ(lost, column.metric) for column in OUT)
+        inside = sum(measures["hand_energy_out_J"] == 0.0 for measures in lost)
+        where = ", ".join(one.link for one in groups)
+        nothing = f"; nothing at the hand's in {inside}" if inside else ""
+        lines.append(
+            f"{variant} was not passive in {len(lost)} case{'s' * (len(lost) > 1)} ({where}): at most {both} mJ came "
+            f"out of both ports together, {hand} mJ at the hand's, {world} mJ at the world's, into its walls{nothing}"
+        )
+    return lines or ["every coupling was passive in all cases"]
+
+
+def _most_mJ(cases: Sequence[Measures], metric: str) -> str:
+    return rounded(1e3 * max((value for one in cases if (value := one[metric]) is not None), default=0.0), 1)
+
+
+def _columns(found: Sequence[Group], *, wide: bool) -> list[_Column]:
+    """Those that some group has a value for, as far as there is room."""
+    known = {metric for group in found for metric in group.spreads}
+    return [one for one in _SHOWN if one.metric in known][: _MOST if wide else _NARROW]
 
 
 def note(plan: Plan) -> str:
     """The note below the tables."""
     seeds = f"{len(plan.seeds)} seeds" if len(plan.seeds) > 1 else f"seed {plan.seeds[0]}"
-    return _NOTE.format(wide=WIDE, operators=", ".join(plan.operators), seeds=seeds)
+    count = len(plan.operators)
+    operators = ", ".join(plan.operators) if count <= _NAMED else f"{count} hands ({plan.operators[0]}, ...)"
+    return _NOTE.format(operators=operators, seeds=seeds, interval=_INTERVAL.format(wide=WIDE))
 
 
 def failures(outcomes: Sequence[Outcome], most: int = 5) -> list[str]:
@@ -107,6 +148,7 @@ def as_dict(plan: Plan, outcomes: Sequence[Outcome], found: Sequence[Group]) -> 
             "parameters": plan.params.as_dict(),
         },
         "metrics": {name: {k: v for k, v in asdict(metric).items() if k != "name"} for name, metric in METRICS.items()},
+        "headline": headline(plan, found),
         "tunings": {coupling: tunings(plan, coupling) for coupling in plan.couplings},
         "groups": [_group(group) for group in found],
         "cases": [_case(outcome) for outcome in outcomes],
@@ -116,7 +158,8 @@ def as_dict(plan: Plan, outcomes: Sequence[Outcome], found: Sequence[Group]) -> 
 
 
 def as_rows(found: Sequence[Group]) -> list[dict[str, Any]]:
-    """A row per group: of each metric the median, ``_q1`` and ``_q3``, and where it can be missed ``_missed``.
+    """A row per group: of each metric the median, its interval ``_low`` and ``_high``, the quartiles ``_q1`` and
+    ``_q3``, and where it can be missed ``_missed``.
 
     A quantile that reaches a miss is ``inf``; None: no case has a value.
     """
@@ -125,7 +168,7 @@ def as_rows(found: Sequence[Group]) -> list[dict[str, Any]]:
         row = {key: value for key, value in _group(group).items() if key != "metrics"}
         for name, metric in METRICS.items():
             spread = group.spreads.get(name)
-            for suffix, figure in (("", "median"), ("_q1", "q1"), ("_q3", "q3")):
+            for suffix, figure in (("", "median"), ("_low", "low"), ("_high", "high"), ("_q1", "q1"), ("_q3", "q3")):
                 row[name + suffix] = None if spread is None else getattr(spread, figure)
             if metric.missed:
                 row[f"{name}_missed"] = 0 if spread is None else spread.missed
@@ -133,20 +176,18 @@ def as_rows(found: Sequence[Group]) -> list[dict[str, Any]]:
     return rows
 
 
-def _table(title: str, rows: Sequence[Group], *, wide: bool) -> Table:
-    columns = _FULL if wide else _BRIEF
+def _table(title: str, rows: Sequence[Group], columns: Sequence[_Column], *, wide: bool) -> Table:
     table = Table(title=title, title_justify="left", title_style="bold", padding=(0, 1 if wide else 0))
     table.add_column("coupling", min_width=max(len(group.variant.coupling) for group in rows))
-    for heading in ("passive", "hand", "out\n[mJ]", *(column.heading for column in columns)):
+    for heading in ("passive", *(column.heading for column in (*OUT, *columns))):
         table.add_column(heading.replace("[", r"\["), justify="right", overflow="fold")
     for group in rows:
         name = escape(str(group.variant)) + (f" [red]({group.failed} failed)[/]" if group.failed else "")
-        out = group.spreads.get("energy_out_J")
+        most = [group.spreads.get(column.metric) for column in OUT]
         table.add_row(
             name,
             _count(group.passive, group.measured),
-            _count(group.hand_passive, group.measured),
-            "–" if out is None else _number(1e3 * out.most, 1),
+            *("–" if one is None else rounded(1e3 * one.most, 1) for one in most),
             *(_cell(group, column, wide=wide) for column in columns),
         )
     return table
@@ -156,15 +197,16 @@ def _cell(group: Group, column: _Column, *, wide: bool) -> str:
     spread = group.spreads.get(column.metric)
     if spread is None:
         return "–"
-    median, q1, q3 = (_number(column.factor * v, column.digits) for v in (spread.median, spread.q1, spread.q3))
+    ends = (spread.q1, spread.q3) if spread.low is None or spread.high is None else (spread.low, spread.high)
+    median, low, high = (rounded(column.factor * value, column.digits) for value in (spread.median, *ends))
     if isinf(spread.median):
         median = "not felt"
     if spread.count < group.measured:  # how often matters as much as how much
         median += f" [dim]({spread.count})[/]"
-    return f"{median}\n[dim]{q1}..{q3}[/]" if wide else median
+    return f"{median}\n[dim]{low}..{high}[/]" if wide else median
 
 
-def _number(value: float, digits: int) -> str:
+def rounded(value: float, digits: int) -> str:
     """A fixed number of digits, fewer for a large number; no minus before a zero."""
     if isinf(value):
         return "∞"

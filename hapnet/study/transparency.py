@@ -15,14 +15,15 @@ from hapnet.study import impedance
 from hapnet.study.figures import COLOURS
 from hapnet.study.impedance import MOST_HZ, Curve, Transmission
 from hapnet.study.impedance import Figure as Spread
+from hapnet.study.stable_stiffness import Case, stiffest
 from hapnet.study.z_width import ZWidth, z_width
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-STIFFNESS_SHOWN, DAMPING_SHOWN = (-60.0, 160.0), (-12.0, 12.0)
-"""Ranges of the figure's axes [N/m], [Ns/m]."""
+STIFFNESS_SHOWN, DAMPING_SHOWN = (-0.7, 1.9), (-12.0, 12.0)
+"""Ranges of the figure's axes: shares of the true wall's stiffness, and [Ns/m]."""
 
 TICKS_HZ = (0.5, 1, 2, 5, 10, 20)
 
@@ -31,13 +32,14 @@ HANDS: dict[str, dict[str, float]] = {"firm hand": {}, "relaxed hand": dict(RELA
 
 
 class Task(NamedTuple):
-    """One run, or with `hand` one bisection of the Z-width."""
+    """One run, with `hand` one bisection of the Z-width, or with `case` one of the stiffest stable K."""
 
     coupling: str
     link: str
     params: Params
     seed: int
     hand: str | None = None
+    case: Case | None = None
 
 
 def run(tasks: Sequence[Task], progress: Callable[[float], None]) -> list[Transmission | ZWidth]:
@@ -51,6 +53,8 @@ def run(tasks: Sequence[Task], progress: Callable[[float], None]) -> list[Transm
 
 def run_one(task: Task) -> Transmission | ZWidth:
     """Do this task."""
+    if task.case is not None:
+        return stiffest(task.case.of(task.params))
     if task.hand is None:
         return impedance.transmission(task.params, task.seed)
     return z_width(task.params.set(HANDS[task.hand]), Z_SEEDS)
@@ -107,7 +111,8 @@ def draw(curves: dict[tuple[str, str], Curve]) -> Figure:
             below.set_xlim(any_of.frequency_hz[0], MOST_HZ)
             below.set_xticks(TICKS_HZ, map(str, TICKS_HZ))
             below.minorticks_off()
-        axes[0][0].set_ylim(*STIFFNESS_SHOWN)
+        truest = max(z.real for found in curves.values() for z in found.truth)
+        axes[0][0].set_ylim(*(share * truest for share in STIFFNESS_SHOWN))
         axes[1][0].set_ylim(*DAMPING_SHOWN)
         axes[0][0].set_ylabel("transmitted stiffness [N/m]")
         axes[1][0].set_ylabel("transmitted damping [Ns/m]")

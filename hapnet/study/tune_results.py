@@ -16,10 +16,10 @@ from hapnet.metrics.definitions import METRICS
 from hapnet.param_values import toml_value
 from hapnet.recording.mcap import complete_or_absent
 from hapnet.recording.samples import plain
-from hapnet.study.compare import Spread, spreads
 from hapnet.study.goal import Verdict
 from hapnet.study.search import Scores, Search, Trial
 from hapnet.study.spec import Values, value_words
+from hapnet.study.statistics import Spread, spreads
 from hapnet.study.tune_spec import TuneSpec
 from hapnet.versions import versions
 
@@ -100,7 +100,7 @@ def _measured(spec: TuneSpec, scores: tuple[Scores, Scores]) -> Table:
     verdicts = [verdict for one in scores for verdict in one.verdicts(spec)]
     trials = [trial for one in scores for trial in one]
     table.add_row("objective", *("–" if one is None else f"{one.objective:.4g}" for one in verdicts), end_section=True)
-    found = [None if one is None else dict(spreads(one.measures)) for one in trials]
+    found = [None if one is None else dict(spreads([one.measures])) for one in trials]
     for name in spec.goal.metrics:
         shown = [None if one is None else one.get(name) for one in found]
         power = _power([spread for spread in shown if spread is not None])
@@ -153,5 +153,5 @@ def _told(spec: TuneSpec, trial: Trial | None, verdict: Verdict | None) -> dict[
             {"constraint": str(one), "kept": held.kept, "met": held.met}
             for one, held in zip(spec.goal.constraints, verdict.held, strict=True)
         ],
-        "metrics": {name: vars(spread) for name, spread in spreads(trial.measures)},
+        "metrics": {name: vars(spread) for name, spread in spreads([trial.measures])},
     }

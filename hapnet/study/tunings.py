@@ -8,6 +8,7 @@ from typing import Any
 from rich.table import Table
 
 from hapnet.assembly.build import prepare
+from hapnet.assembly.springs import with_springs
 from hapnet.couplings.registry import ideal_stiffness
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
@@ -19,6 +20,7 @@ _SPRINGS = ("device.stiffness", "device.damping", "world.stiffness", "world.damp
 
 def tuning(params: Params) -> dict[str, Any]:
     """What determines how a coupling feels: springs, dampers, its rule's choice, and the stiffness at best."""
+    params = with_springs(params)
     scalar = all(isinstance(side.stiffness, float) for side in (params.device, params.world))
     ideal = ideal_stiffness(params, params.world.wall.stiffness) if scalar else None
     springs = {name: params.get(name) for name in _SPRINGS}

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Sequence
 from math import sqrt
 from typing import NamedTuple
 
+from hapnet.assembly.springs import with_springs
 from hapnet.couplings.registry import ideal_stiffness
 from hapnet.errors import InvalidParameter
 from hapnet.metrics.swing import UNTIL_S, limit_cycles
@@ -58,7 +59,7 @@ def z_width(
     """
     timing = {"operator_hand.hold_s": _HELD_S, "duration_s": 0.8 + _HELD_S, "record_hz": params.device.servo_hz}
     servo = {"device.servo": "sampled"} if params.device.servo == "auto" else {}
-    pressing, tried = params.set({**_PRESS, **timing, **servo}), tuple(seeds)
+    pressing, tried = with_springs(params.set({**_PRESS, **timing, **servo})), tuple(seeds)
 
     def scaled(factor: float) -> Params:
         return pressing.set({name: factor * pressing.get(name) for name in springs})

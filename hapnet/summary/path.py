@@ -31,6 +31,8 @@ def of_side(role: Role, figures: PathFigures) -> Section:
         return unknown()
     way: PathWay = {
         "sent": figures.sent,
+        "arrived": figures.arrived,
+        "overtaken": figures.overtaken,
         "lost": figures.lost,
         "loss": figures.lost / figures.sent,
         "jitter_p50_ms": _ms(figures.jitter_p50_ns),
@@ -101,6 +103,8 @@ def words(section: Section, role: Role) -> str:
     other = "world" if role == "device" else "device"
     trips = f"round trip {section['round_trip_p50_ms']:.1f} ms (99 %: {section['round_trip_p99_ms']:.1f})"
     heard = f"from the {other} {100 * (way['loss'] or 0.0):.1f} % lost, jitter {way['jitter_p99_ms']:.1f} ms (99 %)"
+    if 100 * (way["overtaken"] or 0) >= (way["sent"] or 0):
+        heard += f", {100 * (way['overtaken'] or 0) / (way['sent'] or 1):.1f} % overtaken"
     if way["age_p99_ms"] is not None:
         heard += f", what is used up to {way['age_p99_ms']:.0f} ms old"
     stalls = f", {way['stalls']} stall{'s' * (way['stalls'] > 1)}" if way["stalls"] else ""

@@ -14,9 +14,12 @@ from hapnet.couplings.registry import jointly_passive
 from hapnet.errors import RecordingError
 from hapnet.recording.samples import Columns, Recording, join
 from hapnet.summary.run import combine, judged, merge, recorded_margins, unknown_device
-from hapnet.summary.structure import EnvironmentPart, Ledger, Outages, SidePart, Summary, unknown
+from hapnet.summary.structure import Contradictions, EnvironmentPart, Ledger, Outages, SidePart, Summary, unknown
 from hapnet.summary.verdict import has_reservoirs
 from netem import LinkStats
+
+MODULATED_M = 1e-9
+"""Set-positions that differ by more are not the same [m]."""
 
 
 def from_recording(recording: Recording) -> Summary:
@@ -28,7 +31,7 @@ def from_recording(recording: Recording) -> Summary:
     ends = [columns["time_s"][-1] for columns in (recording.device, recording.world) if columns is not None]
     asked = meta.get("links")
     asked = asked if isinstance(asked, Mapping) else {}
-    tuning = meta.get("tuning")
+    tuning, felt = meta.get("tuning"), meta.get("felt")
     unknown = dict.fromkeys(field.name for field in fields(LinkStats))
     links = {way: {**unknown, "profile": asked[way]} if way in asked else None for way in ("up", "down")}
     return combine(
@@ -39,6 +42,7 @@ def from_recording(recording: Recording) -> Summary:
         duration_s=float(max(ends)) if ends else None,
         coupling=coupling,
         tuning=tuning if isinstance(tuning, Mapping) else None,
+        felt=felt if isinstance(felt, Mapping) else None,
         torn=[side for side in ("device", "world") if getattr(recording, side) is not None],
         **recorded_margins(recording),
     )
@@ -58,6 +62,12 @@ def _world_columns(columns: Columns, coupling_name: str) -> SidePart:
     return result
 
 
+def _modulated(columns: Columns) -> float | None:
+    """The share of the samples whose set-position in use is another than the wanted one."""
+    away = np.linalg.norm(columns["set_position_m"] - columns["target_m"], axis=1) > MODULATED_M
+    return float(np.mean(away)) if len(away) else None
+
+
 def _side_columns(columns: Columns, coupling_name: str) -> SidePart:
     """The keys that both sides share."""
     slack = None if jointly_passive(coupling_name) else _extreme(columns["slack_J"], np.min)
@@ -69,6 +79,7 @@ def _side_columns(columns: Columns, coupling_name: str) -> SidePart:
             "margin_end_J": _extreme(columns["margin_J"], lambda values: values[-1]),
         },
         "reservoir_min_J": _extreme(columns["reservoir_J"], np.min) if has_reservoirs(coupling_name) else None,
+        "modulated_share": _modulated(columns) if has_reservoirs(coupling_name) else None,
         "deficit_max_J": None,
         "sent_nJ": _nanojoules(columns["sent_J"][-1]),
         "credited_nJ": _nanojoules(columns["credited_J"][-1]),
@@ -83,6 +94,7 @@ def _side_columns(columns: Columns, coupling_name: str) -> SidePart:
         "received": None,
         "missing": None,
         "dropped": None,
+        "contradictions": unknown(Contradictions),
     }
 
 
@@ -103,17 +115,43 @@ def of_recordings(files: Sequence[Path], recordings: Sequence[Recording]) -> Sum
     ------
     RecordingError : the summary in a file is not one.
     """
-    parts = [cast(Summary, recording.summary) or from_recording(recording) for recording in recordings]
-    for file, part in zip(files, parts, strict=True):
-        if not isinstance(part, dict):
+    for file, recording in zip(files, recordings, strict=True):
+        if not isinstance(recording.summary, dict | None):
             raise RecordingError(f"{file} is not a recording: its summary does not fit")
-    if len(parts) == 1:
-        return judged(parts[0])
+    if len(recordings) == 1:
+        return judged(_own(recordings[0]))
+    device, world = sorted(recordings, key=lambda one: one.device is None)
     try:
-        device, world = sorted(parts, key=lambda part: part["device"] is None)
-        return merge(device, world, recording=join(*recordings))
+        return merge(_own(device), _own(world), recording=join(device, world))
     except (KeyError, TypeError) as error:
         raise RecordingError(f"these are not recordings that fit each other: their summaries lack {error}") from None
+
+
+def of_parts(
+    told: Mapping[str, Summary],
+    recordings: Mapping[str, Recording],
+    whole: Recording | None,
+    *,
+    coupling: str,
+    seed: int,
+) -> Summary:
+    """The summary of a run on this machine, whatever has become of its processes.
+
+    told : by role, the summary that a process left at its end. recordings : by role; they count for a side that left
+    none. whole : both recordings, or the one that there is. coupling, seed : of the run.
+    """
+    parts = {role: _own(recording) for role, recording in recordings.items()} | dict(told)
+    if len(parts) == 2:
+        both = whole is not None and whole.device is not None and whole.world is not None
+        return merge(parts["device"], parts["world"], seed=seed, recording=whole if both else None)
+    for part in parts.values():
+        return judged(part)
+    return combine(None, None, {"up": None, "down": None}, seed=seed, duration_s=None, coupling=coupling)
+
+
+def _own(recording: Recording) -> Summary:
+    """What the process that wrote the recording reported at its end; if it was killed, what the samples show."""
+    return cast(Summary, recording.summary) or from_recording(recording)
 
 
 def _finite(value: float) -> float | None:

@@ -6,14 +6,16 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, cast
 
+from hapnet.couplings.felt import Felt, of_springs
 from hapnet.couplings.registry import jointly_passive
-from hapnet.metrics.passivity import least_total_margin
+from hapnet.metrics.passivity import credited_early, least_total_margin, two_port_margin
 from hapnet.recording.samples import Recording, plain
 from hapnet.side.device import DeviceSide
 from hapnet.side.endpoint import NANO, ControlHalf
 from hapnet.side.world import WorldSide
 from hapnet.summary import path as paths
 from hapnet.summary.structure import (
+    Contradictions,
     DriverPart,
     Energy,
     Environment,
@@ -27,12 +29,14 @@ from hapnet.summary.structure import (
     Servo,
     Stopped,
     Theorem,
+    known,
     unknown,
 )
 from hapnet.summary.structure import SidePart as SidePart
 from hapnet.summary.structure import Summary as Summary
-from hapnet.summary.verdict import START_S, excess_nJ, has_reservoirs, judge, restarted
+from hapnet.summary.verdict import ROUNDING_J, START_S, excess_nJ, has_reservoirs, judge, restarted
 from hapnet.versions import versions as versions
+from hapnet.wire import sums
 from hapnet.wire.session import Session
 
 _HELD = (
@@ -92,6 +96,7 @@ def unknown_device() -> SidePart:
     return {
         "ledger": unknown(Ledger),
         "reservoir_min_J": None,
+        "modulated_share": None,
         "deficit_max_J": None,
         "discarded_nJ": None,
         "quantisation_J": None,
@@ -121,6 +126,7 @@ def _own_account(side: WorldSide) -> EnvironmentPart:
         "env_stored_J": _known(account.stored_J),
         "env_given_J": None if observed is None else _known(observed.given_J),
         "env_paid_J": None if observed is None else _known(observed.paid_J),
+        "env_diverged": not all(map(math.isfinite, (account.slack_min, account.supplied_J, account.stored_J))),
     }
 
 
@@ -146,6 +152,7 @@ def with_wire(control: SidePart, session: Session, now_ns: int) -> SidePart:
         "received": outages.received,
         "missing": outages.missing,
         "dropped": dict(session.dropped),
+        "contradictions": cast(Contradictions, {kind: session.sums.contradictions[kind] for kind in sums.KINDS}),
     }
 
 
@@ -163,11 +170,15 @@ def combine(
     hand_two_port_J: float | None = None,
     total_margin_J: float | None = None,
     total_later_J: float | None = None,
+    two_port_recorded_J: float | None = None,
+    early_J: tuple[float | None, float | None] = (None, None),
     tuning: Mapping[str, float] | None = None,
+    felt: Mapping[str, Any] | None = None,
     torn: Sequence[str] = (),
     path: Path | None = None,
 ) -> Summary:
-    """One summary of both sides. `tuning`: what the coupling's rule derived from the link. `path`: see path.py.
+    """One summary of both sides. `tuning`: what the coupling's rule derived from the link. `felt`: of walls, see
+    felt.py. `path`: see path.py.
 
     `two_port_J` is the minimum over time of the energy put in at both ports, where one clock saw both;
     `two_port_end_J` its value at the end, `two_port_later_J` its minimum from `START_S` on, `hand_two_port_J` its
@@ -175,6 +186,9 @@ def combine(
     of both sides' margins, a lower bound of the true one. It is None with one side only, after a restart (the energy
     that the ended process put in is not known here), and if energy was credited that nobody sent. `total_later_J` is
     the least recorded sum of both margins from `START_S` on. `torn` names the sides of which only samples are known.
+
+    `early_J` is the most that was credited up and down before it was sent, as recorded on one clock. Then the sum of
+    the halves bounds nothing, and `two_port_recorded_J`, the least recorded margin of both ports, counts.
 
     If a coupling is passive only jointly, both sides' least margins belong to different times, and their sum bounds
     nothing. Then `total_margin_J` counts: the least sum of both margins while both were recorded on one clock, at the
@@ -185,7 +199,7 @@ def combine(
     sides = [side for side in (device, world) if side is not None]
     margins = [side["ledger"]["margin_J"] for side in sides]
     bound = _bound(device, world)
-    energy: Energy = {"up": _flow(device, world), "down": _flow(world, device)}
+    energy: Energy = {"up": _flow(device, world, early_J[0]), "down": _flow(world, device, early_J[1])}
     flows = energy["up"], energy["down"]
     again = restarted(device, world)
     margin = end = later = None
@@ -199,6 +213,8 @@ def combine(
         if jointly_passive(coupling):
             told = [value for value in (total_margin_J, bound) if value is not None]
             margin = None if total_margin_J is None else min(told)
+        if any(early is not None and early > ROUNDING_J for early in early_J):
+            margin = None if two_port_recorded_J is None else min(margin or 0.0, two_port_recorded_J)
     theorem = {
         "margin_J": margin,
         "bound_J": bound,
@@ -213,7 +229,7 @@ def combine(
     return judged({
         "theorem": cast(Theorem, {**plain(theorem), "diverged": diverged}),
         "hand": cast(Hand, plain(hand)),
-        "environment": _environment(world),
+        "environment": _environment(world, felt),
         "device": device,
         "world": world,
         "energy": energy,
@@ -225,6 +241,7 @@ def combine(
         "coupling": coupling,
         "tuning": dict(tuning or {}),
         "torn": list(torn),
+        "told": None,
         "versions": versions(),
         "wall_clock": {},
     })  # fmt: skip
@@ -236,14 +253,15 @@ def judged(summary: Summary) -> Summary:
     return cast(Summary, {"verdict": judge(summary), **rest})
 
 
-def _environment(world: SidePart | None) -> Environment:
+def _environment(world: SidePart | None, felt: Mapping[str, Any] | None) -> Environment:
     """The environment's port: the energy that it put in, the least slack of its half of the theorem, its account [J].
 
-    A summary of an older version has no such account.
+    A summary of an older version has no such account, nor how stiff its walls are felt.
     """
     ledger = unknown(Ledger) if world is None else world["ledger"]
     own = unknown(EnvironmentPart) | ({} if world is None else world.get("environment") or {})
-    return cast(Environment, {"work_J": ledger.get("work_J"), "slack_J": ledger.get("slack_J"), **own})
+    port = {"work_J": ledger.get("work_J"), "slack_J": ledger.get("slack_J")}
+    return cast(Environment, {**port, **own, **_felt(felt, felt)})
 
 
 def _bound(device: SidePart | None, world: SidePart | None) -> float | None:
@@ -269,12 +287,29 @@ def merge(device: Summary, world: Summary, *, seed: int | None = None, recording
         duration_s=device["duration_s"],
         coupling=str(device["coupling"]),
         tuning=device.get("tuning"),
+        felt=_felt(device.get("environment"), world.get("environment")),
         torn=[side for part in (device, world) for side in part.get("torn") or ()],
         **recorded_margins(recording),
         path=paths.of_both(device.get("path"), world.get("path")),
     )
     whole["wall_clock"] = {"device": device["wall_clock"], "world": world["wall_clock"]}
     return whole
+
+
+def _felt(device: object, world: object) -> Felt:
+    """From what each side told (`Felt`) what it knows for certain: the device its K, the world K' and its walls."""
+    own, far = _springs(device), _springs(world)
+    wall = _positive(world.get("stiffness_N_m")) if isinstance(world, Mapping) else None
+    return of_springs([*own[:1], *far[1:]] if own and far else own or far or None, wall)
+
+
+def _springs(told: object) -> list[float]:
+    springs = told.get("springs_N_m") if isinstance(told, Mapping) else None
+    return [one for one in map(_positive, springs) if one] if isinstance(springs, list | tuple) else []
+
+
+def _positive(value: object) -> float | None:
+    return number if (number := known(value)) is not None and number > 0.0 else None
 
 
 def recorded_margins(recording: Recording | None) -> dict[str, Any]:
@@ -284,12 +319,14 @@ def recorded_margins(recording: Recording | None) -> dict[str, Any]:
     return {
         "total_margin_J": least_total_margin(recording),
         "total_later_J": least_total_margin(recording, since_s=START_S),
+        "two_port_recorded_J": two_port_margin(recording),
+        "early_J": credited_early(recording),
     }
 
 
 def _control_summary(control: ControlHalf, coupling_name: str) -> SidePart:
     ledger = unknown(Ledger)
-    minimum = deficit = None
+    minimum = deficit = modulated = None
     discarded = 0.0
     if control.started:
         coupling = control.coupling
@@ -307,30 +344,43 @@ def _control_summary(control: ControlHalf, coupling_name: str) -> SidePart:
         }
         discarded = coupling.discarded
         if has_reservoirs(coupling_name):
-            minimum, deficit = coupling.energy_min, coupling.deficit_max
+            minimum, deficit, modulated = coupling.energy_min, coupling.deficit_max, coupling.modulated_share
     return {
         "ledger": ledger,
         "reservoir_min_J": minimum,
+        "modulated_share": modulated,
         "deficit_max_J": deficit,
         "discarded_nJ": round(discarded * 1e9),
     }
 
 
-def _flow(sender: SidePart | None, receiver: SidePart | None) -> Flow:
+def _flow(sender: SidePart | None, receiver: SidePart | None, early_J: float | None) -> Flow:
     """Shuffled energy one way [nJ]: sent = credited + in flight + abandoned.
 
     A sender that leaves abandons what is not acknowledged. The receiver knows how much of that it credited.
     """
     if sender is None:
         credited = None if receiver is None else receiver["credited_nJ"]
-        return {"sent_nJ": None, "credited_nJ": credited, "in_flight_nJ": None, "abandoned_nJ": None}
+        return {
+            "sent_nJ": None,
+            "credited_nJ": credited,
+            "in_flight_nJ": None,
+            "abandoned_nJ": None,
+            "early_J": early_J,
+        }
     sent, abandoned = sender["sent_nJ"], sender["abandoned_nJ"]
     credited = None if receiver is None else receiver["credited_nJ"]
     in_flight = sender["in_flight_nJ"]
     if sent is not None and credited is not None and abandoned is not None and not restarted(sender, receiver):
         abandoned = min(abandoned, sent - credited)
         in_flight = sent - credited - abandoned
-    return {"sent_nJ": sent, "credited_nJ": credited, "in_flight_nJ": in_flight, "abandoned_nJ": abandoned}
+    return {
+        "sent_nJ": sent,
+        "credited_nJ": credited,
+        "in_flight_nJ": in_flight,
+        "abandoned_nJ": abandoned,
+        "early_J": early_J,
+    }
 
 
 def _known(value: float) -> float | None:

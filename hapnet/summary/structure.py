@@ -52,7 +52,15 @@ class Hand(TypedDict):
 
 
 class Environment(TypedDict):
-    """The port of the environment [J]. From `env_slack_J` on: its own account, see `EnvironmentPart`."""
+    """The port of the environment [J]. From `env_slack_J` on: its own account, see `EnvironmentPart`.
+
+    `stiffness_N_m` : of the stiffest wall; `felt_stiffness_N_m` : as a hand feels it through the coupling's springs,
+    `springs_N_m` : K and K', or K alone (hapnet/couplings/felt.py).
+    """
+
+    stiffness_N_m: Number
+    felt_stiffness_N_m: Number
+    springs_N_m: list[float] | None
 
     work_J: Number
     slack_J: Number
@@ -61,6 +69,7 @@ class Environment(TypedDict):
     env_stored_J: Number
     env_given_J: Number
     env_paid_J: Number
+    env_diverged: bool | None
 
 
 class EnvironmentPart(TypedDict):
@@ -69,6 +78,7 @@ class EnvironmentPart(TypedDict):
     `env_slack_J` : the least of what it has dissipated; below 0 it gave out energy of its own. `env_supplied_J` : put
     in by what moves its obstacles. `env_stored_J` : in its springs and bodies at the end. `env_given_J`, `env_paid_J` :
     what an observer saw it give beyond its means, and made damping take back; None: nothing had to be observed.
+    `env_diverged` : one of these was no finite number.
     """
 
     env_slack_J: Number
@@ -76,6 +86,7 @@ class EnvironmentPart(TypedDict):
     env_stored_J: Number
     env_given_J: Number
     env_paid_J: Number
+    env_diverged: bool | None
 
 
 class Ledger(TypedDict):
@@ -141,6 +152,14 @@ class DriverPart(TypedDict):
     hot_s: Number
 
 
+class Contradictions(TypedDict):
+    """How many messages in the peer's name contradicted what is known of the peer: see `hapnet.wire.sums`."""
+
+    tellers: Count
+    credited: Count
+    acknowledged: Count
+
+
 class SidePart(TypedDict, total=False):
     """What one side knows of itself. Only the device has the entries from `servo` on, only the world has `step` and
     `environment`.
@@ -150,6 +169,7 @@ class SidePart(TypedDict, total=False):
 
     ledger: Ledger
     reservoir_min_J: Number
+    modulated_share: Number
     deficit_max_J: Number
     discarded_nJ: Count
     sent_nJ: Count
@@ -164,6 +184,7 @@ class SidePart(TypedDict, total=False):
     received: Count
     missing: Count
     dropped: dict[str, int] | None
+    contradictions: Contradictions
     step: Step
     environment: EnvironmentPart
     servo: Servo
@@ -189,6 +210,8 @@ class Flow(TypedDict):
     credited_nJ: Count
     in_flight_nJ: Count
     abandoned_nJ: Count
+    early_J: Number
+    """The most that was credited before it was sent, where both sides were recorded on one clock [J]."""
 
 
 class Energy(TypedDict):
@@ -199,9 +222,14 @@ class Energy(TypedDict):
 
 
 class PathWay(TypedDict):
-    """What was measured of one direction, end to end."""
+    """What was measured of one direction, end to end: of the messages sent, how many arrived, were overtaken, or lost.
+
+    Overtaken are those that arrived late, and those that the transport dropped for it.
+    """
 
     sent: Count
+    arrived: Count
+    overtaken: Count
     lost: Count
     loss: Number
     jitter_p50_ms: Number
@@ -247,6 +275,18 @@ class Links(TypedDict):
     down: LinkPart | None
 
 
+class Told(TypedDict):
+    """Whose part is what a peer told, and when it came, in seconds after pairing [s].
+
+    `final` : that side's control had stopped. `whole` : it covers the time of the side that has it.
+    """
+
+    side: str | None
+    as_of_s: Number
+    final: bool | None
+    whole: bool | None
+
+
 class Summary(TypedDict, total=False):
     """The summary of a run, in the order of its JSON."""
 
@@ -269,6 +309,7 @@ class Summary(TypedDict, total=False):
     wall_clock: dict[str, Any]
     replay: dict[str, Any]
     reconstructed: bool | None
+    told: Told | None
 
 
 def known(value: object) -> float | None:

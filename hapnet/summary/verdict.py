@@ -5,15 +5,19 @@
 Not passive: more energy than d^2 came out of both ports (of one port, if only that is known), a half of Theorem 1 is
 below zero, or energy was credited that nobody sent. Not known: all that could be judged was kept, but part of the
 account is missing (a side, the end of a torn recording, the process before a restart, one clock for both ports), or
-something happened that the account does not cover (a deficit, a servo that was away, a speed above the declared one, a
-force that was stopped because a reading was impossible, encoders that blur more than the margin, an energy stream
-without acknowledgements).
+something happened that the account does not cover (energy that was credited before it was sent, or messages that
+somebody else sent in a side's name; a deficit, a servo that was away, a speed above the declared one, a force that was
+stopped because a reading was impossible, encoders that blur more than the margin, an energy stream without
+acknowledgements), or the world's own account is no finite number.
+
+Energy that a held force put out while the servo was away is the servo's, not the coupling's: it breaks no claim. The
+port of a simulated device is known through it, so there only the margins count.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, cast
 
 from hapnet.couplings import registry
 from hapnet.couplings.registry import jointly_passive
@@ -40,11 +44,11 @@ _WAYS: tuple[tuple[Way, Role, Role], ...] = (("up", "device", "world"), ("down",
 def judge(tree: object) -> Verdict:
     """The verdict on the run with the summary `tree`, of both sides or of one; see `structure.read`."""
     summary = _with_margin(read(tree), tree)
-    gave = list(_givers(summary))
+    gave = [*_givers(summary), *_away(summary), *_teller(summary)]
     if against := list(_against(summary)):
         return {"passive": False, "reason": "; ".join([*against, *gave])}
     if doubts := list(_doubts(summary)):
-        return {"passive": None, "reason": "; ".join([*doubts, *gave])}
+        return {"passive": None, "reason": "; ".join(dict.fromkeys([*doubts, *gave]))}
     said = [_kept(summary)]
     if (device := summary["device"]) is not None and device["force"] == "commanded":
         said.append("as commanded: the device does not tell what it applied")
@@ -68,7 +72,46 @@ def broken(
     if spec is None or tuning is None or not spec.covers(params or Params(), tuning, virtual):
         return False
     below = margin is not None and margin < -spec.allowance_J(tuning) - ROUNDING_J
-    return spec.halves or summary["theorem"]["diverged"] is True or below
+    by_law = spec.halves or summary["theorem"]["diverged"] is True or below
+    return by_law and any(_against(_without_overruns(summary)))
+
+
+def overloaded(tree: object) -> str | None:
+    """One line if a run was not passive because of nothing but forces that were held while the servo was away."""
+    summary = read(tree)
+    if _leak(summary) and any(_against(summary)) and not any(_against(_without_overruns(summary))):
+        return f"not passive, because of the servo and not of the coupling: {'; '.join(_away(summary))}"
+    return None
+
+
+def _leak(summary: Summary) -> float:
+    """What held forces put out beyond the account while the servo was away [J]."""
+    device = summary["device"]
+    return 0.0 if device is None else max(0.0, device["overrun_leak_J"] or 0.0)
+
+
+def _without_overruns(summary: Summary) -> Summary:
+    """Changes `summary` to what it were, had held forces put out no more than the account held meanwhile."""
+    leak, device, hand = _leak(summary), summary["device"], summary["hand"]
+    for part in (summary["theorem"], hand, None if device is None else device["ledger"]):
+        if part is not None and part["margin_J"] is not None:
+            part["margin_J"] += leak
+    if hand["work_J"] is not None:
+        hand["work_J"] += leak
+    return summary
+
+
+def _away(summary: Summary) -> Iterator[str]:
+    """How often the servo was away, for how long, and what that cost; nothing if it never was."""
+    device = summary["device"]
+    if device is None:
+        return
+    times, longest_ms, leak = device["servo"]["overruns"], device["servo"]["longest_ms"], _leak(summary)
+    if times or leak:
+        often = "" if not times else f" {times} time{'s' if times > 1 else ''}"
+        long = "" if not times or longest_ms is None else f", for up to {longest_ms:.0f} ms"
+        cost = f": {_milli(leak)} mJ came out beyond the account" if leak else ""
+        yield f"the servo was away for longer than watchdog_s{often}{long}{cost}"
 
 
 def excess_nJ(energy: Flow) -> int:
@@ -172,6 +215,9 @@ def _against(summary: Summary) -> Iterator[str]:
     for way, sender, receiver in _WAYS:
         flow = summary["energy"][way]
         beyond, certain = excess_nJ(flow), flow["abandoned_nJ"] is not None and flow["abandoned_nJ"] < 0
+        told = summary["told"]
+        if told is not None and told["side"] == sender and not told["final"]:
+            continue  # it may have sent more since
         if beyond and sender not in torn and (certain or not _restarted(summary)):
             yield f"the {receiver} credited {_milli(beyond * 1e-9)} mJ that the {sender} never sent"
 
@@ -205,8 +251,11 @@ def _givers(summary: Summary) -> Iterator[str]:
     slack, supplied, given = world["env_slack_J"], world["env_supplied_J"], world["env_given_J"]
     if slack is None:
         return
+    beyond = None if margin is None else max(0.0, -margin)
+    by_servo = min(beyond or 0.0, _leak(summary))
     sources = {
-        "the coupling": None if margin is None else -margin,
+        "the servo": by_servo,
+        "the coupling": None if beyond is None else beyond - by_servo,
         "the world itself": -slack,
         "what moves the world": supplied,
         "the hand": summary["hand"]["work_J"],
@@ -219,29 +268,66 @@ def _givers(summary: Summary) -> Iterator[str]:
         yield f"the world would have given {_milli(given)} mJ of its own, of which damping took back {paid}"
 
 
+def _teller(summary: Summary) -> Iterator[str]:
+    """Whose account is only a claim: that of a process elsewhere."""
+    if (told := summary["told"]) is not None:
+        yield f"the {told['side']}'s account as it told it"
+
+
 def _doubts(summary: Summary) -> Iterator[str]:
     """Why it is not known whether it was passive."""
     margin = summary["theorem"]["margin_J"]
     yield from (f"the {side}'s recording is torn: the rest of its account is missing" for side in _torn(summary))
+    if (told := summary["told"]) is not None and not told["whole"]:
+        when = "" if told["as_of_s"] is None else f", {told['as_of_s']:.1f} s after pairing"
+        yield f"the rest of the {told['side']}'s account is missing since it told it last{when}"
     if margin is None:
         yield from _missing(summary, [side for side in SIDES if _half(summary, side) is not None])
+    for way, sender, receiver in _WAYS:
+        early = summary["energy"][way]["early_J"]
+        if early is not None and early > ROUNDING_J and not _restarted(summary):
+            yield f"the {receiver} credited {_milli(early)} mJ before the {sender} sent it"
     for side, part in _parts(summary):
         deficit, silent_s = part["deficit_max_J"], part["unanswered_s"]
-        if deficit is not None and deficit > DEFICIT_J:
+        if deficit is not None and deficit > DEFICIT_J + (_leak(summary) if _known_port(part) else 0.0):
             yield f"the {side} gave out {_milli(deficit)} mJ that its reservoir did not have"
         if silent_s is not None and silent_s > UNANSWERED_S:
             yield f"the {side}'s energy stream is dead: nothing of it was acknowledged for {silent_s:.1f} s"
+        yield from _contradictions(side, part)
     if (line := _stop(summary)) is not None and not _was_asked(summary):
         yield line
     if (device := summary["device"]) is not None:
+        if _leak(summary) and not _known_port(device):
+            yield from _away(summary)
         yield from _doubts_of_device(device, margin)
+    if summary["environment"]["env_diverged"] is True:
+        yield "the world's own account is no finite number (its stored_J or supplied_J): what it gave is not known"
+
+
+def contradicted(tree: object) -> bool:
+    """Did somebody else speak in a side's name? Then the exit code is 5, unless a claim was broken."""
+    return any(any(part["contradictions"].values()) for _, part in _parts(read(tree)))
+
+
+_CONTRADICTIONS = {
+    "acknowledged": "acknowledged energy that was never announced",
+    "credited": "told of less energy than was credited before",
+    "tellers": "cannot all be of one sender",
+}
+
+
+def _contradictions(side: Role, part: SidePart) -> Iterator[str]:
+    """The sum of both halves is a bound only if nobody credits what was not sent by then."""
+    other = SIDES[1 - SIDES.index(side)]
+    told = cast(Mapping[str, int | None], part["contradictions"])
+    found = [f"{count} {_CONTRADICTIONS.get(kind, kind)}" for kind, count in told.items() if count]
+    if found:
+        yield f"somebody else spoke in the {other}'s name: of its energy messages {', '.join(found)}"
 
 
 def _doubts_of_device(device: SidePart, margin: float | None) -> Iterator[str]:
     """Doubts that come from the servo and the encoders. `margin`: of both ports [J]."""
-    leak, risk = device["overrun_leak_J"], device["overrun_risk_J"]
-    if leak is not None and leak > 0.0:
-        yield f"while the servo was away for longer than watchdog_s, {_milli(leak)} mJ came out beyond the reserve"
+    risk = device["overrun_risk_J"]
     if margin is not None and risk is not None and risk > max(margin, ROUNDING_J):
         yield f"while the servo was away, {_milli(risk)} mJ may have come out unseen, more than the margin"
     speed, limit = device["speed_max_mps"], device["speed_limit_mps"]
@@ -252,6 +338,11 @@ def _doubts_of_device(device: SidePart, margin: float | None) -> Iterator[str]:
         blur = max(0.0, -true)  # a simulation knows what the encoders really hid
     if margin is not None and blur is not None and blur > max(margin, ROUNDING_J):
         yield f"the encoders blur the account by up to {_milli(blur)} mJ, more than the margin of {_milli(margin)} mJ"
+
+
+def _known_port(side: SidePart) -> bool:
+    """Is it known what the device's force did at each time? Of a simulated device it is, as of its hand."""
+    return side.get("hand_work_J") is not None
 
 
 def _missing(summary: Summary, accounts: list[Role]) -> Iterator[str]:

@@ -17,7 +17,8 @@ from hapnet.transport.security import ANYBODY, ENCRYPTED, Security, is_exposed
 
 Mode = Literal["peer", "client", "router"]
 _MODES = ("peer", "client", "router")
-_ANY_PORT = "tcp/[::]:0"
+_LOOPBACK = "127.0.0.1"
+_ANY_PORT = f"tcp/{_LOOPBACK}:0"
 _PROTOCOLS = "tcp, udp, tls, quic, ws or unixsock-stream"
 _ENDPOINT = re.compile(
     r"(?:(?:tcp|udp|tls|quic|ws)/(?:\[[^\]/]+\]|[^\s:/?#\[\]]+):(?P<port>\d{1,5})|unixsock-stream/[^\s?#]+)"
@@ -39,6 +40,9 @@ _DEFAULTS: dict[str, object] = {
     "transport/link/tx/queue/size/real_time": 16,
     "transport/link/tx/queue/size/interactive_high": 16,
     "transport/link/tx/queue/size/interactive_low": 16,
+    "transport/link/tx/queue/size/data_high": 16,
+    "transport/link/tx/queue/size/data_low": 16,
+    "transport/link/tx/queue/size/background": 16,
     "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 0,
     # sixteen times the longest frame: Zenoh drops longer messages, and Python counts those that are just too long
     "low_pass_filter": [
@@ -57,7 +61,7 @@ class ZenohSettings:
     connect : endpoints to dial, such as ``tcp/192.168.0.2:17447``. Only one of two sides should dial.
     listen : endpoints to listen on. None given: a side that dials does not listen.
     config : path of a Zenoh configuration file, JSON5 or YAML.
-    multicast_scouting : find peers on the local network by multicast.
+    multicast_scouting : find peers on this machine by multicast; `cfg` may give it another interface.
     cfg : ``KEY:JSON5`` overrides, applied last.
     security : who may connect.
     """
@@ -114,6 +118,8 @@ def zenoh_config(settings: ZenohSettings) -> zenoh.Config:
         # Zenoh's default would listen on every interface
         scouts_only = settings.multicast_scouting and not settings.connect and settings.mode != "client"
         insert("listen/endpoints", settings.listen or ([_ANY_PORT] if scouts_only else []))
+    if settings.multicast_scouting and untouched("scouting/multicast/interface"):
+        insert("scouting/multicast/interface", _LOOPBACK)
     for key, value in settings.security.entries(listens=bool(endpoints_of(config, "listen"))):
         insert(key, value)
     for item in settings.cfg:

@@ -26,6 +26,9 @@ ENCRYPTED = ("tls", "quic")
 UNTIMELY = {10: "has expired", 9: "is not valid yet"}
 """OpenSSL's X509_V_ERR_CERT_HAS_EXPIRED and X509_V_ERR_CERT_NOT_YET_VALID in words."""
 
+LEAST_SECRET = 8
+"""The fewest characters of a secret."""
+
 _LOCAL = ("unixsock-stream", "unixpipe", "serial", "vsock")
 _NAME = re.compile(r"[^\s:#][^\s:]*")
 _USER = re.compile(rf"(?P<name>{_NAME.pattern}):\S.*")
@@ -43,6 +46,8 @@ class Security:
         its certificate.
     user : this side's name when it dials; its password is the first line of `password_file`, or `password`.
     users : on the side that listens, a file of lines ``user:password``: who may dial.
+    secret_file : its first line is a word that both sides have, and nobody else; it goes into the key of
+        `hapnet.wire.secret`. Neither needs certificates for it.
     """
 
     tls_ca: Path | None = None
@@ -53,6 +58,22 @@ class Security:
     password_file: Path | None = None
     password: str | None = field(default=None, repr=False)
     users: Path | None = None
+    secret_file: Path | None = None
+
+    def secret_word(self) -> str:
+        """The first line of `secret_file`; empty if there is none.
+
+        Raises
+        ------
+        InvalidParameter : the file cannot be read, or its first line is shorter than `LEAST_SECRET` characters.
+        """
+        if self.secret_file is None:
+            return ""
+        word = _first_line("--secret-file", self.secret_file)
+        if len(word) < LEAST_SECRET:  # the line itself is not shown
+            allowed = f"a file whose first line has {LEAST_SECRET} characters or more"
+            raise InvalidParameter("--secret-file", str(self.secret_file), allowed)
+        return word
 
     @property
     def tls_flag(self) -> str | None:
@@ -74,6 +95,7 @@ class Security:
         """
         _check_certificates(self)
         _check_users(self)
+        self.secret_word()
 
     def entries(self, *, listens: bool) -> Iterator[tuple[str, object]]:
         """The keys and values for Zenoh's configuration; call `check` before.
@@ -103,7 +125,12 @@ class Security:
 
     def warnings(self) -> tuple[str, ...]:
         """Warnings about files with secrets that other users of this machine can read."""
-        secret = (("--tls-key", self.tls_key), ("--password-file", self.password_file), ("--users", self.users))
+        secret = (
+            ("--tls-key", self.tls_key),
+            ("--password-file", self.password_file),
+            ("--users", self.users),
+            ("--secret-file", self.secret_file),
+        )
         return tuple(
             f"{flag} {path} can be read by others: chmod 600 {path}"
             for flag, path in secret
@@ -113,7 +140,7 @@ class Security:
     def known_password(self) -> str | None:
         if self.password_file is None:
             return self.password
-        return next(iter(_read("--password-file", self.password_file).splitlines()), "").strip()  # as Zenoh reads users
+        return _first_line("--password-file", self.password_file)  # as Zenoh reads users
 
 
 ANYBODY = Security()
@@ -220,6 +247,10 @@ def _check_dictionary(path: Path) -> None:
         names.add(match["name"])
     if not names:
         raise InvalidParameter("--users", str(path), "lines user:password (it has none)")
+
+
+def _first_line(flag: str, path: Path) -> str:
+    return next(iter(_read(flag, path).splitlines()), "").strip()
 
 
 def _read(flag: str, path: Path) -> str:

@@ -27,11 +27,12 @@ import zenoh
 from hapnet.errors import InvalidParameter, TransportError
 from hapnet.transport.config import ZenohSettings, may_lose, reason, where, zenoh_config
 from hapnet.transport.entities import KINDS as KINDS
-from hapnet.transport.entities import SIGNALS, call, direct, publisher
+from hapnet.transport.entities import POSITION, SIGNALS, call, check_name, direct, publisher
 from hapnet.transport.entities import TELEMETRY as TELEMETRY
 from hapnet.transport.keys import WATCH_NS, KeyWatch, any_node, key_expressions
 from hapnet.transport.probe import PROBE, answer_probes
 from hapnet.transport.rate_limit import RateLimiter
+from hapnet.transport.sampled import Putting, SampledPublisher, channels_of, sample_every
 from hapnet.wire.messages import Role
 
 EXIT_TIMEOUT_S = 2.0
@@ -46,15 +47,13 @@ REPORT_AFTER_NS = 1_000_000_000
 LOOK_EVERY_NS = 1_000_000_000
 """How often a side that does not see the other one looks for processes that play its own role [ns]."""
 
-_MOST_ANSWERS = 16
-_ALL = (*KINDS, SIGNALS, TELEMETRY)
+_MOST_ANSWERS, _ALL = 16, (*KINDS, SIGNALS, TELEMETRY)
 
 REOPEN_EVERY_S = 0.5
 """Time between two attempts to reopen a lost session [s]."""
 
 KILOHERTZ = 1_000.0
-MOST_HZ = 10_000
-MOST_AT_ONCE = 2_000
+MOST_HZ, MOST_AT_ONCE = 10_000, 2_000
 """Messages beyond this rate or burst are dropped unread, at rates up to 1 kHz; both grow with a faster rate. That is
 ten times what a side sends; a link that comes back after seconds may deliver such a burst."""
 
@@ -75,7 +74,7 @@ class ZenohTransport:
         Its exceptions are counted in `callback_errors`, and `warn` is called for the first.
     session, device : names in the keys, without any of ``/ # ? $ *``; the same on both sides.
     role : which side this is.
-    rate_hz : how often either side sends at most [Hz].
+    rate_hz : how often either side sends at most. stream_hz : how often this one sends its position [Hz].
     on_change : called on the loop when a link or the other side came or went.
     warn : called with words about what went wrong, on any thread.
 
@@ -84,6 +83,7 @@ class ZenohTransport:
     failed_puts : messages that Zenoh did not take (not open yet, closed).
     callback_errors : exceptions from `on_message`.
     rate_limiter : limits the rate of incoming messages.
+    sampled : nothing overtakes a position whose number is a multiple of it (sampled.py).
     reopened : how many times Zenoh's whole session was lost and opened again.
     declared_again : how many times a subscription was declared again because a key was silent.
     doubled : another process plays this same side, and none plays the other.
@@ -102,40 +102,40 @@ class ZenohTransport:
         device: str = "device",
         role: Role = "device",
         rate_hz: float = KILOHERTZ,
+        stream_hz: float = 200.0,
         on_change: Callable[[], None] | None = None,
         warn: Callable[[str], None] = lambda text: None,
     ) -> None:
         if role not in _DIRECTION:
             raise InvalidParameter("role", role, "one of " + ", ".join(_DIRECTION))
-        prefix = f"hapnet/{_check_name('session', session)}/{_check_name('device', device)}"
+        prefix = f"hapnet/{check_name('session', session)}/{check_name('device', device)}"
         self.role: Role = role
         self._mine = f"{prefix}/{_DIRECTION[role]}"
         self._theirs = f"{prefix}/{_DIRECTION[_OTHER[role]]}"
         self._config = zenoh_config(settings)
         self._lossy = may_lose(self._config)
         self._doubles = any_node(self._mine, lossy=self._lossy)
+        self._channels = channels_of(self._config)
+        self.sampled: int = sample_every(self._channels, stream_hz)
         self._watch = KeyWatch(KINDS)
         self._spares: list[zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]] = []
         self._on_message, self._on_change, self._warn = on_message, on_change, warn
         self._lock = threading.Lock()
         self._closing = threading.Event()
         self._session: zenoh.Session | None = None
-        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._publishers: dict[str, Putting] = {}
         self._token: zenoh.LivelinessToken | None = None
         self._partners: set[str] = set()
         self._clients: set[str] = set()
         self._changed = asyncio.Event()
         self._keeper: threading.Thread | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
-        self.failed_puts: int = 0
-        self.callback_errors = 0
-        self.reopened: int = 0
-        self.declared_again: int = 0
+        self.failed_puts = self.callback_errors = self.reopened = self.declared_again = 0
         self.doubled: bool = False
         self._answers: zenoh.handlers.Handler[zenoh.Reply] | None = None
         self._look_ns = 0
         scale = min(max(1.0, rate_hz / KILOHERTZ), 20.0)  # no servo is faster than 20 kHz
-        self.rate_limiter: RateLimiter = RateLimiter(round(scale * MOST_HZ), round(scale * MOST_AT_ONCE))
+        self.rate_limiter = RateLimiter(round(scale * MOST_HZ), round(scale * MOST_AT_ONCE))
 
     async def open(self) -> None:
         """Open, once. A peer returns within a second, connected or not; a client returns when its router answers.
@@ -317,7 +317,11 @@ class ZenohTransport:
         try:
             # no history: it would panic with transport/unicast/lowlatency
             session.info.declare_transport_events_listener(direct(self._on_link), history=False)
-            publishers = {kind: publisher(session, f"{self._mine}/{kind}", kind) for kind in _ALL}
+            publishers: dict[str, Putting] = {k: publisher(session, f"{self._mine}/{k}", k) for k in _ALL}
+            if self._channels:
+                publishers[POSITION] = SampledPublisher(
+                    session, f"{self._mine}/{POSITION}", self._channels, self.sampled
+                )
             for kind in (*KINDS, SIGNALS):
                 session.declare_subscriber(f"{self._theirs}/{kind}", direct(self._receiver(kind)))
             answer_probes(session, f"{self._theirs}/{PROBE}", f"{self._mine}/{PROBE}")
@@ -412,9 +416,3 @@ def _settle(future: asyncio.Future[None], error: BaseException | None) -> None:
         future.set_result(None)
     else:
         future.set_exception(error)
-
-
-def _check_name(name: str, value: str) -> str:
-    if not value or not value.isprintable() or set(value) & set("/#?$* "):
-        raise InvalidParameter(name, value, "a name without spaces or any of / # ? $ *")
-    return value

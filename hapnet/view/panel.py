@@ -13,6 +13,7 @@ import viser
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError
 from hapnet.recording.telemetry import Status
+from hapnet.report.words import felt
 from hapnet.summary.structure import Verdict
 from hapnet.summary.verdict import judge
 from hapnet.view.choices import CHOICES, label_of, words_of
@@ -217,6 +218,8 @@ def _table(snapshot: Snapshot, state: str, troubles: Iterable[str]) -> str:
     if recording:
         rows.append(("recording", PurePath(recording).name))
     about = device.about if device is not None else world.about if world is not None else {}
+    if walls := felt(about.get("felt"), springs=False):
+        rows.append(("wall", walls))
     what = " · ".join(str(about[key]) for key in ("name", "scene") if about.get(key))
     label = label_of(*coupled(device or world))
     how = ": ".join(filter(None, (label, words_of(label))))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import logging
 import os
 import socket
 import sys
@@ -42,6 +43,8 @@ class PageServer:
 
     def __init__(self, history: History, controls: Controls | None, host: str, port: int, frame_s: float) -> None:
         self._frame_s = frame_s
+        # who connects and says nothing, as a port scan does, is no error: its traceback would go to standard error
+        logging.getLogger("websockets").addHandler(logging.NullHandler())
         try:
             import viser
 

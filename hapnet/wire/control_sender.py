@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from hapnet.wire.messages import Bye, Hello, Identity, Refuse, Welcome
 
 PROMPT_NS = 20_000_000  # least time between two hellos, when strangers call for them
@@ -14,16 +16,16 @@ ControlMessage = Hello | Welcome | Refuse | Bye
 
 
 class ControlSender:
-    """The messages of one side's handshake that wait to be sent.
+    """The messages of one side's handshake that wait to be sent. `offer`: further entries of its hellos.
 
     Attributes
     ----------
     hellos : the number of the last hello that was sent; 0 before the first.
     """
 
-    def __init__(self, identity: Identity, hello_period_ns: int) -> None:
+    def __init__(self, identity: Identity, hello_period_ns: int, offer: dict[str, Any] | None = None) -> None:
         self.hellos: int = 0
-        self._identity = identity
+        self._identity, self._offer = identity, offer
         self._period_ns = hello_period_ns
         self._hello_ns: int | None = 0
         self._prompt_ns = 0  # no hello before this time
@@ -71,7 +73,7 @@ class ControlSender:
         if self._hello_ns is not None and now_ns >= self._hello_ns:
             me = self._identity
             self.hellos += 1
-            out.append(Hello(me.incarnation, self.hellos, me.role, me.dof, me.name, me.about))
+            out.append(Hello(me.incarnation, self.hellos, me.role, me.dof, me.name, me.about, self._offer))
             self._prompt_ns = now_ns + PROMPT_NS
             self._hello_ns = now_ns + self._period_ns if searching else None
         return out

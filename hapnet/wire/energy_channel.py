@@ -97,6 +97,11 @@ class EnergyChannel:
         self._asked: tuple[int, int] | None = None  # when announced, and what was acknowledged then
 
     @property
+    def announced_nJ(self) -> int:
+        """The highest total that was announced in a message."""
+        return self._announced_nJ
+
+    @property
     def in_flight_nJ(self) -> int:
         """Energy that was sent and is neither acknowledged nor abandoned."""
         return self.sent_nJ - self.acked_nJ - self.abandoned_nJ

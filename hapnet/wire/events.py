@@ -20,13 +20,14 @@ class Paired:
 class PositionReceived(NamedTuple):
     """The peer's set-position [m or rad], its number and its sender's clock [ns].
 
-    took_ns : estimate of how long it was under way [ns].
+    took_ns : estimate of how long it was under way [ns]. level : how full the peer's reservoir is; None: not told.
     """
 
     sequence: int
     sent_ns: int
     position: tuple[float, ...]
     took_ns: int = 0
+    level: float | None = None
 
 
 class SampleReceived(NamedTuple):
@@ -73,6 +74,17 @@ class PeerLeft:
 
 
 @dataclass(frozen=True, slots=True)
+class Contradiction:
+    """What came in the peer's name about energy cannot all be the peer's: see `hapnet.wire.sums`.
+
+    kind : which of the contradictions it is. Each is reported once for each pair.
+    """
+
+    kind: str
+    detail: str
+
+
+@dataclass(frozen=True, slots=True)
 class PeerSilent:
     """The peer has been silent for longer than is allowed: its last new message came at `since_ns`."""
 
@@ -102,6 +114,7 @@ Event = (
     | PeerRefused
     | Mismatch
     | PeerLeft
+    | Contradiction
     | PeerSilent
     | PeerHeard
 )

@@ -17,8 +17,10 @@ MAX_TEXT = 256
 MAX_ABOUT = 32
 MAX_MORE = 32
 MAX_SIGNALS = 32
+MAX_ACCOUNT = 64
 MAX_COORDINATE = 1e6  # m or rad; keeps every square and product of the control layer finite
 MAX_TOTAL_NJ = 2**63  # exclusive: totals fit a signed 64-bit integer
+KEY_BYTES = 32
 MAX_SPAN_NS = 10**10  # of a wave: every side sends far more often
 MAX_INTEGRAL = 1e12  # sqrt(W) s: differences, and their squares over a nanosecond, stay finite
 INTEGRAL = "integral"
@@ -29,6 +31,21 @@ CURVATURES = "curvatures"
 
 FRICTION = "friction"
 """The further entry of a proxy: Coulomb's mu of each of its planes."""
+
+LEVEL = "level"
+"""The further entry of a position or a proxy: how full its sender's reservoir is, 0 to 1."""
+
+REACH = "reach"
+"""The further entry of a proxy: within this distance [m] there are no other planes than those that it tells."""
+
+KEY = "key"
+"""The further entry of a hello or a welcome: its sender's public key, of X25519."""
+
+TAG = "tag"
+"""The last further entry of a frame that is sealed, which ends with these 8 bytes."""
+
+SUMS = "sums"
+"""The further entry of an energy message: its number, all that its sender sent [nJ], and the highest number it saw."""
 
 
 def natural(value: object) -> int:
@@ -98,12 +115,22 @@ def _scalar(owner: str, value: object) -> None:
         text(value)
 
 
-def signals(value: object) -> None:
+def flag(value: object) -> None:
+    if type(value) is not bool:
+        raise BadMessage("type", f"{_kind(value)}; allowed: a boolean")
+
+
+def account(value: object) -> None:
+    """As signals, but more of them."""
+    signals(value, MAX_ACCOUNT)
+
+
+def signals(value: object, most: int = MAX_SIGNALS) -> None:
     """A map of names to numbers, texts, booleans, nil, or arrays of numbers."""
     if type(value) is not dict:
         raise BadMessage("type", f"{_kind(value)}; allowed: a map")
-    if len(value) > MAX_SIGNALS:
-        raise BadMessage("range", f"{len(value)} signals; allowed: up to {MAX_SIGNALS}")
+    if len(value) > most:
+        raise BadMessage("range", f"{len(value)} signals; allowed: up to {most}")
     for name, told in value.items():
         text(name)
         if type(told) is tuple and len(told) > MAX_DOF:
@@ -122,6 +149,21 @@ def more(value: object) -> None:
         raise BadMessage("range", f"{len(value)} further entries; allowed: up to {MAX_MORE}")
     for key in value:
         text(key)
+
+
+def public_key(value: object) -> None:
+    if type(value) is not bytes or len(value) != KEY_BYTES:
+        raise BadMessage("type", f"{_kind(value)}; allowed: a key of {KEY_BYTES} bytes")
+
+
+def sums(value: object) -> None:
+    """A message's number, a total in nJ, and another's number or 0."""
+    if type(value) is not tuple or len(value) != 3:
+        raise BadMessage("type", f"{_kind(value)}; allowed: an array of a number, a total and a number")
+    number, sent_nJ, seen = value
+    total(sent_nJ)
+    if natural(number) == 0 or max(number, natural(seen)) > MAX_TOTAL_NJ:
+        raise BadMessage("range", f"message {number}, which has seen {seen}; allowed: from 1, and from 0, below 2^63")
 
 
 def integral(value: object, dof: int) -> None:
@@ -180,6 +222,32 @@ def friction(value: object, planes: Planes) -> None:
         raise BadMessage("range", f"a friction that is not within 0 to {MOST_FRICTION:g}")
 
 
+def level(value: object) -> None:
+    """A float from 0 to 1."""
+    if type(value) is not float:
+        raise BadMessage("type", f"a level {_kind(value)}; allowed: a float")
+    if not 0.0 <= value <= 1.0:  # false for NaN as well
+        raise BadMessage("range", f"a level of {value}; allowed: 0 to 1")
+
+
+def level_in(message: Any) -> float | None:
+    """The level in a position's or a proxy's further entries; None: it is not told."""
+    return None if message.more is None else message.more.get(LEVEL)
+
+
+def is_only_level(value: object) -> bool:
+    """Is it a map of further entries with a level and nothing else? Nearly every position has such a map."""
+    return type(value) is dict and len(value) == 1 and type(full := value.get(LEVEL)) is float and 0.0 <= full <= 1.0
+
+
+def reach(value: object) -> None:
+    """A float within the range of coordinates, not below 0."""
+    if type(value) is not float:
+        raise BadMessage("type", f"a reach {_kind(value)}; allowed: a float")
+    if not 0.0 <= value <= MAX_COORDINATE:
+        raise BadMessage("range", f"a reach of {value} m; allowed: 0 to {MAX_COORDINATE:g}")
+
+
 def unfolded(curvatures: Any, planes: Planes, position: tuple[float, ...]) -> None:
     """Of checked curvatures: no centre is nearer to `position` than the surface, or that would not be the nearest."""
     for (normal, offset, *_), bends in zip(planes or (), curvatures, strict=True):
@@ -213,6 +281,8 @@ Dof = Annotated[int, dof]
 Planes = Annotated[tuple[tuple[tuple[float, ...], float, float, float, float], ...] | None, planes]
 About = Annotated[dict[str, Scalar], about]
 SignalMap = Annotated[dict[str, Signal], signals]
+AccountMap = Annotated[dict[str, Signal], account]
+Flag = Annotated[bool, flag]
 More = Annotated[dict[str, Any], more]
 """What a frame's map of further entries says."""
 
@@ -221,3 +291,14 @@ def checks_of(message: type, names: tuple[str, ...]) -> tuple[Callable[[object],
     """The checks of these fields of a message's class, as their types name them."""
     types = get_type_hints(message, include_extras=True)
     return tuple(types[name].__metadata__[0] for name in names)
+
+
+def surroundings(position: Any, force: Any, planes: Any, more: dict[str, Any]) -> None:
+    """Of a proxy: its force, its planes and what is told of their surfaces have to fit together."""
+    if any(len(vector) != len(position) for vector in (force, *(plane[0] for plane in planes or ()))):
+        raise BadMessage("dimension", f"{len(position)} coordinates with a force or a normal of others")
+    if CURVATURES in more:
+        curvatures(more[CURVATURES], planes)
+        unfolded(more[CURVATURES], planes, position)
+    if FRICTION in more:
+        friction(more[FRICTION], planes)

@@ -26,14 +26,15 @@ Each message passes three steps: `_classify` says which input it is and changes 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from hapnet.errors import BadMessage
+from hapnet.errors import BadMessage, InvalidParameter
 from hapnet.wire.control_sender import ControlMessage, ControlSender
 from hapnet.wire.events import Event, Mismatch, Paired, PeerLeft, PeerRefused
 from hapnet.wire.fields import MAX_TEXT
-from hapnet.wire.messages import Bye, Hello, Identity, OtherVersion, Refuse, Welcome
+from hapnet.wire.messages import Bye, Hello, Identity, OtherVersion, Refuse, Welcome, decode, encode
 from hapnet.wire.pairing import Action, Input, State, transition
+from hapnet.wire.secret import Keys, Secret
 
 CANDIDATE_NS = 500_000_000  # several hello periods: one that still looks for a peer is heard meanwhile
 REPORT_SPACING_NS = 100_000_000  # least time between two reports that somebody does not fit
@@ -46,6 +47,9 @@ SHARED = "shared."
 
 RESERVOIR = "reservoir_J"
 """Entry of `about`: the energy in a side's reservoir when it starts, unless it takes the place of another side [J]."""
+
+SAMPLED, MOST_SAMPLED = "sampled", 1000
+"""Entry of `about`: nothing overtakes a message of the stream whose number is a multiple of it; 1 to so many."""
 
 EARLIER = "earlier"
 """Entry of a welcome's `about`: how many others its sender was paired with before this one; absent if none."""
@@ -60,20 +64,26 @@ class Said(NamedTuple):
     identity: Identity | None = None
     reason: str = ""
     """Refusal or bye: the sender's reason. Hello or welcome: why it does not fit."""
+    more: dict[str, Any] | None = None
 
 
 class Handshake:
     """One side's part in finding and keeping its peer. `peer` is None while unpaired.
 
     living : called with the time [ns]; tells whether the peer, if there is one, was heard lately.
+    secret : what keys are made of; None: neither side's messages are sealed.
     """
 
-    def __init__(self, identity: Identity, living: Callable[[int], bool], hello_period_ns: int) -> None:
+    def __init__(
+        self, identity: Identity, living: Callable[[int], bool], hello_period_ns: int, secret: Secret | None = None
+    ) -> None:
         self.identity = identity
+        self.keys: Keys = Keys(secret, identity.incarnation)
+        """The keys that this side shares with others."""
         self.state: State = State.SEARCHING
         self.peer: Identity | None = None
         self.pairs: int = 0
-        self.control: ControlSender = ControlSender(identity, hello_period_ns)
+        self.control: ControlSender = ControlSender(identity, hello_period_ns, self.keys.offer)
         self._living = living
         self._retired: dict[int, str] = {}  # incarnations, with what they are told when they speak
         self._stale_hellos = 0  # welcomes to these are older than the present peer, or the end of the last
@@ -81,8 +91,8 @@ class Handshake:
         self._candidate_ns = 0  # when it was heard last
         self._reported: dict[type[Event], tuple[int, str, int]] = {}
 
-    def receive(self, message: ControlMessage, now_ns: int) -> tuple[Event, ...]:
-        """Process a control message; returns the events that it causes.
+    def receive(self, message: ControlMessage, now_ns: int, data: bytes = b"") -> tuple[Event, ...]:
+        """Process a control message, whose frame is `data`; returns the events that it causes.
 
         Raises
         ------
@@ -90,7 +100,7 @@ class Handshake:
         LocalProtocolError : this side has said bye.
         """
         self._observe(now_ns)
-        return self._act(*self._classify(message, now_ns), now_ns)
+        return self._act(*self._classify(message, now_ns, data), now_ns)
 
     def on_data(self, sender: int, now_ns: int, addressee: int | None = None) -> None:
         """Check who sent energy or a stream's message. Returns if the message counts; otherwise answers and raises.
@@ -124,7 +134,7 @@ class Handshake:
         LocalProtocolError : this side has said bye already.
         """
         self.state = transition(self.state, Input.CLOSE).state
-        addressee = self.peer.incarnation if self.peer is not None else 0
+        addressee = self.peer.incarnation if self.peer is not None else self.keys.met
         self.control.say_bye(Bye(self.identity.incarnation, addressee, acked_nJ, reason), now_ns)
 
     def poll(self, now_ns: int) -> list[ControlMessage]:
@@ -138,19 +148,25 @@ class Handshake:
 
     # -- which input a message is: nothing here changes anything ---------------------------------------------------
 
-    def _classify(self, message: ControlMessage, now_ns: int) -> tuple[Input, Said]:
+    def _classify(self, message: ControlMessage, now_ns: int, data: bytes = b"") -> tuple[Input, Said]:
         sender = message.incarnation
         match message:
             case Hello():
                 identity = _identity(message)
-                reason = self._misfit(identity)
-                said = Said(sender, number=message.number, identity=identity, reason=reason)
-                return self._classify_hello(said, now_ns), said
+                reason = self._misfit(identity) or self.keys.misfit(message.name, message.more)
+                said = Said(sender, number=message.number, identity=identity, reason=reason, more=message.more)
+                happened = self._classify_hello(said, now_ns)
+                if happened is Input.HELLO_OF_PEER and self.keys.is_other(sender, message.more):
+                    return Input.FORGED_HELLO, said
+                return happened, said
             case Welcome():
                 identity = _identity(message)
-                reason = self._misfit(identity) or self._no_more_peers()
+                reason = self._misfit(identity) or self._no_more_peers() or self.keys.misfit(message.name, message.more)
                 said = Said(sender, message.addressee, message.number, identity, reason)
-                return self._classify_welcome(said, now_ns), said
+                happened = self._classify_welcome(said, now_ns)
+                if happened is Input.WELCOME and (why := self.keys.prove(message.name, sender, message.more, data)):
+                    return Input.UNFIT_WELCOME, said._replace(reason=why)
+                return happened, said
             case Refuse():
                 said = Said(sender, message.addressee, reason=message.reason)
                 return self._classify_refusal(said, now_ns), said
@@ -248,6 +264,7 @@ class Handshake:
             case Action.MAKE_CANDIDATE:
                 self._candidate, self._candidate_ns = said.sender, now_ns
             case Action.SEND_WELCOME:
+                self.keys.meet(said.sender, said.more)
                 self._send_welcome(said)
             case Action.SEND_REFUSAL:
                 self._send_refusal(said.sender, said.reason)
@@ -277,6 +294,7 @@ class Handshake:
             self._send_refusal(self.peer.incarnation, why)
         self._retire_peer(why)
         self.peer = identity
+        self.keys.keep(identity.incarnation)
         self._candidate = None
         self.pairs += 1
         self.control.stop_hellos()
@@ -292,7 +310,8 @@ class Handshake:
         me = self.identity
         others = len(self._retired) + (self.peer is not None and not self._is_peer(said.sender))
         about = {**me.about, EARLIER: others} if others else me.about
-        self.control.reply(Welcome(me.incarnation, said.sender, said.number, me.role, me.dof, me.name, about))
+        welcome = Welcome(me.incarnation, said.sender, said.number, me.role, me.dof, me.name, about, self.keys.offer)
+        self.control.reply(welcome)
 
     def _send_refusal(self, incarnation: int, reason: str) -> None:
         self.control.reply(Refuse(self.identity.incarnation, incarnation, reason[:MAX_TEXT]))
@@ -309,3 +328,22 @@ class Handshake:
 
 def _identity(message: Hello | Welcome) -> Identity:
     return Identity(message.incarnation, message.role, message.dof, message.name, message.about)
+
+
+def check_identity(identity: Identity) -> None:
+    """Check that a side can read its own hello and welcome, whatever their numbers: the largest are tried.
+
+    Raises
+    ------
+    InvalidParameter : it could not.
+    """
+    try:
+        me = identity
+        about = {**me.about, EARLIER: 2**63}
+        data = encode(Welcome(me.incarnation, 2**64 - 1, 2**64 - 1, me.role, me.dof, me.name, about))
+        if not me.name:
+            raise BadMessage("range", "name is empty")
+        decode(data)
+    except (BadMessage, TypeError, ValueError, OverflowError) as error:
+        allowed = f"incarnation of 64 bits, not 0; role device or world; 1 to 64 dof; short texts and numbers ({error})"
+        raise InvalidParameter("identity", identity, allowed) from None

@@ -1,9 +1,8 @@
 """The messages of the protocol and their frames: `encode` and `decode` (README.md beside this file is the reference).
 
-A frame is a msgpack array. Its first element is the protocol version, its second the kind of message, and the others
-are the fields of the message's class in their order. A field's type says what a receiver checks. The last element is a
-map of further entries. It may be absent, and a receiver ignores the entries that it does not know; a refusal has none.
-`decode` takes whatever a network brings: the result is a message whose every field was checked, or `BadMessage`.
+A frame is a msgpack array: the protocol version, the kind of message, and the fields of its class in their order. A
+field's type says what a receiver checks. The last element, a map of further entries, may be absent; a receiver ignores
+those that it does not know. `decode` takes whatever a network brings: all was checked in its result, or `BadMessage`.
 """
 
 from __future__ import annotations
@@ -16,6 +15,7 @@ import msgpack
 
 from hapnet.errors import BadMessage
 from hapnet.wire import fields
+from hapnet.wire.account import Account as Account
 from hapnet.wire.fields import (
     MAX_COORDINATE,
     MAX_DOF,
@@ -39,8 +39,6 @@ from hapnet.wire.stream_frames import echo_of, encode_stream, start_of
 MAX_FRAME_BYTES = 4096
 MAX_ARRAY = MAX_DOF + 1  # msgpack allocates what an array announces: 4 kB of nested headers took 20 ms and 30 MB
 
-_POSITION_KIND = 1
-
 Channel = Literal["position", "energy", "control", "signals"]
 
 
@@ -57,17 +55,19 @@ class _PositionFields(NamedTuple):
 class Position(_PositionFields):
     """A set-position, `position` in m (or rad), numbered and stamped with its sender's own clock. Best effort.
 
-    echo_ns : the addressee's newest stamp that the sender has used.
+    echo_ns : the stamp of the addressee's message that came last.
     came_ns : when the message with that stamp came, on the sender's clock; both are 0 before there is one.
 
-    Each kind of stream has these two. With the time of arrival they give the round trip, like the four stamps of NTP
-    (RFC 5905, section 8). The class is a named tuple, as hundreds of messages are made in a second.
+    Each kind of stream has these two stamps. With the time of arrival they give the round trip (as in NTP: RFC 5905,
+    section 8). The further entry `fields.LEVEL` is of the sender's reservoir.
     """
 
     __slots__ = ()
-    KIND: ClassVar[int] = _POSITION_KIND
+    KIND: ClassVar[int] = 1
     CHANNEL: ClassVar[Channel] = "position"
     vector: Coordinates = _PositionFields.position
+
+    level = property(fields.level_in)
 
 
 class _EnergyFields(NamedTuple):
@@ -178,7 +178,8 @@ class Proxy(_ProxyFields):
         [Ns/m] and a velocity along the normal [m/s]. None: this world can tell no planes.
 
     The further entry `fields.CURVATURES` has for each plane how the surface bends that it touches: an array of a
-    direction and a curvature [1/m] each; `fields.FRICTION` has for each its coefficient of friction.
+    direction and a curvature [1/m] each; `fields.FRICTION` has for each its coefficient of friction. `fields.REACH`
+    says within which distance there are no other planes [m], `fields.LEVEL` how full the world's reservoir is.
     """
 
     __slots__ = ()
@@ -236,13 +237,17 @@ class Welcome:
 
 @dataclass(frozen=True, slots=True)
 class Refuse:
-    """`addressee` does not fit and never will; `reason` says why. The frame is the same in every protocol version."""
+    """`addressee` does not fit and never will; `reason` says why.
+
+    Without further entries the frame is the same in every protocol version.
+    """
 
     KIND: ClassVar[int] = 5
     CHANNEL: ClassVar[Channel] = "control"
     incarnation: U64
     addressee: U64
     reason: Text
+    more: More | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -271,7 +276,7 @@ class Signals:
     more: More | None = None
 
 
-Message = Stream | Energy | Hello | Welcome | Refuse | Bye | Signals
+Message = Stream | Energy | Hello | Welcome | Refuse | Bye | Signals | Account
 
 
 class OtherVersion(BadMessage):
@@ -286,9 +291,7 @@ class OtherVersion(BadMessage):
 def encode(message: Message) -> bytes:
     """The frame of `message`. Its fields are not checked: coordinates must be floats, not integers."""
     elements = message if isinstance(message, tuple) else tuple(getattr(message, name) for name in message.__slots__)
-    more: tuple[Any, ...] = ()
-    if not isinstance(message, Refuse):
-        elements, more = elements[:-1], elements[-1:] if elements[-1] else ()
+    elements, more = elements[:-1], elements[-1:] if elements[-1] else ()
     if isinstance(message, _STREAM):
         values, echo = elements[3:-2], echo_of(elements[-2], elements[-1])
         start = start_of(message.KIND, message.incarnation, len(values) + len(more))
@@ -338,20 +341,22 @@ def decode(data: bytes) -> Message:
     except (ValueError, msgpack.UnpackException) as error:
         raise BadMessage("malformed", f"not a msgpack array: {type(error).__name__}") from None
     if _is_position(frame):
-        return _new(Position, (*frame[2:], None))
+        return _new(Position, frame[2:] if len(frame) == 9 else (*frame[2:], None))
     return examined(frame)
 
 
 def _is_position(frame: Any) -> bool:
     """Is the frame a valid position? Nearly every frame is, and must reach the servo soon: `examined` takes longer."""
-    if type(frame) is not tuple or len(frame) != 8:
+    if type(frame) is not tuple:
         return False
-    version, kind, incarnation, sequence, sent_ns, position, echo_ns, came_ns = frame
+    if len(frame) != 8 and not (len(frame) == 9 and fields.is_only_level(frame[8])):
+        return False
+    version, kind, incarnation, sequence, sent_ns, position, echo_ns, came_ns = frame[:8]
     if not (type(version) is type(kind) is type(incarnation) is type(sequence) is type(sent_ns) is int):
         return False
     if not type(echo_ns) is type(came_ns) is int or echo_ns < 0 or came_ns < 0:
         return False
-    if version != VERSION or kind != _POSITION_KIND or incarnation <= 0 or sequence < 0 or sent_ns < 0:
+    if version != VERSION or kind != Position.KIND or incarnation <= 0 or sequence < 0 or sent_ns < 0:
         return False
     if type(position) is not tuple or not 1 <= len(position) <= MAX_DOF:
         return False
@@ -385,23 +390,26 @@ def examined(frame: Any) -> Message:
         fields.more(frame[-1])
         frame = (*frame[:-1], frame[-1] or None)
     message: Message = layout.make(*frame[2:])
+    further = message.more or {}
+    for name, check in _FURTHER.get(type(message), {}).items():
+        if name in further:
+            check(further[name])
     if type(message) is Wave and message.more and fields.INTEGRAL in message.more:
         fields.integral(message.more[fields.INTEGRAL], len(message.wave))
     if type(message) is Motion and len(message.position) != len(message.velocity):
         raise BadMessage("dimension", f"{len(message.position)} coordinates with {len(message.velocity)} velocities")
     if type(message) is Proxy:
-        vectors = (message.force, *(plane[0] for plane in message.planes or ()))
-        if any(len(vector) != len(message.position) for vector in vectors):
-            raise BadMessage("dimension", f"{len(message.position)} coordinates with a force or a normal of others")
-        if message.more and fields.CURVATURES in message.more:
-            bends = message.more[fields.CURVATURES]
-            fields.curvatures(bends, message.planes)
-            fields.unfolded(bends, message.planes, message.position)
-        if message.more and fields.FRICTION in message.more:
-            fields.friction(message.more[fields.FRICTION], message.planes)
+        fields.surroundings(message.position, message.force, message.planes, message.more or {})
     return message
 
 
+_FURTHER: dict[type[Message], dict[str, Callable[[object], object]]] = {
+    Position: {fields.LEVEL: fields.level},
+    Proxy: {fields.LEVEL: fields.level, fields.REACH: fields.reach},
+    Energy: {fields.SUMS: fields.sums},
+    Hello: {fields.KEY: fields.public_key},
+    Welcome: {fields.KEY: fields.public_key},
+}
 _STREAM = (Position, Motion, Port, Wave, Proxy)
 _LAYOUTS = {cls.KIND: _Layout.of(cls) for cls in get_args(Message)}
 _new = tuple.__new__  # takes half the time, and the fields are checked already

@@ -1,6 +1,6 @@
 """The path between two sides, as their streams show it without a common clock: round trip, jitter, loss, stalls, age.
 
-A message says when it was sent (`sent_ns`, on its sender's clock), which stamp of this side its sender has used last
+A message says when it was sent (`sent_ns`, on its sender's clock), which stamp of this side came last at its sender
 (`echo_ns`), and when that stamp had come (`came_ns`, on the sender's clock). If it arrives at `now_ns`, it has measured
 a round trip of
 
@@ -10,8 +10,11 @@ This contains neither the difference of the clocks nor the time for which the ot
 into the way there and the way back cannot be known. Of the way to this side only the variation is known: now_ns -
 sent_ns, less the least such difference lately. So an age is that variation plus half of the least round trip.
 
-The numbers show what was lost, as in RFC 3550 (section 6.4.1): all numbers between the first and the newest, less those
-that came, late or not. All of it is measured from stamp to arrival, so an emulated link is part of the path.
+The numbers show what has not come, as in RFC 3550 (section 6.4.1): all numbers between the first and the newest, less
+those that came, late or not. A transport may drop what was overtaken, and then that is not lost on the path. Such a
+sender says that it sends every so many-th message where nothing overtakes it. Loss, jitter and round trips are those of
+these messages alone, and stand for all. All of it is measured from stamp to arrival, so an emulated link is part of the
+path.
 """
 
 from __future__ import annotations
@@ -46,8 +49,12 @@ class PathFigures:
     age_p99_ns: int | None
     sent: int
     """Messages that the other side has numbered since the first that came here."""
+    arrived: int
+    """How many of these have come, late or not."""
+    overtaken: int
+    """How many a later one has overtaken: they came late, or the transport dropped them."""
     lost: int
-    """How many of these have not come."""
+    """How many were lost on the path; an estimate if the other side has them sampled."""
     stalls: int
     """How often nothing new came for `STALL_NS` longer than the sender paused."""
     longest_stall_ns: int
@@ -60,19 +67,29 @@ class Counts:
         self.trips: Histogram = Histogram()
         self.jitter: Histogram = Histogram()
         self.ages: Histogram = Histogram()
-        self.sent = self.came = self.stalls = self.longest_stall_ns = 0
+        self.sent = self.came = self.late = self.stalls = self.longest_stall_ns = 0
+        self.sampled = self.sampled_came = 0  # of the sampled ones, where not all are
 
     def since(self, earlier: Counts) -> Counts:
         part = Counts()
         part.trips, part.jitter = self.trips.since(earlier.trips), self.jitter.since(earlier.jitter)
         part.ages = self.ages.since(earlier.ages)
         part.sent, part.came = self.sent - earlier.sent, self.came - earlier.came
-        part.stalls = self.stalls - earlier.stalls
+        part.late, part.stalls = self.late - earlier.late, self.stalls - earlier.stalls
+        part.sampled, part.sampled_came = self.sampled - earlier.sampled, self.sampled_came - earlier.sampled_came
         part.longest_stall_ns = self.longest_stall_ns
         return part
 
     def copy(self) -> Counts:
         return self.since(Counts())
+
+    @property
+    def lost(self) -> int:
+        """What has not come and was not overtaken."""
+        missing = max(0, self.sent - self.came)
+        if not self.sampled:
+            return missing
+        return min(missing, max(0, round(self.sent * (1.0 - self.sampled_came / self.sampled))))
 
 
 class Path:
@@ -83,18 +100,34 @@ class Path:
         self._least_trip_ns: int | None = None
         self.begin(0)
 
-    def begin(self, now_ns: int) -> None:
-        """A pair begins: the peer has another clock, and knows no earlier stamp of this side."""
+    def begin(self, now_ns: int, every: int = 1) -> None:
+        """A pair begins: the peer has another clock, and knows no earlier stamp of this side.
+
+        every : nothing overtakes a message whose number is a multiple of it; these are the sample.
+        """
+        self.every: int = every
+        self.arrival: tuple[int, int] | None = None
+        """Stamp and arrival of the sampled message that came last, late or not [ns]: what to echo."""
         self._since_ns = now_ns
         self._last: tuple[int, int] | None = None  # arrival and stamp of the newest
 
-    def on_position(self, now_ns: int, sent_ns: int, since: int, least_ns: int, place: Place) -> None:
-        """A message of the stream came, `since` numbers after the newest before it; see `Numbering` for the rest."""
-        counts = self._all
+    def on_position(self, now_ns: int, number: int, sent_ns: int, since: int, least_ns: int, place: Place) -> bool:
+        """A message of the stream came, `since` numbers after the newest before it; see `Numbering` for the rest.
+
+        True: it is one of the sample, so that its echo counts.
+        """
+        counts, every = self._all, self.every
+        sampled = number % every == 0
         counts.came += 1
-        counts.jitter.add(now_ns - sent_ns - least_ns)
+        if sampled:
+            self.arrival = sent_ns, now_ns
+            counts.jitter.add(now_ns - sent_ns - least_ns)
+        if every > 1:
+            counts.sampled_came += sampled
+            counts.sampled += 0 if place is Place.LATE else number // every - (number - since) // every
         if place is Place.LATE:
-            return
+            counts.late += 1
+            return sampled
         counts.sent += since
         if place is Place.NEW and self._last is not None:
             came_ns, stamp_ns = self._last
@@ -105,6 +138,7 @@ class Path:
                 if stall_ns > counts.longest_stall_ns:
                     counts.longest_stall_ns = stall_ns
         self._last = now_ns, sent_ns
+        return sampled
 
     def on_echo(self, now_ns: int, sent_ns: int, echo_ns: int, came_ns: int) -> None:
         """The message brought a stamp of this side back."""
@@ -140,8 +174,10 @@ class Path:
             older_ns = counts.ages.quantile(q)
             return None if older_ns is None or half_ns is None else older_ns + half_ns
 
+        lost = counts.lost
         return PathFigures(
             least_ns, counts.trips.quantile(0.5), counts.trips.quantile(0.99),
             counts.jitter.quantile(0.5), counts.jitter.quantile(0.99), age(0.5), age(0.99),
-            counts.sent, max(0, counts.sent - counts.came), counts.stalls, counts.longest_stall_ns,
+            counts.sent, counts.came, counts.late + max(0, counts.sent - counts.came) - lost, lost,
+            counts.stalls, counts.longest_stall_ns,
         )  # fmt: skip

@@ -18,16 +18,17 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from hapnet.errors import BadMessage, InvalidParameter
-from hapnet.params import DeviceParams, WireParams
+from hapnet.wire.account import AccountExchange
+from hapnet.wire.control_sender import ControlMessage
 from hapnet.wire.energy_channel import EnergyChannel, Totals
 from hapnet.wire.events import EnergyCredited, Event, PositionReceived, SampleReceived
-from hapnet.wire.fields import MAX_TEXT, Signal
-from hapnet.wire.handshake import EARLIER, RESERVOIR, Handshake
+from hapnet.wire.fields import MAX_TEXT, SUMS, Signal
+from hapnet.wire.handshake import MOST_SAMPLED, RESERVOIR, SAMPLED, Handshake, check_identity
 from hapnet.wire.messages import (
+    Account,
     Bye,
     Channel,
     Energy,
@@ -53,11 +54,12 @@ from hapnet.wire.numbering import Place
 from hapnet.wire.path import Path
 from hapnet.wire.peer_monitor import Outages, PeerMonitor
 from hapnet.wire.replay_window import ReplayWindow
+from hapnet.wire.secret import Secret, sealed
+from hapnet.wire.session_settings import SessionSettings as SessionSettings
 from hapnet.wire.signals import SignalExchange
 from hapnet.wire.stream import PositionStream as PositionStream
+from hapnet.wire.sums import Sums
 from hapnet.wire.token_bucket import TokenBucket
-
-_DEFAULT = WireParams()
 
 
 class Outgoing(NamedTuple):
@@ -65,36 +67,6 @@ class Outgoing(NamedTuple):
 
     kind: Channel
     data: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class SessionSettings:
-    """The settings of a session. The defaults are those of the parameters.
-
-    accept_stale : hand out positions that are older than one already received (the theory of set-positions allows it).
-        Otherwise the newest wins, as motions and ports always do.
-    admission_W, admission_burst_J : the energy credited to the peer in the long run [W] and at once [J].
-    hello_period_ns : time between two hellos while unpaired.
-    spacing_ns : least time between two messages with new energy.
-    silence_ns : after this time without a new position the peer counts as silent.
-    expects : the kind of message in the peer's stream. Waves are handed out even if they are late, but once each.
-    """
-
-    accept_stale: bool = _DEFAULT.accept_stale
-    admission_W: float = _DEFAULT.admission_W
-    admission_burst_J: float = _DEFAULT.admission_burst_J
-    hello_period_ns: int = round(_DEFAULT.hello_period_s * 1e9)
-    spacing_ns: int = round(_DEFAULT.energy_spacing_s * 1e9)
-    silence_ns: int = round(DeviceParams().silence_after_s * 1e9)
-    expects: type[Stream] = Position
-
-    def __post_init__(self) -> None:
-        for name in ("hello_period_ns", "spacing_ns"):
-            value = getattr(self, name)
-            if not 1_000_000 <= value <= 10_000_000_000:
-                raise InvalidParameter(name, value, "1 ms to 10 s, in ns")
-        if self.silence_ns <= 0:
-            raise InvalidParameter("silence_ns", self.silence_ns, "a positive number of nanoseconds")
 
 
 class Session:
@@ -105,6 +77,7 @@ class Session:
     role, dof, name, about : this side's identity, sent to the peer. `about` is small: what this side runs.
     incarnation : 64 random bits, not 0, drawn when the process starts.
     settings : see `SessionSettings`.
+    secret : what this side's keys are made of. None: it offers no key, so that nothing is sealed.
 
     Raises
     ------
@@ -120,9 +93,10 @@ class Session:
         incarnation: int,
         about: dict[str, Scalar] | None = None,
         settings: SessionSettings | None = None,
+        secret: Secret | None = None,
     ) -> None:
         self.identity: Identity = Identity(incarnation, role, dof, name, dict(about or {}))
-        _check_identity(self.identity)
+        check_identity(self.identity)
         self.settings: SessionSettings = settings or SessionSettings()
         self.dropped: Counter[str] = Counter()
         self.dropped_for: dict[str, str] = {}
@@ -133,15 +107,19 @@ class Session:
         self.path: Path = Path()
         """What the peer's stream shows of the path between the sides."""
         self._monitor = PeerMonitor(self.settings.silence_ns)
-        self._handshake = Handshake(self.identity, self._monitor.living, self.settings.hello_period_ns)
+        self._handshake = Handshake(self.identity, self._monitor.living, self.settings.hello_period_ns, secret)
         self._admission = TokenBucket(self.settings.admission_W, self.settings.admission_burst_J)
         self._past = Totals()
         self._channel = self._open_channel(0.0)
+        self.sums: Sums = Sums()
+        """Whether what comes in the peer's name about energy fits together."""
         self.positions: PositionStream = PositionStream(incarnation)
         self.position: Callable[[int, Sequence[float]], bytes] = self.positions.position
         """(now_ns, position) -> the next frame for the position key; see `PositionStream`."""
         self.signals: SignalExchange = SignalExchange()
         """Named values beside the stream, both ways."""
+        self.accounts: AccountExchange = AccountExchange()
+        """What each side tells of its half of the account."""
         self.peers_J: float = 0.0
         """The energy in the first peer's reservoir at its start, as it says; the peers after it start with none [J]."""
 
@@ -164,6 +142,11 @@ class Session:
     def handshake_over(self) -> bool:
         """Has the handshake nothing more to send?"""
         return self._handshake.next_due_ns is None
+
+    def sample(self, every: int) -> None:
+        """Tell later peers that nothing overtakes a message of the stream whose number is a multiple of `every`."""
+        if every > 1:
+            self.identity.about[SAMPLED] = min(every, MOST_SAMPLED)
 
     def shuffle(self, energy_J: float) -> None:
         """Send `energy_J` [J] to the peer. While there is none it is abandoned, which is safe, and counted.
@@ -193,7 +176,8 @@ class Session:
             message = decode(data)
             if type(message) is self._expects:  # nearly every message
                 return self._on_stream(message, now_ns)
-            events = self._dispatch(message, now_ns)
+            self._handshake.keys.require_seal(message, data)
+            events = self._dispatch(message, now_ns, data)
         except OtherVersion as error:
             self._drop(error)
             events = self._handshake.other_version(error, now_ns)
@@ -224,18 +208,23 @@ class Session:
         outgoing: list[Outgoing] = []
         peer = self._handshake.peer
         if peer is not None and (due := self._channel.poll(now_ns)) is not None:
-            outgoing.append(_outgoing(Energy(self.identity.incarnation, peer.incarnation, *due)))
+            sums = {SUMS: self.sums.next(self._channel.sent_nJ, due[1])} if self.settings.tells_sums else None
+            outgoing.append(self._outgoing(Energy(self.identity.incarnation, peer.incarnation, *due, sums)))
         if peer is not None and not self.closed and (told := self.signals.poll(now_ns)) is not None:
-            outgoing.append(_outgoing(Signals(self.identity.incarnation, peer.incarnation, *told)))
-        outgoing.extend(_outgoing(message) for message in self._handshake.poll(now_ns))
+            outgoing.append(self._outgoing(Signals(self.identity.incarnation, peer.incarnation, *told)))
+        if peer is not None and not self.closed and (account := self.accounts.poll(now_ns)) is not None:
+            outgoing.append(self._outgoing(Account(self.identity.incarnation, peer.incarnation, *account)))
+        outgoing.extend(self._outgoing(message) for message in self._handshake.poll(now_ns))
         return outgoing, events
 
     @property
     def next_due_ns(self) -> int | None:
         """When to call `poll` next at the latest. A time in the past means now; None means that nothing is planned."""
         handshake, channel = self._handshake.next_due_ns, self._channel.next_due_ns
-        if (signals := self.signals.next_due_ns) is not None and self.peer is not None and not self.closed:
-            channel = signals if channel is None else min(signals, channel)
+        if self.peer is not None and not self.closed:
+            for due in (self.signals.next_due_ns, self.accounts.next_due_ns):
+                if due is not None:
+                    channel = due if channel is None else min(due, channel)
         if handshake is None or channel is None:
             return channel if handshake is None else handshake
         return min(handshake, channel)
@@ -295,21 +284,32 @@ class Session:
         """The fraction of a nanojoule that waits to be sent [J]: all shuffled energy is `sent_nJ` plus this."""
         return self._channel.residue_J
 
-    def _dispatch(self, message: Message, now_ns: int) -> tuple[Event, ...]:
+    def _dispatch(self, message: Message, now_ns: int, data: bytes) -> tuple[Event, ...]:
         self._monitor.on_any_message(now_ns)
         match message:
             case Position() | Motion() | Port() | Wave() | Proxy():
                 return self._on_stream(message, now_ns)
             case Energy():
                 self._handshake.on_data(message.incarnation, now_ns, message.addressee)
-                return self._credited(self._channel.receive(message.total_nJ, message.acked_nJ, now_ns))
+                return self._on_energy(message, now_ns)
             case Signals():
                 self._handshake.on_data(message.incarnation, now_ns, message.addressee)
                 return self.signals.receive(message.sequence, message.values)
+            case Account():
+                self._handshake.on_data(message.incarnation, now_ns, message.addressee)
+                self.accounts.receive(message, now_ns)
+                return ()
             case Bye():
                 return self._on_bye(message, now_ns)
             case Hello() | Welcome() | Refuse():
-                return self._handshake.receive(message, now_ns)
+                return self._handshake.receive(message, now_ns, data)
+
+    def _on_energy(self, message: Energy, now_ns: int) -> tuple[Event, ...]:
+        announced_nJ = self._channel.announced_nJ
+        events = self.sums.take(message, announced_nJ)
+        # a total may be true although an acknowledgement beside it is not
+        credited_nJ = self._channel.receive(message.total_nJ, min(message.acked_nJ, announced_nJ), now_ns)
+        return events + self._credited(credited_nJ)
 
     def _on_stream(self, message: Stream, now_ns: int) -> tuple[Event, ...]:
         peer = self._handshake.peer
@@ -327,12 +327,12 @@ class Session:
             detail = f"{_word(message)} {sequence} cannot follow {newest}: its number or its time stamp is not possible"
             raise BadMessage("leap", detail)
         since = 1 if newest < 0 else sequence - newest
-        self.path.on_position(now_ns, sent_ns, since, numbers.least_ns, place)
-        if message.echo_ns:
+        sampled = self.path.on_position(now_ns, sequence, sent_ns, since, numbers.least_ns, place)
+        if sampled and message.echo_ns:
             self.path.on_echo(now_ns, sent_ns, message.echo_ns, message.came_ns)
         took_ns = self.path.took_ns(now_ns, sent_ns, numbers.least_ns)
         received = (
-            PositionReceived(sequence, sent_ns, message.position, took_ns)
+            PositionReceived(sequence, sent_ns, message.position, took_ns, message.level)
             if isinstance(message, Position)
             else SampleReceived(message, took_ns)
         )
@@ -355,9 +355,12 @@ class Session:
     def _on_bye(self, message: Bye, now_ns: int) -> tuple[Event, ...]:
         peer = self.peer
         mine = message.addressee == self.identity.incarnation
+        events: tuple[Event, ...] = ()
         if mine and peer is not None and peer.incarnation == message.incarnation:
-            self._channel.acknowledge(message.acked_nJ, now_ns)
-        return self._handshake.receive(message, now_ns)
+            announced_nJ = self._channel.announced_nJ
+            events = self.sums.acknowledged(message.acked_nJ, announced_nJ)
+            self._channel.acknowledge(min(message.acked_nJ, announced_nJ), now_ns)
+        return events + self._handshake.receive(message, now_ns)
 
     def _credited(self, credited_nJ: int) -> tuple[Event, ...]:
         return (EnergyCredited(credited_nJ),) if credited_nJ else ()
@@ -365,15 +368,23 @@ class Session:
     def _change_pair(self, now_ns: int) -> None:
         if (peer := self.peer) is not None:
             self._monitor.begin(now_ns)
-            self.path.begin(now_ns)
+            every = peer.about.get(SAMPLED)
+            self.path.begin(now_ns, every if type(every) is int and 1 <= every <= MOST_SAMPLED else 1)
             self._replay_window = ReplayWindow()
             reservoir_J = peer.about.get(RESERVOIR)
             if self.incarnations == 1 and isinstance(reservoir_J, float) and reservoir_J > 0.0:
                 self.peers_J = reservoir_J  # the peers after it start with none
         self.signals.change_pair()
+        self.accounts.change_pair(paired=self.peer is not None)
         self._channel.abandon()
         self._past.add(self._channel)
         self._channel = self._open_channel(self._channel.residue_J)
+        self.sums.change_pair()
+
+    def _outgoing(self, message: Energy | Signals | Account | ControlMessage) -> Outgoing:
+        key = None if isinstance(message, Hello) else self._handshake.keys.shared_with(message.addressee)
+        frame = encode(message) if isinstance(message, Hello) or key is None else sealed(message, key)
+        return Outgoing(message.CHANNEL, frame)
 
     def _open_channel(self, residue_J: float) -> EnergyChannel:
         return EnergyChannel(self._admission, spacing_ns=self.settings.spacing_ns, residue_J=residue_J)
@@ -383,23 +394,5 @@ def _word(stream: Stream | type[Stream]) -> str:
     return (stream if isinstance(stream, type) else type(stream)).__name__.lower()
 
 
-def _outgoing(message: Message) -> Outgoing:
-    return Outgoing(message.CHANNEL, encode(message))
-
-
 def _printable(text: str) -> str:
     return "".join(c if c.isprintable() else " " for c in text)[:MAX_TEXT]
-
-
-def _check_identity(identity: Identity) -> None:
-    """Check that a side can read its own hello and welcome, whatever their numbers: the largest are tried."""
-    try:
-        me = identity
-        about = {**me.about, EARLIER: 2**63}
-        data = encode(Welcome(me.incarnation, 2**64 - 1, 2**64 - 1, me.role, me.dof, me.name, about))
-        if not me.name:
-            raise BadMessage("range", "name is empty")
-        decode(data)
-    except (BadMessage, TypeError, ValueError, OverflowError) as error:
-        allowed = f"incarnation of 64 bits, not 0; role device or world; 1 to 64 dof; short texts and numbers ({error})"
-        raise InvalidParameter("identity", identity, allowed) from None

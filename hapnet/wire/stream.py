@@ -7,9 +7,9 @@ from typing import Any
 
 import msgpack
 
-from hapnet.wire.fields import CURVATURES, FRICTION, INTEGRAL
+from hapnet.wire.fields import CURVATURES, FRICTION, INTEGRAL, LEVEL, REACH
 from hapnet.wire.messages import Motion, Port, Position, Proxy, Wave
-from hapnet.wire.stream_frames import echo_of, encode_position, encode_stream, start_of
+from hapnet.wire.stream_frames import echo_of, encode_position, encode_stream, level_of, start_of
 
 
 class PositionStream:
@@ -21,6 +21,7 @@ class PositionStream:
     def __init__(self, incarnation: int) -> None:
         self.next_sequence: int = 0
         self._start = start_of(Position.KIND, incarnation, 1)
+        self._start_of_level = start_of(Position.KIND, incarnation, 2)
         self._starts = {kind: start_of(kind, incarnation, 2) for kind in (Motion.KIND, Port.KIND)}
         self._starts[Wave.KIND] = start_of(Wave.KIND, incarnation, 3)  # with a further entry
         self._starts[Proxy.KIND] = start_of(Proxy.KIND, incarnation, 4)
@@ -31,14 +32,20 @@ class PositionStream:
         self._elapsed_ns = 0
 
     def echo(self, sent_ns: int, came_ns: int) -> None:
-        """Let the next messages echo `sent_ns`, the stamp of the newest message used here, which came at `came_ns`."""
+        """Let the next messages echo `sent_ns`, the stamp of the peer's message that came last, at `came_ns`."""
         self._echo = echo_of(sent_ns, came_ns)
 
-    def position(self, now_ns: int, position: Sequence[float]) -> bytes:
-        """The next frame for the position key: `position` [m or rad], `dof` finite coordinates (not checked here)."""
+    def position(self, now_ns: int, position: Sequence[float], level: float | None = None) -> bytes:
+        """The next frame for the position key: `position` [m or rad], `dof` finite coordinates (not checked here).
+
+        level : how full this side's reservoir is, 0 to 1; None: that is not told.
+        """
         sequence = self.next_sequence
         self.next_sequence = sequence + 1
-        return encode_position(self._start, sequence, now_ns, _floats(position), self._echo, self._pack)
+        if level is None:
+            return encode_position(self._start, sequence, now_ns, _floats(position), self._echo, self._pack)
+        end = self._echo + level_of(level)
+        return encode_position(self._start_of_level, sequence, now_ns, _floats(position), end, self._pack)
 
     def motion(self, now_ns: int, position: Sequence[float], velocity: Sequence[float]) -> bytes:
         """The next frame: a position [m] with its velocity [m/s]."""
@@ -64,16 +71,20 @@ class PositionStream:
         aimed_ns: int,
         force: Sequence[float],
         planes: Sequence[Sequence[Any]] | None,
+        reach_m: float | None = None,
+        level: float | None = None,
     ) -> bytes:
         """The next frame: the proxy's position [m], the device's time for which it stands, and what is around it.
 
-        A plane's sixth and seventh elements, if it has them, are its curvatures and its friction.
+        A plane's sixth and seventh elements, if it has them, are its curvatures and its friction. reach_m : within it
+        there are no other planes [m]. level : how full this side's reservoir is, 0 to 1. None: that is not told.
         """
         told = None if planes is None else tuple([(_floats(n), *map(float, rest[:4])) for n, *rest in planes])
         values = (_floats(position), aimed_ns, _floats(force), told)
         bends = tuple([tuple([(_floats(e), float(k)) for e, k in _after(plane, 5, ())]) for plane in planes or ()])
         friction = tuple([float(_after(plane, 6, 0.0)) for plane in planes or ()])
-        more = {name: each for name, each in ((CURVATURES, bends), (FRICTION, friction)) if any(each)}
+        more: dict[str, Any] = {name: each for name, each in ((CURVATURES, bends), (FRICTION, friction)) if any(each)}
+        more.update({name: each for name, each in ((REACH, reach_m), (LEVEL, level)) if each is not None})
         if not more:
             return self._next(self._starts[Proxy.KIND], now_ns, values)
         return self._next(self._start_of_more, now_ns, values) + self._pack(more)

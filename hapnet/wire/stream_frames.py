@@ -8,6 +8,8 @@ from typing import Any
 
 import msgpack
 
+from hapnet.wire.fields import LEVEL
+
 VERSION = 2
 
 _AROUND = 7
@@ -15,6 +17,10 @@ _AROUND = 7
 _ARRAY, _U64 = 0x90, 0xCF
 """msgpack's first bytes of an array of up to 15 elements, and of an integer of 8 bytes."""
 _START, _TWO = Struct(">BBBBQ").pack, Struct(">BQBQ").pack
+_LEVEL: bytes = msgpack.packb({LEVEL: 0.0})[:-8]
+_FLOAT = Struct(">d").pack
+_NUMBER, _AT = Struct(">Q").unpack_from, Struct(">BBBBQB").size
+"""Reads a number, and where that of a message begins."""
 
 
 def encode_stream(
@@ -57,3 +63,14 @@ def start_of(kind: int, incarnation: int, values: int) -> bytes:
 def echo_of(echo_ns: int, came_ns: int) -> bytes:
     """The two stamps of the echo, as `encode_stream` takes them."""
     return _TWO(_U64, echo_ns, _U64, came_ns)
+
+
+def sequence_of(frame: bytes) -> int | None:
+    """The number of a stream's message that `encode_stream` has made; None of what is too short to be one."""
+    number: tuple[int] | None = _NUMBER(frame, _AT) if len(frame) >= _AT + 8 else None
+    return None if number is None else number[0]
+
+
+def level_of(level: float) -> bytes:
+    """The map of further entries that holds a level and nothing else."""
+    return _LEVEL + _FLOAT(level)

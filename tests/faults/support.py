@@ -170,7 +170,7 @@ class Pair:
             side.process.send_signal(signal.SIGTERM)
         for side in (self.device, self.world):
             code, _, stderr = side.end()
-            assert (code, stderr) == (128 + signal.SIGTERM, ""), side.role
+            assert (code, stderr) == (128 + signal.SIGTERM, ""), (side.role, code, stderr)
 
     def accounts(self) -> dict[str, Any]:
         """The summary of both, once they have ended, and that their accounts agree to the nanojoule."""

@@ -83,6 +83,7 @@ WALL_CLOCKS = {"time", "time_ns", "now", "utcnow", "today", "localtime", "gmtime
 MAY_READ_IT = {
     "hapnet/commands/bench.py",  # names a directory
     "hapnet/commands/log.py",  # once, to say at what time of day something happened
+    "hapnet/commands/pair.py",  # likewise, for a process that cannot say so itself
     "hapnet/commands/output.py",  # names a directory
     "hapnet/realtime/runner.py",  # once, so that a recording has UTC
 }

@@ -29,6 +29,8 @@ LINK = ("--delay", "40ms", "--jitter", "10ms", "--loss", "2%")
 ROUND_TRIP_S = 0.1
 SILENCE_S = 0.2
 LONGEST_PAUSE_S = 1.0
+RESERVOIRS_J: dict[Role, float] = {"device": 0.1, "world": 0.05}
+"""What each begins with: the defaults of `device.ceiling_J` and `world.ceiling_J`."""
 
 
 @pytest.mark.parametrize(
@@ -154,9 +156,10 @@ def assert_energy(survivor: Side, last: Side, left: Recording, recordings: list[
     index = int(np.searchsorted(mine["time_ns"], began[-1], side="right")) - 1
     credited_before_nJ = round(mine["credited_J"][index] / NANO)
     assert new["sent_nJ"] == ended["credited_nJ"] - credited_before_nJ
-    # 0.05 J a reservoir, and nothing for those that took another's place
-    assert ended["ledger"]["bound_J"] == ended["peers_J"] == 0.05
+    # what each reservoir began with, and nothing for those that took another's place
+    assert ended["ledger"]["bound_J"] == RESERVOIRS_J[survivor.role]
+    assert ended["peers_J"] == RESERVOIRS_J[OTHER[survivor.role]]
     assert new["ledger"]["bound_J"] == 0.0
-    assert survivor.summary["theorem"]["bound_J"] == 0.1
+    assert survivor.summary["theorem"]["bound_J"] == sum(RESERVOIRS_J.values())
     device, world = (survivor, last) if survivor.role == "device" else (last, survivor)
-    assert merge(device.summary, world.summary)["theorem"]["bound_J"] == 0.1
+    assert merge(device.summary, world.summary)["theorem"]["bound_J"] == sum(RESERVOIRS_J.values())

@@ -44,9 +44,8 @@ def printed_commands() -> tuple[dict[Role, list[str]], str]:
 
 
 def start(host: Host, directory: Path, words: Sequence[str], role: Role) -> Program:
-    """The command as printed, for a short time and through this side's link; it writes what it found."""
+    """The command as printed, for a short time and through this side's link; it writes its files as it does anyway."""
     more = ["--duration", "1", "--link", LINKS[role][0], "--seed", "1", "--json", f"{role}.json"]
-    more += ["--record", f"{role}.mcap"]
     for assignment in SOON:
         more += ["--set", assignment]
     return Program(*words, *more, command=(*host.enter, f"--wd={directory}", *HAPNET))
@@ -67,9 +66,23 @@ def test_two_hosts_with_the_commands_as_printed(tmp_path: Path) -> None:
                     code, out, err = side.end()
                     assert code == 0, out + err
                     assert "paired with the" in out
+                    assert re.search(r"^passive: .*'s account as it told it$", out, re.MULTILINE), out
+                    assert re.search(r"^largest force: [0-9.]+ N, ", out, re.MULTILINE), out
+                    assert re.search(r"^path: .*lost up.*lost down$", out, re.MULTILINE), out
     except Unavailable as reason:
         pytest.skip(str(reason))
     ends = {role: read_json(tmp_path / f"{role}.json") for role in LINKS}
+    for role, end in ends.items():
+        assert_joint(end, ends, role)
+        [left] = (tmp_path / "runs").glob(f"*-{role}")
+        names = {file.name for file in left.iterdir()}
+        assert names == {f"{role}.mcap", "summary.json", "report.html", "figure.png", "log.jsonl"}
+        (left / f"{role}.mcap").rename(tmp_path / f"{role}.mcap")
+        assert read_json(left / "summary.json") == end
+    with Program("report", tmp_path, "--json", tmp_path / "both.json") as report:
+        code, out, err = report.end()
+    assert (code, err) == (0, "")
+    assert read_json(tmp_path / "both.json")["verdict"]["passive"] is True
     summary = merge(ends["device"], ends["world"])
     assert_accounts_agree(summary)
     assert_passive(summary)
@@ -81,6 +94,22 @@ def test_two_hosts_with_the_commands_as_printed(tmp_path: Path) -> None:
     trip_ms = sum(delay_ms for _, delay_ms, _ in LINKS.values())
     for end in ends.values():
         assert end["path"]["round_trip_p50_ms"] >= trip_ms
+
+
+def assert_joint(end: dict[str, Any], ends: dict[Role, dict[str, Any]], role: Role) -> None:
+    """One side's summary says of the other what that says of itself, as of the end of the one that ended first."""
+    other: Role = "world" if role == "device" else "device"
+    assert end["told"]["side"] == other
+    assert end["told"]["whole"] is True
+    assert end["theorem"]["margin_J"] is not None
+    assert end["theorem"]["bound_J"] == ends[other]["theorem"]["bound_J"]
+    for name in ("peak_force_N", "peak_penetration_m", "contacts"):
+        assert end["motion"][name] is not None
+    assert end["path"]["up"]["sent"] > 0
+    assert end["path"]["down"]["sent"] > 0
+    if end["told"]["final"]:
+        for name in ("margin_J", "slack_J", "bound_J", "work_J"):
+            assert end[other]["ledger"][name] == ends[other][other]["ledger"][name]
 
 
 def assert_felt(directory: Path) -> None:

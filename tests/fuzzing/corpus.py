@@ -36,6 +36,9 @@ def oddities() -> dict[str, bytes]:
     def wave(further: dict[str, object]) -> list[object]:
         return [2, 9, WORLD, 7, 10**9, [0.5], 1, 0, 0, further]
 
+    def proxy(**further: object) -> list[object]:
+        return [2, 10, WORLD, 7, 10**9, [0.0], 0, [0.0], [[[1.0], 0.02, 3000.0, 10.0, 0.0]], 0, 0, further]
+
     frames: dict[str, object] = {
         "position-nan": position(NAN),
         "position-infinite": position(INF, -INF),
@@ -59,6 +62,13 @@ def oddities() -> dict[str, bytes]:
         "signals-65": [2, 11, WORLD, DEVICE, 1, {"grip": [0.5] * 65}],
         "signals-bytes": [2, 11, WORLD, DEVICE, 1, {"grip": b"x"}],
         "signals-none": [2, 11, WORLD, DEVICE, 0, {}],
+        "account-65": [2, 12, WORLD, DEVICE, 1, 0, False, False, {f"value {i}": i for i in range(65)}],
+        "account-64": [2, 12, WORLD, DEVICE, 1, 0, False, True, {f"value {i}": 0.5 for i in range(64)}],
+        "account-nan": [2, 12, WORLD, DEVICE, 1, 0, False, False, {"ledger.margin_J": NAN}],
+        "account-flags": [2, 12, WORLD, DEVICE, 1, 0, 1, 0, {}],
+        "account-unheard": [2, 12, WORLD, DEVICE, 1, 2**64 - 1, True, True, {}],
+        "account-none": [2, 12, WORLD, DEVICE, 0, 0, False, False, {}],
+        "account-short": [2, 12, WORLD, DEVICE, 1],
         "energy-most": [2, 2, WORLD, DEVICE, 2**63 - 1, 0],
         "energy-too-much": [2, 2, WORLD, DEVICE, 2**63, 0],
         "energy-unannounced": [2, 2, WORLD, DEVICE, 1, 2**63 - 1],
@@ -115,6 +125,19 @@ def oddities() -> dict[str, bytes]:
         "position-echo": [2, 1, WORLD, 7, 10**9, [0.0], 2**64 - 1, 2**64 - 1],
         "position-echo-negative": [2, 1, WORLD, 7, 10**9, [0.0], -1, 0],
         "position-further": [2, 1, WORLD, 7, 10**9, [0.0], 5, 6, {"contacts": [[1, 0.5]], "orientation": [1.0, 0.0]}],
+        "position-level": [*position(0.0), {"level": 0.5}],
+        "position-level-full": [*position(0.0), {"level": 1.0, "b": 1}],
+        "position-level-above": [*position(0.0), {"level": 1.0000000000000002}],
+        "position-level-below": [*position(0.0), {"level": -5e-324}],
+        "position-level-nan": [*position(0.0), {"level": NAN}],
+        "position-level-integer": [*position(0.0), {"level": 1}],
+        "position-reach": [*position(0.0), {"reach": "of a proxy only"}],
+        "proxy-level-none": proxy(level=None),
+        "proxy-reach": proxy(level=0.25, reach=1e6),
+        "proxy-reach-too-far": proxy(reach=1000000.0000000001),
+        "proxy-reach-below": proxy(reach=-0.1),
+        "proxy-reach-nan": proxy(reach=NAN),
+        "proxy-reach-integer": proxy(reach=1),
         "position-further-none": [2, 1, WORLD, 7, 10**9, [0.0], 5, 6, None],
         "energy-further-33": [2, 2, WORLD, DEVICE, 1000, 0, {f"key{i}": i for i in range(33)}],
         "hello-further": [*hello(), {"roles": ["operator"]}],

@@ -9,8 +9,21 @@ from typing import Any
 import msgpack
 
 from hapnet.errors import BadMessage
-from hapnet.wire.messages import Message, Refuse, decode, encode
-from tests.fuzzing.mutator import BYE, ENERGY, HELLO, MOTION, PORT, POSITION, PROXY, REFUSE, SIGNALS, WAVE, WELCOME
+from hapnet.wire.messages import Message, decode, encode
+from tests.fuzzing.mutator import (
+    ACCOUNT,
+    BYE,
+    ENERGY,
+    HELLO,
+    MOTION,
+    PORT,
+    POSITION,
+    PROXY,
+    REFUSE,
+    SIGNALS,
+    WAVE,
+    WELCOME,
+)
 
 LENGTHS = {
     POSITION: 8,
@@ -24,6 +37,7 @@ LENGTHS = {
     WAVE: 9,
     PROXY: 11,
     SIGNALS: 6,
+    ACCOUNT: 9,
 }
 
 BAD_FRAMES = {"size", "malformed", "version", "kind", "length", "type", "range", "dimension"}
@@ -53,12 +67,20 @@ def allowed(data: bytes) -> list[Any] | None:
     if not (_integer(version, -(2**63)) and _integer(kind, 1, max(LENGTHS)) and _integer(frame[2], 1)):
         return None
     length = LENGTHS[kind]
-    if (version != 2 and kind != REFUSE) or len(frame) not in (length, length + (kind != REFUSE)):
+    if (version != 2 and kind != REFUSE) or len(frame) not in (length, length + 1):
         return None
     if not (_fields(kind, frame[3:length]) and all(map(_further, frame[length:]))):
         return None
     more = frame[length] if len(frame) > length else {}
     if kind == WAVE and "integral" in more and not _integral(more["integral"], len(frame[5])):
+        return None
+    if kind == ENERGY and "sums" in more and not _sums(more["sums"]):
+        return None
+    if kind in (HELLO, WELCOME) and "key" in more and not (isinstance(more["key"], bytes) and len(more["key"]) == 32):
+        return None
+    if kind in (POSITION, PROXY) and "level" in more and not _within(more["level"], 1.0):
+        return None
+    if kind == PROXY and "reach" in more and not _within(more["reach"], 1e6):
         return None
     if kind == PROXY and "curvatures" in more and not _curvatures(more["curvatures"], frame[8], frame[5]):
         return None
@@ -81,6 +103,9 @@ def _fields(kind: int, fields: list[Any]) -> bool:
             return _integer(addressee) and _text(reason)
         case 11, [addressee, sequence, values]:
             return _integer(addressee) and _integer(sequence) and _signals(values)
+        case 12, [addressee, number, heard, asks, final, values]:
+            flags = isinstance(asks, bool) and isinstance(final, bool)
+            return all(map(_integer, (addressee, number, heard))) and flags and _signals(values, 64)
         case 6, [addressee, acked_nJ, reason]:
             return _integer(addressee) and _integer(acked_nJ, 0, 2**63 - 1) and _text(reason)
     return False
@@ -102,8 +127,15 @@ def _values(kind: int, values: list[Any]) -> bool:
     return False
 
 
-def _signals(values: object) -> bool:
-    if not (isinstance(values, dict) and len(values) <= 32 and all(map(_text, values))):
+def _sums(sums: object) -> bool:
+    if not (isinstance(sums, list) and len(sums) == 3):
+        return False
+    number, sent_nJ, seen = sums
+    return _integer(number, 1, 2**63) and _integer(sent_nJ, 0, 2**63 - 1) and _integer(seen, 0, 2**63)
+
+
+def _signals(values: object, most: int = 32) -> bool:
+    if not (isinstance(values, dict) and len(values) <= most and all(map(_text, values))):
         return False
     for value in values.values():
         if isinstance(value, list):
@@ -178,6 +210,10 @@ def _floats(value: object) -> bool:
     return all(isinstance(x, float) and math.isfinite(x) and abs(x) <= 1e6 for x in value)
 
 
+def _within(value: object, most: float) -> bool:
+    return isinstance(value, float) and 0.0 <= value <= most
+
+
 def _identity(role: object, dof: object, name: object, about: object) -> bool:
     if not (isinstance(about, dict) and len(about) <= 32 and role in ("device", "world") and _text(role)):
         return False
@@ -213,10 +249,9 @@ def decoded(data: bytes) -> Message | None:
     if frame is None:
         raise Broken(f"a frame that is not allowed was taken: {message}")
     fields = tuple(message) if isinstance(message, tuple) else dataclasses.astuple(message)
-    if not isinstance(message, Refuse):
-        fields, further = fields[:-1], fields[-1]
-        hold(repr(further or {}) == repr(_tupled(frame[len(fields) + 2 :] or [{}])[0]), "further", further, frame)
-        frame = frame[: len(fields) + 2]
+    fields, further = fields[:-1], fields[-1]
+    hold(repr(further or {}) == repr(_tupled(frame[len(fields) + 2 :] or [{}])[0]), "further", further, frame)
+    frame = frame[: len(fields) + 2]
     hold(frame[1] == message.KIND, "kind", frame[1], "became", message)
     hold(_same(list(fields), frame[2:]), "fields", frame[2:], "became", message)
     again = decode(encode(message))

@@ -12,7 +12,7 @@ from hapnet.control.set_position_coupling import Modulator, SetPositionCoupling
 from hapnet.errors import BadMessage
 from hapnet.side.endpoint import BACKLOG, ControlHalf, Endpoint
 from hapnet.wire.events import EnergyCredited, Event, Paired, PositionReceived, SampleReceived
-from hapnet.wire.messages import Energy, Message, Motion, Port, Position, Proxy, Refuse, Signals, Wave, decode
+from hapnet.wire.messages import Account, Energy, Message, Motion, Port, Position, Proxy, Refuse, Signals, Wave, decode
 from hapnet.wire.session import Outgoing
 from tests.fuzzing.decoder import BAD_FRAMES, Broken, allowed, hold
 from tests.fuzzing.mutator import BYE, ENERGY, MOTION, PORT, POSITION, PROXY, SIGNALS, WAVE, WELCOME
@@ -33,6 +33,7 @@ BAD_MOMENTS = {
     "addressee",
     "dimension",
     "acknowledgement",
+    "forged",
     "closed",
 }
 
@@ -80,6 +81,8 @@ class Watch:
         self._claimed_before_nJ = 0  # by earlier peers
         self._told_nJ = 0
         self._signals = -1
+        self._false = 0
+        self._account = 1
         self._credited_nJ = 0
         self._start_ns: int | None = None
         self._dropped = 0
@@ -113,7 +116,7 @@ class Watch:
         if session.peer is not peer:
             self._claimed_before_nJ += self.claimed_nJ
             self.claimed_nJ = self._told_nJ = 0
-            self._signals = -1
+            self._signals, self._account = -1, 1
             self.numbers = Numbers()
             self._waves.clear()
         self._check(now_ns, events)
@@ -141,7 +144,10 @@ class Watch:
         if isinstance(message, Position | Motion | Port | Wave | Proxy):
             self._check_stream(now_ns, message, from_peer, dropped, events)
         elif isinstance(message, Energy):
-            counts = from_peer and message.addressee == self.own and message.acked_nJ <= self._told_nJ
+            counts = from_peer and message.addressee == self.own
+            false = counts and message.acked_nJ > self._told_nJ
+            self._false += false
+            hold(self.session.sums.contradictions["acknowledged"] >= self._false, "not noticed:", message)
             hold(dropped != counts, "energy", message, "with", self._told_nJ, "nJ told; dropped:", dropped)
             if counts:
                 self.claimed_nJ = max(self.claimed_nJ, message.total_nJ)
@@ -150,6 +156,12 @@ class Watch:
             hold(dropped != counts, "signals", message, "after", self._signals, "dropped:", dropped)
             if counts:
                 self._signals = message.sequence
+        elif isinstance(message, Account):  # this side tells none, so none of its own can have been heard
+            counts = from_peer and message.addressee == self.own and message.number >= self._account
+            counts = counts and message.heard == 0
+            hold(dropped != counts, "account", message, "after", self._account, "dropped:", dropped)
+            if counts:
+                self._account = message.number
         elif getattr(message, "addressee", self.own) not in (self.own, 0) and message.KIND != BYE:
             hold(dropped, message, "was meant for somebody else")
         if message.incarnation == self.own:
@@ -170,7 +182,9 @@ class Watch:
         hold(dropped != counts, "position", message, "after", before, "is", word, "dropped:", dropped)
         if not counts:
             return
-        known = PositionReceived(*message[1:4]) if isinstance(message, Position) else SampleReceived(message)
+        known: object = SampleReceived(message)
+        if isinstance(message, Position):
+            known = PositionReceived(*message[1:4], level=(message.more or {}).get("level"))
         first = events[:1]
         hold(all(0 <= one.took_ns <= 9e10 for one in first), message, "took", first)
         found = tuple([one._replace(took_ns=0) for one in first])
@@ -241,6 +255,7 @@ class Audited:
         self.longest_step = longest_step
         self.ceiling = ceiling
         self.updates = 0
+        self._stored = 0.0
         self._K: list[list[float]] = modulator.spring.K.tolist()
         limit = modulator.spring.force_limit
         largest = modulator.spring.ellipsoid.largest
@@ -262,6 +277,14 @@ class Audited:
     def account(self) -> float:
         return self.inner.account
 
+    @property
+    def level(self) -> float | None:
+        return self.inner.level
+
+    @property
+    def modulated(self) -> bool:
+        return self.inner.modulated
+
     def modulate(self, y: Vector, x: Vector, dissipated: float, received: float, keep: float = 0.0) -> Modulation:
         start, account = self.inner.set_position, self.inner.account
         before = self._potential(x, start)
@@ -281,6 +304,7 @@ class Audited:
         if y is not x:  # letting the spring go knows no limit
             reserve: float = getattr(self.inner, "reserve", 0.0)
             self._check_step(start, ybar, x, before, account + received + dissipated + before - reserve)
+        self._stored = after
         self.updates += 1
         return result
 
@@ -288,6 +312,18 @@ class Audited:
         before = self.inner.energy
         given = self.inner.split_reservoir(most)
         hold(0.0 <= given <= before and self.inner.energy + given == before, "shared", given, "of", before)
+        return given
+
+    def give(self, dt: float, peer_level: float, keep: float) -> float:
+        """Only the fuller side gives, and what the spring's jumps and a held force need stays here."""
+        before, level = self.inner.energy, self.level
+        given = self.inner.give(dt, peer_level, keep)
+        hold(self.inner.energy == before - given, "given", given, "of", before, "left", self.inner.energy)
+        if given != 0.0:
+            reserve: float = getattr(self.inner, "reserve", 0.0)
+            spare = before - max(reserve, keep - self._stored)
+            hold(0.0 < given <= spare, "given", given, "of", spare)
+            hold(level is not None and level > peer_level + 0.1, "a level of", level, "gave to", peer_level)
         return given
 
     def _check_step(self, start: Vector, ybar: Vector, x: Vector, before: float, at_hand: float) -> None:

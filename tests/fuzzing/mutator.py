@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable
 import msgpack
 
 INCARNATION, SEQUENCE = 2, 3
-POSITION, ENERGY, HELLO, WELCOME, REFUSE, BYE, MOTION, PORT, WAVE, PROXY, SIGNALS = range(1, 12)
+POSITION, ENERGY, HELLO, WELCOME, REFUSE, BYE, MOTION, PORT, WAVE, PROXY, SIGNALS, ACCOUNT = range(1, 13)
 STREAMS = (POSITION, MOTION, PORT, WAVE, PROXY)
 MOST_RECORDED = 64
 
@@ -79,12 +79,12 @@ class Mutator:
         self._seeds = list(seeds)
         self._values = [value for value in map(_value, self._seeds) if isinstance(value, list) and value]
         self._recorded: deque[bytes] = deque(maxlen=MOST_RECORDED)
-        self._sequence = self._total = self._sent_ns = self._told_signals = 0
+        self._sequence = self._total = self._sent_ns = self._told_signals = self._told_accounts = 0
         plan: tuple[tuple[Callable[[], bytes], float], ...] = (
             (self._flipped, 10), (self._cut, 5), (self._padded, 3), (self._spliced, 5), (self._noise, 2),
             (self._retyped, 18), (self._resized, 5), (self._seed, 3), (self._replayed, 10),
             (self._position, 16), (self._energy, 14), (self._hello, 5), (self._welcome, 3),
-            (self._parting, 0.3), (self._version, 1), (self._deep, 0.7), (self._signals, 2),
+            (self._parting, 0.3), (self._version, 1), (self._deep, 0.7), (self._signals, 2), (self._account, 2),
         )  # fmt: skip
         self._ways = [way for way, _ in plan]
         self._weights = list(_running(weight for _, weight in plan))
@@ -226,7 +226,17 @@ class Mutator:
         echo = [self._count(self._sent_ns, 10**6, 2**64 - 1), self._count(self._sent_ns, 10**6, 2**64 - 1)]
         values = [position, *more.get(kind, [])]
         end = self._of_planes(values[-1]) if kind == PROXY and r() < 0.5 else self._further()
+        if kind in (POSITION, PROXY) and r() < 0.5:
+            end = self._of_reservoirs(end)
         return _packed([2, kind, self._who(), sequence, self._sent_ns, *values, *echo, *end])
+
+    def _of_reservoirs(self, end: list[object]) -> list[object]:
+        """These further entries with a level and, at times, a reach."""
+        r = self.rng.random
+        further = end[0] if end and isinstance(end[0], dict) else {}
+        level = r() if r() < 0.9 else self.rng.choice(ODD_FLOATS) if r() < 0.5 else self._odd()
+        reach = {"reach": 10 ** (8 * r() - 2) if r() < 0.95 else self._odd()} if r() < 0.3 else {}
+        return [{**further, "level": level, **reach}]
 
     def _of_planes(self, planes: object) -> list[object]:
         """The told planes' curvatures, their friction, or both."""
@@ -312,6 +322,22 @@ class Mutator:
         }
         values = values if r() < 0.95 else self._odd()
         return _packed([2, SIGNALS, self._who(), self._whom(), self._told_signals, values, *self._further()])
+
+    def _account(self) -> bytes:
+        """What a side may claim of itself, mostly with names that a summary has."""
+        r = self.rng.random
+        self._told_accounts = self._count(self._told_accounts, 2, 2**64 - 1)
+        if r() < 0.05:
+            self._told_accounts = 0
+        names = ("ledger.margin_J", "ledger.bound_J", "sent_nJ", "credited_nJ", "stopped.why", "wall.springs_N_m", "x")
+        values: object = {
+            f"{self.rng.choice(names)}{'' if r() < 0.9 else int(r() * 90)}": r() if r() < 0.7 else self._odd()
+            for _ in range(int(r() * (6 if r() < 0.97 else 200)))
+        }
+        values = values if r() < 0.95 else self._odd()
+        heard = 0 if r() < 0.9 else self._count(0, 3, 2**64 - 1)
+        flags = [r() < 0.5 if r() < 0.97 else self._odd() for _ in range(2)]
+        return _packed([2, ACCOUNT, self._who(), self._whom(), self._told_accounts, heard, *flags, values])
 
     def _hello(self) -> bytes:
         r = self.rng.random

@@ -31,7 +31,7 @@ def drawn_setup(target: str, rng: random.Random, silence_after_s: float) -> Setu
     dof = rng.choice((1, 1, 2, 3))
     stiffness: object = rng.choice((100.0, 400.0, [90.0, 100.0, 150.0][:dof]))
     side: dict[str, object] = {
-        "shuffle": rng.choice(("harvested", "harvested", "all")),
+        "shuffle": rng.choice(("needed", "harvested", "all")),
         "smoothing_s": rng.choice((0.0, 0.0, 0.005)),
         "predict_s": rng.choice((0.0, 0.0, 0.02)),
         "on_silence": rng.choice(("hold", "release")),

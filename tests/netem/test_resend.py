@@ -109,6 +109,27 @@ def test_in_order_each_waits_for_all_before_it(
     assert [number for _, number in expected] == sorted(alone)
 
 
+@pytest.mark.parametrize("more", ["", " rate 1mbit", " distribution pareto", " slot 3ms 9ms"])
+def test_in_order_is_in_order_whatever_the_jitter(more: str) -> None:
+    """None leaves before it would alone, or before one that was sent earlier; jitter is uniform, 55 ms at most."""
+    words = f"delay 40ms 15ms{more} loss 10%"
+    plain: Link[int] = Link(LinkProfile.parse(f"{words} resend 3 8ms unordered"), 5)
+    ordered: Link[int] = Link(LinkProfile.parse(f"{words} resend 3 8ms"), 5)
+    for number in range(3000):
+        for link in (plain, ordered):
+            link.send(5 * MS * number, number, 100)
+    loose, kept = plain.poll(10**15), ordered.poll(10**15)
+    numbers = [number for _, number in kept]
+    assert numbers == sorted(number for _, number in loose)
+    assert ordered.stats.reordered == 0
+    assert plain.stats.reordered > 200 or "slot" in more
+    if not more:
+        through, alone = 0, {number: due for due, number in loose}
+        for due, number in kept:
+            through = max(through, alone[number])
+            assert through <= due <= (5 * number + 3 * 8 + 55) * MS
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.lists(waits, min_size=1, max_size=40), st.integers(1, 5), waits, st.booleans(), st.integers(0, 99), st.data())
 def test_over_a_line_each_message_takes_its_turn_when_it_is_offered_for_the_last_time(

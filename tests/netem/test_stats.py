@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import statistics
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from netem.stats import DelayHistogram
+from netem.stats import Counters, DelayHistogram
 
 
 def histogram_of(delays_ns: list[int]) -> DelayHistogram:
@@ -94,3 +95,8 @@ def test_extremes_stay_in_range() -> None:
     histogram = histogram_of([0, 0, 10**17])
     assert histogram.quantile_ms(0.5) == pytest.approx(0.0, abs=1.01e-3)
     assert histogram.quantile_ms(1.0) is not None
+
+
+def test_a_links_figures_have_the_names_of_its_fields() -> None:
+    stats = Counters().snapshot("delay 1ms", 0)
+    assert stats.as_dict() == dataclasses.asdict(stats) | {"delay_histogram_ms": []}

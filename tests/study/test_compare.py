@@ -8,7 +8,6 @@ import os
 import re
 import signal
 import statistics
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,39 +16,26 @@ from rich.console import Console
 
 from hapnet import cli
 from hapnet.commands import compare as command
+from hapnet.commands import compare_plan
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.metrics import METRICS
 from hapnet.params import Params
 from hapnet.simulation.processes import usable_cores
 from hapnet.study import backend, compare, tables, task
-from hapnet.study.backend import Backend, local_workers
+from hapnet.study.backend import local_workers
 from hapnet.study.case import Measures, measure
-from hapnet.study.compare import Case, Outcome, Plan, Variant, parted
-from hapnet.study.journal import Journal, Row
-from hapnet.study.runner import Sweep
+from hapnet.study.compare import Case, Plan, Variant, parted
+from hapnet.study.journal import Row
+from hapnet.study.sections import QUICK
 from hapnet.study.spec import params_of
 from tests.conftest import DATA
 from tests.processes import started, without_progress
+from tests.study.comparisons import LINKS, QUICK_PARAMS, compared, known, outcomes, plan
 from tests.study.sweeps import Here
 
 Capture = pytest.CaptureFixture[str]
 
-QUICK = command.BASE.set({"duration_s": 0.2})
-LINKS = {"near": ("delay 1ms", "delay 1ms"), "far": ("delay 20ms 5ms loss 5%", "delay 30ms")}
 QUICKLY = ("--duration", "0.2", "--seeds", "0:1", "--operator", "press", "--workers", "1")
-
-
-def plan(params: Params = QUICK, couplings: tuple[str, ...] = ("pspm", "zoh"), seeds: int = 2) -> Plan:
-    return Plan(params, couplings, LINKS, ("press", "sine@light"), tuple(range(seeds)))
-
-
-def known(**values: float | None) -> Measures:
-    return {**dict.fromkeys(METRICS, None), "margin_J": 0.1, "hand_margin_J": 0.05, **values}
-
-
-def outcomes(asked: Plan, measures: Callable[[Case], Measures | None]) -> list[Outcome]:
-    found = [(one, measures(one)) for one in asked.cases()]
-    return [Outcome(one, values, None if values else "it broke") for one, values in found]
 
 
 # -- the plan --------------------------------------------------------------------------------------------------------
@@ -68,9 +54,26 @@ def test_every_case_once_each_with_its_own_parameters() -> None:
 
 
 def test_each_coupling_is_tried_with_each_deadband() -> None:
-    both = Plan(QUICK, ("pspm",), LINKS, ("press",), (0,), (0.0, 0.1))
+    both = Plan(QUICK_PARAMS, ("pspm",), LINKS, ("press",), (0,), (0.0, 0.1))
     assert [str(variant) for variant in both.variants] == ["pspm", "pspm, deadband 10 %"]
     assert {one.params.get("wire.deadband") for one in both.cases()} == {0.0, 0.1}
+
+
+def test_an_operator_may_have_parameters_of_its_own() -> None:
+    """What one sets, the others have as it is for all; and a relaxed hand may have more."""
+    far, light = "press:operator_hand.start_m=-0.1", "press@light:operator_hand.reach_s=0.5"
+    asked = Plan(QUICK_PARAMS.set({"operator_hand.reach_s": 0.7}), ("pspm",), LINKS, (far, light, "hand-3"), (0,))
+    found = {
+        one.operator: (one.params.operator, hand.start_m, hand.reach_s, hand.mass)
+        for one in asked.cases()
+        for hand in [one.params.operator_hand]
+    }
+    assert found == {
+        far: ("press", -0.1, 0.7, 0.554), light: ("press", 0.0, 0.5, 0.1), "hand-3": ("hand-3", 0.0, 0.7, 0.554),
+    }  # fmt: skip
+    cases = asked.spec.cases()
+    assert len(cases) == 6
+    assert {params_of(asked.spec.fixed, one.values) for one in cases} == {one.params for one in asked.cases()}
 
 
 # -- running ---------------------------------------------------------------------------------------------------------
@@ -79,7 +82,7 @@ def test_each_coupling_is_tried_with_each_deadband() -> None:
 def test_a_coupling_may_have_parameters_of_its_own(tmp_path: Path) -> None:
     """What one column sets, the others have as it is for all; and the journal finds each case again."""
     names = ("pspm", "pspm:feel=paper", "zoh", "wave:wave.impedance=2:wave.recovery_s=0")
-    params = QUICK.set({"wave.recovery_s": 0.3, "duration_s": 0.5})
+    params = QUICK_PARAMS.set({"wave.recovery_s": 0.3, "duration_s": 0.5})
     asked = Plan(params, names, {"near": ("lan", "lan")}, ("press",), (0,))
     found = {
         str(one.variant): (one.params.coupling, one.params.feel, one.params.wave.impedance, one.params.wave.recovery_s)
@@ -107,21 +110,14 @@ def test_what_a_coupling_is_called() -> None:
             parted(words)
 
 
-def compared(asked: Plan, directory: Path, backend: Backend) -> list[Outcome]:
-    """As the command does."""
-    spec = asked.spec
-    journal = Journal.create_or_resume(directory, spec, spec.cases())
-    Sweep(journal, backend, lambda done: None).run()
-    backend.close()
-    found = asked.outcomes(journal.rows())
-    journal.close()
-    return found
-
-
 def test_the_cases_are_those_of_a_sweep(tmp_path: Path) -> None:
     """The same parameters after their way through the journal, where each case finds its own row."""
-    base = QUICK.set({"operator_hand.mass": 0.3, "device.stiffness": [[100.0, 5.0], [5.0, 80.0]]})
-    for params, operators in ((base, ("press", "sine@light")), (base, ("press", "sine")), (QUICK, ("press@light",))):
+    base = QUICK_PARAMS.set({"operator_hand.mass": 0.3, "device.stiffness": [[100.0, 5.0], [5.0, 80.0]]})
+    for params, operators in (
+        (base, ("press", "sine@light")),
+        (base, ("press", "sine")),
+        (QUICK_PARAMS, ("press@light",)),
+    ):
         asked = Plan(params, ("pspm", "zoh"), LINKS, operators, (0, 3), (0.0,), (Variant("zoh", 0.1),))
         fixed, cases = json.loads(json.dumps(asked.spec.fixed)), asked.spec.cases()
         rows = [Row(one, True, known(margin_J=float(one.number)), None, None, None) for one in cases]
@@ -173,7 +169,8 @@ def test_a_case_that_fails_is_told_and_the_rest_is_measured(monkeypatch: pytest.
 
 
 def test_medians_and_quartiles_of_what_is_known() -> None:
-    """Against the standard library's inclusive quantiles; what a case does not know does not count."""
+    """Against the standard library's inclusive quantiles, of the means of several hands, or of one hand's cases; what a
+    case does not know does not count."""
     asked = plan(seeds=5)
     values = {(one.operator, one.seed): (3.0 * one.seed - 1.0) * (2.0 if one.operator == "press" else -1.0)
               for one in asked.cases()}  # fmt: skip
@@ -186,7 +183,9 @@ def test_medians_and_quartiles_of_what_is_known() -> None:
     assert len(groups) == 2 * 2 * 3
     for group in groups:
         own = [value for (operator, _), value in values.items() if group.operator in (None, operator)]
-        q1, median, q3 = statistics.quantiles(own, n=4, method="inclusive")
+        means = [statistics.fmean(v for (o, _), v in values.items() if o == name) for name in asked.operators]
+        units = own if group.operator else means
+        q1, median, q3 = statistics.quantiles(units, n=4, method="inclusive")
         spread = group.spreads["buzz_N2"]
         assert (spread.count, spread.least, spread.most) == (len(own), min(own), max(own))
         assert (spread.q1, spread.median, spread.q3) == pytest.approx((q1, median, q3))
@@ -198,7 +197,7 @@ def test_medians_and_quartiles_of_what_is_known() -> None:
 
 def test_passive_is_what_is_not_negative_but_for_rounding() -> None:
     margins = [0.1, 0.0, -1e-12, -1e-6, -3.0]
-    asked = Plan(QUICK, ("pspm",), {"near": LINKS["near"]}, ("press",), tuple(range(5)))
+    asked = Plan(QUICK_PARAMS, ("pspm",), {"near": LINKS["near"]}, ("press",), tuple(range(5)))
     found = outcomes(asked, lambda one: known(margin_J=margins[one.seed], hand_margin_J=0.05 - one.seed))
     (group,) = compare.groups(asked, found)
     assert (group.passive, group.hand_passive) == (3, 1)
@@ -209,7 +208,7 @@ def test_passive_is_what_is_not_negative_but_for_rounding() -> None:
 
 @pytest.mark.parametrize("width", [80, 165])
 def test_a_table_a_link_fits_the_terminal(width: int) -> None:
-    asked = Plan(QUICK, ("pspm", "zoh"), LINKS, ("press",), tuple(range(12)))
+    asked = Plan(QUICK_PARAMS, ("pspm", "zoh"), LINKS, ("press",), tuple(range(12)))
     worst = known(**dict.fromkeys(METRICS, -1234.5678))
     found = outcomes(asked, lambda one: worst if one.variant.coupling == "zoh" else known(buzz_N2=0.002))
     console = Console(width=width, record=True, file=io.StringIO())
@@ -241,7 +240,7 @@ def test_what_is_written(tmp_path: Path, capsys: Capture) -> None:
     assert cli.main([*asked, "--json", "-"]) == 0
     whole = json.loads(capsys.readouterr().out)
     assert whole == json.loads((out / "compare.json").read_text("utf-8"))
-    written = {"compare.json", "compare.csv", "traces.png", "tradeoff.png"}
+    written = {"compare.json", "compare.csv", "compare.md", "traces.png", "tradeoff.png"}
     assert {file.name for file in out.iterdir()} == {*written, "journal.sqlite", "lock"}
     assert all((out / name).read_bytes().startswith(b"\x89PNG") for name in ("traces.png", "tradeoff.png"))
     couplings = whole["settings"]["couplings"]
@@ -250,8 +249,9 @@ def test_what_is_written(tmp_path: Path, capsys: Capture) -> None:
     assert len(whole["cases"]) == 2 * (len(couplings) + 1)  # the first one with a deadband too
     assert list(whole["cases"][0]["measures"]) == list(METRICS)
     assert whole["metrics"]["margin_J"]["unit"] == "J"
-    assert whole["tunings"]["pspm"]["slow"]["device.stiffness"] == 100.0
-    assert whole["tunings"]["pspm"]["slow"]["ideal_stiffness_N_per_m"] == pytest.approx(100.0 * 3000.0 / 3500.0)
+    K = 200.0  # by the rule: half of 2 (b - B)/T, with b = 0.3 and B = 0.1 Ns/m, T = 1 ms
+    assert whole["tunings"]["pspm"]["slow"]["device.stiffness"] == K
+    assert whole["tunings"]["pspm"]["slow"]["ideal_stiffness_N_per_m"] == pytest.approx(K * 3000.0 / 3500.0)
     again: dict[str, Any] = {}
     assert cli.main([*asked, "--no-files", "--json", str(tmp_path / "again.json")]) == 0
     again |= json.loads((tmp_path / "again.json").read_text("utf-8"))
@@ -315,8 +315,8 @@ def test_a_journal_from_before_a_metric_is_gone_on_with(
 
 def test_a_recorded_link_is_one_more() -> None:
     trace = DATA / "links" / "ATT-LTE-driving-2016"
-    links = command.links_of(None, [f"lte={trace}", "other name/x y"])
-    assert list(links) == [*command.LINKS, "lte", "x y"]
+    links = compare_plan.links_of(list(compare_plan.LINKS), [f"lte={trace}", "other name/x y"])
+    assert list(links) == [*compare_plan.LINKS, "lte", "x y"]
     assert links["lte"] == (f"trace {trace}.up", f"trace {trace}.down")
     assert links["x y"] == ('trace "other name/x y.up"', 'trace "other name/x y.down"')
     assert links["intercontinental"] == ("wan-intercontinental", "wan-intercontinental")
@@ -336,6 +336,11 @@ def test_a_recorded_link_is_one_more() -> None:
         (("--coupling", "pspm:feel=nice"), "nice"),
         (("--coupling", "pspm:fell=paper"), "fell"),
         (("--coupling", "pspm:link.up=lan"), "--link"),
+        (("--operator", "press:link.up=lan"), "--link"),
+        (("--operator", "press:dof=1:dof=2"), "--operator"),
+        (("--coupling", "pspm:world.mass=1", "--operator", "press:world.mass=2"), "--coupling sets world.mass"),
+        (("--bench", "slow"), "quick, full, or of its sections hands, minutes"),
+        (("--bench", "full", "--case", "4g"), "--case"),
         (("--seeds", "3"), "3"),
         (("--deadband", "ten"), "ten"),
         (("--deadband", "1.5"), "1.5"),
@@ -380,9 +385,9 @@ def test_a_claim_that_was_not_kept_ends_with_4(here: None, monkeypatch: pytest.M
 
 def test_the_case_that_is_drawn() -> None:
     asked = plan()
-    default = command.drawn_case(asked, None)
+    default = compare_plan.drawn_case(asked, None)
     assert (default.link, default.operator, default.seed) == ("far", "sine@light", 0)  # the slowest
-    chosen = command.drawn_case(asked, "near, press, 1")
+    chosen = compare_plan.drawn_case(asked, "near, press, 1")
     assert (chosen.link, chosen.operator, chosen.seed) == ("near", "press", 1)
     assert chosen.variant == Variant("pspm")
 
@@ -407,7 +412,7 @@ def test_ctrl_c_ends_it_and_its_workers(tmp_path: Path, monkeypatch: pytest.Monk
 
 @pytest.mark.slow
 def test_pspm_is_passive_in_the_whole_default_set(tmp_path: Path) -> None:
-    asked = Plan(command.BASE, ("pspm",), command.links_of(None, ()), command.OPERATORS, (0, 1, 2))
+    asked = Plan(compare_plan.BASE, ("pspm",), compare_plan.links_of(QUICK.links, ()), QUICK.operators, (0, 1, 2))
     for one in compared(asked, tmp_path, local_workers(usable_cores())):
         assert one.error is None
         assert one.measures is not None

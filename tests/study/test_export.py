@@ -47,7 +47,7 @@ def test_a_row_a_case_that_was_run_in_their_order_with_columns_by_name(tmp_path:
     with file.open(newline="", encoding="utf-8") as lines:
         rows = list(csv.DictReader(lines))
     assert [row["case"] for row in rows] == ["0", "2", "9", "10"]
-    assert [row["device.stiffness"] for row in rows] == ["50.0", "50.0", "100.0", "100.0"]
+    assert [row["device.stiffness"] for row in rows] == ["50.0", "50.0", "0.0", "0.0"]  # by default
     assert [row["wire.accept_stale"] for row in rows] == ["true", "false", "false", "false"]
     assert [row["seed"] for row in rows] == ["3", "3", "0", "0"]
     assert [row["link"] for row in rows][2:] == ["up lan, down ideal", "up lan, down 4g"]

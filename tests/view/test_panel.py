@@ -60,6 +60,20 @@ def test_every_coupling_can_be_chosen_and_is_said_in_words() -> None:
     assert all(words_of(label) for label in CHOICES)
 
 
+def test_the_page_says_how_stiff_the_wall_is_felt(server: viser.ViserServer) -> None:
+    shown = snapshot("pspm", "hapnet")
+    assert shown.device_status is not None
+    numbers = Numbers(server.gui)
+    numbers.update(shown, "running")
+    assert "felt" not in numbers._html.content
+    shown.device_status.about["felt"] = {"stiffness_N_m": 3000.0, "felt_stiffness_N_m": 85.7142, "springs_N_m": ()}
+    numbers.update(shown, "running")
+    assert "wall3000 N/m, felt as 85.71 N/m" in re.sub("<[^>]*>", "", numbers._html.content)
+    shown.device_status.about["felt"] = "hard"
+    numbers.update(shown, "running")
+    assert "felt as" not in numbers._html.content
+
+
 def test_each_pair_keeps_its_own_verdict(server: viser.ViserServer) -> None:
     """One that was not passive is still said when another coupling runs, and passive is not said of it."""
 

@@ -62,3 +62,26 @@ def test_an_address_that_cannot_be_is_refused_with_a_line(host: str, port: int, 
     pytest.importorskip("viser", reason="the live page's library is not installed")
     with pytest.raises(InvalidParameter, match=words):
         serve(History(), host=host, port=port)
+
+
+PROBED = """
+import socket
+from hapnet.view.history import History
+from hapnet.view.server import serve
+
+with serve(History(), port=0) as page:
+    for said in (b"", b"\\0\\1\\2", b"GET / HTTP/1.1\\r\\n\\r\\n", b"POST / HTTP/1.1\\r\\n\\r\\n"):
+        with socket.create_connection(("127.0.0.1", page.port), timeout=30) as probe:
+            probe.sendall(said)
+            probe.shutdown(socket.SHUT_WR)
+            while probe.recv(4096):  # until the page has dealt with it
+                pass
+"""
+
+
+def test_who_connects_and_is_no_browser_leaves_no_traceback() -> None:
+    """As a port scan does. In a process of its own: pytest takes what Python's logging would print."""
+    pytest.importorskip("viser", reason="the live page's library is not installed")
+    done = subprocess.run([sys.executable, "-c", PROBED], capture_output=True, text=True, timeout=100)
+    assert done.returncode == 0
+    assert not done.stderr

@@ -52,7 +52,7 @@ class EnvironmentAccount:
         self.stored_J = stored = surroundings.stored_J(position)
         self.supplied_J = supplied = surroundings.supplied_J - self._supplied_at_start_J
         slack = supplied - work - (stored - self._start_J)
-        if not slack >= self.slack_min:  # NaN is kept: then the account is not known
+        if not slack >= self.slack_min and not math.isnan(self.slack_min):  # NaN stays: then the account is not known
             self.slack_min = slack
 
     def state(self) -> AccountState:

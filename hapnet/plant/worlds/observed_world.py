@@ -8,6 +8,9 @@ from math import inf
 import numpy as np
 
 from hapnet.checks import MOST_PLANES, Array, Vector
+from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.loading import FAILURES, cause
+from hapnet.mechanics.plane import checked
 from hapnet.plant.worlds.observer import Observer
 from hapnet.plant.worlds.protocol import Inverse, Observed, Plane, Surface
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene
@@ -108,6 +111,15 @@ def nearest(planes: Iterable[Plane], position: Sequence[float], reach_m: float) 
     """Those that `position` (n,) [m] is behind, or has within `reach_m` [m]: the deepest first."""
     within = [plane for plane in planes if plane.depth(position) >= -reach_m]
     return tuple(sorted(within, key=lambda plane: -plane.depth(position))[:MOST_PLANES])
+
+
+def told_planes(scene: str, told: Iterable[Plane], dof: int) -> tuple[Plane, ...]:
+    """The first four planes that a user's scene tells. HapnetError with its name if they are none, or not valid."""
+    try:
+        return checked(told, dof)
+    except FAILURES as error:
+        why = str(error) if isinstance(error, InvalidParameter) else cause(error)
+        raise HapnetError(f"the scene {scene} failed: it told {told!r:.120}, not hapnet.Planes ({why})") from error
 
 
 def compliance_of(inverse: Inverse, dof: int) -> Array:

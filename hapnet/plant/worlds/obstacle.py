@@ -21,9 +21,10 @@ import numpy as np
 
 from hapnet.checks import Array, Vector
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.loading import cause
-from hapnet.mechanics.plane import Plane, checked
+from hapnet.loading import FAILURES, cause
+from hapnet.mechanics.plane import Plane
 from hapnet.plant.worlds.implicit import solved
+from hapnet.plant.worlds.observed_world import told_planes
 from hapnet.plant.worlds.shapes import Shape
 from hapnet.plant.worlds.walls import check_number
 
@@ -130,7 +131,7 @@ class Body:
         else:
             try:
                 found = tuple(tell(away, time))
-            except Exception as error:
+            except FAILURES as error:
                 raise HapnetError(f"the scene {self._scene} failed: its planes raised {cause(error)}") from error
         moves = self.velocity if self.obstacle.mass else self.ahead
         return tuple(
@@ -139,7 +140,7 @@ class Body:
                     offset_m=plane.offset_m + float(self.position @ plane.normal),
                     velocity_mps=plane.velocity_mps + float(moves @ plane.normal),
                 )
-                for plane in checked(found, self._dof)
+                for plane in told_planes(self._scene, found, self._dof)
             ]
         )
 
@@ -156,7 +157,7 @@ class Body:
     def _asked(self, name: str, function: Callable[..., Sequence[float] | float], *arguments: object) -> Array:
         try:
             told = np.array(function(*arguments), dtype=float, ndmin=1)
-        except Exception as error:
+        except FAILURES as error:
             raise HapnetError(f"the scene {self._scene} failed: its {name} raised {cause(error)}") from error
         if told.shape != (self._dof,) or not isfinite(told.sum()):
             numbers = f"{self._dof} finite number{'s' * (self._dof > 1)}"

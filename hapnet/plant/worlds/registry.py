@@ -21,7 +21,7 @@ from functools import partial
 from typing import Any
 
 from hapnet.errors import InvalidParameter
-from hapnet.loading import cause, load
+from hapnet.loading import FAILURES, cause, load
 from hapnet.plant.worlds import rigid
 from hapnet.plant.worlds.box import box
 from hapnet.plant.worlds.force_world import ForceWorld
@@ -61,7 +61,7 @@ def make_scene(name: str, **parameters: Any) -> World:
             scene = builder(**parameters)
             if isinstance(scene, Stepping) and not isinstance(scene, World):
                 scene = SteppedWorld(scene, dof=parameters.get("dof", 1), name=name.rpartition(":")[2])
-        except Exception as error:
+        except FAILURES as error:
             raise InvalidParameter("scene", name, f"a scene that can be built ({cause(error)})") from error
     if not isinstance(scene, World):
         allowed = "a function of position, velocity and time, or what returns a world, such as hapnet.Scene"

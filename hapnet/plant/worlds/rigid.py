@@ -295,7 +295,8 @@ def _unit(properties: Properties) -> float:
     """The unit of a file [m]: files do not say theirs."""
     text = properties.text("unit")
     if text is None or text not in _UNITS:
-        raise properties.error(text, f"the file's unit after it: ?unit=mm (or {', '.join(_UNITS)})")
+        given = properties.words if text is None else f"unit={text}"
+        raise properties.error(given, f"the file's unit after its name: ?unit=mm (or {', '.join(_UNITS)})")
     return _UNITS[text]
 
 

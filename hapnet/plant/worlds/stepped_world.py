@@ -14,9 +14,8 @@ import numpy as np
 
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError
-from hapnet.loading import cause
-from hapnet.mechanics.plane import checked
-from hapnet.plant.worlds.observed_world import ObservedWorld, compliance_of, nearest
+from hapnet.loading import FAILURES, cause
+from hapnet.plant.worlds.observed_world import ObservedWorld, compliance_of, nearest, told_planes
 from hapnet.plant.worlds.protocol import Inverse, Plane
 
 
@@ -53,11 +52,22 @@ class SteppedWorld(ObservedWorld):
 
     @property
     def supplied_J(self) -> float:
-        return float(getattr(self._stepping, "supplied_J", 0.0))
+        return self._energy("supplied_J")
 
     @property
     def bodies_J(self) -> float:
-        return float(getattr(self._stepping, "stored_J", 0.0))
+        return self._energy("stored_J")
+
+    def _energy(self, part: str) -> float:
+        """What the object tells of its energy; 0 if it does not tell [J]."""
+        try:
+            told = getattr(self._stepping, part, 0.0)
+            energy = float(told)
+        except FAILURES as error:
+            raise HapnetError(f"the scene {self.name} failed: its {part} is no number ({cause(error)})") from error
+        if not isfinite(energy):
+            raise HapnetError(f"the scene {self.name} failed: its {part} is {told!r}, not a finite number")
+        return energy
 
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...] | None:
         """What the object tells; None if it has no method `planes`."""
@@ -66,9 +76,9 @@ class SteppedWorld(ObservedWorld):
             return None
         try:
             told = tell(tuple(position), reach_m)
-        except Exception as error:
+        except FAILURES as error:
             raise HapnetError(f"the scene {self.name} failed: planes() raised {cause(error)}") from error
-        return None if told is None else nearest(checked(told, self.dof), position, reach_m)
+        return None if told is None else nearest(told_planes(self.name, told, self.dof), position, reach_m)
 
     def signal(self, name: str, value: object) -> None:
         """The device's side tells a value beside the stream; the object gets it if it has a method `signal`."""
@@ -93,7 +103,7 @@ class SteppedWorld(ObservedWorld):
     def _force(self, dt: float, position: Vector) -> np.ndarray[Any, np.dtype[np.float64]]:
         try:
             force = np.array(self._stepping.step(dt, position, self._velocity), dtype=float, ndmin=1)
-        except Exception as error:
+        except FAILURES as error:
             raise HapnetError(f"the scene {self.name} failed: step() raised {cause(error)}") from error
         if force.shape != (self.dof,) or not isfinite(force.sum()):
             numbers = f"{self.dof} finite number{'s' * (self.dof > 1)}"

@@ -11,7 +11,9 @@ from hapnet.kernel import ledger, set_position_coupling, smoothing, springs
 from hapnet.mechanics.spring import Spring
 from hapnet.simulation.compiled.mirror import optional, put, read, value, vector, write
 
-_LEDGER = "bound work credited sent margin margin_min slack slack_min _carry _sent_carry _credited_carry"
+_LEDGER = (
+    "bound work credited sent margin margin_min slack slack_min stored reservoir _carry _sent_carry _credited_carry"
+)
 
 
 def read_ledger(record: ledger.Ledger, source: Ledger) -> None:
@@ -52,13 +54,16 @@ def read_stages(record: smoothing.Stages, source: SetPositionCoupling) -> None:
 
 def read_coupling(record: set_position_coupling.Coupling, source: SetPositionCoupling) -> None:
     modulator = source.modulator
-    names = "set_position target has_sample account longest_step energy_min deficit_max discarded"
+    names = "set_position target has_sample account longest_step energy_min deficit_max discarded updates modulated"
     read(record, source, names, received="received", credit="credit")
     optional(record, "sent_s", "fresh", value(source, "sent_s"))
     read(record, modulator, "energy deficit")
     if isinstance(modulator, SetPositionModulator):
         record.passive = 1
-        read(record, modulator, "ceiling reserve harvested_only")
+        read(record, modulator, "ceiling reserve held_m drag_N harvested_only lends")
+    record.shares = int(value(source, "shares"))
+    record.level = -1.0 if source.level is None else source.level
+    record.peer_level = -1.0 if source.peer_level is None else source.peer_level
 
 
 def write_coupling(record: set_position_coupling.Coupling, target: SetPositionCoupling) -> None:
@@ -66,6 +71,6 @@ def write_coupling(record: set_position_coupling.Coupling, target: SetPositionCo
     assert isinstance(modulator, SetPositionModulator | ZeroOrderHold)
     modulator.set_position = vector(record, "set_position", n)
     write(record, modulator, "energy deficit")
-    write(record, target, "account energy_min deficit_max discarded")
+    write(record, target, "account energy_min deficit_max discarded updates modulated")
     target.target = vector(record, "target", n)
     target.restore(Arrived(vector(record, "received", n), float(record.credit), bool(record.has_sample)))

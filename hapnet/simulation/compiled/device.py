@@ -27,7 +27,7 @@ from hapnet.simulation.compiled.couplings import (
 )
 from hapnet.simulation.compiled.mirror import optional, put, read, replace, value, vector, write
 
-_SERVO_STATE = "guarded speed_max overrun_leak overrun_risk potential elapsed torque_path boundary"
+_SERVO_STATE = "guarded speed_max potential elapsed torque_path boundary"
 _SERVO_VECTORS = ("force", "commanded", "before", "velocity", "position")
 
 
@@ -128,13 +128,11 @@ def _coupled(record: sides.DeviceSide, device: SimulatedDevice) -> None:
 
 
 def _servo(record: set_position_servo.SampledServo, servo: SampledServo) -> None:
-    holding = servo.holding
-    read(record, servo, f"{_SERVO_STATE} {' '.join(_SERVO_VECTORS)} due longest_hold resolution damping")
+    read(record, servo, f"{_SERVO_STATE} {' '.join(_SERVO_VECTORS)} due resolution damping")
     record.rounding = rounding(servo.resolution, len(servo.force))
     record.trusts = int(any(servo.trusted_damping))
     put(record, "trusted", servo.trusted_damping)
     record.work = value(servo, "measured").work
-    optional(record, "hold_speed", "holds", None if holding is None else holding.speed)
 
 
 def _model(side: sides.DeviceSide, source: ContactModel) -> None:
@@ -142,6 +140,7 @@ def _model(side: sides.DeviceSide, source: ContactModel) -> None:
     record = side.model
     record.in_use = 1
     read(record, source, "fade_s shift_s shift fading age freedom compliance lead")
+    read(record, source, "yields_below remembers kept kept_goal")
     optional(record, "wanted_shift", "has_wanted", value(source, "wanted_shift"))
     optional(record, "start", "starts", value(source, "start"))
     if (earlier := value(source, "earlier")) is not None:
@@ -170,6 +169,8 @@ def _pending(record: contact_model.ContactModel, told: contact_model.Planes, pen
     record.pending = 1
     put(record, "told_position", proxy.position)
     put(record, "told_force", proxy.force)
+    record.told_reach_m = -1.0 if proxy.reach_m is None else proxy.reach_m
+    record.told_level = -1.0 if proxy.level is None else proxy.level
     told.count = len(proxy.planes)
     for k, plane in enumerate(proxy.planes):
         told.normal[k, : len(plane.normal)] = plane.normal

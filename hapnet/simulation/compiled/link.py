@@ -14,6 +14,7 @@ from hapnet.side.packet import Packet
 from hapnet.simulation.compiled.coverage import OUT_OF_RANGE, NotCompiledError
 from hapnet.simulation.compiled.mirror import put, read, value, vector, write
 from hapnet.simulation.compiled.wire import put_proxy
+from hapnet.wire.fields import LEVEL, REACH
 from hapnet.wire.messages import Energy, Position, Proxy, decode, encode
 from hapnet.wire.session import Session
 from netem import Link
@@ -42,6 +43,7 @@ class CompiledLink:
             record.resend_after_ns, record.resend_ordered = resends.after_ns, int(resends.ordered)
             put(record, "resend_chances", list(value(resends, "ascending")))
         record.in_order_ns = max(link.in_order_ns, LONG_AGO)
+        record.last_due_ns = max(link.last_due_ns, LONG_AGO)
         record.since_reorder = link.since_reorder
         read(record, link.counters, _COUNTERS)
         record.begun = record.offered
@@ -74,7 +76,7 @@ class CompiledLink:
         if isinstance(link.line, RateLine) and record.free_ns > LONG_AGO:
             link.line.free_ns = int(record.free_ns)
         if record.in_order_ns > LONG_AGO:
-            link.in_order_ns = int(record.in_order_ns)
+            link.in_order_ns, link.last_due_ns = int(record.in_order_ns), int(record.last_due_ns)
         link.since_reorder = int(record.since_reorder)
         link.queue.clear()
         for at in range(int(record.queued)):
@@ -108,8 +110,10 @@ class CompiledLink:
             else:
                 message.kind, message.sequence, message.stamp_ns = STREAM, content.sequence, content.sent_ns
                 read(message, content, "echo_ns came_ns position")
+                more = content.more or {}
+                message.level = more.get(LEVEL, -1.0)
                 if isinstance(content, Proxy):
-                    put_proxy(message, content.aimed_ns, content.force, content.planes)
+                    put_proxy(message, content.aimed_ns, content.force, content.planes, more.get(REACH))
             record.due_ns[slot], record.slots[slot] = due_ns, slot
         record.queued = len(self._link.queue)
         record.unused = record.capacity - record.queued
@@ -129,11 +133,14 @@ def _packet(message: Message, sender: Session, proxies: bool) -> Packet:
         return Packet("energy", encode(Energy(me, peer.incarnation, int(message.total_nJ), int(message.acked_nJ))))
     start = me, int(message.sequence), int(message.stamp_ns), vector(message, "position", n)
     echo = int(message.echo_ns), int(message.came_ns)
+    more = {name: float(told) for name, told in ((REACH, message.reach_m), (LEVEL, message.level)) if told >= 0.0}
     if not proxies:
-        return Packet("position", encode(Position(*start, *echo)))
+        return Packet("position", encode(Position(*start, *echo, more or None)))
     planes = tuple(
         (tuple(message.normal[k, :n].tolist()), float(message.offset[k]), float(message.stiffness[k]), 0.0,
          float(message.velocity[k]))
         for k in range(int(message.planes))
     )  # fmt: skip
-    return Packet("position", encode(Proxy(*start, int(message.aimed_ns), vector(message, "force", n), planes, *echo)))
+    return Packet(
+        "position", encode(Proxy(*start, int(message.aimed_ns), vector(message, "force", n), planes, *echo, more))
+    )

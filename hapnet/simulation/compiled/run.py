@@ -50,11 +50,12 @@ _DEVICE_VECTORS = (
 )  # fmt: skip
 _DEVICE_SCALARS = (
     "reservoir_J", "deficit_J", "potential_J", "sent_J", "credited_J", "margin_J", "slack_J", "age_s", "transit_s",
+    "bound_J", "work_J", "stored_J", "account_J", "operator_work_J",
 )  # fmt: skip
 _WORLD_VECTORS = ("position_m", "velocity_mps", "set_position_m", "target_m", "coupling_force_N", "contact_force_N")
 _WORLD_SCALARS = (
     "step_s", "penetration_m", "reservoir_J", "potential_J", "sent_J", "credited_J", "margin_J", "slack_J",
-    "age_s", "transit_s",
+    "age_s", "transit_s", "bound_J", "work_J", "stored_J", "account_J",
 )  # fmt: skip
 
 
@@ -94,7 +95,7 @@ class CompiledRun:
         counts, clock = scenario.counts, scenario.clock
         counts.device_last_ns, counts.ticks = value(side, "last_ns"), side.ticks
         counts.steps, counts.stepped_s, counts.longest_step_s, counts.world_last_ns = simulation.world.state()
-        counts.reach_m = tuning.reach_m
+        counts.reach_m, counts.reach_mps = tuning.reach_m, tuning.reach_speed_mps
         clock.now_ns, clock.period_ns = simulation.now_ns, simulation.period_ns
         clock.apart = int(simulation.hand is not simulation.two_port)
         clock.steps_used = STEPS

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from struct import Struct
 from typing import Any
 
-from hapnet.control.coupling import Proxy, vector_of
+from hapnet.control.coupling import Proxy, level_of, vector_of
 from hapnet.histogram import Histogram
 from hapnet.kernel import endpoint as endpoints
 from hapnet.kernel import energy_channel as channels
@@ -17,13 +16,13 @@ from hapnet.side.endpoint import NANO, DeviceEndpoint, WorldEndpoint
 from hapnet.side.packet import FRAME_OVERHEAD
 from hapnet.simulation.compiled.mirror import number, optional, put, read, replace, value, write
 from hapnet.wire.energy_channel import ChannelState, EnergyChannel
+from hapnet.wire.fields import LEVEL, REACH
 from hapnet.wire.messages import Energy, Position, encode
 from hapnet.wire.messages import Proxy as ProxyMessage
 from hapnet.wire.rto import RtoState
 from hapnet.wire.session import Session
 from hapnet.wire.token_bucket import BucketState
 
-_ECHO = Struct(">BQBQ").unpack
 _NUMBERING = {
     "least_ns": "least_ns", "newest": "newest", "run_heard_ns": "heard_ns", "mean_ns": "mean_ns",
     "before_ns": "before_ns", "lately_ns": "lately_ns", "roll_ns": "roll_ns", "count": "count",
@@ -33,7 +32,9 @@ _MONITOR = {
     "heard_ns": "heard_ns", "silences": "count", "longest_ns": "longest_ns", "total_ns": "total_ns",
     "recovery_max_ns": "recovery_max_ns", "received": "received", "missing": "missing",
 }  # fmt: skip
-_COUNTS = {"messages": "sent", "came": "came", "stalls": "stalls", "longest_stall_ns": "longest_stall_ns"}
+_COUNTS = {
+    "messages": "sent", "came": "came", "overtaken": "late", "stalls": "stalls", "longest_stall_ns": "longest_stall_ns",
+}  # fmt: skip
 _HISTOGRAMS = ("trips", "jitter", "ages")
 
 Endpoint = DeviceEndpoint | WorldEndpoint
@@ -44,17 +45,18 @@ def read_wire(wire: endpoints.Wire, endpoint: Endpoint, *, proxies: bool) -> Non
     session, record, arrived = endpoint.session, wire.endpoint, value(endpoint, "arrived")
     record.n, record.backlog, record.proxies = session.identity.dof, arrived.maxlen, int(proxies)
     record.next_sequence = session.positions.next_sequence
-    _, record.echo_ns, _, record.came_ns = _ECHO(value(session.positions, "echo"))
+    record.echo_ns, record.came_ns = value(endpoint, "echo")
     used = value(endpoint, "used")
-    record.took_ns = -1 if used is None else used[2]
+    record.used_ns, record.used_came_ns, record.took_ns = (0, 0, -1) if used is None else used
     record.accepts_stale = int(session.settings.accept_stale and session.settings.expects is Position)
     _sizes(record, session)
     for k, (sample, sent_ns, came_ns, took_ns, _) in enumerate(arrived):
         message = wire.samples[k]
         message.stamp_ns, wire.came_ns[k], wire.took_ns[k] = sent_ns, came_ns, took_ns
         put(message, "position", vector_of(sample))
+        message.level = _or_none(level_of(sample))
         if isinstance(sample, Proxy):
-            put_proxy(message, round(sample.aimed_s / NANO), sample.force, sample.planes)
+            put_proxy(message, round(sample.aimed_s / NANO), sample.force, sample.planes, sample.reach_m)
     record.waiting = len(arrived)
     waiting = list(value(endpoint, "credits"))
     put(wire, "credits_nJ", waiting)
@@ -63,8 +65,14 @@ def read_wire(wire: endpoints.Wire, endpoint: Endpoint, *, proxies: bool) -> Non
     _path(wire.path, session)
 
 
-def put_proxy(message: Message, aimed_ns: int, force: tuple[float, ...], planes: Any) -> None:
-    """A proxy's content besides its position. The kernel's walls have neither curvature nor friction."""
+def _or_none(told: float | None) -> float:
+    """As the kernel has what may not be told."""
+    return -1.0 if told is None else told
+
+
+def put_proxy(message: Message, aimed_ns: int, force: tuple[float, ...], planes: Any, reach_m: float | None) -> None:
+    """A proxy's content besides position and level. The kernel's walls have neither curvature nor friction."""
+    message.reach_m = _or_none(reach_m)
     message.aimed_ns = aimed_ns
     put(message, "force", force)
     message.planes = len(planes)
@@ -76,9 +84,9 @@ def put_proxy(message: Message, aimed_ns: int, force: tuple[float, ...], planes:
 def write_wire(record: endpoints.Wire, endpoint: Endpoint) -> None:
     session, side = endpoint.session, record.endpoint
     session.positions.next_sequence = int(side.next_sequence)
-    session.positions.echo(int(side.echo_ns), int(side.came_ns))
+    replace(endpoint, "echo", (int(side.echo_ns), int(side.came_ns)))
     if side.took_ns >= 0:
-        replace(endpoint, "used", (int(side.echo_ns), int(side.came_ns), int(side.took_ns)))
+        replace(endpoint, "used", (int(side.used_ns), int(side.used_came_ns), int(side.took_ns)))
     for kind, count in (("stale", int(side.stale)), ("leap", int(side.leaps))):
         if count:
             session.dropped[kind] += count
@@ -93,22 +101,27 @@ def _sizes(record: endpoints.Endpoint, session: Session) -> None:
     """The least sizes of the messages, with all headers [bytes]."""
     assert session.peer is not None
     me, peer = session.identity.incarnation, session.peer.incarnation
-    sizes = _least_sizes(me.bit_length(), peer.bit_length(), session.identity.dof)
-    position, proxy, record.plane_bytes, record.energy_bytes = sizes
-    record.stream_bytes = proxy if record.proxies else position
+    sizes = _least_sizes(me.bit_length(), peer.bit_length(), session.identity.dof, bool(record.proxies))
+    record.stream_bytes, record.level_bytes, record.plane_bytes, record.energy_bytes = sizes
 
 
 @lru_cache
-def _least_sizes(my_bits: int, peer_bits: int, dof: int) -> tuple[int, int, int, int]:
-    """The sizes of a position, of a proxy, of each plane in it, and of a message of the energy channel [bytes].
+def _least_sizes(my_bits: int, peer_bits: int, dof: int, proxies: bool) -> tuple[int, int, int, int]:
+    """The sizes of a message of the stream, of the level and of each plane in it, and of a message of the energy
+    channel [bytes].
 
     A number takes as many bytes as its bits need; other whole numbers than the incarnations take a byte more at least.
     """
     me, peer, still = 1 << my_bits - 1, 1 << peer_bits - 1, (0.0,) * dof
-    plane = (still, 0.0, 1.0, 0.0, 0.0)
-    bare, one = (len(encode(ProxyMessage(me, 0, 0, still, 0, still, planes))) for planes in ((), (plane,)))
-    position, energy = len(encode(Position(me, 0, 0, still))), len(encode(Energy(me, peer, 0, 0)))
-    return FRAME_OVERHEAD + position, FRAME_OVERHEAD + bare - 1, one - bare, FRAME_OVERHEAD + energy - 2
+
+    def size(more: dict[str, float], planes: Any = ()) -> int:
+        if proxies:
+            return len(encode(ProxyMessage(me, 0, 0, still, 0, still, planes, more={REACH: 0.0, **more}))) - 1
+        return len(encode(Position(me, 0, 0, still, more=more or None)))
+
+    bare, energy = size({}), len(encode(Energy(me, peer, 0, 0)))
+    plane = size({}, ((still, 0.0, 1.0, 0.0, 0.0),)) - bare
+    return FRAME_OVERHEAD + bare, size({LEVEL: 0.0}) - bare, plane, FRAME_OVERHEAD + energy - 2
 
 
 def _channel(record: channels.EnergyChannel, channel: EnergyChannel) -> None:

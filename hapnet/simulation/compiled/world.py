@@ -90,7 +90,7 @@ def _contacts(record: walls.Contacts, contacts: Contacts) -> None:
 
 def _predicted(record: prediction.PredictedDevice, source: PredictedDevice) -> None:
     """The prediction, which is then in use."""
-    record.in_use = 1
+    record.in_use, record.stop_s = 1, value(source, "stop_s")
     read(record, source, "", lag="lag", y="y", age="age", fresh="fresh", mean_step="step")
     optional(record, "aimed_s", "has_aimed", value(source, "aimed_s"))
     predictor = value(source, "predictor")

@@ -1,0 +1,47 @@
+"""What the pictures have in common that are drawn here, not by a command of hapnet."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import matplotlib
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+from hapnet.checks import Array
+from hapnet.report.style import MM, STYLE
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+COUPLINGS = {"zoh": "plain spring", "pspm": "PSPM"}
+POINTS = 2000
+
+
+def canvas(width_mm: float, height_mm: float) -> Figure:
+    """An empty figure in the style of the others."""
+    from matplotlib.figure import Figure
+
+    matplotlib.rcParams.update(STYLE)
+    figure = Figure(figsize=(width_mm * MM, height_mm * MM), dpi=150, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def saved(figure: Figure, name: str) -> None:
+    """Write it into the directory that `--out` names."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--out", type=Path, default=Path())
+    there = parser.parse_args().out
+    there.mkdir(parents=True, exist_ok=True)
+    figure.savefig(there / name)
+
+
+def thinned(values: Array) -> Array:
+    """Indices of about `POINTS` of them: the least and the greatest of each short stretch."""
+    if len(values) <= POINTS:
+        return np.arange(len(values))
+    stretches = np.array_split(np.arange(len(values)), POINTS // 2)
+    return np.unique([s[pick(values[s])] for s in stretches for pick in (np.argmin, np.argmax)])

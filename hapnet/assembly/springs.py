@@ -1,0 +1,106 @@
+"""The device's spring where the parameters leave it to a rule (`hapnet.couplings.default_stiffness`)."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+
+from hapnet.assembly.user_device import declared, load_class
+from hapnet.couplings import held_torque
+from hapnet.couplings.default_stiffness import PAPERS, default_stiffness
+from hapnet.couplings.registry import coupling
+from hapnet.errors import InvalidParameter
+from hapnet.params import DeviceParams, Params
+
+MOST_CEILING_J = 0.2
+"""A stiff spring needs a large reserve, and the reservoir's ceiling follows it up to this [J], if the user set none."""
+
+_DEFAULTS = DeviceParams()
+_ROUNDS = 30
+
+
+def with_springs(params: Params) -> Params:
+    """The parameters with `device.stiffness` as a number of N/m, if it was 0; `device.ceiling_J` may follow it.
+
+    The rule is for the couplings with the stages of ``feel = "hapnet"``. All others have the paper's spring, with which
+    they were tuned. A spring of more than that is never stiffer than the ceiling covers while its torque is held; a
+    ceiling that is left at its default grows for it.
+
+    Raises
+    ------
+    InvalidParameter : there is no such device, or no such coupling, or one axis of several has no stiffness.
+    """
+    device = params.device
+    if isinstance(device.stiffness, tuple) and not np.all(np.linalg.norm(np.atleast_2d(device.stiffness), axis=0)):
+        raise InvalidParameter("device.stiffness", device.stiffness, "0 for all axes (by rule), or above 0 for each")
+    if device.stiffness != 0.0:
+        return params
+    if params.feel == "paper" or not coupling(params.coupling).world_tells:
+        return params.set({"device.stiffness": PAPERS})
+    held = _as_declared(params)
+    known = held.own_damping if params.hardware == "simulated" else held.trusted_damping
+    K = default_stiffness(known, float(np.max(held.damping)), held.servo_hz, _declared_range(params))
+    ceiling_J = held.ceiling_J
+    if ceiling_J == _DEFAULTS.ceiling_J and K > PAPERS:
+        needed_J = held_torque.ceiling_for(dataclasses.replace(held, stiffness=K))
+        ceiling_J = min(max(ceiling_J, math.ceil(1e3 * needed_J) / 1e3), MOST_CEILING_J)
+    K = _covered(dataclasses.replace(held, ceiling_J=ceiling_J), K)
+    return params.set({"device.stiffness": K, "device.ceiling_J": ceiling_J})
+
+
+def without_rule(params: Params) -> Params:
+    """The reverse of `with_springs`: what the rule would choose again is left to it."""
+    for open_ in ({"device.stiffness": 0.0, "device.ceiling_J": _DEFAULTS.ceiling_J}, {"device.stiffness": 0.0}):
+        left_open = params.set(open_)
+        try:
+            if with_springs(left_open) == params:
+                return left_open
+        except InvalidParameter:  # the device, or the coupling, is not at hand
+            return params
+    return params
+
+
+def _as_declared(params: Params) -> DeviceParams:
+    """The device's parameters, with what its class declares in their place."""
+    device = dataclasses.replace(params.device, damping=float(np.max(params.device.damping)))
+    if params.hardware == "simulated":
+        return device
+    made = load_class(params.hardware)
+    limits = [limit for limit in (device.force_limit_N, declared(made, "force_limit")) if _is_number(limit)]
+    told = {"greatest_speed": declared(made, "greatest_speed"), "resolution_m": declared(made, "resolution")}
+    known: dict[str, Any] = {name: float(value) for name, value in told.items() if _is_number(value)}
+    return dataclasses.replace(device, force_limit_N=float(min(limits, default=0.0)), **known)
+
+
+def _is_number(value: object) -> bool:
+    """Is it a number above 0? A class may declare a property, or nothing."""
+    return isinstance(value, int | float) and value > 0
+
+
+def _declared_range(params: Params) -> tuple[float, float] | None:
+    """The stiffness that the device, or else `device.stiffness_range`, declares [N/m]; None: neither does."""
+    told: Any = None if params.hardware == "simulated" else declared(load_class(params.hardware), "stiffness_range")
+    if not isinstance(told, tuple | list):
+        told = None if params.device.stiffness_range == _DEFAULTS.stiffness_range else params.device.stiffness_range
+    if told is None:
+        return None
+    least, greatest = np.atleast_1d(told)[[0, -1]]
+    return float(np.max(least)), float(np.min(greatest))
+
+
+def _covered(device: DeviceParams, K: float) -> float:
+    """The stiffest spring from the paper's up to K whose held torque the device's ceiling covers [N/m]."""
+
+    def covers(stiffness: float) -> bool:
+        return held_torque.ceiling_for(dataclasses.replace(device, stiffness=stiffness)) <= device.ceiling_J
+
+    if K <= PAPERS or covers(K):
+        return K
+    low, high = PAPERS, K
+    for _ in range(_ROUNDS):
+        middle = (low + high) / 2.0
+        low, high = (middle, high) if covers(middle) else (low, middle)
+    return float(math.floor(low))

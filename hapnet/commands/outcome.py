@@ -1,0 +1,89 @@
+"""What is left of a run, whatever ended it: one summary of what its sides told and recorded, and the files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from hapnet.assembly.build import Setup
+from hapnet.assembly.memory import bytes_a_second, require_room
+from hapnet.commands import output
+from hapnet.commands.progress import Progress
+from hapnet.commands.report import source_of, write
+from hapnet.errors import InvalidParameter, RecordingError
+from hapnet.metrics import motion
+from hapnet.recording.mcap import read_recording
+from hapnet.recording.samples import Recording, join
+from hapnet.summary.recorded import of_parts
+from hapnet.summary.run import Summary
+
+if TYPE_CHECKING:
+    from hapnet.report import Source
+
+FILES = ("device.mcap", "world.mcap", "report.html", "figure.png", "summary.json", "log.jsonl")
+
+
+class Outcome(NamedTuple):
+    """A run's summary; and what was recorded of it, with the files, if anything was."""
+
+    summary: Summary
+    recording: Recording | None
+    sources: list[Source]
+
+
+def outcome(
+    told: Mapping[str, Summary], files: Mapping[str, Path], setup: Setup, seed: int, written: output.Written
+) -> Outcome:
+    """Of a run of both sides on this machine.
+
+    told : by role, the summary that a process left at its end; of one that was killed the samples count. files : by
+    role, the recordings that there are. setup, seed : of the run. written : is told what is missing.
+    """
+    recordings: dict[str, Recording] = {}
+    seconds = max((side["duration_s"] or 0.0 for side in told.values()), default=0.0)
+    try:
+        require_room("duration_s", seconds, seconds, bytes_a_second(setup.params, setup.dof), "recorded seconds")
+    except InvalidParameter as error:  # a run of days is longer than what fits into memory
+        written.missing.append(f"no report: {error}")
+        files = {}
+    for role, file in files.items():
+        try:
+            recordings[role] = read_recording(file)
+        except RecordingError as error:
+            written.missing.append(f"not in the report: {error}")
+    whole: Recording | None = None
+    try:
+        held = [one for one in recordings.values() if one.device is not None or one.world is not None]
+        whole = join(*held) if len(held) == 2 else held[0] if held else None
+    except RecordingError as error:
+        written.missing.append(f"no report: {error}")
+    summary = of_parts(told, recordings, whole, coupling=setup.params.coupling, seed=seed)
+    if whole is None:
+        return Outcome(summary, None, [])
+    summary["motion"] = motion(whole)
+    meta = {**whole.meta, "seed": seed, "links": {"up": str(setup.up), "down": str(setup.down)}}
+    sources = [source_of(files[role], recording) for role, recording in recordings.items()]
+    return Outcome(summary, replace(whole, meta=meta, summary=summary), sources)
+
+
+def outcome_of_side(summary: Summary, file: Path, written: output.Written) -> Outcome:
+    """Of one side that has ended, with its recording, if it wrote one."""
+    if not file.exists():
+        return Outcome(summary, None, [])
+    try:
+        recording = read_recording(file)
+    except RecordingError as error:
+        written.missing.append(f"no report: {error}")
+        return Outcome(summary, None, [])
+    return Outcome(summary, replace(recording, summary=summary), [source_of(file, recording)])
+
+
+def write_files(found: Outcome, directory: Path, written: output.Written) -> None:
+    """Write the summary and, of what was recorded, the page and the figure into `directory`."""
+    with written.part():
+        output.write_json(found.summary, str(directory / "summary.json"))
+    if found.recording is not None:
+        with Progress(output.progress_console(), "drawing"):
+            write(found.recording, found.sources, directory, "report.html", {"run": "figure.png"}, written)

@@ -1,0 +1,89 @@
+"""What `hapnet compare` compares by default: a quick set, and a full one in sections, each a comparison of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from hapnet.params import COUPLING_NAMES
+
+HANDS = tuple(f"hand-{number}" for number in range(21, 41))
+"""Nothing is tuned on these. Each touches a wall at the default place within 10 s, whatever the device's spring."""
+
+_FEW = HANDS[:8]
+_BOTH = ("pspm", "zoh")
+"""The theorem, and the same stages without it. Both run on the compiled kernel."""
+
+_FAR = ("lan", "4g", "leo", "intercontinental")
+
+
+def _tap(start_m: float, peak_mps: float) -> str:
+    """A press from `start_m` to 40 mm with such a peak speed: with minimum jerk 1.875 times the mean."""
+    reach_s = 1.875 * (0.04 - start_m) / peak_mps
+    return f"press:operator_hand.start_m={start_m:g}:operator_hand.reach_s={reach_s:.3g}"
+
+
+TAPS = tuple(_tap(start_m, peak_mps) for start_m in (0.0, -0.05, -0.1, -0.15) for peak_mps in (0.2, 0.4, 0.8))
+
+
+@dataclass(frozen=True)
+class Section:
+    """A comparison of the full set, or the quick one.
+
+    about : what it shows. changes : parameters of all its cases. The rest as `Plan`; links by name, seeds as A:B.
+    """
+
+    about: str
+    couplings: tuple[str, ...]
+    links: tuple[str, ...]
+    operators: tuple[str, ...]
+    changes: Mapping[str, object] = field(default_factory=dict)
+    seeds: str = "0:1"
+
+
+QUICK = Section(
+    "every coupling for ten seconds",
+    COUPLING_NAMES,
+    ("ideal", "lan", "4g", "intercontinental"),
+    ("press@light", "sine@light", "hand-11", _tap(-0.1, 0.5)),
+)
+
+
+def _moving(about: str, timeline: str) -> Section:
+    return Section(
+        about, _BOTH, ("4g", "intercontinental"), _FEW,
+        {"scene": "moving", "duration_s": 30.0, "world.wall.timeline": timeline},
+    )  # fmt: skip
+
+
+FULL: Mapping[str, Section] = {
+    "hands": Section("twenty hands that nothing was tuned on", COUPLING_NAMES, ("lan", "wifi", *_FAR[1:]), HANDS),
+    "minutes": Section(
+        "five minutes: the first 10 s beside the last minute", _BOTH, ("lan", "wifi", *_FAR[1:]), HANDS,
+        {"duration_s": 300.0},
+    ),
+    "taps": Section("taps from afar, at 0.2 to 0.8 m/s", _BOTH, _FAR, TAPS, {"duration_s": 60.0}),
+    "stiffness": Section(
+        "device springs of 100, 300 and 700 N/m",
+        tuple(f"{coupling}:device.stiffness={stiffness}" for stiffness in (100, 300, 700) for coupling in _BOTH),
+        ("lan", "4g", "intercontinental"), HANDS, {"duration_s": 60.0},
+    ),
+    "untold": _moving(
+        "a wall that nobody told before: it appears, and jumps to where it never was",
+        "at 0s: gone; at 4s: back; at 9s: shift 5mm; at 14s: shift -9mm; at 19s: shift 7mm; at 24s: shift -3mm",
+    ),
+    "moves": _moving(
+        "a wall that moves and softens",
+        "at 3s: shift 6mm over 2s; at 7s: shift -8mm over 1s; at 11s: shift 4mm over 500ms; "
+        "at 15s: stiffness 500 over 2s; at 20s: stiffness 3000 over 1s; at 23s: shift -2mm over 1s",
+    ),
+    "vanishes": _moving(
+        "a wall that vanishes, and comes back",
+        "at 4s: gone; at 7s: back; at 10s: gone; at 14s: back; at 17s: gone; at 19s: back; at 23s: gone; at 25s: back",
+    ),
+    "solid": Section("a ball", _BOTH, ("4g", "intercontinental"), _FEW, {"scene": "sphere", "duration_s": 20.0}),
+    "friction": Section(
+        "a rough plane", _BOTH, ("4g", "intercontinental"), _FEW,
+        {"scene": "plane?friction=0.3", "duration_s": 20.0},
+    ),
+}  # fmt: skip

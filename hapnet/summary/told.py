@@ -1,0 +1,119 @@
+"""A side's half of a summary as values that it can tell its peer, and both halves as one summary.
+
+What the peer tells is a claim of the peer's: `told` in the summary says whose, and as of when, and the verdict says so.
+Which values there are is said in `hapnet/wire/README.md`, under "Accounts".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from hapnet.summary.path import ROUND_TRIP, WAYS
+from hapnet.summary.run import judged, merge
+from hapnet.summary.structure import SIDES, SidePart, Summary, known, read
+from hapnet.wire.fields import Signal
+from hapnet.wire.messages import Role
+
+_PART = (
+    "ledger.margin_J", "ledger.slack_J", "ledger.bound_J", "ledger.work_J", "ledger.margin_end_J", "ledger.diverged",
+    "deficit_max_J", "quantisation_J", "true_slack_J", "force", "hand_work_J",
+    "sent_nJ", "credited_nJ", "acked_nJ", "in_flight_nJ", "abandoned_nJ", "unanswered_s", "incarnations", "peers_J",
+    "overrun_leak_J", "overrun_risk_J", "speed_max_mps", "speed_limit_mps",
+    "stopped.after_s", "stopped.why", "stopped.asked",
+    "contradictions.tellers", "contradictions.credited", "contradictions.acknowledged",
+    "environment.env_diverged", "environment.env_slack_J", "environment.env_supplied_J", "environment.env_stored_J",
+    "environment.env_given_J", "environment.env_paid_J",
+)  # fmt: skip
+"""Of the side's own part of the summary."""
+
+_MOTION: dict[Role, tuple[str, ...]] = {"device": ("peak_force_N",), "world": ("peak_penetration_m", "contacts")}
+_PATH = ("sent", "lost", "loss")
+_WALL = ("stiffness_N_m", "springs_N_m")
+
+
+class Claim(NamedTuple):
+    """What a peer told last: its values, and when they came, in seconds after this side's pairing.
+
+    final : its control had stopped. whole : it covers all of this side's time.
+    """
+
+    values: Mapping[str, Signal]
+    as_of_s: float
+    final: bool
+    whole: bool
+
+
+def values_of(own: Summary, role: Role) -> dict[str, Signal]:
+    """What a side tells, from its own summary. What is not known is left out."""
+    found: dict[str, Any] = {name: _at(own[role], name) for name in _PART}
+    found |= {f"motion.{name}": _at(own["motion"], name) for name in _MOTION[role]}
+    found |= {f"path.{name}": _at(own["path"][WAYS[role]], name) for name in _PATH}
+    found |= {f"path.{name}": _at(own["path"], name) for name in ROUND_TRIP}
+    found |= {f"wall.{name}": _at(own["environment"], name) for name in _WALL}
+    return {name: told for name, value in found.items() if (told := _tellable(value)) is not None}
+
+
+def joined(own: Summary, role: Role, claim: Claim) -> Summary:
+    """Both sides' summary, as one of them knows it: `own`, and what its peer claims."""
+    other = SIDES[1 - SIDES.index(role)]
+    far = _read(claim.values, other)
+    part, mine = far[other], own[role]
+    assert part is not None
+    if mine is not None and not claim.final:
+        _bring_up(part, mine)
+    both = merge(*((own, far) if role == "device" else (far, own)), seed=own["seed"])
+    both["motion"] = far["motion"]
+    for name in _MOTION[role]:
+        both["motion"][name] = own["motion"][name]  # type: ignore[literal-required]
+    both["duration_s"], both["tuning"], both["wall_clock"] = own["duration_s"], own["tuning"], own["wall_clock"]
+    both["told"] = {"side": other, "as_of_s": claim.as_of_s, "final": claim.final, "whole": claim.whole}
+    return judged(both)
+
+
+def _bring_up(part: SidePart, mine: SidePart) -> None:
+    """Bring the counts of a peer that goes on up to what is known of it since it told them."""
+    sent, credited, acked = part["sent_nJ"], part["credited_nJ"], mine["acked_nJ"]
+    if sent is not None and mine["credited_nJ"] is not None and sent < mine["credited_nJ"]:
+        part["sent_nJ"] = None
+    if credited is not None and acked is not None:
+        part["credited_nJ"] = max(credited, acked)
+
+
+def _read(values: Mapping[str, Signal], role: Role) -> Summary:
+    """The summary that has these values of a side; all else is None, and so is what has another type."""
+    part: dict[str, Any] = {"stopped": {}}
+    for name in _PART:
+        *nested, last = name.split(".")
+        inside = part.setdefault(nested[0], {}) if nested else part
+        inside[last] = values.get(name)
+    if part["stopped"].get("why") is None:
+        part["stopped"] = None
+    springs = values.get("wall.springs_N_m")
+    path: dict[str, Any] = {name: values.get(f"path.{name}") for name in ROUND_TRIP}
+    way = {name: values.get(f"path.{name}") for name in _PATH}
+    return read({
+        role: part,
+        "motion": {name: values.get(f"motion.{name}") for name in _MOTION[role]},
+        "path": path | ({} if way["sent"] is None else {WAYS[role]: way}),
+        "environment": {
+            "stiffness_N_m": values.get("wall.stiffness_N_m"),
+            "springs_N_m": list(springs) if isinstance(springs, tuple) else None,
+        },
+    })  # fmt: skip
+
+
+def _at(tree: object, name: str) -> object:
+    for key in name.split("."):
+        tree = tree.get(key) if isinstance(tree, Mapping) else None
+    return tree
+
+
+def _tellable(value: object) -> Signal:
+    """The value as a message can have it; None: it is not known."""
+    if isinstance(value, list | tuple):
+        numbers = [number for one in value if (number := known(one)) is not None]
+        return tuple(numbers) if numbers else None
+    if isinstance(value, str):
+        return "".join(c if c.isprintable() else " " for c in value)[:200]
+    return value if isinstance(value, bool) else known(value)

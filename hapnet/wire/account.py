@@ -1,0 +1,127 @@
+"""A side's account, told to its peer while both run and once more at the end, until the peer has answered. No clock.
+
+What it says is the sender's own claim, and nothing in the protocol depends on it. The newest account counts. A side
+whose account is final asks for an answer, and repeats it every `REPEAT_NS` until one comes. An answer is an account
+too, made after what it answers: so it covers all that was before, though the two sides have no common clock.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Literal, NamedTuple
+
+from hapnet.errors import BadMessage
+from hapnet.wire.fields import U64, AccountMap, Flag, More, Signal
+
+REPEAT_NS = 100_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Account:
+    """The account of the sender's half of a pair with `addressee`, as a summary has it.
+
+    number : counts this incarnation's accounts from 1. heard : the newest of the addressee's that came before the
+    values were made; 0: none. asks : an answer is wanted. final : the sender's control has stopped.
+    """
+
+    KIND: ClassVar[int] = 12
+    CHANNEL: ClassVar[Literal["control"]] = "control"
+    incarnation: U64
+    addressee: U64
+    number: U64
+    heard: U64
+    asks: Flag
+    final: Flag
+    values: AccountMap
+    more: More | None = None
+
+
+class Heard(NamedTuple):
+    """The newest account of the peer. came_ns : when it came. covers : the peer had heard this one when it made it."""
+
+    number: int
+    values: Mapping[str, Signal]
+    final: bool
+    came_ns: int
+    covers: int
+
+
+class AccountExchange:
+    """The accounts of one side, in both directions.
+
+    Attributes
+    ----------
+    heard : the newest of the peer, or of the last one if there is none now; None: none came.
+    owes : the peer asks for an account, and none was told since.
+    """
+
+    def __init__(self) -> None:
+        self.heard: Heard | None = None
+        self.owes: bool = False
+        self._values: dict[str, Signal] = {}
+        self._number = self._answered = self._first_final = self._newest = self._told_heard = 0
+        self._final = False
+        self._due_ns: int | None = None
+
+    def tell(self, values: Mapping[str, Signal], *, final: bool) -> None:
+        """Tell the peer this account, made now. A final one that has not changed keeps its number."""
+        if not (final and self._final and dict(values) == self._values):
+            self._number += 1
+            self._values = dict(values)
+        if final and not self._final:
+            self._first_final = self._number
+        self._final = final
+        self._told_heard, self.owes, self._due_ns = self._newest, False, 0
+
+    @property
+    def known(self) -> bool:
+        """Has the peer answered the newest account, a final one? Also if it has never told any: it will not answer."""
+        return self.heard is None or (self._final and self._answered >= self._number)
+
+    @property
+    def whole(self) -> bool:
+        """Does the newest account of the peer cover all of this side's time? It is final, or answers a final one."""
+        heard = self.heard
+        return heard is not None and (heard.final or 0 < self._first_final <= heard.covers)
+
+    def receive(self, message: Account, now_ns: int) -> None:
+        """Take an account of the peer's.
+
+        Raises
+        ------
+        BadMessage : it is older than one before, or answers one that was never told.
+        """
+        if message.heard > self._number:
+            raise BadMessage("range", f"an account that answers {message.heard}; allowed: up to {self._number}")
+        if message.number < self._newest or not message.number:
+            raise BadMessage("stale", f"account {message.number} comes after a later one")
+        covers = message.heard
+        if self.heard is not None and message.number == self._newest:  # repeated, or answered once more
+            covers = max(covers, self.heard.covers)
+        self._newest = message.number
+        self._answered = max(self._answered, message.heard)
+        self.owes = self.owes or message.asks
+        self.heard = Heard(message.number, message.values, message.final, now_ns, covers)
+
+    def poll(self, now_ns: int) -> tuple[int, int, bool, bool, dict[str, Signal]] | None:
+        """What to send now: the elements of an `Account` from its number on; None: nothing is due."""
+        if self._due_ns is None or now_ns < self._due_ns:
+            return None
+        asks = self._final and self._answered < self._number
+        if self._due_ns and not asks:  # it was answered before it was due again
+            self._due_ns = None
+            return None
+        self._due_ns = now_ns + REPEAT_NS if asks else None
+        return self._number, self._told_heard, asks, self._final, self._values
+
+    @property
+    def next_due_ns(self) -> int | None:
+        """When to call `poll` next; None: nothing is planned."""
+        return self._due_ns
+
+    def change_pair(self, *, paired: bool) -> None:
+        """There is another peer now, which has told and heard nothing; or none, and what the last one told stays."""
+        self.owes, self._due_ns, self._answered = False, None, 0
+        if paired:
+            self.heard, self._newest, self._told_heard = None, 0, 0

@@ -1,0 +1,114 @@
+"""Somebody on the link who hears both sides, and speaks in the device's name: runs in virtual time under attack.
+
+He reads the incarnations and the energy messages, and tells the world of energy that the device will harvest later, or
+never. His frames come to the world at once; but he cannot take away those of the device.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import partial
+from unittest.mock import patch
+
+from hapnet.assembly.build import Setup, device_session, world_session
+from hapnet.params import Params
+from hapnet.side.packet import Packet
+from hapnet.simulation.simulation import Simulation
+from hapnet.wire.messages import Energy, decode, encode
+from hapnet.wire.secret import Secret
+from hapnet.wire.session import Session
+
+LOOK_NS = 5_000_000
+NANO = 1e-9
+STYLES = ("bare", "next", "far ahead", "again", "late")
+"""What he makes of the further entry ``sums``: none; the next number; one far ahead; that of the device's last message.
+Or he keeps frames with the next number, and sends them backwards at the end of his time."""
+
+
+@dataclass(frozen=True)
+class Lie:
+    """What he does.
+
+    from_s, until_s : when he speaks, in simulated time. lead_s : he tells what an honest device had sent so much
+    later. more_nJ : and so much more. style : one of `STYLES`.
+    """
+
+    from_s: float
+    until_s: float
+    lead_s: float
+    more_nJ: int
+    style: str
+
+
+class Attacked(Simulation):
+    """A run under attack.
+
+    Parameters
+    ----------
+    lie : what the forger does; None: nothing.
+    foreseen : what an honest device had sent at a time [ns] in all [nJ].
+    secrets : do the sides agree on a secret? Otherwise they have only `hapnet.wire.sums`.
+    """
+
+    def __init__(
+        self,
+        params: Params,
+        seed: int = 0,
+        lie: Lie | None = None,
+        foreseen: Callable[[int], int] = lambda now_ns: 0,
+        *,
+        secrets: bool = False,
+    ) -> None:
+        self.totals: list[tuple[int, int]] = []
+        """All that the device had sent, by the time [ns, nJ]."""
+        self.early_nJ = 0
+        """The most that the world had credited before the device sent it."""
+        self._lie, self._foreseen = lie, foreseen
+        self._heard: Energy | None = None
+        self._kept: list[Packet] = []
+        made = partial(_session, secrets=secrets)
+        module = "hapnet.simulation.simulation"
+        with (
+            patch(f"{module}.device_session", partial(made, device_session, private=b"d" * 32)),
+            patch(f"{module}.world_session", partial(made, world_session, private=b"w" * 32)),
+        ):
+            super().__init__(params, seed, kernel=False)
+
+    def _until(self, end_ns: int) -> None:
+        while self.now_ns < end_ns:
+            super()._until(min(end_ns, self.now_ns + LOOK_NS))
+            self.totals.append((self.now_ns, self.device_endpoint.session.sent_nJ))
+            self._speak()
+            early_nJ = self.world_endpoint.session.credited_nJ - self.device_endpoint.session.sent_nJ
+            self.early_nJ = max(self.early_nJ, early_nJ)
+
+    def _to_world(self, packets: Iterable[Packet]) -> None:
+        for packet in (packets := list(packets)):
+            if packet.kind == "energy" and isinstance(message := decode(packet.data), Energy):
+                self._heard = message
+        super()._to_world(packets)
+
+    def _speak(self) -> None:
+        lie, heard, now_s = self._lie, self._heard, self.now_ns * NANO
+        if lie is None or heard is None or now_s < lie.from_s:
+            return
+        if now_s > lie.until_s:
+            super()._to_world(reversed(self._kept))
+            self._kept.clear()
+            return
+        total_nJ = max(heard.total_nJ, self._foreseen(self.now_ns + round(lie.lead_s / NANO))) + lie.more_nJ
+        number, _, seen = (heard.more or {})["sums"]
+        number += {"far ahead": 500, "again": 0}.get(lie.style, 1)
+        more = None if lie.style == "bare" else {"sums": (number, total_nJ, seen)}
+        packet = Packet("energy", encode(heard._replace(total_nJ=total_nJ, acked_nJ=0, more=more)))
+        if lie.style == "late":
+            self._kept.append(packet)
+        else:
+            super()._to_world([packet])
+
+
+def _session(make: Callable[..., Session], setup: Setup, incarnation: int, *, secrets: bool, private: bytes) -> Session:
+    session = make(setup, incarnation, secret=Secret(private) if secrets else None)
+    session.settings = replace(session.settings, tells_sums=True)
+    return session

@@ -1,0 +1,42 @@
+"""A small comparison, and made-up measures of its cases."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from hapnet.commands import compare_plan
+from hapnet.metrics import METRICS
+from hapnet.params import Params
+from hapnet.study.backend import Backend
+from hapnet.study.case import Measures
+from hapnet.study.compare import Case, Outcome, Plan
+from hapnet.study.journal import Journal
+from hapnet.study.runner import Sweep
+
+QUICK_PARAMS = compare_plan.BASE.set({"duration_s": 0.2})
+LINKS = {"near": ("delay 1ms", "delay 1ms"), "far": ("delay 20ms 5ms loss 5%", "delay 30ms")}
+
+
+def plan(params: Params = QUICK_PARAMS, couplings: tuple[str, ...] = ("pspm", "zoh"), seeds: int = 2) -> Plan:
+    return Plan(params, couplings, LINKS, ("press", "sine@light"), tuple(range(seeds)))
+
+
+def known(**values: float | None) -> Measures:
+    return {**dict.fromkeys(METRICS, None), "margin_J": 0.1, "hand_margin_J": 0.05, **values}
+
+
+def outcomes(asked: Plan, measures: Callable[[Case], Measures | None]) -> list[Outcome]:
+    found = [(one, measures(one)) for one in asked.cases()]
+    return [Outcome(one, values, None if values else "it broke") for one, values in found]
+
+
+def compared(asked: Plan, directory: Path, backend: Backend) -> list[Outcome]:
+    """As the command does."""
+    spec = asked.spec
+    journal = Journal.create_or_resume(directory, spec, spec.cases())
+    Sweep(journal, backend, lambda done: None).run()
+    backend.close()
+    found = asked.outcomes(journal.rows())
+    journal.close()
+    return found
