@@ -29,8 +29,8 @@ settings.load_profile("hapnet")
 
 
 _SIGNALS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)
-_REAL_TIME = ("hapnet.bench", "hapnet.realtime", "hapnet.transport", "netem.aio", "netem.bench", "netem.relay", "netem.zenoh_relay",
-              "tests.faults", "tests.processes", "tests.view")  # fmt: skip
+_REAL_TIME = ("hapnet.bench", "hapnet.realtime", "hapnet.transport", "netem.aio", "netem.bench", "netem.relay",
+              "netem.zenoh_relay", "tests.faults", "tests.processes", "tests.view")  # fmt: skip
 _PROCESSES = ("multiprocessing", "subprocess", "tests.processes", "hapnet.simulation.processes")
 _VIRTUAL_TIME = ("tests.study", "tests.test_processes")
 
