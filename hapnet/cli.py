@@ -138,7 +138,7 @@ def view(
     *,
     session: Annotated[str | None, typer.Option(help="Name of the session.", show_default="the first heard")] = None,
     name: Annotated[str | None, typer.Option(help="Name of the device.", show_default="the first heard")] = None,
-    zenoh: Annotated[ZenohOptions, Without("users", "mutual_tls")],
+    zenoh: Annotated[ZenohOptions, Without("users", "mutual_tls", "encrypt")],
     page: PageOptions,
 ) -> int:
     """Watch a pair that runs elsewhere on a live page, without disturbing it: `hapnet view -e tcp/HOST:17447`.

@@ -121,6 +121,8 @@ def prepare(directory: Path, page: Path, certificates: Path) -> None:
     (directory / "users").write_text("alice:secret\n", "utf-8")
     (directory / "password").write_text("secret\n", "utf-8")
     (directory / "password").chmod(0o600)
+    (directory / "word").write_text("correct horse\n", "utf-8")
+    (directory / "word").chmod(0o600)
     times = np.arange(0.0, 3.0, 0.02)
     rows = [f"{t:.2f},{0.02 * (1.0 - np.cos(2.0 * t)):.6f},0.0,1,0.5" for t in times]
     (directory / "hand.csv").write_text("\n".join(["time_s,x_m,y_m,pen_down,pressure", *rows]) + "\n", "utf-8")

@@ -7,7 +7,7 @@ from collections import Counter
 from typing import Any
 
 from hapnet.wire.events import EnergyCredited, Event
-from hapnet.wire.messages import Role, decode
+from hapnet.wire.messages import Encrypted, Role, decode
 from hapnet.wire.session import Session, SessionSettings
 
 MS = 1_000_000
@@ -54,7 +54,8 @@ class Network:
                     outgoing, events = s.poll(self.now)
                     self.events.setdefault(s.identity.incarnation, []).extend(events)
                     for frame in outgoing:
-                        assert frame.kind == decode(frame.data).CHANNEL
+                        message = decode(frame.data)
+                        assert isinstance(message, Encrypted) or frame.kind == message.CHANNEL
                         self.put(s, frame.data)
             self.now += MS
             ready = [item for item in self.path if item[0] <= self.now]

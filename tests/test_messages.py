@@ -16,6 +16,7 @@ from hapnet.wire import messages
 from hapnet.wire.messages import (
     Account,
     Bye,
+    Encrypted,
     Energy,
     Hello,
     Message,
@@ -70,6 +71,14 @@ GOLDEN: dict[str, Message] = {
     ),
     "signals": Signals(A, B, 3, {"buttons": (True, False), "grip": 0.25, "tool": "pen"}),
     "account": Account(A, B, 4, 2, True, True, {"ledger.margin_J": 0.125, "sent_nJ": 1_500_000}),
+    "encrypted": Encrypted(
+        A,
+        7,
+        bytes.fromhex(
+            "72dc64e2fdc109a0a32f9d96d4edce76d45e880042b30260935263af58735026a8ef9c00f53d"
+            "b6f47d0d5f3fd03854f253d03e4ed4fe206b16d343d458c775393f3ed3915b4f40402f8cf65f2a1cace902979a76278425c4850683c3"
+        ),
+    ),
     "further": Energy(B, A, 0, 1_500_000, {"example": (1, True)}),
 }
 FRAMES = dict(
@@ -199,6 +208,7 @@ any_message = st.one_of(
     st.builds(Refuse, incarnations, naturals, texts),
     st.builds(Signals, incarnations, naturals, naturals, signals, further),
     st.builds(Account, incarnations, *[naturals] * 3, st.booleans(), st.booleans(), signals, further),
+    st.builds(Encrypted, incarnations, naturals, st.binary(min_size=17, max_size=300), further),
     st.builds(Bye, incarnations, naturals, totals, texts, further),
 )
 

@@ -221,6 +221,12 @@ def test_listening_without_encryption_is_warned_of_in_one_line(tmp_path: Path) -
     file.write_text('{listen: {endpoints: ["tcp/0.0.0.0:1", "udp/127.0.0.1:1", "ws/[::]:2"]}}', "utf-8")
     (warning,) = zenoh_warnings(ZenohSettings(config=str(file)))
     assert warning.startswith("listening on tcp/0.0.0.0:1, ws/[::]:2 without encryption: ")
+    encrypting = Security(encrypt=True)
+    (warning,) = zenoh_warnings(ZenohSettings(config=str(file), security=encrypting))
+    assert warning.startswith("listening on tcp/0.0.0.0:1, ws/[::]:2 without --secret-file: ")
+    (word := tmp_path / "word").write_text("correct horse\n", "utf-8")
+    word.chmod(0o600)
+    assert zenoh_warnings(ZenohSettings(config=str(file), security=replace(encrypting, secret_file=word))) == ()
     assert zenoh_warnings(ZenohSettings(multicast_scouting=True)) == ()
     assert zenoh_warnings(ZenohSettings(connect=("tcp/192.0.2.1:1",))) == ()
 

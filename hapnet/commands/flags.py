@@ -255,6 +255,15 @@ SecretFile = Annotated[
     ),
 ]
 
+Encrypt = Annotated[
+    bool,
+    typer.Option(
+        "--encrypt",
+        help="Encrypt all that the two sides send, also over udp; the other side follows. Best with --secret-file.",
+        rich_help_panel=_SECURITY,
+    ),
+]
+
 Session = Annotated[str, typer.Option(help="Name of the session, the same on both sides.")]
 Name = Annotated[str, typer.Option(help="Name of the device, the same on both sides.")]
 Record = Annotated[

@@ -180,6 +180,7 @@ class ZenohOptions:
     password_file: flags.PasswordFile = None
     users: flags.Users = None
     secret_file: flags.SecretFile = None
+    encrypt: flags.Encrypt = False
 
     @property
     def security(self) -> Security:
@@ -197,11 +198,12 @@ class ZenohOptions:
             password,
             self.users,
             self.secret_file,
+            self.encrypt,
         )
 
 
 Dialling = Annotated[
-    ZenohOptions, Without("mode", "listen", "config", "no_multicast_scouting", "cfg", "users", "secret_file")
+    ZenohOptions, Without("mode", "listen", "config", "no_multicast_scouting", "cfg", "users", "secret_file", "encrypt")
 ]
 """The options of a command that only dials."""
 

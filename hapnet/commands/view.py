@@ -78,6 +78,8 @@ def _state(watcher: Watcher) -> str:
         problem = f" ({watcher.problem})" if watcher.problem else ""
         return f"waiting for a pair's telemetry: {watcher.where}{problem}"
     text = "watching session {} of device {}".format(*watcher.pair)
+    if watcher.undecrypted:
+        text += "; it encrypts: --secret-file with the word of its sides lets you see it"
     if watcher.others:
         more = ", ".join(" ".join(pair) for pair in sorted(watcher.others))
         text += f"; others that --session and --name can choose: {more}"

@@ -82,10 +82,11 @@ class LinkDriver:
         now_ns = self._clock()
         with self.lock:
             released = self.port.send(now_ns, data)
+            passed = self.port.link.next_due_ns is None
         for packet in released:
             self._put(packet.kind, packet.data)
         self._sent_ns = now_ns
-        if len(released) == 1 and released[0].data is data and not self.port.wire.uncollected:
+        if passed and not self.port.wire.uncollected:
             return  # nothing else is due sooner than before
         with self.lock:
             self.port.collect()

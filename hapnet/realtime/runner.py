@@ -97,7 +97,8 @@ class RealtimeSide:
         self._write: Callable[[Sample], None] = early.append
         callbacks = ControlCallbacks(self._send, self._keep, self._fail, lambda: self._link_driver.arm())
         incarnation = secrets.randbits(63) + 1
-        secret = Secret(secrets.token_bytes(32), zenoh.security.secret_word())
+        secret = Secret(secrets.token_bytes(32), zenoh.security.secret_word(), encrypts=zenoh.security.encrypt)
+        self._for_watchers = secret.for_watchers(incarnation)
         if record is not None:
             require_writable(record)
         self._transport = ZenohTransport(
@@ -168,6 +169,10 @@ class RealtimeSide:
         self._link_driver.send(data)
 
     def _put(self, data: bytes) -> None:
+        if self.wire.session.encrypts:
+            if self._for_watchers is None:
+                return  # nobody else may read what the pair does
+            data = self._for_watchers.encrypt(data)
         self._transport.put(TELEMETRY, data)
 
     def _on_message(self, kind: str, data: bytes) -> None:

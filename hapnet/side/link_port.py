@@ -58,10 +58,13 @@ class LinkPort:
 
         Call `collect` afterwards for the energy that came with the message: the message goes first.
         """
-        packet = Packet("position", data)
+        frame = self.wire.session.outward(data)
+        if frame is None:
+            return ()
+        packet = Packet("position", frame)
         if self.link.passes():
             return (packet,)
-        self.link.send(now_ns, packet, len(data) + FRAME_OVERHEAD)
+        self.link.send(now_ns, packet, len(frame) + FRAME_OVERHEAD)
         return [released for _, released in self.link.poll(now_ns)]
 
     def collect(self) -> None:

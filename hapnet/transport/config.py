@@ -151,10 +151,17 @@ def zenoh_warnings(settings: ZenohSettings) -> tuple[str, ...]:
     config = zenoh_config(settings)
     warnings = settings.security.warnings()
     exposed = [endpoint for endpoint in endpoints_of(config, "listen") if is_exposed(endpoint)]
-    if exposed:
+    security = settings.security
+    if exposed and not security.encrypt:
         warnings += (
-            f"listening on {', '.join(exposed)} without encryption: anybody who reaches it can read and send; "
-            "use tls/ or quic/ with --tls-cert, --tls-key, --tls-ca and --mutual-tls, or 127.0.0.1",
+            f"listening on {', '.join(exposed)} without encryption: anybody who reaches it can read and send; use "
+            "--encrypt and --secret-file, tls/ or quic/ with --tls-cert, --tls-key, --tls-ca and --mutual-tls, or "
+            "127.0.0.1",
+        )
+    elif exposed and security.secret_file is None:
+        warnings += (
+            f"listening on {', '.join(exposed)} without --secret-file: who reaches it can be the other side, or stand "
+            "between the two while they pair",
         )
     return warnings
 

@@ -48,6 +48,7 @@ class Security:
     users : on the side that listens, a file of lines ``user:password``: who may dial.
     secret_file : its first line is a word that both sides have, and nobody else; it goes into the key of
         `hapnet.wire.secret`. Neither needs certificates for it.
+    encrypt : pair with nobody who cannot encrypt, and encrypt what the two sides send (`hapnet.wire.encryption`).
     """
 
     tls_ca: Path | None = None
@@ -59,6 +60,7 @@ class Security:
     password: str | None = field(default=None, repr=False)
     users: Path | None = None
     secret_file: Path | None = None
+    encrypt: bool = False
 
     def secret_word(self) -> str:
         """The first line of `secret_file`; empty if there is none.

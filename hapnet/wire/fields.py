@@ -38,6 +38,12 @@ LEVEL = "level"
 REACH = "reach"
 """The further entry of a proxy: within this distance [m] there are no other planes than those that it tells."""
 
+ENCRYPTION_BYTES = 16
+"""What encryption adds to a frame, besides the message that carries it."""
+
+ENCRYPTS = "encrypts"
+"""The further entry of a hello or a welcome of who can encrypt: must this pair?"""
+
 KEY = "key"
 """The further entry of a hello or a welcome: its sender's public key, of X25519."""
 
@@ -154,6 +160,11 @@ def more(value: object) -> None:
 def public_key(value: object) -> None:
     if type(value) is not bytes or len(value) != KEY_BYTES:
         raise BadMessage("type", f"{_kind(value)}; allowed: a key of {KEY_BYTES} bytes")
+
+
+def ciphertext(value: object) -> None:
+    if type(value) is not bytes or len(value) <= ENCRYPTION_BYTES:
+        raise BadMessage("type", f"{_kind(value)}; allowed: more than {ENCRYPTION_BYTES} bytes")
 
 
 def sums(value: object) -> None:
@@ -283,6 +294,7 @@ About = Annotated[dict[str, Scalar], about]
 SignalMap = Annotated[dict[str, Signal], signals]
 AccountMap = Annotated[dict[str, Signal], account]
 Flag = Annotated[bool, flag]
+Ciphertext = Annotated[bytes, ciphertext]
 More = Annotated[dict[str, Any], more]
 """What a frame's map of further entries says."""
 

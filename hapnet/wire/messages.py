@@ -16,6 +16,7 @@ import msgpack
 from hapnet.errors import BadMessage
 from hapnet.wire import fields
 from hapnet.wire.account import Account as Account
+from hapnet.wire.encryption import Encrypted as Encrypted
 from hapnet.wire.fields import (
     MAX_COORDINATE,
     MAX_DOF,
@@ -276,7 +277,7 @@ class Signals:
     more: More | None = None
 
 
-Message = Stream | Energy | Hello | Welcome | Refuse | Bye | Signals | Account
+Message = Stream | Energy | Hello | Welcome | Refuse | Bye | Signals | Account | Encrypted
 
 
 class OtherVersion(BadMessage):
@@ -407,8 +408,8 @@ _FURTHER: dict[type[Message], dict[str, Callable[[object], object]]] = {
     Position: {fields.LEVEL: fields.level},
     Proxy: {fields.LEVEL: fields.level, fields.REACH: fields.reach},
     Energy: {fields.SUMS: fields.sums},
-    Hello: {fields.KEY: fields.public_key},
-    Welcome: {fields.KEY: fields.public_key},
+    Hello: {fields.KEY: fields.public_key, fields.ENCRYPTS: fields.flag},
+    Welcome: {fields.KEY: fields.public_key, fields.ENCRYPTS: fields.flag},
 }
 _STREAM = (Position, Motion, Port, Wave, Proxy)
 _LAYOUTS = {cls.KIND: _Layout.of(cls) for cls in get_args(Message)}

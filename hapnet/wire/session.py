@@ -23,6 +23,7 @@ from typing import NamedTuple
 from hapnet.errors import BadMessage, InvalidParameter
 from hapnet.wire.account import AccountExchange
 from hapnet.wire.control_sender import ControlMessage
+from hapnet.wire.encryption import Cipher
 from hapnet.wire.energy_channel import EnergyChannel, Totals
 from hapnet.wire.events import EnergyCredited, Event, PositionReceived, SampleReceived
 from hapnet.wire.fields import MAX_TEXT, SUMS, Signal
@@ -31,6 +32,7 @@ from hapnet.wire.messages import (
     Account,
     Bye,
     Channel,
+    Encrypted,
     Energy,
     Hello,
     Identity,
@@ -58,6 +60,7 @@ from hapnet.wire.secret import Secret, sealed
 from hapnet.wire.session_settings import SessionSettings as SessionSettings
 from hapnet.wire.signals import SignalExchange
 from hapnet.wire.stream import PositionStream as PositionStream
+from hapnet.wire.stream_frames import sequence_of
 from hapnet.wire.sums import Sums
 from hapnet.wire.token_bucket import TokenBucket
 
@@ -111,6 +114,7 @@ class Session:
         self._admission = TokenBucket(self.settings.admission_W, self.settings.admission_burst_J)
         self._past = Totals()
         self._channel = self._open_channel(0.0)
+        self._cipher: Cipher | None = None
         self.sums: Sums = Sums()
         """Whether what comes in the peer's name about energy fits together."""
         self.positions: PositionStream = PositionStream(incarnation)
@@ -174,9 +178,12 @@ class Session:
         before = self._handshake.peer
         try:
             message = decode(data)
+            if type(message) is Encrypted:
+                message = self._decrypted(message, now_ns)
+            elif type(message) is not self._expects or self._cipher is not None:
+                self._handshake.keys.require_seal(message, data)
             if type(message) is self._expects:  # nearly every message
                 return self._on_stream(message, now_ns)
-            self._handshake.keys.require_seal(message, data)
             events = self._dispatch(message, now_ns, data)
         except OtherVersion as error:
             self._drop(error)
@@ -187,6 +194,20 @@ class Session:
         if self._handshake.peer is not before:
             self._change_pair(now_ns)
         return events
+
+    def outward(self, frame: bytes) -> bytes | None:
+        """A frame of this side's stream as it goes to the network: encrypted where the pair encrypts.
+
+        None: it must not go, since it could be read.
+        """
+        if self._cipher is not None:
+            return self._cipher.encrypt(frame, sequence_of(frame))
+        return None if self._handshake.keys.must_encrypt else frame
+
+    @property
+    def encrypts(self) -> bool:
+        """Must nothing that others can read leave this side?"""
+        return self._cipher is not None or self._handshake.keys.must_encrypt
 
     def _drop(self, error: BadMessage) -> None:
         self.dropped[error.kind] += 1
@@ -303,6 +324,17 @@ class Session:
                 return self._on_bye(message, now_ns)
             case Hello() | Welcome() | Refuse():
                 return self._handshake.receive(message, now_ns, data)
+            case Encrypted():  # never: what was in one is here in its place
+                return ()
+
+    def _decrypted(self, message: Encrypted, now_ns: int) -> Message:
+        self._handshake.on_data(message.incarnation, now_ns)
+        if self._cipher is None:
+            raise BadMessage("forged", "an encrypted message; this pair does not encrypt")
+        inside = decode(self._cipher.decrypt(message))
+        if inside.incarnation != message.incarnation or not isinstance(inside, _OF_PAIR):
+            raise BadMessage("forged", f"a {type(inside).__name__} of {inside.incarnation:#x}, encrypted by its peer")
+        return inside
 
     def _on_energy(self, message: Energy, now_ns: int) -> tuple[Event, ...]:
         announced_nJ = self._channel.announced_nJ
@@ -376,18 +408,25 @@ class Session:
                 self.peers_J = reservoir_J  # the peers after it start with none
         self.signals.change_pair()
         self.accounts.change_pair(paired=self.peer is not None)
+        self._cipher = None if self.peer is None else self._handshake.keys.cipher(self.peer.incarnation)
         self._channel.abandon()
         self._past.add(self._channel)
         self._channel = self._open_channel(self._channel.residue_J)
         self.sums.change_pair()
 
     def _outgoing(self, message: Energy | Signals | Account | ControlMessage) -> Outgoing:
+        if self._cipher is not None and isinstance(message, _OF_PAIR):
+            return Outgoing(message.CHANNEL, self._cipher.encrypt(encode(message)))
         key = None if isinstance(message, Hello) else self._handshake.keys.shared_with(message.addressee)
         frame = encode(message) if isinstance(message, Hello) or key is None else sealed(message, key)
         return Outgoing(message.CHANNEL, frame)
 
     def _open_channel(self, residue_J: float) -> EnergyChannel:
         return EnergyChannel(self._admission, spacing_ns=self.settings.spacing_ns, residue_J=residue_J)
+
+
+_OF_PAIR = (Position, Motion, Port, Wave, Proxy, Energy, Signals, Account)
+"""What the sides of a pair say to each other, beside what begins and ends it."""
 
 
 def _word(stream: Stream | type[Stream]) -> str:

@@ -13,6 +13,7 @@ from hapnet.wire.messages import Message, decode, encode
 from tests.fuzzing.mutator import (
     ACCOUNT,
     BYE,
+    ENCRYPTED,
     ENERGY,
     HELLO,
     MOTION,
@@ -38,6 +39,7 @@ LENGTHS = {
     PROXY: 11,
     SIGNALS: 6,
     ACCOUNT: 9,
+    ENCRYPTED: 5,
 }
 
 BAD_FRAMES = {"size", "malformed", "version", "kind", "length", "type", "range", "dimension"}
@@ -78,6 +80,8 @@ def allowed(data: bytes) -> list[Any] | None:
         return None
     if kind in (HELLO, WELCOME) and "key" in more and not (isinstance(more["key"], bytes) and len(more["key"]) == 32):
         return None
+    if kind in (HELLO, WELCOME) and "encrypts" in more and not isinstance(more["encrypts"], bool):
+        return None
     if kind in (POSITION, PROXY) and "level" in more and not _within(more["level"], 1.0):
         return None
     if kind == PROXY and "reach" in more and not _within(more["reach"], 1e6):
@@ -106,6 +110,8 @@ def _fields(kind: int, fields: list[Any]) -> bool:
         case 12, [addressee, number, heard, asks, final, values]:
             flags = isinstance(asks, bool) and isinstance(final, bool)
             return all(map(_integer, (addressee, number, heard))) and flags and _signals(values, 64)
+        case 13, [number, content]:
+            return _integer(number) and isinstance(content, bytes) and len(content) > 16
         case 6, [addressee, acked_nJ, reason]:
             return _integer(addressee) and _integer(acked_nJ, 0, 2**63 - 1) and _text(reason)
     return False

@@ -12,7 +12,20 @@ from hapnet.control.set_position_coupling import Modulator, SetPositionCoupling
 from hapnet.errors import BadMessage
 from hapnet.side.endpoint import BACKLOG, ControlHalf, Endpoint
 from hapnet.wire.events import EnergyCredited, Event, Paired, PositionReceived, SampleReceived
-from hapnet.wire.messages import Account, Energy, Message, Motion, Port, Position, Proxy, Refuse, Signals, Wave, decode
+from hapnet.wire.messages import (
+    Account,
+    Encrypted,
+    Energy,
+    Message,
+    Motion,
+    Port,
+    Position,
+    Proxy,
+    Refuse,
+    Signals,
+    Wave,
+    decode,
+)
 from hapnet.wire.session import Outgoing
 from tests.fuzzing.decoder import BAD_FRAMES, Broken, allowed, hold
 from tests.fuzzing.mutator import BYE, ENERGY, MOTION, PORT, POSITION, PROXY, SIGNALS, WAVE, WELCOME
@@ -162,6 +175,8 @@ class Watch:
             hold(dropped != counts, "account", message, "after", self._account, "dropped:", dropped)
             if counts:
                 self._account = message.number
+        elif isinstance(message, Encrypted):  # this side has no key
+            hold(dropped, message, "was not dropped")
         elif getattr(message, "addressee", self.own) not in (self.own, 0) and message.KIND != BYE:
             hold(dropped, message, "was meant for somebody else")
         if message.incarnation == self.own:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable
 import msgpack
 
 INCARNATION, SEQUENCE = 2, 3
-POSITION, ENERGY, HELLO, WELCOME, REFUSE, BYE, MOTION, PORT, WAVE, PROXY, SIGNALS, ACCOUNT = range(1, 13)
+POSITION, ENERGY, HELLO, WELCOME, REFUSE, BYE, MOTION, PORT, WAVE, PROXY, SIGNALS, ACCOUNT, ENCRYPTED = range(1, 14)
 STREAMS = (POSITION, MOTION, PORT, WAVE, PROXY)
 MOST_RECORDED = 64
 
@@ -85,6 +85,7 @@ class Mutator:
             (self._retyped, 18), (self._resized, 5), (self._seed, 3), (self._replayed, 10),
             (self._position, 16), (self._energy, 14), (self._hello, 5), (self._welcome, 3),
             (self._parting, 0.3), (self._version, 1), (self._deep, 0.7), (self._signals, 2), (self._account, 2),
+            (self._encrypted, 1),
         )  # fmt: skip
         self._ways = [way for way, _ in plan]
         self._weights = list(_running(weight for _, weight in plan))
@@ -338,6 +339,13 @@ class Mutator:
         heard = 0 if r() < 0.9 else self._count(0, 3, 2**64 - 1)
         flags = [r() < 0.5 if r() < 0.97 else self._odd() for _ in range(2)]
         return _packed([2, ACCOUNT, self._who(), self._whom(), self._told_accounts, heard, *flags, values])
+
+    def _encrypted(self) -> bytes:
+        """Of somebody who has no key."""
+        r = self.rng.random
+        number = self.rng.choice((self._sequence + 1, 2**63, self.rng.getrandbits(64)))
+        content = self.rng.randbytes(17 + int(r() * 80)) if r() < 0.9 else self._odd()
+        return _packed([2, ENCRYPTED, self._who(), number, content, *self._further()])
 
     def _hello(self) -> bytes:
         r = self.rng.random
