@@ -104,7 +104,7 @@ def _end(result: Result) -> dict[str, Any]:
         "sampled": device.held_forces(), "quantisation": device.quantisation, "true_slack": device.true_slack,
         "world": world.state(), "mass": (world.mass.position, world.mass.velocity), "next_step": world.next_step_ns(),
         **{
-            side: [one.set_position, one.target, one.account, one.ledger.state()]
+            side: [one.set_position, one.target, one.account, vars(one.ledger)]
             for side, one in (("at_device", device.coupling), ("at_world", world.coupling))
         },
     }  # fmt: skip

@@ -13,7 +13,7 @@ import pytest
 
 from hapnet import cli, simulate_batch
 from hapnet.kernel import sources
-from hapnet.kernel.jit import COMPILED
+from hapnet.kernel.twins import COMPILED
 from hapnet.params import Params
 from hapnet.simulation.compiled import coverage
 from hapnet.simulation.simulation import Simulation
@@ -83,7 +83,7 @@ def test_what_studies_compare_by_default_gives_the_same_bits(coupling: str, oper
 def test_plain_python_gives_the_same_bits() -> None:
     """The kernel's source without numba, in a process of its own, since a module is compiled or not."""
     check = (
-        "from hapnet.kernel.jit import COMPILED\nfrom tests.kernel_cases import LOSSY, differences, kernel_case\n"
+        "from hapnet.kernel.twins import COMPILED\nfrom tests.kernel_cases import LOSSY, differences, kernel_case\n"
         "assert not COMPILED\n"
         "found = differences(LOSSY, 1), differences(kernel_case(3, 1, 'continuous', 0.25), 3)\n"
         "assert not any(found), found"

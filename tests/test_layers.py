@@ -30,17 +30,18 @@ LONGEST = 420
 MOST_ATTRIBUTES = 20
 
 BASE = {"errors", "checks", "params", "law_params", "param_values", "param_schema", "loading", "versions", "histogram"}
-BELOW_ASSEMBLY = {"mechanics", "control", "plant", "wire", "recording", "side", "couplings", "metrics"}
+BELOW_ASSEMBLY = {"records", "mechanics", "control", "plant", "wire", "recording", "side", "couplings", "metrics"}
 MAY_IMPORT = {  # a package, and what it may know beside itself and the base
-    "mechanics": set(),
-    "control": {"mechanics"},
-    "plant": {"mechanics"},
-    "wire": set(),
+    "records": set(),
+    "mechanics": {"records"},
+    "control": {"records", "mechanics"},
+    "plant": {"records", "mechanics"},
+    "wire": {"records"},
     "recording": {"plant", "wire"},
     "side": {"mechanics", "control", "plant", "wire", "recording"},
     "couplings": {"mechanics", "control", "wire"},
     "metrics": {"plant", "recording"},
-    "kernel": {"mechanics", "control", "plant", "wire"},  # it compiles some of their functions
+    "kernel": {"records", "mechanics", "control", "plant", "wire"},  # it compiles some of their functions
     "devices": {"plant"},
     "assembly": BELOW_ASSEMBLY | {"devices"},
     "summary": BELOW_ASSEMBLY,

@@ -34,6 +34,7 @@ from hapnet.wire.messages import (
 )
 
 A, B = 0x1122334455667788, 0xFEDCBA9876543210
+PROXY = Proxy(B, 7, 1_000_000_000, (0.01, 0.0), 2_000_000_000, (-1.5, 0.0), (((1.0, 0.0), 0.02, 3000.0, 10.0, 0.0),))
 GOLDEN: dict[str, Message] = {
     "position": Position(A, 7, 1_000_000_000, (0.01, -0.25, 0.0), 2_000_000_000, 995_000_000),
     "energy": Energy(A, B, 1_500_000, 20_000),
@@ -46,29 +47,9 @@ GOLDEN: dict[str, Message] = {
     "port": Port(B, 7, 1_000_000_000, (1.5,), 1_500_000),
     "wave": Wave(A, 7, 1_000_000_000, (0.5,), 5_000_000),
     "integral": Wave(A, 7, 1_000_000_000, (0.5,), 5_000_000, more={"integral": ((0.0125,), 40_000_000)}),
-    "proxy": Proxy(
-        B, 7, 1_000_000_000, (0.01, 0.0), 2_000_000_000, (-1.5, 0.0), (((1.0, 0.0), 0.02, 3000.0, 10.0, 0.0),)
-    ),
-    "curvatures": Proxy(
-        B,
-        7,
-        1_000_000_000,
-        (0.01, 0.0),
-        2_000_000_000,
-        (-1.5, 0.0),
-        (((1.0, 0.0), 0.02, 3000.0, 10.0, 0.0),),
-        more={"curvatures": ((((0.0, 1.0), 25.0),),)},
-    ),
-    "friction": Proxy(
-        B,
-        7,
-        1_000_000_000,
-        (0.01, 0.0),
-        2_000_000_000,
-        (-1.5, 0.0),
-        (((1.0, 0.0), 0.02, 3000.0, 10.0, 0.0),),
-        more={"friction": (0.5,)},
-    ),
+    "proxy": PROXY,
+    "curvatures": PROXY._replace(more={"curvatures": ((((0.0, 1.0), 25.0),),)}),
+    "friction": PROXY._replace(more={"friction": (0.5,)}),
     "signals": Signals(A, B, 3, {"buttons": (True, False), "grip": 0.25, "tool": "pen"}),
     "account": Account(A, B, 4, 2, True, True, {"ledger.margin_J": 0.125, "sent_nJ": 1_500_000}),
     "encrypted": Encrypted(

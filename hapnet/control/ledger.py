@@ -13,11 +13,26 @@ credits more than the other has sent.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+
+from hapnet.records.equation import equation
+from hapnet.records.record import Record
 
 
-class LedgerState(NamedTuple):
-    """`Ledger`'s attributes, and what rounding has added too much to its sums [J]."""
+class Ledger(Record):
+    """Account of one side; all in joules.
+
+    Parameters
+    ----------
+    stored : V(0): kinetic and potential energy at the start.
+    reservoir : E(0).
+
+    Attributes
+    ----------
+    bound : this side's share of d^2: V(0) + E(0).
+    stored : V at the last `observe`, or at the start. reservoir : E likewise; a deficit counts as negative.
+    carry, credited_carry, sent_carry : what rounding has added too much to the sums, which are compensated (Kahan). So
+        rounding does not show after days of ticks.
+    """
 
     bound: float
     work: float
@@ -33,54 +48,31 @@ class LedgerState(NamedTuple):
     sent_carry: float
     credited_carry: float
 
-
-class Ledger:
-    """Account of one side; all in joules.
-
-    Parameters
-    ----------
-    stored : V(0): kinetic and potential energy at the start.
-    reservoir : E(0).
-
-    Sums are compensated (Kahan), so rounding does not show after days of ticks.
-    """
-
-    __slots__ = (
-        "_carry", "_credited_carry", "_sent_carry", "bound", "credited", "margin", "margin_min", "reservoir", "sent",
-        "slack", "slack_min", "stored", "work",
-    )  # fmt: skip
-
     def __init__(self, stored: float, reservoir: float) -> None:
-        self.bound: float = stored + reservoir
-        """This side's share of d^2: V(0) + E(0)."""
-        self.work: float = 0.0
-        self.credited: float = 0.0
-        self.sent: float = 0.0
-        self.margin: float = self.bound
-        self.margin_min: float = self.bound
-        self.slack: float = 0.0
-        self.slack_min: float = math.inf
-        self.stored: float = stored
-        """V at the last `observe`, or at the start."""
-        self.reservoir: float = reservoir
-        """E likewise; a deficit counts as negative."""
-        self._carry = self._sent_carry = self._credited_carry = 0.0
+        super().__init__()
+        self.bound = self.margin = self.margin_min = stored + reservoir
+        self.slack_min = math.inf
+        self.stored, self.reservoir = stored, reservoir
 
+    @equation
     def credit(self, energy: float) -> None:
         """Energy received from the other side, each joule once."""
-        self.credited, self._credited_carry = _added(self.credited, energy, self._credited_carry)
+        self.credited, self.credited_carry = _added(self.credited, energy, self.credited_carry)
 
+    @equation
     def send(self, energy: float) -> None:
         """Energy shuffled to the other side."""
-        self.sent, self._sent_carry = _added(self.sent, energy, self._sent_carry)
+        self.sent, self.sent_carry = _added(self.sent, energy, self.sent_carry)
 
+    @equation
     def put_in(self, work: float) -> None:
         """Add the work done on this side at its port since the last call; negative if the side output energy."""
-        term = work - self._carry
+        term = work - self.carry
         total = self.work + term
-        self._carry = (total - self.work) - term
+        self.carry = (total - self.work) - term
         self.work = total
 
+    @equation
     def observe(self, stored: float, reservoir: float) -> None:
         """Update margin and slack with the present V and E (a deficit counts as negative)."""
         margin = self.work + self.bound + self.credited - self.sent
@@ -94,23 +86,14 @@ class Ledger:
         if slack < self.slack_min:
             self.slack_min = slack
 
-    def state(self) -> LedgerState:
-        """What `restore` takes."""
-        return LedgerState(
-            self.bound, self.work, self.credited, self.sent, self.margin, self.margin_min, self.slack, self.slack_min,
-            self.stored, self.reservoir, self._carry, self._sent_carry, self._credited_carry,
-        )  # fmt: skip
 
-    def restore(self, state: LedgerState) -> None:
-        """Go on from there."""
-        (
-            self.bound, self.work, self.credited, self.sent, self.margin, self.margin_min, self.slack, self.slack_min,
-            self.stored, self.reservoir, self._carry, self._sent_carry, self._credited_carry,
-        ) = state  # fmt: skip
-
-
+@equation
 def _added(total: float, term: float, carry: float) -> tuple[float, float]:
     """Kahan summation: the new total, and the error that rounding added to it."""
     term -= carry
     new = total + term
     return new, (new - total) - term
+
+
+credit, send, put_in, observe = Ledger.credit, Ledger.send, Ledger.put_in, Ledger.observe
+"""As equations call them."""

@@ -24,6 +24,7 @@ from hapnet.checks import Vector
 from hapnet.control.coupling import CouplingSample, vector_of
 from hapnet.mechanics.plane import Plane
 from hapnet.params import ContactModelParams
+from hapnet.records.equation import equation
 
 _DEFAULTS = ContactModelParams()
 
@@ -34,6 +35,7 @@ STEP_GAIN = 0.1
 """Of the running mean of the world's steps: the next step is not known when y is chosen."""
 
 
+@equation
 def depth_ahead(depth: float, free: float, speed: float, ahead: float, stop_s: float) -> float:
     """How deep a hand will be behind a plane that stops it [m]; below 0: in front of it (ours).
 

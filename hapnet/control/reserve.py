@@ -50,6 +50,7 @@ from typing import NamedTuple
 
 from hapnet.checks import Vector
 from hapnet.control.limits import step_towards
+from hapnet.records.equation import equation
 
 FORGET_S = 10.0
 """How long an overrun is remembered in full, and then half of it [s]."""
@@ -253,6 +254,7 @@ class Holding(NamedTuple):
         return self.time + max(0.0, FARTHEST_M - self.far) / self.speed
 
 
+@equation
 def spendable(at_hand: float, reserve: float, held_m: float, drag_N: float, stiffness: float) -> float:
     """The most energy that the spring may hold [J], of all in spring and reservoir; also compiled as it stands.
 
@@ -270,6 +272,7 @@ def spendable(at_hand: float, reserve: float, held_m: float, drag_N: float, stif
     return max(free, min(at_hand, covered * covered / (2.0 * stiffness)))
 
 
+@equation
 def ramp(force: float, step: float) -> float:
     """S(F) [N]: the sum over ticks of a force's length while it is reduced by `step` a tick [N]."""
     if force <= 0.0:
@@ -280,6 +283,7 @@ def ramp(force: float, step: float) -> float:
     return (steps + 1) * force - 0.5 * step * steps * (steps + 1)
 
 
+@equation
 def longest(total: float, step: float) -> float:
     """The longest force [N] with ``S(F) <= total`` [N]."""
     if step == math.inf or total <= step:

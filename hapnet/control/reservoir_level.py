@@ -22,6 +22,8 @@ Both functions are compiled for the kernel as they stand.
 
 from __future__ import annotations
 
+from hapnet.records.equation import equation
+
 SHARING_S = 0.5
 """Time constant of the exchange [s]."""
 
@@ -32,6 +34,7 @@ MARGIN = 0.1
 """Levels that differ by less stay as they are."""
 
 
+@equation
 def level(energy: float, lent: float, reserve: float, ceiling: float, modulated: bool) -> float:
     """L. A reservoir that can hold nothing above its reserve needs nothing: 1.
 
@@ -47,6 +50,7 @@ def level(energy: float, lent: float, reserve: float, ceiling: float, modulated:
     return min(1.0, max(0.0, (energy + lent - reserve) / room))
 
 
+@equation
 def gift(dt: float, own: float, peer: float, room: float, spare: float) -> float:
     """The energy to send now [J].
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from hapnet.control import added_damping as reference
-from hapnet.kernel.jit import compiled
-from hapnet.kernel.records import Floats, Matrix, Record, Vector
-from hapnet.kernel.vectors import copy, low_pass
+from hapnet.records.equation import equation
+from hapnet.records.record import Floats, Matrix, Record, Vector
+from hapnet.records.vectors import copy, low_pass
 
 _VELOCITY_S = reference.VELOCITY_S
 _AGED_S, _OLD_S, _OLD_NS_M = reference.AGED_S, reference.OLD_S, reference.OLD_NS_M
@@ -20,7 +20,7 @@ class FilteredVelocity(Record):
     velocity: Vector
 
 
-@compiled
+@equation
 def filter_velocity(velocity: FilteredVelocity, n: int, dt: float, x: Floats) -> None:
     """`FilteredVelocity.step`: into `velocity.velocity`."""
     if not velocity.known:
@@ -39,7 +39,7 @@ class AddedDamping(Record):
     compliance: Matrix
 
 
-@compiled
+@equation
 def damp(
     added: AddedDamping, velocity: FilteredVelocity, n: int, dt: float, x: Floats, y: Floats, age: float, freedom: float
 ) -> None:
@@ -52,5 +52,5 @@ def damp(
     for i in range(n):
         total = 0.0
         for j in range(n):
-            total += added.compliance[i, j] * (damping * velocity.velocity[j])
+            total += added.compliance[i][j] * (damping * velocity.velocity[j])
         y[i] = y[i] - total

@@ -7,9 +7,9 @@ from typing import Annotated
 from hapnet.control import contact_model as reference
 from hapnet.control import told_plane
 from hapnet.kernel.added_damping import AddedDamping, FilteredVelocity, damp, filter_velocity
-from hapnet.kernel.jit import compiled
-from hapnet.kernel.records import AXES, PLANES, Floats, Matrix, OfPlanes, Record, Vector, VectorsOfPlanes
-from hapnet.kernel.vectors import copy, dot, equal, length, low_pass, times
+from hapnet.records.equation import equation
+from hapnet.records.record import AXES, PLANES, Floats, Matrix, OfPlanes, Record, Vector, VectorsOfPlanes
+from hapnet.records.vectors import copy, dot, equal, length, low_pass, times
 
 _FORGET_S, _SETTLED_MPS, _YIELDING_S = reference.FORGET_S, reference.SETTLED_MPS, reference.YIELDING_S
 _SAME_M, _SAME_COSINE, _SAME_STIFFNESS = told_plane.SAME_M, told_plane.SAME_COSINE, told_plane.SAME_STIFFNESS
@@ -76,7 +76,7 @@ class ContactModel(Record):
     forces: Annotated[Floats, (PLANES,)]
 
 
-@compiled
+@equation
 def step(
     model: ContactModel,
     planes: Planes,
@@ -118,7 +118,7 @@ def step(
     copy(n, y, model.made_y)
 
 
-@compiled
+@equation
 def understand(model: ContactModel, told: Planes, n: int) -> None:
     """`_Told`: what follows from K' for the planes that were told."""
     for i in range(told.count):
@@ -126,7 +126,7 @@ def understand(model: ContactModel, told: Planes, n: int) -> None:
         told.softness[i] = 1.0 / told.stiffness[i] + dot(n, told.normal[i], told.response[i])
 
 
-@compiled
+@equation
 def _take(model: ContactModel, planes: Planes, told: Planes, n: int, x: Floats) -> None:
     """`ContactModel._take`: the told planes take the place of the present ones."""
     model.pending = 0
@@ -145,7 +145,7 @@ def _take(model: ContactModel, planes: Planes, told: Planes, n: int, x: Floats) 
             model.fading[i] = model.fading[i] + (model.before[i] - model.s[i])
 
 
-@compiled
+@equation
 def copy_planes(source: Planes, target: Planes) -> None:
     """Copy a set of planes."""
     target.count = source.count
@@ -153,7 +153,7 @@ def copy_planes(source: Planes, target: Planes) -> None:
         copy_plane(source, i, target, i)
 
 
-@compiled
+@equation
 def copy_plane(source: Planes, i: int, target: Planes, k: int) -> None:
     """Copy plane i of one set to the place k of another."""
     copy(AXES, source.normal[i], target.normal[k])
@@ -164,7 +164,7 @@ def copy_plane(source: Planes, i: int, target: Planes, k: int) -> None:
     target.softness[k] = source.softness[i]
 
 
-@compiled
+@equation
 def _remember(model: ContactModel, earlier: Planes, told: Planes, n: int) -> None:
     """`ContactModel._remembered`: adds to the told planes."""
     if not model.remembers or model.told_reach_m < 0.0:
@@ -182,7 +182,7 @@ def _remember(model: ContactModel, earlier: Planes, told: Planes, n: int) -> Non
         told.count += 1
 
 
-@compiled
+@equation
 def _want_shift(model: ContactModel, earlier: Planes, told: Planes, n: int) -> None:
     """`ContactModel._shift_wanted`, with `_proxy_velocity`."""
     moved = model.has_earlier != 0 and model.told_sent_s > model.earlier_s
@@ -209,12 +209,12 @@ def _want_shift(model: ContactModel, earlier: Planes, told: Planes, n: int) -> N
             continue
         known = True
         for axis in range(n):
-            model.s[axis] += told.normal[i, axis] * error
+            model.s[axis] += told.normal[i][axis] * error
     model.has_wanted = 1 if known else 0
     copy(n, model.s, model.wanted_shift)
 
 
-@compiled
+@equation
 def _among(one: Planes, i: int, others: Planes, count: int, n: int, position: Floats) -> bool:
     """Is plane i the same surface as any of the first `count` others?"""
     found = False
@@ -223,7 +223,7 @@ def _among(one: Planes, i: int, others: Planes, count: int, n: int, position: Fl
     return found
 
 
-@compiled
+@equation
 def _same(one: Planes, i: int, other: Planes, j: int, n: int, position: Floats) -> bool:
     """`ToldPlane.same`."""
     here = dot(n, one.normal[i], position) - one.offset[i]
@@ -232,7 +232,7 @@ def _same(one: Planes, i: int, other: Planes, j: int, n: int, position: Floats) 
     return alike and abs(apart) < _SAME_M and dot(n, one.normal[i], other.normal[j]) > _SAME_COSINE
 
 
-@compiled
+@equation
 def _settle(model: ContactModel, n: int, dt: float) -> None:
     """`ContactModel._settle`."""
     if not model.has_wanted:
@@ -242,7 +242,7 @@ def _settle(model: ContactModel, n: int, dt: float) -> None:
         low_pass(n, dt, model.shift_s if model.has_wanted else _FORGET_S, model.shift, model.wanted_shift)
 
 
-@compiled
+@equation
 def _rest(model: ContactModel, planes: Planes, n: int, x: Floats) -> None:
     """`ContactModel._rest`: where the proxy rests into `model.s`, and whether it touches anything there."""
     s, forces = model.s, model.forces
@@ -253,7 +253,7 @@ def _rest(model: ContactModel, planes: Planes, n: int, x: Floats) -> None:
         if depth > 0.0:
             force = depth / planes.softness[0]
             for i in range(n):
-                s[i] = x[i] - force * planes.response[0, i]
+                s[i] = x[i] - force * planes.response[0][i]
             model.touches = 1
         return
     for k in range(planes.count):
@@ -267,7 +267,7 @@ def _rest(model: ContactModel, planes: Planes, n: int, x: Floats) -> None:
                 change = force - forces[k]
                 forces[k] = force
                 for i in range(n):
-                    s[i] = s[i] - change * planes.response[k, i]
+                    s[i] = s[i] - change * planes.response[k][i]
                 moved = moved or abs(change) > _SETTLED_N
         if not moved:
             break
@@ -276,19 +276,19 @@ def _rest(model: ContactModel, planes: Planes, n: int, x: Floats) -> None:
             model.touches = 1
 
 
-@compiled
+@equation
 def _depth(model: ContactModel, planes: Planes, k: int, n: int, place: Floats) -> float:
     """How deep `place` is behind plane k as it is now [m]."""
     along = 0.0
     for i in range(n):
-        along += planes.normal[k, i] * (place[i] - model.shift[i])
+        along += planes.normal[k][i] * (place[i] - model.shift[i])
     if planes.velocity[k] == 0.0:
         return along - float(planes.offset[k])
     ahead = min(max(model.age, 0.0), _LONGEST_EXTRAPOLATION_S)
     return along - float(planes.offset[k] + planes.velocity[k] * ahead)
 
 
-@compiled
+@equation
 def _fade(model: ContactModel, n: int, dt: float, y: Floats) -> None:
     """`ContactModel._faded`: adds to y what is left of a change of planes."""
     if length(n, model.fading) == 0.0:

@@ -6,10 +6,10 @@ import math
 
 from hapnet.kernel import limited_coupling
 from hapnet.kernel.device import Device, Hand
-from hapnet.kernel.jit import compiled
 from hapnet.kernel.limited_coupling import LimitedCoupling
-from hapnet.kernel.records import Floats, Matrix, Record, Vector
-from hapnet.kernel.vectors import copy, dot, times
+from hapnet.records.equation import equation
+from hapnet.records.record import FloatRows, Floats, Matrix, Record, Vector
+from hapnet.records.vectors import copy, dot, times
 
 
 class TickModel(Record):
@@ -50,7 +50,7 @@ class TickModel(Record):
     middle: Vector
 
 
-@compiled
+@equation
 def advance(device: Device, model: TickModel, coupling: LimitedCoupling, going: Hand, ybar: Floats) -> float:
     """`TickModel._tick`, while the hand goes to the next point of its path. Returns the hand's work [J]."""
     work = 0.0
@@ -71,7 +71,7 @@ def advance(device: Device, model: TickModel, coupling: LimitedCoupling, going: 
     return work
 
 
-@compiled
+@equation
 def dissipated(device: Device, model: TickModel, interval: float) -> float:
     """What the coupling's damper dissipated since the last call, or its bound (10), as after `SimulatedDevice.passage`.
 
@@ -89,13 +89,13 @@ def dissipated(device: Device, model: TickModel, interval: float) -> float:
     return lost
 
 
-@compiled
+@equation
 def _may_exceed(model: TickModel) -> bool:
     """`TickModel._may_exceed`."""
     return math.sqrt(model.largest * model.stretch) + model.drag > model.force_limit
 
 
-@compiled
+@equation
 def _keep(device: Device, model: TickModel) -> None:
     """The tick was computed within all limits: its end is the device's state."""
     n = device.n
@@ -108,7 +108,7 @@ def _keep(device: Device, model: TickModel) -> None:
     model.dissipated = model.tried_dissipated
 
 
-@compiled
+@equation
 def _try_axes(device: Device, model: TickModel, going: Hand, ybar: Floats) -> float:
     """`TickModel._axes` of one tick."""
     h, kh = device.h, device.hand_stiffness
@@ -120,8 +120,8 @@ def _try_axes(device: Device, model: TickModel, going: Hand, ybar: Floats) -> fl
         x, v, y, torque = device.position[axis], device.velocity[axis], ybar[axis], device.torque[axis]
         low, high = model.low[axis], model.high[axis]
         drive, loss = k * y + torque, b * h
-        begin = going.path[going.at, axis]
-        rate = (going.path[going.at + 1, axis] - begin) / device.period
+        begin = going.path[going.at][axis]
+        rate = (going.path[going.at + 1][axis] - begin) / device.period
         hand = kh * begin + device.rate_drive * rate
         hand_step = device.rate_step * rate
         work = f = middle = squares = 0.0
@@ -149,19 +149,19 @@ def _try_axes(device: Device, model: TickModel, going: Hand, ybar: Floats) -> fl
     return total
 
 
-@compiled
+@equation
 def _set_out(device: Device, model: TickModel, going: Hand) -> None:
     """The hand's force at the tick's start, and its change in a substep."""
     kh, h = device.hand_stiffness, device.h
     for i in range(device.n):
-        begin = going.path[going.at, i]
-        rate = (going.path[going.at + 1, i] - begin) / device.period
+        begin = going.path[going.at][i]
+        rate = (going.path[going.at + 1][i] - begin) / device.period
         model.hand[i] = kh * begin + device.rate_drive * rate
         model.hand_step[i] = kh * h * rate
 
 
-@compiled
-def _try_all(device: Device, model: TickModel, K: Floats, going: Hand, ybar: Floats) -> float:
+@equation
+def _try_all(device: Device, model: TickModel, K: FloatRows, going: Hand, ybar: Floats) -> float:
     """`TickModel._linear`, substep by substep."""
     n, h, kh = device.n, device.h, device.hand_stiffness
     x, v, middle, f = model.tried_position, model.tried_velocity, model.middle, model.tried_hand_force
@@ -176,7 +176,7 @@ def _try_all(device: Device, model: TickModel, K: Floats, going: Hand, ybar: Flo
             model.hand[i] += model.hand_step[i]
             pull = 0.0
             for j in range(n):
-                pull += K[i, j] * (ybar[j] - x[j])
+                pull += K[i][j] * (ybar[j] - x[j])
             model.driving[i] = device.inertia * v[i] + device.torque[i] + model.hand[i] + pull - kh * x[i]
         times(n, model.inverse_of_all, model.driving, middle)
         for i in range(n):
@@ -192,7 +192,7 @@ def _try_all(device: Device, model: TickModel, K: Floats, going: Hand, ybar: Flo
     for i in range(n):
         spring = 0.0
         for j in range(n):
-            spring += K[i, j] * (ybar[j] - x[j] + h / 2.0 * middle[j])
+            spring += K[i][j] * (ybar[j] - x[j] + h / 2.0 * middle[j])
         model.tried_actuator_force[i] = device.torque[i] + spring - model.b[i] * middle[i]
         far = max(model.tried_high[i] - ybar[i], ybar[i] - model.tried_low[i])
         stretch += far * far
@@ -201,7 +201,7 @@ def _try_all(device: Device, model: TickModel, K: Floats, going: Hand, ybar: Flo
     return work * h
 
 
-@compiled
+@equation
 def _limited(device: Device, model: TickModel, coupling: LimitedCoupling, going: Hand, ybar: Floats) -> float:
     """`TickModel.limited`."""
     n, h, kh = device.n, device.h, device.hand_stiffness

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from hapnet.kernel.jit import compiled
-from hapnet.kernel.records import AXES, Floats, Record, Vector
-from hapnet.kernel.vectors import copy, dot, length
+from hapnet.records.equation import equation
+from hapnet.records.record import AXES, FloatRows, Floats, Record, Vector
+from hapnet.records.vectors import copy, dot, length
 
 TICKS = 1024
 """So many ticks of the hand's path are known at once."""
@@ -54,10 +54,10 @@ class Hand(Record):
 
     at: int
     known: int
-    path: Annotated[Floats, (TICKS + 1, AXES)]
+    path: Annotated[FloatRows, (TICKS + 1, AXES)]
 
 
-@compiled
+@equation
 def advance(device: Device, going: Hand) -> float:
     """One tick, while the hand goes to the next point of its path; `TickModel.held`. Returns the hand's work [J]."""
     h, kh, inverse = device.h, device.hand_stiffness, device.inverse
@@ -65,8 +65,8 @@ def advance(device: Device, going: Hand) -> float:
     total = 0.0
     for axis in range(device.n):
         x, v, torque = device.position[axis], device.velocity[axis], device.torque[axis]
-        begin = going.path[going.at, axis]
-        rate = (going.path[going.at + 1, axis] - begin) / device.period
+        begin = going.path[going.at][axis]
+        rate = (going.path[going.at + 1][axis] - begin) / device.period
         hand = kh * begin + device.rate_drive * rate
         hand_step = device.rate_step * rate
         work = f = 0.0
@@ -86,7 +86,7 @@ def advance(device: Device, going: Hand) -> float:
     return total
 
 
-@compiled
+@equation
 def read(device: Device) -> None:
     """`SimulatedDevice.read`."""
     r, x, v = device.resolution, device.read_position, device.read_velocity
@@ -102,7 +102,7 @@ def read(device: Device) -> None:
         x[i] = count
 
 
-@compiled
+@equation
 def apply(device: Device, force: Floats) -> None:
     """`SimulatedDevice.apply`: cuts the force to the actuators' limit, and holds it."""
     size = length(device.n, force)
@@ -112,7 +112,7 @@ def apply(device: Device, force: Floats) -> None:
     copy(device.n, force, device.torque)
 
 
-@compiled
+@equation
 def kinetic(device: Device) -> float:
     """The kinetic energy of the device's own mass [J]."""
     return 0.5 * device.mass * dot(device.n, device.velocity, device.velocity)

@@ -9,10 +9,10 @@ from hapnet.kernel import energy_channel as channels
 from hapnet.kernel import link as links
 from hapnet.kernel import path as paths
 from hapnet.kernel.energy_channel import EnergyChannel
-from hapnet.kernel.jit import compiled
 from hapnet.kernel.link import ENERGY, STREAM, Link, Message
 from hapnet.kernel.path import DOUBTFUL, LATE, NEW, Path
-from hapnet.kernel.records import Record, Wholes
+from hapnet.records.equation import equation
+from hapnet.records.record import Record, Wholes
 from hapnet.wire.fields import MAX_COORDINATE
 
 _MAX_COORDINATE = MAX_COORDINATE
@@ -70,7 +70,7 @@ class Wire(Record):
     credits_nJ: Annotated[Wholes, (CREDITS,)]
 
 
-@compiled
+@equation
 def receive(wire: Wire, message: Message, now_ns: int) -> None:
     """`WireHalf.receive`: a message of the peer arrives."""
     if message.kind == STREAM:
@@ -80,7 +80,7 @@ def receive(wire: Wire, message: Message, now_ns: int) -> None:
     credit(wire, channels.receive(wire.channel, message.total_nJ, message.acked_nJ, now_ns))
 
 
-@compiled
+@equation
 def credit(wire: Wire, credited_nJ: int) -> None:
     """`ControlHalf.credit`."""
     if credited_nJ:
@@ -92,7 +92,7 @@ def credit(wire: Wire, credited_nJ: int) -> None:
         endpoint.credits += 1
 
 
-@compiled
+@equation
 def _on_stream(wire: Wire, message: Message, now_ns: int) -> None:
     """`Session._on_stream`."""
     endpoint, path = wire.endpoint, wire.path
@@ -118,7 +118,7 @@ def _on_stream(wire: Wire, message: Message, now_ns: int) -> None:
     _put(wire, message, now_ns, took_ns)
 
 
-@compiled
+@equation
 def _put(wire: Wire, message: Message, now_ns: int, took_ns: int) -> None:
     """`ControlHalf.on_sample`: of too many samples the oldest is forgotten."""
     endpoint = wire.endpoint
@@ -131,7 +131,7 @@ def _put(wire: Wire, message: Message, now_ns: int, took_ns: int) -> None:
     endpoint.waiting += 1
 
 
-@compiled
+@equation
 def poll(wire: Wire, link: Link, now_ns: int) -> None:
     """`WireHalf.poll`, into the link: the energy that is due."""
     credit(wire, channels.admit(wire.channel, now_ns))
@@ -144,7 +144,7 @@ def poll(wire: Wire, link: Link, now_ns: int) -> None:
         links.send(link, now_ns, message)
 
 
-@compiled
+@equation
 def finish(endpoint: Endpoint, message: Message, now_ns: int) -> None:
     """`PositionStream`: number and stamp a message of the stream; position, and a proxy's content, are there."""
     message.kind = STREAM
@@ -164,7 +164,7 @@ def finish(endpoint: Endpoint, message: Message, now_ns: int) -> None:
                 endpoint.impossible = 1
 
 
-@compiled
+@equation
 def _width(value: int) -> int:
     """How many bytes msgpack takes for a whole number."""
     if value < 1 << 7:
@@ -176,7 +176,7 @@ def _width(value: int) -> int:
     return 5 if value < 1 << 32 else 9
 
 
-@compiled
+@equation
 def has_room(link: Link) -> bool:
     """Are there draws for what one event may send?"""
     return link.drawn - (link.offered - link.begun) >= 2

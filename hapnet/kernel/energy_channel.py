@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
-from hapnet.kernel.jit import compiled
-from hapnet.kernel.records import Record, Wholes
+from hapnet.records.equation import equation
+from hapnet.records.record import Record, Wholes
 from hapnet.wire.energy_channel import ADMISSION_STEP_NS, MAX_TIMED
 from hapnet.wire.rto import CEILING_NS, GRANULARITY_NS
 
@@ -58,7 +58,7 @@ class EnergyChannel(Record):
     message_acked_nJ: int
 
 
-@compiled
+@equation
 def send(channel: EnergyChannel, energy_J: float) -> None:
     """`EnergyChannel.send`."""
     held_J = channel.residue_J + energy_J
@@ -69,7 +69,7 @@ def send(channel: EnergyChannel, energy_J: float) -> None:
     channel.residue_J = held_J - whole_nJ / 1e9
 
 
-@compiled
+@equation
 def receive(channel: EnergyChannel, total_nJ: int, acked_nJ: int, now_ns: int) -> int:
     """`EnergyChannel.receive`: the energy credited now [nJ]."""
     _acknowledge(channel, acked_nJ, now_ns)
@@ -79,7 +79,7 @@ def receive(channel: EnergyChannel, total_nJ: int, acked_nJ: int, now_ns: int) -
     return admit(channel, now_ns)
 
 
-@compiled
+@equation
 def admit(channel: EnergyChannel, now_ns: int) -> int:
     """`EnergyChannel.admit`."""
     waiting_nJ = channel.claimed_nJ - channel.credited_nJ
@@ -92,7 +92,7 @@ def admit(channel: EnergyChannel, now_ns: int) -> int:
     return credit_nJ
 
 
-@compiled
+@equation
 def poll(channel: EnergyChannel, now_ns: int) -> bool:
     """`EnergyChannel.poll`: is there a message to send now?"""
     expired = now_ns >= channel.retransmit_ns
@@ -122,7 +122,7 @@ def poll(channel: EnergyChannel, now_ns: int) -> bool:
     return True
 
 
-@compiled
+@equation
 def next_due_ns(channel: EnergyChannel) -> int:
     """`EnergyChannel.next_due_ns`."""
     due = min(channel.retransmit_ns, channel.ack_ns)
@@ -133,7 +133,7 @@ def next_due_ns(channel: EnergyChannel) -> int:
     return due
 
 
-@compiled
+@equation
 def _acknowledge(channel: EnergyChannel, acked_nJ: int, now_ns: int) -> None:
     """`EnergyChannel.acknowledge`."""
     if acked_nJ <= channel.acked_nJ:
@@ -155,13 +155,13 @@ def _acknowledge(channel: EnergyChannel, acked_nJ: int, now_ns: int) -> None:
         channel.retransmit_ns = NEVER
 
 
-@compiled
+@equation
 def _owe_ack(channel: EnergyChannel, now_ns: int) -> None:
     """`EnergyChannel._owe_ack`."""
     channel.ack_ns = min(channel.ack_ns, now_ns + channel.ack_delay_ns)
 
 
-@compiled
+@equation
 def _time(channel: EnergyChannel, total_nJ: int, now_ns: int) -> None:
     """Measure the round trip of a message; of too many the oldest is forgotten."""
     if channel.timed == _MAX_TIMED:
@@ -172,13 +172,13 @@ def _time(channel: EnergyChannel, total_nJ: int, now_ns: int) -> None:
     channel.timed += 1
 
 
-@compiled
+@equation
 def rto_ns(channel: EnergyChannel) -> int:
     """`RtoEstimator.rto_ns`."""
     return min(channel.base_ns << channel.backed_off, channel.ceiling_ns)
 
 
-@compiled
+@equation
 def _sample(channel: EnergyChannel, rtt_ns: int) -> None:
     """`RtoEstimator.sample`."""
     rtt_ns = max(0, rtt_ns)
@@ -192,7 +192,7 @@ def _sample(channel: EnergyChannel, rtt_ns: int) -> None:
     channel.backed_off = 0
 
 
-@compiled
+@equation
 def _take(channel: EnergyChannel, wanted_nJ: int, now_ns: int) -> int:
     """`TokenBucket.take`. A long time fills the bucket: its power times that time might not fit 64 bits."""
     if not channel.filled:
@@ -209,7 +209,7 @@ def _take(channel: EnergyChannel, wanted_nJ: int, now_ns: int) -> int:
     return taken_nJ
 
 
-@compiled
+@equation
 def _filled_ns(channel: EnergyChannel, wanted_nJ: int) -> int:
     """`TokenBucket.due_ns`. The burst is a whole number of nJ, so the least is found before it is multiplied."""
     step_nJ = max(1, channel.rate_nW * _ADMISSION_STEP_NS // _AJ_PER_NJ)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from hapnet.kernel import walls
-from hapnet.kernel.jit import compiled
-from hapnet.kernel.records import Floats, Record
+from hapnet.records.equation import equation
+from hapnet.records.record import Floats, Record
 
 
 class EnvironmentAccount(Record):
@@ -15,7 +15,7 @@ class EnvironmentAccount(Record):
     slack_min: float
 
 
-@compiled
+@equation
 def observe(account: EnvironmentAccount, contacts: walls.Contacts, work: float, n: int, x: Floats) -> None:
     """`EnvironmentAccount.observe`."""
     account.stored_J = walls.stored(contacts, n, x)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from hapnet.kernel import walls
-from hapnet.kernel.jit import compiled
-from hapnet.kernel.records import Floats, Matrix, Record, Vector
-from hapnet.kernel.vectors import copy, dot
 from hapnet.kernel.walls import Contacts
+from hapnet.records.equation import equation
+from hapnet.records.record import FloatRows, Floats, Matrix, Record, Vector
+from hapnet.records.vectors import copy, dot
 
 
 class PassiveIntegrator(Record):
@@ -36,14 +36,14 @@ class PassiveIntegrator(Record):
     penetration: float
 
 
-@compiled
+@equation
 def kinetic(mass: PassiveIntegrator) -> float:
     """kappa [J]."""
     _product(mass.n, mass.is_diagonal != 0, mass.M, mass.v, mass.response)
     return 0.5 * dot(mass.n, mass.v, mass.response)
 
 
-@compiled
+@equation
 def step(mass: PassiveIntegrator, contacts: Contacts, dt: float, ybar: Floats) -> None:
     """`PassiveIntegrator.step`."""
     n, x, v, vhat, diagonal = mass.n, mass.x, mass.v, mass.vhat, mass.is_diagonal != 0
@@ -71,7 +71,7 @@ def step(mass: PassiveIntegrator, contacts: Contacts, dt: float, ybar: Floats) -
     mass.penetration = walls.penetration(contacts, n, x)
 
 
-@compiled
+@equation
 def _touch(mass: PassiveIntegrator, contacts: Contacts, dt: float) -> None:
     """`Contacts.solve`: the force of the walls, and vhat with it."""
     n, vhat, response = mass.n, mass.vhat, mass.response
@@ -91,24 +91,24 @@ def _touch(mass: PassiveIntegrator, contacts: Contacts, dt: float) -> None:
             vhat[i] = vhat[i] + f * response[i]
 
 
-@compiled
+@equation
 def _factor(mass: PassiveIntegrator, dt: float) -> None:
     """`PassiveIntegrator._factor`: A = L D L'."""
     n, row = mass.n, mass.error
     for i in range(n):
         for j in range(i + 1):
-            row[j] = 2.0 * mass.M[i, j] / dt + mass.B[i, j] + 0.5 * mass.K[i, j] * dt
+            row[j] = 2.0 * mass.M[i][j] / dt + mass.B[i][j] + 0.5 * mass.K[i][j] * dt
         pivot = row[i]
         if not mass.is_diagonal:
             for j in range(i):
                 for k in range(j):
-                    row[j] -= row[k] * mass.factor[j, k]
-                mass.factor[i, j] = row[j] * mass.inverse_pivots[j]
-                pivot -= row[j] * mass.factor[i, j]
+                    row[j] -= row[k] * mass.factor[j][k]
+                mass.factor[i][j] = row[j] * mass.inverse_pivots[j]
+                pivot -= row[j] * mass.factor[i][j]
         mass.inverse_pivots[i] = 1.0 / pivot
 
 
-@compiled
+@equation
 def _solve(mass: PassiveIntegrator, b: Floats, z: Floats) -> None:
     """`PassiveIntegrator._solve`: A^-1 b into z."""
     n = mass.n
@@ -119,23 +119,23 @@ def _solve(mass: PassiveIntegrator, b: Floats, z: Floats) -> None:
     for i in range(n):
         total = 0.0
         for j in range(i):
-            total += mass.factor[i, j] * z[j]
+            total += mass.factor[i][j] * z[j]
         z[i] = b[i] - total
     for i in range(n):
         z[i] = z[i] * mass.inverse_pivots[i]
     for i in range(n - 1, 0, -1):
         for j in range(i):
-            z[j] -= mass.factor[i, j] * z[i]
+            z[j] -= mass.factor[i][j] * z[i]
 
 
-@compiled
-def _product(n: int, diagonal: bool, matrix: Floats, vector: Floats, out: Floats) -> None:
+@equation
+def _product(n: int, diagonal: bool, matrix: FloatRows, vector: Floats, out: Floats) -> None:
     """A matrix times a vector."""
     for i in range(n):
         if diagonal:
-            out[i] = matrix[i, i] * vector[i]
+            out[i] = matrix[i][i] * vector[i]
         else:
             total = 0.0
             for j in range(n):
-                total += matrix[i, j] * vector[j]
+                total += matrix[i][j] * vector[j]
             out[i] = total

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any
 
-from hapnet.kernel.jit import compiled, shared
-from hapnet.kernel.records import Matrix, Record, Vector
-from hapnet.kernel.vectors import copy, distance, dot, length, times
-from hapnet.plant.limited_coupling import ROUNDS
-from hapnet.plant.limited_coupling import discrete_gradient as plain_gradient
+from hapnet.plant.limited_coupling import ROUNDS, discrete_gradient
+from hapnet.records.equation import equation
+from hapnet.records.record import Matrix, Record, Vector
+from hapnet.records.vectors import copy, distance, dot, length, times
 
 _ROUNDS = ROUNDS
-discrete_gradient: Callable[..., Any] = shared(plain_gradient)
 
 
 class LimitedCoupling(Record):
@@ -49,7 +45,7 @@ class LimitedCoupling(Record):
     unsolved: int
 
 
-@compiled
+@equation
 def substep(coupling: LimitedCoupling) -> None:
     """`LimitedCoupling.substep`; `offset` and `pull` are then those at its end."""
     n = coupling.n
@@ -63,7 +59,7 @@ def substep(coupling: LimitedCoupling) -> None:
     copy(n, coupling.after, coupling.pull)
 
 
-@compiled
+@equation
 def _damp(coupling: LimitedCoupling) -> None:
     """`LimitedCoupling._damped` with the whole damper."""
     n, h = coupling.n, coupling.h
@@ -79,7 +75,7 @@ def _damp(coupling: LimitedCoupling) -> None:
     coupling.power = power
 
 
-@compiled
+@equation
 def _saturate(coupling: LimitedCoupling) -> float:
     """`LimitedCoupling._saturated`: c, and vhat into `middle`."""
     n, h = coupling.n, coupling.h
@@ -94,11 +90,11 @@ def _saturate(coupling: LimitedCoupling) -> float:
     for k in range(n):
         w = (coupling.pushes[k] - c * coupling.pulls[k]) / (1.0 + 0.5 * c * h * coupling.values[k])
         for i in range(n):
-            coupling.middle[i] += coupling.vectors[k, i] * w
+            coupling.middle[i] += coupling.vectors[k][i] * w
     return c
 
 
-@compiled
+@equation
 def _gradient(coupling: LimitedCoupling, start: float, square: float, c: float) -> float:
     """The discrete gradient of the substep that a given c leads to."""
     h, gain = coupling.h, 0.0
@@ -110,7 +106,7 @@ def _gradient(coupling: LimitedCoupling, start: float, square: float, c: float) 
     return found
 
 
-@compiled
+@equation
 def _fixed_point(coupling: LimitedCoupling, start: float, square: float, c: float) -> float:
     """`hapnet.plant.limited_coupling._fixed_point`."""
     for _ in range(_ROUNDS):
@@ -129,7 +125,7 @@ def _fixed_point(coupling: LimitedCoupling, start: float, square: float, c: floa
     return c
 
 
-@compiled
+@equation
 def _find_at_limit(coupling: LimitedCoupling) -> bool:
     """`LimitedCoupling._at_limit`: is there such a force? It is then in `force`."""
     n, h, limit = coupling.n, coupling.h, coupling.force_limit

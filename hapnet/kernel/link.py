@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated
 
-from hapnet.kernel.jit import compiled
-from hapnet.kernel.records import AXES, PLANES, Floats, Record, Vector, VectorsOfPlanes, Wholes
+from hapnet.records.equation import equation
+from hapnet.records.record import AXES, PLANES, Floats, Record, Vector, VectorsOfPlanes, Wholes
 from netem.effects import MOST_RESENDS
 
 STREAM, ENERGY = 0, 1
@@ -109,19 +109,19 @@ class Link(Record):
 NEVER = 2**63 - 1
 
 
-@compiled
+@equation
 def spare(link: Link, which: int) -> Message:
     """The slot in which a message is made."""
     return link.messages[MOST_IN_FLIGHT + which]
 
 
-@compiled
+@equation
 def next_due_ns(link: Link) -> int:
     """`Link.next_due_ns`."""
     return link.due_ns[link.queued - 1] if link.queued else NEVER
 
 
-@compiled
+@equation
 def passes(link: Link) -> bool:
     """`Link.passes`."""
     if not link.transparent or link.queued:
@@ -132,7 +132,7 @@ def passes(link: Link) -> bool:
     return True
 
 
-@compiled
+@equation
 def send(link: Link, now_ns: int, message: Message) -> None:
     """`Link.send`: offer a message."""
     at = link.offered - link.begun
@@ -169,7 +169,7 @@ def send(link: Link, now_ns: int, message: Message) -> None:
     _queue(link, due_ns, message)
 
 
-@compiled
+@equation
 def _resend(link: Link, now_ns: int, luck: float) -> tuple[bool, int]:
     """`Link._resend` of a lost message, with `Resends.taken`."""
     below = 0
@@ -184,7 +184,7 @@ def _resend(link: Link, now_ns: int, luck: float) -> tuple[bool, int]:
     return lost, now_ns + taken * link.resend_after_ns
 
 
-@compiled
+@equation
 def _takes_ns(link: Link, size: int) -> int:
     """`netem.models.transmission_ns`."""
     length = max(0, size + link.overhead)
@@ -193,7 +193,7 @@ def _takes_ns(link: Link, size: int) -> int:
     return length * 8_000_000_000 // link.rate_bit_s
 
 
-@compiled
+@equation
 def _queue(link: Link, due_ns: int, message: Message) -> None:
     """Put a copy of the message into the queue, by its due time and its number."""
     if link.queued == link.capacity:
@@ -210,7 +210,7 @@ def _queue(link: Link, due_ns: int, message: Message) -> None:
     link.queued += 1
 
 
-@compiled
+@equation
 def take(link: Link, now_ns: int) -> int:
     """`Link.poll` of one message: its slot, which is then free; -1 if none is due."""
     if link.queued == 0 or link.due_ns[link.queued - 1] > now_ns:
@@ -230,7 +230,7 @@ def take(link: Link, now_ns: int) -> int:
     return int(slot)
 
 
-@compiled
+@equation
 def copy_message(source: Message, target: Message) -> None:
     """Copy a message."""
     target.kind, target.order, target.offered_ns, target.octets = (
@@ -247,4 +247,4 @@ def copy_message(source: Message, target: Message) -> None:
         target.offset[k], target.stiffness[k] = source.offset[k], source.stiffness[k]
         target.velocity[k] = source.velocity[k]
         for i in range(AXES):
-            target.normal[k, i] = source.normal[k, i]
+            target.normal[k][i] = source.normal[k][i]

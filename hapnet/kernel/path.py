@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Annotated
 
 from hapnet.histogram import Histogram
-from hapnet.kernel.jit import compiled
-from hapnet.kernel.records import Record, Wholes
+from hapnet.records.equation import equation
+from hapnet.records.record import Record, WholeRows, Wholes
 from hapnet.wire import numbering as reference
 from hapnet.wire.path import LONGEST_NS, STALL_NS
 
@@ -59,7 +59,7 @@ class Path(Record):
     recovery_max_ns: int
     received: int
     missing: int
-    counts: Annotated[Wholes, (3, BINS)]
+    counts: Annotated[WholeRows, (3, BINS)]
     highest: Annotated[Wholes, (3,)]
     messages: int
     came: int
@@ -74,7 +74,7 @@ class Path(Record):
     last_stamp_ns: int
 
 
-@compiled
+@equation
 def place(path: Path, now_ns: int, number: int, sent_ns: int) -> int:
     """`Numbering.place`."""
     if path.newest < 0:
@@ -97,19 +97,19 @@ def place(path: Path, now_ns: int, number: int, sent_ns: int) -> int:
     return AGAIN
 
 
-@compiled
+@equation
 def _lead(path: Path, now_ns: int, number: int, sent_ns: int) -> None:
     """This message is the newest from now on."""
     path.newest, path.stamp_ns, path.run_heard_ns, path.has_stamp = number, sent_ns, now_ns, 1
 
 
-@compiled
+@equation
 def _most(waited_ns: int) -> int:
     """By how much a sender's number can have risen in that time."""
     return _MOST_AT_ONCE + waited_ns // _LEAST_PERIOD_NS
 
 
-@compiled
+@equation
 def _measure_anew(path: Path, now_ns: int, offset_ns: int) -> None:
     """`Numbering._measure_anew`."""
     path.least_ns = path.mean_ns = path.before_ns = path.lately_ns = offset_ns
@@ -117,7 +117,7 @@ def _measure_anew(path: Path, now_ns: int, offset_ns: int) -> None:
     path.count = 1
 
 
-@compiled
+@equation
 def _go_on(path: Path, now_ns: int, number: int, sent_ns: int) -> None:
     """`Numbering._go_on`."""
     offset_ns = now_ns - sent_ns
@@ -143,7 +143,7 @@ def _go_on(path: Path, now_ns: int, number: int, sent_ns: int) -> None:
     _lead(path, now_ns, number, sent_ns)
 
 
-@compiled
+@equation
 def _is_run(path: Path, now_ns: int, number: int, sent_ns: int, sure: bool) -> bool:
     """`Numbering._is_run`."""
     goes_on = (
@@ -161,14 +161,14 @@ def _is_run(path: Path, now_ns: int, number: int, sent_ns: int, sure: bool) -> b
     return path.others >= _LATE_RUN and now_ns - path.others_ns >= _LATE_RUN_NS
 
 
-@compiled
+@equation
 def on_any_message(path: Path, now_ns: int) -> None:
     """`PeerMonitor.on_any_message`."""
     if not path.has_sign and now_ns - path.heard_ns > path.silence_ns:
         path.has_sign, path.sign_ns = 1, now_ns
 
 
-@compiled
+@equation
 def on_new(path: Path, now_ns: int, since: int) -> None:
     """`PeerMonitor.on_position`."""
     path.received += 1
@@ -184,7 +184,7 @@ def on_new(path: Path, now_ns: int, since: int) -> None:
     path.has_sign = 0
 
 
-@compiled
+@equation
 def measure(path: Path, now_ns: int, sent_ns: int, since: int, late: bool, echo_ns: int, came_ns: int) -> int:
     """`Path.on_position`, `on_echo` and `took_ns`: how long the message was under way [ns]."""
     path.came += 1
@@ -199,7 +199,7 @@ def measure(path: Path, now_ns: int, sent_ns: int, since: int, late: bool, echo_
     return min(max(0, now_ns - sent_ns - path.least_ns), _LONGEST_NS) + half_ns
 
 
-@compiled
+@equation
 def age(path: Path, now_ns: int, sent_ns: int, since: int, new: bool) -> None:
     """The part of `Path.on_position` about the message before, which this one replaces."""
     if new and path.has_last:
@@ -211,7 +211,7 @@ def age(path: Path, now_ns: int, sent_ns: int, since: int, new: bool) -> None:
     path.has_last, path.last_came_ns, path.last_stamp_ns = 1, now_ns, sent_ns
 
 
-@compiled
+@equation
 def _on_echo(path: Path, now_ns: int, sent_ns: int, echo_ns: int, came_ns: int) -> None:
     """`Path.on_echo`."""
     if not (path.since_ns <= echo_ns <= now_ns and came_ns <= sent_ns):
@@ -224,12 +224,12 @@ def _on_echo(path: Path, now_ns: int, sent_ns: int, echo_ns: int, came_ns: int) 
         path.has_trip, path.least_trip_ns = 1, trip_ns
 
 
-@compiled
+@equation
 def _add(path: Path, which: int, value: int) -> None:
     """`Histogram.add`."""
     value = max(0, value)
     shift = 0
     while value >> shift >= 64:
         shift += 1
-    path.counts[which, min((shift << 5) + (value >> shift), _LAST_BIN)] += 1
+    path.counts[which][min((shift << 5) + (value >> shift), _LAST_BIN)] += 1
     path.highest[which] = max(path.highest[which], value)

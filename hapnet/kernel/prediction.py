@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import Annotated
 
 from hapnet.control import prediction as reference
+from hapnet.control.prediction import depth_ahead
 from hapnet.kernel.contact_model import Planes
-from hapnet.kernel.jit import compiled, shared
-from hapnet.kernel.records import AXES, Floats, Record, Vector
-from hapnet.kernel.vectors import copy, dot
+from hapnet.records.equation import equation
+from hapnet.records.record import AXES, FloatRows, Floats, Record, Vector
+from hapnet.records.vectors import copy, dot
 
 _SHORTEST_SPAN_S, _STEP_GAIN = reference.SHORTEST_SPAN_S, reference.STEP_GAIN
-
-_depth_ahead = shared(reference.depth_ahead)
 
 MOST = 1024
 """The most positions in a predictor's window."""
@@ -33,7 +32,7 @@ class PredictedDevice(Record):
     count: int
     overflow: int
     times: Annotated[Floats, (MOST,)]
-    places: Annotated[Floats, (MOST, AXES)]
+    places: Annotated[FloatRows, (MOST, AXES)]
     fitted: int
     position: Vector
     velocity: Vector
@@ -48,7 +47,7 @@ class PredictedDevice(Record):
     second: Annotated[Floats, (MOST,)]
 
 
-@compiled
+@equation
 def receive(predicted: PredictedDevice, n: int, position: Floats, sent_s: float, age_s: float) -> None:
     """`PredictedDevice.receive`."""
     _note(predicted, n, position, sent_s)
@@ -57,7 +56,7 @@ def receive(predicted: PredictedDevice, n: int, position: Floats, sent_s: float,
         predicted.fresh = 1
 
 
-@compiled
+@equation
 def step(predicted: PredictedDevice, around: Planes, n: int, dt: float, out: Floats) -> None:
     """`PredictedDevice.step`: y into `out`. around : the planes that the world tells."""
     if not predicted.fresh:
@@ -75,13 +74,13 @@ def step(predicted: PredictedDevice, around: Planes, n: int, dt: float, out: Flo
     copy(n, predicted.y, out)
 
 
-@compiled
+@equation
 def turn_s(predicted: PredictedDevice) -> float:
     """`PredictedDevice.turn_s`."""
     return 2.0 * predicted.age + predicted.mean_step
 
 
-@compiled
+@equation
 def _stop(predicted: PredictedDevice, around: Planes, k: int, n: int, ahead: float) -> None:
     """`PredictedDevice._stopped` by plane k: changes `predicted.y`."""
     normal = around.normal[k]
@@ -89,18 +88,18 @@ def _stop(predicted: PredictedDevice, around: Planes, k: int, n: int, ahead: flo
     free = dot(n, normal, predicted.y) - around.offset[k]
     if around.velocity[k] or (depth <= 0.0 and free <= 0.0):
         return
-    back = _depth_ahead(depth, free, dot(n, normal, predicted.velocity), ahead, predicted.stop_s) - free
+    back = depth_ahead(depth, free, dot(n, normal, predicted.velocity), ahead, predicted.stop_s) - free
     for i in range(n):
         predicted.y[i] = predicted.y[i] + back * normal[i]
 
 
-@compiled
+@equation
 def stands_for(predicted: PredictedDevice, dt: float) -> float:
     """`PredictedDevice.stands_for`."""
     return max(0.0, predicted.aimed_s - predicted.lag + dt / 2.0) if predicted.has_aimed else 0.0
 
 
-@compiled
+@equation
 def _note(predicted: PredictedDevice, n: int, position: Floats, sent_s: float) -> None:
     """`MotionPredictor.receive`."""
     times, places, count = predicted.times, predicted.places, predicted.count
@@ -120,7 +119,7 @@ def _note(predicted: PredictedDevice, n: int, position: Floats, sent_s: float) -
         copy(n, places[k - 1], places[k])
     times[at] = sent_s
     for i in range(n):
-        places[at, i] = position[i]
+        places[at][i] = position[i]
     count += 1
     old = 0
     while times[old] < times[count - 1] - predicted.window:
@@ -133,7 +132,7 @@ def _note(predicted: PredictedDevice, n: int, position: Floats, sent_s: float) -
     predicted.fitted = 0
 
 
-@compiled
+@equation
 def _predict(predicted: PredictedDevice, n: int, ahead: float) -> float:
     """`MotionPredictor.at`: the position into `predicted.y`; returns how far ahead it really is [s]."""
     if not predicted.fitted:
@@ -147,7 +146,7 @@ def _predict(predicted: PredictedDevice, n: int, ahead: float) -> float:
     return ahead
 
 
-@compiled
+@equation
 def _fit(predicted: PredictedDevice, n: int) -> None:
     """`hapnet.control.prediction._parabola`."""
     times, places, count = predicted.times, predicted.places, predicted.count
@@ -156,7 +155,7 @@ def _fit(predicted: PredictedDevice, n: int) -> None:
     span = -(times[0] - end)
     if span < _SHORTEST_SPAN_S or count < 2:
         for i in range(n):
-            predicted.position[i] = places[count - 1, i]
+            predicted.position[i] = places[count - 1][i]
             predicted.velocity[i] = predicted.half[i] = 0.0
         return
     mean = 0.0
@@ -178,7 +177,7 @@ def _fit(predicted: PredictedDevice, n: int) -> None:
     for i in range(n):
         level = slope = half = 0.0
         for k in range(count):
-            x = places[k, i]
+            x = places[k][i]
             level += x
             slope += first[k] * x
             half += second[k] * x

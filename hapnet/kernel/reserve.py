@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any
 
-from hapnet.control import reserve as reference
-from hapnet.kernel.jit import compiled, shared
-from hapnet.kernel.records import Floats, Record, Vector
+from hapnet.control.reserve import longest, ramp
 from hapnet.kernel.set_position_coupling import step_towards
-from hapnet.kernel.vectors import copy, distance, dot, length
+from hapnet.records.equation import equation
+from hapnet.records.record import Floats, Record, Vector
+from hapnet.records.vectors import copy, distance, dot, length
 
 _SHARE = 1.0 - 1e-9
 _ROUNDING_J = 1e-12
-
-ramp: Callable[..., Any] = shared(reference.ramp)
-longest: Callable[..., Any] = shared(reference.longest)
 
 
 class ForceGuard(Record):
@@ -36,7 +31,7 @@ class ForceGuard(Record):
     way: Vector
 
 
-@compiled
+@equation
 def needed_after(guard: ForceGuard, n: int, force: Floats) -> float:
     """`ForceGuard.needed_after`."""
     size = length(n, force) - guard.step
@@ -46,7 +41,7 @@ def needed_after(guard: ForceGuard, n: int, force: Floats) -> float:
     return 0.0
 
 
-@compiled
+@equation
 def admit(guard: ForceGuard, n: int, held: Floats, v: Floats, energy: float) -> bool:
     """`ForceGuard.admit`, of the force in `guard.wanted`, which is then the force to hold. Returns if it changed."""
     wanted = guard.wanted
@@ -62,7 +57,7 @@ def admit(guard: ForceGuard, n: int, held: Floats, v: Floats, energy: float) -> 
     return _limit(guard, n, size, held, v, energy)
 
 
-@compiled
+@equation
 def _limit(guard: ForceGuard, n: int, size: float, held: Floats, v: Floats, energy: float) -> bool:
     """`ForceGuard._limited`."""
     wanted, step = guard.wanted, guard.step
@@ -90,7 +85,7 @@ def _limit(guard: ForceGuard, n: int, size: float, held: Floats, v: Floats, ener
     return True
 
 
-@compiled
+@equation
 def _shorten(guard: ForceGuard, n: int, size: float, held: Floats, most: float) -> None:
     """`ForceGuard._shortened`."""
     force, shortest, way = guard.wanted, guard.shortest, guard.way

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
+from hapnet.control.ledger import Ledger
 from hapnet.kernel import set_position_coupling as couplings
 from hapnet.kernel import springs
 from hapnet.kernel.device import Hand
 from hapnet.kernel.endpoint import Wire
-from hapnet.kernel.jit import compiled
-from hapnet.kernel.ledger import Ledger
-from hapnet.kernel.records import AXES, Floats, Record, Wholes
 from hapnet.kernel.sides import Counts, DeviceSide, WorldSide
+from hapnet.records.equation import equation
+from hapnet.records.record import AXES, FloatRows, Floats, Record, Wholes
 
 DEVICE_VECTORS, DEVICE_SCALARS, WORLD_VECTORS, WORLD_SCALARS = 11, 14, 6, 14
 """The numbers of columns of a row: vectors first, then scalars."""
@@ -33,18 +33,18 @@ class Rows(Record):
     device_rows: int
     world_rows: int
     device_ns: Annotated[Wholes, (MOST,)]
-    at_device: Annotated[Floats, (MOST, AXES * DEVICE_VECTORS + DEVICE_SCALARS)]
+    at_device: Annotated[FloatRows, (MOST, AXES * DEVICE_VECTORS + DEVICE_SCALARS)]
     world_ns: Annotated[Wholes, (MOST,)]
-    at_world: Annotated[Floats, (MOST, AXES * WORLD_VECTORS + WORLD_SCALARS)]
+    at_world: Annotated[FloatRows, (MOST, AXES * WORLD_VECTORS + WORLD_SCALARS)]
 
 
-@compiled
+@equation
 def have_room(rows: Rows) -> bool:
     """Is there room for one more sample of each side?"""
     return rows.device_rows < MOST and rows.world_rows < MOST
 
 
-@compiled
+@equation
 def record_tick(rows: Rows, side: DeviceSide, wire: Wire, hand: Hand, now_ns: int) -> None:
     """A `DeviceSample`: its vectors in their order, then its scalars."""
     device, servo, coupling, n = side.plant, side.servo, side.coupling, side.plant.n
@@ -59,7 +59,7 @@ def record_tick(rows: Rows, side: DeviceSide, wire: Wire, hand: Hand, now_ns: in
         row[2 * n + i] = coupling.target[i]
         row[3 * n + i] = device.actuator_force[i] if within else servo.force[i]
         row[4 * n + i] = device.hand_force[i]
-        row[5 * n + i] = hand.path[hand.at, i]
+        row[5 * n + i] = hand.path[hand.at][i]
         row[6 * n + i] = servo.spring_force[i]
         row[7 * n + i] = row[3 * n + i] - row[6 * n + i] if within else -servo.damping[i] * servo.velocity[i]
         row[8 * n + i] = row[9 * n + i] = 0.0
@@ -72,7 +72,7 @@ def record_tick(rows: Rows, side: DeviceSide, wire: Wire, hand: Hand, now_ns: in
     row[DEVICE_VECTORS * n + 13] = side.ledger.work if within else side.hand.work
 
 
-@compiled
+@equation
 def _part(row: Floats, side: DeviceSide, n: int) -> None:
     """The parts of the spring's force that the model's planes and the added damping have made."""
     model, K = side.model, side.spring.K
@@ -80,13 +80,13 @@ def _part(row: Floats, side: DeviceSide, n: int) -> None:
     for i in range(n):
         of_planes = added = 0.0
         for j in range(n):
-            of_planes += K[i, j] * (model.made_s[j] - model.made_x[j] + model.made_fading[j])
-            added += K[i, j] * (model.made_y[j] - model.made_before[j])
+            of_planes += K[i][j] * (model.made_s[j] - model.made_x[j] + model.made_fading[j])
+            added += K[i][j] * (model.made_y[j] - model.made_before[j])
         row[8 * n + i] = scale * of_planes
         row[9 * n + i] = scale * added
 
 
-@compiled
+@equation
 def _account(row: Floats, at: int, side: DeviceSide, x: Floats) -> None:
     """Reservoir, deficit, potential, sent, credited, margin, slack."""
     coupling, ledger = side.coupling, side.ledger
@@ -99,7 +99,7 @@ def _account(row: Floats, at: int, side: DeviceSide, x: Floats) -> None:
     row[at + 6] = ledger.slack
 
 
-@compiled
+@equation
 def _times(row: Floats, at: int, wire: Wire, now_ns: int) -> None:
     """`ControlHalf.used`: age and transit of the newest sample in use."""
     endpoint = wire.endpoint
@@ -108,7 +108,7 @@ def _times(row: Floats, at: int, wire: Wire, now_ns: int) -> None:
     row[at + 1] = (endpoint.used_came_ns - endpoint.used_ns) * _NANO if known else math.nan
 
 
-@compiled
+@equation
 def _energies(row: Floats, at: int, ledger: Ledger) -> None:
     """Bound, work, stored and account."""
     row[at] = ledger.bound
@@ -117,7 +117,7 @@ def _energies(row: Floats, at: int, ledger: Ledger) -> None:
     row[at + 3] = ledger.reservoir
 
 
-@compiled
+@equation
 def record_step(rows: Rows, side: WorldSide, wire: Wire, counts: Counts, now_ns: int) -> None:
     """A `WorldSample`: its vectors in their order, then its scalars."""
     mass, coupling, ledger, n = side.mass, side.coupling, side.ledger, side.mass.n

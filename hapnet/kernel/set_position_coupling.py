@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from hapnet.control import reserve, reservoir_level
-from hapnet.kernel import ledger as ledgers
+from hapnet.control import ledger as ledgers
+from hapnet.control.ledger import Ledger
+from hapnet.control.reserve import spendable as spendable_of
+from hapnet.control.reservoir_level import gift
+from hapnet.control.reservoir_level import level as level_of
 from hapnet.kernel import smoothing, springs
-from hapnet.kernel.jit import compiled, shared
-from hapnet.kernel.ledger import Ledger
-from hapnet.kernel.records import Floats, Record, Vector
 from hapnet.kernel.smoothing import Stages
 from hapnet.kernel.springs import Spring
-from hapnet.kernel.vectors import copy, distance
+from hapnet.records.equation import equation
+from hapnet.records.record import Floats, Record, Vector
+from hapnet.records.vectors import copy, distance
 
 _ROUNDING = 2.0**-50
-
-_level = shared(reservoir_level.level)
-_gift = shared(reservoir_level.gift)
-_spendable = shared(reserve.spendable)
 
 
 class Coupling(Record):
@@ -58,13 +56,13 @@ class Coupling(Record):
     modulated: int
 
 
-@compiled
+@equation
 def potential(coupling: Coupling, spring: Spring, x: Floats) -> float:
     """phi [J] with the present ybar."""
     return springs.between(spring, coupling.set_position, x)
 
 
-@compiled
+@equation
 def update(
     coupling: Coupling,
     spring: Spring,
@@ -104,7 +102,7 @@ def update(
     coupling.deficit_max = max(coupling.deficit_max, coupling.deficit)
 
 
-@compiled
+@equation
 def step_towards(n: int, start: Floats, goal: Floats, longest: float) -> None:
     """`hapnet.control.limits.step_towards`: replaces `goal` by a point at most `longest` [m] away from `start`."""
     far = distance(n, goal, start)
@@ -115,7 +113,7 @@ def step_towards(n: int, start: Floats, goal: Floats, longest: float) -> None:
         goal[i] = start[i] + share * (goal[i] - start[i])
 
 
-@compiled
+@equation
 def _modulate(
     coupling: Coupling, spring: Spring, dt: float, x: Floats, dissipated: float, received: float, keep: float
 ) -> None:
@@ -123,7 +121,7 @@ def _modulate(
     y, ybar = coupling.y, coupling.set_position
     before = springs.between(spring, ybar, x)
     at_hand = coupling.energy - coupling.deficit + received + dissipated + before
-    spendable = _spendable(at_hand, coupling.reserve, coupling.held_m, coupling.drag_N, spring.largest)
+    spendable = spendable_of(at_hand, coupling.reserve, coupling.held_m, coupling.drag_N, spring.largest)
     after = springs.between(spring, y, x)
     modulated = after > spendable
     if not modulated:
@@ -146,16 +144,16 @@ def _modulate(
     if coupling.shares:
         room = coupling.ceiling - coupling.reserve
         lent = after if coupling.lends else 0.0
-        coupling.level = _level(energy, lent, coupling.reserve, coupling.ceiling, modulated)
-        own = _level(energy, 0.0, coupling.reserve, coupling.ceiling, modulated)
-        given = _gift(dt, own, coupling.peer_level, room, energy - max(coupling.reserve, keep - after))
+        coupling.level = level_of(energy, lent, coupling.reserve, coupling.ceiling, modulated)
+        own = level_of(energy, 0.0, coupling.reserve, coupling.ceiling, modulated)
+        given = gift(dt, own, coupling.peer_level, room, energy - max(coupling.reserve, keep - after))
         energy -= given
         sent += given
     coupling.energy = energy
     coupling.shuffled = sent
 
 
-@compiled
+@equation
 def _bring_within(coupling: Coupling, spring: Spring, x: Floats, spendable: float) -> float:
     """Tie the spring as near to y as the energy allows; returns phi [J]."""
     n, ybar, offset = spring.dof, coupling.set_position, coupling.offset

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 
-from hapnet.kernel import ledger as ledgers
+from hapnet.control import ledger as ledgers
+from hapnet.control.ledger import Ledger
 from hapnet.kernel import springs
-from hapnet.kernel.jit import compiled
-from hapnet.kernel.ledger import Ledger
-from hapnet.kernel.records import Floats, Record, Vector
 from hapnet.kernel.reserve import ForceGuard, admit, needed_after
 from hapnet.kernel.set_position_coupling import Coupling, potential, update
 from hapnet.kernel.smoothing import Stages
 from hapnet.kernel.springs import Spring
-from hapnet.kernel.vectors import copy, distance
+from hapnet.records.equation import equation
+from hapnet.records.record import Floats, Record, Vector
+from hapnet.records.vectors import copy, distance
 
 
 class SampledServo(Record):
@@ -48,7 +48,7 @@ class SampledServo(Record):
     spring_force: Vector
 
 
-@compiled
+@equation
 def tick(
     servo: SampledServo,
     coupling: Coupling,
@@ -92,20 +92,20 @@ def tick(
     _render(servo, coupling, spring, guard, n, x, v)
 
 
-@compiled
+@equation
 def due(servo: SampledServo, coupling: Coupling, dt: float) -> bool:
     """Does PSPM run in the tick that comes `dt` seconds after the last?"""
     return coupling.has_sample != 0 or servo.elapsed + dt >= servo.due
 
 
-@compiled
+@equation
 def account(servo: SampledServo, coupling: Coupling, spring: Spring) -> float:
     """`SampledServo.account`."""
     stored = potential(coupling, spring, servo.position)
     return coupling.account + (servo.work - (stored - servo.potential))
 
 
-@compiled
+@equation
 def hold(
     trusts: bool, trusted: Floats, n: int, torque: Floats, start: Floats, end: Floats, period: float, resolution: float
 ) -> float:
@@ -124,13 +124,13 @@ def hold(
     return work
 
 
-@compiled
+@equation
 def _stored(servo: SampledServo, coupling: Coupling) -> float:
     """`SampledServo._stored`."""
     return coupling.account + servo.work + servo.potential
 
 
-@compiled
+@equation
 def _render(
     servo: SampledServo, coupling: Coupling, spring: Spring, guard: ForceGuard, n: int, x: Floats, v: Floats
 ) -> None:
@@ -146,7 +146,7 @@ def _render(
     copy(n, guard.wanted, servo.commanded)
 
 
-@compiled
+@equation
 def _blur(servo: SampledServo, coupling: Coupling, spring: Spring, n: int) -> None:
     """`SampledServo._blur`."""
     path = unsprung = 0.0

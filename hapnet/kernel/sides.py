@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from hapnet.control import ledger as ledgers
+from hapnet.control.ledger import Ledger
 from hapnet.control.set_position_coupling import MOST_REACH_M
 from hapnet.kernel import contact_model, coupled_device, environment_account, integrator, prediction, walls
 from hapnet.kernel import device as devices
-from hapnet.kernel import ledger as ledgers
 from hapnet.kernel import set_position_coupling as couplings
 from hapnet.kernel import set_position_servo as servos
 from hapnet.kernel.added_damping import AddedDamping, FilteredVelocity
@@ -15,19 +16,18 @@ from hapnet.kernel.device import Device, Hand
 from hapnet.kernel.endpoint import Wire, finish
 from hapnet.kernel.environment_account import EnvironmentAccount
 from hapnet.kernel.integrator import PassiveIntegrator
-from hapnet.kernel.jit import compiled
-from hapnet.kernel.ledger import Ledger
 from hapnet.kernel.limited_coupling import LimitedCoupling
 from hapnet.kernel.link import Message
 from hapnet.kernel.prediction import PredictedDevice
-from hapnet.kernel.records import Floats, Record
 from hapnet.kernel.reserve import ForceGuard
 from hapnet.kernel.set_position_coupling import Coupling
 from hapnet.kernel.set_position_servo import SampledServo
 from hapnet.kernel.smoothing import Stages
 from hapnet.kernel.springs import Spring
-from hapnet.kernel.vectors import copy
 from hapnet.kernel.walls import Contacts
+from hapnet.records.equation import equation
+from hapnet.records.record import Floats, Record
+from hapnet.records.vectors import copy
 
 _NANO = 1e-9
 _MOST_REACH_M = MOST_REACH_M
@@ -87,7 +87,7 @@ class WorldSide(Record):
     environment: EnvironmentAccount
 
 
-@compiled
+@equation
 def tick(side: DeviceSide, wire: Wire, counts: Counts, hand: Hand, now_ns: int, message: Message) -> bool:
     """`DeviceSide.tick`: is there a position to send? It is then in `message`."""
     dt = max((now_ns - counts.device_last_ns) * _NANO, side.plant.period)
@@ -105,7 +105,7 @@ def tick(side: DeviceSide, wire: Wire, counts: Counts, hand: Hand, now_ns: int, 
     return True
 
 
-@compiled
+@equation
 def _tick_held(side: DeviceSide, wire: Wire, hand: Hand, dt: float, now_ns: int) -> None:
     """`SampledDeviceSide._control`."""
     device, servo, n = side.plant, side.servo, side.plant.n
@@ -125,7 +125,7 @@ def _tick_held(side: DeviceSide, wire: Wire, hand: Hand, dt: float, now_ns: int)
     _observe_truth(side, true_work)
 
 
-@compiled
+@equation
 def _tick_within(side: DeviceSide, wire: Wire, hand: Hand, dt: float, now_ns: int) -> None:
     """`ContinuousDeviceSide._control`, with `ContinuousServo.tick`."""
     device, model, servo, coupling, ledger = side.plant, side.model_of_tick, side.servo, side.coupling, side.ledger
@@ -151,7 +151,7 @@ def _tick_within(side: DeviceSide, wire: Wire, hand: Hand, dt: float, now_ns: in
         servo.sends = 1
 
 
-@compiled
+@equation
 def _take(side: DeviceSide, wire: Wire, now_ns: int) -> None:
     """`ControlHalf.take` at the device."""
     endpoint, coupling, n = wire.endpoint, side.coupling, side.plant.n
@@ -165,7 +165,7 @@ def _take(side: DeviceSide, wire: Wire, now_ns: int) -> None:
     _credit(coupling, wire)
 
 
-@compiled
+@equation
 def _note(coupling: Coupling, wire: Wire, at: int, n: int) -> None:
     """The coupling receives the sample at this place of the backlog."""
     sample = wire.samples[at]
@@ -178,7 +178,7 @@ def _note(coupling: Coupling, wire: Wire, at: int, n: int) -> None:
     endpoint.used_ns, endpoint.used_came_ns, endpoint.took_ns = sample.stamp_ns, wire.came_ns[at], wire.took_ns[at]
 
 
-@compiled
+@equation
 def _age_s(sample: Message, came_ns: int, took_ns: int, now_ns: int) -> float:
     """How old a sample is [s]: that of a proxy which has aimed is known exactly."""
     if sample.aimed_ns:
@@ -186,7 +186,7 @@ def _age_s(sample: Message, came_ns: int, took_ns: int, now_ns: int) -> float:
     return (now_ns - came_ns + took_ns) * _NANO
 
 
-@compiled
+@equation
 def _tell(side: DeviceSide, sample: Message, n: int, age_s: float) -> None:
     """`ContactModel.receive`."""
     model, told = side.model, side.told
@@ -202,7 +202,7 @@ def _tell(side: DeviceSide, sample: Message, n: int, age_s: float) -> None:
         told.velocity[k] = sample.velocity[k]
 
 
-@compiled
+@equation
 def _credit(coupling: Coupling, wire: Wire) -> None:
     """The credits that wait go to the coupling."""
     for k in range(wire.endpoint.credits):
@@ -211,7 +211,7 @@ def _credit(coupling: Coupling, wire: Wire) -> None:
     wire.endpoint.credits = 0
 
 
-@compiled
+@equation
 def _choose(side: DeviceSide, dt: float, x: Floats) -> None:
     """Choose y, before the stages."""
     coupling, n = side.coupling, side.plant.n
@@ -223,7 +223,7 @@ def _choose(side: DeviceSide, dt: float, x: Floats) -> None:
         copy(n, coupling.received, coupling.y)
 
 
-@compiled
+@equation
 def _observe_truth(side: DeviceSide, work: float) -> None:
     """`SampledDeviceSide._observe_truth` with the measured harvest."""
     ledger = side.true_ledger
@@ -233,7 +233,7 @@ def _observe_truth(side: DeviceSide, work: float) -> None:
     ledgers.observe(ledger, stored, servos.account(side.servo, side.coupling, side.spring))
 
 
-@compiled
+@equation
 def step(side: WorldSide, wire: Wire, counts: Counts, now_ns: int, message: Message) -> None:
     """`WorldSide.step`: the message is in `message`."""
     mass, coupling, ledger, n = side.mass, side.coupling, side.ledger, side.mass.n
@@ -267,7 +267,7 @@ def step(side: WorldSide, wire: Wire, counts: Counts, now_ns: int, message: Mess
     environment_account.observe(side.environment, side.contacts, ledger.work, n, mass.x)
 
 
-@compiled
+@equation
 def _receive(side: WorldSide, wire: Wire, now_ns: int) -> None:
     """`ControlHalf.take` at the world."""
     endpoint, coupling, n = wire.endpoint, side.coupling, side.mass.n
@@ -282,7 +282,7 @@ def _receive(side: WorldSide, wire: Wire, now_ns: int) -> None:
     _credit(coupling, wire)
 
 
-@compiled
+@equation
 def _say(side: WorldSide, reach_m: float, dt: float, message: Message) -> None:
     """`SetPositionSteps.update`: what the world knows of the place."""
     around, n = side.around, side.mass.n

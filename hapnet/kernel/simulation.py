@@ -13,12 +13,12 @@ from hapnet.kernel import link as links
 from hapnet.kernel import sides
 from hapnet.kernel.device import Hand
 from hapnet.kernel.endpoint import Wire, has_room, poll, receive
-from hapnet.kernel.jit import SOURCES, compiled, entry
 from hapnet.kernel.link import Link
-from hapnet.kernel.records import Record, Wholes
 from hapnet.kernel.samples import Rows, have_room, record_step, record_tick
 from hapnet.kernel.sides import Counts, DeviceSide, WorldSide
 from hapnet.kernel.two_port import TwoPort, on_device, on_world
+from hapnet.records.equation import equation
+from hapnet.records.record import Record, Wholes
 
 UP, DOWN, DEVICE_TIMER, WORLD_TIMER, STEP, TICK = range(6)
 """The kinds of events, in the order in which they run at the same nanosecond."""
@@ -62,7 +62,7 @@ class Scenario(Record):
     hand: Hand
 
 
-@compiled
+@equation
 def _earliest(clock: Clock) -> int:
     """The kind of the event that is due next."""
     first = 0
@@ -72,7 +72,7 @@ def _earliest(clock: Clock) -> int:
     return first
 
 
-@compiled
+@equation
 def _tick(scenario: Scenario, now_ns: int) -> None:
     """`Simulation._tick`."""
     clock, side, wire, link = scenario.clock, scenario.at_device, scenario.device_wire, scenario.up
@@ -98,7 +98,7 @@ def _tick(scenario: Scenario, now_ns: int) -> None:
         _to_world(scenario, now_ns)
 
 
-@compiled
+@equation
 def _step(scenario: Scenario, now_ns: int) -> None:
     """`Simulation._step`."""
     clock, side, wire, link = scenario.clock, scenario.at_world, scenario.world_wire, scenario.down
@@ -122,7 +122,7 @@ def _step(scenario: Scenario, now_ns: int) -> None:
         _to_device(scenario, now_ns)
 
 
-@compiled
+@equation
 def _deliver(link: Link, wire: Wire, now_ns: int) -> None:
     """The link's receiver takes what is released by now."""
     slot = links.take(link, now_ns)
@@ -131,7 +131,7 @@ def _deliver(link: Link, wire: Wire, now_ns: int) -> None:
         slot = links.take(link, now_ns)
 
 
-@compiled
+@equation
 def _to_world(scenario: Scenario, now_ns: int) -> None:
     """The world receives what the uplink releases by now."""
     _deliver(scenario.up, scenario.world_wire, now_ns)
@@ -139,7 +139,7 @@ def _to_world(scenario: Scenario, now_ns: int) -> None:
     scenario.clock.due[WORLD_TIMER] = channels.next_due_ns(scenario.world_wire.channel)
 
 
-@compiled
+@equation
 def _to_device(scenario: Scenario, now_ns: int) -> None:
     """The device receives what the downlink releases by now."""
     _deliver(scenario.down, scenario.device_wire, now_ns)
@@ -147,7 +147,7 @@ def _to_device(scenario: Scenario, now_ns: int) -> None:
     scenario.clock.due[DEVICE_TIMER] = channels.next_due_ns(scenario.device_wire.channel)
 
 
-@compiled
+@equation
 def _run(scenario: Scenario, until_ns: int) -> int:
     """Run every event until `until_ns`, as far as possible."""
     clock, due = scenario.clock, scenario.clock.due
@@ -178,7 +178,7 @@ def _run(scenario: Scenario, until_ns: int) -> int:
             return IMPOSSIBLE
 
 
-@compiled
+@equation
 def _is_provided(scenario: Scenario, kind: int) -> bool:
     """Is there enough of everything for one more event of this kind?"""
     if kind == TICK and scenario.hand.at == scenario.hand.known:
@@ -188,20 +188,18 @@ def _is_provided(scenario: Scenario, kind: int) -> bool:
     return has_room(scenario.up) and has_room(scenario.down) and have_room(scenario.rows)
 
 
-@compiled
+@equation
 def _impossible(scenario: Scenario) -> bool:
     """Has something happened that the kernel cannot do?"""
     wires = scenario.device_wire.endpoint.impossible + scenario.world_wire.endpoint.impossible
     return wires + scenario.up.overflow + scenario.down.overflow + scenario.at_device.limited.unsolved > 0
 
 
-def _with(sources: str) -> Callable[[Scenario, int], int]:
-    @entry
+def entry_of(sources: str) -> Callable[[Scenario, int], int]:
+    """The function that compiled code is entered by. sources : their digest."""
+
     def run(scenario: Scenario, until_ns: int) -> int:
         """Run every event until `until_ns` [ns]; returns why it stopped."""
         return _run(scenario, until_ns) if sources is not None else IMPOSSIBLE
 
     return run
-
-
-run: Callable[[Scenario, int], int] = _with(SOURCES)

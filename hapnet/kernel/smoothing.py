@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from hapnet.kernel.jit import compiled
-from hapnet.kernel.records import Floats, Record, Vector
-from hapnet.kernel.vectors import copy, low_pass
+from hapnet.records.equation import equation
+from hapnet.records.record import Floats, Record, Vector
+from hapnet.records.vectors import copy, low_pass
 
 
 class Stages(Record):
@@ -30,7 +30,7 @@ class Stages(Record):
     elapsed: float
 
 
-@compiled
+@equation
 def step(n: int, stages: Stages, dt: float, y: Floats, fresh: bool, sent_s: float) -> None:
     """Replace y by the stages' output."""
     if stages.horizon_s > 0.0:
@@ -43,14 +43,14 @@ def step(n: int, stages: Stages, dt: float, y: Floats, fresh: bool, sent_s: floa
         copy(n, stages.state, y)
 
 
-@compiled
+@equation
 def silent(stages: Stages, dt: float, fresh: bool) -> bool:
     """`Silence.step`: is y to be released?"""
     stages.elapsed = 0.0 if fresh else stages.elapsed + dt
     return stages.releases != 0 and stages.elapsed > stages.after
 
 
-@compiled
+@equation
 def _predict(n: int, stages: Stages, dt: float, y: Floats, fresh: bool, sent_s: float) -> None:
     """`VelocityPredictor.step`."""
     stages.age += dt

@@ -17,7 +17,7 @@ _MARK = _HERE / "__pycache__" / "compiled"
 def digest() -> str:
     """A digest of all sources that the kernel is compiled from, or takes constants from, and the compiler's version."""
     packages = [_HERE.parents[1] / "netem"]
-    packages += [_HERE.parent / name for name in ("kernel", "control", "mechanics", "plant", "wire")]
+    packages += [_HERE.parent / name for name in ("kernel", "records", "control", "mechanics", "plant", "wire")]
     found = hashlib.sha256(_compiler().encode())
     for path in sorted(path for package in packages for path in package.rglob("*.py")):
         found.update(path.read_bytes())

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from hapnet.kernel.jit import compiled
-from hapnet.kernel.records import Floats, Matrix, Record, Vector
+from hapnet.records.equation import equation
+from hapnet.records.record import Floats, Matrix, Record, Vector
 
 _MOST_ITERATIONS = 60
 _INSIDE = 1.0 - 2.0**-50
@@ -31,12 +31,12 @@ class Spring(Record):
     p: Vector
 
 
-@compiled
+@equation
 def square(spring: Spring, e: Floats) -> float:
     """``|e|_K^2``."""
     n = spring.dof
     if n == 1:
-        return float(spring.K[0, 0] * e[0] * e[0])
+        return float(spring.K[0][0] * e[0] * e[0])
     total = 0.0
     if not spring.coupled:
         for i in range(n):
@@ -45,12 +45,12 @@ def square(spring: Spring, e: Floats) -> float:
     for k in range(n):
         u = 0.0
         for i in range(n):
-            u += spring.columns[k, i] * e[i]
+            u += spring.columns[k][i] * e[i]
         total += spring.eigenvalues[k] * (u * u)
     return total
 
 
-@compiled
+@equation
 def of_square(spring: Spring, s2: float) -> float:
     """phi [J], given ``|e|_K^2``."""
     if s2 <= spring.knee_square:
@@ -58,18 +58,18 @@ def of_square(spring: Spring, s2: float) -> float:
     return spring.knee * math.sqrt(s2) - 0.5 * spring.knee_square
 
 
-@compiled
+@equation
 def between(spring: Spring, ybar: Floats, x: Floats) -> float:
     """phi [J] of the spring that ties x to ybar."""
     if spring.dof == 1:
         e = x[0] - ybar[0]
-        return of_square(spring, spring.K[0, 0] * e * e)
+        return of_square(spring, spring.K[0][0] * e * e)
     for i in range(spring.dof):
         spring.u[i] = x[i] - ybar[i]
     return of_square(spring, square(spring, spring.u))
 
 
-@compiled
+@equation
 def force(spring: Spring, x: Floats, ybar: Floats, out: Floats) -> None:
     """The spring's force on the device [N]."""
     n, e = spring.dof, spring.u
@@ -80,16 +80,16 @@ def force(spring: Spring, x: Floats, ybar: Floats, out: Floats) -> None:
     if s2 > spring.knee_square:
         scale = -spring.knee / math.sqrt(s2)
     if n == 1:
-        out[0] = scale * spring.K[0, 0] * e[0]
+        out[0] = scale * spring.K[0][0] * e[0]
         return
     for i in range(n):
         total = 0.0
         for j in range(n):
-            total += spring.K[i, j] * e[j]
+            total += spring.K[i][j] * e[j]
         out[i] = scale * total
 
 
-@compiled
+@equation
 def saturation(spring: Spring, x: Floats, ybar: Floats) -> float:
     """The share of the linear spring's force that it gives."""
     for i in range(spring.dof):
@@ -98,7 +98,7 @@ def saturation(spring: Spring, x: Floats, ybar: Floats) -> float:
     return 1.0 if s2 <= spring.knee_square else spring.knee / math.sqrt(s2)
 
 
-@compiled
+@equation
 def nearest(spring: Spring, e: Floats, energy: float) -> None:
     """Replace e by the nearest offset with ``phi <= energy`` [J]."""
     if energy <= 0.0:
@@ -114,7 +114,7 @@ def nearest(spring: Spring, e: Floats, energy: float) -> None:
         excess *= 2.0
 
 
-@compiled
+@equation
 def project(spring: Spring, e: Floats, radius: float) -> float:
     """Replace e by the nearest point with ``|p|_K <= radius``; returns its ``|p|_K^2``."""
     n = spring.dof
@@ -142,7 +142,7 @@ def project(spring: Spring, e: Floats, radius: float) -> float:
     return s2
 
 
-@compiled
+@equation
 def _secular(spring: Spring, e: Floats, radius: float) -> None:
     """`Ellipsoid._secular`, in place."""
     n, u, p = spring.dof, spring.u, spring.p
@@ -151,7 +151,7 @@ def _secular(spring: Spring, e: Floats, radius: float) -> None:
         if spring.coupled:
             u[k] = 0.0
             for i in range(n):
-                u[k] += spring.columns[k, i] * e[i]
+                u[k] += spring.columns[k][i] * e[i]
     mu = 0.0
     for _ in range(_MOST_ITERATIONS):
         total = slope = 0.0
@@ -172,4 +172,4 @@ def _secular(spring: Spring, e: Floats, radius: float) -> None:
         if spring.coupled:
             e[i] = 0.0
             for k in range(n):
-                e[i] += spring.rows[i, k] * p[k]
+                e[i] += spring.rows[i][k] * p[k]

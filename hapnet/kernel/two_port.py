@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from hapnet.kernel.jit import compiled
-from hapnet.kernel.records import Record
+from hapnet.records.equation import equation
+from hapnet.records.record import Record
 
 
 class TwoPort(Record):
@@ -20,7 +20,7 @@ class TwoPort(Record):
     open: float
 
 
-@compiled
+@equation
 def on_device(port: TwoPort, work: float) -> None:
     """`TwoPort.device`."""
     port.at_device = work
@@ -28,7 +28,7 @@ def on_device(port: TwoPort, work: float) -> None:
         port.device_low = work
 
 
-@compiled
+@equation
 def on_world(port: TwoPort, work: float) -> None:
     """`TwoPort.world`."""
     if not (math.isnan(port.before) or math.isnan(port.open)):

@@ -5,24 +5,20 @@ from __future__ import annotations
 from typing import Annotated
 
 from hapnet.kernel.contact_model import Planes
-from hapnet.kernel.jit import compiled, shared
-from hapnet.kernel.records import AXES, PLANES, Floats, Record, Wholes
-from hapnet.kernel.vectors import copy, dot
-from hapnet.plant.worlds.walls import Face, _into, _out_of, _positive_root
+from hapnet.plant.worlds.walls import Face, entering, leaving
+from hapnet.records.equation import equation
+from hapnet.records.record import AXES, PLANES, FloatRows, Floats, Record, Wholes
+from hapnet.records.vectors import copy, dot
 
 MOST = 8
 """The most walls, and axes of walls, of a scene."""
-
-_root = shared(_positive_root)
-_entering = shared(_into, _positive_root=_root)
-_leaving = shared(_out_of, _positive_root=_root, _into=_entering)
 
 
 class Contacts(Record):
     """`Contacts`: each axis with the faces at its ends, and each wall."""
 
     axes: int
-    normal: Annotated[Floats, (MOST, AXES)]
+    normal: Annotated[FloatRows, (MOST, AXES)]
     upper_at: Annotated[Floats, (MOST,)]
     upper_stiffness: Annotated[Floats, (MOST,)]
     upper_damping: Annotated[Floats, (MOST,)]
@@ -30,30 +26,30 @@ class Contacts(Record):
     lower_stiffness: Annotated[Floats, (MOST,)]
     lower_damping: Annotated[Floats, (MOST,)]
     walls: int
-    wall_normal: Annotated[Floats, (MOST, AXES)]
+    wall_normal: Annotated[FloatRows, (MOST, AXES)]
     wall_offset: Annotated[Floats, (MOST,)]
     wall_stiffness: Annotated[Floats, (MOST,)]
     taken: Annotated[Wholes, (MOST,)]
 
 
-@compiled
+@equation
 def force(contacts: Contacts, k: int, q: float, w: float, a: float, dt: float) -> float:
     """`Axis.force` of axis k."""
     upper = Face(contacts.upper_at[k], contacts.upper_stiffness[k], contacts.upper_damping[k])
     lower = Face(contacts.lower_at[k], contacts.lower_stiffness[k], contacts.lower_damping[k])
     found: float = 0.0
     if q > upper.at:
-        found = -_leaving(upper, lower, q - upper.at, upper.at - lower.at, -w, a, dt)
+        found = -leaving(upper, lower, q - upper.at, upper.at - lower.at, -w, a, dt)
     elif q < lower.at:
-        found = _leaving(lower, upper, lower.at - q, upper.at - lower.at, w, a, dt)
+        found = leaving(lower, upper, lower.at - q, upper.at - lower.at, w, a, dt)
     elif w > 0.0:
-        found = -_entering(upper, upper.at - q, w, a, dt)
+        found = -entering(upper, upper.at - q, w, a, dt)
     else:
-        found = _entering(lower, q - lower.at, -w, a, dt)
+        found = entering(lower, q - lower.at, -w, a, dt)
     return found
 
 
-@compiled
+@equation
 def penetration(contacts: Contacts, n: int, x: Floats) -> float:
     """`Contacts.penetration`."""
     deepest = 0.0
@@ -66,7 +62,7 @@ def penetration(contacts: Contacts, n: int, x: Floats) -> float:
     return deepest
 
 
-@compiled
+@equation
 def stored(contacts: Contacts, n: int, x: Floats) -> float:
     """`Contacts.stored_J`."""
     total = 0.0
@@ -77,7 +73,7 @@ def stored(contacts: Contacts, n: int, x: Floats) -> float:
     return total
 
 
-@compiled
+@equation
 def tell(contacts: Contacts, n: int, x: Floats, reach_m: float, planes: Planes) -> None:
     """`Contacts.planes`: the deepest first, into `planes`."""
     planes.count = 0

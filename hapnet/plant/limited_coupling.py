@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hapnet.checks import Array, Vector
+from hapnet.records.equation import equation
 
 ROUNDS = 25
 """Most iterations of a fixed point or a search. The one for c contracts by about ``K h^2 / 4M`` in each; if that is not
@@ -176,6 +177,7 @@ def rows(matrix: NDArray[np.floating[Any]]) -> tuple[Vector, ...]:
     return tuple(tuple(row) for row in matrix.tolist())
 
 
+@equation
 def discrete_gradient(start: float, end: float, knee: float) -> float:
     """c with ``h(end) - h(start) = c (end^2 - start^2) / 2`` for the potential h of a spring saturated at the knee."""
     if start <= knee and end <= knee:

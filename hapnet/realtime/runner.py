@@ -13,6 +13,7 @@ import secrets
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +47,7 @@ from hapnet.summary.run import Summary
 from hapnet.transport.config import ZenohSettings
 from hapnet.transport.diagnosis import ConnectionDiagnosis
 from hapnet.transport.zenoh import TELEMETRY, ZenohTransport
+from hapnet.wire.encryption import Cipher
 from hapnet.wire.events import EnergyCredited, Event, PositionReceived, SampleReceived
 from hapnet.wire.fields import Signal
 from hapnet.wire.messages import Role
@@ -98,7 +100,6 @@ class RealtimeSide:
         callbacks = ControlCallbacks(self._send, self._keep, self._fail, lambda: self._link_driver.arm())
         incarnation = secrets.randbits(63) + 1
         secret = Secret(secrets.token_bytes(32), zenoh.security.secret_word(), encrypts=zenoh.security.encrypt)
-        self._for_watchers = secret.for_watchers(incarnation)
         if record is not None:
             require_writable(record)
         self._transport = ZenohTransport(
@@ -126,7 +127,11 @@ class RealtimeSide:
         self._link_driver = LinkDriver(port, self._transport.put, clock, period_ns=period_ns)
         rate_hz = setup.params.telemetry_hz
         planes = (lambda: self.wire.planes) if role == "device" else None
-        self._telemetry = TelemetryPublisher(rate_hz, self._put, self._status, planes) if rate_hz else None
+        self._telemetry = (
+            TelemetryPublisher(rate_hz, partial(self._put, secret.for_watchers(incarnation)), self._status, planes)
+            if rate_hz
+            else None
+        )
         self._reporter = Reporter(role, own.on_silence, clock, notify, self._telemetry, watch)
         self._figures = Figures(
             setup, role, seed, (session, name), control, self._link_driver, self._transport, clock,
@@ -168,11 +173,11 @@ class RealtimeSide:
         """On control's thread."""
         self._link_driver.send(data)
 
-    def _put(self, data: bytes) -> None:
+    def _put(self, for_watchers: Cipher | None, data: bytes) -> None:
         if self.wire.session.encrypts:
-            if self._for_watchers is None:
+            if for_watchers is None:
                 return  # nobody else may read what the pair does
-            data = self._for_watchers.encrypt(data)
+            data = for_watchers.encrypt(data)
         self._transport.put(TELEMETRY, data)
 
     def _on_message(self, kind: str, data: bytes) -> None:

@@ -299,6 +299,11 @@ More = Annotated[dict[str, Any], more]
 """What a frame's map of further entries says."""
 
 
+def printable(text: str) -> str:
+    """What a receiver takes as a text."""
+    return "".join(c if c.isprintable() else " " for c in text)[:MAX_TEXT]
+
+
 def checks_of(message: type, names: tuple[str, ...]) -> tuple[Callable[[object], object], ...]:
     """The checks of these fields of a message's class, as their types name them."""
     types = get_type_hints(message, include_extras=True)

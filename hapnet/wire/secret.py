@@ -13,12 +13,12 @@ import dataclasses
 import hashlib
 import hmac
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 from hapnet.errors import BadMessage
-from hapnet.wire.encryption import Cipher
+from hapnet.wire.encryption import Cipher, Encrypted
 from hapnet.wire.fields import ENCRYPTS, KEY, TAG
-from hapnet.wire.messages import Account, Bye, Energy, Message, Refuse, Signals, Stream, Welcome, encode
+from hapnet.wire.messages import Account, Bye, Energy, Message, Refuse, Signals, Stream, Welcome, decode, encode
 
 TAG_BYTES = 8
 _NO_TAG = bytes(TAG_BYTES)
@@ -28,6 +28,9 @@ OfPeer = Energy | Signals | Account | Bye | Refuse
 """The messages of a peer that must be sealed where the two share a key."""
 
 Sealed = OfPeer | Welcome
+
+OF_PAIR: tuple[type[Message], ...] = (*get_args(Stream), Energy, Signals, Account)
+"""What the sides of a pair say to each other, beside what begins and ends it."""
 
 
 class Secret:
@@ -90,6 +93,21 @@ def is_sealed(key: bytes, more: Mapping[str, Any] | None, data: bytes) -> bool:
         and data.endswith(tag)
         and hmac.compare_digest(tag, _tag(key, data[:-TAG_BYTES]))
     )
+
+
+def decrypted(message: Encrypted, cipher: Cipher | None) -> Message:
+    """What the peer has encrypted. cipher : of the pair; None: it does not encrypt.
+
+    Raises
+    ------
+    BadMessage : somebody else has encrypted it, or it is no message of a pair, or of another sender.
+    """
+    if cipher is None:
+        raise BadMessage("forged", "an encrypted message; this pair does not encrypt")
+    inside = decode(cipher.decrypt(message))
+    if inside.incarnation != message.incarnation or not isinstance(inside, OF_PAIR):
+        raise BadMessage("forged", f"a {type(inside).__name__} of {inside.incarnation:#x}, encrypted by its peer")
+    return inside
 
 
 class _Shared(NamedTuple):

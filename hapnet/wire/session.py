@@ -26,7 +26,7 @@ from hapnet.wire.control_sender import ControlMessage
 from hapnet.wire.encryption import Cipher
 from hapnet.wire.energy_channel import EnergyChannel, Totals
 from hapnet.wire.events import EnergyCredited, Event, PositionReceived, SampleReceived
-from hapnet.wire.fields import MAX_TEXT, SUMS, Signal
+from hapnet.wire.fields import SUMS, Signal, printable
 from hapnet.wire.handshake import MOST_SAMPLED, RESERVOIR, SAMPLED, Handshake, check_identity
 from hapnet.wire.messages import (
     Account,
@@ -56,7 +56,7 @@ from hapnet.wire.numbering import Place
 from hapnet.wire.path import Path
 from hapnet.wire.peer_monitor import Outages, PeerMonitor
 from hapnet.wire.replay_window import ReplayWindow
-from hapnet.wire.secret import Secret, sealed
+from hapnet.wire.secret import OF_PAIR, Secret, decrypted, sealed
 from hapnet.wire.session_settings import SessionSettings as SessionSettings
 from hapnet.wire.signals import SignalExchange
 from hapnet.wire.stream import PositionStream as PositionStream
@@ -179,7 +179,8 @@ class Session:
         try:
             message = decode(data)
             if type(message) is Encrypted:
-                message = self._decrypted(message, now_ns)
+                self._handshake.on_data(message.incarnation, now_ns)
+                message = decrypted(message, self._cipher)
             elif type(message) is not self._expects or self._cipher is not None:
                 self._handshake.keys.require_seal(message, data)
             if type(message) is self._expects:  # nearly every message
@@ -196,10 +197,7 @@ class Session:
         return events
 
     def outward(self, frame: bytes) -> bytes | None:
-        """A frame of this side's stream as it goes to the network: encrypted where the pair encrypts.
-
-        None: it must not go, since it could be read.
-        """
+        """A frame of this side's stream as it goes to the network, where a pair may encrypt; None: it must not go."""
         if self._cipher is not None:
             return self._cipher.encrypt(frame, sequence_of(frame))
         return None if self._handshake.keys.must_encrypt else frame
@@ -258,7 +256,7 @@ class Session:
         if not self.closed:
             self.closed = True
             self._channel.abandon()
-            self._handshake.close(now_ns, self._channel.credited_nJ, _printable(reason))
+            self._handshake.close(now_ns, self._channel.credited_nJ, printable(reason))
 
     @property
     def settled(self) -> bool:
@@ -322,19 +320,10 @@ class Session:
                 return ()
             case Bye():
                 return self._on_bye(message, now_ns)
+            case Encrypted():  # what was in it is here in its place
+                return ()
             case Hello() | Welcome() | Refuse():
                 return self._handshake.receive(message, now_ns, data)
-            case Encrypted():  # never: what was in one is here in its place
-                return ()
-
-    def _decrypted(self, message: Encrypted, now_ns: int) -> Message:
-        self._handshake.on_data(message.incarnation, now_ns)
-        if self._cipher is None:
-            raise BadMessage("forged", "an encrypted message; this pair does not encrypt")
-        inside = decode(self._cipher.decrypt(message))
-        if inside.incarnation != message.incarnation or not isinstance(inside, _OF_PAIR):
-            raise BadMessage("forged", f"a {type(inside).__name__} of {inside.incarnation:#x}, encrypted by its peer")
-        return inside
 
     def _on_energy(self, message: Energy, now_ns: int) -> tuple[Event, ...]:
         announced_nJ = self._channel.announced_nJ
@@ -415,7 +404,7 @@ class Session:
         self.sums.change_pair()
 
     def _outgoing(self, message: Energy | Signals | Account | ControlMessage) -> Outgoing:
-        if self._cipher is not None and isinstance(message, _OF_PAIR):
+        if self._cipher is not None and isinstance(message, OF_PAIR):
             return Outgoing(message.CHANNEL, self._cipher.encrypt(encode(message)))
         key = None if isinstance(message, Hello) else self._handshake.keys.shared_with(message.addressee)
         frame = encode(message) if isinstance(message, Hello) or key is None else sealed(message, key)
@@ -425,13 +414,5 @@ class Session:
         return EnergyChannel(self._admission, spacing_ns=self.settings.spacing_ns, residue_J=residue_J)
 
 
-_OF_PAIR = (Position, Motion, Port, Wave, Proxy, Energy, Signals, Account)
-"""What the sides of a pair say to each other, beside what begins and ends it."""
-
-
 def _word(stream: Stream | type[Stream]) -> str:
     return (stream if isinstance(stream, type) else type(stream)).__name__.lower()
-
-
-def _printable(text: str) -> str:
-    return "".join(c if c.isprintable() else " " for c in text)[:MAX_TEXT]

@@ -37,6 +37,7 @@ from hapnet.mechanics.plane import Plane
 from hapnet.params import WallParams
 from hapnet.plant.worlds.coupled import Contact, compliance, solve
 from hapnet.plant.worlds.protocol import Inverse
+from hapnet.records.equation import equation
 
 _WALL = WallParams()
 WALL_STIFFNESS, WALL_DAMPING = _WALL.stiffness, _WALL.damping
@@ -112,12 +113,12 @@ class Axis:
         `a` [Ns/m] is the mass's resistance along the normal, `dt` [s] the step's length.
         """
         if q > self.upper.at:
-            return -_out_of(self.upper, self.lower, q - self.upper.at, self.upper.at - self.lower.at, -w, a, dt)
+            return -leaving(self.upper, self.lower, q - self.upper.at, self.upper.at - self.lower.at, -w, a, dt)
         if q < self.lower.at:
-            return _out_of(self.lower, self.upper, self.lower.at - q, self.upper.at - self.lower.at, w, a, dt)
+            return leaving(self.lower, self.upper, self.lower.at - q, self.upper.at - self.lower.at, w, a, dt)
         if w > 0.0:
-            return -_into(self.upper, self.upper.at - q, w, a, dt)
-        return _into(self.lower, q - self.lower.at, -w, a, dt)
+            return -entering(self.upper, self.upper.at - q, w, a, dt)
+        return entering(self.lower, q - self.lower.at, -w, a, dt)
 
     def potential_J(self, q: float) -> float:
         """Energy stored in the axis's springs at coordinate `q` [m]."""
@@ -125,7 +126,8 @@ class Axis:
         return 0.5 * (self.upper.stiffness * above * above + self.lower.stiffness * below * below)
 
 
-def _into(face: Face, distance: float, w: float, a: float, dt: float) -> float:
+@equation
+def entering(face: Face, distance: float, w: float, a: float, dt: float) -> float:
     """Resistance (>= 0) [N] of a face that lies `distance` >= 0 ahead of a mass that moves at `w` towards it."""
     free_depth = dt * w - distance
     if not free_depth > 0.0:
@@ -137,12 +139,13 @@ def _into(face: Face, distance: float, w: float, a: float, dt: float) -> float:
     return K * e * (e / (h + e)) / 2 + B * e / dt if e > 0.0 else 0.0
 
 
-def _out_of(near: Face, far: Face, depth: float, gap: float, w: float, a: float, dt: float) -> float:
+@equation
+def leaving(near: Face, far: Face, depth: float, gap: float, w: float, a: float, dt: float) -> float:
     """Outward force [N] of `near` on a mass `depth` > 0 inside it that moves outwards at `w`; `far` is across `gap`."""
     K, B, d = near.stiffness, near.damping, depth
     if (a - K * dt / 2 + B) * d >= a * w * dt:  # inside: the end is not beyond the surface
         push = a * (K * d - (K * dt / 2 + B) * w) / (a + K * dt / 2 + B)
-        return push if push >= 0.0 else -_into(far, d + gap, w, a, dt)
+        return push if push >= 0.0 else -entering(far, d + gap, w, a, dt)
     # Leaving over u >= d: a u^2 + (B d - a w T) u - K T d^2/2 = 0.
     h = d + gap
     u = max(d, _positive_root(a, B * d - a * w * dt, -K * dt * d * d / 2))
@@ -156,10 +159,11 @@ def _out_of(near: Face, far: Face, depth: float, gap: float, w: float, a: float,
         u = h + e
     push = K * d * (d / u) / 2 - B * d / dt
     if push < 0.0:
-        return -_into(far, h, w, a, dt)
+        return -entering(far, h, w, a, dt)
     return push - (far.stiffness * e * (e / u) / 2 + far.damping * e / dt)
 
 
+@equation
 def _positive_root(a: float, b: float, c: float) -> float:
     """Positive root of ``a z^2 + b z + c`` for a > 0 >= c, without cancellation (0 where rounding made c positive)."""
     if c > 0.0:

@@ -2,26 +2,13 @@
 
 from __future__ import annotations
 
-from hapnet.control.ledger import Ledger
 from hapnet.control.pspm import SetPositionModulator
 from hapnet.control.set_position_coupling import Arrived, SetPositionCoupling
 from hapnet.control.smoothing import SmoothingFilter, VelocityPredictor
 from hapnet.control.zoh import ZeroOrderHold
-from hapnet.kernel import ledger, set_position_coupling, smoothing, springs
+from hapnet.kernel import set_position_coupling, smoothing, springs
 from hapnet.mechanics.spring import Spring
 from hapnet.simulation.compiled.mirror import optional, put, read, value, vector, write
-
-_LEDGER = (
-    "bound work credited sent margin margin_min slack slack_min stored reservoir _carry _sent_carry _credited_carry"
-)
-
-
-def read_ledger(record: ledger.Ledger, source: Ledger) -> None:
-    read(record, source, _LEDGER)
-
-
-def write_ledger(record: ledger.Ledger, target: Ledger) -> None:
-    write(record, target, _LEDGER)
 
 
 def read_spring(record: springs.Spring, source: Spring) -> None:

@@ -14,16 +14,15 @@ from hapnet.control.set_position_servo import ContinuousServo, SampledServo
 from hapnet.control.smoothing import FilteredVelocity
 from hapnet.kernel import added_damping, contact_model, set_position_servo, sides
 from hapnet.kernel import device as devices
+from hapnet.kernel.memory import load, store
 from hapnet.mechanics.encoders import rounding
 from hapnet.plant.device import SimulatedDevice
 from hapnet.side.device import DeviceSide
 from hapnet.simulation.compiled.couplings import (
     read_coupling,
-    read_ledger,
     read_spring,
     read_stages,
     write_coupling,
-    write_ledger,
 )
 from hapnet.simulation.compiled.mirror import optional, put, read, replace, value, vector, write
 
@@ -43,11 +42,11 @@ def read_side(record: sides.DeviceSide, side: DeviceSide) -> None:
     else:
         _servo(record.servo, servo)
         read(record.guard, value(servo, "guard"), "limit step reach speed inertia square linear constant has_account")
-        read_ledger(record.true_ledger, value(side, "true_ledger"))
-        read_ledger(record.hand, value(side, "hand"))
+        store(record.true_ledger, value(side, "true_ledger"))
+        store(record.hand, value(side, "hand"))
     read_coupling(record.coupling, coupling)
     read_spring(record.spring, coupling.spring)
-    read_ledger(record.ledger, coupling.ledger)
+    store(record.ledger, coupling.ledger)
     read_stages(record.stages, coupling)
     if isinstance(coupling.source, ContactModel):
         _model(record, coupling.source)
@@ -64,15 +63,15 @@ def write_side(record: sides.DeviceSide, side: DeviceSide, reference: Vector) ->
     assert isinstance(device, SimulatedDevice)
     n = device.dof
     write_coupling(record.coupling, coupling)
-    write_ledger(record.ledger, coupling.ledger)
+    load(coupling.ledger, record.ledger)
     _write_device(record.plant, device, reference)
     if isinstance(servo, ContinuousServo):
         servo.elapsed = float(record.servo.elapsed)
         device.state.low, device.state.high = (vector(record.model_of_tick, name, n) for name in ("low", "high"))
         device.move_set_position(coupling.set_position)
         return
-    write_ledger(record.true_ledger, value(side, "true_ledger"))
-    write_ledger(record.hand, value(side, "hand"))
+    load(value(side, "true_ledger"), record.true_ledger)
+    load(value(side, "hand"), record.hand)
     write(record.servo, servo, _SERVO_STATE)
     for name in _SERVO_VECTORS:
         replace(servo, name, vector(record.servo, name, n))
@@ -173,7 +172,7 @@ def _pending(record: contact_model.ContactModel, told: contact_model.Planes, pen
     record.told_level = -1.0 if proxy.level is None else proxy.level
     told.count = len(proxy.planes)
     for k, plane in enumerate(proxy.planes):
-        told.normal[k, : len(plane.normal)] = plane.normal
+        told.normal[k][: len(plane.normal)] = plane.normal
         told.offset[k], told.stiffness[k], told.velocity[k] = plane.offset_m, plane.stiffness, plane.velocity_mps
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from hapnet.errors import BadMessage
 from hapnet.kernel import link as links
 from hapnet.kernel.link import AHEAD, ENERGY, LOST, STREAM, Message
+from hapnet.kernel.memory import plain
 from hapnet.side.packet import Packet
 from hapnet.simulation.compiled.coverage import OUT_OF_RANGE, NotCompiledError
 from hapnet.simulation.compiled.mirror import put, read, value, vector, write
@@ -91,7 +92,7 @@ class CompiledLink:
     def _count(self) -> None:
         """Count the delays of the delivered messages."""
         record, delays = self._record, self._link.counters.delays
-        delays.pending.extend(record.delivered_ns[: int(record.delivered)].tolist())
+        delays.pending.extend(plain(record.delivered_ns[: int(record.delivered)]))
         delays.fold()
         record.delivered = 0
 
@@ -137,7 +138,7 @@ def _packet(message: Message, sender: Session, proxies: bool) -> Packet:
     if not proxies:
         return Packet("position", encode(Position(*start, *echo, more or None)))
     planes = tuple(
-        (tuple(message.normal[k, :n].tolist()), float(message.offset[k]), float(message.stiffness[k]), 0.0,
+        (tuple(plain(message.normal[k][:n])), float(message.offset[k]), float(message.stiffness[k]), 0.0,
          float(message.velocity[k]))
         for k in range(int(message.planes))
     )  # fmt: skip

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from hapnet.kernel.records import Record
+from hapnet.kernel.memory import plain
+from hapnet.records.record import Record
 
 
 def value(source: object, name: str) -> Any:
@@ -34,7 +35,8 @@ def put(record: Record, field: str, values: Any) -> None:
     elif values:
         array = getattr(record, field)
         if isinstance(values[0], list | tuple):
-            array[: len(values), : len(values[0])] = values
+            for row, numbers in zip(array, values, strict=False):
+                row[: len(numbers)] = numbers
         else:
             array[: len(values)] = values
 
@@ -65,7 +67,7 @@ def number(found: Any) -> Any:
 
 def vector(record: Record, field: str, n: int) -> tuple[float, ...]:
     """A vector of the record."""
-    return tuple(getattr(record, field)[:n].tolist())
+    return tuple(plain(getattr(record, field)[:n]))
 
 
 def optional(record: Record, field: str, flag: str, found: Any) -> None:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hapnet.kernel import sources, two_port
 from hapnet.kernel.device import TICKS
 from hapnet.kernel.energy_channel import NEVER
-from hapnet.kernel.jit import COMPILED, as_one_unit
-from hapnet.kernel.records import Floats, Wholes, bare, give_back, new
+from hapnet.kernel.memory import bare, give_back, new, plain
 from hapnet.kernel.simulation import (
     DEVICE_TIMER,
     DONE,
@@ -24,8 +24,9 @@ from hapnet.kernel.simulation import (
     UP,
     WORLD_TIMER,
     Scenario,
-    run,
+    entry_of,
 )
+from hapnet.kernel.twins import COMPILED, as_one_unit, entry
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.hand_path import hand_path
 from hapnet.plant.worlds.scene import Scene
@@ -60,14 +61,16 @@ _WORLD_SCALARS = (
 
 
 @cache
-def make_ready() -> None:
-    """Load or make the machine code, once in a process: at the time -1 nothing is due."""
+def make_ready() -> Callable[[Scenario, int], int]:
+    """What runs a scenario's events until a time [ns]. Loads or makes the machine code, once in a process."""
+    run = entry(entry_of(sources.digest()))
     if COMPILED:
         scenario = new(Scenario)
         with as_one_unit():
-            run(bare(scenario), -1)
+            run(bare(scenario), -1)  # nothing is due at that time
         give_back(scenario, Scenario)
         sources.mark()
+    return run
 
 
 class CompiledRun:
@@ -112,7 +115,7 @@ class CompiledRun:
         for kind, at_ns in zip((UP, DOWN, DEVICE_TIMER, WORLD_TIMER, STEP, TICK), due, strict=True):
             clock.due[kind] = NEVER if at_ns is None else at_ns
         self._provide()
-        make_ready()
+        self._run_events = make_ready()
 
     def run_until(self, end_ns: int) -> None:
         """Run every event until then; `Simulation._until`.
@@ -133,7 +136,7 @@ class CompiledRun:
 
     def _run_to(self, until_ns: int) -> None:
         with np.errstate(all="ignore"):
-            while (why := run(bare(self._scenario), until_ns)) != DONE:
+            while (why := self._run_events(bare(self._scenario), until_ns)) != DONE:
                 if why == IMPOSSIBLE:
                     raise NotCompiledError(OUT_OF_RANGE)
                 self._provide()
@@ -150,7 +153,7 @@ class CompiledRun:
         clock, counts, hand = scenario.clock, scenario.counts, scenario.hand
         self._flush()
         made = int(counts.ticks) - side.ticks
-        reference = tuple(hand.path[hand.at, : self._device.dof].tolist())
+        reference = tuple(plain(hand.path[hand.at][: self._device.dof]))
         device.write_side(scenario.at_device, side, reference)
         side.resume(int(counts.device_last_ns), made)
         if made:
@@ -187,9 +190,10 @@ class CompiledRun:
                 self._device.ticks + int(self._scenario.at_device.plant.ticks),
             )
             count = min(TICKS, self._ticks)
-            hand.path[0, :n] = device.references[-1] if not hand.known else hand.path[hand.known, :n]
+            hand.path[0][:n] = device.references[-1] if not hand.known else hand.path[hand.known][:n]
             times = np.arange(begun + 1, begun + count + 1, dtype=float) * device.period
-            hand.path[1 : count + 1, :n] = hand_path(device.operator, times)
+            path: Any = hand.path
+            path[1 : count + 1, :n] = hand_path(device.operator, times)
             hand.at, hand.known = 0, count
             self._ticks -= count
 
@@ -205,7 +209,7 @@ class CompiledRun:
 
 
 def _columns(
-    time_ns: Wholes, rows: Floats, n: int, vectors: tuple[str, ...], scalars: tuple[str, ...],
+    time_ns: Any, rows: Any, n: int, vectors: tuple[str, ...], scalars: tuple[str, ...],
     kind: type[DeviceSample | MotionSample | WorldSample],
 ) -> Columns:  # fmt: skip
     count = len(time_ns)

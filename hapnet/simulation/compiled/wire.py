@@ -12,6 +12,7 @@ from hapnet.kernel import energy_channel as channels
 from hapnet.kernel import path as paths
 from hapnet.kernel.energy_channel import NEVER
 from hapnet.kernel.link import Message
+from hapnet.kernel.memory import plain
 from hapnet.side.endpoint import NANO, DeviceEndpoint, WorldEndpoint
 from hapnet.side.packet import FRAME_OVERHEAD
 from hapnet.simulation.compiled.mirror import number, optional, put, read, replace, value, write
@@ -77,7 +78,7 @@ def put_proxy(message: Message, aimed_ns: int, force: tuple[float, ...], planes:
     put(message, "force", force)
     message.planes = len(planes)
     for k, (normal, offset, stiffness, _, velocity, *_) in enumerate(planes):
-        message.normal[k, : len(normal)] = normal
+        message.normal[k][: len(normal)] = normal
         message.offset[k], message.stiffness[k], message.velocity[k] = offset, stiffness, velocity
 
 
@@ -186,7 +187,7 @@ def _path(record: paths.Path, session: Session) -> None:
     read(record, counts, "", **_COUNTS)
     for k, name in enumerate(_HISTOGRAMS):
         histogram = getattr(counts, name)
-        record.counts[k, :], record.highest[k] = histogram.counts, histogram.max
+        record.counts[k][:], record.highest[k] = histogram.counts, histogram.max
     read(record, path, "since_ns")
     optional(record, "least_trip_ns", "has_trip", value(path, "least_trip_ns"))
     if (last := value(path, "last")) is not None:
@@ -206,7 +207,7 @@ def _write_path(record: paths.Path, session: Session) -> None:
     replace(monitor, "sign_ns", number(record.sign_ns) if record.has_sign else None)
     write(record, counts, "", **_COUNTS)
     for k, name in enumerate(_HISTOGRAMS):
-        replace(counts, name, Histogram(record.counts[k].tolist(), int(record.highest[k])))
+        replace(counts, name, Histogram(plain(record.counts[k]), int(record.highest[k])))
     replace(path, "least_trip_ns", number(record.least_trip_ns) if record.has_trip else None)
     last = int(record.last_came_ns), int(record.last_stamp_ns)
     replace(path, "last", last if record.has_last else None)

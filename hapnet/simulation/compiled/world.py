@@ -5,17 +5,16 @@ from __future__ import annotations
 from hapnet.control.prediction import PredictedDevice
 from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.kernel import integrator, prediction, sides, walls
+from hapnet.kernel.memory import load, store
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.account import EnvironmentAccount
 from hapnet.plant.worlds.walls import Contacts
 from hapnet.side.world import WorldSide, WorldState
 from hapnet.simulation.compiled.couplings import (
     read_coupling,
-    read_ledger,
     read_spring,
     read_stages,
     write_coupling,
-    write_ledger,
 )
 from hapnet.simulation.compiled.mirror import optional, put, read, value, vector
 
@@ -27,7 +26,7 @@ def read_side(record: sides.WorldSide, side: WorldSide) -> None:
     _contacts(record.contacts, contacts)
     read_coupling(record.coupling, coupling)
     read_spring(record.spring, coupling.spring)
-    read_ledger(record.ledger, coupling.ledger)
+    store(record.ledger, coupling.ledger)
     read_stages(record.stages, coupling)
     read(record.environment, environment_of(side).state(), "start_J stored_J slack_min")
     if isinstance(coupling.source, PredictedDevice):
@@ -53,7 +52,7 @@ def environment_of(side: WorldSide) -> EnvironmentAccount:
 def write_side(record: sides.WorldSide, counts: sides.Counts, side: WorldSide) -> None:
     coupling, n = coupling_of(side), record.mass.n
     write_coupling(record.coupling, coupling)
-    write_ledger(record.ledger, coupling.ledger)
+    load(coupling.ledger, record.ledger)
     environment = environment_of(side)
     stored, least = float(record.environment.stored_J), float(record.environment.slack_min)
     environment.restore(environment.state()._replace(stored_J=stored, slack_min=least))
@@ -69,22 +68,22 @@ def _mass(record: integrator.PassiveIntegrator, mass: PassiveIntegrator) -> None
     put(record, "v", mass.velocity)
     for i, row in enumerate(mass.terms):
         for j, (double_mass, damping, half_stiffness) in enumerate(row):
-            record.M[i, j] = record.M[j, i] = double_mass / 2.0
-            record.B[i, j] = record.B[j, i] = damping
-            record.K[i, j] = record.K[j, i] = 2.0 * half_stiffness
+            record.M[i][j] = record.M[j][i] = double_mass / 2.0
+            record.B[i][j] = record.B[j][i] = damping
+            record.K[i][j] = record.K[j][i] = 2.0 * half_stiffness
     record.is_diagonal = int(value(mass, "diagonal"))
 
 
 def _contacts(record: walls.Contacts, contacts: Contacts) -> None:
     record.axes, record.walls = len(contacts.axes), len(contacts.walls)
     for k, axis in enumerate(contacts.axes):
-        record.normal[k, : len(axis.normal)] = axis.normal
+        record.normal[k][: len(axis.normal)] = axis.normal
         for end in ("upper", "lower"):
             face = getattr(axis, end)
             for name in ("at", "stiffness", "damping"):
                 getattr(record, f"{end}_{name}")[k] = getattr(face, name)
     for k, wall in enumerate(contacts.walls):
-        record.wall_normal[k, : len(wall.normal)] = wall.normal
+        record.wall_normal[k][: len(wall.normal)] = wall.normal
         record.wall_offset[k], record.wall_stiffness[k] = wall.offset, wall.stiffness
 
 

@@ -1,15 +1,15 @@
-"""Sums and distances of short vectors, as the reference computes them on tuples."""
+"""Sums and distances of short vectors; n is the number of axes."""
 
 from __future__ import annotations
 
 import math
 
-from hapnet.kernel.jit import compiled
-from hapnet.kernel.records import Floats
+from hapnet.records.equation import compiled_as, equation
+from hapnet.records.record import FloatRows, Floats, Reals
 
 
-@compiled
-def dot(n: int, one: Floats, other: Floats) -> float:
+@equation
+def dot(n: int, one: Reals, other: Reals) -> float:
     """The scalar product."""
     total = 0.0
     for i in range(n):
@@ -17,23 +17,31 @@ def dot(n: int, one: Floats, other: Floats) -> float:
     return total
 
 
-@compiled
-def length(n: int, one: Floats) -> float:
-    """The Euclidean norm, as `math.hypot` gives it."""
+def _length(n: int, one: Reals) -> float:
     if n == 1:
         return float(abs(one[0]))
     return _root_of_squares(one[0], one[1], one[2] if n > 2 else 0.0)
 
 
-@compiled
-def distance(n: int, one: Floats, other: Floats) -> float:
-    """The Euclidean distance, as `math.dist` gives it."""
+@compiled_as(_length)
+def length(n: int, one: Reals) -> float:
+    """The Euclidean norm."""
+    return abs(one[0]) if n == 1 else math.hypot(*one[:n])
+
+
+def _distance(n: int, one: Reals, other: Reals) -> float:
     if n == 1:
         return float(abs(one[0] - other[0]))
     return _root_of_squares(one[0] - other[0], one[1] - other[1], one[2] - other[2] if n > 2 else 0.0)
 
 
-@compiled
+@compiled_as(_distance)
+def distance(n: int, one: Reals, other: Reals) -> float:
+    """The Euclidean distance."""
+    return abs(one[0] - other[0]) if n == 1 else math.dist(one[:n], other[:n])
+
+
+@equation
 def _root_of_squares(a: float, b: float, c: float) -> float:
     """The norm of three components, correct but for a very rare ulp, as Python's is.
 
@@ -54,7 +62,7 @@ def _root_of_squares(a: float, b: float, c: float) -> float:
     return root + (((total - square) - error) + rest) / (2.0 * root)
 
 
-@compiled
+@equation
 def _square(x: float) -> tuple[float, float]:
     """The square of x, and what its rounding left out."""
     square = x * x
@@ -64,25 +72,25 @@ def _square(x: float) -> tuple[float, float]:
     return square, ((high * high - square) + 2.0 * high * low) + low * low
 
 
-@compiled
-def copy(n: int, source: Floats, target: Floats) -> None:
+@equation
+def copy(n: int, source: Reals, target: Floats) -> None:
     """Copy a vector."""
     for i in range(n):
         target[i] = source[i]
 
 
-@compiled
-def times(n: int, rows: Floats, vector: Floats, out: Floats) -> None:
+@equation
+def times(n: int, rows: FloatRows, vector: Reals, out: Floats) -> None:
     """A matrix times a vector; `out` is another vector."""
     for i in range(n):
         total = 0.0
         for j in range(n):
-            total += rows[i, j] * vector[j]
+            total += rows[i][j] * vector[j]
         out[i] = total
 
 
-@compiled
-def equal(n: int, one: Floats, other: Floats) -> bool:
+@equation
+def equal(n: int, one: Reals, other: Reals) -> bool:
     """Are all elements equal?"""
     same = True
     for i in range(n):
@@ -90,8 +98,8 @@ def equal(n: int, one: Floats, other: Floats) -> bool:
     return same
 
 
-@compiled
-def low_pass(n: int, dt: float, time_constant: float, state: Floats, y: Floats) -> None:
+@equation
+def low_pass(n: int, dt: float, time_constant: float, state: Floats, y: Reals) -> None:
     """`hapnet.control.smoothing.low_passed`: one step, in place."""
     gain = dt / (time_constant + dt)
     for i in range(n):

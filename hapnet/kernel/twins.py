@@ -1,17 +1,20 @@
-"""Compiles the kernel's functions with numba; where it is missing, the same functions run as plain Python.
+"""Compiles equations with numba: each gets a twin, made from the same source.
 
-Numba's own switch, the environment's `NUMBA_DISABLE_JIT=1`, makes them plain Python too.
+A twin is the function's own code with other globals: where those name an equation, or a module with equations, they
+name its twin. So one source serves both, and importing it costs nothing of numba. Where numba is missing, or its own
+switch says so (the environment's `NUMBA_DISABLE_JIT=1`), plain Python runs the same functions.
 """
 
 from __future__ import annotations
 
 import importlib
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from types import FunctionType
+from types import FunctionType, ModuleType
 from typing import Any, TypeVar
 
-from hapnet.kernel import sources
+from hapnet.records.equation import EQUATIONS
 
 try:
     import numba
@@ -32,38 +35,45 @@ _PARTS: set[str] = set()
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-def compiled(function: F) -> F:
-    """`function`, compiled when it is first called by a compiled one."""
-    if not COMPILED:
-        return function
-    _PARTS.add(function.__qualname__)
-    made: F = _njit(**_LEAN)(function)
-    return made
+def entry(function: F) -> F:
+    """The compiled twin of the function through which all others are called: its machine code is cached.
 
-
-def shared(function: Callable[..., Any], **callees: Callable[..., Any]) -> Callable[..., Any]:
-    """A function of the reference, compiled as it stands.
-
-    callees : the functions that it calls by these global names, themselves `shared`.
+    Numba looks only at the entry's own file to see whether its cache is still valid. So the entry must be a closure
+    that uses a digest of the sources, which changes with any of them.
     """
     if not COMPILED:
         return function
     assert isinstance(function, FunctionType)
-    clone = FunctionType(
-        function.__code__, {**function.__globals__, **callees}, function.__name__, function.__defaults__
-    )
-    _PARTS.add(function.__name__)
-    made: Callable[..., Any] = _njit(**_LEAN)(clone)
+    names = _twins()[function.__module__]
+    made: F = _njit(cache=True, no_cfunc_wrapper=True, error_model="numpy")(_with_globals(function, names))
     return made
 
 
-def entry(function: F) -> F:
-    """The function through which everything else is called: its machine code is cached for other processes.
+def _twins() -> dict[str, dict[str, Any]]:
+    """The globals of each module with equations, with their twins in place of them."""
+    modules = {function.__module__ for function in EQUATIONS}
+    names = {module: dict(vars(sys.modules[module])) for module in modules}
+    stubs = {module: ModuleType(module) for module in modules}
+    made: dict[Any, Any] = {}
+    for function, other in EQUATIONS.items():
+        source = function if other is None else other
+        _PARTS.add(source.__qualname__)
+        made[function] = _njit(**_LEAN)(_with_globals(source, names[source.__module__]))
+    for known in names.values():
+        for name, value in known.items():
+            if isinstance(value, FunctionType) and value in made:
+                known[name] = made[value]
+            elif isinstance(value, ModuleType) and value.__name__ in stubs:
+                known[name] = stubs[value.__name__]
+    for module, stub in stubs.items():
+        vars(stub).update(names[module])
+    return names
 
-    Numba looks only at the entry's own file to see whether its cache is still valid. So the entry must be a closure
-    that uses `SOURCES`, which changes with any source file that it may be compiled from.
-    """
-    return _njit(cache=True, no_cfunc_wrapper=True, error_model="numpy")(function) if COMPILED else function
+
+def _with_globals(function: Any, names: dict[str, Any]) -> Any:
+    twin = FunctionType(function.__code__, names, function.__name__, function.__defaults__, function.__closure__)
+    twin.__qualname__, twin.__module__ = function.__qualname__, function.__module__
+    return twin
 
 
 @contextmanager
@@ -113,6 +123,3 @@ def as_one_unit() -> Iterator[None]:
         finally:
             for (name, which), one in zip(names, own, strict=True):
                 setattr(owners[which], name, one)
-
-
-SOURCES = sources.digest() if COMPILED else ""
