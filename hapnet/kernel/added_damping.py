@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from hapnet.control import added_damping as reference
 from hapnet.records.equation import equation
-from hapnet.records.record import Floats, Matrix, Record, Vector
+from hapnet.records.record import Floats, MatrixOfAxes, OfAxes, Record
 from hapnet.records.vectors import copy, low_pass
 
 _VELOCITY_S = reference.VELOCITY_S
@@ -16,8 +16,8 @@ class FilteredVelocity(Record):
 
     time_constant: float
     known: int
-    filtered: Vector
-    velocity: Vector
+    filtered: OfAxes
+    velocity: OfAxes
 
 
 @equation
@@ -36,7 +36,7 @@ class AddedDamping(Record):
 
     least: float
     most: float
-    compliance: Matrix
+    compliance: MatrixOfAxes
 
 
 @equation

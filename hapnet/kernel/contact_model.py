@@ -8,7 +8,7 @@ from hapnet.control import contact_model as reference
 from hapnet.control import told_plane
 from hapnet.kernel.added_damping import AddedDamping, FilteredVelocity, damp, filter_velocity
 from hapnet.records.equation import equation
-from hapnet.records.record import AXES, PLANES, Floats, Matrix, OfPlanes, Record, Vector, VectorsOfPlanes
+from hapnet.records.record import AXES, PLANES, Floats, MatrixOfAxes, OfAxes, OfPlanes, Record, VectorsOfPlanes
 from hapnet.records.vectors import copy, dot, equal, length, low_pass, times
 
 _FORGET_S, _SETTLED_MPS, _YIELDING_S = reference.FORGET_S, reference.SETTLED_MPS, reference.YIELDING_S
@@ -38,41 +38,41 @@ class ContactModel(Record):
     """
 
     in_use: int
-    compliance: Matrix
-    lead: Matrix
+    compliance: MatrixOfAxes
+    lead: MatrixOfAxes
     fade_s: float
     shift_s: float
     yields_below: float
     remembers: int
     kept: float
     kept_goal: float
-    shift: Vector
-    fading: Vector
+    shift: OfAxes
+    fading: OfAxes
     has_wanted: int
-    wanted_shift: Vector
+    wanted_shift: OfAxes
     has_earlier: int
-    earlier: Vector
+    earlier: OfAxes
     earlier_s: float
     age: float
     freedom: float
     starts: int
-    start: Vector
+    start: OfAxes
     pending: int
-    told_position: Vector
-    told_force: Vector
+    told_position: OfAxes
+    told_force: OfAxes
     told_sent_s: float
     told_age_s: float
     told_reach_m: float
     told_level: float
-    made_x: Vector
-    made_s: Vector
-    made_fading: Vector
-    made_before: Vector
-    made_y: Vector
+    made_x: OfAxes
+    made_s: OfAxes
+    made_fading: OfAxes
+    made_before: OfAxes
+    made_y: OfAxes
     touches: int
-    s: Vector
-    before: Vector
-    leading: Vector
+    s: OfAxes
+    before: OfAxes
+    leading: OfAxes
     forces: Annotated[Floats, (PLANES,)]
 
 

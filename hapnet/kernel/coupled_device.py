@@ -8,7 +8,7 @@ from hapnet.kernel import limited_coupling
 from hapnet.kernel.device import Device, Hand
 from hapnet.kernel.limited_coupling import LimitedCoupling
 from hapnet.records.equation import equation
-from hapnet.records.record import FloatRows, Floats, Matrix, Record, Vector
+from hapnet.records.record import FloatRows, Floats, MatrixOfAxes, OfAxes, Record
 from hapnet.records.vectors import copy, dot, times
 
 
@@ -21,33 +21,33 @@ class TickModel(Record):
 
     in_use: int
     decoupled: int
-    k: Vector
-    pull: Vector
-    inverse: Vector
-    b: Vector
-    middle_gain: Vector
-    inverse_of_all: Matrix
+    k: OfAxes
+    pull: OfAxes
+    inverse: OfAxes
+    b: OfAxes
+    middle_gain: OfAxes
+    inverse_of_all: MatrixOfAxes
     largest: float
     knee_square: float
     force_limit: float
-    low: Vector
-    high: Vector
+    low: OfAxes
+    high: OfAxes
     dissipated: float
     limited: int
     at_limit: int
-    tried_low: Vector
-    tried_high: Vector
-    tried_position: Vector
-    tried_velocity: Vector
-    tried_hand_force: Vector
-    tried_actuator_force: Vector
+    tried_low: OfAxes
+    tried_high: OfAxes
+    tried_position: OfAxes
+    tried_velocity: OfAxes
+    tried_hand_force: OfAxes
+    tried_actuator_force: OfAxes
     tried_dissipated: float
     stretch: float
     drag: float
-    hand: Vector
-    hand_step: Vector
-    driving: Vector
-    middle: Vector
+    hand: OfAxes
+    hand_step: OfAxes
+    driving: OfAxes
+    middle: OfAxes
 
 
 @equation

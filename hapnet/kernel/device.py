@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Annotated
 
 from hapnet.records.equation import equation
-from hapnet.records.record import AXES, FloatRows, Floats, Record, Vector
+from hapnet.records.record import AXES, FloatRows, Floats, OfAxes, Record
 from hapnet.records.vectors import copy, dot, length
 
 TICKS = 1024
@@ -38,14 +38,14 @@ class Device(Record):
     resolution: float
     force_limit: float
     time: float
-    position: Vector
-    velocity: Vector
-    hand_force: Vector
-    actuator_force: Vector
-    torque: Vector
+    position: OfAxes
+    velocity: OfAxes
+    hand_force: OfAxes
+    actuator_force: OfAxes
+    torque: OfAxes
     read_time: float
-    read_position: Vector
-    read_velocity: Vector
+    read_position: OfAxes
+    read_velocity: OfAxes
 
 
 class Hand(Record):

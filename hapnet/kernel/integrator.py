@@ -5,7 +5,7 @@ from __future__ import annotations
 from hapnet.kernel import walls
 from hapnet.kernel.walls import Contacts
 from hapnet.records.equation import equation
-from hapnet.records.record import FloatRows, Floats, Matrix, Record, Vector
+from hapnet.records.record import FloatRows, Floats, MatrixOfAxes, OfAxes, Record
 from hapnet.records.vectors import copy, dot
 
 
@@ -17,20 +17,20 @@ class PassiveIntegrator(Record):
 
     n: int
     is_diagonal: int
-    M: Matrix
-    B: Matrix
-    K: Matrix
-    x: Vector
-    v: Vector
-    factor: Matrix
-    inverse_pivots: Vector
-    error: Vector
-    c: Vector
-    vhat: Vector
-    response: Vector
-    force: Vector
-    damper: Vector
-    coupling_force: Vector
+    M: MatrixOfAxes
+    B: MatrixOfAxes
+    K: MatrixOfAxes
+    x: OfAxes
+    v: OfAxes
+    factor: MatrixOfAxes
+    inverse_pivots: OfAxes
+    error: OfAxes
+    c: OfAxes
+    vhat: OfAxes
+    response: OfAxes
+    force: OfAxes
+    damper: OfAxes
+    coupling_force: OfAxes
     work: float
     dissipated: float
     penetration: float

@@ -6,7 +6,7 @@ import math
 
 from hapnet.plant.limited_coupling import ROUNDS, discrete_gradient
 from hapnet.records.equation import equation
-from hapnet.records.record import Matrix, Record, Vector
+from hapnet.records.record import MatrixOfAxes, OfAxes, Record
 from hapnet.records.vectors import copy, distance, dot, length, times
 
 _ROUNDS = ROUNDS
@@ -20,26 +20,26 @@ class LimitedCoupling(Record):
     """
 
     n: int
-    K: Matrix
-    damping: Vector
+    K: MatrixOfAxes
+    damping: OfAxes
     resistance: float
     h: float
     knee: float
     force_limit: float
-    values: Vector
-    vectors: Matrix
-    push: Vector
-    offset: Vector
-    pull: Vector
-    pushes: Vector
-    pulls: Vector
-    middle: Vector
-    end: Vector
-    after: Vector
-    force: Vector
-    before: Vector
-    spring: Vector
-    drag: Vector
+    values: OfAxes
+    vectors: MatrixOfAxes
+    push: OfAxes
+    offset: OfAxes
+    pull: OfAxes
+    pushes: OfAxes
+    pulls: OfAxes
+    middle: OfAxes
+    end: OfAxes
+    after: OfAxes
+    force: OfAxes
+    before: OfAxes
+    spring: OfAxes
+    drag: OfAxes
     power: float
     limited: int
     unsolved: int

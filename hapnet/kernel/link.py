@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Annotated
 
 from hapnet.records.equation import equation
-from hapnet.records.record import AXES, PLANES, Floats, Record, Vector, VectorsOfPlanes, Wholes
+from hapnet.records.record import AXES, PLANES, Floats, OfAxes, Record, VectorsOfPlanes, Wholes
 from netem.effects import MOST_RESENDS
 
 STREAM, ENERGY = 0, 1
@@ -39,9 +39,9 @@ class Message(Record):
     stamp_ns: int
     echo_ns: int
     came_ns: int
-    position: Vector
+    position: OfAxes
     aimed_ns: int
-    force: Vector
+    force: OfAxes
     planes: int
     normal: VectorsOfPlanes
     offset: Annotated[Floats, (PLANES,)]

@@ -8,7 +8,7 @@ from hapnet.control import prediction as reference
 from hapnet.control.prediction import depth_ahead
 from hapnet.kernel.contact_model import Planes
 from hapnet.records.equation import equation
-from hapnet.records.record import AXES, FloatRows, Floats, Record, Vector
+from hapnet.records.record import AXES, FloatRows, Floats, OfAxes, Record
 from hapnet.records.vectors import copy, dot
 
 _SHORTEST_SPAN_S, _STEP_GAIN = reference.SHORTEST_SPAN_S, reference.STEP_GAIN
@@ -34,10 +34,10 @@ class PredictedDevice(Record):
     times: Annotated[Floats, (MOST,)]
     places: Annotated[FloatRows, (MOST, AXES)]
     fitted: int
-    position: Vector
-    velocity: Vector
-    half: Vector
-    y: Vector
+    position: OfAxes
+    velocity: OfAxes
+    half: OfAxes
+    y: OfAxes
     age: float
     fresh: int
     mean_step: float

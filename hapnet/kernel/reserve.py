@@ -7,7 +7,7 @@ import math
 from hapnet.control.reserve import longest, ramp
 from hapnet.kernel.set_position_coupling import step_towards
 from hapnet.records.equation import equation
-from hapnet.records.record import Floats, Record, Vector
+from hapnet.records.record import Floats, OfAxes, Record
 from hapnet.records.vectors import copy, distance, dot, length
 
 _SHARE = 1.0 - 1e-9
@@ -26,9 +26,9 @@ class ForceGuard(Record):
     linear: float
     constant: float
     has_account: int
-    wanted: Vector
-    shortest: Vector
-    way: Vector
+    wanted: OfAxes
+    shortest: OfAxes
+    way: OfAxes
 
 
 @equation

@@ -7,10 +7,10 @@ from typing import Annotated
 
 from hapnet.control.ledger import Ledger
 from hapnet.kernel import set_position_coupling as couplings
-from hapnet.kernel import springs
 from hapnet.kernel.device import Hand
 from hapnet.kernel.endpoint import Wire
 from hapnet.kernel.sides import Counts, DeviceSide, WorldSide
+from hapnet.mechanics import spring as springs
 from hapnet.records.equation import equation
 from hapnet.records.record import AXES, FloatRows, Floats, Record, Wholes
 
@@ -75,8 +75,10 @@ def record_tick(rows: Rows, side: DeviceSide, wire: Wire, hand: Hand, now_ns: in
 @equation
 def _part(row: Floats, side: DeviceSide, n: int) -> None:
     """The parts of the spring's force that the model's planes and the added damping have made."""
-    model, K = side.model, side.spring.K
-    scale = springs.saturation(side.spring, side.plant.read_position, side.coupling.set_position)
+    model, K = side.model, side.spring.rows
+    for i in range(side.spring.dof):
+        side.coupling.offset[i] = side.plant.read_position[i] - side.coupling.set_position[i]
+    scale = springs.saturation(side.spring, side.coupling.offset)
     for i in range(n):
         of_planes = added = 0.0
         for j in range(n):

@@ -7,11 +7,12 @@ from hapnet.control.ledger import Ledger
 from hapnet.control.reserve import spendable as spendable_of
 from hapnet.control.reservoir_level import gift
 from hapnet.control.reservoir_level import level as level_of
-from hapnet.kernel import smoothing, springs
+from hapnet.kernel import smoothing
 from hapnet.kernel.smoothing import Stages
-from hapnet.kernel.springs import Spring
+from hapnet.mechanics import spring as springs
+from hapnet.mechanics.spring import Spring
 from hapnet.records.equation import equation
-from hapnet.records.record import Floats, Record, Vector
+from hapnet.records.record import Floats, OfAxes, Record
 from hapnet.records.vectors import copy, distance
 
 _ROUNDING = 2.0**-50
@@ -25,11 +26,11 @@ class Coupling(Record):
     peer_level : how full both reservoirs are; below 0: not told.
     """
 
-    set_position: Vector
-    target: Vector
-    received: Vector
-    y: Vector
-    offset: Vector
+    set_position: OfAxes
+    target: OfAxes
+    received: OfAxes
+    y: OfAxes
+    offset: OfAxes
     has_sample: int
     fresh: int
     sent_s: float
@@ -121,7 +122,7 @@ def _modulate(
     y, ybar = coupling.y, coupling.set_position
     before = springs.between(spring, ybar, x)
     at_hand = coupling.energy - coupling.deficit + received + dissipated + before
-    spendable = spendable_of(at_hand, coupling.reserve, coupling.held_m, coupling.drag_N, spring.largest)
+    spendable = spendable_of(at_hand, coupling.reserve, coupling.held_m, coupling.drag_N, spring.ellipsoid.largest)
     after = springs.between(spring, y, x)
     modulated = after > spendable
     if not modulated:

@@ -6,13 +6,13 @@ import math
 
 from hapnet.control import ledger as ledgers
 from hapnet.control.ledger import Ledger
-from hapnet.kernel import springs
 from hapnet.kernel.reserve import ForceGuard, admit, needed_after
 from hapnet.kernel.set_position_coupling import Coupling, potential, update
 from hapnet.kernel.smoothing import Stages
-from hapnet.kernel.springs import Spring
+from hapnet.mechanics import spring as springs
+from hapnet.mechanics.spring import Spring
 from hapnet.records.equation import equation
-from hapnet.records.record import Floats, Record, Vector
+from hapnet.records.record import Floats, OfAxes, Record
 from hapnet.records.vectors import copy, distance
 
 
@@ -29,14 +29,14 @@ class SampledServo(Record):
     sending_elapsed: float
     resolution: float
     rounding: float
-    damping: Vector
+    damping: OfAxes
     trusts: int
-    trusted: Vector
-    force: Vector
-    commanded: Vector
-    before: Vector
-    velocity: Vector
-    position: Vector
+    trusted: OfAxes
+    force: OfAxes
+    commanded: OfAxes
+    before: OfAxes
+    velocity: OfAxes
+    position: OfAxes
     potential: float
     elapsed: float
     torque_path: float
@@ -45,7 +45,7 @@ class SampledServo(Record):
     guarded: int
     work: float
     sends: int
-    spring_force: Vector
+    spring_force: OfAxes
 
 
 @equation

@@ -23,8 +23,8 @@ from hapnet.kernel.reserve import ForceGuard
 from hapnet.kernel.set_position_coupling import Coupling
 from hapnet.kernel.set_position_servo import SampledServo
 from hapnet.kernel.smoothing import Stages
-from hapnet.kernel.springs import Spring
 from hapnet.kernel.walls import Contacts
+from hapnet.mechanics.spring import Spring
 from hapnet.records.equation import equation
 from hapnet.records.record import Floats, Record
 from hapnet.records.vectors import copy

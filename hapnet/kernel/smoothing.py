@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from hapnet.records.equation import equation
-from hapnet.records.record import Floats, Record, Vector
+from hapnet.records.record import Floats, OfAxes, Record
 from hapnet.records.vectors import copy, low_pass
 
 
@@ -16,14 +16,14 @@ class Stages(Record):
 
     smoothing_s: float
     has_state: int
-    state: Vector
+    state: OfAxes
     horizon_s: float
     longest_s: float
     has_last: int
     last_s: float
-    last: Vector
+    last: OfAxes
     has_velocity: int
-    velocity: Vector
+    velocity: OfAxes
     age: float
     releases: int
     after: float

@@ -12,8 +12,8 @@ Its level sets are those of the linear spring, so PSPM's projection stays a proj
 from __future__ import annotations
 
 import math
+from copy import copy
 from functools import lru_cache
-from operator import mul, sub
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,10 +21,12 @@ from numpy.typing import ArrayLike
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
-from hapnet.mechanics.ellipsoid import Ellipsoid
+from hapnet.mechanics.ellipsoid import Ellipsoid, project, square
+from hapnet.records.equation import equation
+from hapnet.records.record import Floats, MatrixOfAxes, OfAxes, Reals, Record
 
 
-class Spring:
+class Spring(Record):
     """Spring with potential ``phi(e) = h(|e|_K)``.
 
     Parameters
@@ -33,87 +35,133 @@ class Spring:
     dof : n, the number of axes.
     force_limit : F_max [N], the longest force (Euclidean norm) the spring may give; None: never saturates.
 
+    Attributes
+    ----------
+    rows : K. ellipsoid : its norm. knee : s0. u : room for an offset, while a function of this module runs.
+
     Raises
     ------
     InvalidParameter : K is not symmetric positive definite, or has another dimension.
     """
 
-    __slots__ = ("K", "_K11", "_knee_square", "_rows", "dof", "ellipsoid", "force_limit", "knee")
+    dof: int
+    rows: MatrixOfAxes
+    knee: float
+    knee_square: float
+    ellipsoid: Ellipsoid
+    u: OfAxes
 
     def __init__(self, stiffness: ArrayLike, dof: int, force_limit: float | None = None) -> None:
         self.K = checks.spd("stiffness", stiffness, dof)
-        self.dof: int = dof
-        self.ellipsoid: Ellipsoid = Ellipsoid(self.K)
-        self._K11 = float(self.K[0, 0])
-        self._rows: tuple[Vector, ...] = tuple(tuple(row) for row in self.K.tolist())
         self.force_limit: float | None = None if force_limit is None else checks.positive("force_limit", force_limit)
-        self.knee: float = (
-            math.inf if self.force_limit is None else self.force_limit / math.sqrt(self.ellipsoid.largest)
-        )
-        self._knee_square = self.knee * self.knee
+        self.dof, self.rows, self.u = dof, self.K.tolist(), [0.0] * dof
+        self.ellipsoid = Ellipsoid(self.K)
+        self.knee = math.inf if self.force_limit is None else self.force_limit / math.sqrt(self.ellipsoid.largest)
+        self.knee_square = self.knee * self.knee
 
     def potential(self, e: Vector) -> float:
         """phi [J] at the offset ``e = x - ybar`` [m]."""
-        return self._of_square(self._K11 * e[0] * e[0] if self.dof == 1 else self.ellipsoid.square(e))
+        return of_square(self, square(self.ellipsoid, e))
 
     def between(self, ybar: Vector, x: Vector) -> float:
         """phi [J] of the spring that ties x to ybar [m]."""
-        if self.dof == 1:
-            e = x[0] - ybar[0]
-            square = self._K11 * e * e
-        else:
-            square = self.ellipsoid.square(tuple(map(sub, x, ybar)))
-        return 0.5 * square if square <= self._knee_square else self._of_square(square)
-
-    def _of_square(self, square: float) -> float:
-        """h(s), given s^2."""
-        if square <= self._knee_square:
-            return 0.5 * square
-        return self.knee * math.sqrt(square) - 0.5 * self._knee_square
+        return between(self, ybar, x)
 
     def force(self, ybar: Vector, x: Vector) -> Vector:
         """The force on the device at x of the spring that ties it to ybar [N]."""
-        scale = -1.0
-        if self.dof == 1:
-            e, K = x[0] - ybar[0], self._K11
-            if (square := K * e * e) > self._knee_square:
-                scale = -self.knee / math.sqrt(square)
-            return (scale * K * e,)
-        offset = tuple(map(sub, x, ybar))
-        if (square := self.ellipsoid.square(offset)) > self._knee_square:
-            scale = -self.knee / math.sqrt(square)
-        return tuple([scale * sum(map(mul, row, offset)) for row in self._rows])
+        out = [0.0] * self.dof
+        force(self, x, ybar, out)
+        return tuple(out)
 
     def saturation(self, e: Vector) -> float:
         """The share of the linear spring's force ``-K e`` that it gives at the offset e [m]: 1 up to the limit."""
-        square = self.ellipsoid.square(e)
-        return 1.0 if square <= self._knee_square else self.knee / math.sqrt(square)
+        return saturation(self, e)
 
     def nearest(self, e: Vector, energy: float) -> Vector:
         """The offset with ``phi <= energy`` [J] nearest to `e`; the bound holds in floating point."""
-        if energy <= 0.0:
-            return (0.0,) * self.dof
-        knee = self.knee
-        radius = math.sqrt(2.0 * energy) if energy <= 0.5 * knee * knee else energy / knee + 0.5 * knee
-        p, square = self.ellipsoid.project_measured(e, radius)
-        excess: float = 2.0**-52
-        while self._of_square(square) > energy:  # the square roots may have rounded up
-            p, square = self.ellipsoid.project_measured(p, radius * (1.0 - excess))
-            excess *= 2.0
-        return p
+        p = list(e)
+        nearest(self, p, energy)
+        return tuple(p)
 
     def curvature_bound(self) -> float:
         """Sum of |K_ij| [N/m]: bounds how far phi can be off for an offset wrong by half a count an axis."""
         return float(np.abs(self.K).sum())
 
 
+@equation
+def of_square(spring: Spring, s2: float) -> float:
+    """phi [J], given ``s^2 = |e|_K^2``."""
+    if s2 <= spring.knee_square:
+        return 0.5 * s2
+    return spring.knee * math.sqrt(s2) - 0.5 * spring.knee_square
+
+
+@equation
+def between(spring: Spring, ybar: Reals, x: Reals) -> float:
+    """phi [J] of the spring that ties x to ybar."""
+    if spring.dof == 1:
+        e = x[0] - ybar[0]
+        s2 = spring.ellipsoid.largest * e * e
+        return 0.5 * s2 if s2 <= spring.knee_square else of_square(spring, s2)
+    for i in range(spring.dof):
+        spring.u[i] = x[i] - ybar[i]
+    return of_square(spring, square(spring.ellipsoid, spring.u))
+
+
+@equation
+def force(spring: Spring, x: Reals, ybar: Reals, out: Floats) -> None:
+    """The spring's force on the device [N]."""
+    n, e = spring.dof, spring.u
+    for i in range(n):
+        e[i] = x[i] - ybar[i]
+    scale = -1.0
+    s2 = square(spring.ellipsoid, e)
+    if s2 > spring.knee_square:
+        scale = -spring.knee / math.sqrt(s2)
+    if n == 1:
+        out[0] = scale * spring.rows[0][0] * e[0]
+        return
+    for i in range(n):
+        total = 0.0
+        for j in range(n):
+            total += spring.rows[i][j] * e[j]
+        out[i] = scale * total
+
+
+@equation
+def saturation(spring: Spring, e: Reals) -> float:
+    """The share of the linear spring's force that it gives at the offset e [m]."""
+    s2 = square(spring.ellipsoid, e)
+    return 1.0 if s2 <= spring.knee_square else spring.knee / math.sqrt(s2)
+
+
+@equation
+def nearest(spring: Spring, e: Floats, energy: float) -> None:
+    """Replace e by the nearest offset with ``phi <= energy`` [J]."""
+    if energy <= 0.0:
+        for i in range(spring.dof):
+            e[i] = 0.0
+        return
+    knee = spring.knee
+    radius = math.sqrt(2.0 * energy) if energy <= 0.5 * knee * knee else energy / knee + 0.5 * knee
+    s2 = project(spring.ellipsoid, e, radius)
+    excess = 2.0**-52
+    while of_square(spring, s2) > energy:  # the square roots may have rounded up
+        s2 = project(spring.ellipsoid, e, radius * (1.0 - excess))
+        excess *= 2.0
+
+
 def shared_spring(stiffness: ArrayLike, dof: int, force_limit: float | None = None) -> Spring:
-    """The `Spring` of these values, made once for all who ask for it: it has no state. Raises InvalidParameter."""
+    """The `Spring` of these values, factored once for all who ask for it. Raises InvalidParameter."""
     try:
         K = np.asarray(stiffness, dtype=np.float64)
-        return _made(K.tobytes(), K.shape, dof, force_limit)
+        known = _made(K.tobytes(), K.shape, dof, force_limit)
     except (InvalidParameter, TypeError, ValueError):
         return Spring(stiffness, dof, force_limit)  # which says what is wrong with the values as they were given
+    spring, ellipsoid = copy(known), copy(known.ellipsoid)  # with room of its own: other threads use theirs
+    spring.u, spring.ellipsoid = [0.0] * dof, ellipsoid
+    ellipsoid.u, ellipsoid.p = [0.0] * dof, [0.0] * dof
+    return spring
 
 
 @lru_cache

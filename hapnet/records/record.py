@@ -31,8 +31,8 @@ WholeRows = MutableSequence[Wholes]
 Reals = Sequence[float]
 """A vector that is only read."""
 
-Vector = Annotated[Floats, (AXES,)]
-Matrix = Annotated[FloatRows, (AXES, AXES)]
+OfAxes = Annotated[Floats, (AXES,)]
+MatrixOfAxes = Annotated[FloatRows, (AXES, AXES)]
 OfPlanes = Annotated[Floats, (PLANES,)]
 VectorsOfPlanes = Annotated[FloatRows, (PLANES, AXES)]
 

@@ -6,21 +6,8 @@ from hapnet.control.pspm import SetPositionModulator
 from hapnet.control.set_position_coupling import Arrived, SetPositionCoupling
 from hapnet.control.smoothing import SmoothingFilter, VelocityPredictor
 from hapnet.control.zoh import ZeroOrderHold
-from hapnet.kernel import set_position_coupling, smoothing, springs
-from hapnet.mechanics.spring import Spring
-from hapnet.simulation.compiled.mirror import optional, put, read, value, vector, write
-
-
-def read_spring(record: springs.Spring, source: Spring) -> None:
-    ellipsoid = source.ellipsoid
-    read(record, source, "dof knee", knee_square="knee_square")
-    read(record, ellipsoid, "largest eigenvalues", ratios="ratios", weights="weights")
-    record.isotropic = int(ellipsoid.isotropic)
-    put(record, "K", source.K.tolist())
-    if (columns := value(ellipsoid, "columns")) is not None:
-        record.coupled = 1
-        put(record, "columns", columns)
-        put(record, "rows", value(ellipsoid, "rows"))
+from hapnet.kernel import set_position_coupling, smoothing
+from hapnet.simulation.compiled.mirror import optional, read, value, vector, write
 
 
 def read_stages(record: smoothing.Stages, source: SetPositionCoupling) -> None:

@@ -20,7 +20,6 @@ from hapnet.plant.device import SimulatedDevice
 from hapnet.side.device import DeviceSide
 from hapnet.simulation.compiled.couplings import (
     read_coupling,
-    read_spring,
     read_stages,
     write_coupling,
 )
@@ -45,7 +44,7 @@ def read_side(record: sides.DeviceSide, side: DeviceSide) -> None:
         store(record.true_ledger, value(side, "true_ledger"))
         store(record.hand, value(side, "hand"))
     read_coupling(record.coupling, coupling)
-    read_spring(record.spring, coupling.spring)
+    store(record.spring, coupling.spring)
     store(record.ledger, coupling.ledger)
     read_stages(record.stages, coupling)
     if isinstance(coupling.source, ContactModel):

@@ -12,7 +12,6 @@ from hapnet.plant.worlds.walls import Contacts
 from hapnet.side.world import WorldSide, WorldState
 from hapnet.simulation.compiled.couplings import (
     read_coupling,
-    read_spring,
     read_stages,
     write_coupling,
 )
@@ -25,7 +24,7 @@ def read_side(record: sides.WorldSide, side: WorldSide) -> None:
     _mass(record.mass, _integrator(side))
     _contacts(record.contacts, contacts)
     read_coupling(record.coupling, coupling)
-    read_spring(record.spring, coupling.spring)
+    store(record.spring, coupling.spring)
     store(record.ledger, coupling.ledger)
     read_stages(record.stages, coupling)
     read(record.environment, environment_of(side).state(), "start_J stored_J slack_min")
