@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hapnet.control import ledger
 from hapnet.control.ledger import Ledger
 from hapnet.control.reserve import ForceGuard
 from hapnet.errors import InvalidParameter
@@ -182,21 +183,21 @@ def test_a_ledger_that_always_says_0_is_seen(servo: str, monkeypatch: pytest.Mon
     def observe(self: Ledger, stored: float, reservoir: float) -> None:
         self.margin = self.margin_min = self.slack = self.slack_min = 0.0
 
-    monkeypatch.setattr(Ledger, "observe", observe)
+    monkeypatch.setattr(ledger, "observe", observe)
     kinds = kinds_of(audited(servo, 1))
     assert {"account of the device", "account of the world", "account of the device over time"} <= kinds
 
 
 @pytest.mark.parametrize("servo", ["continuous", "sampled"])
 def test_a_ledger_that_stops_half_way_is_seen(servo: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    put_in = Ledger.put_in
+    put_in = ledger.put_in
     calls: Counter[int] = Counter()
 
     def half(self: Ledger, work: float) -> None:
         calls[id(self)] += 1
         put_in(self, work if calls[id(self)] <= 20 else 0.0)
 
-    monkeypatch.setattr(Ledger, "put_in", half)
+    monkeypatch.setattr(ledger, "put_in", half)
     kinds = kinds_of(audited(servo, 1))
     assert {"account of the device over time", "account of the world over time"} <= kinds
 

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from hapnet.checks import Vector
+from hapnet.control.continuous_servo import ContinuousServo
 from hapnet.control.limits import Silence
 from hapnet.control.pspm import SetPositionModulator
 from hapnet.control.reserve import ForceGuard
 from hapnet.control.set_position_coupling import SetPositionCoupling
-from hapnet.control.set_position_servo import ContinuousServo, Harvest, SampledServo
+from hapnet.control.set_position_servo import Harvest, SampledServo
 from hapnet.control.smoothing import Pipeline
 from tests.conftest import random_spd
 

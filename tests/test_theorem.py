@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from hapnet.checks import Array, spd
-from hapnet.control.ledger import Ledger
+from hapnet.control import ledger
 from hapnet.params import Params
 from hapnet.plant.operator import Impedance, Operator, Press, Sine
 from hapnet.recording.samples import Columns
@@ -265,8 +265,8 @@ def test_energy_credited_twice_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_half_that_is_broken_shows_in_the_slack(monkeypatch: pytest.MonkeyPatch) -> None:
     """A ledger that counts a hundredth too much of the work at its port no longer closes."""
-    exact = Ledger.put_in
-    monkeypatch.setattr(Ledger, "put_in", lambda self, work: exact(self, 1.01 * work))
+    exact = ledger.put_in
+    monkeypatch.setattr(ledger, "put_in", lambda one, work: exact(one, 1.01 * work))
     params = PAPER.set({"duration_s": 5.0, "device.shuffle": "all", "world.shuffle": "all"})
     summary = simulate(params, 1, kernel=False).summary
     assert min(summary[side]["ledger"]["slack_J"] for side in ("device", "world")) < -1e-6

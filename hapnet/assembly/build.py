@@ -17,8 +17,9 @@ from hapnet.assembly.springs import with_springs
 from hapnet.assembly.units import check_units
 from hapnet.assembly.user_device import UserDevice, servo_rate
 from hapnet.checks import Vector
+from hapnet.control.continuous_servo import ContinuousServo
 from hapnet.control.coupling import DeviceCoupling, DeviceLaw, LawServo, LawSteps, WorldCoupling, WorldLaw
-from hapnet.control.set_position_servo import ContinuousServo, Harvest
+from hapnet.control.set_position_servo import Harvest
 from hapnet.couplings import held_torque
 from hapnet.couplings.deadband import deadband
 from hapnet.couplings.felt import Felt, felt

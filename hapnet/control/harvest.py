@@ -7,9 +7,9 @@ positions. So a sampled servo measures the dissipation, and the energy that the 
 
 from __future__ import annotations
 
-from operator import mul, sub
-
 from hapnet.checks import Vector
+from hapnet.records.equation import equation
+from hapnet.records.record import OfAxes, Reals, Record
 
 
 def dissipated_by_range(damping: Vector, low: Vector, high: Vector, interval: float, resolution: float = 0.0) -> float:
@@ -22,17 +22,27 @@ def dissipated_by_range(damping: Vector, low: Vector, high: Vector, interval: fl
     interval : its length or an upper bound of it [s]; over an interval of 0 nothing was dissipated.
     resolution : of the encoder [m]: chatter of one count is not motion, so one count is subtracted from the range.
     """
+    return by_range(len(damping), damping, low, high, interval, resolution)
+
+
+@equation
+def by_range(n: int, damping: Reals, low: Reals, high: Reals, interval: float, resolution: float) -> float:
+    """`dissipated_by_range`."""
     if interval <= 0.0:
         return 0.0
     total = 0.0
-    for b, least, most in zip(damping, low, high, strict=True):
-        travel = most - least - resolution
-        if travel > 0.0:
-            total += b * travel * travel
+    for i in range(n):
+        total += _lost(damping[i], high[i] - low[i] - resolution)
     return total / interval
 
 
-class MeasuredHarvest:
+@equation
+def _lost(damping: float, travel: float) -> float:
+    """``b travel^2``; nothing for what is no way."""
+    return damping * travel * travel if travel > 0.0 else 0.0
+
+
+class MeasuredHarvest(Record):
     """Energy that a sampled, held torque took out of the device since the last update, less the change of phi.
 
     ``D_s = sum_j -tau_j . (x_{j+1} - x_j) - (phi at the end - phi at the start)``, both phi with the ybar held then.
@@ -42,33 +52,58 @@ class MeasuredHarvest:
     ----------
     trusted_damping : a lower bound of the device's own damping on each axis [Ns/m], harvested too; 0 if unknown.
     resolution : of the encoder [m]: chatter of one count is not motion that a damper dissipates.
+
+    Attributes
+    ----------
+    work : energy put in at the actuator's port since the last `take` [J]. trusts : is any of the damping above 0?
     """
 
-    __slots__ = ("_resolution", "_trusted", "work")
+    n: int
+    work: float
+    resolution: float
+    trusts: int
+    trusted: OfAxes
 
     def __init__(self, trusted_damping: Vector, resolution: float = 0.0) -> None:
-        self._resolution = resolution
-        self._trusted = trusted_damping if any(trusted_damping) else None
-        self.work: float = 0.0
-        """Energy put in at the actuator's port since the last `take` [J]."""
+        super().__init__()
+        self.n, self.resolution = len(trusted_damping), resolution
+        self.trusts, self.trusted = int(any(trusted_damping)), list(trusted_damping)
 
     def hold(self, torque: Vector, start: Vector, end: Vector, period: float) -> float:
         """Count a torque [N] that was held for `period` [s] while the device moved from `start` to `end` [m].
 
         Returns the work put in at the actuator's port, ``-tau . dx``, plus that put into the trusted damping [J].
         """
-        work: float = -sum(map(mul, torque, map(sub, end, start)))
-        if self._trusted is not None and period > 0.0:
-            low, high = tuple(map(min, start, end)), tuple(map(max, start, end))
-            work += dissipated_by_range(self._trusted, low, high, period, self._resolution)
-        self.work += work
-        return work
+        return hold(self, torque, start, end, period)
 
     def take(self, potential_change: float) -> float:
         """D_s [J] since the last call, given the change of the spring's potential [J] over the same time."""
-        harvested = self.work - potential_change
-        self.work = 0.0
-        return harvested
+        return take(self, potential_change)
+
+
+@equation
+def hold(harvest: MeasuredHarvest, torque: Reals, start: Reals, end: Reals, period: float) -> float:
+    """`MeasuredHarvest.hold`."""
+    work = 0.0
+    for i in range(harvest.n):
+        work += torque[i] * (end[i] - start[i])
+    work = -work
+    if harvest.trusts and period > 0.0:
+        lost = 0.0
+        for i in range(harvest.n):
+            travel = max(start[i], end[i]) - min(start[i], end[i]) - harvest.resolution
+            lost += _lost(harvest.trusted[i], travel)
+        work += lost / period
+    harvest.work += work
+    return work
+
+
+@equation
+def take(harvest: MeasuredHarvest, potential_change: float) -> float:
+    """`MeasuredHarvest.take`."""
+    harvested = harvest.work - potential_change
+    harvest.work = 0.0
+    return harvested
 
 
 def damping_conditions(own_damping: Vector, K_diagonal: Vector, B: Vector, period: float) -> tuple[bool, bool]:

@@ -54,37 +54,54 @@ class Ledger(Record):
         self.slack_min = math.inf
         self.stored, self.reservoir = stored, reservoir
 
-    @equation
     def credit(self, energy: float) -> None:
         """Energy received from the other side, each joule once."""
-        self.credited, self.credited_carry = _added(self.credited, energy, self.credited_carry)
+        credit(self, energy)
 
-    @equation
     def send(self, energy: float) -> None:
         """Energy shuffled to the other side."""
-        self.sent, self.sent_carry = _added(self.sent, energy, self.sent_carry)
+        send(self, energy)
 
-    @equation
     def put_in(self, work: float) -> None:
         """Add the work done on this side at its port since the last call; negative if the side output energy."""
-        term = work - self.carry
-        total = self.work + term
-        self.carry = (total - self.work) - term
-        self.work = total
+        put_in(self, work)
 
-    @equation
     def observe(self, stored: float, reservoir: float) -> None:
         """Update margin and slack with the present V and E (a deficit counts as negative)."""
-        margin = self.work + self.bound + self.credited - self.sent
-        slack = margin - stored - reservoir
-        self.margin = margin
-        self.slack = slack
-        self.stored = stored
-        self.reservoir = reservoir
-        if margin < self.margin_min:
-            self.margin_min = margin
-        if slack < self.slack_min:
-            self.slack_min = slack
+        observe(self, stored, reservoir)
+
+
+@equation
+def credit(ledger: Ledger, energy: float) -> None:
+    """`Ledger.credit`."""
+    ledger.credited, ledger.credited_carry = _added(ledger.credited, energy, ledger.credited_carry)
+
+
+@equation
+def send(ledger: Ledger, energy: float) -> None:
+    """`Ledger.send`."""
+    ledger.sent, ledger.sent_carry = _added(ledger.sent, energy, ledger.sent_carry)
+
+
+@equation
+def put_in(ledger: Ledger, work: float) -> None:
+    """`Ledger.put_in`."""
+    ledger.work, ledger.carry = _added(ledger.work, work, ledger.carry)
+
+
+@equation
+def observe(ledger: Ledger, stored: float, reservoir: float) -> None:
+    """`Ledger.observe`."""
+    margin = ledger.work + ledger.bound + ledger.credited - ledger.sent
+    slack = margin - stored - reservoir
+    ledger.margin = margin
+    ledger.slack = slack
+    ledger.stored = stored
+    ledger.reservoir = reservoir
+    if margin < ledger.margin_min:
+        ledger.margin_min = margin
+    if slack < ledger.slack_min:
+        ledger.slack_min = slack
 
 
 @equation
@@ -93,7 +110,3 @@ def _added(total: float, term: float, carry: float) -> tuple[float, float]:
     term -= carry
     new = total + term
     return new, (new - total) - term
-
-
-credit, send, put_in, observe = Ledger.credit, Ledger.send, Ledger.put_in, Ledger.observe
-"""As equations call them."""

@@ -5,11 +5,12 @@ Both only choose another y(k), so they cannot break passivity.
 
 from __future__ import annotations
 
-import math
-from operator import sub
 from typing import Literal
 
 from hapnet.checks import Vector
+from hapnet.records.equation import equation
+from hapnet.records.record import Floats, Reals, Record
+from hapnet.records.vectors import distance
 
 OnSilence = Literal["hold", "release"]
 ON_SILENCE: tuple[OnSilence, ...] = ("hold", "release")
@@ -21,17 +22,23 @@ def step_towards(start: Vector, goal: Vector, longest: float) -> Vector:
     With ``longest = dF_max / lambda_max(K)`` around ybar(k-1), the spring's force steps by at most dF_max: PSPM's
     projection is non-expansive, so ybar keeps the limit that y kept.
     """
-    if len(start) == 1 and abs(goal[0] - start[0]) <= longest:
-        return goal
-    way = tuple(map(sub, goal, start))
-    distance = math.hypot(*way)
-    if distance <= longest:
-        return goal
-    share = longest / distance
-    return tuple([a + share * d for a, d in zip(start, way, strict=True)])
+    reached = list(goal)
+    limit_step(len(start), start, reached, longest)
+    return tuple(reached)
 
 
-class Silence:
+@equation
+def limit_step(n: int, start: Reals, goal: Floats, longest: float) -> None:
+    """`step_towards`: replaces `goal` by a point at most `longest` [m] away from `start`."""
+    far = distance(n, goal, start)
+    if far <= longest:
+        return
+    share = longest / far
+    for i in range(n):
+        goal[i] = start[i] + share * (goal[i] - start[i])
+
+
+class Silence(Record):
     """Chooses y when nothing has arrived for a while: ``hold`` keeps it, ``release`` lets it follow the device.
 
     Parameters
@@ -40,12 +47,14 @@ class Silence:
     after : the peer is silent after this time without a sample [s].
     """
 
-    __slots__ = ("after", "elapsed", "policy")
+    after: float
+    elapsed: float
+    releases: int
 
     def __init__(self, policy: OnSilence, after: float) -> None:
+        super().__init__()
         self.policy = policy
-        self.after: float = after
-        self.elapsed: float = 0.0
+        self.releases, self.after = int(policy == "release"), after
 
     @property
     def is_silent(self) -> bool:
@@ -54,5 +63,11 @@ class Silence:
 
     def step(self, dt: float, *, fresh: bool) -> bool:
         """Advance by dt seconds. Returns True if y is to be released (ramped to x under the step limit)."""
-        self.elapsed = 0.0 if fresh else self.elapsed + dt
-        return self.policy == "release" and self.is_silent
+        return releases(self, dt, fresh)
+
+
+@equation
+def releases(silence: Silence, dt: float, fresh: bool) -> bool:
+    """`Silence.step`."""
+    silence.elapsed = 0.0 if fresh else silence.elapsed + dt
+    return silence.releases != 0 and silence.elapsed > silence.after

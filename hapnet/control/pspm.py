@@ -18,19 +18,22 @@ use only what E(k) holds above the reserve (see reserve.py).
 from __future__ import annotations
 
 import math
-from operator import sub
-from typing import Final, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hapnet import checks
 from hapnet.checks import Array, Vector
-from hapnet.control import reserve as reserves
 from hapnet.control import reservoir_level
 from hapnet.control.harvest import dissipated_by_range
+from hapnet.control.reserve import spendable as spendable_of
 from hapnet.errors import InvalidParameter
+from hapnet.mechanics import spring as springs
 from hapnet.mechanics.spring import Spring, shared_spring
+from hapnet.records.equation import equation
+from hapnet.records.record import OfAxes, Reals, Record
+from hapnet.records.vectors import copy
 
 _ROUNDING = 2.0**-50
 """Relative to the terms whose differences are D and phi: a shortfall below this is rounding, not a deficit."""
@@ -67,7 +70,7 @@ class Update(NamedTuple):
     jump: float
 
 
-class SetPositionModulator:
+class SetPositionModulator(Record):
     """One side's modulator with its energy reservoir.
 
     Parameters
@@ -87,12 +90,34 @@ class SetPositionModulator:
     Raises
     ------
     InvalidParameter : a value is not allowed, or the dimensions do not agree.
+
+    Attributes
+    ----------
+    ybar : the modulated set-position [m]. energy : E(k) [J].
+    deficit : the part of a measured, negative D that the reservoir could not cover [J].
+    modulated : is ybar another than the y of the last update? stored : phi after it [J]. sent, discarded, jump : of it,
+        as in `Modulation`.
+    level : how full the reservoir was after it, see `hapnet.control.reservoir_level`.
+    offset : room for an offset, while `modulate` runs.
     """
 
-    __slots__ = (
-        "ceiling", "damping", "deficit", "dof", "drag_N", "energy", "harvested_only", "held_m", "lends", "level",
-        "modulated", "reserve", "set_position", "spring", "stored",
-    )  # fmt: skip
+    ybar: OfAxes
+    energy: float
+    deficit: float
+    ceiling: float
+    reserve: float
+    held_m: float
+    drag_N: float
+    harvested_only: int
+    lends: int
+    modulated: int
+    stored: float
+    sent: float
+    discarded: float
+    jump: float
+    level: float
+    spring: Spring
+    offset: OfAxes
 
     def __init__(
         self,
@@ -109,28 +134,33 @@ class SetPositionModulator:
         drag_N: float = 0.0,
         lends: bool = False,
     ) -> None:
-        self.set_position: Vector = checks.vector("position", position)
-        self.dof: int = len(self.set_position)
-        self.spring: Spring = shared_spring(stiffness, self.dof, force_limit)
-        self.ceiling: float = checks.non_negative("ceiling", ceiling)
+        super().__init__()
+        self.ybar = list(checks.vector("position", position))
+        self.dof: int = len(self.ybar)
+        self.offset = [0.0] * self.dof
+        self.spring = shared_spring(stiffness, self.dof, force_limit)
+        self.ceiling = checks.non_negative("ceiling", ceiling)
         self.damping: Vector | None = None if damping is None else checks.diagonal("damping", damping, self.dof)
-        self.harvested_only: Final = checks.one_of("shuffle", shuffle, SHUFFLES) == "harvested"
-        self.energy: float = self.ceiling if energy is None else checks.non_negative("energy", energy)
+        self.harvested_only = int(checks.one_of("shuffle", shuffle, SHUFFLES) == "harvested")
+        self.energy = self.ceiling if energy is None else checks.non_negative("energy", energy)
         if self.energy > self.ceiling:
             raise InvalidParameter("energy", energy, f"at most the ceiling, {self.ceiling} J")
-        self.reserve: float = checks.non_negative("reserve", reserve)
+        self.reserve = checks.non_negative("reserve", reserve)
         if self.reserve > self.ceiling:
             raise InvalidParameter("reserve", reserve, f"at most the ceiling, {self.ceiling} J")
-        self.deficit: float = 0.0
-        self.held_m: Final = checks.non_negative("held_m", held_m)
-        self.drag_N: Final = checks.non_negative("drag_N", drag_N)
-        self.lends: Final = lends
-        self.modulated: bool = False
-        """Is ybar another than the y of the last update?"""
-        self.stored: float = 0.0
-        """phi after the last update [J]."""
-        self.level: float | None = reservoir_level.level(self.energy, 0.0, self.reserve, self.ceiling, False)
-        """How full the reservoir was after the last update, see `hapnet.control.reservoir_level`."""
+        self.held_m = checks.non_negative("held_m", held_m)
+        self.drag_N = checks.non_negative("drag_N", drag_N)
+        self.lends = int(lends)
+        self.level = reservoir_level.level(self.energy, 0.0, self.reserve, self.ceiling, False)
+
+    @property
+    def set_position(self) -> Vector:
+        """ybar, the modulated set-position [m]."""
+        return tuple(self.ybar)
+
+    @set_position.setter
+    def set_position(self, position: Vector) -> None:
+        self.ybar[:] = position
 
     @property
     def account(self) -> float:
@@ -148,11 +178,7 @@ class SetPositionModulator:
 
         dt : since the last update [s]. peer_level : the other side's. keep : as in `modulate`.
         """
-        own = reservoir_level.level(self.energy, 0.0, self.reserve, self.ceiling, self.modulated)
-        spare = self.energy - max(self.reserve, keep - self.stored)
-        given = reservoir_level.gift(dt, own, peer_level, self.ceiling - self.reserve, spare)
-        self.energy -= given
-        return given
+        return give(self, dt, peer_level, keep)
 
     def update(
         self,
@@ -201,39 +227,65 @@ class SetPositionModulator:
 
         keep : energy that spring and reservoir together should keep [J]: it does not count as surplus.
         """
-        spring = self.spring
-        before = spring.between(self.set_position, x)
-        at_hand = self.energy - self.deficit + received + dissipated + before  # R of the ellipsoid (9)
-        largest = spring.ellipsoid.largest
-        spendable = reserves.spendable(at_hand, self.reserve, self.held_m, self.drag_N, largest)
-        after = spring.between(y, x)
-        self.modulated = after > spendable
-        if not self.modulated:
-            self.set_position = y
-        else:
-            offset = spring.nearest(tuple(map(sub, x, y)), spendable)
-            self.set_position = tuple(map(sub, x, offset))
-            # phi computed from ybar, as all other code does: the subtraction may have moved it by an ulp
-            after = spring.between(self.set_position, x)
-            excess: float = 2.0**-50
-            while after > spendable >= 0.0:
-                offset = tuple([(1.0 - excess) * component for component in offset])
-                self.set_position = tuple(map(sub, x, offset))
-                after = spring.between(self.set_position, x)
-                excess *= 2.0  # reaches 1, where ybar = x, in 50 rounds at the most
-        left = at_hand - after
-        if 0.0 > left >= -_ROUNDING * (abs(dissipated) + before):
-            left = 0.0
-        energy = left if left > 0.0 else 0.0
-        self.deficit = -left if left < 0.0 else 0.0
-        sent = discarded = 0.0
-        ceiling = self.ceiling if keep - after <= self.ceiling else keep - after
-        if energy > ceiling:
-            surplus = energy - ceiling
-            sent = max(0.0, surplus - received) if self.harvested_only else surplus
-            discarded = surplus - sent
-            energy = ceiling
-        self.energy, self.stored = energy, after
-        lent = after if self.lends else 0.0
-        self.level = reservoir_level.level(energy, lent, self.reserve, self.ceiling, self.modulated)
-        return Modulation(self.set_position, energy, self.deficit, sent, discarded, after - before)
+        modulate(self, y, x, dissipated, received, keep)
+        return Modulation(self.set_position, self.energy, self.deficit, self.sent, self.discarded, self.jump)
+
+
+@equation
+def modulate(m: SetPositionModulator, y: Reals, x: Reals, dissipated: float, received: float, keep: float) -> None:
+    """`SetPositionModulator.modulate`."""
+    spring, ybar = m.spring, m.ybar
+    before = springs.between(spring, ybar, x)
+    at_hand = m.energy - m.deficit + received + dissipated + before  # R of the ellipsoid (9)
+    spendable = spendable_of(at_hand, m.reserve, m.held_m, m.drag_N, spring.ellipsoid.largest)
+    after = springs.between(spring, y, x)
+    modulated = after > spendable
+    if not modulated:
+        copy(spring.dof, y, ybar)
+    else:
+        after = _bring_within(m, y, x, spendable)
+    left = at_hand - after
+    if 0.0 > left >= -_ROUNDING * (abs(dissipated) + before):
+        left = 0.0
+    energy = left if left > 0.0 else 0.0
+    m.deficit = -left if left < 0.0 else 0.0
+    m.sent = m.discarded = 0.0
+    ceiling = m.ceiling if keep - after <= m.ceiling else keep - after
+    if energy > ceiling:
+        surplus = energy - ceiling
+        m.sent = max(0.0, surplus - received) if m.harvested_only else surplus
+        m.discarded = surplus - m.sent
+        energy = ceiling
+    m.energy, m.stored, m.jump, m.modulated = energy, after, after - before, 1 if modulated else 0
+    m.level = reservoir_level.level(energy, after if m.lends else 0.0, m.reserve, m.ceiling, modulated)
+
+
+@equation
+def give(m: SetPositionModulator, dt: float, peer_level: float, keep: float) -> float:
+    """`SetPositionModulator.give`; a level below 0 is not known, and nothing is given."""
+    own = reservoir_level.level(m.energy, 0.0, m.reserve, m.ceiling, m.modulated != 0)
+    spare = m.energy - max(m.reserve, keep - m.stored)
+    given = reservoir_level.gift(dt, own, peer_level, m.ceiling - m.reserve, spare)
+    m.energy -= given
+    return given
+
+
+@equation
+def _bring_within(m: SetPositionModulator, y: Reals, x: Reals, spendable: float) -> float:
+    """Tie the spring as near to y as the energy allows; returns phi [J]."""
+    n, ybar, offset = m.spring.dof, m.ybar, m.offset
+    for i in range(n):
+        offset[i] = x[i] - y[i]
+    springs.nearest(m.spring, offset, spendable)
+    for i in range(n):
+        ybar[i] = x[i] - offset[i]
+    # phi computed from ybar, as all other code does: the subtraction may have moved it by an ulp
+    after = springs.between(m.spring, ybar, x)
+    excess = 2.0**-50
+    while after > spendable >= 0.0:
+        for i in range(n):
+            offset[i] = (1.0 - excess) * offset[i]
+            ybar[i] = x[i] - offset[i]
+        after = springs.between(m.spring, ybar, x)
+        excess *= 2.0  # reaches 1, where ybar = x, in 50 rounds at the most
+    return after

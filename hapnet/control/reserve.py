@@ -45,12 +45,13 @@ the torque then. It is counted, see `SampledServo.overrun_leak`.
 from __future__ import annotations
 
 import math
-from operator import mul, sub
 from typing import NamedTuple
 
 from hapnet.checks import Vector
-from hapnet.control.limits import step_towards
+from hapnet.control.limits import limit_step
 from hapnet.records.equation import equation
+from hapnet.records.record import Floats, Reals, Record
+from hapnet.records.vectors import distance, dot, length
 
 FORGET_S = 10.0
 """How long an overrun is remembered in full, and then half of it [s]."""
@@ -63,7 +64,7 @@ _ROUNDING_J = 1e-12
 """This part of the account is never used, so that rounding does not look like a deficit."""
 
 
-class ForceGuard:
+class ForceGuard(Record):
     """Limits a servo's force: its length, its change a tick, and what the account can cover.
 
     Parameters
@@ -71,12 +72,27 @@ class ForceGuard:
     limit : greatest force [N]. step : largest change of the force in a tick [N].
     reach : longest travel in a tick, a [m]; 0: no account limits the force.
     speed : greatest speed, v [m/s]. inertia : m/T [Ns/m] of the smallest mass; infinite: unknown.
+
+    Attributes
+    ----------
+    has_account : does the account limit the force?
+    square, linear, constant : ``S(F) <= square F^2 + linear F + constant``, with equality where F is an odd number of
+        half steps.
+    held_m, plain, more : A, F_0 and ``A F_0 - a S(F_0)`` of L_A; 0, infinite and 0 where L counts.
     """
 
-    __slots__ = (
-        "_constant", "_held_m", "_inertia", "_limit", "_linear", "_more", "_plain", "_reach", "_speed", "_square",
-        "_step", "has_account",
-    )  # fmt: skip
+    limit: float
+    step: float
+    reach: float
+    speed: float
+    inertia: float
+    has_account: int
+    square: float
+    linear: float
+    constant: float
+    held_m: float
+    plain: float
+    more: float
 
     def __init__(
         self,
@@ -87,51 +103,37 @@ class ForceGuard:
         speed: float = math.inf,
         inertia: float = math.inf,
     ) -> None:
-        self._limit = limit
-        self._step = step
-        self._reach = reach
-        self._speed = speed
-        self._inertia = inertia if speed < math.inf else math.inf
-        self.has_account: bool = reach > 0.0
-        """True if the account limits the force."""
-        # S(F) <= square F^2 + linear F + constant, with equality where F is an odd number of half steps
+        super().__init__()
+        self.limit, self.step, self.reach, self.speed = limit, step, reach, speed
+        self.inertia = inertia if speed < math.inf else math.inf
+        self.has_account = int(reach > 0.0)
         finite = step != math.inf
-        self._square, self._linear, self._constant = (0.5 / step, 0.5, step / 8.0) if finite else (0.0, 1.0, 0.0)
-        self._held_m = self._plain = self._more = 0.0
+        self.square, self.linear, self.constant = (0.5 / step, 0.5, step / 8.0) if finite else (0.0, 1.0, 0.0)
+        self.plain = math.inf
 
     def cover(self, held_m: float) -> None:
         """From now on the account must also pay for a force that is held for a way of `held_m`, A [m]; 0: it need not.
 
         Nothing changes where no account limits the force, or where A is no longer than the travel in a tick.
         """
-        self._held_m = held_m if self.has_account and held_m > self._reach else 0.0
-        if self._held_m and self._step != math.inf:
-            self._plain = self._step * math.floor(held_m / self._reach)
-            self._more = held_m * self._plain - self._reach * ramp(self._plain, self._step)
+        self.held_m = held_m if self.has_account and held_m > self.reach else 0.0
+        if self.held_m and self.step != math.inf:
+            self.plain = self.step * math.floor(held_m / self.reach)
+            self.more = held_m * self.plain - self.reach * ramp(self.plain, self.step)
         else:
-            self._plain, self._more = math.inf, 0.0
+            self.plain, self.more = math.inf, 0.0
 
     def cost(self, force: float) -> float:
         """L(F), or L_A(F) [J]: the energy that a force of this length [N] needs until it has been reduced to zero."""
-        if self._held_m and force <= self._plain:
-            return self._held_m * force
-        return self._reach * ramp(force, self._step) + (self._more if self._held_m else 0.0)
-
-    def _affordable(self, energy: float) -> float:
-        """The longest force [N] that costs no more than this energy [J]."""
-        if self._held_m and energy <= self._held_m * self._plain:
-            return energy / self._held_m
-        return longest((energy - (self._more if self._held_m else 0.0)) / self._reach, self._step)
+        return cost(self, force)
 
     def needed(self, force: Vector) -> float:
         """Energy needed in spring and reservoir to hold this force [N] for a tick and then reduce it to zero [J]."""
-        length = math.hypot(*force)
-        return (self.cost(length) + _ROUNDING_J) / _SHARE if length > 0.0 and self._reach > 0.0 else 0.0
+        return needed(self, length(len(force), force))
 
     def needed_after(self, force: Vector) -> float:
         """Energy needed after this force [N] was held for a tick: enough for the next, smaller one [J]."""
-        length = math.hypot(*force) - self._step
-        return (self.cost(length) + _ROUNDING_J) / _SHARE if length > 0.0 and self._reach > 0.0 else 0.0
+        return needed(self, length(len(force), force) - self.step)
 
     def admit(self, wanted: Vector, held: Vector, v: Vector, energy: float) -> Vector:
         """The force to hold from now on [N].
@@ -141,60 +143,104 @@ class ForceGuard:
         wanted : force of spring and damper [N]. held : the last force admitted [N].
         v : velocity [m/s]. energy : P, the energy in spring and reservoir [J].
         """
-        length = math.hypot(*wanted)
-        ramped = length * (length * self._square + self._linear) + self._constant
-        if (
-            not self._held_m
-            and length <= self._limit
-            and ramped * self._reach + _ROUNDING_J <= energy * _SHARE
-            and math.dist(wanted, held) <= self._step
-            and ramped <= self._inertia * (self._speed - math.hypot(*v))
-        ):
-            return wanted  # nearly always; `_limited` below computes exactly
-        return self._limited(wanted, length, held, v, energy)
+        force = list(wanted)
+        return tuple(force) if admit(self, len(force), force, held, v, energy) else wanted
 
-    def _limited(self, wanted: Vector, length: float, held: Vector, v: Vector, energy: float) -> Vector:
-        step = self._step
-        most = self._limit
-        if self._reach > 0.0:
-            spendable = energy * _SHARE - _ROUNDING_J
-            most = min(most, self._affordable(spendable)) if spendable > 0.0 else 0.0
-        if self._inertia < math.inf and length > 0.0:
-            along = sum(map(mul, wanted, v)) / length
-            room = math.sqrt(along * along + max(0.0, self._speed * self._speed - sum(map(mul, v, v)))) - along
-            most_for_speed = longest(self._inertia * room, step)
-            if length > most_for_speed:
-                wanted = tuple([component * (most_for_speed / length) for component in wanted])
-                length = most_for_speed
-        if step != math.inf:
-            wanted = step_towards(held, wanted, step)
-            length = math.hypot(*wanted)
-        if length <= most:
-            return wanted
-        return self._shortened(wanted, length, held, most)
 
-    def _shortened(self, force: Vector, length: float, held: Vector, most: float) -> Vector:
-        """The force of length `most` [N] between `force` and the shortest force within one step of `held`.
+@equation
+def cost(guard: ForceGuard, force: float) -> float:
+    """`ForceGuard.cost`."""
+    if guard.held_m > 0.0 and force <= guard.plain:
+        return guard.held_m * force
+    return guard.reach * ramp(force, guard.step) + guard.more
 
-        If that shortest force is longer than `most`, it is returned: the account can cover it, see above. Every force
-        between the two is within one step of `held`.
-        """
-        if self._step == math.inf:
-            share = most / length
-            return tuple([share * component for component in force])
-        before = math.hypot(*held)
-        if before <= self._step:
-            shortest: Vector = (0.0,) * len(force)
-        else:
-            share = 1.0 - self._step / before
-            shortest = tuple([share * component for component in held])
-        way = tuple(map(sub, force, shortest))
-        a, b = sum(map(mul, way, way)), sum(map(mul, shortest, way))
-        c = sum(map(mul, shortest, shortest)) - most * most
-        if c >= 0.0 or a == 0.0:
-            return shortest
-        share = (math.sqrt(b * b - a * c) - b) / a
-        return tuple([s + share * w for s, w in zip(shortest, way, strict=True)])
+
+@equation
+def needed(guard: ForceGuard, force: float) -> float:
+    """Energy needed in spring and reservoir to hold a force of this length [N] for a tick, and then end it [J]."""
+    if force > 0.0 and guard.reach > 0.0:
+        return (cost(guard, force) + _ROUNDING_J) / _SHARE
+    return 0.0
+
+
+@equation
+def _affordable(guard: ForceGuard, energy: float) -> float:
+    """The longest force [N] that costs no more than this energy [J]."""
+    if guard.held_m > 0.0 and energy <= guard.held_m * guard.plain:
+        return energy / guard.held_m
+    return longest((energy - guard.more) / guard.reach, guard.step)
+
+
+@equation
+def admit(guard: ForceGuard, n: int, wanted: Floats, held: Reals, v: Reals, energy: float) -> bool:
+    """`ForceGuard.admit`: replaces `wanted` by the force to hold. Returns whether it is another."""
+    size = length(n, wanted)
+    ramped = size * (size * guard.square + guard.linear) + guard.constant
+    if (
+        guard.held_m == 0.0
+        and size <= guard.limit
+        and ramped * guard.reach + _ROUNDING_J <= energy * _SHARE
+        and distance(n, wanted, held) <= guard.step
+        and ramped <= guard.inertia * (guard.speed - length(n, v))
+    ):
+        return False  # nearly always; `_limit` computes exactly
+    return _limit(guard, n, size, wanted, held, v, energy)
+
+
+@equation
+def _limit(guard: ForceGuard, n: int, size: float, wanted: Floats, held: Reals, v: Reals, energy: float) -> bool:
+    """`admit`, exactly. size : the length of `wanted` [N]."""
+    step = guard.step
+    most = guard.limit
+    changed = False
+    if guard.reach > 0.0:
+        spendable = energy * _SHARE - _ROUNDING_J
+        most = min(most, _affordable(guard, spendable)) if spendable > 0.0 else 0.0
+    if guard.inertia < math.inf and size > 0.0:
+        along = dot(n, wanted, v) / size
+        room = math.sqrt(along * along + max(0.0, guard.speed * guard.speed - dot(n, v, v))) - along
+        most_for_speed = longest(guard.inertia * room, step)
+        if size > most_for_speed:
+            for i in range(n):
+                wanted[i] = wanted[i] * (most_for_speed / size)
+            size = most_for_speed
+            changed = True
+    if step != math.inf:
+        changed = changed or distance(n, wanted, held) > step
+        limit_step(n, held, wanted, step)
+        size = length(n, wanted)
+    if size <= most:
+        return changed
+    _shorten(guard, n, size, wanted, held, most)
+    return True
+
+
+@equation
+def _shorten(guard: ForceGuard, n: int, size: float, force: Floats, held: Reals, most: float) -> None:
+    """The force of length `most` [N] between `force` and the shortest force within one step of `held`.
+
+    If that shortest force is longer than `most`, it is taken: the account can cover it, see above. Every force between
+    the two is within one step of `held`.
+    """
+    if guard.step == math.inf:
+        share = most / size
+        for i in range(n):
+            force[i] = share * force[i]
+        return
+    before = length(n, held)
+    kept = 0.0 if before <= guard.step else 1.0 - guard.step / before
+    a = b = c = 0.0
+    for i in range(n):
+        shortest = kept * held[i]
+        way = force[i] - shortest
+        a += way * way
+        b += shortest * way
+        c += shortest * shortest
+    c -= most * most
+    share = 0.0 if c >= 0.0 or a == 0.0 else (math.sqrt(b * b - a * c) - b) / a
+    for i in range(n):
+        shortest = kept * held[i]
+        force[i] = shortest + share * (force[i] - shortest)
 
 
 class HoldTime:

@@ -11,14 +11,20 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
 from hapnet.checks import Vector
+from hapnet.control import ledger as ledgers
+from hapnet.control import pspm, smoothing, zoh
 from hapnet.control.coupling import CouplingSample, Mass, Proxy, S, Update, level_of, vector_of
 from hapnet.control.ledger import Ledger
-from hapnet.control.limits import Silence, step_towards
+from hapnet.control.limits import Silence, limit_step, releases
 from hapnet.control.prediction import PredictedDevice
-from hapnet.control.pspm import Modulation
+from hapnet.control.pspm import Modulation, SetPositionModulator
 from hapnet.control.smoothing import Pipeline
+from hapnet.mechanics import spring as springs
 from hapnet.mechanics.plane import Plane, checked
 from hapnet.mechanics.spring import Spring
+from hapnet.records.equation import compiled_as, equation
+from hapnet.records.record import Floats, OfAxes, Reals, Record
+from hapnet.records.vectors import copy
 
 MOST_REACH_M = 1.0
 """Planes that are farther away are never told [m]: no desktop device reaches so far."""
@@ -30,6 +36,8 @@ class Modulator(Protocol):
     @property
     def set_position(self) -> Vector: ...
     @property
+    def ybar(self) -> Floats: ...
+    @property
     def spring(self) -> Spring: ...
     @property
     def energy(self) -> float: ...
@@ -40,7 +48,11 @@ class Modulator(Protocol):
     @property
     def level(self) -> float | None: ...
     @property
-    def modulated(self) -> bool: ...
+    def modulated(self) -> int: ...
+    @property
+    def discarded(self) -> float: ...
+    @property
+    def jump(self) -> float: ...
 
     def give(self, dt: float, peer_level: float, keep: float) -> float: ...
     def modulate(self, y: Vector, x: Vector, dissipated: float, received: float, keep: float = 0.0) -> Modulation: ...
@@ -74,7 +86,7 @@ class Arrived(NamedTuple):
     """Has either of them arrived since the last update?"""
 
 
-class SetPositionCoupling:
+class SetPositionCoupling(Record):
     """One side's coupling between its position x and what the other side sends.
 
     More than twenty attributes: y passes source, stages, silence, step limit and modulator, and each step is counted.
@@ -89,7 +101,41 @@ class SetPositionCoupling:
     kinetic : kinetic energy at the start [J].
     kept_for_peers : when the reservoir holds at most twice this [J], a new peer gets a hundredth of it, not half.
     shares : does it tell how full its reservoir is, and give energy to a side that needs it more?
+
+    Attributes
+    ----------
+    passive : is the modulator PSPM, not a zero-order hold? ledger : its account.
+    y : the set-position that is being chosen [m]. aim : y(k) after the stages and silence, before the step limit [m].
+    received : the newest set-position that came [m]; fresh : since the last update, sent at `sent_s` [s].
+    waiting : energy that has come and that no update has used yet [J]. has_sample : has a sample or energy come so?
+    account : the reservoir's content as the ledger counts it [J]: energy less deficit.
+    peer_level : how full the other side's reservoir is; below 0: it does not tell.
+    updates, modulated : how many there were, and of these, how many could not pay for the whole of y.
+    shuffled : the energy to send, of the last update [J].
     """
+
+    modulator: SetPositionModulator
+    stages: Pipeline
+    silence: Silence
+    ledger: Ledger
+    passive: int
+    y: OfAxes
+    aim: OfAxes
+    received: OfAxes
+    fresh: int
+    sent_s: float
+    waiting: float
+    has_sample: int
+    account: float
+    longest_step: float
+    shares: int
+    peer_level: float
+    energy_min: float
+    deficit_max: float
+    discarded: float
+    updates: int
+    modulated: int
+    shuffled: float
 
     def __init__(
         self,
@@ -103,36 +149,30 @@ class SetPositionCoupling:
         kept_for_peers: float = 0.0,
         shares: bool = False,
     ) -> None:
-        self.modulator = modulator
+        super().__init__()
+        self.modulator = modulator  # type: ignore[assignment]  # Python takes any; compiled code these two
         self.spring: Spring = modulator.spring
         self.stages = stages
         self.source = source
         self.silence = silence
         self.longest_step = longest_step
-        self.ledger: Ledger = Ledger(kinetic, modulator.account)
-        self.target: Vector = modulator.set_position
-        """y(k) after the stages and silence, before the step limit [m]."""
-        self.has_sample: bool = False
-        """True if a sample or energy has arrived that no update has used yet."""
-        self.account: float = modulator.account
-        """The reservoir's content as the ledger counts it [J]: energy less deficit."""
-        self.energy_min: float = modulator.energy
-        self.deficit_max: float = 0.0
-        self.discarded: float = 0.0
-        self.updates: int = 0
-        self.modulated: int = 0
-        """Of these updates: how many could not pay for the whole of y."""
-        self.peer_level: float | None = None
-        """How full the other side's reservoir is; None: it does not tell."""
-        self._shares = shares
+        self.ledger = Ledger(kinetic, modulator.account)
+        self.passive = int(isinstance(modulator, SetPositionModulator))
+        start = modulator.set_position
+        self.y, self.aim, self.received = list(start), list(start), list(start)
+        self.account = modulator.account
+        self.energy_min = modulator.energy
+        self.peer_level = -1.0
+        self.shares = int(shares)
         self.spare: Callable[[], float] = lambda: math.inf
         """Energy that the reservoir can spare now [J]; a servo that holds a torque sets this."""
         self._kept_for_peers = kept_for_peers
-        self._received: Vector = modulator.set_position
-        self._sent_s: float | None = None
-        self._credit = 0.0
-        self._potential: tuple[Vector, Vector, float] = modulator.set_position, modulator.set_position, 0.0
-        stages.reset(modulator.set_position)
+        stages.reset(start)
+
+    @property
+    def target(self) -> Vector:
+        """y(k) after the stages and silence, before the step limit [m]."""
+        return tuple(self.aim)
 
     @property
     def modulated_share(self) -> float | None:
@@ -157,31 +197,29 @@ class SetPositionCoupling:
     @property
     def level(self) -> float | None:
         """How full the reservoir is, to tell the other side; None: it is not told."""
-        return self.modulator.level if self._shares else None
+        return self.modulator.level if self.shares else None
 
     def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
         """A set-position arrived [m]; see `CouplingState.receive`."""
-        if self._shares:
-            self.peer_level = level_of(sample)
+        if self.shares:
+            level = level_of(sample)
+            self.peer_level = -1.0 if level is None else level
         if self.source is not None:
             self.source.receive(sample, sent_s, age_s)
-        self._received = vector_of(sample)
-        self._sent_s = sent_s
-        self.has_sample = True
+        receive(self, len(self.received), vector_of(sample), sent_s)
 
     def credit(self, energy: float) -> None:
         """Shuffled energy arrived [J]; the next update uses it, once."""
-        self._credit += energy
-        self.has_sample = True
+        credit(self, energy)
 
     @property
     def arrived(self) -> Arrived:
         """What the next update uses."""
-        return Arrived(self._received, self._credit, self.has_sample)
+        return Arrived(tuple(self.received), self.waiting, bool(self.has_sample))
 
     def restore(self, arrived: Arrived) -> None:
         """The next update uses this instead."""
-        self._received, self._credit, self.has_sample = arrived
+        self.received, self.waiting, self.has_sample = list(arrived[0]), arrived[1], int(arrived[2])
 
     def on_peer_changed(self) -> float:
         """A new peer has replaced the old one. Returns the energy to shuffle to it [J]: half of the reservoir.
@@ -191,8 +229,10 @@ class SetPositionCoupling:
         for later peers. The stages start again, because the new peer's clock and position have nothing to do with the
         old one's.
         """
-        self._reset(self.target)
-        self.peer_level = None
+        self.stages.reset(self.target)
+        if self.source is not None:
+            self.source.reset(self.target)
+        self.peer_level = -1.0
         most, energy = self.spare(), self.modulator.energy
         if energy <= 2.0 * self._kept_for_peers:
             most = min(most, energy / 100.0)
@@ -202,12 +242,8 @@ class SetPositionCoupling:
         return energy
 
     def potential(self, x: Vector) -> float:
-        """phi [J] with the present ybar; asked for several times a tick, and computed once for each x and ybar."""
-        ybar, (known_ybar, known_x, phi) = self.modulator.set_position, self._potential
-        if ybar is not known_ybar or x is not known_x:
-            phi = self.spring.between(ybar, x)
-            self._potential = ybar, x, phi
-        return phi
+        """phi [J] with the present ybar."""
+        return springs.between(self.spring, self.modulator.ybar, x)
 
     def update(self, dt: float, x: Vector, dissipated: float, keep: float = 0.0) -> Modulation:
         """Run PSPM once, `dt` seconds after the last time, at position x [m] with D = `dissipated` [J].
@@ -215,56 +251,120 @@ class SetPositionCoupling:
         `keep` is the energy that spring and reservoir together should keep [J]. The result contains the energy to
         send; the ledger already counts it as sent.
         """
-        sent_s = self._sent_s
-        self._sent_s = None
-        y = self._received if self.source is None else self.source.step(dt, x)
-        y = self.stages.step(dt, y, sent_s)
-        if self.silence.step(dt, fresh=sent_s is not None):
-            y = x
-        if self.silence.is_silent:
-            self.peer_level = None  # energy sent now would be lost with the link, or find a full reservoir
-        self.target = y
-        if self.longest_step != math.inf:
-            y = step_towards(self.modulator.set_position, y, self.longest_step)
-        return self._modulate(dt, y, x, dissipated, keep)
+        self.choose(dt, x)
+        update(self, dt, x, dissipated, keep)
+        return self._result()
+
+    def choose(self, dt: float, x: Vector) -> None:
+        """Choose y for the next update, `dt` seconds after the last, at x [m]."""
+        self.y[:] = self.received if self.source is None else self.source.step(dt, x)
 
     def release(self, x: Vector, dissipated: float) -> Modulation:
         """Run PSPM once and release the spring at once: ybar = x, and y stays there until a sample arrives.
 
         This is as passive as any other y. The spring's stored energy goes to the reservoir.
         """
-        self._received = self.target = x
-        self._sent_s = None
+        self.received, self.aim, self.fresh = list(x), list(x), 0
         self.stages.reset(x)
         if self.source is not None:
             self.source.release(x)
-        return self._modulate(0.0, x, x, dissipated)
+        self.y[:] = x
+        _run(self, 0.0, x, dissipated, 0.0)
+        return self._result()
 
-    def _reset(self, position: Vector) -> None:
-        self.stages.reset(position)
-        if self.source is not None:
-            self.source.reset(position)
-
-    def _modulate(self, dt: float, y: Vector, x: Vector, dissipated: float, keep: float = 0.0) -> Modulation:
-        credit = self._credit
-        self._credit = 0.0
-        self.has_sample = False
+    def _result(self) -> Modulation:
+        """Of the last update, with all that is to be sent."""
         modulator = self.modulator
-        result = modulator.modulate(y, x, dissipated, credit, keep)
-        self.updates += 1
-        self.modulated += modulator.modulated
-        if self.peer_level is not None and (given := modulator.give(dt, self.peer_level, keep)):
-            result = result._replace(energy=modulator.energy, sent=result.sent + given)
-        self.ledger.credit(credit)
-        if result.sent:
-            self.ledger.send(result.sent)
-        self.account = modulator.account
-        if result.energy < self.energy_min:
-            self.energy_min = result.energy
-        if result.deficit > self.deficit_max:
-            self.deficit_max = result.deficit
-        self.discarded += result.discarded
-        return result
+        return Modulation(
+            modulator.set_position,
+            modulator.energy,
+            modulator.deficit,
+            self.shuffled,
+            modulator.discarded,
+            modulator.jump,
+        )
+
+
+@equation
+def receive(coupling: SetPositionCoupling, n: int, set_position: Reals, sent_s: float) -> None:
+    """`SetPositionCoupling.receive`, but for its level and its source."""
+    copy(n, set_position, coupling.received)
+    coupling.sent_s = sent_s
+    coupling.fresh = coupling.has_sample = 1
+
+
+@equation
+def credit(coupling: SetPositionCoupling, energy: float) -> None:
+    """`SetPositionCoupling.credit`."""
+    coupling.waiting += energy
+    coupling.has_sample = 1
+
+
+@equation
+def potential(coupling: SetPositionCoupling, x: Reals) -> float:
+    """phi [J] with the present ybar."""
+    return springs.between(coupling.modulator.spring, coupling.modulator.ybar, x)
+
+
+@equation
+def update(coupling: SetPositionCoupling, dt: float, x: Reals, dissipated: float, keep: float) -> None:
+    """`SetPositionCoupling.update`, once the source has put its y into `coupling.y`."""
+    n, y = coupling.modulator.spring.dof, coupling.y
+    fresh = coupling.fresh != 0
+    coupling.fresh = 0
+    smoothing.step(coupling.stages, n, dt, y, fresh, coupling.sent_s)
+    if releases(coupling.silence, dt, fresh):
+        copy(n, x, y)
+    if coupling.silence.elapsed > coupling.silence.after:
+        coupling.peer_level = -1.0  # energy sent now would be lost with the link, or find a full reservoir
+    copy(n, y, coupling.aim)
+    if coupling.longest_step != math.inf:
+        limit_step(n, coupling.modulator.ybar, y, coupling.longest_step)
+    _run(coupling, dt, x, dissipated, keep)
+
+
+@equation
+def _run(coupling: SetPositionCoupling, dt: float, x: Reals, dissipated: float, keep: float) -> None:
+    """Run the modulator with `coupling.y`, and count what it did."""
+    received = coupling.waiting
+    coupling.waiting = 0.0
+    coupling.has_sample = 0
+    coupling.shuffled = _modulate(coupling, dt, x, dissipated, received, keep)
+    modulator = coupling.modulator
+    coupling.updates += 1
+    coupling.modulated += 1 if modulator.modulated else 0
+    ledgers.credit(coupling.ledger, received)
+    if coupling.shuffled != 0.0:
+        ledgers.send(coupling.ledger, coupling.shuffled)
+    coupling.account = modulator.energy - modulator.deficit
+    coupling.energy_min = min(coupling.energy_min, modulator.energy)
+    coupling.deficit_max = max(coupling.deficit_max, modulator.deficit)
+    coupling.discarded += modulator.discarded
+
+
+def _compiled_modulate(
+    coupling: SetPositionCoupling, dt: float, x: Reals, dissipated: float, received: float, keep: float
+) -> float:
+    if not coupling.passive:
+        zoh.hold(coupling.modulator, coupling.y, x)
+        return 0.0
+    pspm.modulate(coupling.modulator, coupling.y, x, dissipated, received, keep)
+    sent = coupling.modulator.sent
+    if coupling.peer_level >= 0.0:
+        sent += pspm.give(coupling.modulator, dt, coupling.peer_level, keep)
+    return sent
+
+
+@compiled_as(_compiled_modulate)
+def _modulate(
+    coupling: SetPositionCoupling, dt: float, x: Reals, dissipated: float, received: float, keep: float
+) -> float:
+    """Tie the spring to a new ybar; returns the energy to send [J]. Python asks the modulator, whatever it is."""
+    modulator = coupling.modulator
+    sent = modulator.modulate(tuple(coupling.y), tuple(x), dissipated, received, keep).sent
+    if coupling.peer_level >= 0.0:
+        sent += modulator.give(dt, coupling.peer_level, keep)
+    return sent
 
 
 class SetPositionSteps:

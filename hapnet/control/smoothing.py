@@ -11,6 +11,9 @@ from typing import Protocol
 
 from hapnet import checks
 from hapnet.checks import Vector
+from hapnet.records.equation import compiled_as, equation
+from hapnet.records.record import Floats, OfAxes, Reals, Record
+from hapnet.records.vectors import copy
 
 
 class Stage(Protocol):
@@ -32,34 +35,64 @@ def low_passed(dt: float, time_constant: float, state: Vector, y: Vector) -> Vec
 
     Backward Euler is stable for every dt [s] and never overshoots.
     """
+    filtered = list(state)
+    low_pass(len(filtered), dt, time_constant, filtered, y)
+    return tuple(filtered)
+
+
+@equation
+def low_pass(n: int, dt: float, time_constant: float, state: Floats, y: Reals) -> None:
+    """`low_passed`, in place."""
     gain = dt / (time_constant + dt)
-    return tuple([old + gain * (new - old) for old, new in zip(state, y, strict=True)])
+    for i in range(n):
+        state[i] = state[i] + gain * (y[i] - state[i])
 
 
-class FilteredVelocity:
+class FilteredVelocity(Record):
     """The velocity of a position, low-passed: ``(x - x_f) / tau``, with x_f the low-passed position.
 
     Parameters
     ----------
     time_constant : tau [s], above 0.
+
+    Attributes
+    ----------
+    known : is x_f known? filtered : x_f [m]. velocity : of the last step [m/s].
     """
 
+    time_constant: float
+    known: int
+    filtered: OfAxes
+    velocity: OfAxes
+
     def __init__(self, time_constant: float) -> None:
-        self.time_constant: float = checks.positive("time constant of a velocity", time_constant)
-        self._filtered: Vector | None = None
+        super().__init__()
+        self.time_constant = checks.positive("time constant of a velocity", time_constant)
 
     def reset(self) -> None:
         """Start again at rest, wherever the next position is."""
-        self._filtered = None
+        self.known = 0
 
     def step(self, dt: float, x: Vector) -> Vector:
         """The velocity [m/s] at x [m], `dt` seconds after the last step."""
-        before = x if self._filtered is None else self._filtered
-        filtered = self._filtered = low_passed(dt, self.time_constant, before, x)
-        return tuple([(new - old) / self.time_constant for old, new in zip(filtered, x, strict=True)])
+        if not self.known:
+            self.filtered, self.velocity = list(x), [0.0] * len(x)
+        filter_velocity(self, len(x), dt, x)
+        return tuple(self.velocity)
 
 
-class SmoothingFilter:
+@equation
+def filter_velocity(f: FilteredVelocity, n: int, dt: float, x: Reals) -> None:
+    """`FilteredVelocity.step`."""
+    if not f.known:
+        copy(n, x, f.filtered)
+        f.known = 1
+    low_pass(n, dt, f.time_constant, f.filtered, x)
+    for i in range(n):
+        f.velocity[i] = (x[i] - f.filtered[i]) / f.time_constant
+
+
+class SmoothingFilter(Record):
     """A first-order low-pass (`low_passed`): the smoothing filter of Figure 6.
 
     The paper gives its period (5 ms), not its equation.
@@ -67,22 +100,43 @@ class SmoothingFilter:
     Parameters
     ----------
     time_constant : tau [s], above 0.
+
+    Attributes
+    ----------
+    has_state : is there a state yet? in_use : always, but for the records of compiled code.
     """
 
+    time_constant: float
+    in_use: int
+    has_state: int
+    state: OfAxes
+
     def __init__(self, time_constant: float) -> None:
-        self.time_constant: float = checks.positive("smoothing time constant", time_constant)
-        self._state: Vector | None = None
+        super().__init__()
+        self.time_constant = checks.positive("smoothing time constant", time_constant)
+        self.in_use = 1
 
     def reset(self, position: Vector) -> None:
-        self._state = position
+        self.has_state, self.state = 1, list(position)
 
     def step(self, dt: float, y: Vector, sent_s: float | None) -> Vector:
-        state = self._state if self._state is not None else y
-        self._state = low_passed(dt, self.time_constant, state, y)
-        return self._state
+        if not self.has_state:
+            self.reset(y)
+        smooth(self, len(y), dt, out := list(y))
+        return tuple(out)
 
 
-class VelocityPredictor:
+@equation
+def smooth(stage: SmoothingFilter, n: int, dt: float, y: Floats) -> None:
+    """`SmoothingFilter.step`, in place."""
+    if not stage.has_state:
+        copy(n, y, stage.state)
+        stage.has_state = 1
+    low_pass(n, dt, stage.time_constant, stage.state, y)
+    copy(n, stage.state, y)
+
+
+class VelocityPredictor(Record):
     """Constant-velocity extrapolation of the last two samples, by a horizon plus the time since the last one.
 
     The velocity is computed from the sender's time stamps, so jitter does not disturb it and no common clock is needed.
@@ -91,42 +145,85 @@ class VelocityPredictor:
     ----------
     horizon : how far to predict beyond the sample's arrival [s], for example the link's delay; 0 or above.
     longest : longest extrapolation [s], however long the silence.
+
+    Attributes
+    ----------
+    last, last_s : the newest sample [m], and when it was sent [s]; has_last : is there one? velocity : of the last two
+        [m/s]; has_velocity : are there two? age : time since the newest came [s]. in_use : as of a `SmoothingFilter`.
     """
 
+    horizon: float
+    longest: float
+    in_use: int
+    has_last: int
+    last_s: float
+    last: OfAxes
+    has_velocity: int
+    velocity: OfAxes
+    age: float
+
     def __init__(self, horizon: float, longest: float = 0.2) -> None:
-        self.horizon: float = checks.non_negative("predictor horizon", horizon)
-        self.longest: float = checks.positive("predictor limit", longest)
-        self._last: tuple[float, Vector] | None = None
-        self._velocity: Vector | None = None
-        self._age = 0.0
+        super().__init__()
+        self.horizon = checks.non_negative("predictor horizon", horizon)
+        self.longest = checks.positive("predictor limit", longest)
+        self.in_use = 1
 
     def reset(self, position: Vector) -> None:
-        self._last = None
-        self._velocity = None
-        self._age = 0.0
+        self.has_last = self.has_velocity = 0
+        self.age = 0.0
+        self.last, self.velocity = list(position), [0.0] * len(position)
 
     def step(self, dt: float, y: Vector, sent_s: float | None) -> Vector:
-        self._age += dt
-        if sent_s is not None:
-            if self._last is not None and sent_s < self._last[0] - self.longest:
-                self.reset(y)  # reordering never reaches so far back: this is the clock of a restarted sender
-            if self._last is not None and sent_s > self._last[0]:
-                span = sent_s - self._last[0]
-                self._velocity = tuple([(new - old) / span for new, old in zip(y, self._last[1], strict=True)])
-            if self._last is None or sent_s > self._last[0]:
-                self._last = (sent_s, y)
-                self._age = 0.0
-        if self._velocity is None:
-            return y
-        ahead = min(self.horizon + self._age, self.longest)
-        return tuple([value + ahead * rate for value, rate in zip(y, self._velocity, strict=True)])
+        if len(self.last) < len(y):
+            self.reset(y)
+        extrapolate(self, len(y), dt, out := list(y), sent_s is not None, sent_s or 0.0)
+        return tuple(out)
 
 
-class Pipeline:
-    """A chain of stages; an empty one is the identity."""
+@equation
+def extrapolate(stage: VelocityPredictor, n: int, dt: float, y: Floats, fresh: bool, sent_s: float) -> None:
+    """`VelocityPredictor.step`, in place. fresh : is y a new sample, sent at `sent_s`?"""
+    stage.age += dt
+    if fresh:
+        if stage.has_last and sent_s < stage.last_s - stage.longest:
+            stage.has_last = stage.has_velocity = 0  # reordering never reaches so far back: a restarted sender's clock
+            stage.age = 0.0
+        newer = stage.has_last == 0 or sent_s > stage.last_s
+        if stage.has_last and newer:
+            span = sent_s - stage.last_s
+            for i in range(n):
+                stage.velocity[i] = (y[i] - stage.last[i]) / span
+            stage.has_velocity = 1
+        if newer:
+            stage.last_s = sent_s
+            copy(n, y, stage.last)
+            stage.has_last = 1
+            stage.age = 0.0
+    if stage.has_velocity:
+        ahead = min(stage.horizon + stage.age, stage.longest)
+        for i in range(n):
+            y[i] = y[i] + ahead * stage.velocity[i]
+
+
+class Pipeline(Record):
+    """A chain of stages; an empty one is the identity.
+
+    Attributes
+    ----------
+    predictor, smoothing : its stages as compiled code has them, in this order; each may be unused.
+    """
+
+    predictor: VelocityPredictor
+    smoothing: SmoothingFilter
 
     def __init__(self, stages: Iterable[Stage] = ()) -> None:
+        super().__init__()
         self.stages: tuple[Stage, ...] = tuple(stages)
+        for stage in self.stages:
+            if isinstance(stage, VelocityPredictor):
+                self.predictor = stage
+            elif isinstance(stage, SmoothingFilter):
+                self.smoothing = stage
 
     def reset(self, position: Vector) -> None:
         for stage in self.stages:
@@ -136,3 +233,17 @@ class Pipeline:
         for stage in self.stages:
             y = stage.step(dt, y, sent_s)
         return y
+
+
+def _compiled_step(stages: Pipeline, n: int, dt: float, y: Floats, fresh: bool, sent_s: float) -> None:
+    if stages.predictor.in_use:
+        extrapolate(stages.predictor, n, dt, y, fresh, sent_s)
+    if stages.smoothing.in_use:
+        smooth(stages.smoothing, n, dt, y)
+
+
+@compiled_as(_compiled_step)
+def step(stages: Pipeline, n: int, dt: float, y: Floats, fresh: bool, sent_s: float) -> None:
+    """`Pipeline.step`, in place."""
+    if stages.stages:
+        y[:] = stages.step(dt, tuple(y), sent_s if fresh else None)

@@ -7,11 +7,14 @@ or credited. On bad links its margin falls below zero.
 from __future__ import annotations
 
 from hapnet.checks import Vector
-from hapnet.control.pspm import Modulation
-from hapnet.mechanics.spring import Spring
+from hapnet.control.pspm import Modulation, SetPositionModulator
+from hapnet.mechanics.spring import Spring, between
+from hapnet.records.equation import equation
+from hapnet.records.record import OfAxes, Reals, Record
+from hapnet.records.vectors import copy
 
 
-class ZeroOrderHold:
+class ZeroOrderHold(Record):
     """Replaces `SetPositionModulator` and accepts every set-position unchanged.
 
     Parameters
@@ -19,18 +22,27 @@ class ZeroOrderHold:
     spring : the coupling spring.
     position : x(0) [m].
     energy : E(0) [J], counted in the bound as with PSPM.
+
+    Its fields are those of a `SetPositionModulator`.
     """
 
-    __slots__ = ("deficit", "energy", "set_position", "spring")
-    level: float | None = None
-    """None: there is no reservoir to fill."""
+    ybar: OfAxes
+    energy: float
+    deficit: float
+    discarded: float
+    jump: float
+    spring: Spring
+    level = None  # there is no reservoir to fill
     modulated = False
 
     def __init__(self, spring: Spring, position: Vector, energy: float) -> None:
-        self.spring: Spring = spring
-        self.set_position: Vector = position
-        self.energy: float = energy
-        self.deficit: float = 0.0
+        super().__init__()
+        self.ybar, self.energy, self.spring = list(position), energy, spring
+
+    @property
+    def set_position(self) -> Vector:
+        """ybar [m]."""
+        return tuple(self.ybar)
 
     @property
     def account(self) -> float:
@@ -38,10 +50,8 @@ class ZeroOrderHold:
 
     def modulate(self, y: Vector, x: Vector, dissipated: float, received: float, keep: float = 0.0) -> Modulation:
         """Set ybar = y; no energy changes."""
-        before = self.spring.between(self.set_position, x)
-        self.set_position = y
-        jump = self.spring.between(y, x) - before
-        return Modulation(y, self.energy, 0.0, 0.0, 0.0, jump)
+        hold(self, y, x)
+        return Modulation(self.set_position, self.energy, 0.0, 0.0, 0.0, self.jump)
 
     def give(self, dt: float, peer_level: float, keep: float) -> float:
         """Zero [J]: there is no reservoir."""
@@ -50,3 +60,11 @@ class ZeroOrderHold:
     def split_reservoir(self, most: float = 0.0) -> float:
         """Zero [J]: there is no reservoir to split."""
         return 0.0
+
+
+@equation
+def hold(m: ZeroOrderHold | SetPositionModulator, y: Reals, x: Reals) -> None:
+    """`ZeroOrderHold.modulate`."""
+    before = between(m.spring, m.ybar, x)
+    copy(m.spring.dof, y, m.ybar)
+    m.jump = between(m.spring, y, x) - before

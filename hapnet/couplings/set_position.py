@@ -10,13 +10,14 @@ from typing import Any, cast
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.control.contact_model import ContactModel
+from hapnet.control.continuous_servo import ContinuousServo
 from hapnet.control.coupling import DeviceCoupling, WorldCoupling
 from hapnet.control.limits import OnSilence, Silence
 from hapnet.control.prediction import PredictedDevice
 from hapnet.control.pspm import SetPositionModulator
 from hapnet.control.reserve import ForceGuard, Holding
 from hapnet.control.set_position_coupling import Modulator, SetPositionCoupling, SetPositionSteps, Source
-from hapnet.control.set_position_servo import ContinuousServo, SampledServo
+from hapnet.control.set_position_servo import SampledServo
 from hapnet.control.smoothing import Pipeline, SmoothingFilter, Stage, VelocityPredictor
 from hapnet.control.zoh import ZeroOrderHold
 from hapnet.couplings import feel, held_torque

@@ -14,8 +14,9 @@ from inspect import Parameter, signature
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 from hapnet.checks import Vector
+from hapnet.control.continuous_servo import ContinuousServo
 from hapnet.control.coupling import DeviceCoupling, DeviceLaw, LawServo, LawSteps, WorldCoupling, WorldLaw
-from hapnet.control.set_position_servo import ContinuousServo, Harvest
+from hapnet.control.set_position_servo import Harvest
 from hapnet.couplings.link_delays import Delays
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params

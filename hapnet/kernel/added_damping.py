@@ -3,32 +3,12 @@
 from __future__ import annotations
 
 from hapnet.control import added_damping as reference
+from hapnet.control.smoothing import FilteredVelocity, filter_velocity
 from hapnet.records.equation import equation
-from hapnet.records.record import Floats, MatrixOfAxes, OfAxes, Record
-from hapnet.records.vectors import copy, low_pass
+from hapnet.records.record import Floats, MatrixOfAxes, Record
 
 _VELOCITY_S = reference.VELOCITY_S
 _AGED_S, _OLD_S, _OLD_NS_M = reference.AGED_S, reference.OLD_S, reference.OLD_NS_M
-
-
-class FilteredVelocity(Record):
-    """`hapnet.control.smoothing.FilteredVelocity`. known : has it seen a position?"""
-
-    time_constant: float
-    known: int
-    filtered: OfAxes
-    velocity: OfAxes
-
-
-@equation
-def filter_velocity(velocity: FilteredVelocity, n: int, dt: float, x: Floats) -> None:
-    """`FilteredVelocity.step`: into `velocity.velocity`."""
-    if not velocity.known:
-        copy(n, x, velocity.filtered)
-        velocity.known = 1
-    low_pass(n, dt, velocity.time_constant, velocity.filtered, x)
-    for i in range(n):
-        velocity.velocity[i] = (x[i] - velocity.filtered[i]) / velocity.time_constant
 
 
 class AddedDamping(Record):

@@ -6,10 +6,11 @@ from typing import Annotated
 
 from hapnet.control import contact_model as reference
 from hapnet.control import told_plane
-from hapnet.kernel.added_damping import AddedDamping, FilteredVelocity, damp, filter_velocity
+from hapnet.control.smoothing import FilteredVelocity, filter_velocity, low_pass
+from hapnet.kernel.added_damping import AddedDamping, damp
 from hapnet.records.equation import equation
 from hapnet.records.record import AXES, PLANES, Floats, MatrixOfAxes, OfAxes, OfPlanes, Record, VectorsOfPlanes
-from hapnet.records.vectors import copy, dot, equal, length, low_pass, times
+from hapnet.records.vectors import copy, dot, equal, length, times
 
 _FORGET_S, _SETTLED_MPS, _YIELDING_S = reference.FORGET_S, reference.SETTLED_MPS, reference.YIELDING_S
 _SAME_M, _SAME_COSINE, _SAME_STIFFNESS = told_plane.SAME_M, told_plane.SAME_COSINE, told_plane.SAME_STIFFNESS

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
+from hapnet.control import set_position_coupling as couplings
 from hapnet.control.ledger import Ledger
-from hapnet.kernel import set_position_coupling as couplings
 from hapnet.kernel.device import Hand
 from hapnet.kernel.endpoint import Wire
 from hapnet.kernel.sides import Counts, DeviceSide, WorldSide
@@ -48,19 +48,20 @@ def have_room(rows: Rows) -> bool:
 def record_tick(rows: Rows, side: DeviceSide, wire: Wire, hand: Hand, now_ns: int) -> None:
     """A `DeviceSample`: its vectors in their order, then its scalars."""
     device, servo, coupling, n = side.plant, side.servo, side.coupling, side.plant.n
+    spring = coupling.modulator.spring
     x, at = device.read_position, rows.device_rows
     row, within = rows.at_device[at], side.model_of_tick.in_use != 0
     rows.device_rows = at + 1
     rows.device_ns[at] = now_ns
-    springs.force(side.spring, x, coupling.set_position, servo.spring_force)
+    springs.force(spring, x, coupling.modulator.ybar, servo.pull)
     for i in range(n):
         row[i] = x[i]
-        row[n + i] = coupling.set_position[i]
-        row[2 * n + i] = coupling.target[i]
-        row[3 * n + i] = device.actuator_force[i] if within else servo.force[i]
+        row[n + i] = coupling.modulator.ybar[i]
+        row[2 * n + i] = coupling.aim[i]
+        row[3 * n + i] = device.actuator_force[i] if within else servo.held[i]
         row[4 * n + i] = device.hand_force[i]
         row[5 * n + i] = hand.path[hand.at][i]
-        row[6 * n + i] = servo.spring_force[i]
+        row[6 * n + i] = servo.pull[i]
         row[7 * n + i] = row[3 * n + i] - row[6 * n + i] if within else -servo.damping[i] * servo.velocity[i]
         row[8 * n + i] = row[9 * n + i] = 0.0
         row[10 * n + i] = device.velocity[i] if within else device.read_velocity[i]
@@ -68,17 +69,18 @@ def record_tick(rows: Rows, side: DeviceSide, wire: Wire, hand: Hand, now_ns: in
         _part(row, side, n)
     _account(row, DEVICE_VECTORS * n, side, x)
     _times(row, DEVICE_VECTORS * n + 7, wire, now_ns)
-    _energies(row, DEVICE_VECTORS * n + 9, side.ledger)
-    row[DEVICE_VECTORS * n + 13] = side.ledger.work if within else side.hand.work
+    _energies(row, DEVICE_VECTORS * n + 9, coupling.ledger)
+    row[DEVICE_VECTORS * n + 13] = coupling.ledger.work if within else side.hand.work
 
 
 @equation
 def _part(row: Floats, side: DeviceSide, n: int) -> None:
     """The parts of the spring's force that the model's planes and the added damping have made."""
-    model, K = side.model, side.spring.rows
-    for i in range(side.spring.dof):
-        side.coupling.offset[i] = side.plant.read_position[i] - side.coupling.set_position[i]
-    scale = springs.saturation(side.spring, side.coupling.offset)
+    model, modulator = side.model, side.coupling.modulator
+    K = modulator.spring.rows
+    for i in range(n):
+        modulator.offset[i] = side.plant.read_position[i] - modulator.ybar[i]
+    scale = springs.saturation(modulator.spring, modulator.offset)
     for i in range(n):
         of_planes = added = 0.0
         for j in range(n):
@@ -91,10 +93,10 @@ def _part(row: Floats, side: DeviceSide, n: int) -> None:
 @equation
 def _account(row: Floats, at: int, side: DeviceSide, x: Floats) -> None:
     """Reservoir, deficit, potential, sent, credited, margin, slack."""
-    coupling, ledger = side.coupling, side.ledger
-    row[at] = coupling.energy
-    row[at + 1] = coupling.deficit
-    row[at + 2] = couplings.potential(coupling, side.spring, x)
+    coupling, ledger = side.coupling, side.coupling.ledger
+    row[at] = coupling.modulator.energy
+    row[at + 1] = coupling.modulator.deficit
+    row[at + 2] = couplings.potential(coupling, x)
     row[at + 3] = ledger.sent
     row[at + 4] = ledger.credited
     row[at + 5] = ledger.margin
@@ -122,7 +124,7 @@ def _energies(row: Floats, at: int, ledger: Ledger) -> None:
 @equation
 def record_step(rows: Rows, side: WorldSide, wire: Wire, counts: Counts, now_ns: int) -> None:
     """A `WorldSample`: its vectors in their order, then its scalars."""
-    mass, coupling, ledger, n = side.mass, side.coupling, side.ledger, side.mass.n
+    mass, coupling, ledger, n = side.mass, side.coupling, side.coupling.ledger, side.mass.n
     at = rows.world_rows
     row = rows.at_world[at]
     rows.world_rows = at + 1
@@ -130,15 +132,15 @@ def record_step(rows: Rows, side: WorldSide, wire: Wire, counts: Counts, now_ns:
     for i in range(n):
         row[i] = mass.x[i]
         row[n + i] = mass.v[i]
-        row[2 * n + i] = coupling.set_position[i]
-        row[3 * n + i] = coupling.target[i]
+        row[2 * n + i] = coupling.modulator.ybar[i]
+        row[3 * n + i] = coupling.aim[i]
         row[4 * n + i] = mass.coupling_force[i]
         row[5 * n + i] = mass.force[i]
     first = WORLD_VECTORS * n
     row[first] = counts.step_s
     row[first + 1] = mass.penetration
-    row[first + 2] = coupling.energy
-    row[first + 3] = couplings.potential(coupling, side.spring, mass.x)
+    row[first + 2] = coupling.modulator.energy
+    row[first + 3] = couplings.potential(coupling, mass.x)
     row[first + 4] = ledger.sent
     row[first + 5] = ledger.credited
     row[first + 6] = ledger.margin

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from hapnet.control import continuous_servo as continuous
 from hapnet.control import ledger as ledgers
+from hapnet.control import set_position_coupling as couplings
+from hapnet.control import set_position_servo as servos
+from hapnet.control.continuous_servo import ContinuousServo
+from hapnet.control.harvest import MeasuredHarvest, hold
 from hapnet.control.ledger import Ledger
-from hapnet.control.set_position_coupling import MOST_REACH_M
+from hapnet.control.set_position_coupling import MOST_REACH_M, SetPositionCoupling
+from hapnet.control.set_position_servo import SampledServo
+from hapnet.control.smoothing import FilteredVelocity
 from hapnet.kernel import contact_model, coupled_device, environment_account, integrator, prediction, walls
 from hapnet.kernel import device as devices
-from hapnet.kernel import set_position_coupling as couplings
-from hapnet.kernel import set_position_servo as servos
-from hapnet.kernel.added_damping import AddedDamping, FilteredVelocity
+from hapnet.kernel.added_damping import AddedDamping
 from hapnet.kernel.contact_model import ContactModel, Planes
 from hapnet.kernel.coupled_device import TickModel
 from hapnet.kernel.device import Device, Hand
@@ -19,12 +24,7 @@ from hapnet.kernel.integrator import PassiveIntegrator
 from hapnet.kernel.limited_coupling import LimitedCoupling
 from hapnet.kernel.link import Message
 from hapnet.kernel.prediction import PredictedDevice
-from hapnet.kernel.reserve import ForceGuard
-from hapnet.kernel.set_position_coupling import Coupling
-from hapnet.kernel.set_position_servo import SampledServo
-from hapnet.kernel.smoothing import Stages
 from hapnet.kernel.walls import Contacts
-from hapnet.mechanics.spring import Spring
 from hapnet.records.equation import equation
 from hapnet.records.record import Floats, Record
 from hapnet.records.vectors import copy
@@ -50,20 +50,18 @@ class Counts(Record):
 class DeviceSide(Record):
     """Everything of the device's side.
 
-    plant : the device; model_of_tick, limited : of a coupling that acts within the tick. true_ledger, hand : the
-    accounts with the true positions, and of the hand.
+    plant : the device; model_of_tick, limited, within : of a coupling that acts within the tick, and its servo.
+    servo : of a force that is held; true_ledger, true_work, hand : the accounts with the true positions, of the hand.
     """
 
     plant: Device
     model_of_tick: TickModel
     limited: LimitedCoupling
+    within: ContinuousServo
     servo: SampledServo
-    coupling: Coupling
-    spring: Spring
-    ledger: Ledger
-    stages: Stages
-    guard: ForceGuard
+    coupling: SetPositionCoupling
     true_ledger: Ledger
+    true_work: MeasuredHarvest
     hand: Ledger
     model: ContactModel
     planes: Planes
@@ -78,10 +76,7 @@ class WorldSide(Record):
 
     mass: PassiveIntegrator
     contacts: Contacts
-    coupling: Coupling
-    spring: Spring
-    ledger: Ledger
-    stages: Stages
+    coupling: SetPositionCoupling
     predicted: PredictedDevice
     around: Planes
     environment: EnvironmentAccount
@@ -97,58 +92,61 @@ def tick(side: DeviceSide, wire: Wire, counts: Counts, hand: Hand, now_ns: int, 
         _tick_held(side, wire, hand, dt, now_ns)
     counts.device_last_ns = now_ns
     counts.ticks += 1
-    if not side.servo.sends:
+    if not (side.within.sender.sends if side.model_of_tick.in_use else side.servo.sender.sends):
         return False
     copy(side.plant.n, side.plant.read_position, message.position)
-    message.planes, message.reach_m, message.level = 0, -1.0, side.coupling.level
+    message.planes, message.reach_m, message.level = 0, -1.0, level(side.coupling)
     finish(wire.endpoint, message, now_ns)
     return True
 
 
 @equation
+def level(coupling: SetPositionCoupling) -> float:
+    """`SetPositionCoupling.level`; below 0: it is not told."""
+    return coupling.modulator.level if coupling.shares else -1.0
+
+
+@equation
 def _tick_held(side: DeviceSide, wire: Wire, hand: Hand, dt: float, now_ns: int) -> None:
-    """`SampledDeviceSide._control`."""
-    device, servo, n = side.plant, side.servo, side.plant.n
-    copy(n, device.position, servo.spring_force)  # where it was before
+    """`SampledDeviceSide._control`, with `SampledServo.tick`."""
+    device, servo, coupling, n = side.plant, side.servo, side.coupling, side.plant.n
+    copy(n, device.position, servo.wanted)  # where it was before
     ledgers.put_in(side.hand, devices.advance(device, hand))
-    true_work = servos.hold(
-        servo.trusts != 0, servo.trusted, n, servo.force, servo.spring_force, device.position, dt, 0.0
-    )
+    true_work = hold(side.true_work, servo.held, servo.wanted, device.position, dt)
     devices.read(device)
     _take(side, wire, now_ns)
-    updates = servos.due(servo, side.coupling, dt)
     x, v = device.read_position, device.read_velocity
-    if updates:
-        _choose(side, servo.elapsed + dt, x)
-    servos.tick(servo, side.coupling, side.spring, side.ledger, side.stages, side.guard, dt, x, v, updates)
-    devices.apply(device, servo.force)
+    if servo.resolution != 0.0:
+        servos.blur(servo, coupling)
+    servos.move(servo, coupling, dt, x)
+    servo.elapsed += dt
+    servo.sender.sends = 0
+    coupling.shuffled = 0.0
+    if coupling.has_sample or servo.elapsed >= servo.due:
+        _choose(side, servo.elapsed, x)
+        servos.update_held(servo, coupling, x)
+    servos.render(servo, coupling, x, v)
+    devices.apply(device, servo.held)
     _observe_truth(side, true_work)
 
 
 @equation
 def _tick_within(side: DeviceSide, wire: Wire, hand: Hand, dt: float, now_ns: int) -> None:
     """`ContinuousDeviceSide._control`, with `ContinuousServo.tick`."""
-    device, model, servo, coupling, ledger = side.plant, side.model_of_tick, side.servo, side.coupling, side.ledger
-    work = coupled_device.advance(device, model, side.limited, hand, coupling.set_position)
+    device, model, servo, coupling = side.plant, side.model_of_tick, side.within, side.coupling
+    work = coupled_device.advance(device, model, side.limited, hand, coupling.modulator.ybar)
     copy(device.n, device.position, device.read_position)
     x, kinetic = device.read_position, devices.kinetic(device)
     _take(side, wire, now_ns)
-    servo.elapsed += dt
-    ledgers.put_in(ledger, work)
-    ledgers.observe(ledger, kinetic + couplings.potential(coupling, side.spring, x), coupling.account)
-    servo.sends = 0
+    continuous.rest(servo, coupling, dt, x, work, kinetic)
+    servo.sender.sends = 0
     coupling.shuffled = 0.0
     if servo.elapsed < servo.due and not coupling.has_sample:
         return
     dissipated = coupled_device.dissipated(device, model, servo.elapsed)
     _choose(side, servo.elapsed, x)
-    couplings.update(coupling, side.spring, ledger, side.stages, servo.elapsed, x, dissipated, 0.0)
-    ledgers.observe(ledger, kinetic + couplings.potential(coupling, side.spring, x), coupling.account)
-    servo.sending_elapsed += servo.elapsed
-    servo.elapsed = 0.0
-    if servo.sending_elapsed >= servo.sending_due:
-        servo.sending_elapsed = 0.0
-        servo.sends = 1
+    couplings.update(coupling, servo.elapsed, x, dissipated, 0.0)
+    continuous.end_update(servo, coupling, x, kinetic)
 
 
 @equation
@@ -166,12 +164,10 @@ def _take(side: DeviceSide, wire: Wire, now_ns: int) -> None:
 
 
 @equation
-def _note(coupling: Coupling, wire: Wire, at: int, n: int) -> None:
+def _note(coupling: SetPositionCoupling, wire: Wire, at: int, n: int) -> None:
     """The coupling receives the sample at this place of the backlog."""
     sample = wire.samples[at]
-    copy(n, sample.position, coupling.received)
-    coupling.sent_s = sample.stamp_ns * _NANO
-    coupling.fresh = coupling.has_sample = 1
+    couplings.receive(coupling, n, sample.position, sample.stamp_ns * _NANO)
     if coupling.shares:
         coupling.peer_level = sample.level
     endpoint = wire.endpoint
@@ -203,11 +199,10 @@ def _tell(side: DeviceSide, sample: Message, n: int, age_s: float) -> None:
 
 
 @equation
-def _credit(coupling: Coupling, wire: Wire) -> None:
+def _credit(coupling: SetPositionCoupling, wire: Wire) -> None:
     """The credits that wait go to the coupling."""
     for k in range(wire.endpoint.credits):
-        coupling.credit += wire.credits_nJ[k] * _NANO
-        coupling.has_sample = 1
+        couplings.credit(coupling, wire.credits_nJ[k] * _NANO)
     wire.endpoint.credits = 0
 
 
@@ -228,22 +223,23 @@ def _observe_truth(side: DeviceSide, work: float) -> None:
     """`SampledDeviceSide._observe_truth` with the measured harvest."""
     ledger = side.true_ledger
     ledgers.put_in(ledger, work)
-    ledger.credited, ledger.sent = side.ledger.credited, side.ledger.sent
-    stored = couplings.potential(side.coupling, side.spring, side.plant.position)
-    ledgers.observe(ledger, stored, servos.account(side.servo, side.coupling, side.spring))
+    own = side.coupling.ledger
+    ledger.credited, ledger.sent = own.credited, own.sent
+    stored = couplings.potential(side.coupling, side.plant.position)
+    ledgers.observe(ledger, stored, servos.account(side.servo, side.coupling))
 
 
 @equation
 def step(side: WorldSide, wire: Wire, counts: Counts, now_ns: int, message: Message) -> None:
     """`WorldSide.step`: the message is in `message`."""
-    mass, coupling, ledger, n = side.mass, side.coupling, side.ledger, side.mass.n
+    mass, coupling, ledger, n = side.mass, side.coupling, side.coupling.ledger, side.mass.n
     dt = (now_ns - counts.world_last_ns) * _NANO
     counts.world_last_ns = now_ns
-    integrator.step(mass, side.contacts, dt, coupling.set_position)
+    integrator.step(mass, side.contacts, dt, coupling.modulator.ybar)
     _receive(side, wire, now_ns)
     ledgers.put_in(ledger, mass.work)
     kinetic = integrator.kinetic(mass)
-    ledgers.observe(ledger, kinetic + couplings.potential(coupling, side.spring, mass.x), coupling.account)
+    ledgers.observe(ledger, kinetic + couplings.potential(coupling, mass.x), coupling.account)
     copy(n, mass.x, message.position)
     message.planes = message.aimed_ns = 0
     message.reach_m = -1.0
@@ -254,9 +250,9 @@ def step(side: WorldSide, wire: Wire, counts: Counts, now_ns: int, message: Mess
         prediction.step(side.predicted, side.around, n, dt, coupling.y)
     else:
         copy(n, coupling.received, coupling.y)
-    couplings.update(coupling, side.spring, ledger, side.stages, dt, mass.x, mass.dissipated, 0.0)
-    ledgers.observe(ledger, kinetic + couplings.potential(coupling, side.spring, mass.x), coupling.account)
-    message.level = coupling.level
+    couplings.update(coupling, dt, mass.x, mass.dissipated, 0.0)
+    ledgers.observe(ledger, kinetic + couplings.potential(coupling, mass.x), coupling.account)
+    message.level = level(coupling)
     finish(wire.endpoint, message, now_ns)
     if side.predicted.overflow:
         wire.endpoint.impossible = 1

@@ -88,7 +88,7 @@ def _tick(scenario: Scenario, now_ns: int) -> None:
         clock.due[DEVICE_TIMER] = channels.next_due_ns(wire.channel)
     if scenario.counts.ticks % scenario.rows.every == 0:
         record_tick(scenario.rows, side, wire, scenario.hand, now_ns)
-    on_device(scenario.two_port, side.ledger.work)
+    on_device(scenario.two_port, side.coupling.ledger.work)
     if clock.apart:
         on_device(scenario.hand_port, side.hand.work)
     clock.due[TICK] = now_ns + clock.period_ns
@@ -113,9 +113,9 @@ def _step(scenario: Scenario, now_ns: int) -> None:
     clock.due[STEP] = now_ns + clock.steps_ns[clock.steps_used]
     clock.steps_used += 1
     clock.due[DOWN], clock.due[WORLD_TIMER] = links.next_due_ns(link), channels.next_due_ns(wire.channel)
-    on_world(scenario.two_port, side.ledger.work)
+    on_world(scenario.two_port, side.coupling.ledger.work)
     if clock.apart:
-        on_world(scenario.hand_port, side.ledger.work)
+        on_world(scenario.hand_port, side.coupling.ledger.work)
     if passes:
         receive(scenario.device_wire, message, now_ns)
     else:

@@ -96,11 +96,3 @@ def equal(n: int, one: Reals, other: Reals) -> bool:
     for i in range(n):
         same = same and bool(one[i] == other[i])
     return same
-
-
-@equation
-def low_pass(n: int, dt: float, time_constant: float, state: Floats, y: Reals) -> None:
-    """`hapnet.control.smoothing.low_passed`: one step, in place."""
-    gain = dt / (time_constant + dt)
-    for i in range(n):
-        state[i] = state[i] + gain * (y[i] - state[i])

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from hapnet.checks import Vector
+from hapnet.control.continuous_servo import ContinuousServo
 from hapnet.control.coupling import CouplingState, ForceParts
 from hapnet.control.ledger import Ledger
-from hapnet.control.set_position_servo import ContinuousServo
 from hapnet.plant.device import Device, SimulatedDevice, TickResult
 from hapnet.plant.live_hand import LiveHand
 from hapnet.recording.samples import DeviceSample, Event, MotionSample, Sample

@@ -13,6 +13,7 @@ from collections import deque
 from typing import Protocol
 
 from hapnet.checks import Vector
+from hapnet.control.continuous_servo import ContinuousServo, Passage
 from hapnet.control.coupling import (
     CouplingSample,
     CouplingState,
@@ -26,7 +27,6 @@ from hapnet.control.coupling import (
     WorldCoupling,
 )
 from hapnet.control.deadband import Deadband
-from hapnet.control.set_position_servo import ContinuousServo, Passage
 from hapnet.mechanics.plane import Plane
 from hapnet.side.content import NANO as NANO
 from hapnet.side.content import sample_of

@@ -39,6 +39,7 @@ def flags(transport: str, role: str, directory: Path) -> list[str]:
             make_certificates(device=["alice"], host=["10.117.0.1"], out=directory)
         stem = directory / ("world" if role == "world" else "alice")
         found += ["--tls-ca", f"{directory / 'ca.pem'}", "--tls-cert", f"{stem}.pem", "--tls-key", f"{stem}.key"]
+        found += ["--mutual-tls"] if role == "world" else []
     return found
 
 
@@ -122,7 +123,8 @@ def main() -> None:
                 try:
                     rows.append(row(one(transport, profile, given.seconds, number + 1, given.more)))
                 except (AssertionError, KeyError, TypeError, subprocess.TimeoutExpired) as error:
-                    print(f"| {profile} | {transport} | {type(error).__name__}: {error} |", flush=True)
+                    what = " ".join(str(error).split())
+                    print(f"| {profile} | {transport} | {type(error).__name__}: {what} |", flush=True)
             if not rows:
                 continue
             if head is None:

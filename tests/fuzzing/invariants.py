@@ -10,6 +10,7 @@ from hapnet.checks import Vector
 from hapnet.control.pspm import Modulation
 from hapnet.control.set_position_coupling import Modulator, SetPositionCoupling
 from hapnet.errors import BadMessage
+from hapnet.records.record import Floats
 from hapnet.side.endpoint import BACKLOG, ControlHalf, Endpoint
 from hapnet.wire.events import EnergyCredited, Event, Paired, PositionReceived, SampleReceived
 from hapnet.wire.messages import (
@@ -297,8 +298,20 @@ class Audited:
         return self.inner.level
 
     @property
-    def modulated(self) -> bool:
+    def modulated(self) -> int:
         return self.inner.modulated
+
+    @property
+    def ybar(self) -> Floats:
+        return self.inner.ybar
+
+    @property
+    def discarded(self) -> float:
+        return self.inner.discarded
+
+    @property
+    def jump(self) -> float:
+        return self.inner.jump
 
     def modulate(self, y: Vector, x: Vector, dissipated: float, received: float, keep: float = 0.0) -> Modulation:
         start, account = self.inner.set_position, self.inner.account
@@ -316,7 +329,7 @@ class Audited:
         kept = result.energy - result.deficit + result.sent + result.discarded
         scale = abs(account) + received + abs(dissipated) + before + after
         hold(abs(left - kept) <= ROUNDING * scale, "energy from nothing:", left, "became", kept, result)
-        if y is not x:  # letting the spring go knows no limit
+        if y != x:  # letting the spring go knows no limit
             reserve: float = getattr(self.inner, "reserve", 0.0)
             self._check_step(start, ybar, x, before, account + received + dissipated + before - reserve)
         self._stored = after

@@ -9,44 +9,29 @@ import numpy as np
 
 from hapnet.checks import Vector
 from hapnet.control.contact_model import ContactModel
+from hapnet.control.continuous_servo import ContinuousServo
 from hapnet.control.set_position_coupling import SetPositionCoupling
-from hapnet.control.set_position_servo import ContinuousServo, SampledServo
-from hapnet.control.smoothing import FilteredVelocity
-from hapnet.kernel import added_damping, contact_model, set_position_servo, sides
+from hapnet.kernel import contact_model, sides
 from hapnet.kernel import device as devices
 from hapnet.kernel.memory import load, store
-from hapnet.mechanics.encoders import rounding
 from hapnet.plant.device import SimulatedDevice
 from hapnet.side.device import DeviceSide
-from hapnet.simulation.compiled.couplings import (
-    read_coupling,
-    read_stages,
-    write_coupling,
-)
-from hapnet.simulation.compiled.mirror import optional, put, read, replace, value, vector, write
-
-_SERVO_STATE = "guarded speed_max potential elapsed torque_path boundary"
-_SERVO_VECTORS = ("force", "commanded", "before", "velocity", "position")
+from hapnet.simulation.compiled.mirror import optional, put, read, replace, value, vector
 
 
 def read_side(record: sides.DeviceSide, side: DeviceSide) -> None:
     device, servo, coupling = side.device, value(side, "servo"), coupling_of(side)
     assert isinstance(device, SimulatedDevice)
     _device(record.plant, device)
-    sender = value(servo, "sender")
-    read(record.servo, sender, "", sending_due="due", sending_elapsed="elapsed")
+    store(record.coupling, coupling)
     if isinstance(servo, ContinuousServo):
         _coupled(record, device)
-        record.servo.due, record.servo.elapsed = servo.due, servo.elapsed
+        store(record.within, servo)
     else:
-        _servo(record.servo, servo)
-        read(record.guard, value(servo, "guard"), "limit step reach speed inertia square linear constant has_account")
+        store(record.servo, servo)
         store(record.true_ledger, value(side, "true_ledger"))
+        store(record.true_work, value(side, "true_work"))
         store(record.hand, value(side, "hand"))
-    read_coupling(record.coupling, coupling)
-    store(record.spring, coupling.spring)
-    store(record.ledger, coupling.ledger)
-    read_stages(record.stages, coupling)
     if isinstance(coupling.source, ContactModel):
         _model(record, coupling.source)
 
@@ -61,19 +46,16 @@ def write_side(record: sides.DeviceSide, side: DeviceSide, reference: Vector) ->
     device, servo, coupling = side.device, value(side, "servo"), coupling_of(side)
     assert isinstance(device, SimulatedDevice)
     n = device.dof
-    write_coupling(record.coupling, coupling)
-    load(coupling.ledger, record.ledger)
+    load(coupling, record.coupling)
     _write_device(record.plant, device, reference)
     if isinstance(servo, ContinuousServo):
-        servo.elapsed = float(record.servo.elapsed)
+        load(servo, record.within)
         device.state.low, device.state.high = (vector(record.model_of_tick, name, n) for name in ("low", "high"))
         device.move_set_position(coupling.set_position)
         return
+    load(servo, record.servo)
     load(value(side, "true_ledger"), record.true_ledger)
     load(value(side, "hand"), record.hand)
-    write(record.servo, servo, _SERVO_STATE)
-    for name in _SERVO_VECTORS:
-        replace(servo, name, vector(record.servo, name, n))
     replace(side, "x", vector(record.plant, "read_position", n))
 
 
@@ -125,14 +107,6 @@ def _coupled(record: sides.DeviceSide, device: SimulatedDevice) -> None:
     ticks.limited, ticks.at_limit = int(state.limited), int(state.at_limit)
 
 
-def _servo(record: set_position_servo.SampledServo, servo: SampledServo) -> None:
-    read(record, servo, f"{_SERVO_STATE} {' '.join(_SERVO_VECTORS)} due resolution damping")
-    record.rounding = rounding(servo.resolution, len(servo.force))
-    record.trusts = int(any(servo.trusted_damping))
-    put(record, "trusted", servo.trusted_damping)
-    record.work = value(servo, "measured").work
-
-
 def _model(side: sides.DeviceSide, source: ContactModel) -> None:
     """The contact model, which is then in use."""
     record = side.model
@@ -148,10 +122,10 @@ def _model(side: sides.DeviceSide, source: ContactModel) -> None:
         put(record, f"made_{field}", made)
     _planes(side.planes, value(source, "planes"))
     _pending(record, side.told, value(source, "pending"))
-    _velocity(side.velocity, value(source, "velocity"))
+    store(side.velocity, value(source, "velocity"))
     damping = value(source, "added")
     read(side.added, damping, "least most compliance")
-    _velocity(side.added_velocity, value(damping, "velocity"))
+    store(side.added_velocity, value(damping, "velocity"))
 
 
 def _planes(record: contact_model.Planes, planes: tuple[object, ...]) -> None:
@@ -173,8 +147,3 @@ def _pending(record: contact_model.ContactModel, told: contact_model.Planes, pen
     for k, plane in enumerate(proxy.planes):
         told.normal[k][: len(plane.normal)] = plane.normal
         told.offset[k], told.stiffness[k], told.velocity[k] = plane.offset_m, plane.stiffness, plane.velocity_mps
-
-
-def _velocity(record: added_damping.FilteredVelocity, source: FilteredVelocity) -> None:
-    record.time_constant = source.time_constant
-    optional(record, "filtered", "known", value(source, "filtered"))

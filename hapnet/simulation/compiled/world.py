@@ -10,11 +10,6 @@ from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.account import EnvironmentAccount
 from hapnet.plant.worlds.walls import Contacts
 from hapnet.side.world import WorldSide, WorldState
-from hapnet.simulation.compiled.couplings import (
-    read_coupling,
-    read_stages,
-    write_coupling,
-)
 from hapnet.simulation.compiled.mirror import optional, put, read, value, vector
 
 
@@ -23,10 +18,7 @@ def read_side(record: sides.WorldSide, side: WorldSide) -> None:
     assert isinstance(contacts, Contacts)
     _mass(record.mass, _integrator(side))
     _contacts(record.contacts, contacts)
-    read_coupling(record.coupling, coupling)
-    store(record.spring, coupling.spring)
-    store(record.ledger, coupling.ledger)
-    read_stages(record.stages, coupling)
+    store(record.coupling, coupling)
     read(record.environment, environment_of(side).state(), "start_J stored_J slack_min")
     if isinstance(coupling.source, PredictedDevice):
         _predicted(record.predicted, coupling.source)
@@ -50,8 +42,7 @@ def environment_of(side: WorldSide) -> EnvironmentAccount:
 
 def write_side(record: sides.WorldSide, counts: sides.Counts, side: WorldSide) -> None:
     coupling, n = coupling_of(side), record.mass.n
-    write_coupling(record.coupling, coupling)
-    load(coupling.ledger, record.ledger)
+    load(coupling, record.coupling)
     environment = environment_of(side)
     stored, least = float(record.environment.stored_J), float(record.environment.slack_min)
     environment.restore(environment.state()._replace(stored_J=stored, slack_min=least))

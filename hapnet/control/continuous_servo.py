@@ -1,0 +1,171 @@
+"""PSPM for a device whose coupling acts continuously between ticks: (2) acts within the tick.
+
+Only a simulated device can do this. It is the paper's device. It harvests by (10); where the actuators' limit acted,
+(10) is no lower bound, and it harvests what the damper really dissipated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from operator import mul, sub
+
+from hapnet.checks import Vector
+from hapnet.control import ledger as ledgers
+from hapnet.control.contact_model import ContactModel
+from hapnet.control.coupling import ForceParts, Position, Update
+from hapnet.control.harvest import dissipated_by_range
+from hapnet.control.set_position_coupling import SetPositionCoupling, potential
+from hapnet.control.ticks import TICK_SLACK_S, ticks_before
+from hapnet.records.equation import equation
+from hapnet.records.record import Reals, Record
+
+Passage = Callable[[], tuple[Vector, Vector, float | None]]
+"""Returns the extremes of the position since the last call [m], both ends included, and the energy that the damper
+dissipated since then [J] if the actuators' limit kept it from acting in full; None if it acted in full."""
+
+
+class ContinuousServo(Record):
+    """PSPM for a device whose coupling acts continuously between ticks.
+
+    Parameters
+    ----------
+    coupling : this side's set-position coupling.
+    damping : B's diagonal [Ns/m].
+    period : longest time between two runs of PSPM [s]; it also runs on the first tick after a sample.
+    sending : time between two samples sent [s]; 0: each run of PSPM sends one.
+    model : the coupling's source, if it is a local contact model, for `parts`.
+
+    Attributes
+    ----------
+    due : PSPM runs in the tick at which so much time has passed since it last ran [s]. elapsed : that time [s]. The
+        servo has no other state but its coupling's and its sender's, so a batch may set it.
+    """
+
+    due: float
+    elapsed: float
+    sender: Sender
+
+    def __init__(
+        self,
+        coupling: SetPositionCoupling,
+        *,
+        damping: Vector,
+        period: float,
+        sending: float = 0.0,
+        model: ContactModel | None = None,
+    ) -> None:
+        super().__init__()
+        self.coupling = coupling
+        self._model = model
+        self.damping = damping
+        self.sender, self.due = Sender(sending), period - TICK_SLACK_S
+
+    def tick(
+        self, dt: float, x: Vector, passage: Passage, work: float, kinetic: float, *, release: bool = False
+    ) -> Update | None:
+        """A tick `dt` seconds after the last. Returns what to send, if PSPM ran.
+
+        `release` lets the spring go (ybar = x).
+        The ledger is at the human's port: `work` is the energy that the hand put in during the tick [J], `kinetic` the
+        device's kinetic energy now [J].
+        """
+        coupling = self.coupling
+        rest(self, coupling, dt, x, work, kinetic)
+        if self.elapsed < self.due and not coupling.has_sample and not release:
+            return None
+        low, high, dissipated = passage()
+        if dissipated is None:
+            dissipated = dissipated_by_range(self.damping, low, high, self.elapsed)
+        if release:
+            coupling.release(x, dissipated)
+        else:
+            coupling.update(self.elapsed, x, dissipated)
+        end_update(self, coupling, x, kinetic)
+        return sent(self.sender, coupling, x)
+
+    def resting(self, dt: float) -> int:
+        """Number of coming ticks, `dt` seconds apart, without PSPM if no sample arrives: each needs only `rest`."""
+        return 0 if self.coupling.has_sample else ticks_before(self.due, self.elapsed, dt)
+
+    def rest(self, dt: float, x: Vector, work: float, kinetic: float) -> None:
+        """Keep the account, as every tick does first. The arguments are those of `tick`."""
+        rest(self, self.coupling, dt, x, work, kinetic)
+
+    def parts(self, x: Vector, force: Vector) -> ForceParts:
+        """What the device's force at x is made of [N]; what the spring does not give is the damper's."""
+        spring = self.coupling.spring.force(self.coupling.set_position, x)
+        return parts_of(self.coupling, self._model, x, spring, tuple(map(sub, force, spring)))
+
+
+def parts_of(
+    coupling: SetPositionCoupling, model: ContactModel | None, x: Vector, spring: Vector, damper: Vector
+) -> ForceParts:
+    """The parts of a force; where the spring is saturated, its own parts shrink with it."""
+    if model is None:
+        nothing = (0.0,) * len(x)
+        return ForceParts(spring, damper, nothing, nothing)
+    stiffness = coupling.spring
+    scale = stiffness.saturation(tuple(map(sub, x, coupling.set_position)))
+    rows = stiffness.K.tolist()
+    of_planes, added = (
+        tuple([scale * sum(map(mul, row, share)) for row in rows])
+        for share in (model.planes_share, model.damping_share)
+    )
+    return ForceParts(spring, damper, of_planes, added)
+
+
+class Sender(Record):
+    """Decides which runs of PSPM send a sample, if not every one does; all of them send their energy.
+
+    Parameters
+    ----------
+    period : time between two samples [s]; 0: each run sends one.
+
+    Attributes
+    ----------
+    sends : does the last run send one?
+    """
+
+    due: float
+    elapsed: float
+    sends: int
+
+    def __init__(self, period: float) -> None:
+        super().__init__()
+        self.due = period - TICK_SLACK_S
+
+
+@equation
+def decide(sender: Sender, dt: float) -> None:
+    """Decide, `dt` seconds after the last run of PSPM."""
+    sender.elapsed += dt
+    sender.sends = 0
+    if sender.elapsed >= sender.due:
+        sender.elapsed = 0.0
+        sender.sends = 1
+
+
+def sent(sender: Sender, coupling: SetPositionCoupling, x: Vector) -> Update | None:
+    """What the last run of PSPM sends."""
+    level, shuffled = coupling.level, coupling.shuffled
+    if sender.sends:
+        return Update(x if level is None else Position(x, level), shuffled)
+    return Update(None, shuffled) if shuffled else None
+
+
+@equation
+def rest(
+    servo: ContinuousServo, coupling: SetPositionCoupling, dt: float, x: Reals, work: float, kinetic: float
+) -> None:
+    """`ContinuousServo.rest`."""
+    servo.elapsed += dt
+    ledgers.put_in(coupling.ledger, work)
+    ledgers.observe(coupling.ledger, kinetic + potential(coupling, x), coupling.account)
+
+
+@equation
+def end_update(servo: ContinuousServo, coupling: SetPositionCoupling, x: Reals, kinetic: float) -> None:
+    """PSPM has run: the account, and whether to send."""
+    decide(servo.sender, servo.elapsed)
+    servo.elapsed = 0.0
+    ledgers.observe(coupling.ledger, kinetic + potential(coupling, x), coupling.account)
