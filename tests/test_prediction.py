@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapnet.control.prediction import MotionPredictor, PredictedDevice
+from hapnet.control.prediction import MOST, MotionPredictor, PredictedDevice
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.walls import Contacts
 
@@ -93,3 +93,16 @@ def test_nothing_known_yet() -> None:
     source = PredictedDevice((0.5,), 0.03, MotionPredictor())
     assert source.step(0.01, (0.0,)) == (0.5,)
     assert source.stands_for(0.01) == 0.0
+
+
+def test_of_more_positions_than_there_is_room_for_the_newest_count() -> None:
+    """The last `MOST` of them, against numpy's fit; the window alone would hold three times as many."""
+    rng = np.random.default_rng(5)
+    times, places = np.arange(3 * MOST) * 1e-3, rng.normal(size=3 * MOST)
+    predictor = MotionPredictor(window=10.0, longest=0.5, longest_curve=0.5)
+    for time, place in zip(times.tolist(), places.tolist(), strict=True):
+        predictor.receive((place,), time)
+    predictor.receive((1e6,), times[-1] - 2.0)  # older than all of these
+    fitted = np.polyfit(times[-MOST:] - times[-1], places[-MOST:], 2)
+    (found,), _ = predictor.at(0.1)
+    assert found == pytest.approx(np.polyval(fitted, 0.1), rel=1e-6)

@@ -22,6 +22,8 @@ from operator import mul, sub
 
 from hapnet.checks import Vector
 from hapnet.control.smoothing import FilteredVelocity, low_passed
+from hapnet.records.equation import equation
+from hapnet.records.record import Floats, MatrixOfAxes, Record
 
 VELOCITY_S = 0.005
 """Time constant of the velocity [s]: encoder counts are smoothed, and a swing of 6 Hz is delayed by a fifth of a
@@ -43,7 +45,7 @@ LEAST_N, SWING_N = 0.03, 0.1
 """Between these amplitudes of the force, damping grows from none to all of it [N]; below the first it is not felt."""
 
 
-class AddedDamping:
+class AddedDamping(Record):
     """Computes what is added to y.
 
     Parameters
@@ -52,13 +54,18 @@ class AddedDamping:
         damping [Ns/m].
     """
 
+    least: float
+    most: float
+    compliance: MatrixOfAxes
+    velocity: FilteredVelocity
+
     def __init__(
         self, stiffness: Sequence[Sequence[float]], compliance: Sequence[Sequence[float]], least: float, most: float
     ) -> None:
+        self.least, self.most = least, most
+        self.compliance = [list(row) for row in compliance]
+        self.velocity = FilteredVelocity(VELOCITY_S)
         self._stiffness = [tuple(row) for row in stiffness]
-        self._compliance = [tuple(row) for row in compliance]
-        self._least, self._most = least, most
-        self._velocity = FilteredVelocity(VELOCITY_S)
         self._slow_force: Vector = (0.0,) * len(self._stiffness)
         self._envelope = 0.0
 
@@ -70,18 +77,34 @@ class AddedDamping:
         age : of the world's answer [s]. freedom : 1 in free motion, 0 in contact.
         swings : no contact model calms the coupling.
         """
-        velocity = self._velocity.step(dt, x)
-        old = min(1.0, max(0.0, (age - AGED_S) / (OLD_S - AGED_S)))
-        damping = max(freedom * self._least, old * min(OLD_NS_M, self._most))
+        self.velocity.step(dt, x)
+        damping = wanted(self, age, freedom)
         if swings:
-            damping = max(damping, self._swinging(dt, tuple(map(sub, y, x))) * self._most)
-        if damping == 0.0:
-            return y
-        drag = [damping * v for v in velocity]
-        return tuple([place - sum(map(mul, row, drag)) for place, row in zip(y, self._compliance, strict=True)])
+            damping = max(damping, self._swinging(dt, tuple(map(sub, y, x))) * self.most)
+        damp(self, len(y), damping, damped := list(y))
+        return tuple(damped)
 
     def _swinging(self, dt: float, offset: Vector) -> float:
         force = tuple([sum(map(mul, row, offset)) for row in self._stiffness])
         self._slow_force = low_passed(dt, SLOW_S, self._slow_force, force)
         self._envelope = max(math.dist(force, self._slow_force), self._envelope * CALM_S / (CALM_S + dt))
         return min(1.0, max(0.0, (self._envelope - LEAST_N) / (SWING_N - LEAST_N)))
+
+
+@equation
+def wanted(added: AddedDamping, age: float, freedom: float) -> float:
+    """The largest of b_0 and b_age [Ns/m]."""
+    old = min(1.0, max(0.0, (age - AGED_S) / (OLD_S - AGED_S)))
+    return max(freedom * added.least, old * min(OLD_NS_M, added.most))
+
+
+@equation
+def damp(added: AddedDamping, n: int, damping: float, y: Floats) -> None:
+    """Replace y by y', for the velocity of the last step."""
+    if damping == 0.0:
+        return
+    for i in range(n):
+        total = 0.0
+        for j in range(n):
+            total += added.compliance[i][j] * (damping * added.velocity.velocity[j])
+        y[i] = y[i] - total

@@ -14,10 +14,8 @@ the plane is predicted to die away (`depth_ahead`).
 
 from __future__ import annotations
 
-from bisect import bisect
-from collections import deque
 from collections.abc import Sequence
-from operator import mul
+from typing import Annotated
 
 from hapnet import checks
 from hapnet.checks import Vector
@@ -25,11 +23,16 @@ from hapnet.control.coupling import CouplingSample, vector_of
 from hapnet.mechanics.plane import Plane
 from hapnet.params import ContactModelParams
 from hapnet.records.equation import equation
+from hapnet.records.record import AXES, FloatRows, Floats, OfAxes, Reals, Record
+from hapnet.records.vectors import copy, dot
 
 _DEFAULTS = ContactModelParams()
 
 SHORTEST_SPAN_S = 0.01
 """A velocity needs positions over this time [s]; a parabola needs three times as much."""
+
+MOST = 1024
+"""The most positions in a predictor's window; of more it takes the newest."""
 
 STEP_GAIN = 0.1
 """Of the running mean of the world's steps: the next step is not known when y is chosen."""
@@ -57,7 +60,7 @@ def depth_ahead(depth: float, free: float, speed: float, ahead: float, stop_s: f
     return speed * (ahead - depth / (-speed - depth / stop_s))
 
 
-class MotionPredictor:
+class MotionPredictor(Record):
     """Fits the positions received lately, and continues the fitted motion.
 
     Parameters
@@ -65,7 +68,27 @@ class MotionPredictor:
     window : how far back the fit reaches from the newest position [s].
     longest : limit of the prediction [s]; a hand may change its mind within its reaction time.
     longest_curve : for how long an acceleration is predicted to last [s]; beyond it the velocity stays.
+
+    Attributes
+    ----------
+    times, places : from `start` on, `count` positions [m] with their stamps [s], the newest last.
+    position, velocity, half : the fit at the newest stamp: position, velocity, half of the acceleration, if it is
+        `fitted`. first, second : room for the polynomials of the fit.
     """
+
+    window: float
+    longest: float
+    longest_curve: float
+    start: int
+    count: int
+    times: Annotated[Floats, (MOST,)]
+    places: Annotated[FloatRows, (MOST, AXES)]
+    fitted: int
+    position: OfAxes
+    velocity: OfAxes
+    half: OfAxes
+    first: Annotated[Floats, (MOST,)]
+    second: Annotated[Floats, (MOST,)]
 
     def __init__(
         self,
@@ -73,93 +96,140 @@ class MotionPredictor:
         longest: float = _DEFAULTS.longest_s,
         longest_curve: float = _DEFAULTS.curve_s,
     ) -> None:
-        self.window: float = checks.positive("window", window)
-        self.longest: float = checks.positive("longest", longest)
-        self.longest_curve: float = checks.non_negative("longest_curve", longest_curve)
-        self._stamps: deque[float] = deque()
-        self._positions: deque[Vector] = deque()
-        self._fit: tuple[Vector, Vector, Vector] | None = None
+        self.window = checks.positive("window", window)
+        self.longest = checks.positive("longest", longest)
+        self.longest_curve = checks.non_negative("longest_curve", longest_curve)
+        self.times, self.first, self.second = ([0.0] * MOST for _ in range(3))
+        self.places, self.position, self.velocity, self.half = [], [], [], []
+        self.start = self.count = self.fitted = 0
 
     @property
     def newest(self) -> tuple[Vector, Vector]:
         """Position [m] and velocity [m/s] at the newest stamp, as fitted; there must be a position."""
-        if self._fit is None:
-            self._fit = _parabola(self._stamps, self._positions)
-        return self._fit[0], self._fit[1]
+        fit(self, len(self.position))
+        return tuple(self.position), tuple(self.velocity)
 
     @property
     def newest_s(self) -> float | None:
         """When the newest position was sent, on its sender's clock [s]; None: there is none."""
-        return self._stamps[-1] if self._stamps else None
+        return self.times[self.start + self.count - 1] if self.count else None
 
     def reset(self) -> None:
         """Forget all positions: their sender was replaced."""
-        self._stamps.clear()
-        self._positions.clear()
-        self._fit = None
+        self.start = self.count = self.fitted = 0
 
     def receive(self, position: Vector, sent_s: float) -> None:
         """A position arrived [m], with its sender's time stamp [s]. One that was overtaken is used as well."""
-        stamps, positions = self._stamps, self._positions
-        place = len(stamps)
-        if stamps and sent_s <= stamps[-1]:
-            if sent_s < stamps[-1] - self.window or sent_s in stamps:
-                return
-            place = bisect(stamps, sent_s)
-        stamps.insert(place, sent_s)
-        positions.insert(place, position)
-        while stamps[0] < stamps[-1] - self.window:
-            stamps.popleft()
-            positions.popleft()
-        self._fit = None
+        n = len(position)
+        if len(self.position) != n:
+            self.places = [[0.0] * n for _ in range(MOST)]
+            self.position, self.velocity, self.half = ([0.0] * n for _ in range(3))
+        note(self, n, position, sent_s)
 
     def at(self, ahead: float) -> tuple[Vector, float]:
         """The position `ahead` seconds after the newest, and how far ahead that prediction really is [s].
 
         There must be a position. The prediction reaches at most `longest` ahead.
         """
-        if self._fit is None:
-            self._fit = _parabola(self._stamps, self._positions)
-        ahead = min(max(ahead, 0.0), self.longest)
-        curve = min(ahead, self.longest_curve)
-        square = curve * (2.0 * ahead - curve)  # a parabola up to longest_curve, then its tangent
-        position, velocity, half = self._fit
-        predicted = [p + v * ahead + a * square for p, v, a in zip(position, velocity, half, strict=True)]
+        predicted = list(self.position)
+        ahead = predict(self, len(predicted), ahead, predicted)
         return tuple(predicted), ahead
 
 
-def _parabola(stamps: Sequence[float], positions: Sequence[Vector]) -> tuple[Vector, Vector, Vector]:
-    """Position, velocity and half of the acceleration at the newest time, by least squares."""
-    end, newest = stamps[-1], positions[-1]
-    still = (0.0,) * len(newest)
-    times = [stamp - end for stamp in stamps]
-    span = -times[0]
-    if span < SHORTEST_SPAN_S or len(times) < 2:
-        return newest, still, still
+@equation
+def note(p: MotionPredictor, n: int, position: Reals, sent_s: float) -> None:
+    """`MotionPredictor.receive`."""
+    times, places = p.times, p.places
+    end = p.start + p.count
+    at = end
+    if p.count and sent_s <= times[end - 1]:
+        if sent_s < times[end - 1] - p.window:
+            return
+        while at > p.start and times[at - 1] >= sent_s:
+            if times[at - 1] == sent_s:
+                return
+            at -= 1
+    if end == MOST:
+        if p.start == 0:  # the oldest goes, whatever the window
+            p.start, p.count = 1, p.count - 1
+            if at == 0:
+                return
+        for k in range(p.count):
+            times[k] = times[p.start + k]
+            copy(n, places[p.start + k], places[k])
+        at -= p.start
+        p.start, end = 0, p.count
+    for k in range(end, at, -1):
+        times[k] = times[k - 1]
+        copy(n, places[k - 1], places[k])
+    times[at] = sent_s
+    copy(n, position, places[at])
+    p.count += 1
+    while times[p.start] < times[end] - p.window:
+        p.start += 1
+        p.count -= 1
+    p.fitted = 0
+
+
+@equation
+def predict(p: MotionPredictor, n: int, ahead: float, out: Floats) -> float:
+    """`MotionPredictor.at`: the position into `out`; returns how far ahead it really is [s]."""
+    fit(p, n)
+    ahead = min(max(ahead, 0.0), p.longest)
+    curve = min(ahead, p.longest_curve)
+    square = curve * (2.0 * ahead - curve)  # a parabola up to longest_curve, then its tangent
+    for i in range(n):
+        out[i] = p.position[i] + p.velocity[i] * ahead + p.half[i] * square
+    return ahead
+
+
+@equation
+def fit(p: MotionPredictor, n: int) -> None:
+    """Fit position, velocity and half of the acceleration at the newest time, by least squares."""
+    if p.fitted:
+        return
+    p.fitted = 1
+    times, places, first, second = p.times, p.places, p.first, p.second
+    start, count, stop = p.start, p.count, p.start + p.count
+    newest_s = times[stop - 1]
+    span = -(times[start] - newest_s)
+    if span < SHORTEST_SPAN_S or count < 2:
+        for i in range(n):
+            p.position[i] = places[stop - 1][i]
+            p.velocity[i] = p.half[i] = 0.0
+        return
     # Orthogonal polynomials over the times: 1, t - mean, (t - mean)^2 - b (t - mean) - c.
-    count = len(times)
-    mean = sum(times) / count
-    first = [t - mean for t in times]
-    squares = list(map(mul, first, first))
-    s2 = sum(squares)
-    b, c = sum(map(mul, squares, first)) / s2, s2 / count
-    second = [square - b * p - c for p, square in zip(first, squares, strict=True)]
-    s4 = sum(map(mul, second, second))
+    mean = 0.0
+    for k in range(start, stop):
+        mean += times[k] - newest_s
+    mean = mean / count
+    s2 = b = 0.0
+    for k in range(start, stop):
+        one = first[k] = (times[k] - newest_s) - mean
+        s2 += one * one
+        b += one * one * one
+    b, c = b / s2, s2 / count
+    s4 = 0.0
+    for k in range(start, stop):
+        one = first[k]
+        two = second[k] = one * one - b * one - c
+        s4 += two * two
     curved = count >= 4 and span >= 3.0 * SHORTEST_SPAN_S and s4 > 1e-9 * s2 * span * span
-    fitted: list[tuple[float, float, float]] = []
-    for values in zip(*positions, strict=True):
-        level = sum(values) / count
-        slope = sum(map(mul, first, values)) / s2
-        half = sum(map(mul, second, values)) / s4 if curved else 0.0
+    for i in range(n):
+        level = slope = half = 0.0
+        for k in range(start, stop):
+            x = places[k][i]
+            level += x
+            slope += first[k] * x
+            half += second[k] * x
+        level, slope, half = level / count, slope / s2, (half / s4 if curved else 0.0)
         # at t = 0, where t - mean = -mean
-        fitted.append(
-            (level - slope * mean + half * (mean * mean + b * mean - c), slope + half * (-2.0 * mean - b), half)
-        )
-    position, velocity, halves = zip(*fitted, strict=True)
-    return position, velocity, halves
+        p.position[i] = level - slope * mean + half * (mean * mean + b * mean - c)
+        p.velocity[i] = slope + half * (-2.0 * mean - b)
+        p.half[i] = half
 
 
-class PredictedDevice:
+class PredictedDevice(Record):
     """Computes the world's y: where the device will be when the proxy has followed.
 
     Parameters
@@ -167,29 +237,45 @@ class PredictedDevice:
     position : the mass's at the start [m].
     lag : B'/K' [s]. predictor : predicts the device's motion. stop_s : time constant with which it dies away behind a
         plane [s]; 0: planes change nothing.
+
+    Attributes
+    ----------
+    y : the last y [m]. age : of the newest position [s]; fresh : has one come since the last step?
+    mean_step : of the world's steps [s]. aimed_s : the time at which y aims, on the device's clock [s]; has_aimed : is
+        there one? in_use : always, but for the records of compiled code.
     """
 
+    in_use: int
+    predictor: MotionPredictor
+    lag: float
+    stop_s: float
+    y: OfAxes
+    age: float
+    fresh: int
+    mean_step: float
+    has_aimed: int
+    aimed_s: float
+
     def __init__(self, position: Vector, lag: float, predictor: MotionPredictor, stop_s: float = 0.0) -> None:
-        self._lag = lag
-        self._predictor = predictor
-        self._stop_s = checks.non_negative("stop_s", stop_s)
+        self.in_use = 1
+        self.lag = lag
+        self.predictor = predictor
+        self.stop_s = checks.non_negative("stop_s", stop_s)
         self.reset(position)
 
     def reset(self, position: Vector) -> None:
         """Forget the device's motion: another has taken its place. y continues at `position` [m]."""
-        self._predictor.reset()
-        self._y = position
-        self._age = 0.0
-        self._fresh = False
-        self._step = 0.0
-        self._aimed_s: float | None = None
+        self.predictor.reset()
+        self.y = list(position)
+        self.age = self.mean_step = self.aimed_s = 0.0
+        self.fresh = self.has_aimed = 0
         self.planes: Sequence[Plane] = ()
         """What stands around the virtual mass; whoever moves the mass sets it before each step."""
 
     @property
     def turn_s(self) -> float:
         """How long it takes until the device has an answer to what it does, roughly [s]: a round trip and a step."""
-        return 2.0 * self._age + self._step
+        return turn_s(self)
 
     def release(self, position: Vector) -> None:
         """As `reset`."""
@@ -197,37 +283,71 @@ class PredictedDevice:
 
     def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
         """The device's position, and how old it is; see `CouplingState.receive`."""
-        self._predictor.receive(vector_of(sample), sent_s)
-        if sent_s == self._predictor.newest_s:
-            self._age = age_s
-            self._fresh = True
+        self.predictor.receive(vector_of(sample), sent_s)
+        if sent_s == self.predictor.newest_s:
+            self.age = age_s
+            self.fresh = 1
 
     def step(self, dt: float, x: Vector) -> Vector:
         """y [m], `dt` seconds after the last step."""
-        if not self._fresh:
-            self._age += dt
-        self._fresh = False
-        self._step = dt if not self._step else self._step + STEP_GAIN * (dt - self._step)
-        newest_s = self._predictor.newest_s
-        if newest_s is None:
-            return self._y
-        self._y, ahead = self._predictor.at(self._age + self._lag + self._step / 2.0)
-        if self._stop_s and ahead:
+        n = len(self.y)
+        ahead = aim(self, n, dt)
+        if self.stop_s and ahead:
             for plane in self.planes:
-                self._y = self._stopped(self._y, plane, ahead)
-        self._aimed_s = newest_s + ahead
-        return self._y
-
-    def _stopped(self, y: Vector, plane: Plane, ahead: float) -> Vector:
-        """y, as the plane lets the hand go on; a plane that moves takes the hand with it, so it changes nothing."""
-        position, velocity = self._predictor.newest
-        depth, free = plane.depth(position), plane.depth(y)
-        if plane.velocity_mps or (depth <= 0.0 and free <= 0.0):
-            return y
-        speed = sum(map(mul, plane.normal, velocity))
-        back = depth_ahead(depth, free, speed, ahead, self._stop_s) - free
-        return tuple([part + back * n for part, n in zip(y, plane.normal, strict=True)])
+                stop(self, n, plane.normal, plane.offset_m, plane.velocity_mps, ahead)
+        return tuple(self.y)
 
     def stands_for(self, dt: float) -> float:
         """The time on the device's clock for which the proxy stands after a step of `dt` seconds [s]; 0: unknown."""
-        return 0.0 if self._aimed_s is None else max(0.0, self._aimed_s - self._lag + dt / 2.0)
+        return stands_for(self, dt)
+
+
+@equation
+def receive(predicted: PredictedDevice, n: int, position: Reals, sent_s: float, age_s: float) -> None:
+    """`PredictedDevice.receive`."""
+    p = predicted.predictor
+    note(p, n, position, sent_s)
+    if p.count and sent_s == p.times[p.start + p.count - 1]:
+        predicted.age = age_s
+        predicted.fresh = 1
+
+
+@equation
+def aim(predicted: PredictedDevice, n: int, dt: float) -> float:
+    """y into `predicted.y`, but for planes; returns how far ahead it is predicted [s], 0 without a position."""
+    p = predicted.predictor
+    if not predicted.fresh:
+        predicted.age += dt
+    predicted.fresh = 0
+    before = predicted.mean_step
+    predicted.mean_step = dt if before == 0.0 else before + STEP_GAIN * (dt - before)
+    if not p.count:
+        return 0.0
+    ahead = predict(p, n, predicted.age + predicted.lag + predicted.mean_step / 2.0, predicted.y)
+    predicted.aimed_s = p.times[p.start + p.count - 1] + ahead
+    predicted.has_aimed = 1
+    return ahead
+
+
+@equation
+def stop(predicted: PredictedDevice, n: int, normal: Reals, offset: float, velocity: float, ahead: float) -> None:
+    """Let a plane stop y; one that moves takes the hand with it, so it changes nothing."""
+    p = predicted.predictor
+    depth, free = dot(n, normal, p.position) - offset, dot(n, normal, predicted.y) - offset
+    if velocity != 0.0 or (depth <= 0.0 and free <= 0.0):
+        return
+    back = depth_ahead(depth, free, dot(n, normal, p.velocity), ahead, predicted.stop_s) - free
+    for i in range(n):
+        predicted.y[i] = predicted.y[i] + back * normal[i]
+
+
+@equation
+def turn_s(predicted: PredictedDevice) -> float:
+    """`PredictedDevice.turn_s`."""
+    return 2.0 * predicted.age + predicted.mean_step
+
+
+@equation
+def stands_for(predicted: PredictedDevice, dt: float) -> float:
+    """`PredictedDevice.stands_for`."""
+    return max(0.0, predicted.aimed_s - predicted.lag + dt / 2.0) if predicted.has_aimed else 0.0

@@ -6,8 +6,8 @@ from typing import Annotated
 
 from hapnet.control import contact_model as reference
 from hapnet.control import told_plane
+from hapnet.control.added_damping import AddedDamping, damp, wanted
 from hapnet.control.smoothing import FilteredVelocity, filter_velocity, low_pass
-from hapnet.kernel.added_damping import AddedDamping, damp
 from hapnet.records.equation import equation
 from hapnet.records.record import AXES, PLANES, Floats, MatrixOfAxes, OfAxes, OfPlanes, Record, VectorsOfPlanes
 from hapnet.records.vectors import copy, dot, equal, length, times
@@ -84,7 +84,6 @@ def step(
     told: Planes,
     velocity: FilteredVelocity,
     added: AddedDamping,
-    added_velocity: FilteredVelocity,
     n: int,
     dt: float,
     x: Floats,
@@ -115,7 +114,8 @@ def step(
     copy(n, model.s, model.made_s)
     copy(n, model.fading, model.made_fading)
     copy(n, y, model.made_before)
-    damp(added, added_velocity, n, dt, x, y, model.age, model.freedom)
+    filter_velocity(added.velocity, n, dt, x)
+    damp(added, n, wanted(added, model.age, model.freedom), y)
     copy(n, y, model.made_y)
 
 

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from hapnet.control import continuous_servo as continuous
 from hapnet.control import ledger as ledgers
+from hapnet.control import prediction
 from hapnet.control import set_position_coupling as couplings
 from hapnet.control import set_position_servo as servos
+from hapnet.control.added_damping import AddedDamping
 from hapnet.control.continuous_servo import ContinuousServo
 from hapnet.control.harvest import MeasuredHarvest, hold
 from hapnet.control.ledger import Ledger
+from hapnet.control.prediction import PredictedDevice
 from hapnet.control.set_position_coupling import MOST_REACH_M, SetPositionCoupling
 from hapnet.control.set_position_servo import SampledServo
 from hapnet.control.smoothing import FilteredVelocity
-from hapnet.kernel import contact_model, coupled_device, environment_account, integrator, prediction, walls
+from hapnet.kernel import contact_model, coupled_device, environment_account, integrator, walls
 from hapnet.kernel import device as devices
-from hapnet.kernel.added_damping import AddedDamping
 from hapnet.kernel.contact_model import ContactModel, Planes
 from hapnet.kernel.coupled_device import TickModel
 from hapnet.kernel.device import Device, Hand
@@ -23,7 +25,6 @@ from hapnet.kernel.environment_account import EnvironmentAccount
 from hapnet.kernel.integrator import PassiveIntegrator
 from hapnet.kernel.limited_coupling import LimitedCoupling
 from hapnet.kernel.link import Message
-from hapnet.kernel.prediction import PredictedDevice
 from hapnet.kernel.walls import Contacts
 from hapnet.records.equation import equation
 from hapnet.records.record import Floats, Record
@@ -68,7 +69,6 @@ class DeviceSide(Record):
     told: Planes
     velocity: FilteredVelocity
     added: AddedDamping
-    added_velocity: FilteredVelocity
 
 
 class WorldSide(Record):
@@ -211,9 +211,7 @@ def _choose(side: DeviceSide, dt: float, x: Floats) -> None:
     """Choose y, before the stages."""
     coupling, n = side.coupling, side.plant.n
     if side.model.in_use:
-        contact_model.step(
-            side.model, side.planes, side.told, side.velocity, side.added, side.added_velocity, n, dt, x, coupling.y
-        )
+        contact_model.step(side.model, side.planes, side.told, side.velocity, side.added, n, dt, x, coupling.y)
     else:
         copy(n, coupling.received, coupling.y)
 
@@ -247,20 +245,29 @@ def step(side: WorldSide, wire: Wire, counts: Counts, now_ns: int, message: Mess
         if wire.endpoint.proxies:
             reach_m = counts.reach_m + counts.reach_mps * prediction.turn_s(side.predicted)
             _say(side, min(_MOST_REACH_M, reach_m), dt, message)
-        prediction.step(side.predicted, side.around, n, dt, coupling.y)
+        _predict(side, dt, coupling.y)
     else:
         copy(n, coupling.received, coupling.y)
     couplings.update(coupling, dt, mass.x, mass.dissipated, 0.0)
     ledgers.observe(ledger, kinetic + couplings.potential(coupling, mass.x), coupling.account)
     message.level = level(coupling)
     finish(wire.endpoint, message, now_ns)
-    if side.predicted.overflow:
-        wire.endpoint.impossible = 1
     counts.steps += 1
     counts.stepped_s += dt
     counts.longest_step_s = max(counts.longest_step_s, dt)
     counts.step_s = dt
     environment_account.observe(side.environment, side.contacts, ledger.work, n, mass.x)
+
+
+@equation
+def _predict(side: WorldSide, dt: float, y: Floats) -> None:
+    """`PredictedDevice.step`, among the planes that the world tells."""
+    predicted, around, n = side.predicted, side.around, side.mass.n
+    ahead = prediction.aim(predicted, n, dt)
+    if predicted.stop_s != 0.0 and ahead != 0.0:
+        for k in range(around.count):
+            prediction.stop(predicted, n, around.normal[k], around.offset[k], around.velocity[k], ahead)
+    copy(n, predicted.y, y)
 
 
 @equation

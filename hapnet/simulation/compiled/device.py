@@ -123,9 +123,7 @@ def _model(side: sides.DeviceSide, source: ContactModel) -> None:
     _planes(side.planes, value(source, "planes"))
     _pending(record, side.told, value(source, "pending"))
     store(side.velocity, value(source, "velocity"))
-    damping = value(source, "added")
-    read(side.added, damping, "least most compliance")
-    store(side.added_velocity, value(damping, "velocity"))
+    store(side.added, value(source, "added"))
 
 
 def _planes(record: contact_model.Planes, planes: tuple[object, ...]) -> None:

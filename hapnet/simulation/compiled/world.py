@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from hapnet.control.prediction import PredictedDevice
 from hapnet.control.set_position_coupling import SetPositionCoupling
-from hapnet.kernel import integrator, prediction, sides, walls
+from hapnet.kernel import integrator, sides, walls
 from hapnet.kernel.memory import load, store
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.account import EnvironmentAccount
 from hapnet.plant.worlds.walls import Contacts
 from hapnet.side.world import WorldSide, WorldState
-from hapnet.simulation.compiled.mirror import optional, put, read, value, vector
+from hapnet.simulation.compiled.mirror import put, read, value, vector
 
 
 def read_side(record: sides.WorldSide, side: WorldSide) -> None:
@@ -21,7 +21,7 @@ def read_side(record: sides.WorldSide, side: WorldSide) -> None:
     store(record.coupling, coupling)
     read(record.environment, environment_of(side).state(), "start_J stored_J slack_min")
     if isinstance(coupling.source, PredictedDevice):
-        _predicted(record.predicted, coupling.source)
+        store(record.predicted, coupling.source)
 
 
 def coupling_of(side: WorldSide) -> SetPositionCoupling:
@@ -75,16 +75,3 @@ def _contacts(record: walls.Contacts, contacts: Contacts) -> None:
     for k, wall in enumerate(contacts.walls):
         record.wall_normal[k][: len(wall.normal)] = wall.normal
         record.wall_offset[k], record.wall_stiffness[k] = wall.offset, wall.stiffness
-
-
-def _predicted(record: prediction.PredictedDevice, source: PredictedDevice) -> None:
-    """The prediction, which is then in use."""
-    record.in_use, record.stop_s = 1, value(source, "stop_s")
-    read(record, source, "", lag="lag", y="y", age="age", fresh="fresh", mean_step="step")
-    optional(record, "aimed_s", "has_aimed", value(source, "aimed_s"))
-    predictor = value(source, "predictor")
-    read(record, predictor, "window longest longest_curve")
-    times, places = list(value(predictor, "stamps")), list(value(predictor, "positions"))
-    record.count = len(times)
-    put(record, "times", times)
-    put(record, "places", places)
