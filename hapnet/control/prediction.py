@@ -151,9 +151,9 @@ def note(p: MotionPredictor, n: int, position: Reals, sent_s: float) -> None:
             at -= 1
     if end == MOST:
         if p.start == 0:  # the oldest goes, whatever the window
-            p.start, p.count = 1, p.count - 1
             if at == 0:
                 return
+            p.start, p.count = 1, p.count - 1
         for k in range(p.count):
             times[k] = times[p.start + k]
             copy(n, places[p.start + k], places[k])
