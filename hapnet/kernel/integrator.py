@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from hapnet.kernel import walls
-from hapnet.kernel.walls import Contacts
+from hapnet.plant.worlds import walls
+from hapnet.plant.worlds.walls import Contacts
 from hapnet.records.equation import equation
-from hapnet.records.record import FloatRows, Floats, MatrixOfAxes, OfAxes, Record
+from hapnet.records.record import FloatRows, Floats, MatrixOfAxes, OfAxes, Reals, Record
 from hapnet.records.vectors import copy, dot
 
 
@@ -56,7 +56,13 @@ def step(mass: PassiveIntegrator, contacts: Contacts, dt: float, ybar: Floats) -
     for i in range(n):
         mass.c[i] = gain * mass.c[i] - mass.response[i]
     _solve(mass, mass.c, vhat)
-    _touch(mass, contacts, dt)
+    copy(n, vhat, mass.c)
+    for i in range(n):
+        mass.force[i] = 0.0
+    for k in range(contacts.lines):
+        if walls.meets(contacts, k, dt, x, mass.c):
+            _solve(mass, contacts.axes[k].normal, contacts.response)
+            walls.push(contacts, k, dt, x, mass.c, mass.force, vhat)
     half = 0.5 * dt
     _product(n, diagonal, mass.B, vhat, mass.damper)
     for i in range(n):
@@ -68,27 +74,7 @@ def step(mass: PassiveIntegrator, contacts: Contacts, dt: float, ybar: Floats) -
         v[i] = 2.0 * vhat[i] - v[i]
     mass.work = dt * dot(n, mass.force, vhat)
     mass.dissipated = dt * dot(n, mass.damper, vhat)
-    mass.penetration = walls.penetration(contacts, n, x)
-
-
-@equation
-def _touch(mass: PassiveIntegrator, contacts: Contacts, dt: float) -> None:
-    """`Contacts.solve`: the force of the walls, and vhat with it."""
-    n, vhat, response = mass.n, mass.vhat, mass.response
-    copy(n, vhat, mass.c)
-    for i in range(n):
-        mass.force[i] = 0.0
-    for k in range(contacts.axes):
-        normal = contacts.normal[k]
-        q, w = dot(n, normal, mass.x), dot(n, normal, mass.c)
-        low, high = contacts.lower_at[k], contacts.upper_at[k]
-        if low <= q <= high and low <= q + dt * w <= high:
-            continue
-        _solve(mass, normal, response)
-        f = walls.force(contacts, k, q, w, 1.0 / dot(n, normal, response), dt)
-        for i in range(n):
-            mass.force[i] = mass.force[i] + f * normal[i]
-            vhat[i] = vhat[i] + f * response[i]
+    mass.penetration = walls.penetration(contacts, x)
 
 
 @equation
@@ -109,7 +95,7 @@ def _factor(mass: PassiveIntegrator, dt: float) -> None:
 
 
 @equation
-def _solve(mass: PassiveIntegrator, b: Floats, z: Floats) -> None:
+def _solve(mass: PassiveIntegrator, b: Reals, z: Floats) -> None:
     """`PassiveIntegrator._solve`: A^-1 b into z."""
     n = mass.n
     if mass.is_diagonal:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hapnet.control import ledger as ledgers
 from hapnet.control.ledger import Ledger
 from hapnet.control.set_position_coupling import MOST_REACH_M
-from hapnet.kernel import contact_model, coupled_device, environment_account, integrator, prediction, walls
+from hapnet.kernel import contact_model, coupled_device, integrator, prediction
 from hapnet.kernel import device as devices
 from hapnet.kernel import set_position_coupling as couplings
 from hapnet.kernel import set_position_servo as servos
@@ -14,7 +14,6 @@ from hapnet.kernel.contact_model import ContactModel, Planes
 from hapnet.kernel.coupled_device import TickModel
 from hapnet.kernel.device import Device, Hand
 from hapnet.kernel.endpoint import Wire, finish
-from hapnet.kernel.environment_account import EnvironmentAccount
 from hapnet.kernel.integrator import PassiveIntegrator
 from hapnet.kernel.limited_coupling import LimitedCoupling
 from hapnet.kernel.link import Message
@@ -23,8 +22,10 @@ from hapnet.kernel.reserve import ForceGuard
 from hapnet.kernel.set_position_coupling import Coupling
 from hapnet.kernel.set_position_servo import SampledServo
 from hapnet.kernel.smoothing import Stages
-from hapnet.kernel.walls import Contacts
 from hapnet.mechanics.spring import Spring
+from hapnet.plant.worlds import account, walls
+from hapnet.plant.worlds.account import EnvironmentAccount
+from hapnet.plant.worlds.walls import Contacts
 from hapnet.records.equation import equation
 from hapnet.records.record import Floats, Record
 from hapnet.records.vectors import copy
@@ -264,7 +265,8 @@ def step(side: WorldSide, wire: Wire, counts: Counts, now_ns: int, message: Mess
     counts.stepped_s += dt
     counts.longest_step_s = max(counts.longest_step_s, dt)
     counts.step_s = dt
-    environment_account.observe(side.environment, side.contacts, ledger.work, n, mass.x)
+    stored_J = walls.stored(side.contacts, mass.x)
+    account.settle(side.environment, ledger.work, stored_J, side.contacts.supplied_J)
 
 
 @equation
@@ -285,12 +287,15 @@ def _receive(side: WorldSide, wire: Wire, now_ns: int) -> None:
 @equation
 def _say(side: WorldSide, reach_m: float, dt: float, message: Message) -> None:
     """`SetPositionSteps.update`: what the world knows of the place."""
-    around, n = side.around, side.mass.n
+    around, contacts, n = side.around, side.contacts, side.mass.n
     message.aimed_ns = max(0, round(prediction.stands_for(side.predicted, dt) / _NANO))
     copy(n, side.mass.force, message.force)
-    walls.tell(side.contacts, n, side.mass.x, reach_m, around)
+    around.count = message.planes = walls.nearest(contacts, side.mass.x, reach_m)
+    for k in range(around.count):
+        at = contacts.near[k]
+        copy(n, contacts.normals[at], around.normal[k])
+        around.offset[k], around.stiffness[k], around.velocity[k] = contacts.offsets[at], contacts.stiffnesses[at], 0.0
     message.reach_m = reach_m
-    message.planes = around.count
     for k in range(around.count):
         copy(n, around.normal[k], message.normal[k])
         message.offset[k], message.stiffness[k] = around.offset[k], around.stiffness[k]

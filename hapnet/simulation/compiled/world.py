@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from hapnet.control.prediction import PredictedDevice
 from hapnet.control.set_position_coupling import SetPositionCoupling
-from hapnet.kernel import integrator, prediction, sides, walls
+from hapnet.kernel import integrator, prediction, sides
 from hapnet.kernel.memory import load, store
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.account import EnvironmentAccount
@@ -22,12 +22,12 @@ def read_side(record: sides.WorldSide, side: WorldSide) -> None:
     coupling, contacts = coupling_of(side), side.scene.contacts
     assert isinstance(contacts, Contacts)
     _mass(record.mass, _integrator(side))
-    _contacts(record.contacts, contacts)
+    store(record.contacts, contacts)
     read_coupling(record.coupling, coupling)
     store(record.spring, coupling.spring)
     store(record.ledger, coupling.ledger)
     read_stages(record.stages, coupling)
-    read(record.environment, environment_of(side).state(), "start_J stored_J slack_min")
+    store(record.environment, environment_of(side))
     if isinstance(coupling.source, PredictedDevice):
         _predicted(record.predicted, coupling.source)
 
@@ -52,9 +52,7 @@ def write_side(record: sides.WorldSide, counts: sides.Counts, side: WorldSide) -
     coupling, n = coupling_of(side), record.mass.n
     write_coupling(record.coupling, coupling)
     load(coupling.ledger, record.ledger)
-    environment = environment_of(side)
-    stored, least = float(record.environment.stored_J), float(record.environment.slack_min)
-    environment.restore(environment.state()._replace(stored_J=stored, slack_min=least))
+    load(environment_of(side), record.environment)
     _integrator(side).restore(vector(record.mass, "x", n), vector(record.mass, "v", n))
     side.restore(
         WorldState(int(counts.steps), float(counts.stepped_s), float(counts.longest_step_s), int(counts.world_last_ns))
@@ -71,19 +69,6 @@ def _mass(record: integrator.PassiveIntegrator, mass: PassiveIntegrator) -> None
             record.B[i][j] = record.B[j][i] = damping
             record.K[i][j] = record.K[j][i] = 2.0 * half_stiffness
     record.is_diagonal = int(value(mass, "diagonal"))
-
-
-def _contacts(record: walls.Contacts, contacts: Contacts) -> None:
-    record.axes, record.walls = len(contacts.axes), len(contacts.walls)
-    for k, axis in enumerate(contacts.axes):
-        record.normal[k][: len(axis.normal)] = axis.normal
-        for end in ("upper", "lower"):
-            face = getattr(axis, end)
-            for name in ("at", "stiffness", "damping"):
-                getattr(record, f"{end}_{name}")[k] = getattr(face, name)
-    for k, wall in enumerate(contacts.walls):
-        record.wall_normal[k][: len(wall.normal)] = wall.normal
-        record.wall_offset[k], record.wall_stiffness[k] = wall.offset, wall.stiffness
 
 
 def _predicted(record: prediction.PredictedDevice, source: PredictedDevice) -> None:
