@@ -5,7 +5,7 @@ from __future__ import annotations
 from hapnet.control import ledger as ledgers
 from hapnet.control.ledger import Ledger
 from hapnet.control.set_position_coupling import MOST_REACH_M
-from hapnet.kernel import contact_model, coupled_device, integrator, prediction
+from hapnet.kernel import contact_model, coupled_device, prediction
 from hapnet.kernel import device as devices
 from hapnet.kernel import set_position_coupling as couplings
 from hapnet.kernel import set_position_servo as servos
@@ -14,7 +14,6 @@ from hapnet.kernel.contact_model import ContactModel, Planes
 from hapnet.kernel.coupled_device import TickModel
 from hapnet.kernel.device import Device, Hand
 from hapnet.kernel.endpoint import Wire, finish
-from hapnet.kernel.integrator import PassiveIntegrator
 from hapnet.kernel.limited_coupling import LimitedCoupling
 from hapnet.kernel.link import Message
 from hapnet.kernel.prediction import PredictedDevice
@@ -23,6 +22,8 @@ from hapnet.kernel.set_position_coupling import Coupling
 from hapnet.kernel.set_position_servo import SampledServo
 from hapnet.kernel.smoothing import Stages
 from hapnet.mechanics.spring import Spring
+from hapnet.plant import integrator
+from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds import account, walls
 from hapnet.plant.worlds.account import EnvironmentAccount
 from hapnet.plant.worlds.walls import Contacts
@@ -240,7 +241,7 @@ def step(side: WorldSide, wire: Wire, counts: Counts, now_ns: int, message: Mess
     mass, coupling, ledger, n = side.mass, side.coupling, side.ledger, side.mass.n
     dt = (now_ns - counts.world_last_ns) * _NANO
     counts.world_last_ns = now_ns
-    integrator.step(mass, side.contacts, dt, coupling.set_position)
+    _move(mass, side.contacts, dt, coupling.set_position)
     _receive(side, wire, now_ns)
     ledgers.put_in(ledger, mass.work)
     kinetic = integrator.kinetic(mass)
@@ -267,6 +268,25 @@ def step(side: WorldSide, wire: Wire, counts: Counts, now_ns: int, message: Mess
     counts.step_s = dt
     stored_J = walls.stored(side.contacts, mass.x)
     account.settle(side.environment, ledger.work, stored_J, side.contacts.supplied_J)
+
+
+@equation
+def _move(mass: PassiveIntegrator, contacts: Contacts, dt: float, ybar: Floats) -> None:
+    """`PassiveIntegrator.step`, with `Contacts.solve`."""
+    n = mass.n
+    if mass.factored_dt != dt or mass.factored_drag != integrator.OWN:
+        integrator.factor(mass, dt, integrator.OWN)
+    integrator.drive(mass, dt, ybar)
+    integrator.solve(mass, mass.c, mass.vhat)
+    copy(n, mass.vhat, mass.c)
+    for i in range(n):
+        mass.force[i] = 0.0
+    for k in range(contacts.lines):
+        if walls.meets(contacts, k, dt, mass.x, mass.c):
+            integrator.solve(mass, contacts.axes[k].normal, contacts.response)
+            walls.push(contacts, k, dt, mass.x, mass.c, mass.force, mass.vhat)
+    integrator.finish(mass, dt)
+    mass.penetration = walls.penetration(contacts, mass.x)
 
 
 @equation

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from hapnet.control.prediction import PredictedDevice
 from hapnet.control.set_position_coupling import SetPositionCoupling
-from hapnet.kernel import integrator, prediction, sides
+from hapnet.kernel import prediction, sides
 from hapnet.kernel.memory import load, store
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.account import EnvironmentAccount
@@ -15,13 +15,13 @@ from hapnet.simulation.compiled.couplings import (
     read_stages,
     write_coupling,
 )
-from hapnet.simulation.compiled.mirror import optional, put, read, value, vector
+from hapnet.simulation.compiled.mirror import optional, put, read, value
 
 
 def read_side(record: sides.WorldSide, side: WorldSide) -> None:
     coupling, contacts = coupling_of(side), side.scene.contacts
     assert isinstance(contacts, Contacts)
-    _mass(record.mass, _integrator(side))
+    store(record.mass, _integrator(side))
     store(record.contacts, contacts)
     read_coupling(record.coupling, coupling)
     store(record.spring, coupling.spring)
@@ -49,26 +49,14 @@ def environment_of(side: WorldSide) -> EnvironmentAccount:
 
 
 def write_side(record: sides.WorldSide, counts: sides.Counts, side: WorldSide) -> None:
-    coupling, n = coupling_of(side), record.mass.n
+    coupling = coupling_of(side)
     write_coupling(record.coupling, coupling)
     load(coupling.ledger, record.ledger)
     load(environment_of(side), record.environment)
-    _integrator(side).restore(vector(record.mass, "x", n), vector(record.mass, "v", n))
+    load(_integrator(side), record.mass)
     side.restore(
         WorldState(int(counts.steps), float(counts.stepped_s), float(counts.longest_step_s), int(counts.world_last_ns))
     )
-
-
-def _mass(record: integrator.PassiveIntegrator, mass: PassiveIntegrator) -> None:
-    record.n = len(mass.position)
-    put(record, "x", mass.position)
-    put(record, "v", mass.velocity)
-    for i, row in enumerate(mass.terms):
-        for j, (double_mass, damping, half_stiffness) in enumerate(row):
-            record.M[i][j] = record.M[j][i] = double_mass / 2.0
-            record.B[i][j] = record.B[j][i] = damping
-            record.K[i][j] = record.K[j][i] = 2.0 * half_stiffness
-    record.is_diagonal = int(value(mass, "diagonal"))
 
 
 def _predicted(record: prediction.PredictedDevice, source: PredictedDevice) -> None:
