@@ -14,12 +14,12 @@ import pytest
 
 from hapnet.checks import Array, spd
 from hapnet.control import ledger
+from hapnet.control.two_port import TwoPort
 from hapnet.params import Params
 from hapnet.plant.operator import Impedance, Operator, Press, Sine
 from hapnet.recording.samples import Columns
 from hapnet.side.endpoint import WireHalf
 from hapnet.simulation.simulation import Result, simulate
-from hapnet.simulation.two_port import TwoPort
 from hapnet.wire.events import EnergyCredited, Event
 from tests.conftest import random_spd
 from tests.paper import PAPER

@@ -15,17 +15,19 @@ from hapnet.control.prediction import PredictedDevice
 from hapnet.control.set_position_coupling import MOST_REACH_M, SetPositionCoupling
 from hapnet.control.set_position_servo import SampledServo
 from hapnet.control.smoothing import FilteredVelocity
-from hapnet.kernel import contact_model, coupled_device, environment_account, integrator, walls
+from hapnet.kernel import contact_model, coupled_device
 from hapnet.kernel import device as devices
 from hapnet.kernel.contact_model import ContactModel, Planes
 from hapnet.kernel.coupled_device import TickModel
 from hapnet.kernel.device import Device, Hand
 from hapnet.kernel.endpoint import Wire, finish
-from hapnet.kernel.environment_account import EnvironmentAccount
-from hapnet.kernel.integrator import PassiveIntegrator
 from hapnet.kernel.limited_coupling import LimitedCoupling
 from hapnet.kernel.link import Message
-from hapnet.kernel.walls import Contacts
+from hapnet.plant import integrator
+from hapnet.plant.integrator import PassiveIntegrator
+from hapnet.plant.worlds import account, walls
+from hapnet.plant.worlds.account import EnvironmentAccount
+from hapnet.plant.worlds.walls import Contacts
 from hapnet.records.equation import equation
 from hapnet.records.record import Floats, Record
 from hapnet.records.vectors import copy
@@ -233,7 +235,7 @@ def step(side: WorldSide, wire: Wire, counts: Counts, now_ns: int, message: Mess
     mass, coupling, ledger, n = side.mass, side.coupling, side.coupling.ledger, side.mass.n
     dt = (now_ns - counts.world_last_ns) * _NANO
     counts.world_last_ns = now_ns
-    integrator.step(mass, side.contacts, dt, coupling.modulator.ybar)
+    _move(mass, side.contacts, dt, coupling.modulator.ybar)
     _receive(side, wire, now_ns)
     ledgers.put_in(ledger, mass.work)
     kinetic = integrator.kinetic(mass)
@@ -256,7 +258,27 @@ def step(side: WorldSide, wire: Wire, counts: Counts, now_ns: int, message: Mess
     counts.stepped_s += dt
     counts.longest_step_s = max(counts.longest_step_s, dt)
     counts.step_s = dt
-    environment_account.observe(side.environment, side.contacts, ledger.work, n, mass.x)
+    stored_J = walls.stored(side.contacts, mass.x)
+    account.settle(side.environment, ledger.work, stored_J, side.contacts.supplied_J)
+
+
+@equation
+def _move(mass: PassiveIntegrator, contacts: Contacts, dt: float, ybar: Floats) -> None:
+    """`PassiveIntegrator.step`, with `Contacts.solve`."""
+    n = mass.n
+    if mass.factored_dt != dt or mass.factored_drag != integrator.OWN:
+        integrator.factor(mass, dt, integrator.OWN)
+    integrator.drive(mass, dt, ybar)
+    integrator.solve(mass, mass.c, mass.vhat)
+    copy(n, mass.vhat, mass.c)
+    for i in range(n):
+        mass.force[i] = 0.0
+    for k in range(contacts.lines):
+        if walls.meets(contacts, k, dt, mass.x, mass.c):
+            integrator.solve(mass, contacts.axes[k].normal, contacts.response)
+            walls.push(contacts, k, dt, mass.x, mass.c, mass.force, mass.vhat)
+    integrator.finish(mass, dt)
+    mass.penetration = walls.penetration(contacts, mass.x)
 
 
 @equation
@@ -288,12 +310,15 @@ def _receive(side: WorldSide, wire: Wire, now_ns: int) -> None:
 @equation
 def _say(side: WorldSide, reach_m: float, dt: float, message: Message) -> None:
     """`SetPositionSteps.update`: what the world knows of the place."""
-    around, n = side.around, side.mass.n
+    around, contacts, n = side.around, side.contacts, side.mass.n
     message.aimed_ns = max(0, round(prediction.stands_for(side.predicted, dt) / _NANO))
     copy(n, side.mass.force, message.force)
-    walls.tell(side.contacts, n, side.mass.x, reach_m, around)
+    around.count = message.planes = walls.nearest(contacts, side.mass.x, reach_m)
+    for k in range(around.count):
+        at = contacts.near[k]
+        copy(n, contacts.normals[at], around.normal[k])
+        around.offset[k], around.stiffness[k], around.velocity[k] = contacts.offsets[at], contacts.stiffnesses[at], 0.0
     message.reach_m = reach_m
-    message.planes = around.count
     for k in range(around.count):
         copy(n, around.normal[k], message.normal[k])
         message.offset[k], message.stiffness[k] = around.offset[k], around.stiffness[k]

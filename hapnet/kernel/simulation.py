@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Annotated
 
+from hapnet.control.two_port import TwoPort, on_device, on_world
 from hapnet.kernel import energy_channel as channels
 from hapnet.kernel import link as links
 from hapnet.kernel import sides
@@ -16,7 +17,6 @@ from hapnet.kernel.endpoint import Wire, has_room, poll, receive
 from hapnet.kernel.link import Link
 from hapnet.kernel.samples import Rows, have_room, record_step, record_tick
 from hapnet.kernel.sides import Counts, DeviceSide, WorldSide
-from hapnet.kernel.two_port import TwoPort, on_device, on_world
 from hapnet.records.equation import equation
 from hapnet.records.record import Record, Wholes
 

@@ -13,10 +13,9 @@ kappa = 1/2 |v|_M^2 and phi = 1/2 |x - ybar|_K'^2 it obeys, exactly and for any 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import inf, isfinite
-from operator import add, mul, neg, sub
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,9 +24,15 @@ from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
 from hapnet.plant.worlds.protocol import Surroundings
+from hapnet.records.equation import equation
+from hapnet.records.record import FloatRows, Floats, MatrixOfAxes, OfAxes, Reals, Record
+from hapnet.records.vectors import dot, times
 
 # A matrix with a greater condition number is refused: v' M v could round to a negative number.
 _MAX_CONDITION = 1e12
+
+OWN = -1.0
+"""The drag of a step on the mass's own coupling, where A has B' + K' T/2."""
 
 
 class Step(NamedTuple):
@@ -42,7 +47,7 @@ class Step(NamedTuple):
     penetration_m: float  #: depth of x_{k+1} in the wall where it is deepest, 0 outside
 
 
-class PassiveIntegrator:
+class PassiveIntegrator(Record):
     """A virtual mass on a virtual coupling, integrated passively with steps of any length.
 
     Parameters
@@ -52,11 +57,41 @@ class PassiveIntegrator:
     position : x_0 [m]; sets n.
     velocity : v_0 [m/s]; at rest by default.
 
+    Attributes
+    ----------
+    n : the number of axes. M, B, K : the matrices; diagonal : are all three diagonal? x, v : x_k and v_k.
+    factored_dt, factored_drag : the step that A was factored for last, and its drag, see `OWN`. L, inverse_pivots : A's
+        factors.
+    vhat, force, coupling_force, work, dissipated, penetration : of the last step, as in `Step`.
+    error, c, damper, product : room for what a step computes.
+
     Raises InvalidParameter.
 
     Vectors are returned as tuples of floats. Any sequence of numbers is accepted; tuples cost least. Floats are used
     because for n <= 3 one numpy call costs several times the arithmetic.
     """
+
+    n: int
+    diagonal: int
+    M: MatrixOfAxes
+    B: MatrixOfAxes
+    K: MatrixOfAxes
+    x: OfAxes
+    v: OfAxes
+    factored_dt: float
+    factored_drag: float
+    L: MatrixOfAxes
+    inverse_pivots: OfAxes
+    vhat: OfAxes
+    force: OfAxes
+    coupling_force: OfAxes
+    work: float
+    dissipated: float
+    penetration: float
+    error: OfAxes
+    c: OfAxes
+    damper: OfAxes
+    product: OfAxes
 
     def __init__(
         self,
@@ -66,42 +101,42 @@ class PassiveIntegrator:
         position: ArrayLike,
         velocity: ArrayLike | None = None,
     ) -> None:
-        self._x = checks.vector("position", position)
-        self._n = n = len(self._x)
-        self._v = (0.0,) * n if velocity is None else checks.vector("velocity", velocity, n)
-        M = _positive_definite("mass", mass, n)
-        B = _positive_definite("damping", damping, n)
-        K = _positive_definite("stiffness", stiffness, n)
-        self._M, self._B, self._K = _product(M), _product(B), _product(K)
-        self._scalars = M[0][0], B[0][0], K[0][0]  # all there is in one dimension
-        self._diagonals = [[matrix[i][i] for i in range(n)] for matrix in (M, B, K)]
-        self.terms: Final = [[(2.0 * M[i][j], B[i][j], 0.5 * K[i][j]) for j in range(i + 1)] for i in range(n)]
-        """Lower triangle of A in powers of T: 2M, B', K'/2."""
-        self._diagonal = all(_is_diagonal(matrix) for matrix in (M, B, K))
-        self._factored: tuple[float, float | None] = (0.0, None)
+        super().__init__()
+        self.x = list(checks.vector("position", position))
+        self.n = n = len(self.x)
+        self.v = [0.0] * n if velocity is None else list(checks.vector("velocity", velocity, n))
+        self.M = _positive_definite("mass", mass, n)
+        self.B = _positive_definite("damping", damping, n)
+        self.K = _positive_definite("stiffness", stiffness, n)
+        self.diagonal = int(all(_is_diagonal(matrix) for matrix in (self.M, self.B, self.K)))
+        self.L = [[0.0] * n for _ in range(n)]
+        self.inverse_pivots, self.vhat, self.force, self.coupling_force = ([0.0] * n for _ in range(4))
+        self.error, self.c, self.damper, self.product = ([0.0] * n for _ in range(4))
         self._contacts: Surroundings | None = None
         self._pushed_on: Surroundings | None = None  # separate in a push too
 
     @property
     def position(self) -> Vector:
         """x_k [m]."""
-        return self._x
+        return tuple(self.x)
 
     @property
     def velocity(self) -> Vector:
         """v_k [m/s]."""
-        return self._v
+        return tuple(self.v)
 
     @property
     def kinetic_J(self) -> float:
         """kappa_k = 1/2 |v_k|_M^2."""
-        return 0.5 * _dot(self._v, self._M(self._v))
+        return kinetic(self)
 
     def potential_J(self, set_position: ArrayLike) -> float:
         """phi_k = 1/2 |x_k - ybar|_K'^2 for the set-position ybar (n,) [m]."""
         ybar = self._input("set_position", set_position)
-        error = tuple(map(sub, self._x, ybar))
-        return 0.5 * _dot(error, self._K(error))
+        for i in range(self.n):
+            self.error[i] = self.x[i] - ybar[i]
+        _multiply(self, self.K, self.error, self.product)
+        return 0.5 * dot(self.n, self.error, self.product)
 
     def adopt(self, contacts: Surroundings | None) -> None:
         """Check `contacts` against this mass, as `step` does when it first gets them. Call this to fail early.
@@ -110,16 +145,16 @@ class PassiveIntegrator:
         contacts cannot be solved with these M, B' and K' (`Surroundings.require_separate`).
         """
         if contacts is not None:
-            if contacts.dof != self._n:
-                raise InvalidParameter("contacts.dof", contacts.dof, f"{self._n}, the dimension of the position")
-            contacts.require_outside(self._x)
+            if contacts.dof != self.n:
+                raise InvalidParameter("contacts.dof", contacts.dof, f"{self.n}, the dimension of the position")
+            contacts.require_outside(self.position)
             self._require_separate(contacts)
         self._contacts = contacts
 
-    def _require_separate(self, contacts: Surroundings, drag: float | None = None) -> None:
+    def _require_separate(self, contacts: Surroundings, drag: float = OWN) -> None:
         # Up to positive factors, n_i' A^-1 n_j is a polynomial in T of degree 2 (n - 1). If it is zero at 2n - 1 values
         # of T, it is zero for every step. With a drag, only its ratio to 2M/T matters, so it is zero for every drag.
-        for dt in np.geomspace(1e-4, 1.0, 2 * self._n - 1).tolist():
+        for dt in np.geomspace(1e-4, 1.0, 2 * self.n - 1).tolist():
             self._factor(dt, drag)
             contacts.require_separate(self._solve)
 
@@ -128,11 +163,7 @@ class PassiveIntegrator:
         x = self._input("position", position)
         if self._contacts is not None:
             self._contacts.require_outside(x)
-        self._x, self._v = x, (0.0,) * self._n
-
-    def restore(self, position: Vector, velocity: Vector) -> None:
-        """Go on from the state [m], [m/s] that another integrator with the same M, B', K' and contacts has reached."""
-        self._x, self._v = position, velocity
+        self.x, self.v = list(x), [0.0] * self.n
 
     def step(
         self,
@@ -155,83 +186,19 @@ class PassiveIntegrator:
         ybar = self._input("set_position", set_position)
         if contacts is not self._contacts:
             self.adopt(contacts)
-        if self._factored != (dt, None):
+        if self.factored_dt != dt or self.factored_drag != OWN:
             self._factor(dt)
-        if force is None and self._n == 1:
-            return self._step_1dof(dt, ybar[0], contacts)
-        if force is None and self._n == 3 and self._diagonal:
-            return self._step_3dof(dt, ybar, contacts)
-        x, v, K = self._x, self._v, self._K
-        error = tuple(map(sub, x, ybar))
-        gain = 2.0 / dt
-        c = list(map(sub, [gain * momentum for momentum in self._M(v)], K(error)))
-        f: Sequence[float] = (0.0,) * self._n
-        if force is not None:
-            f = self._input("force", force)
-            c = list(map(add, c, f))
-        vhat = self._solve(c)
-        if contacts is not None:
-            push, vhat = contacts.solve(dt, x, vhat, self._solve)
-            f = push if force is None else [g + p for g, p in zip(f, push, strict=True)]
-
-        half = 0.5 * dt
-        damper = self._B(vhat)
-        pull = K(list(map(add, error, [half * u for u in vhat])))
-        tau = tuple(map(sub, map(neg, damper), pull))
-        self._x = x = tuple(map(add, x, [dt * u for u in vhat]))
-        self._v = tuple(map(sub, [2.0 * u for u in vhat], v))
-        return Step(
-            tuple(vhat),
-            tuple(f),
-            dt * sum(map(mul, f, vhat)),
-            dt * sum(map(mul, damper, vhat)),
-            tau,
-            x,
-            0.0 if contacts is None else contacts.penetration(x),
-        )
-
-    def _step_1dof(self, dt: float, ybar: float, contacts: Surroundings | None) -> Step:
-        """The rest of `step` in one dimension: the same operations in the same order, without lists."""
-        (x,), (v,) = self._x, self._v
-        M, B, K = self._scalars
-        error = x - ybar
-        vhat = (2.0 / dt * (M * v) - K * error) * self._inverse_pivots[0]
-        f = 0.0
-        if contacts is not None:
-            (f,), (vhat,) = contacts.solve(dt, self._x, [vhat], self._solve)
-        damper = B * vhat
-        tau = -damper - K * (error + 0.5 * dt * vhat)
-        self._x = end = (x + dt * vhat,)
-        self._v = (2.0 * vhat - v,)
-        depth = 0.0 if contacts is None else contacts.penetration(end)
-        return Step((vhat,), (f,), dt * (0.0 + f * vhat), dt * (0.0 + damper * vhat), (tau,), end, depth)
-
-    def _step_3dof(self, dt: float, ybar: Vector, contacts: Surroundings | None) -> Step:
-        """The rest of `step` in three dimensions with diagonal M, B', K': the same operations in the same order."""
-        x, y, z = self._x
-        u, v, w = self._v
-        (m0, m1, m2), (b0, b1, b2), (k0, k1, k2) = self._diagonals
-        i0, i1, i2 = self._inverse_pivots
-        e0, e1, e2 = x - ybar[0], y - ybar[1], z - ybar[2]
-        gain, half = 2.0 / dt, 0.5 * dt
-        vhat = [
-            (gain * (m0 * u) - k0 * e0) * i0,
-            (gain * (m1 * v) - k1 * e1) * i1,
-            (gain * (m2 * w) - k2 * e2) * i2,
-        ]
-        f: Sequence[float] = _NO_FORCE
-        if contacts is not None:
-            f, vhat = contacts.solve(dt, self._x, vhat, self._solve)
-        a, b, c = vhat
-        f0, f1, f2 = f
-        d0, d1, d2 = b0 * a, b1 * b, b2 * c
-        tau = (-d0 - k0 * (e0 + half * a), -d1 - k1 * (e1 + half * b), -d2 - k2 * (e2 + half * c))
-        self._x = end = (x + dt * a, y + dt * b, z + dt * c)
-        self._v = (2.0 * a - u, 2.0 * b - v, 2.0 * c - w)
-        return Step(
-            (a, b, c), (f0, f1, f2), dt * (0.0 + f0 * a + f1 * b + f2 * c), dt * (0.0 + d0 * a + d1 * b + d2 * c),
-            tau, end, 0.0 if contacts is None else contacts.penetration(end),
-        )  # fmt: skip
+        extra = None if force is None else self._input("force", force)
+        drive(self, dt, ybar)
+        if extra is not None:
+            for i in range(self.n):
+                self.c[i] += extra[i]
+        self._respond(dt, contacts)
+        if extra is not None:
+            for i in range(self.n):
+                self.force[i] = extra[i] + self.force[i]
+        finish(self, dt)
+        return self._step(contacts)
 
     def push(self, dt: float, drag: float, push: ArrayLike, contacts: Surroundings | None = None) -> Step:
         """Advance by `dt` on a law's coupling, ``tau = push - drag vhat``, solved together with the contacts.
@@ -254,99 +221,170 @@ class PassiveIntegrator:
         if contacts is not None and contacts is not self._pushed_on:
             self._require_separate(contacts, 1.0)
             self._pushed_on = contacts
-        if self._factored != (dt, drag):
+        if self.factored_dt != dt or self.factored_drag != drag:
             self._factor(dt, drag)
-        x, v = self._x, self._v
-        gain = 2.0 / dt
-        vhat = self._solve([gain * momentum + force for momentum, force in zip(self._M(v), p, strict=True)])
-        f: Sequence[float] = (0.0,) * self._n
-        if contacts is not None:
-            f, vhat = contacts.solve(dt, x, vhat, self._solve)
-        self._x = x = tuple([q + dt * u for q, u in zip(x, vhat, strict=True)])
-        self._v = tuple([2.0 * u - w for u, w in zip(vhat, v, strict=True)])
-        tau = tuple([force - drag * u for force, u in zip(p, vhat, strict=True)])
-        depth = 0.0 if contacts is None else contacts.penetration(x)
-        return Step(tuple(vhat), tuple(f), dt * sum(map(mul, f, vhat)), 0.0, tau, x, depth)
+        carry_on(self, dt)
+        for i in range(self.n):
+            self.c[i] += p[i]
+        self._respond(dt, contacts)
+        self.dissipated = 0.0
+        for i in range(self.n):
+            self.coupling_force[i] = p[i] - drag * self.vhat[i]
+        move(self, dt)
+        return self._step(contacts)
+
+    def _respond(self, dt: float, contacts: Surroundings | None) -> None:
+        """vhat, with the contacts' force."""
+        solve(self, self.c, self.vhat)
+        if contacts is None:
+            self.force = [0.0] * self.n
+            return
+        force, vhat = contacts.solve(dt, tuple(self.x), list(self.vhat), self._solve)
+        self.force[:], self.vhat[:] = force, vhat
+
+    def _step(self, contacts: Surroundings | None) -> Step:
+        """What the step that has ended gives back."""
+        end = tuple(self.x)
+        depth = 0.0 if contacts is None else contacts.penetration(end)
+        tau = tuple(self.coupling_force)
+        return Step(tuple(self.vhat), tuple(self.force), self.work, self.dissipated, tau, end, depth)
 
     def _input(self, name: str, value: ArrayLike) -> Vector:
-        if isinstance(value, tuple) and len(value) == self._n:
+        if isinstance(value, tuple) and len(value) == self.n:
             try:
                 if isfinite(sum(value)):
                     return value
             except TypeError as error:
-                raise InvalidParameter(name, value, f"{self._n} finite numbers ({error})") from None
-        return checks.vector(name, value, self._n)
+                raise InvalidParameter(name, value, f"{self.n} finite numbers ({error})") from None
+        return checks.vector(name, value, self.n)
 
-    def _factor(self, dt: float, drag: float | None = None) -> None:
-        """Factor A = L D L' for this step. Keeps the strict lower rows of L and 1/D. `drag` replaces B' + K' T/2."""
+    def _factor(self, dt: float, drag: float = OWN) -> None:
+        """Factor A = L D L' for this step. `drag` replaces B' + K' T/2. Raises InvalidParameter."""
         if not 0.0 < dt < inf:
             raise InvalidParameter("dt", dt, "a positive, finite number of seconds")
-        all_terms = self.terms
-        if drag is not None:
-            all_terms = [
-                [(m, drag * (i == j), 0.0) for j, (m, *_) in enumerate(row)] for i, row in enumerate(all_terms)
-            ]
-        if self._diagonal:
-            pivots = [m / dt + b + k * dt for *_, (m, b, k) in all_terms]
-            if not 0.0 < min(pivots) <= max(pivots) < inf:
-                raise InvalidParameter("dt", dt, "a step that 2M/T + B' + K' T/2 can be computed for")
-            self._factored, self._inverse_pivots = (dt, drag), [1.0 / pivot for pivot in pivots]
-            return
-        rows: list[list[float]] = []
-        inverse_pivots: list[float] = []
-        for terms in all_terms:
-            u = [m / dt + b + k * dt for m, b, k in terms]
-            pivot = u.pop()
-            row: list[float] = []
-            for j, other in enumerate(rows):
-                for k in range(j):
-                    u[j] -= u[k] * other[k]
-                row.append(u[j] * inverse_pivots[j])
-                pivot -= u[j] * row[j]
-            if not 0.0 < pivot < inf:
-                raise InvalidParameter("dt", dt, "a step that 2M/T + B' + K' T/2 can be computed for")
-            rows.append(row)
-            inverse_pivots.append(1.0 / pivot)
-        self._factored, self._L, self._inverse_pivots = (dt, drag), rows, inverse_pivots
+        if not factor(self, dt, drag):
+            raise InvalidParameter("dt", dt, "a step that 2M/T + B' + K' T/2 can be computed for")
 
     def _solve(self, b: Sequence[float]) -> list[float]:
-        """A^-1 b by substitution: the residual stays at rounding, however badly conditioned A is."""
-        if self._diagonal:
-            return list(map(mul, b, self._inverse_pivots))
-        z: list[float] = []
-        for value, row in zip(b, self._L, strict=True):
-            z.append(value - sum(map(mul, row, z)))
-        z = list(map(mul, z, self._inverse_pivots))
-        for i in range(self._n - 1, 0, -1):
-            top = z[i]
-            for j, factor in enumerate(self._L[i]):
-                z[j] -= factor * top
+        """A^-1 b."""
+        z = [0.0] * self.n
+        solve(self, b, z)
         return z
 
 
-_NO_FORCE = (0.0, 0.0, 0.0)
+@equation
+def kinetic(mass: PassiveIntegrator) -> float:
+    """kappa [J]."""
+    _multiply(mass, mass.M, mass.v, mass.product)
+    return 0.5 * dot(mass.n, mass.v, mass.product)
 
 
-def _dot(one: Sequence[float], other: Sequence[float]) -> float:
-    return float(sum(map(mul, one, other)))
+@equation
+def factor(mass: PassiveIntegrator, dt: float, drag: float) -> bool:
+    """A = L D L' for this step; false: it cannot be computed."""
+    n, L, pivots, row = mass.n, mass.L, mass.inverse_pivots, mass.error
+    mass.factored_dt = 0.0
+    for i in range(n):
+        for j in range(i if mass.diagonal else 0, i + 1):
+            row[j] = 2.0 * mass.M[i][j] / dt
+            if drag == OWN:
+                row[j] = row[j] + mass.B[i][j] + 0.5 * mass.K[i][j] * dt
+            elif i == j:
+                row[j] += drag
+        pivot = row[i]
+        if not mass.diagonal:
+            for j in range(i):
+                for k in range(j):
+                    row[j] -= row[k] * L[j][k]
+                L[i][j] = row[j] * pivots[j]
+                pivot -= row[j] * L[i][j]
+        if not 0.0 < pivot < inf:
+            return False
+        pivots[i] = 1.0 / pivot
+    mass.factored_dt, mass.factored_drag = dt, drag
+    return True
 
 
-Product = Callable[[Sequence[float]], list[float]]
+@equation
+def solve(mass: PassiveIntegrator, b: Reals, z: Floats) -> None:
+    """A^-1 b into z, by substitution: the residual stays at rounding, however badly conditioned A is."""
+    n, L, pivots = mass.n, mass.L, mass.inverse_pivots
+    if mass.diagonal:
+        for i in range(n):
+            z[i] = b[i] * pivots[i]
+        return
+    for i in range(n):
+        total = 0.0
+        for j in range(i):
+            total += L[i][j] * z[j]
+        z[i] = b[i] - total
+    for i in range(n):
+        z[i] = z[i] * pivots[i]
+    for i in range(n - 1, 0, -1):
+        for j in range(i):
+            z[j] -= L[i][j] * z[i]
 
 
-def _product(matrix: tuple[Vector, ...]) -> Product:
-    """A function that multiplies a vector by `matrix`."""
-    if _is_diagonal(matrix):
-        diagonal = tuple(row[i] for i, row in enumerate(matrix))
-        return lambda vector: list(map(mul, diagonal, vector))
-    return lambda vector: [sum(map(mul, row, vector)) for row in matrix]
+@equation
+def carry_on(mass: PassiveIntegrator, dt: float) -> None:
+    """``2M/T v_k`` into c."""
+    gain = 2.0 / dt
+    _multiply(mass, mass.M, mass.v, mass.c)
+    for i in range(mass.n):
+        mass.c[i] = gain * mass.c[i]
 
 
-def _is_diagonal(matrix: tuple[Vector, ...]) -> bool:
+@equation
+def drive(mass: PassiveIntegrator, dt: float, ybar: Reals) -> None:
+    """c."""
+    carry_on(mass, dt)
+    for i in range(mass.n):
+        mass.error[i] = mass.x[i] - ybar[i]
+    _multiply(mass, mass.K, mass.error, mass.product)
+    for i in range(mass.n):
+        mass.c[i] -= mass.product[i]
+
+
+@equation
+def finish(mass: PassiveIntegrator, dt: float) -> None:
+    """The rest of a step after `drive`, from vhat and the force."""
+    n, error, damper, half = mass.n, mass.error, mass.damper, 0.5 * dt
+    _multiply(mass, mass.B, mass.vhat, damper)
+    for i in range(n):
+        error[i] += half * mass.vhat[i]
+    _multiply(mass, mass.K, error, mass.product)
+    for i in range(n):
+        mass.coupling_force[i] = -damper[i] - mass.product[i]
+    mass.dissipated = dt * dot(n, damper, mass.vhat)
+    move(mass, dt)
+
+
+@equation
+def move(mass: PassiveIntegrator, dt: float) -> None:
+    """Position and velocity at the step's end, and the work of its force."""
+    x, v, vhat = mass.x, mass.v, mass.vhat
+    for i in range(mass.n):
+        x[i] += dt * vhat[i]
+        v[i] = 2.0 * vhat[i] - v[i]
+    mass.work = dt * dot(mass.n, mass.force, vhat)
+
+
+@equation
+def _multiply(mass: PassiveIntegrator, matrix: FloatRows, vector: Reals, out: Floats) -> None:
+    """One of the mass's matrices times a vector."""
+    n = mass.n
+    if mass.diagonal:
+        for i in range(n):
+            out[i] = matrix[i][i] * vector[i]
+        return
+    times(n, matrix, vector, out)
+
+
+def _is_diagonal(matrix: FloatRows) -> bool:
     return not any(value for i, row in enumerate(matrix) for j, value in enumerate(row) if i != j)
 
 
-def _positive_definite(name: str, value: ArrayLike, n: int) -> tuple[Vector, ...]:
+def _positive_definite(name: str, value: ArrayLike, n: int) -> list[Floats]:
     """Rows of the n x n matrix given as a scalar, a diagonal or a matrix."""
     allowed = f"a positive number, {n} positive numbers, or a symmetric positive definite {n} x {n} matrix"
     try:
@@ -363,4 +401,5 @@ def _positive_definite(name: str, value: ArrayLike, n: int) -> tuple[Vector, ...
     eigenvalues = np.linalg.eigvalsh(symmetric)
     if not eigenvalues[0] * _MAX_CONDITION > eigenvalues[-1]:
         raise InvalidParameter(name, value, allowed)
-    return tuple(tuple(row) for row in symmetric.tolist())
+    rows: list[Floats] = symmetric.tolist()
+    return rows

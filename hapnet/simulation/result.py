@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from hapnet.control.two_port import TwoPort
 from hapnet.recording.samples import Recording
 from hapnet.report.words import verdict
 from hapnet.side.device import DeviceSide
 from hapnet.side.world import WorldSide
-from hapnet.simulation.two_port import TwoPort
 from hapnet.summary.run import Summary
 
 if TYPE_CHECKING:

@@ -16,6 +16,7 @@ from hapnet import checks
 from hapnet.assembly.build import LIVE, Setup, device_session, device_side, prepare, world_session, world_side
 from hapnet.assembly.memory import bytes_a_second, require_room
 from hapnet.assembly.own_parts import named_failures
+from hapnet.control.two_port import TwoPort
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.metrics import motion
 from hapnet.params import Params, as_params
@@ -30,7 +31,6 @@ from hapnet.simulation.compiled import coverage
 from hapnet.simulation.compiled.coverage import NotCompiledError
 from hapnet.simulation.garbage_collector import collector_paused
 from hapnet.simulation.result import Result as Result
-from hapnet.simulation.two_port import TwoPort
 from hapnet.summary import path
 from hapnet.summary.run import Summary, combine, device_summary, versions, with_wire, world_summary
 from hapnet.summary.verdict import START_S

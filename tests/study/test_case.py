@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from hapnet.control.two_port import TwoPort
 from hapnet.couplings import held_torque
 from hapnet.errors import InvalidParameter
 from hapnet.metrics import METRICS
 from hapnet.params import Params
 from hapnet.simulation.simulation import Simulation
-from hapnet.simulation.two_port import TwoPort
 from hapnet.study import case
 from hapnet.study.case import check, measure, simulated
 

@@ -12,34 +12,31 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 from hapnet.plant.worlds.protocol import Observed, Surroundings
+from hapnet.records.equation import equation
+from hapnet.records.record import Record
 
 
-class AccountState(NamedTuple):
-    """`EnvironmentAccount`'s figures [J]."""
+class EnvironmentAccount(Record):
+    """The account of `surroundings` from now on, with the proxy at `position` (n,) [m].
+
+    start_J : U(0). supplied_at_start_J : what had been supplied before. supplied_J : S, work put in since then by
+    obstacles that are moved from outside. slack_min : the least slack so far, infinite before the first step.
+    """
 
     start_J: float
-    """U(0)."""
     supplied_at_start_J: float
     stored_J: float
     supplied_J: float
     slack_min: float
 
-
-class EnvironmentAccount:
-    """The account of `surroundings` from now on, with the proxy at `position` (n,) [m]."""
-
     def __init__(self, surroundings: Surroundings, position: Sequence[float]) -> None:
+        super().__init__()
         self._surroundings = surroundings
-        self.stored_J: float = surroundings.stored_J(position)
-        self._start_J = self.stored_J
-        self._supplied_at_start_J = surroundings.supplied_J
-        self.supplied_J: float = 0.0
-        """S: work put in by obstacles that are moved from outside."""
-        self.slack_min: float = math.inf
-        """The least slack so far, infinite before the first step."""
+        self.start_J = self.stored_J = surroundings.stored_J(position)
+        self.supplied_at_start_J = surroundings.supplied_J
+        self.slack_min = math.inf
 
     @property
     def observed(self) -> Observed | None:
@@ -48,19 +45,14 @@ class EnvironmentAccount:
 
     def observe(self, work: float, position: Sequence[float]) -> None:
         """A step has ended at `position` (n,) [m]; `work` is the sum of f . vhat T since the start [J]."""
-        surroundings = self._surroundings
-        self.stored_J = stored = surroundings.stored_J(position)
-        self.supplied_J = supplied = surroundings.supplied_J - self._supplied_at_start_J
-        slack = supplied - work - (stored - self._start_J)
-        if not slack >= self.slack_min and not math.isnan(self.slack_min):  # NaN stays: then the account is not known
-            self.slack_min = slack
+        settle(self, work, self._surroundings.stored_J(position), self._surroundings.supplied_J)
 
-    def state(self) -> AccountState:
-        """What `restore` takes."""
-        return AccountState(
-            self._start_J, self._supplied_at_start_J, self.stored_J, self.supplied_J, self.slack_min
-        )  # fmt: skip
 
-    def restore(self, state: AccountState) -> None:
-        """Go on from there."""
-        self._start_J, self._supplied_at_start_J, self.stored_J, self.supplied_J, self.slack_min = state
+@equation
+def settle(account: EnvironmentAccount, work: float, stored: float, supplied: float) -> None:
+    """As `EnvironmentAccount.observe`, with what the surroundings store and have been supplied [J]."""
+    account.stored_J = stored
+    account.supplied_J = supplied - account.supplied_at_start_J
+    slack = account.supplied_J - work - (stored - account.start_J)
+    if not slack >= account.slack_min and not math.isnan(account.slack_min):  # NaN stays: the account is not known
+        account.slack_min = slack

@@ -26,18 +26,23 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import hypot, inf, isfinite, sqrt
 from operator import mul
-from typing import NamedTuple
+from typing import Annotated
 
 import numpy as np
 
 from hapnet import checks
-from hapnet.checks import MOST_PLANES, Array, Vector
+from hapnet.checks import Array, Vector
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.plane import Plane
 from hapnet.params import WallParams
 from hapnet.plant.worlds.coupled import Contact, compliance, solve
 from hapnet.plant.worlds.protocol import Inverse
 from hapnet.records.equation import equation
+from hapnet.records.record import AXES, PLANES, FloatRows, Floats, OfAxes, Reals, Record, Wholes
+from hapnet.records.vectors import dot
+
+MOST = 8
+"""The most walls, and axes of walls, of a compiled scene."""
 
 _WALL = WallParams()
 WALL_STIFFNESS, WALL_DAMPING = _WALL.stiffness, _WALL.damping
@@ -88,25 +93,31 @@ class Wall:
         return np.broadcast_to(self.normal, positions.shape)
 
 
-class Face(NamedTuple):
+class Face(Record):
     """One end of an axis: its position along the axis [m], K_w [N/m], B_w [Ns/m]."""
 
     at: float
     stiffness: float
     damping: float
 
+    def __init__(self, at: float, stiffness: float, damping: float) -> None:
+        self.at, self.stiffness, self.damping = at, stiffness, damping
+
 
 _NOWHERE = Face(-inf, 0.0, 0.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Axis:
+class Axis(Record):
     """The walls that share one normal: free for ``lower.at <= q <= upper.at`` with ``q = normal . x``."""
 
-    normal: Vector
+    normal: Annotated[Vector, (AXES,)]
     upper: Face
     lower: Face
 
+    def __init__(self, normal: Vector, upper: Face, lower: Face) -> None:
+        self.normal, self.upper, self.lower = normal, upper, lower
+
+    @equation
     def force(self, q: float, w: float, a: float, dt: float) -> float:
         """Force along the normal [N] over a step from coordinate `q` [m], with velocity `w` [m/s] without contact.
 
@@ -120,10 +131,14 @@ class Axis:
             return -entering(self.upper, self.upper.at - q, w, a, dt)
         return entering(self.lower, q - self.lower.at, -w, a, dt)
 
+    @equation
     def potential_J(self, q: float) -> float:
         """Energy stored in the axis's springs at coordinate `q` [m]."""
         above, below = max(0.0, q - self.upper.at), max(0.0, self.lower.at - q)
         return 0.5 * (self.upper.stiffness * above * above + self.lower.stiffness * below * below)
+
+
+_force, _potential = Axis.force, Axis.potential_J
 
 
 @equation
@@ -174,7 +189,7 @@ def _positive_root(a: float, b: float, c: float) -> float:
     return (root - b) / (2.0 * a)
 
 
-class Contacts:
+class Contacts(Record):
     """The `Surroundings` of walls that act on one mass, grouped into axes that are solved independently.
 
     Parameters
@@ -182,30 +197,49 @@ class Contacts:
     walls : the walls, all of the same dimension. Two may be parallel only as opposite faces with a gap between them.
     dof : the dimension n; needed only without walls.
 
+    Attributes
+    ----------
+    axes, lines : the axes, and their number. faces : the number of walls; normals, offsets, stiffnesses : of each.
+    supplied_J : zero, as no wall moves. near : the numbers of walls that `nearest` has found.
+    response, taken : room for what `solve` and `nearest` compute.
+
     Raises InvalidParameter if dimensions differ, or if parallel walls overlap or face the same direction.
     """
 
+    dof: int
+    lines: int
+    axes: Annotated[Sequence[Axis], (MOST,)]
+    faces: int
+    normals: Annotated[FloatRows, (MOST, AXES)]
+    offsets: Annotated[Floats, (MOST,)]
+    stiffnesses: Annotated[Floats, (MOST,)]
+    supplied_J: float
+    near: Annotated[Wholes, (PLANES,)]
+    taken: Annotated[Wholes, (MOST,)]
+    response: OfAxes
+
     def __init__(self, walls: Sequence[Wall], dof: int | None = None) -> None:
+        super().__init__()
         self.walls: tuple[Wall, ...] = tuple(walls)
         if dof is None and not self.walls:
             raise InvalidParameter("dof", dof, "the number of degrees of freedom, because without walls it is unknown")
-        self.dof: int = len(self.walls[0].normal) if dof is None else dof
+        self.dof = len(self.walls[0].normal) if dof is None else dof
         for i, wall in enumerate(self.walls):
             if len(wall.normal) != self.dof:
                 raise InvalidParameter(
                     f"walls[{i}].normal", wall.normal, f"{self.dof} numbers, one for each degree of freedom"
                 )
-        self.supplied_J: float = 0.0
-        """Zero: no wall moves."""
         self.separate: bool = True
         """Are all axes independent, for the A that `require_separate` has seen?"""
         self._units = [tuple([float(i == j) for j in range(self.dof)]) for i in range(self.dof)]
-        self.axes: tuple[Axis, ...] = self._axes()
-        self.spans: tuple[tuple[Axis, Vector, float, float], ...] = tuple(
-            (axis, axis.normal, axis.lower.at, axis.upper.at) for axis in self.axes
-        )
+        self.axes = self._axes()
+        self.lines, self.faces = len(self.axes), len(self.walls)
+        self.normals = [list(wall.normal) for wall in self.walls]
+        self.offsets = [wall.offset for wall in self.walls]
+        self.stiffnesses = [wall.stiffness for wall in self.walls]
+        self.taken, self.response = [0] * self.faces, [0.0] * self.dof
 
-    def _axes(self) -> tuple[Axis, ...]:
+    def _axes(self) -> list[Axis]:
         axes: list[Axis] = []
         first: list[int] = []  # index of the first wall of each axis
         for i, wall in enumerate(self.walls):
@@ -226,17 +260,19 @@ class Contacts:
             else:
                 axes.append(Axis(wall.normal, Face(wall.offset, wall.stiffness, wall.damping), _NOWHERE))
                 first.append(i)
-        return tuple(axes)
+        return axes
 
-    def penetration(self, position: Sequence[float]) -> float:
+    @equation
+    def penetration(self, position: Reals) -> float:
         """Depth [m] of `position` (n,) in the wall where it is deepest; 0 outside all walls."""
         deepest = 0.0
-        for _, normal, low, high in self.spans:
-            q = sum(map(mul, normal, position))
-            if q - high > deepest:
-                deepest = q - high
-            elif low - q > deepest:
-                deepest = low - q
+        for k in range(self.lines):
+            axis = self.axes[k]
+            q = dot(self.dof, axis.normal, position)
+            if q - axis.upper.at > deepest:
+                deepest = q - axis.upper.at
+            elif axis.lower.at - q > deepest:
+                deepest = axis.lower.at - q
         return deepest
 
     def plane(self, position: Sequence[float]) -> Plane | None:
@@ -248,13 +284,35 @@ class Contacts:
 
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...]:
         """The walls at `position` (n,) [m], or within `reach_m` [m] of it: at most four, the deepest first."""
-        depths = [(-wall.penetration(position), index) for index, wall in enumerate(self.walls)]
-        near = [self.walls[index] for distance, index in sorted(depths)[:MOST_PLANES] if distance <= reach_m]
+        near = [self.walls[k] for k in self.near[: self.nearest(position, reach_m)]]
         return tuple([Plane(wall.normal, wall.offset, wall.stiffness, wall.damping) for wall in near])
 
-    def stored_J(self, position: Sequence[float]) -> float:
+    @equation
+    def nearest(self, position: Reals, reach_m: float) -> int:
+        """How many walls `planes` tells; their numbers are in `near`."""
+        found = 0
+        for k in range(self.faces):
+            self.taken[k] = 0
+        for _ in range(min(PLANES, self.faces)):
+            nearest, least = -1, 0.0
+            for k in range(self.faces):
+                if not self.taken[k]:
+                    away = -(dot(self.dof, self.normals[k], position) - self.offsets[k])
+                    if nearest < 0 or away < least:
+                        nearest, least = k, away
+            self.taken[nearest] = 1
+            if least <= reach_m:
+                self.near[found] = nearest
+                found += 1
+        return found
+
+    @equation
+    def stored_J(self, position: Reals) -> float:
         """Energy stored in all springs at `position` (n,) [m]."""
-        return sum(axis.potential_J(sum(map(mul, axis.normal, position))) for axis in self.axes)
+        total = 0.0
+        for k in range(self.lines):
+            total += _potential(self.axes[k], dot(self.dof, self.axes[k].normal, position))
+        return total
 
     def require_outside(self, position: Sequence[float]) -> None:
         """Raise InvalidParameter if `position` (n,) is inside a wall: starting there would create energy."""
@@ -290,19 +348,13 @@ class Contacts:
         -------
         (n,) force [N] and (n,) velocity vhat [m/s], with A vhat = c + force.
         """
-        force = [0.0] * len(velocity)
-        vhat = velocity
         if not self.separate:
             return self._solve_together(dt, position, velocity, inverse)
-        for axis, normal, low, high in self.spans:
-            q = sum(map(mul, normal, position))
-            w = sum(map(mul, normal, velocity))
-            if low <= q <= high and low <= q + dt * w <= high:
-                continue
-            response = inverse(normal)
-            f = axis.force(q, w, 1.0 / sum(map(mul, normal, response)), dt)
-            force = [g + f * n for g, n in zip(force, normal, strict=True)]
-            vhat = [v + f * r for v, r in zip(vhat, response, strict=True)]
+        force, vhat = [0.0] * self.dof, velocity.copy()
+        for k in range(self.lines):
+            if meets(self, k, dt, position, velocity):
+                self.response[:] = inverse(self.axes[k].normal)
+                push(self, k, dt, position, velocity, force, vhat)
         return force, vhat
 
     def _solve_together(
@@ -316,6 +368,29 @@ class Contacts:
         for contact, push in zip(contacts, solve(contacts, velocity, C, dt), strict=True):
             force = [f + push * n for f, n in zip(force, contact.normal, strict=True)]
         return force, [v + r for v, r in zip(velocity, inverse(tuple(force)), strict=True)]
+
+
+@equation
+def meets(contacts: Contacts, k: int, dt: float, x: Reals, free: Reals) -> bool:
+    """Does axis k act in a step that has the velocity `free` [m/s] without contact?"""
+    axis = contacts.axes[k]
+    low, high, q = axis.lower.at, axis.upper.at, dot(contacts.dof, axis.normal, x)
+    return not (low <= q <= high and low <= q + dt * dot(contacts.dof, axis.normal, free) <= high)
+
+
+@equation
+def push(contacts: Contacts, k: int, dt: float, x: Reals, free: Reals, force: Floats, vhat: Floats) -> None:
+    """Add its force [N], and what that does to vhat; `response` is A^-1 times its normal."""
+    n, axis, response = contacts.dof, contacts.axes[k], contacts.response
+    normal = axis.normal
+    f = _force(axis, dot(n, normal, x), dot(n, normal, free), 1.0 / dot(n, normal, response), dt)
+    for i in range(n):
+        force[i] = force[i] + f * normal[i]
+        vhat[i] = vhat[i] + f * response[i]
+
+
+penetration, nearest, stored = Contacts.penetration, Contacts.nearest, Contacts.stored_J
+"""As equations call them."""
 
 
 def _same_direction(one: Vector, other: Vector) -> bool:

@@ -10,10 +10,10 @@ from hapnet.couplings.set_position import PSPM, ZOH
 from hapnet.kernel import sources
 from hapnet.params import Params
 from hapnet.plant.worlds.scene import Scene
-from hapnet.plant.worlds.walls import Contacts
+from hapnet.plant.worlds.walls import MOST, Contacts
+from hapnet.records.record import AXES
 from netem import LinkProfile
 
-_MOST_AXES, _MOST_WALLS = 3, 8
 _MOST_BURST_J, _MOST_POWER_W = 4.0, 500.0  # in aJ, and over a step of the admission, they must fit 63 bits
 
 
@@ -93,7 +93,7 @@ def _of_scene(setup: Setup) -> Iterator[str]:
     scene = setup.scene
     if type(scene) is not Scene or type(scene.contacts) is not Contacts:
         yield f"the scene {setup.params.scene}"
-    elif scene.dof > _MOST_AXES or len(scene.walls) > _MOST_WALLS:
+    elif scene.dof > AXES or len(scene.walls) > MOST:
         yield f"a scene with {scene.dof} axes and {len(scene.walls)} walls"
     elif not scene.contacts.separate:
         yield "walls that act on one another"

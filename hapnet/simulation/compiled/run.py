@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hapnet.kernel import sources, two_port
+from hapnet.control.two_port import TwoPort
+from hapnet.kernel import sources
 from hapnet.kernel.device import TICKS
 from hapnet.kernel.energy_channel import NEVER
-from hapnet.kernel.memory import bare, give_back, new, plain
+from hapnet.kernel.memory import bare, give_back, load, new, plain, store
 from hapnet.kernel.simulation import (
     DEVICE_TIMER,
     DONE,
@@ -35,16 +35,11 @@ from hapnet.side.endpoint import NANO
 from hapnet.simulation.compiled import device, wire, world
 from hapnet.simulation.compiled.coverage import OUT_OF_RANGE, NotCompiledError
 from hapnet.simulation.compiled.link import CompiledLink
-from hapnet.simulation.compiled.mirror import replace, value
-from hapnet.simulation.two_port import TwoPort
+from hapnet.simulation.compiled.mirror import value
 
 if TYPE_CHECKING:
     from hapnet.simulation.simulation import Simulation
 
-_PORT = {
-    "lowest": "lowest", "at_device": "device", "device_low": "device_low", "device_lowest": "device_lowest",
-    "at_world": "world", "before": "before", "open": "open",
-}  # fmt: skip
 _DEVICE_VECTORS = (
     "position_m", "set_position_m", "target_m", "force_N", "operator_force_N", "operator_target_m", "spring_force_N",
     "damper_force_N", "model_force_N", "added_damping_force_N", "velocity_mps",
@@ -108,7 +103,7 @@ class CompiledRun:
         wire.read_wire(scenario.device_wire, simulation.device_endpoint, proxies=False)
         wire.read_wire(scenario.world_wire, simulation.world_endpoint, proxies=self._proxies)
         for record, port in self._ports():
-            _read_port(record, port)
+            store(record, port)
         due = (simulation.up.next_due_ns, simulation.down.next_due_ns,
                simulation.device_endpoint.next_due_ns, simulation.world_endpoint.next_due_ns,
                simulation.step_due_ns, simulation.tick_ns)  # fmt: skip
@@ -128,9 +123,9 @@ class CompiledRun:
             self._run_to(self._later_ns)
             self._later_ns = NEVER
             for record, port in self._ports():
-                _write_port(record, port)
+                load(port, record)
                 port.begin()
-                _read_port(record, port)
+                store(record, port)
         self._run_to(end_ns)
         self._simulation.now_ns = self._scenario.clock.now_ns = end_ns
 
@@ -141,7 +136,7 @@ class CompiledRun:
                     raise NotCompiledError(OUT_OF_RANGE)
                 self._provide()
 
-    def _ports(self) -> list[tuple[two_port.TwoPort, TwoPort]]:
+    def _ports(self) -> list[tuple[TwoPort, TwoPort]]:
         """Both ports, in the kernel and in the simulation; with one kind of servo they are the same."""
         simulation, scenario = self._simulation, self._scenario
         ports = [(scenario.two_port, simulation.two_port), (scenario.hand_port, simulation.hand)]
@@ -167,7 +162,7 @@ class CompiledRun:
         wire.write_wire(scenario.device_wire, simulation.device_endpoint)
         wire.write_wire(scenario.world_wire, simulation.world_endpoint)
         for record, port in self._ports():
-            _write_port(record, port)
+            load(port, record)
         simulation.resume(int(clock.now_ns), int(clock.due[STEP]), int(clock.due[TICK]))
         give_back(scenario, Scenario)
 
@@ -219,15 +214,3 @@ def _columns(
     for k, name in enumerate(scalars, len(vectors) * n):
         found[name] = rows[:count, k].copy()
     return {name: found[name] for name in kind._fields}
-
-
-def _read_port(record: two_port.TwoPort, port: TwoPort) -> None:
-    for field, name in _PORT.items():
-        found = value(port, name)
-        setattr(record, field, math.nan if found is None else found)
-
-
-def _write_port(record: two_port.TwoPort, port: TwoPort) -> None:
-    for field, name in _PORT.items():
-        found = getattr(record, field)
-        replace(port, name, None if math.isnan(found) and field in ("before", "open") else found)

@@ -1,0 +1,84 @@
+"""Theorem 1 as a run goes on: the energy put in at both ports, in virtual time."""
+
+from __future__ import annotations
+
+import math
+
+from hapnet.records.equation import equation
+from hapnet.records.record import Record
+
+
+class TwoPort(Record):
+    """Theorem 1 over both ports: the minimum over time of the energy put in at both, plus d^2.
+
+    For every time T the world's sum includes the step that has begun by then. A step's work is known only at its end.
+    So each step is paired with the smallest work of the device's port since it began, both with and without that step.
+
+    Attributes
+    ----------
+    least : the minimum up to the running step [J]. at_device, at_world : the ports' W. device_low : the device's lowest
+        since the running step began; device_least : up to there.
+    before : the minimum up to the end of the start; NaN: that is still to come. open : the device's lowest in the step
+        in which the start ended, up to there; NaN: no such step runs.
+    """
+
+    least: float
+    at_device: float
+    device_low: float
+    device_least: float
+    at_world: float
+    before: float
+    open: float
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.before = self.open = math.nan
+
+    def begin(self) -> None:
+        """End the start: `later` counts from now on."""
+        self.before, self.device_least = self.lowest, self.device_lowest
+        self.open = self.device_low
+        self.least, self.device_low = math.inf, self.at_device
+
+    @property
+    def lowest(self) -> float:
+        """The minimum so far [J]. The running step counts without its work, which is not known yet."""
+        least = min(self.least, self.device_low + self.at_world)
+        return least if math.isnan(self.before) else min(least, self.before)
+
+    @property
+    def later(self) -> float | None:
+        """The minimum since the start ended [J]; None: it has not ended."""
+        return None if math.isnan(self.before) else min(self.least, self.device_low + self.at_world)
+
+    @property
+    def now(self) -> float:
+        """The energy put in at both ports so far [J]."""
+        return self.at_device + self.at_world
+
+    @property
+    def device_lowest(self) -> float:
+        """The minimum of the device's port alone so far [J]."""
+        return min(self.device_least, self.device_low)
+
+    @equation
+    def device(self, work: float) -> None:
+        """Set the device port's W so far [J]."""
+        self.at_device = work
+        if work < self.device_low:
+            self.device_low = work
+
+    @equation
+    def world(self, work: float) -> None:
+        """Set the world port's W so far, including its last step [J]."""
+        if not (math.isnan(self.before) or math.isnan(self.open)):
+            self.before = min(self.before, self.open + work)
+            self.open = math.nan
+        self.least = min(self.least, self.device_low + self.at_world, self.device_low + work)
+        self.device_least = min(self.device_least, self.device_low)
+        self.at_world = work
+        self.device_low = self.at_device
+
+
+on_device, on_world = TwoPort.device, TwoPort.world
+"""As equations call them."""
