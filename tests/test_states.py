@@ -10,6 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapnet.control.ledger import Ledger
+from hapnet.kernel.memory import store
+from hapnet.records.record import fields
 from hapnet.simulation.two_port import TwoPort
 from hapnet.wire.energy_channel import EnergyChannel
 from hapnet.wire.peer_monitor import PeerMonitor
@@ -36,16 +38,13 @@ def test_a_channel(before: list[tuple[float, ...]], after: list[tuple[float, ...
         for wait_ms, energy, received, acked in moments:
             now_ns += int(wait_ms) * MS
             c.send(energy)
-            announced = c.state().announced_nJ
-            seen += [c.receive(int(received * 1e7), int(acked * announced), now_ns), c.poll(now_ns), c.next_due_ns]
+            seen += [c.receive(int(received * 1e7), int(acked * c.announced_nJ), now_ns), c.poll(now_ns), c.next_due_ns]
             seen += [c.sent_nJ, c.acked_nJ, c.residue_J, c.rto.rto_ns, c.unanswered_ns(now_ns), now_ns]
         return seen
 
     first, second = channel(), channel()
     now_ns = run(first, before, 0)[-1] if before else 0
-    second.restore(first.state())
-    second.rto.restore(first.rto.state())
-    second.admission.restore(first.admission.state())
+    store(second, first)
     assert run(second, after, now_ns) == run(first, after, now_ns)
 
 
@@ -58,11 +57,11 @@ def test_a_ledger(before: list[tuple[float, ...]], after: list[tuple[float, ...]
             ledger.credit(credited)
             ledger.send(sent)
             ledger.observe(stored, reservoir)
-        return [getattr(ledger, name) for name in Ledger.__slots__]
+        return [getattr(ledger, name) for name in fields(Ledger)]
 
     first, second = Ledger(0.1, 0.2), Ledger(0.0, 0.0)
     run(first, before)
-    second.restore(first.state())
+    store(second, first)
     assert run(second, after) == run(first, after)
 
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated
 
-from hapnet.kernel import energy_channel as channels
 from hapnet.kernel import link as links
 from hapnet.kernel import path as paths
-from hapnet.kernel.energy_channel import EnergyChannel
 from hapnet.kernel.link import ENERGY, STREAM, Link, Message
 from hapnet.kernel.path import DOUBTFUL, LATE, NEW, Path
 from hapnet.records.equation import equation
 from hapnet.records.record import Record, Wholes
+from hapnet.wire import energy_channel as channels
+from hapnet.wire.energy_channel import EnergyChannel
 from hapnet.wire.fields import MAX_COORDINATE
 
 _MAX_COORDINATE = MAX_COORDINATE
@@ -135,11 +135,11 @@ def _put(wire: Wire, message: Message, now_ns: int, took_ns: int) -> None:
 def poll(wire: Wire, link: Link, now_ns: int) -> None:
     """`WireHalf.poll`, into the link: the energy that is due."""
     credit(wire, channels.admit(wire.channel, now_ns))
-    channel = wire.channel
-    if channels.poll(channel, now_ns):
+    total_nJ = channels.poll(wire.channel, now_ns)
+    if total_nJ >= 0:
         message = links.spare(link, 1)
         message.kind, message.planes = ENERGY, 0
-        message.total_nJ, message.acked_nJ = channel.total_nJ, channel.message_acked_nJ
+        message.total_nJ, message.acked_nJ = total_nJ, wire.channel.credited_nJ
         message.octets = wire.endpoint.energy_bytes + _width(message.total_nJ) + _width(message.acked_nJ)
         links.send(link, now_ns, message)
 

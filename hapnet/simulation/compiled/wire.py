@@ -8,21 +8,16 @@ from typing import Any
 from hapnet.control.coupling import Proxy, level_of, vector_of
 from hapnet.histogram import Histogram
 from hapnet.kernel import endpoint as endpoints
-from hapnet.kernel import energy_channel as channels
 from hapnet.kernel import path as paths
-from hapnet.kernel.energy_channel import NEVER
 from hapnet.kernel.link import Message
-from hapnet.kernel.memory import plain
+from hapnet.kernel.memory import load, plain, store
 from hapnet.side.endpoint import NANO, DeviceEndpoint, WorldEndpoint
 from hapnet.side.packet import FRAME_OVERHEAD
 from hapnet.simulation.compiled.mirror import number, optional, put, read, replace, value, write
-from hapnet.wire.energy_channel import ChannelState, EnergyChannel
 from hapnet.wire.fields import LEVEL, REACH
 from hapnet.wire.messages import Energy, Position, encode
 from hapnet.wire.messages import Proxy as ProxyMessage
-from hapnet.wire.rto import RtoState
 from hapnet.wire.session import Session
-from hapnet.wire.token_bucket import BucketState
 
 _NUMBERING = {
     "least_ns": "least_ns", "newest": "newest", "run_heard_ns": "heard_ns", "mean_ns": "mean_ns",
@@ -62,7 +57,7 @@ def read_wire(wire: endpoints.Wire, endpoint: Endpoint, *, proxies: bool) -> Non
     waiting = list(value(endpoint, "credits"))
     put(wire, "credits_nJ", waiting)
     record.credits = len(waiting)
-    _channel(wire.channel, session.channel)
+    store(wire.channel, session.channel)
     _path(wire.path, session)
 
 
@@ -94,7 +89,7 @@ def write_wire(record: endpoints.Wire, endpoint: Endpoint) -> None:
     if side.stale:
         word = session.settings.expects.__name__.lower()
         session.dropped_for["stale"] = f"{word} {side.last_stale} comes after a later one"
-    _write_channel(record.channel, session.channel)
+    load(session.channel, record.channel)
     _write_path(record.path, session)
 
 
@@ -123,55 +118,6 @@ def _least_sizes(my_bits: int, peer_bits: int, dof: int, proxies: bool) -> tuple
     bare, energy = size({}), len(encode(Energy(me, peer, 0, 0)))
     plane = size({}, ((still, 0.0, 1.0, 0.0, 0.0),)) - bare
     return FRAME_OVERHEAD + bare, size({LEVEL: 0.0}) - bare, plane, FRAME_OVERHEAD + energy - 2
-
-
-def _channel(record: channels.EnergyChannel, channel: EnergyChannel) -> None:
-    state = channel.state()
-    names = "sent_nJ acked_nJ credited_nJ residue_J announced_nJ claimed_nJ spaced_ns"
-    read(record, state, names)
-    record.retransmit_ns = NEVER if state.retransmit_ns is None else state.retransmit_ns
-    record.ack_ns = NEVER if state.ack_ns is None else state.ack_ns
-    if state.asked is not None:
-        record.asks, (record.asked_ns, record.asked_nJ) = 1, state.asked
-    record.timed = len(state.timed)
-    put(record, "timed_nJ", [total for total, _ in state.timed])
-    put(record, "timed_ns", [sent_ns for _, sent_ns in state.timed])
-    read(record, channel, "spacing_ns ack_delay_ns")
-    bucket, rto = channel.admission, channel.rto
-    record.most_waiting_nJ = bucket.most_waiting_nJ
-    read(record, bucket, "rate_nW burst_aJ")
-    record.level_aJ, filled_ns = bucket.state()
-    optional(record, "filled_ns", "filled", filled_ns)
-    read(record, rto, "floor_ns ceiling_ns")
-    record.base_ns, record.backed_off, srtt_ns, record.rttvar_ns = rto.state()
-    record.srtt_ns = -1 if srtt_ns is None else srtt_ns
-
-
-def _write_channel(record: channels.EnergyChannel, channel: EnergyChannel) -> None:
-    length = len(record.timed_nJ)
-    order = [(int(record.first) + k) % length for k in range(int(record.timed))]
-    channel.restore(
-        ChannelState(
-            sent_nJ=int(record.sent_nJ),
-            acked_nJ=int(record.acked_nJ),
-            credited_nJ=int(record.credited_nJ),
-            residue_J=float(record.residue_J),
-            announced_nJ=int(record.announced_nJ),
-            claimed_nJ=int(record.claimed_nJ),
-            timed=tuple((int(record.timed_nJ[k]), int(record.timed_ns[k])) for k in order),
-            spaced_ns=int(record.spaced_ns),
-            retransmit_ns=_moment(record.retransmit_ns),
-            ack_ns=_moment(record.ack_ns),
-            asked=(int(record.asked_ns), int(record.asked_nJ)) if record.asks else None,
-        )
-    )
-    srtt_ns = None if record.srtt_ns < 0 else int(record.srtt_ns)
-    channel.rto.restore(RtoState(int(record.base_ns), int(record.backed_off), srtt_ns, int(record.rttvar_ns)))
-    channel.admission.restore(BucketState(int(record.level_aJ), int(record.filled_ns) if record.filled else None))
-
-
-def _moment(at_ns: int) -> int | None:
-    return None if at_ns == NEVER else int(at_ns)
 
 
 def _path(record: paths.Path, session: Session) -> None:
