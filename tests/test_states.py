@@ -14,7 +14,6 @@ from hapnet.kernel.memory import store
 from hapnet.records.record import fields
 from hapnet.simulation.two_port import TwoPort
 from hapnet.wire.energy_channel import EnergyChannel
-from hapnet.wire.peer_monitor import PeerMonitor
 from hapnet.wire.token_bucket import TokenBucket
 from netem.stats import BINS, DelayHistogram, Delays, bin_of
 
@@ -82,27 +81,6 @@ def test_both_ports(before: list[tuple[str, float]], after: list[tuple[str, floa
     run(first, before)
     second.restore(first.state())
     assert run(second, after) == run(first, after)
-
-
-@given(st.lists(st.tuples(st.integers(1, 100), st.integers(1, 5)), min_size=2, max_size=30), st.integers(1, 29))
-def test_what_others_heard_for_a_monitor(positions: list[tuple[int, int]], alone: int) -> None:
-    """Positions so many ms and numbers apart, with no silence of more than 100 ms."""
-    all_alone, helped = (PeerMonitor(100 * MS) for _ in range(2))
-    all_alone.begin(0)
-    helped.begin(0)
-    now_ns = number = 0
-    for k, (wait_ms, step) in enumerate(positions):
-        now_ns, number = now_ns + wait_ms * MS, number + step
-        all_alone.on_position(now_ns, step)
-        if k < alone:
-            helped.on_position(now_ns, step)
-    rest = positions[alone:]
-    if rest:
-        helped.resume(now_ns, number, len(rest), sum(step - 1 for _, step in rest))
-        assert helped.numbers.newest == number
-    end_ns = now_ns + 150 * MS
-    assert helped.outages(end_ns) == all_alone.outages(end_ns)
-    assert [helped.living(now_ns + ms * MS) for ms in (499, 501)] == [True, False]
 
 
 @given(*[st.lists(st.integers(0, 10**12), min_size=1, max_size=40)] * 2)

@@ -101,7 +101,7 @@ def tick(side: DeviceSide, wire: Wire, counts: Counts, hand: Hand, now_ns: int, 
         return False
     copy(side.plant.n, side.plant.read_position, message.position)
     message.planes, message.reach_m, message.level = 0, -1.0, side.coupling.level
-    finish(wire.endpoint, message, now_ns)
+    finish(wire, message, now_ns)
     return True
 
 
@@ -257,7 +257,7 @@ def step(side: WorldSide, wire: Wire, counts: Counts, now_ns: int, message: Mess
     couplings.update(coupling, side.spring, ledger, side.stages, dt, mass.x, mass.dissipated, 0.0)
     ledgers.observe(ledger, kinetic + couplings.potential(coupling, side.spring, mass.x), coupling.account)
     message.level = coupling.level
-    finish(wire.endpoint, message, now_ns)
+    finish(wire, message, now_ns)
     if side.predicted.overflow:
         wire.endpoint.impossible = 1
     counts.steps += 1
