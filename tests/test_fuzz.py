@@ -150,7 +150,7 @@ def test_a_credit_given_twice_is_noticed(monkeypatch: pytest.MonkeyPatch) -> Non
 def test_a_total_taken_for_an_amount_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     def trusting(self: EnergyChannel, total_nJ: int, acked_nJ: int, now_ns: int) -> int:
         self.acknowledge(acked_nJ, now_ns)
-        self._claimed_nJ += total_nJ
+        self.claimed_nJ += total_nJ
         return self.admit(now_ns)
 
     monkeypatch.setattr(EnergyChannel, "receive", trusting)

@@ -29,7 +29,7 @@ PURE_NETEM = {  # all that a link in virtual time consists of
 LONGEST = 420
 MOST_ATTRIBUTES = 20
 
-BASE = {"errors", "checks", "params", "law_params", "param_values", "param_schema", "loading", "versions", "histogram"}
+BASE = {"errors", "checks", "params", "law_params", "param_values", "param_schema", "loading", "versions"}
 BELOW_ASSEMBLY = {"records", "mechanics", "control", "plant", "wire", "recording", "side", "couplings", "metrics"}
 MAY_IMPORT = {  # a package, and what it may know beside itself and the base
     "records": set(),
@@ -45,7 +45,7 @@ MAY_IMPORT = {  # a package, and what it may know beside itself and the base
     "devices": {"plant"},
     "assembly": BELOW_ASSEMBLY | {"devices"},
     "summary": BELOW_ASSEMBLY,
-    "transport": {"wire"},
+    "transport": {"records", "wire"},
     "simulation": BELOW_ASSEMBLY | {"assembly", "summary", "kernel", "report"},  # a result draws itself
     "realtime": BELOW_ASSEMBLY | {"assembly", "summary", "transport"},
     "report": BELOW_ASSEMBLY | {"assembly", "summary"},

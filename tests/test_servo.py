@@ -154,10 +154,10 @@ def test_bins_hold_every_value_no_lower_than_it_was_and_a_32nd_higher_at_most() 
 def test_histogram_does_not_grow_and_takes_any_integer() -> None:
     histogram = Histogram()
     assert histogram.quantile(0.5) is None
-    size = len(histogram._counts)
+    size = len(histogram.counts)
     for value in (-5, 0, 2**42 - 1, 2**42, 2**80):
         histogram.add(value)
-    assert len(histogram._counts) == size
+    assert len(histogram.counts) == size
     assert histogram.total == 5
     assert histogram.quantile(0.2) == 0
     assert histogram.quantile(1.0) == histogram.max == 2**80

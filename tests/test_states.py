@@ -14,7 +14,6 @@ from hapnet.control.two_port import TwoPort
 from hapnet.kernel.memory import load, new, store
 from hapnet.records.record import Record
 from hapnet.wire.energy_channel import EnergyChannel
-from hapnet.wire.peer_monitor import PeerMonitor
 from hapnet.wire.token_bucket import TokenBucket
 from netem.stats import BINS, DelayHistogram, Delays, bin_of
 
@@ -45,16 +44,13 @@ def test_a_channel(before: list[tuple[float, ...]], after: list[tuple[float, ...
         for wait_ms, energy, received, acked in moments:
             now_ns += int(wait_ms) * MS
             c.send(energy)
-            announced = c.state().announced_nJ
-            seen += [c.receive(int(received * 1e7), int(acked * announced), now_ns), c.poll(now_ns), c.next_due_ns]
+            seen += [c.receive(int(received * 1e7), int(acked * c.announced_nJ), now_ns), c.poll(now_ns), c.next_due_ns]
             seen += [c.sent_nJ, c.acked_nJ, c.residue_J, c.rto.rto_ns, c.unanswered_ns(now_ns), now_ns]
         return seen
 
     first, second = channel(), channel()
     now_ns = run(first, before, 0)[-1] if before else 0
-    second.restore(first.state())
-    second.rto.restore(first.rto.state())
-    second.admission.restore(first.admission.state())
+    store(second, first)
     assert run(second, after, now_ns) == run(first, after, now_ns)
 
 
@@ -92,27 +88,6 @@ def test_both_ports(before: list[tuple[str, float]], after: list[tuple[str, floa
     run(first, before)
     hand_over(first, second)
     assert run(second, after) == run(first, after)
-
-
-@given(st.lists(st.tuples(st.integers(1, 100), st.integers(1, 5)), min_size=2, max_size=30), st.integers(1, 29))
-def test_what_others_heard_for_a_monitor(positions: list[tuple[int, int]], alone: int) -> None:
-    """Positions so many ms and numbers apart, with no silence of more than 100 ms."""
-    all_alone, helped = (PeerMonitor(100 * MS) for _ in range(2))
-    all_alone.begin(0)
-    helped.begin(0)
-    now_ns = number = 0
-    for k, (wait_ms, step) in enumerate(positions):
-        now_ns, number = now_ns + wait_ms * MS, number + step
-        all_alone.on_position(now_ns, step)
-        if k < alone:
-            helped.on_position(now_ns, step)
-    rest = positions[alone:]
-    if rest:
-        helped.resume(now_ns, number, len(rest), sum(step - 1 for _, step in rest))
-        assert helped.numbers.newest == number
-    end_ns = now_ns + 150 * MS
-    assert helped.outages(end_ns) == all_alone.outages(end_ns)
-    assert [helped.living(now_ns + ms * MS) for ms in (499, 501)] == [True, False]
 
 
 @given(*[st.lists(st.integers(0, 10**12), min_size=1, max_size=40)] * 2)

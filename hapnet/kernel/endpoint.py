@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated
 
-from hapnet.kernel import energy_channel as channels
 from hapnet.kernel import link as links
-from hapnet.kernel import path as paths
-from hapnet.kernel.energy_channel import EnergyChannel
 from hapnet.kernel.link import ENERGY, STREAM, Link, Message
-from hapnet.kernel.path import DOUBTFUL, LATE, NEW, Path
 from hapnet.records.equation import equation
 from hapnet.records.record import Record, Wholes
+from hapnet.wire import energy_channel as channels
+from hapnet.wire.energy_channel import EnergyChannel
 from hapnet.wire.fields import MAX_COORDINATE
+from hapnet.wire.numbering import DOUBTFUL, LATE
+from hapnet.wire.path import Path, arrive
+from hapnet.wire.peer_monitor import PeerMonitor, on_any_message
 
 _MAX_COORDINATE = MAX_COORDINATE
 
@@ -26,7 +27,6 @@ class Endpoint(Record):
 
     first, waiting, backlog : the samples that wait for the next tick are a ring. credits_J : shuffled energy that waits
     for it, a sum. has_credit : is there any?
-    echo_ns, came_ns : the stamps that its messages echo: of the message that came last.
     used_ns, used_came_ns, took_ns : of the newest sample in use; took_ns below 0: there is none.
     proxies, accepts_stale : does it send, and accept, such messages?
     stream_bytes, energy_bytes : the least size of its messages. plane_bytes, level_bytes : what each plane, and the
@@ -40,8 +40,6 @@ class Endpoint(Record):
     backlog: int
     credits: int
     next_sequence: int
-    echo_ns: int
-    came_ns: int
     used_ns: int
     used_came_ns: int
     took_ns: int
@@ -58,11 +56,12 @@ class Endpoint(Record):
 
 
 class Wire(Record):
-    """An endpoint with its channel, what it knows of the path, the samples that wait, when they came and how long they
-    took [ns], and the credits that wait [nJ]."""
+    """An endpoint with its channel, what it knows of peer and path, the samples that wait, when they came and how long
+    they took [ns], and the credits that wait [nJ]."""
 
     endpoint: Endpoint
     channel: EnergyChannel
+    monitor: PeerMonitor
     path: Path
     samples: Annotated[Sequence[Message], (BACKLOG,)]
     came_ns: Annotated[Wholes, (BACKLOG,)]
@@ -76,7 +75,7 @@ def receive(wire: Wire, message: Message, now_ns: int) -> None:
     if message.kind == STREAM:
         _on_stream(wire, message, now_ns)
         return
-    paths.on_any_message(wire.path, now_ns)
+    on_any_message(wire.monitor, now_ns)
     credit(wire, channels.receive(wire.channel, message.total_nJ, message.acked_nJ, now_ns))
 
 
@@ -95,27 +94,15 @@ def credit(wire: Wire, credited_nJ: int) -> None:
 @equation
 def _on_stream(wire: Wire, message: Message, now_ns: int) -> None:
     """`Session._on_stream`."""
-    endpoint, path = wire.endpoint, wire.path
-    newest, sequence, stamp_ns = path.newest, message.sequence, message.stamp_ns
-    place = paths.place(path, now_ns, sequence, stamp_ns)
+    endpoint, path, sequence = wire.endpoint, wire.path, message.sequence
+    place = arrive(path, wire.monitor, now_ns, sequence, message.stamp_ns, message.echo_ns, message.came_ns)
     if place == DOUBTFUL:
         endpoint.leaps += 1
-        return
-    since = 1 if newest < 0 else sequence - newest
-    late = place == LATE
-    if not late:
-        paths.age(path, now_ns, stamp_ns, since, place == NEW)
-    took_ns = paths.measure(path, now_ns, stamp_ns, since, late, message.echo_ns, message.came_ns)
-    endpoint.echo_ns, endpoint.came_ns = stamp_ns, now_ns
-    if late:
-        paths.on_any_message(path, now_ns)
-        if not endpoint.accepts_stale:
-            endpoint.stale += 1
-            endpoint.last_stale = sequence
-            return
+    elif place == LATE and not endpoint.accepts_stale:
+        endpoint.stale += 1
+        endpoint.last_stale = sequence
     else:
-        paths.on_new(path, now_ns, since)
-    _put(wire, message, now_ns, took_ns)
+        _put(wire, message, now_ns, path.under_way_ns)
 
 
 @equation
@@ -135,21 +122,22 @@ def _put(wire: Wire, message: Message, now_ns: int, took_ns: int) -> None:
 def poll(wire: Wire, link: Link, now_ns: int) -> None:
     """`WireHalf.poll`, into the link: the energy that is due."""
     credit(wire, channels.admit(wire.channel, now_ns))
-    channel = wire.channel
-    if channels.poll(channel, now_ns):
+    total_nJ = channels.poll(wire.channel, now_ns)
+    if total_nJ >= 0:
         message = links.spare(link, 1)
         message.kind, message.planes = ENERGY, 0
-        message.total_nJ, message.acked_nJ = channel.total_nJ, channel.message_acked_nJ
+        message.total_nJ, message.acked_nJ = total_nJ, wire.channel.credited_nJ
         message.octets = wire.endpoint.energy_bytes + _width(message.total_nJ) + _width(message.acked_nJ)
         links.send(link, now_ns, message)
 
 
 @equation
-def finish(endpoint: Endpoint, message: Message, now_ns: int) -> None:
+def finish(wire: Wire, message: Message, now_ns: int) -> None:
     """`PositionStream`: number and stamp a message of the stream; position, and a proxy's content, are there."""
+    endpoint = wire.endpoint
     message.kind = STREAM
     message.sequence, message.stamp_ns = endpoint.next_sequence, now_ns
-    message.echo_ns, message.came_ns = endpoint.echo_ns, endpoint.came_ns
+    message.echo_ns, message.came_ns = wire.path.echo_ns, wire.path.came_ns
     endpoint.next_sequence += 1
     message.octets = endpoint.stream_bytes
     if message.level >= 0.0:

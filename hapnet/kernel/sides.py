@@ -98,7 +98,7 @@ def tick(side: DeviceSide, wire: Wire, counts: Counts, hand: Hand, now_ns: int, 
         return False
     copy(side.plant.n, side.plant.read_position, message.position)
     message.planes, message.reach_m, message.level = 0, -1.0, level(side.coupling)
-    finish(wire.endpoint, message, now_ns)
+    finish(wire, message, now_ns)
     return True
 
 
@@ -253,7 +253,7 @@ def step(side: WorldSide, wire: Wire, counts: Counts, now_ns: int, message: Mess
     couplings.update(coupling, dt, mass.x, mass.dissipated, 0.0)
     ledgers.observe(ledger, kinetic + couplings.potential(coupling, mass.x), coupling.account)
     message.level = level(coupling)
-    finish(wire.endpoint, message, now_ns)
+    finish(wire, message, now_ns)
     counts.steps += 1
     counts.stepped_s += dt
     counts.longest_step_s = max(counts.longest_step_s, dt)

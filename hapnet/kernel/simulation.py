@@ -9,7 +9,6 @@ from collections.abc import Callable
 from typing import Annotated
 
 from hapnet.control.two_port import TwoPort, on_device, on_world
-from hapnet.kernel import energy_channel as channels
 from hapnet.kernel import link as links
 from hapnet.kernel import sides
 from hapnet.kernel.device import Hand
@@ -19,6 +18,7 @@ from hapnet.kernel.samples import Rows, have_room, record_step, record_tick
 from hapnet.kernel.sides import Counts, DeviceSide, WorldSide
 from hapnet.records.equation import equation
 from hapnet.records.record import Record, Wholes
+from hapnet.wire import energy_channel as channels
 
 UP, DOWN, DEVICE_TIMER, WORLD_TIMER, STEP, TICK = range(6)
 """The kinds of events, in the order in which they run at the same nanosecond."""

@@ -36,6 +36,9 @@ MatrixOfAxes = Annotated[FloatRows, (AXES, AXES)]
 OfPlanes = Annotated[Floats, (PLANES,)]
 VectorsOfPlanes = Annotated[FloatRows, (PLANES, AXES)]
 
+NEVER = 2**63 - 1
+"""A time that never comes [ns]."""
+
 _SHORT = 16
 """Longer arrays are numpy's in plain Python too: tables, of which few elements are used at a time."""
 

@@ -263,7 +263,7 @@ class WireHalf:
         """Process bytes from the network; never raises, whatever they are."""
         events = self.session.receive(now_ns, data)
         self._hand_over(events, now_ns)
-        if (arrival := self.session.path.arrival) is not None and arrival is not self._echoed:
+        if (arrival := self.session.path.arrival) is not None and arrival != self._echoed:
             self._echoed = arrival
             self._control.echo(*arrival)
         return events
@@ -316,7 +316,7 @@ class WireHalf:
             elif isinstance(event, SignalReceived):
                 self._control.on_signal(event.name, event.value)
             elif isinstance(event, Paired):
-                self.planes = None
+                self.planes = self._echoed = None
                 self._control.pair(bool(event.peer.about.get(EARLIER)))
 
 

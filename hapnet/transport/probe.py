@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import zenoh
 
 from hapnet.errors import TransportError
-from hapnet.histogram import Histogram
+from hapnet.records.histogram import Histogram
 from hapnet.transport.config import reason
 from hapnet.transport.rate_limit import RateLimiter
 from hapnet.wire.path import STALL_NS

@@ -20,44 +20,23 @@ follows sending, `acked_nJ (here) <= credited_nJ (peer) <= sent_nJ (here)`.
 
 from __future__ import annotations
 
-from collections import deque
+import math
 from dataclasses import dataclass
-from math import floor
-from typing import Final, NamedTuple
+from typing import Annotated
 
 from hapnet.errors import BadMessage, InvalidParameter
+from hapnet.records.equation import equation
+from hapnet.records.record import NEVER, Record, Wholes
 from hapnet.wire.fields import MAX_TOTAL_NJ
-from hapnet.wire.rto import CEILING_NS, RtoEstimator
-from hapnet.wire.token_bucket import TokenBucket
+from hapnet.wire.rto import CEILING_NS, RtoEstimator, back_off, sample, timeout_ns
+from hapnet.wire.token_bucket import TokenBucket, due_ns, take
 
 ACK_DELAY_NS = 10_000_000  # the usual spacing: while energy flows both ways, no acknowledgement is sent alone
 ADMISSION_STEP_NS = 10_000_000
 MAX_TIMED = 256  # messages whose round trip is being measured: 2.5 s of them, above any timeout
 
 
-class ChannelState(NamedTuple):
-    """Of an open channel; its `rto` and its `admission` have states of their own."""
-
-    sent_nJ: int
-    acked_nJ: int
-    credited_nJ: int
-    residue_J: float
-    announced_nJ: int
-    """The highest total that was announced in a message."""
-    claimed_nJ: int
-    """The highest total that the peer has announced, as far as it may wait for tokens."""
-    timed: tuple[tuple[int, int], ...]
-    """(total, time of sending) of the messages whose round trip is being measured, oldest first."""
-    spaced_ns: int
-    """New energy may leave from then on."""
-    retransmit_ns: int | None
-    ack_ns: int | None
-    """When an acknowledgement is sent alone; None: none is owed."""
-    asked: tuple[int, int] | None
-    """When energy was announced that waits for its acknowledgement, and what was acknowledged then."""
-
-
-class EnergyChannel:
+class EnergyChannel(Record):
     """One side of the stream, for one pair. Nothing is ever reset: a new pair gets a new channel.
 
     Parameters
@@ -65,7 +44,39 @@ class EnergyChannel:
     admission : the token bucket that credits pass.
     spacing_ns, ack_delay_ns : see the rules above.
     residue_J : the fraction of a nanojoule that the channel before could not send [J].
+
+    Attributes
+    ----------
+    announced_nJ : the highest total that was announced in a message.
+    claimed_nJ : the highest total that the peer has announced, as far as it may wait for tokens.
+    spaced_ns, retransmit_ns, ack_ns : when new energy may leave, when it is repeated, and when an acknowledgement is
+        sent alone; `NEVER`: nothing is to be repeated, or acknowledged.
+    asked_ns, asked_nJ : when energy was announced that waits for its acknowledgement, and what was acknowledged then;
+        below 0: none was.
+    timed_nJ, timed_ns, first, timed : the messages whose round trip is being measured, their totals and when they were
+        sent: a ring, the place of the oldest, and how many there are.
     """
+
+    sent_nJ: int
+    acked_nJ: int
+    credited_nJ: int
+    residue_J: float
+    announced_nJ: int
+    claimed_nJ: int
+    spacing_ns: int
+    ack_delay_ns: int
+    spaced_ns: int
+    retransmit_ns: int
+    ack_ns: int
+    closed: int
+    asked_ns: int
+    asked_nJ: int
+    first: int
+    timed: int
+    timed_nJ: Annotated[Wholes, (MAX_TIMED,)]
+    timed_ns: Annotated[Wholes, (MAX_TIMED,)]
+    rto: RtoEstimator
+    admission: TokenBucket
 
     def __init__(
         self,
@@ -75,31 +86,15 @@ class EnergyChannel:
         residue_J: float = 0.0,
         ack_delay_ns: int = ACK_DELAY_NS,
     ) -> None:
-        self.sent_nJ: int = 0
-        self.acked_nJ: int = 0
+        self.sent_nJ = self.acked_nJ = self.credited_nJ = self.announced_nJ = self.claimed_nJ = 0
         self.abandoned_nJ: int = 0
-        self.credited_nJ: int = 0
-        self.residue_J: float = residue_J
-        self.rto: RtoEstimator = RtoEstimator()
-        self.admission: Final = admission
-        self._most_waiting_nJ = admission.most_waiting_nJ
-        self.spacing_ns: Final = spacing_ns
-        self.ack_delay_ns: Final = ack_delay_ns
-        self._announced_nJ = 0  # the highest total that was announced in a message
-        self._claimed_nJ = 0  # the highest total that the peer has announced
-        self._timed: deque[tuple[int, int]] = deque(
-            maxlen=MAX_TIMED
-        )  # (total, time of sending) of messages sent only once
-        self._spaced_ns = 0  # new energy may leave from this time on
-        self._retransmit_ns: int | None = None
-        self._ack_ns: int | None = None
-        self._closed = False
-        self._asked: tuple[int, int] | None = None  # when announced, and what was acknowledged then
-
-    @property
-    def announced_nJ(self) -> int:
-        """The highest total that was announced in a message."""
-        return self._announced_nJ
+        self.residue_J = residue_J
+        self.spacing_ns, self.ack_delay_ns = spacing_ns, ack_delay_ns
+        self.spaced_ns, self.retransmit_ns, self.ack_ns, self.closed = 0, NEVER, NEVER, 0
+        self.asked_ns, self.asked_nJ = 0, -1
+        self.first = self.timed = 0
+        self.timed_nJ, self.timed_ns = [0] * MAX_TIMED, [0] * MAX_TIMED
+        self.rto, self.admission = RtoEstimator(), admission
 
     @property
     def in_flight_nJ(self) -> int:
@@ -115,14 +110,11 @@ class EnergyChannel:
         """
         if not 0.0 <= energy_J < MAX_TOTAL_NJ / 1e9:
             raise InvalidParameter("energy", energy_J, "a finite energy >= 0 J")
-        held_J = self.residue_J + energy_J
-        whole_nJ = floor(held_J * 1e9)
-        if whole_nJ / 1e9 > held_J:  # the product was rounded up to the next integer
-            whole_nJ -= 1
-        if self.sent_nJ + whole_nJ >= MAX_TOTAL_NJ:
+        before = self.sent_nJ, self.residue_J
+        send(self, energy_J)
+        if self.sent_nJ >= MAX_TOTAL_NJ:
+            self.sent_nJ, self.residue_J = before
             raise InvalidParameter("energy", energy_J, "a total below 2^63 nJ")
-        self.sent_nJ += whole_nJ
-        self.residue_J = held_J - whole_nJ / 1e9
 
     def receive(self, total_nJ: int, acked_nJ: int, now_ns: int) -> int:
         """Process a message from the peer; returns the energy credited now [nJ].
@@ -131,90 +123,45 @@ class EnergyChannel:
         ------
         BadMessage : it acknowledges energy that was never announced. Nothing changes then.
         """
-        self.acknowledge(acked_nJ, now_ns)
-        if total_nJ > 0:
-            self._owe_ack(now_ns)
-        self._claimed_nJ = max(self._claimed_nJ, min(total_nJ, self.credited_nJ + self._most_waiting_nJ))
-        return self.admit(now_ns)
+        self._check(acked_nJ)
+        return receive(self, total_nJ, acked_nJ, now_ns)
 
     def acknowledge(self, acked_nJ: int, now_ns: int) -> None:
         """The peer has credited `acked_nJ` in all; a lower value than before is stale and ignored."""
-        if acked_nJ > self._announced_nJ:
-            raise BadMessage("acknowledgement", f"{acked_nJ} nJ acknowledged of {self._announced_nJ} nJ announced")
-        if self._closed or acked_nJ <= self.acked_nJ:
-            return
-        self.acked_nJ = acked_nJ
-        total_nJ = sent_ns = 0
-        while self._timed and self._timed[0][0] <= acked_nJ:
-            total_nJ, sent_ns = self._timed.popleft()
-        if total_nJ == acked_nJ:
-            self.rto.sample(now_ns - sent_ns)
-        else:  # credited in part: the messages under way would measure the peer's bucket, not the path
-            self._timed.clear()
-        if self._announced_nJ > acked_nJ:  # the peer credits slowly; it must still hear the total again
-            last_ns = self._spaced_ns - self.spacing_ns
-            self._retransmit_ns = min(now_ns + self.rto.rto_ns, last_ns + CEILING_NS)
-        else:
-            self._retransmit_ns = None
+        self._check(acked_nJ)
+        acknowledge(self, acked_nJ, now_ns)
 
+    @equation
     def admit(self, now_ns: int) -> int:
         """Credit the waiting energy, as far as the bucket allows; returns what was credited [nJ]."""
-        waiting_nJ = self._claimed_nJ - self.credited_nJ
-        if self._closed or waiting_nJ == 0:
+        waiting_nJ = self.claimed_nJ - self.credited_nJ
+        if waiting_nJ == 0 or self.closed:
             return 0
-        credit_nJ = self.admission.take(waiting_nJ, now_ns)
+        credit_nJ = take(self.admission, waiting_nJ, now_ns)
         if credit_nJ:
             self.credited_nJ += credit_nJ
-            self._owe_ack(now_ns)
+            _owe_ack(self, now_ns)
         return credit_nJ
 
     def poll(self, now_ns: int) -> tuple[int, int] | None:
         """(total_nJ, acked_nJ) of the message to send now, if one is due."""
-        if self._closed:
-            return None
-        expired = self._retransmit_ns is not None and now_ns >= self._retransmit_ns
-        if expired or (self.sent_nJ > self._announced_nJ and now_ns >= self._spaced_ns):
-            if expired:
-                self.rto.back_off()
-            if self.sent_nJ > self._announced_nJ:
-                self._announced_nJ = self.sent_nJ
-                self._timed.append((self.sent_nJ, now_ns))
-            elif self._timed and self._timed[-1][0] == self._announced_nJ:
-                self._timed.pop()  # Karn: its acknowledgement could belong to either copy
-            self._spaced_ns = now_ns + self.spacing_ns
-            self._retransmit_ns = now_ns + self.rto.rto_ns
-            self._ack_ns = None
-            if self._asked is None or self._asked[1] != self.acked_nJ:
-                self._asked = now_ns, self.acked_nJ
-            return self._announced_nJ, self.credited_nJ
-        if self._ack_ns is not None and now_ns >= self._ack_ns:
-            self._ack_ns = None
-            return 0, self.credited_nJ
-        return None
+        total_nJ = poll(self, now_ns)
+        return None if total_nJ < 0 else (total_nJ, self.credited_nJ)
 
     @property
     def next_due_ns(self) -> int | None:
         """When to call `admit` and `poll` next. A time in the past means now; None means that nothing is planned."""
-        if self._closed:
-            return None
-        due = self._retransmit_ns
-        if self._ack_ns is not None and (due is None or self._ack_ns < due):
-            due = self._ack_ns
-        if self.sent_nJ > self._announced_nJ and (due is None or self._spaced_ns < due):
-            due = self._spaced_ns
-        if self._claimed_nJ > self.credited_nJ:
-            admission_ns = self.admission.due_ns(self._claimed_nJ - self.credited_nJ, ADMISSION_STEP_NS)
-            due = admission_ns if due is None else min(due, admission_ns)
-        return due
+        due = next_due_ns(self)
+        return None if due == NEVER else due
 
     def unanswered_ns(self, heard_ns: int | None) -> int:
         """How long the oldest message without an acknowledgement had waited at `heard_ns`; 0: there is none.
 
         heard_ns : when the peer's last position came, so that the peer's silence does not count.
         """
-        if self._asked is None or heard_ns is None or not self._asked[1] == self.acked_nJ < self.sent_nJ:
+        if heard_ns is None or not self.asked_nJ == self.acked_nJ < self.sent_nJ:
             return 0
-        return max(0, heard_ns - self._asked[0])
+        return max(0, heard_ns - self.asked_ns)
 
     def abandon(self) -> int:
         """End the pair: energy in flight is given up and never resent; returns it [nJ]. Nothing is credited afterwards.
@@ -222,29 +169,128 @@ class EnergyChannel:
         The peer may have credited a part whose acknowledgement was lost. So the abandoned energy is an upper bound of
         the energy lost.
         """
-        self._closed = True
+        self.closed = 1
         given_up_nJ = self.in_flight_nJ
         self.abandoned_nJ += given_up_nJ
         return given_up_nJ
 
-    def state(self) -> ChannelState:
-        """What `restore` takes."""
-        return ChannelState(
-            self.sent_nJ, self.acked_nJ, self.credited_nJ, self.residue_J, self._announced_nJ, self._claimed_nJ,
-            tuple(self._timed), self._spaced_ns, self._retransmit_ns, self._ack_ns, self._asked,
-        )  # fmt: skip
+    def _check(self, acked_nJ: int) -> None:
+        if acked_nJ > self.announced_nJ:
+            raise BadMessage("acknowledgement", f"{acked_nJ} nJ acknowledged of {self.announced_nJ} nJ announced")
 
-    def restore(self, state: ChannelState) -> None:
-        """Go on from there."""
-        (
-            self.sent_nJ, self.acked_nJ, self.credited_nJ, self.residue_J, self._announced_nJ, self._claimed_nJ,
-            timed, self._spaced_ns, self._retransmit_ns, self._ack_ns, self._asked,
-        ) = state  # fmt: skip
-        self._timed = deque(timed, maxlen=MAX_TIMED)
 
-    def _owe_ack(self, now_ns: int) -> None:
-        if self._ack_ns is None:
-            self._ack_ns = now_ns + self.ack_delay_ns
+@equation
+def send(channel: EnergyChannel, energy_J: float) -> None:
+    """`EnergyChannel.send`, of an energy that it accepts."""
+    held_J = channel.residue_J + energy_J
+    whole_nJ = math.floor(held_J * 1e9)
+    if whole_nJ / 1e9 > held_J:  # the product was rounded up to the next integer
+        whole_nJ -= 1
+    channel.sent_nJ += whole_nJ
+    channel.residue_J = held_J - whole_nJ / 1e9
+
+
+@equation
+def receive(channel: EnergyChannel, total_nJ: int, acked_nJ: int, now_ns: int) -> int:
+    """`EnergyChannel.receive`; at most what was announced is acknowledged."""
+    acknowledge(channel, acked_nJ, now_ns)
+    if total_nJ > 0:
+        _owe_ack(channel, now_ns)
+    claimed_nJ = min(total_nJ, channel.credited_nJ + channel.admission.most_waiting_nJ)
+    if claimed_nJ > channel.claimed_nJ:
+        channel.claimed_nJ = claimed_nJ
+    return admit(channel, now_ns)
+
+
+@equation
+def acknowledge(channel: EnergyChannel, acked_nJ: int, now_ns: int) -> None:
+    """`EnergyChannel.acknowledge`, of at most what was announced."""
+    if acked_nJ <= channel.acked_nJ or channel.closed:
+        return
+    channel.acked_nJ = acked_nJ
+    total_nJ = sent_ns = 0
+    while channel.timed and channel.timed_nJ[channel.first] <= acked_nJ:
+        total_nJ, sent_ns = channel.timed_nJ[channel.first], channel.timed_ns[channel.first]
+        _forget_oldest(channel)
+    if total_nJ == acked_nJ:
+        sample(channel.rto, now_ns - sent_ns)
+    else:  # credited in part: the messages under way would measure the peer's bucket, not the path
+        channel.timed = 0
+    if channel.announced_nJ > acked_nJ:  # the peer credits slowly; it must still hear the total again
+        last_ns = channel.spaced_ns - channel.spacing_ns
+        channel.retransmit_ns = min(now_ns + timeout_ns(channel.rto), last_ns + CEILING_NS)
+    else:
+        channel.retransmit_ns = NEVER
+
+
+@equation
+def poll(channel: EnergyChannel, now_ns: int) -> int:
+    """The total of the message to send now [nJ], which acknowledges all that was credited; -1: none is due."""
+    if channel.closed:
+        return -1
+    expired = now_ns >= channel.retransmit_ns
+    news = channel.sent_nJ > channel.announced_nJ
+    if expired or (news and now_ns >= channel.spaced_ns):
+        if expired:
+            back_off(channel.rto)
+        if news:
+            channel.announced_nJ = channel.sent_nJ
+            _time(channel, channel.sent_nJ, now_ns)
+        elif channel.timed:
+            last = (channel.first + channel.timed - 1) % MAX_TIMED
+            if channel.timed_nJ[last] == channel.announced_nJ:
+                channel.timed -= 1  # Karn: its acknowledgement could belong to either copy
+        channel.spaced_ns = now_ns + channel.spacing_ns
+        channel.retransmit_ns = now_ns + timeout_ns(channel.rto)
+        channel.ack_ns = NEVER
+        if channel.asked_nJ != channel.acked_nJ:
+            channel.asked_ns, channel.asked_nJ = now_ns, channel.acked_nJ
+        return channel.announced_nJ
+    if now_ns >= channel.ack_ns:
+        channel.ack_ns = NEVER
+        return 0
+    return -1
+
+
+@equation
+def next_due_ns(channel: EnergyChannel) -> int:
+    """`EnergyChannel.next_due_ns`; `NEVER`: nothing is planned."""
+    if channel.closed:
+        return NEVER
+    due = channel.retransmit_ns
+    if channel.ack_ns < due:
+        due = channel.ack_ns
+    if channel.sent_nJ > channel.announced_nJ and channel.spaced_ns < due:
+        due = channel.spaced_ns
+    if channel.claimed_nJ > channel.credited_nJ:
+        due = min(due, due_ns(channel.admission, channel.claimed_nJ - channel.credited_nJ, ADMISSION_STEP_NS))
+    return due
+
+
+@equation
+def _owe_ack(channel: EnergyChannel, now_ns: int) -> None:
+    if channel.ack_ns == NEVER:
+        channel.ack_ns = now_ns + channel.ack_delay_ns
+
+
+@equation
+def _time(channel: EnergyChannel, total_nJ: int, now_ns: int) -> None:
+    """Measure the round trip of a message; of too many the oldest is forgotten."""
+    if channel.timed == MAX_TIMED:
+        _forget_oldest(channel)
+    at = (channel.first + channel.timed) % MAX_TIMED
+    channel.timed_nJ[at], channel.timed_ns[at] = total_nJ, now_ns
+    channel.timed += 1
+
+
+@equation
+def _forget_oldest(channel: EnergyChannel) -> None:
+    channel.first = (channel.first + 1) % MAX_TIMED
+    channel.timed -= 1
+
+
+admit = EnergyChannel.admit
+"""As equations call it."""
 
 
 @dataclass(slots=True)

@@ -17,7 +17,12 @@ numbers. Of two runs the one that goes on is believed:
 
 from __future__ import annotations
 
-from enum import Enum
+from hapnet.records.equation import equation
+from hapnet.records.record import Record
+
+NEW, AGAIN, LATE, DOUBTFUL = range(4)
+"""How a message relates to the run so far: newer than all before; the first of another run, which is believed from here
+on; older than one before; no part of the run."""
 
 LEAST_PERIOD_NS, MOST_AT_ONCE = 50_000, 2_000
 """In the long run a sender's messages are at least this far apart; at most this many may come ahead of that."""
@@ -42,101 +47,117 @@ WINDOW_NS = 10_000_000_000
 """The least delay is that of the last one to two such windows, since clocks drift."""
 
 
-class Place(Enum):
-    """How a message relates to the run so far."""
-
-    NEW = "newer than all before"
-    AGAIN = "the first of another run, which is believed from here on"
-    LATE = "older than one before"
-    DOUBTFUL = "no part of the run"
-
-
-class Numbering:
+class Numbering(Record):
     """The run of one peer's numbers; a new pair begins a new one.
 
     Attributes
     ----------
-    newest : the highest number of the run; -1 before the first message.
+    newest, stamp_ns, heard_ns : the highest number of the run, -1 before the first message; its stamp and arrival.
     least_ns : the least difference, lately, of the time of arrival and the sender's stamp. It contains the difference
-        of the clocks.
+        of the clocks. mean_ns, count : the mean difference, of so many messages.
+    before_ns, lately_ns, roll_ns : the least of the last window and of the present one, and when that ends.
+    other_number, other_stamp_ns, other_came_ns : of the last doubtful message.
+    others, others_ns : how many of those came in a row, 0 if the run goes on, and since when.
+    displaced : the last number of the run that this one has displaced; -1: it has displaced none.
+    proof : how many messages have continued the run, up to `PROOF`.
     """
 
+    newest: int
+    stamp_ns: int
+    heard_ns: int
+    least_ns: int
+    mean_ns: int
+    count: int
+    before_ns: int
+    lately_ns: int
+    roll_ns: int
+    other_number: int
+    other_stamp_ns: int
+    other_came_ns: int
+    others: int
+    others_ns: int
+    displaced: int
+    proof: int
+
     def __init__(self) -> None:
-        self.newest: int = -1
-        self.least_ns: int = 0
-        self._stamp_ns: int | None = None  # the newest message's; None: not known
-        self._heard_ns = 0
-        self._mean_ns = self._before_ns = self._lately_ns = self._roll_ns = 0
-        self._count = 0
-        self._other: tuple[int, int, int] | None = None  # number, stamp and arrival of the last doubtful message
-        self._others = self._others_ns = 0  # how many doubtful ones came in a row, and since when
-        self._displaced: int | None = None  # the last number of the run that this one has displaced
-        self._proof = 0
+        super().__init__()
+        self.newest = self.displaced = -1
 
-    def place(self, now_ns: int, number: int, sent_ns: int) -> Place:
+    @equation
+    def place(self, now_ns: int, number: int, sent_ns: int) -> int:
         """How the message relates to the run. If it is `NEW` or `AGAIN`, it is the newest from now on."""
-        newest, stamp_ns = self.newest, self._stamp_ns
+        newest, stamp_ns = self.newest, self.stamp_ns
         if newest < 0:
-            self._measure_anew(now_ns, now_ns - sent_ns)
-            self.newest, self._stamp_ns, self._heard_ns = number, sent_ns, now_ns
-            return Place.NEW
-        later = stamp_ns is None or sent_ns >= stamp_ns
-        if newest < number <= newest + _most(now_ns - self._heard_ns) and later:
-            self._go_on(now_ns, number, sent_ns)
-            return Place.NEW
-        late = number <= newest and (stamp_ns is None or sent_ns <= stamp_ns)
-        if late and (self._proof >= PROOF or (self._displaced is not None and number <= self._displaced)):
-            return Place.LATE
-        if not self._is_run(now_ns, number, sent_ns, sure=not late or self._displaced is not None):
-            return Place.LATE if late else Place.DOUBTFUL
-        self._other, self._proof = None, 0
-        self._displaced = newest if number > newest else None
-        self.newest, self._stamp_ns, self._heard_ns = number, sent_ns, now_ns
-        return Place.AGAIN
-
-    def resume(self, now_ns: int, newest: int) -> None:
-        """The run has reached this number, beyond doubt; its stamp is not known."""
-        self.newest, self._heard_ns, self._stamp_ns, self._proof = newest, now_ns, None, PROOF
-
-    def _measure_anew(self, now_ns: int, offset_ns: int) -> None:
-        self.least_ns = self._mean_ns = self._before_ns = self._lately_ns = offset_ns
-        self._roll_ns = now_ns + WINDOW_NS
-        self._count = 1
-
-    def _go_on(self, now_ns: int, number: int, sent_ns: int) -> None:
-        offset_ns = now_ns - sent_ns
-        self._other = None
-        if self._proof < PROOF:
-            self._proof += 1
-        if self._displaced is not None:
-            if self._proof == PROOF:
-                self._displaced = None
-                self._measure_anew(now_ns, offset_ns)
-        elif self._count >= WARM and offset_ns < 3 * self.least_ns - 2 * self._mean_ns - EARLY_NS:
-            self._displaced, self._proof = self.newest, 0
-        else:
-            self._count += 1
-            self._mean_ns += (offset_ns - self._mean_ns) // min(self._count, 64)
-            if now_ns >= self._roll_ns:
-                self._before_ns, self._lately_ns = self._lately_ns, offset_ns
-                self._roll_ns = now_ns + WINDOW_NS
-                self.least_ns = min(self._before_ns, offset_ns)
-            elif offset_ns < self._lately_ns:
-                self._lately_ns = offset_ns
-                if offset_ns < self.least_ns:
-                    self.least_ns = offset_ns
-        self.newest, self._stamp_ns, self._heard_ns = number, sent_ns, now_ns
-
-    def _is_run(self, now_ns: int, number: int, sent_ns: int, *, sure: bool) -> bool:
-        """Is this message, with the doubtful ones before it, a run? `sure`: no honest sender sends such a message."""
-        before, self._other = self._other, (number, sent_ns, now_ns)
-        if before is not None and before[0] < number <= before[0] + _most(now_ns - before[2]) and before[1] < sent_ns:
-            self._others += 1
-        else:
-            self._others, self._others_ns = 1, now_ns
-        return self._others >= (RUN if sure else LATE_RUN) and (sure or now_ns - self._others_ns >= LATE_RUN_NS)
+            _measure_anew(self, now_ns, now_ns - sent_ns)
+            self.newest, self.stamp_ns, self.heard_ns = number, sent_ns, now_ns
+            return NEW
+        if newest < number <= newest + _most(now_ns - self.heard_ns) and sent_ns >= stamp_ns:
+            _go_on(self, now_ns, number, sent_ns)
+            return NEW
+        late = number <= newest and sent_ns <= stamp_ns
+        if late and (self.proof >= PROOF or number <= self.displaced):
+            return LATE
+        if not _is_run(self, now_ns, number, sent_ns, not late or self.displaced >= 0):
+            return LATE if late else DOUBTFUL
+        self.others = self.proof = 0
+        self.displaced = newest if number > newest else -1
+        self.newest, self.stamp_ns, self.heard_ns = number, sent_ns, now_ns
+        return AGAIN
 
 
+@equation
+def _measure_anew(numbers: Numbering, now_ns: int, offset_ns: int) -> None:
+    numbers.least_ns = numbers.mean_ns = numbers.before_ns = numbers.lately_ns = offset_ns
+    numbers.roll_ns = now_ns + WINDOW_NS
+    numbers.count = 1
+
+
+@equation
+def _go_on(numbers: Numbering, now_ns: int, number: int, sent_ns: int) -> None:
+    offset_ns = now_ns - sent_ns
+    numbers.others = 0
+    if numbers.proof < PROOF:
+        numbers.proof += 1
+    if numbers.displaced >= 0:
+        if numbers.proof == PROOF:
+            numbers.displaced = -1
+            _measure_anew(numbers, now_ns, offset_ns)
+    elif numbers.count >= WARM and offset_ns < 3 * numbers.least_ns - 2 * numbers.mean_ns - EARLY_NS:
+        numbers.displaced, numbers.proof = numbers.newest, 0
+    else:
+        numbers.count += 1
+        numbers.mean_ns += (offset_ns - numbers.mean_ns) // min(numbers.count, 64)
+        if now_ns >= numbers.roll_ns:
+            numbers.before_ns, numbers.lately_ns = numbers.lately_ns, offset_ns
+            numbers.roll_ns = now_ns + WINDOW_NS
+            numbers.least_ns = min(numbers.before_ns, offset_ns)
+        elif offset_ns < numbers.lately_ns:
+            numbers.lately_ns = offset_ns
+            if offset_ns < numbers.least_ns:
+                numbers.least_ns = offset_ns
+    numbers.newest, numbers.stamp_ns, numbers.heard_ns = number, sent_ns, now_ns
+
+
+@equation
+def _is_run(numbers: Numbering, now_ns: int, number: int, sent_ns: int, sure: bool) -> bool:
+    """Is this message, with the doubtful ones before it, a run? `sure`: no honest sender sends such a message."""
+    before, waited_ns = numbers.other_number, now_ns - numbers.other_came_ns
+    goes_on = before < number <= before + _most(waited_ns) and numbers.other_stamp_ns < sent_ns
+    numbers.other_number, numbers.other_stamp_ns, numbers.other_came_ns = number, sent_ns, now_ns
+    if numbers.others and goes_on:
+        numbers.others += 1
+    else:
+        numbers.others, numbers.others_ns = 1, now_ns
+    if sure:
+        return numbers.others >= RUN
+    return numbers.others >= LATE_RUN and now_ns - numbers.others_ns >= LATE_RUN_NS
+
+
+@equation
 def _most(waited_ns: int) -> int:
     """By how much a sender's number can have risen in that time."""
     return MOST_AT_ONCE + waited_ns // LEAST_PERIOD_NS
+
+
+place = Numbering.place
+"""As equations call it."""

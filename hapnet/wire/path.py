@@ -21,8 +21,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hapnet.histogram import Histogram
-from hapnet.wire.numbering import Place
+from hapnet.records.equation import equation
+from hapnet.records.histogram import Histogram, add
+from hapnet.records.record import NEVER, Record
+from hapnet.wire import peer_monitor as monitors
+from hapnet.wire.numbering import DOUBTFUL, LATE, NEW, place
+from hapnet.wire.peer_monitor import PeerMonitor
 
 STALL_NS = 100_000_000
 """A stall: nothing new came for this much longer than the sender paused. 3GPP TR 22.847 allows no longer delay."""
@@ -60,15 +64,27 @@ class PathFigures:
     longest_stall_ns: int
 
 
-class Counts:
-    """All that is counted of a path. The difference of two such counts describes the time between them."""
+class Counts(Record):
+    """All that is counted of a path. The difference of two such counts describes the time between them.
+
+    sampled, sampled_came : of the sampled messages, where not all are.
+    """
+
+    trips: Histogram
+    jitter: Histogram
+    ages: Histogram
+    sent: int
+    came: int
+    late: int
+    stalls: int
+    longest_stall_ns: int
+    sampled: int
+    sampled_came: int
 
     def __init__(self) -> None:
-        self.trips: Histogram = Histogram()
-        self.jitter: Histogram = Histogram()
-        self.ages: Histogram = Histogram()
+        self.trips, self.jitter, self.ages = Histogram(), Histogram(), Histogram()
         self.sent = self.came = self.late = self.stalls = self.longest_stall_ns = 0
-        self.sampled = self.sampled_came = 0  # of the sampled ones, where not all are
+        self.sampled = self.sampled_came = 0
 
     def since(self, earlier: Counts) -> Counts:
         part = Counts()
@@ -92,12 +108,33 @@ class Counts:
         return min(missing, max(0, round(self.sent * (1.0 - self.sampled_came / self.sampled))))
 
 
-class Path:
-    """Measures the path to this side, and the round trip."""
+class Path(Record):
+    """Measures the path to this side, and the round trip.
+
+    Attributes
+    ----------
+    all : the counts since the start.
+    least_trip_ns : the least round trip; `NEVER`: none was measured.
+    since_ns, every : see `begin`.
+    echo_ns, came_ns : stamp and arrival of the sampled message that came last, late or not: what to echo.
+    last_ns, last_stamp_ns : arrival and stamp of the newest; `NEVER`: there is none.
+    under_way_ns : `took_ns` of the message that came last.
+    """
+
+    all: Counts
+    least_trip_ns: int
+    since_ns: int
+    every: int
+    echo_ns: int
+    came_ns: int
+    last_ns: int
+    last_stamp_ns: int
+    under_way_ns: int
 
     def __init__(self) -> None:
-        self._all = Counts()
-        self._least_trip_ns: int | None = None
+        self.all = Counts()
+        self.least_trip_ns = NEVER
+        self.under_way_ns = self.last_stamp_ns = 0
         self.begin(0)
 
     def begin(self, now_ns: int, every: int = 1) -> None:
@@ -105,69 +142,75 @@ class Path:
 
         every : nothing overtakes a message whose number is a multiple of it; these are the sample.
         """
-        self.every: int = every
-        self.arrival: tuple[int, int] | None = None
-        """Stamp and arrival of the sampled message that came last, late or not [ns]: what to echo."""
-        self._since_ns = now_ns
-        self._last: tuple[int, int] | None = None  # arrival and stamp of the newest
+        self.since_ns, self.every = now_ns, every
+        self.echo_ns = self.came_ns = 0
+        self.last_ns = NEVER
 
-    def on_position(self, now_ns: int, number: int, sent_ns: int, since: int, least_ns: int, place: Place) -> bool:
+    @property
+    def arrival(self) -> tuple[int, int] | None:
+        """Stamp and arrival of the sampled message that came last, late or not [ns]: what to echo."""
+        return (self.echo_ns, self.came_ns) if self.came_ns or self.echo_ns else None
+
+    @equation
+    def on_position(self, now_ns: int, number: int, sent_ns: int, since: int, least_ns: int, place: int) -> bool:
         """A message of the stream came, `since` numbers after the newest before it; see `Numbering` for the rest.
 
         True: it is one of the sample, so that its echo counts.
         """
-        counts, every = self._all, self.every
+        counts, every = self.all, self.every
         sampled = number % every == 0
         counts.came += 1
         if sampled:
-            self.arrival = sent_ns, now_ns
-            counts.jitter.add(now_ns - sent_ns - least_ns)
+            self.echo_ns, self.came_ns = sent_ns, now_ns
+            add(counts.jitter, now_ns - sent_ns - least_ns)
         if every > 1:
-            counts.sampled_came += sampled
-            counts.sampled += 0 if place is Place.LATE else number // every - (number - since) // every
-        if place is Place.LATE:
+            counts.sampled_came += 1 if sampled else 0
+            counts.sampled += 0 if place == LATE else number // every - (number - since) // every
+        if place == LATE:
             counts.late += 1
             return sampled
         counts.sent += since
-        if place is Place.NEW and self._last is not None:
-            came_ns, stamp_ns = self._last
-            counts.ages.add(now_ns - stamp_ns - least_ns)
-            stall_ns = now_ns - came_ns - (sent_ns - stamp_ns if since == 1 else 0)
+        if place == NEW and self.last_ns != NEVER:
+            add(counts.ages, now_ns - self.last_stamp_ns - least_ns)
+            stall_ns = now_ns - self.last_ns - (sent_ns - self.last_stamp_ns if since == 1 else 0)
             if stall_ns > STALL_NS:
                 counts.stalls += 1
                 if stall_ns > counts.longest_stall_ns:
                     counts.longest_stall_ns = stall_ns
-        self._last = now_ns, sent_ns
+        self.last_ns, self.last_stamp_ns = now_ns, sent_ns
         return sampled
 
+    @equation
     def on_echo(self, now_ns: int, sent_ns: int, echo_ns: int, came_ns: int) -> None:
         """The message brought a stamp of this side back."""
-        if not (self._since_ns <= echo_ns <= now_ns and came_ns <= sent_ns):
+        if not (self.since_ns <= echo_ns <= now_ns and came_ns <= sent_ns):
             return
         trip_ns = now_ns - echo_ns - sent_ns + came_ns
         if not 0 <= trip_ns <= LONGEST_NS:
             return
-        self._all.trips.add(trip_ns)
-        if self._least_trip_ns is None or trip_ns < self._least_trip_ns:
-            self._least_trip_ns = trip_ns
+        add(self.all.trips, trip_ns)
+        if trip_ns < self.least_trip_ns:
+            self.least_trip_ns = trip_ns
 
+    @equation
     def took_ns(self, now_ns: int, sent_ns: int, least_ns: int) -> int:
         """Estimate of how long a message that comes now was under way, without a common clock [ns]."""
-        return min(max(0, now_ns - sent_ns - least_ns), LONGEST_NS) + (self._least_trip_ns or 0) // 2
+        half_ns = 0 if self.least_trip_ns == NEVER else self.least_trip_ns // 2
+        return min(max(0, now_ns - sent_ns - least_ns), LONGEST_NS) + half_ns
 
     def counts(self) -> Counts:
         """The counts so far, for `figures` of the time from now on."""
-        return self._all.copy()
+        return self.all.copy()
 
     def figures(self, since: Counts | None = None) -> PathFigures:
         """The figures of all messages, or of those since then. The least round trip and the longest stall are of all.
 
         This needs no lock: a message that comes meanwhile may be counted in only some of the figures.
         """
-        return self._figures(self._all if since is None else self._all.since(since))
+        return self._figures(self.all if since is None else self.all.since(since))
 
     def _figures(self, counts: Counts) -> PathFigures:
-        least_ns = self._least_trip_ns
+        least_ns = None if self.least_trip_ns == NEVER else self.least_trip_ns
         half_ns = None if least_ns is None else least_ns // 2
 
         def age(q: float) -> int | None:
@@ -181,3 +224,26 @@ class Path:
             counts.sent, counts.came, counts.late + max(0, counts.sent - counts.came) - lost, lost,
             counts.stalls, counts.longest_stall_ns,
         )  # fmt: skip
+
+
+@equation
+def arrive(path: Path, monitor: PeerMonitor, now_ns: int, number: int, sent_ns: int, echo_ns: int, came_ns: int) -> int:
+    """A message of the peer's stream came: returns its place, and counts what it shows unless it is doubtful."""
+    numbers = monitor.numbers
+    newest = numbers.newest
+    found = place(numbers, now_ns, number, sent_ns)
+    if found == DOUBTFUL:
+        return found
+    since = 1 if newest < 0 else number - newest
+    if on_position(path, now_ns, number, sent_ns, since, numbers.least_ns, found) and echo_ns:
+        on_echo(path, now_ns, sent_ns, echo_ns, came_ns)
+    path.under_way_ns = took_ns(path, now_ns, sent_ns, numbers.least_ns)
+    if found == LATE:
+        monitors.on_any_message(monitor, now_ns)
+    else:
+        monitors.on_position(monitor, now_ns, since)
+    return found
+
+
+on_position, on_echo, took_ns = Path.on_position, Path.on_echo, Path.took_ns
+"""As equations call them."""

@@ -7,8 +7,9 @@ not.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
+from hapnet.records.equation import equation
+from hapnet.records.record import NEVER, Record
 from hapnet.wire.events import PeerHeard, PeerSilent
 from hapnet.wire.numbering import Numbering
 
@@ -33,7 +34,7 @@ LIVING_NS = 500_000_000
 """A peer that was heard within this time is alive, whatever silence the user asks for."""
 
 
-class PeerMonitor:
+class PeerMonitor(Record):
     """Watches when the peer is heard, and the numbers of its messages.
 
     Parameters
@@ -43,88 +44,115 @@ class PeerMonitor:
 
     Attributes
     ----------
-    numbers : the numbering of the present pair's stream.
+    numbers : the numbering of the present pair's stream; what came before was for somebody else.
+    life_ns : when the last new position came, or the pair began. last_ns : the same, but a new pair does not end a
+        silence. sign_ns : when the first message of any kind came in this silence. `NEVER`: there was none.
+    reported : was the present silence reported?
+    silences, longest_ns, total_ns, recovery_max_ns, received, missing : as in `Outages`, of silences that ended.
+    ended_ns, recovery_ns, missed : of the silence that the last new position ended; ended_ns is 0 if it ended none.
     """
 
+    silence_ns: int
+    life_ns: int
+    last_ns: int
+    sign_ns: int
+    reported: int
+    silences: int
+    longest_ns: int
+    total_ns: int
+    recovery_max_ns: int
+    received: int
+    missing: int
+    ended_ns: int
+    recovery_ns: int
+    missed: int
+    numbers: Numbering
+
     def __init__(self, silence_ns: int, living_ns: int = LIVING_NS) -> None:
-        self.silence_ns: Final = silence_ns
+        super().__init__()
+        self.silence_ns = silence_ns
         self._living_ns = living_ns
-        self._life_ns: int | None = None  # of the last new position, or of the pair's beginning
-        self._heard_ns: int | None = None  # the same, but a new pair does not end a silence
-        self.numbers: Numbering = Numbering()  # what came before the pair's first position was for somebody else
-        self._reported = False
-        self._sign_ns: int | None = None  # of the first message of any kind in this silence
-        self._count = self._longest_ns = self._total_ns = self._recovery_max_ns = self._received = self._missing = 0
+        self.life_ns = self.last_ns = self.sign_ns = NEVER
+        self.numbers = Numbering()
 
     @property
     def heard_ns(self) -> int | None:
         """When the last new position came, or the first pair began."""
-        return self._heard_ns
+        return None if self.last_ns == NEVER else self.last_ns
 
     def begin(self, now_ns: int) -> None:
         """A pair begins, with a numbering of its own."""
-        self._life_ns = now_ns
-        if self._heard_ns is None:
-            self._heard_ns = now_ns
+        self.life_ns = now_ns
+        if self.last_ns == NEVER:
+            self.last_ns = now_ns
         self.numbers = Numbering()
         self.on_any_message(now_ns)
 
+    @equation
     def on_any_message(self, now_ns: int) -> None:
         """A message of any kind came from the other side, from the peer or from one that may become it."""
-        if self._sign_ns is None and self._heard_ns is not None and now_ns - self._heard_ns > self.silence_ns:
-            self._sign_ns = now_ns
+        if now_ns - self.last_ns > self.silence_ns and self.sign_ns == NEVER:
+            self.sign_ns = now_ns
 
     def on_position(self, now_ns: int, since: int) -> PeerHeard | None:
         """A new position came, `since` numbers after the one before; returns the silence that it ends, if any.
 
         `since` is negative if the numbering went back to another run: so many were not missing after all.
         """
-        missing = since - 1 if since > 0 else since
-        self._received += 1
-        self._missing = max(0, self._missing + missing)
-        heard_ns, self._heard_ns, self._life_ns = self._heard_ns, now_ns, now_ns
-        if heard_ns is None or now_ns - heard_ns <= self.silence_ns:
-            return None
-        silence_ns = now_ns - heard_ns
-        recovery_ns = 0 if self._sign_ns is None else now_ns - self._sign_ns
-        self._count += 1
-        self._longest_ns = max(self._longest_ns, silence_ns)
-        self._total_ns += silence_ns
-        self._recovery_max_ns = max(self._recovery_max_ns, recovery_ns)
-        self._reported, self._sign_ns = False, None
-        return PeerHeard(silence_ns, recovery_ns, max(0, missing))
+        on_position(self, now_ns, since)
+        return self.ended
 
-    def resume(self, heard_ns: int, newest: int, received: int, missing: int) -> None:
-        """Go on after so many positions that were counted elsewhere, with no silence.
-
-        The newest of them has number `newest` and came at `heard_ns`.
-        """
-        self._heard_ns = self._life_ns = heard_ns
-        self._received += received
-        self._missing += missing
-        self.numbers.resume(heard_ns, newest)
+    @property
+    def ended(self) -> PeerHeard | None:
+        """The silence that the last new position ended, if any."""
+        return PeerHeard(self.ended_ns, self.recovery_ns, self.missed) if self.ended_ns else None
 
     def watch(self, now_ns: int) -> PeerSilent | None:
         """The present silence, if it was not reported yet."""
-        if self._reported or self._heard_ns is None or now_ns - self._heard_ns <= self.silence_ns:
+        if self.reported or now_ns - self.last_ns <= self.silence_ns:
             return None
-        self._reported = True
-        return PeerSilent(self._heard_ns)
+        self.reported = 1
+        return PeerSilent(self.last_ns)
 
     def living(self, now_ns: int) -> bool:
         """Was the peer heard lately, or paired lately?"""
-        return self._life_ns is not None and now_ns - self._life_ns <= self._living_ns
+        return self.life_ns != NEVER and now_ns - self.life_ns <= self._living_ns
 
     def outages(self, now_ns: int) -> Outages:
         """The account at `now_ns`, with a silence that still lasts."""
-        lasting_ns = 0 if self._heard_ns is None else now_ns - self._heard_ns
+        lasting_ns = now_ns - self.last_ns
         if lasting_ns <= self.silence_ns:
             lasting_ns = 0
         return Outages(
-            self._count + (lasting_ns > 0),
-            max(self._longest_ns, lasting_ns),
-            self._total_ns + lasting_ns,
-            self._recovery_max_ns,
-            self._received,
-            self._missing,
+            self.silences + (lasting_ns > 0),
+            max(self.longest_ns, lasting_ns),
+            self.total_ns + lasting_ns,
+            self.recovery_max_ns,
+            self.received,
+            self.missing,
         )
+
+
+@equation
+def on_position(monitor: PeerMonitor, now_ns: int, since: int) -> None:
+    """`PeerMonitor.on_position`."""
+    missing = since - 1 if since > 0 else since
+    monitor.received += 1
+    if missing:
+        monitor.missing = max(0, monitor.missing + missing)
+    silence_ns = now_ns - monitor.last_ns
+    monitor.last_ns = monitor.life_ns = now_ns
+    monitor.ended_ns = 0
+    if silence_ns <= monitor.silence_ns:
+        return
+    recovery_ns = 0 if monitor.sign_ns == NEVER else now_ns - monitor.sign_ns
+    monitor.silences += 1
+    monitor.longest_ns = max(monitor.longest_ns, silence_ns)
+    monitor.total_ns += silence_ns
+    monitor.recovery_max_ns = max(monitor.recovery_max_ns, recovery_ns)
+    monitor.reported, monitor.sign_ns = 0, NEVER
+    monitor.ended_ns, monitor.recovery_ns, monitor.missed = silence_ns, recovery_ns, max(0, missing)
+
+
+on_any_message = PeerMonitor.on_any_message
+"""As equations call it."""

@@ -52,8 +52,8 @@ from hapnet.wire.messages import (
     decode,
     encode,
 )
-from hapnet.wire.numbering import Place
-from hapnet.wire.path import Path
+from hapnet.wire.numbering import AGAIN, DOUBTFUL, LATE
+from hapnet.wire.path import Path, arrive
 from hapnet.wire.peer_monitor import Outages, PeerMonitor
 from hapnet.wire.replay_window import ReplayWindow
 from hapnet.wire.secret import OF_PAIR, Secret, decrypted, sealed
@@ -340,32 +340,25 @@ class Session:
             raise BadMessage("stream", f"a {_word(message)}; allowed with this coupling: a {_word(self._expects)}")
         if len(message.vector) != self.identity.dof:
             raise BadMessage("dimension", f"{len(message.vector)} coordinates; allowed: {self.identity.dof}")
-        monitor = self._monitor
-        numbers = monitor.numbers
-        sequence, sent_ns, newest = message.sequence, message.sent_ns, numbers.newest
-        place = numbers.place(now_ns, sequence, sent_ns)
-        if place is Place.DOUBTFUL:
+        monitor, path, sequence, sent_ns = self._monitor, self.path, message.sequence, message.sent_ns
+        place = arrive(path, monitor, now_ns, sequence, sent_ns, message.echo_ns, message.came_ns)
+        if place == DOUBTFUL:
+            newest = monitor.numbers.newest
             detail = f"{_word(message)} {sequence} cannot follow {newest}: its number or its time stamp is not possible"
             raise BadMessage("leap", detail)
-        since = 1 if newest < 0 else sequence - newest
-        sampled = self.path.on_position(now_ns, sequence, sent_ns, since, numbers.least_ns, place)
-        if sampled and message.echo_ns:
-            self.path.on_echo(now_ns, sent_ns, message.echo_ns, message.came_ns)
-        took_ns = self.path.took_ns(now_ns, sent_ns, numbers.least_ns)
         received = (
-            PositionReceived(sequence, sent_ns, message.position, took_ns, message.level)
+            PositionReceived(sequence, sent_ns, message.position, path.under_way_ns, message.level)
             if isinstance(message, Position)
-            else SampleReceived(message, took_ns)
+            else SampleReceived(message, path.under_way_ns)
         )
-        if place is not Place.LATE:
-            heard = monitor.on_position(now_ns, since)
+        if place != LATE:
             if type(message) is Wave:
-                if place is Place.AGAIN:
+                if place == AGAIN:
                     self._replay_window.restart(sequence)
                 if not self._replay_window.accept(sequence):
                     raise BadMessage("stale", f"wave {sequence} came before")
+            heard = monitor.ended
             return (received,) if heard is None else (received, heard)
-        monitor.on_any_message(now_ns)
         if type(message) is Wave:
             if not self._replay_window.accept(sequence):
                 raise BadMessage("stale", f"wave {sequence} came before, or comes long after later waves")

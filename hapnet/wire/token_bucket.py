@@ -7,9 +7,10 @@ session and not to the pair, so that a peer earns no fresh burst by restarting.
 from __future__ import annotations
 
 from math import isfinite
-from typing import Final, NamedTuple
 
 from hapnet.errors import InvalidParameter
+from hapnet.records.equation import equation
+from hapnet.records.record import Record
 
 REPEATED_NS = 2_000_000_000
 """A sender repeats a total without acknowledgement within this time [ns]: its timer is at most 1.5 s."""
@@ -17,14 +18,7 @@ REPEATED_NS = 2_000_000_000
 _AJ_PER_NJ = 1_000_000_000
 
 
-class BucketState(NamedTuple):
-    """The tokens, and when they were last counted; None: not yet."""
-
-    level_aJ: int
-    filled_ns: int | None
-
-
-class TokenBucket:
+class TokenBucket(Record):
     """A token bucket that starts full. The level is kept in whole attojoules: 1 nW for 1 ns.
 
     Parameters
@@ -32,46 +26,52 @@ class TokenBucket:
     power_W : the power that is credited in the long run [W], 1e-9 to 1e9.
     burst_J : the energy that is credited at once [J], 1e-9 to 1e9.
 
+    Attributes
+    ----------
+    level_aJ, filled_ns : the tokens, and when they were last counted.
+    most_waiting_nJ : how much may wait for tokens: what the tokens can pay before the sender repeats its total.
+
     Raises
     ------
     InvalidParameter : one of them is out of its range.
     """
 
+    rate_nW: int
+    burst_aJ: int
+    most_waiting_nJ: int
+    level_aJ: int
+    filled_ns: int
+
     def __init__(self, power_W: float, burst_J: float) -> None:
         for name, value, unit in (("admission_W", power_W, "W"), ("admission_burst_J", burst_J, "J")):
             if not (isfinite(value) and 1e-9 <= value <= 1e9):
                 raise InvalidParameter(name, value, f"1e-9 to 1e9 {unit}")
-        self.rate_nW: Final = round(power_W * 1e9)
-        self.burst_aJ: Final = round(burst_J * 1e9) * _AJ_PER_NJ
-        self._level_aJ = self.burst_aJ
-        self._filled_ns: int | None = None
+        super().__init__()
+        self.rate_nW = round(power_W * 1e9)
+        self.level_aJ = self.burst_aJ = round(burst_J * 1e9) * _AJ_PER_NJ
+        self.most_waiting_nJ = (self.burst_aJ + self.rate_nW * REPEATED_NS) // _AJ_PER_NJ
 
-    @property
-    def most_waiting_nJ(self) -> int:
-        """How much may wait for tokens: what the tokens can pay before the sender repeats its total."""
-        return (self.burst_aJ + self.rate_nW * REPEATED_NS) // _AJ_PER_NJ
-
+    @equation
     def take(self, wanted_nJ: int, now_ns: int) -> int:
         """Take up to `wanted_nJ` from the bucket, as far as the tokens go; returns what was taken [nJ]."""
-        if self._filled_ns is None:
-            self._filled_ns = now_ns
-        if now_ns > self._filled_ns:
-            self._level_aJ = min(self.burst_aJ, self._level_aJ + self.rate_nW * (now_ns - self._filled_ns))
-            self._filled_ns = now_ns
-        taken_nJ = min(wanted_nJ, self._level_aJ // _AJ_PER_NJ)
-        self._level_aJ -= taken_nJ * _AJ_PER_NJ
+        passed_ns = now_ns - self.filled_ns
+        if passed_ns > 0:
+            if passed_ns > (self.burst_aJ - self.level_aJ) // self.rate_nW:  # their product might not fit 64 bits
+                self.level_aJ = self.burst_aJ
+            else:
+                self.level_aJ += self.rate_nW * passed_ns
+            self.filled_ns = now_ns
+        taken_nJ = min(wanted_nJ, self.level_aJ // _AJ_PER_NJ)
+        self.level_aJ -= taken_nJ * _AJ_PER_NJ
         return taken_nJ
 
+    @equation
     def due_ns(self, wanted_nJ: int, step_ns: int) -> int:
         """When to take next: tokens for all of `wanted_nJ` are there, or `step_ns` of power if that is sooner."""
         step_nJ = max(1, self.rate_nW * step_ns // _AJ_PER_NJ)
-        lacking_aJ = min(wanted_nJ * _AJ_PER_NJ, self.burst_aJ, step_nJ * _AJ_PER_NJ) - self._level_aJ
-        return (self._filled_ns or 0) + max(0, -(-lacking_aJ // self.rate_nW))
+        lacking_aJ = min(wanted_nJ, min(self.burst_aJ // _AJ_PER_NJ, step_nJ)) * _AJ_PER_NJ - self.level_aJ
+        return self.filled_ns + max(0, -(-lacking_aJ // self.rate_nW))
 
-    def state(self) -> BucketState:
-        """What `restore` takes."""
-        return BucketState(self._level_aJ, self._filled_ns)
 
-    def restore(self, state: BucketState) -> None:
-        """Go on from there."""
-        self._level_aJ, self._filled_ns = state
+take, due_ns = TokenBucket.take, TokenBucket.due_ns
+"""As equations call them."""

@@ -54,9 +54,10 @@ BAD_MOMENTS = {
 MOST = {
     "_retired": 4096,
     "_replies": 8,
-    "_timed": 256,
+    "timed_nJ": 256,
+    "timed_ns": 256,
     "about": 33,
-    "_counts": 1216,
+    "tallies": 1216,
     "dropped": len(BAD_FRAMES | BAD_MOMENTS),
 }
 """The longest that containers of a session may be; any other: 32."""

@@ -11,7 +11,6 @@ import numpy as np
 from hapnet.control.two_port import TwoPort
 from hapnet.kernel import sources
 from hapnet.kernel.device import TICKS
-from hapnet.kernel.energy_channel import NEVER
 from hapnet.kernel.memory import bare, give_back, load, new, plain, store
 from hapnet.kernel.simulation import (
     DEVICE_TIMER,
@@ -31,6 +30,7 @@ from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.hand_path import hand_path
 from hapnet.plant.worlds.scene import Scene
 from hapnet.recording.samples import Columns, DeviceSample, MemoryRecorder, MotionSample, WorldSample
+from hapnet.records.record import NEVER
 from hapnet.side.endpoint import NANO
 from hapnet.simulation.compiled import device, wire, world
 from hapnet.simulation.compiled.coverage import OUT_OF_RANGE, NotCompiledError

@@ -6,37 +6,16 @@ from functools import lru_cache
 from typing import Any
 
 from hapnet.control.coupling import Proxy, level_of, vector_of
-from hapnet.histogram import Histogram
 from hapnet.kernel import endpoint as endpoints
-from hapnet.kernel import energy_channel as channels
-from hapnet.kernel import path as paths
-from hapnet.kernel.energy_channel import NEVER
 from hapnet.kernel.link import Message
-from hapnet.kernel.memory import plain
+from hapnet.kernel.memory import load, store
 from hapnet.side.endpoint import NANO, DeviceEndpoint, WorldEndpoint
 from hapnet.side.packet import FRAME_OVERHEAD
-from hapnet.simulation.compiled.mirror import number, optional, put, read, replace, value, write
-from hapnet.wire.energy_channel import ChannelState, EnergyChannel
+from hapnet.simulation.compiled.mirror import put, replace, value
 from hapnet.wire.fields import LEVEL, REACH
 from hapnet.wire.messages import Energy, Position, encode
 from hapnet.wire.messages import Proxy as ProxyMessage
-from hapnet.wire.rto import RtoState
 from hapnet.wire.session import Session
-from hapnet.wire.token_bucket import BucketState
-
-_NUMBERING = {
-    "least_ns": "least_ns", "newest": "newest", "run_heard_ns": "heard_ns", "mean_ns": "mean_ns",
-    "before_ns": "before_ns", "lately_ns": "lately_ns", "roll_ns": "roll_ns", "count": "count",
-    "others": "others", "others_ns": "others_ns", "proof": "proof",
-}  # fmt: skip
-_MONITOR = {
-    "heard_ns": "heard_ns", "silences": "count", "longest_ns": "longest_ns", "total_ns": "total_ns",
-    "recovery_max_ns": "recovery_max_ns", "received": "received", "missing": "missing",
-}  # fmt: skip
-_COUNTS = {
-    "messages": "sent", "came": "came", "overtaken": "late", "stalls": "stalls", "longest_stall_ns": "longest_stall_ns",
-}  # fmt: skip
-_HISTOGRAMS = ("trips", "jitter", "ages")
 
 Endpoint = DeviceEndpoint | WorldEndpoint
 
@@ -46,7 +25,6 @@ def read_wire(wire: endpoints.Wire, endpoint: Endpoint, *, proxies: bool) -> Non
     session, record, arrived = endpoint.session, wire.endpoint, value(endpoint, "arrived")
     record.n, record.backlog, record.proxies = session.identity.dof, arrived.maxlen, int(proxies)
     record.next_sequence = session.positions.next_sequence
-    record.echo_ns, record.came_ns = value(endpoint, "echo")
     used = value(endpoint, "used")
     record.used_ns, record.used_came_ns, record.took_ns = (0, 0, -1) if used is None else used
     record.accepts_stale = int(session.settings.accept_stale and session.settings.expects is Position)
@@ -62,8 +40,9 @@ def read_wire(wire: endpoints.Wire, endpoint: Endpoint, *, proxies: bool) -> Non
     waiting = list(value(endpoint, "credits"))
     put(wire, "credits_nJ", waiting)
     record.credits = len(waiting)
-    _channel(wire.channel, session.channel)
-    _path(wire.path, session)
+    store(wire.channel, session.channel)
+    store(wire.monitor, session.monitor)
+    store(wire.path, session.path)
 
 
 def _or_none(told: float | None) -> float:
@@ -85,7 +64,7 @@ def put_proxy(message: Message, aimed_ns: int, force: tuple[float, ...], planes:
 def write_wire(record: endpoints.Wire, endpoint: Endpoint) -> None:
     session, side = endpoint.session, record.endpoint
     session.positions.next_sequence = int(side.next_sequence)
-    replace(endpoint, "echo", (int(side.echo_ns), int(side.came_ns)))
+    endpoint.echo(int(record.path.echo_ns), int(record.path.came_ns))
     if side.took_ns >= 0:
         replace(endpoint, "used", (int(side.used_ns), int(side.used_came_ns), int(side.took_ns)))
     for kind, count in (("stale", int(side.stale)), ("leap", int(side.leaps))):
@@ -94,8 +73,9 @@ def write_wire(record: endpoints.Wire, endpoint: Endpoint) -> None:
     if side.stale:
         word = session.settings.expects.__name__.lower()
         session.dropped_for["stale"] = f"{word} {side.last_stale} comes after a later one"
-    _write_channel(record.channel, session.channel)
-    _write_path(record.path, session)
+    load(session.channel, record.channel)
+    load(session.monitor, record.monitor)
+    load(session.path, record.path)
 
 
 def _sizes(record: endpoints.Endpoint, session: Session) -> None:
@@ -123,91 +103,3 @@ def _least_sizes(my_bits: int, peer_bits: int, dof: int, proxies: bool) -> tuple
     bare, energy = size({}), len(encode(Energy(me, peer, 0, 0)))
     plane = size({}, ((still, 0.0, 1.0, 0.0, 0.0),)) - bare
     return FRAME_OVERHEAD + bare, size({LEVEL: 0.0}) - bare, plane, FRAME_OVERHEAD + energy - 2
-
-
-def _channel(record: channels.EnergyChannel, channel: EnergyChannel) -> None:
-    state = channel.state()
-    names = "sent_nJ acked_nJ credited_nJ residue_J announced_nJ claimed_nJ spaced_ns"
-    read(record, state, names)
-    record.retransmit_ns = NEVER if state.retransmit_ns is None else state.retransmit_ns
-    record.ack_ns = NEVER if state.ack_ns is None else state.ack_ns
-    if state.asked is not None:
-        record.asks, (record.asked_ns, record.asked_nJ) = 1, state.asked
-    record.timed = len(state.timed)
-    put(record, "timed_nJ", [total for total, _ in state.timed])
-    put(record, "timed_ns", [sent_ns for _, sent_ns in state.timed])
-    read(record, channel, "spacing_ns ack_delay_ns")
-    bucket, rto = channel.admission, channel.rto
-    record.most_waiting_nJ = bucket.most_waiting_nJ
-    read(record, bucket, "rate_nW burst_aJ")
-    record.level_aJ, filled_ns = bucket.state()
-    optional(record, "filled_ns", "filled", filled_ns)
-    read(record, rto, "floor_ns ceiling_ns")
-    record.base_ns, record.backed_off, srtt_ns, record.rttvar_ns = rto.state()
-    record.srtt_ns = -1 if srtt_ns is None else srtt_ns
-
-
-def _write_channel(record: channels.EnergyChannel, channel: EnergyChannel) -> None:
-    length = len(record.timed_nJ)
-    order = [(int(record.first) + k) % length for k in range(int(record.timed))]
-    channel.restore(
-        ChannelState(
-            sent_nJ=int(record.sent_nJ),
-            acked_nJ=int(record.acked_nJ),
-            credited_nJ=int(record.credited_nJ),
-            residue_J=float(record.residue_J),
-            announced_nJ=int(record.announced_nJ),
-            claimed_nJ=int(record.claimed_nJ),
-            timed=tuple((int(record.timed_nJ[k]), int(record.timed_ns[k])) for k in order),
-            spaced_ns=int(record.spaced_ns),
-            retransmit_ns=_moment(record.retransmit_ns),
-            ack_ns=_moment(record.ack_ns),
-            asked=(int(record.asked_ns), int(record.asked_nJ)) if record.asks else None,
-        )
-    )
-    srtt_ns = None if record.srtt_ns < 0 else int(record.srtt_ns)
-    channel.rto.restore(RtoState(int(record.base_ns), int(record.backed_off), srtt_ns, int(record.rttvar_ns)))
-    channel.admission.restore(BucketState(int(record.level_aJ), int(record.filled_ns) if record.filled else None))
-
-
-def _moment(at_ns: int) -> int | None:
-    return None if at_ns == NEVER else int(at_ns)
-
-
-def _path(record: paths.Path, session: Session) -> None:
-    monitor, path = session.monitor, session.path
-    numbers, counts = monitor.numbers, value(path, "all")
-    read(record, numbers, "", **_NUMBERING)
-    optional(record, "stamp_ns", "has_stamp", value(numbers, "stamp_ns"))
-    optional(record, "displaced", "has_displaced", value(numbers, "displaced"))
-    if (other := value(numbers, "other")) is not None:
-        record.has_other, (record.other_number, record.other_stamp_ns, record.other_came_ns) = 1, other
-    read(record, monitor, "silence_ns", **_MONITOR)
-    optional(record, "sign_ns", "has_sign", value(monitor, "sign_ns"))
-    read(record, counts, "", **_COUNTS)
-    for k, name in enumerate(_HISTOGRAMS):
-        histogram = getattr(counts, name)
-        record.counts[k][:], record.highest[k] = histogram.counts, histogram.max
-    read(record, path, "since_ns")
-    optional(record, "least_trip_ns", "has_trip", value(path, "least_trip_ns"))
-    if (last := value(path, "last")) is not None:
-        record.has_last, (record.last_came_ns, record.last_stamp_ns) = 1, last
-
-
-def _write_path(record: paths.Path, session: Session) -> None:
-    monitor, path = session.monitor, session.path
-    numbers, counts = monitor.numbers, value(path, "all")
-    write(record, numbers, "", **_NUMBERING)
-    replace(numbers, "stamp_ns", number(record.stamp_ns) if record.has_stamp else None)
-    replace(numbers, "displaced", number(record.displaced) if record.has_displaced else None)
-    other = (int(record.other_number), int(record.other_stamp_ns), int(record.other_came_ns))
-    replace(numbers, "other", other if record.has_other else None)
-    write(record, monitor, "", **_MONITOR)
-    replace(monitor, "life_ns", number(record.heard_ns))
-    replace(monitor, "sign_ns", number(record.sign_ns) if record.has_sign else None)
-    write(record, counts, "", **_COUNTS)
-    for k, name in enumerate(_HISTOGRAMS):
-        replace(counts, name, Histogram(plain(record.counts[k]), int(record.highest[k])))
-    replace(path, "least_trip_ns", number(record.least_trip_ns) if record.has_trip else None)
-    last = int(record.last_came_ns), int(record.last_stamp_ns)
-    replace(path, "last", last if record.has_last else None)

@@ -2,43 +2,45 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left
 from collections.abc import Sequence
 from itertools import accumulate
 from operator import sub
+from typing import Annotated
+
+from hapnet.records.equation import equation
+from hapnet.records.record import Record, Wholes
+
+BINS = 1216
+"""Up to 2^42."""
 
 
-class Histogram:
+class Histogram(Record):
     """Counts of non-negative integers in a fixed number of bins, 32 to an octave: a quantile is at most 1/32 too high.
 
     Values below 64 have a bin each. Values of 2^42 and above (73 minutes in ns) share the last bin; `max` stays exact.
     """
 
-    _SUB_BITS = 5
-    _MAX_BITS = 42
+    tallies: Annotated[Wholes, (BINS,)]
+    max: int
 
     def __init__(self, counts: Sequence[int] = (), highest: int = 0) -> None:
-        self._counts = list(counts) or [0] * (self._index((1 << self._MAX_BITS) - 1) + 1)
-        self.max: int = highest
+        self.tallies = list(counts) or [0] * BINS
+        self.max = highest
 
-    @classmethod
-    def _index(cls, value: int) -> int:
-        shift = value.bit_length() - cls._SUB_BITS - 1
-        return (shift << cls._SUB_BITS) + (value >> shift) if shift > 0 else value
-
-    @classmethod
-    def _highest(cls, index: int) -> int:
-        """Highest value that falls in the bin."""
-        shift = max(0, (index >> cls._SUB_BITS) - 1)
-        return ((index - (shift << cls._SUB_BITS) + 1) << shift) - 1
-
+    @equation
     def add(self, value: int) -> None:
         """Count one value; a negative one counts as 0."""
-        index = self._index(value) if value > 0 else 0
-        counts = self._counts
-        counts[index if index < len(counts) else -1] += 1
         if value > self.max:
             self.max = value
+        shift = 0
+        if value >= 64:
+            shift = math.frexp(value)[1] - 6  # what remains has 6 bits
+        elif value < 0:
+            value = 0
+        index = (shift << 5) + (value >> shift)
+        self.tallies[index if index < BINS else BINS - 1] += 1
 
     def since(self, earlier: Histogram) -> Histogram:
         """The values counted since `earlier`, a `copy` of this histogram; `max` is that of all values."""
@@ -46,29 +48,39 @@ class Histogram:
 
     def copy(self) -> Histogram:
         """An independent copy."""
-        return Histogram(self._counts, self.max)
+        return Histogram(self.tallies, self.max)
 
     @property
     def counts(self) -> list[int]:
         """The present counts of all bins."""
-        return self._counts.copy()
+        return list(self.tallies)
 
     def bins(self) -> tuple[tuple[int, int], ...]:
         """(highest value, count) of every bin that is not empty, ascending."""
-        counts = self._counts.copy()
+        counts = self.counts
         last = len(counts) - 1
-        return tuple((self.max if i == last else min(self._highest(i), self.max), n) for i, n in enumerate(counts) if n)
+        return tuple((self.max if i == last else min(_highest(i), self.max), n) for i, n in enumerate(counts) if n)
 
     @property
     def total(self) -> int:
         """How many values were counted."""
-        return sum(self._counts)
+        return sum(self.tallies)
 
     def quantile(self, q: float) -> int | None:
         """Smallest bin edge that at least a share `q` of the values does not exceed (None if there is no value)."""
-        seen = list(accumulate(self._counts.copy()))
+        seen = list(accumulate(self.counts))
         total = seen[-1]
         if total == 0:
             return None
         index = bisect_left(seen, max(1, q * total))
-        return self.max if index >= len(seen) - 1 else min(self._highest(index), self.max)
+        return self.max if index >= len(seen) - 1 else min(_highest(index), self.max)
+
+
+def _highest(index: int) -> int:
+    """Highest value that falls in the bin."""
+    shift = max(0, (index >> 5) - 1)
+    return ((index - (shift << 5) + 1) << shift) - 1
+
+
+add = Histogram.add
+"""As equations call it."""
