@@ -31,32 +31,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from operator import add, mul, sub
+from operator import add, sub
 
 from hapnet import checks
 from hapnet.checks import MOST_PLANES, Vector
 from hapnet.control.added_damping import AddedDamping
+from hapnet.control.contact_equations import (
+    ContactState,
+    answer,
+    begin,
+    fade,
+    follow_proxy,
+    forget_forces,
+    rest,
+    take_lead,
+    want_shift,
+    yield_to,
+)
 from hapnet.control.coupling import CouplingSample, Proxy, vector_of
 from hapnet.control.friction_cone import RubbingProxy
 from hapnet.control.own_motion import OwnMotion
-from hapnet.control.smoothing import FilteredVelocity, low_passed
-from hapnet.control.told_plane import ToldPlane, along
+from hapnet.control.smoothing import FilteredVelocity
+from hapnet.control.told_plane import ToldPlane
 from hapnet.params import ContactModelParams
+from hapnet.records.record import PLANES
 
 _DEFAULTS = ContactModelParams()
-
-FORGET_S = 0.5
-"""Time constant with which that shift goes when there is no contact [s]."""
-
-SETTLED_MPS = 0.02
-"""A proxy that moves faster along a normal says nothing about the plane [m/s]: its force is the mean over a step, its
-position the step's end. In contact it moves seven times slower than the hand, with the default springs."""
-
-SWEEPS = 32
-"""The most Gauss-Seidel sweeps over the planes. Orthogonal ones need one, and one more to see it."""
-
-SETTLED_N = 1e-4
-"""A sweep that changes no force by more than this [N] is the last."""
 
 SLIP_M = 5e-4
 """A proxy that rubs and moves by more than this within a tick, beside the device's way, takes some milliseconds."""
@@ -65,11 +65,7 @@ ROUNDS = 2
 """How often several surfaces that bend are seen anew from where the proxy rests among their tangent planes."""
 
 
-YIELDING_S = 0.3
-"""Time constant with which the lead follows the level of the world's reservoir [s]: the hand must not notice."""
-
-
-class ContactModel:
+class ContactModel(ContactState):
     """Computes y from the own position and the planes that the world told last.
 
     More than twenty attributes: what was told, what follows from it, and three filters each change on their own.
@@ -102,69 +98,82 @@ class ContactModel:
         remembers: bool = _DEFAULTS.remembers,
         untold_share: float = 1.0,
     ) -> None:
-        self._compliance = [tuple(row) for row in compliance]
-        softest = self._compliance[0][0]
-        self._rubbing = RubbingProxy(self._compliance)
+        self.in_use = 1
+        self.compliance, self.lead = [list(row) for row in compliance], [list(row) for row in lead]
+        softest = self.compliance[0][0]
+        self._rubbing = RubbingProxy(self.compliance)
         self._is_isotropic = all(
             part == (softest if i == j else 0.0) for i, row in enumerate(compliance) for j, part in enumerate(row)
         )
-        self._lead = [tuple(row) for row in lead]
         self._own_motion = own_motion
-        self._added = added
-        self._velocity = FilteredVelocity(lead_s)
-        self._fade_s = checks.positive("fade_s", fade_s)
-        self._shift_s = checks.positive("shift_s", shift_s)
-        self._yields_below = checks.non_negative("yields_below", yields_below)
-        self._remembers = remembers
+        self.added = added
+        self.velocity = FilteredVelocity(lead_s)
+        self.fade_s = checks.positive("fade_s", fade_s)
+        self.shift_s = checks.positive("shift_s", shift_s)
+        self.yields_below = checks.non_negative("yields_below", yields_below)
+        self.remembers = int(remembers)
         self._untold_share = checks.positive("untold_share", untold_share)
+        self.forces = [0.0] * PLANES
         self.reset(position)
 
     def reset(self, position: Vector) -> None:
         """Forget all planes: their world was replaced. y continues at `position` [m]."""
-        self._still = (0.0,) * len(position)
-        self._planes: tuple[ToldPlane, ...] | None = ()
+        n = len(position)
+        self._still = (0.0,) * n
+        self._know(())
         self._rubbing.reset(position)
-        self._shift = self._fading = self._still
-        self._wanted_shift: Vector | None = None
+        for name in ("shifted", "fading", "goal", "earlier", "made_fading", "leading", "before", "s"):
+            setattr(self, name, [0.0] * n)
+        for name in ("start", "made_x", "made_s", "made_before", "made_y"):
+            setattr(self, name, list(position))
+        self.starts, self.has_goal, self.has_earlier, self.touches = 1, 0, 0, 0
         self._pending: tuple[Proxy, float, float] | None = None
-        self._earlier: tuple[Vector, float] | None = None
-        self._age = 0.0
-        self._velocity.reset()
-        self._freedom = 1.0
-        self._kept = self._kept_goal = 1.0
-        self._start: Vector | None = position
-        self._made = position, position, self._still, position, position
+        self.age = self.earlier_s = 0.0
+        self.velocity.reset()
+        self.freedom = self.kept = self.kept_goal = 1.0
         self._own_motion.reset(position)
 
     def release(self, position: Vector) -> None:
         """y continues at `position` [m]; what the world told stays known, and how far the lead has given way."""
-        planes, kept = self._planes, (self._kept, self._kept_goal)
+        planes, tells, kept = self.planes, self._tells, (self.kept, self.kept_goal)
         self.reset(position)
-        if planes is not None:
-            self._planes, (self._kept, self._kept_goal) = planes, kept
+        if tells:
+            self._know(planes)
+            self.kept, self.kept_goal = kept
             self._rubbing.told(planes, None)
+
+    def _know(self, planes: Sequence[ToldPlane] | None) -> None:
+        """These are the planes from now on; None: the world can tell none."""
+        self._tells: bool = planes is not None
+        self.planes = list(planes or ())
+        self.count = len(self.planes)
+        self._bends: bool = any(one.curvatures for one in self.planes)
 
     @property
     def shift(self) -> Vector:
         """By how much all planes are moved, so that they agree with what the proxy feels [m]."""
-        return self._shift
+        return tuple(self.shifted)
 
     @property
     def planes_share(self) -> Vector:
         """The part of the last y - x that the planes have made, and what is left of a change of them [m]."""
-        x, s, fading, _, _ = self._made
-        return tuple([b - a + c for a, b, c in zip(x, s, fading, strict=True)])
+        parts = zip(self.made_x, self.made_s, self.made_fading, strict=True)
+        return tuple([b - a + c for a, b, c in parts])
 
     @property
     def damping_share(self) -> Vector:
         """The part of the last y - x that is added damping [m]."""
-        *_, before, y = self._made
-        return tuple(map(sub, y, before))
+        return tuple(map(sub, self.made_y, self.made_before))
 
     @property
     def lead_kept(self) -> float:
         """The share of the lead that has not given way, 0 to 1."""
-        return self._kept
+        return self.kept
+
+    @property
+    def pending(self) -> tuple[Proxy, float, float] | None:
+        """The answer that the next step takes, when it was sent, and how old it is [s]; None: nothing came."""
+        return self._pending
 
     def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
         """The world's newest answer, and how old it is; see `CouplingState.receive`."""
@@ -174,119 +183,84 @@ class ContactModel:
 
     def step(self, dt: float, x: Vector) -> Vector:
         """y [m] at the position x [m], `dt` seconds after the last step."""
+        n = len(x)
         self._own_motion.observe(dt, x)
-        self._age += dt
-        if self._start is not None:
-            self._fading = tuple(map(sub, self._start, x))
-            self._start = None
+        begin(self, n, dt, x)
         news = self._pending is not None
         if self._pending is not None:
             self._take(*self._pending, x)
-        velocity = self._velocity.step(dt, x)
-        (self._kept,) = low_passed(dt, YIELDING_S, (self._kept,), (self._kept_goal,))
-        lead = tuple([self._kept * sum(map(mul, row, velocity)) for row in self._lead])
-        if self._planes is None:
+        if not self.velocity.known:
+            self.velocity.reset_at(x)
+        take_lead(self, n, dt, x)
+        y = [0.0] * n
+        if not self._tells:
             self._rubbing.place = x
-            lead = tuple([part / self._untold_share for part in lead])
-            y = self._faded(dt, self._softened(x, self._own_motion.step(dt, x, lead)))
-            damped = self._added.step(dt, x, y, self._age, 1.0, swings=True)
-            self._made = x, x, self._still, y, damped
+            lead = tuple([part / self._untold_share for part in self.leading])
+            y[:] = self._softened(x, self._own_motion.step(dt, x, lead))
+            fade(self, n, dt, y)
+            damped = self.added.step(dt, x, tuple(y), self.age, 1.0, swings=True)
+            for made, part in ((self.made_x, x), (self.made_s, x), (self.made_fading, self._still),
+                               (self.made_before, y), (self.made_y, damped)):  # fmt: skip
+                made[:] = part
             return damped
         self._rubbing.agree(dt)
         before = self._rubbing.place
-        s, touches = self._rest(x, self._planes)
-        self._rubbing.place = s
+        self._rest(x)
+        self._rubbing.place = s = tuple(self.s)
         if self._rubbing.rubs and not news:
-            slip = tuple([a - b - (c - d) for a, b, c, d in zip(s, before, x, self._made[0], strict=True)])
+            slip = tuple([a - b - (c - d) for a, b, c, d in zip(s, before, x, self.made_x, strict=True)])
             if math.hypot(*slip) > SLIP_M:  # it has slipped off something round
-                self._fading = tuple(map(sub, self._fading, slip))
-        (self._freedom,) = low_passed(dt, self._fade_s, (self._freedom,), (0.0 if touches else 1.0,))
-        self._settle(dt)
-        y = self._faded(dt, tuple([a + self._freedom * b for a, b in zip(s, lead, strict=True)]))
-        damped = self._added.step(dt, x, y, self._age, self._freedom, swings=False)
-        self._made = x, s, self._fading, y, damped
-        return damped
+                self.fading[:] = map(sub, self.fading, slip)
+        if not self.added.velocity.known:
+            self.added.velocity.reset_at(x)
+        answer(self, n, dt, x, y)
+        return tuple(y)
 
     # -- what the world told ------------------------------------------------------------------------------------------
 
     def _take(self, told: Proxy, sent_s: float, age_s: float, x: Vector) -> None:
         self._pending = None
         before = self._model(x)
-        self._age = age_s
-        level = 1.0 if told.level is None else told.level
-        self._kept_goal = min(1.0, level / self._yields_below) if self._yields_below else 1.0
+        self.age = age_s
+        yield_to(self, -1.0 if told.level is None else told.level)
         if told.planes is None:
             self._own_motion.receive(told.position, age_s)
-            self._planes = None
+            self._know(None)
         else:
-            earlier = self._planes or ()
-            planes = tuple([ToldPlane(plane, self._compliance, told.position) for plane in told.planes])
-            self._wanted_shift = self._shift_wanted(planes, told, self._proxy_velocity(told.position, sent_s), earlier)
-            self._planes = planes + self._remembered(planes, told, earlier)
-            self._rubbing.told(self._planes, told.position if told.force != self._still else None)
+            planes = [ToldPlane(plane, self.compliance, told.position) for plane in told.planes]
+            self._want_shift(planes, told, sent_s)
+            self._know(planes + self._remembered(planes, told))
+            self._rubbing.told(self.planes, told.position if told.force != self._still else None)
         after = self._model(x)
         if after != before:
-            self._fading = tuple(map(add, self._fading, map(sub, before, after)))
+            self.fading[:] = map(add, self.fading, map(sub, before, after))
 
-    def _remembered(
-        self, planes: Sequence[ToldPlane], told: Proxy, earlier: Sequence[ToldPlane]
-    ) -> tuple[ToldPlane, ...]:
+    def _remembered(self, planes: Sequence[ToldPlane], told: Proxy) -> list[ToldPlane]:
         """The earlier planes that this answer neither tells nor denies; with the told ones as many as can be told."""
-        if not self._remembers or told.reach_m is None:
-            return ()
-        kept = [one for one in earlier if not one.withdrawn(planes, told.position, told.reach_m)]
-        return tuple(kept[: MOST_PLANES - len(planes)])
+        if not self.remembers or told.reach_m is None:
+            return []
+        kept = [one for one in self.planes if not one.withdrawn(planes, told.position, told.reach_m)]
+        return kept[: MOST_PLANES - len(planes)]
 
     def _model(self, x: Vector) -> Vector:
         """y of the present model, but for lead and fading."""
-        if self._planes is None:
+        if not self._tells:
             return self._softened(x, self._own_motion.at(x))
-        return self._rest(x, self._planes)[0]
+        self._rest(x)
+        return tuple(self.s)
 
-    def _proxy_velocity(self, position: Vector, sent_s: float) -> Vector:
-        """The proxy's, since the message before [m/s]; zero with the first."""
-        earlier, self._earlier = self._earlier, (position, sent_s)
-        if earlier is None or sent_s <= earlier[1]:
-            return self._still
-        return tuple([(new - old) / (sent_s - earlier[1]) for old, new in zip(earlier[0], position, strict=True)])
-
-    def _shift_wanted(
-        self, planes: Sequence[ToldPlane], told: Proxy, velocity: Vector, earlier: Sequence[ToldPlane]
-    ) -> Vector | None:
-        """The shift with which the told planes agree with the proxy's own position and force; None: nothing known.
-
-        The force is of the step that has ended, so a plane that was not there before it proves nothing yet.
-        """
-        wanted: list[float] = [0.0] * len(self._still)
-        known = False
+    def _want_shift(self, planes: Sequence[ToldPlane], told: Proxy, sent_s: float) -> None:
+        """Find the shift with which the told planes agree with the proxy's own position and force."""
+        n = len(self._still)
+        follow_proxy(self, n, told.position, sent_s)
         touched = planes
         if self._rubbing.rubs and len(touched) > 1:  # friction on one plane may be along the normal of another
-            touched = tuple([one for one in touched if one.depth(told.position) > 0.0])
+            touched = [one for one in touched if one.depth(told.position) > 0.0]
             if len(touched) > 1:
-                return self._shift
-        for one in touched:
-            moving = abs(sum(map(mul, one.normal, velocity))) > SETTLED_MPS
-            if moving or not any(one.same(other.seen_from(told.position, 0.0), told.position) for other in earlier):
-                return self._shift
-            depth = one.depth(told.position)
-            force = -sum(map(mul, one.normal, told.force))
-            if force > 0.0:
-                error = depth - force / one.stiffness  # the plane is really so much deeper
-            elif depth > 0.0 and told.force == self._still:
-                error = depth
-            else:
-                continue
-            known = True
-            for axis, n in enumerate(one.normal):
-                wanted[axis] += n * error
-        return tuple(wanted) if known else None
-
-    def _settle(self, dt: float) -> None:
-        """Let the shift approach what the last answer asks for."""
-        goal, constant = (self._still, FORGET_S) if self._wanted_shift is None else (self._wanted_shift, self._shift_s)
-        if goal == self._shift:
-            return
-        self._shift = low_passed(dt, constant, self._shift, goal)
+                self.has_goal, self.goal = 1, list(self.shifted)
+                return
+        earlier = [one.seen_from(told.position, 0.0) for one in self.planes] if self._bends else self.planes
+        want_shift(self, touched, len(touched), earlier, len(earlier), n, told.position, told.force)
 
     def _softened(self, x: Vector, y: Vector) -> Vector:
         """y for a world that can tell no planes: its answer is late, and a stiff spring to it would ring."""
@@ -295,56 +269,19 @@ class ContactModel:
 
     # -- y ------------------------------------------------------------------------------------------------------------
 
-    def _rest(self, x: Vector, planes: Sequence[ToldPlane]) -> tuple[Vector, bool]:
-        """Where the proxy rests for the device at x [m], and whether it touches anything there."""
+    def _rest(self, x: Vector) -> None:
+        """Find where the proxy rests for the device at x [m], and whether it touches anything there."""
+        n, planes = len(x), self.planes
         if self._rubbing.rubs:
-            return self._rubbing.rest(x, planes, self._shift, self._age, ROUNDS)
-        if not any(one.curvatures for one in planes):
-            return self._rest_on(x, planes)
-        # With springs that are alike in all directions, the point of one surface nearest to x is nearest to s too.
-        rounds = 1 if self._is_isotropic and len(planes) == 1 else ROUNDS
-        s, touches, forces = x, False, [0.0] * len(planes)
-        for _ in range(rounds):
-            place = tuple(map(sub, s, self._shift))
-            s, touches = self._rest_on(x, [one.seen_from(place, self._age) for one in planes], forces)
-        return s, touches
-
-    def _rest_on(
-        self, x: Vector, planes: Sequence[ToldPlane], forces: list[float] | None = None
-    ) -> tuple[Vector, bool]:
-        """`_rest` on flat planes; `forces` : where the search begins and what it has found [N]."""
-        shift = self._shift
-        if len(planes) == 1:  # mostly
-            one = planes[0]
-            depth = sum(map(mul, one.normal, map(sub, x, shift))) - one.now(self._age)
-            if depth <= 0.0:
-                return x, False
-            force = depth / one.softness
-            return tuple([a - force * r for a, r in zip(x, one.response, strict=True)]), True
-        s = x
-        if forces is None:
-            forces = [0.0] * len(planes)
-        for known, one in zip(forces, planes, strict=True):
-            if known:
-                s = along(s, one.response, -known)
-        for _ in range(SWEEPS):
-            moved = False
-            for i, one in enumerate(planes):
-                depth = sum(map(mul, one.normal, map(sub, s, shift))) - one.now(self._age)
-                force = max(0.0, forces[i] + (depth - forces[i] / one.stiffness) / one.softness)
-                if force != forces[i]:
-                    change = force - forces[i]
-                    forces[i] = force
-                    s = tuple([a - change * r for a, r in zip(s, one.response, strict=True)])
-                    moved = moved or abs(change) > SETTLED_N
-            if not moved:
-                break
-        return s, any(forces)
-
-    def _faded(self, dt: float, y: Vector) -> Vector:
-        if self._fading == self._still:
-            return y
-        share = self._fade_s / (self._fade_s + dt)
-        fading = tuple([share * part for part in self._fading])
-        self._fading = fading if math.hypot(*fading) > 1e-9 else self._still
-        return tuple(map(add, y, fading))
+            s, touches = self._rubbing.rest(x, planes, self.shift, self.age, ROUNDS)
+            self.s[:], self.touches = s, int(touches)
+        elif not self._bends:
+            forget_forces(self, self.count)
+            rest(self, planes, self.count, n, x)
+        else:
+            # With springs that are alike in all directions, the point of one surface nearest to x is nearest to s too.
+            forget_forces(self, self.count)
+            self.s[:] = x
+            for _ in range(1 if self._is_isotropic and self.count == 1 else ROUNDS):
+                place = tuple(map(sub, self.s, self.shifted))
+                rest(self, [one.seen_from(place, self.age) for one in planes], self.count, n, x)

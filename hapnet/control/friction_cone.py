@@ -21,6 +21,7 @@ from operator import mul, sub
 
 from hapnet.checks import Vector
 from hapnet.control.told_plane import SAME_COSINE, ToldPlane, along
+from hapnet.records.record import Reals
 
 SWEEPS = 8
 """The most Gauss-Seidel sweeps over the planes at a tick; the next tick goes on from there."""
@@ -38,7 +39,7 @@ class RubbingProxy:
     compliance : K'^-1 of the world's virtual coupling, (n, n) [m/N].
     """
 
-    def __init__(self, compliance: Sequence[Vector]) -> None:
+    def __init__(self, compliance: Sequence[Reals]) -> None:
         self._give = max([sum(map(abs, row)) for row in compliance])
         """At least the largest eigenvalue [m/N]."""
         softest = compliance[0][0]
@@ -56,7 +57,7 @@ class RubbingProxy:
         self._worlds: Vector | None = None
         self._forces: list[float] = []
         self._tractions: list[Vector] = []
-        self._normals: tuple[Vector, ...] = ()
+        self._normals: tuple[Reals, ...] = ()
 
     def told(self, planes: Sequence[ToldPlane], place: Vector | None) -> None:
         """The world's planes are these now, and its own proxy rested at `place` [m]; None: it touched nothing."""
@@ -130,5 +131,5 @@ class RubbingProxy:
         return s
 
 
-def _across(vector: Vector, normal: Vector) -> Vector:
+def _across(vector: Vector, normal: Reals) -> Vector:
     return along(vector, normal, -sum(map(mul, normal, vector)))

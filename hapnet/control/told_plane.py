@@ -8,6 +8,9 @@ from operator import mul
 from hapnet.checks import Vector
 from hapnet.mechanics.curvature import Curvatures, tangent
 from hapnet.mechanics.plane import Plane
+from hapnet.records.equation import equation
+from hapnet.records.record import FloatRows, OfAxes, Reals, Record
+from hapnet.records.vectors import dot, times
 
 SAME_M, SAME_COSINE, SAME_STIFFNESS = 1e-3, 0.95, 1.2
 """Two planes, told one after the other, are the same surface if they differ by less."""
@@ -16,68 +19,104 @@ LONGEST_EXTRAPOLATION_S = 0.2
 """For how long a plane is assumed to go on moving [s]."""
 
 
-class ToldPlane:
-    """A plane as told for `position` [m], with what follows from K'."""
+class ToldPlane(Record):
+    """A plane as told for `position` [m], with what follows from K'.
 
-    __slots__ = (
-        "_compliance", "_foot", "curvatures", "friction", "normal", "offset", "response", "softness", "stiffness",
-        "velocity",
-    )  # fmt: skip
+    Attributes
+    ----------
+    response : K'^-1 n [m/N]. softness : depth of the device per force, through the wall's spring and the virtual
+        coupling [m/N].
+    """
 
-    def __init__(self, plane: Plane, compliance: Sequence[Vector], position: Vector) -> None:
-        self.normal: Vector = plane.normal
-        self.offset: float = plane.offset_m
-        self.stiffness: float = plane.stiffness
-        self.velocity: float = plane.velocity_mps
+    normal: OfAxes
+    offset: float
+    stiffness: float
+    velocity: float
+    response: OfAxes
+    softness: float
+
+    def __init__(self, plane: Plane, compliance: FloatRows, position: Vector) -> None:
+        self.normal, self.offset = list(plane.normal), plane.offset_m
+        self.stiffness, self.velocity = plane.stiffness, plane.velocity_mps
+        self.response = [0.0] * len(self.normal)
         self.friction: float = plane.friction
         self.curvatures: Curvatures = plane.curvatures
         self._compliance = compliance
         self._foot = along(position, self.normal, -self.depth(position)) if plane.curvatures else ()
-        self.response: Vector = tuple([sum(map(mul, row, plane.normal)) for row in compliance])
-        """K'^-1 n [m/N]."""
-        self.softness: float = 1.0 / plane.stiffness + sum(map(mul, plane.normal, self.response))
-        """Depth of the device per force, through the wall's spring and the virtual coupling [m/N]."""
+        understand(self, len(self.normal), compliance)
 
-    def depth(self, position: Vector) -> float:
+    def depth(self, position: Reals) -> float:
         """How deep `position` [m] is behind the plane as told [m]."""
-        along: float = sum(map(mul, self.normal, position))
-        return along - self.offset
+        return depth(self, len(self.normal), position)
 
     def withdrawn(self, told: Sequence[ToldPlane], position: Vector, reach_m: float) -> bool:
-        """Does a proxy at `position` [m] that tells these planes, and no others within `reach_m` [m], deny this one?
-
-        A plane that moves is not remembered: nobody knows where it is by now.
-        """
-        if self.velocity or -self.depth(position) <= reach_m:
-            return True
-        return any(self.same(one, position) for one in told)
+        """Does a proxy at `position` [m] that tells these planes, and no others within `reach_m` [m], deny this one?"""
+        return withdrawn(self, told, len(told), len(self.normal), position, reach_m)
 
     def given(self, force: Vector) -> Vector:
         """By how much the virtual coupling gives way to `force` (n,) [N]: K'^-1 times it [m]."""
         return tuple([sum(map(mul, row, force)) for row in self._compliance])
 
-    def same(self, other: ToldPlane, position: Vector) -> bool:
-        """Is this the same surface, near enough, for a proxy at `position` [m]?"""
-        apart = self.depth(position) - other.depth(position)
-        alike = 1.0 / SAME_STIFFNESS < self.stiffness / other.stiffness < SAME_STIFFNESS
-        return alike and abs(apart) < SAME_M and sum(map(mul, self.normal, other.normal)) > SAME_COSINE
-
     def now(self, age: float) -> float:
         """The plane's offset now [m]: a moving one goes on for a while."""
-        if not self.velocity:
-            return self.offset
-        return self.offset + self.velocity * min(max(age, 0.0), LONGEST_EXTRAPOLATION_S)
+        return now(self, age)
 
     def seen_from(self, place: Vector, age: float) -> ToldPlane:
         """The flat plane that is tangent to the surface at this age [s] where it is nearest to `place` [m]."""
         if not self.curvatures:
             return self
         foot = along(self._foot, self.normal, self.now(age) - self.offset)
-        normal, depth = tangent(self.normal, foot, self.curvatures, place)
+        normal, depth = tangent(tuple(self.normal), foot, self.curvatures, place)
         offset: float = sum(map(mul, normal, place)) - depth
         return ToldPlane(Plane(normal, offset, self.stiffness, 0.0, friction=self.friction), self._compliance, place)
 
 
-def along(place: Vector, way: Vector, share: float) -> Vector:
+@equation
+def understand(one: ToldPlane, n: int, compliance: FloatRows) -> None:
+    """What follows from K'."""
+    times(n, compliance, one.normal, one.response)
+    one.softness = 1.0 / one.stiffness + dot(n, one.normal, one.response)
+
+
+@equation
+def depth(one: ToldPlane, n: int, position: Reals) -> float:
+    """`ToldPlane.depth`."""
+    return dot(n, one.normal, position) - one.offset
+
+
+@equation
+def now(one: ToldPlane, age: float) -> float:
+    """`ToldPlane.now`."""
+    if one.velocity == 0.0:
+        return one.offset
+    return one.offset + one.velocity * min(max(age, 0.0), LONGEST_EXTRAPOLATION_S)
+
+
+@equation
+def same(one: ToldPlane, other: ToldPlane, n: int, position: Reals) -> bool:
+    """Are these the same surface, near enough, for a proxy at `position` [m]?"""
+    apart = depth(one, n, position) - depth(other, n, position)
+    alike = 1.0 / SAME_STIFFNESS < one.stiffness / other.stiffness < SAME_STIFFNESS
+    return alike and abs(apart) < SAME_M and dot(n, one.normal, other.normal) > SAME_COSINE
+
+
+@equation
+def among(one: ToldPlane, others: Sequence[ToldPlane], count: int, n: int, position: Reals) -> bool:
+    """Is it the same surface as any of the first `count` others?"""
+    found = False
+    for j in range(count):
+        found = found or same(one, others[j], n, position)
+    return found
+
+
+@equation
+def withdrawn(one: ToldPlane, told: Sequence[ToldPlane], count: int, n: int, position: Reals, reach_m: float) -> bool:
+    """`ToldPlane.withdrawn`. A plane that moves is not remembered: nobody knows where it is by now."""
+    if one.velocity != 0.0 or -depth(one, n, position) <= reach_m:
+        return True
+    return among(one, told, count, n, position)
+
+
+def along(place: Reals, way: Reals, share: float) -> Vector:
     """`place` + `share` `way`."""
     return tuple([a + share * b for a, b in zip(place, way, strict=True)])

@@ -7,17 +7,16 @@ from hapnet.control import ledger as ledgers
 from hapnet.control import prediction
 from hapnet.control import set_position_coupling as couplings
 from hapnet.control import set_position_servo as servos
-from hapnet.control.added_damping import AddedDamping
+from hapnet.control.contact_equations import ContactState
 from hapnet.control.continuous_servo import ContinuousServo
 from hapnet.control.harvest import MeasuredHarvest, hold
 from hapnet.control.ledger import Ledger
 from hapnet.control.prediction import PredictedDevice
 from hapnet.control.set_position_coupling import MOST_REACH_M, SetPositionCoupling
 from hapnet.control.set_position_servo import SampledServo
-from hapnet.control.smoothing import FilteredVelocity
 from hapnet.kernel import contact_model, coupled_device
 from hapnet.kernel import device as devices
-from hapnet.kernel.contact_model import ContactModel, Planes
+from hapnet.kernel.contact_model import Answer
 from hapnet.kernel.coupled_device import TickModel
 from hapnet.kernel.device import Device, Hand
 from hapnet.kernel.endpoint import Wire, finish
@@ -29,7 +28,7 @@ from hapnet.plant.worlds import account, walls
 from hapnet.plant.worlds.account import EnvironmentAccount
 from hapnet.plant.worlds.walls import Contacts
 from hapnet.records.equation import equation
-from hapnet.records.record import Floats, Record
+from hapnet.records.record import Floats, OfPlanes, Record, VectorsOfPlanes
 from hapnet.records.vectors import copy
 
 _NANO = 1e-9
@@ -50,6 +49,16 @@ class Counts(Record):
     reach_mps: float
 
 
+class Planes(Record):
+    """The planes that the world tells."""
+
+    count: int
+    normal: VectorsOfPlanes
+    offset: OfPlanes
+    stiffness: OfPlanes
+    velocity: OfPlanes
+
+
 class DeviceSide(Record):
     """Everything of the device's side.
 
@@ -66,11 +75,8 @@ class DeviceSide(Record):
     true_ledger: Ledger
     true_work: MeasuredHarvest
     hand: Ledger
-    model: ContactModel
-    planes: Planes
-    told: Planes
-    velocity: FilteredVelocity
-    added: AddedDamping
+    model: ContactState
+    told: Answer
 
 
 class WorldSide(Record):
@@ -187,17 +193,17 @@ def _age_s(sample: Message, came_ns: int, took_ns: int, now_ns: int) -> float:
 @equation
 def _tell(side: DeviceSide, sample: Message, n: int, age_s: float) -> None:
     """`ContactModel.receive`."""
-    model, told = side.model, side.told
-    model.pending = 1
-    copy(n, sample.position, model.told_position)
-    copy(n, sample.force, model.told_force)
-    model.told_sent_s, model.told_age_s = side.coupling.sent_s, age_s
-    model.told_reach_m, model.told_level = sample.reach_m, sample.level
+    told = side.told
+    told.pending = 1
+    copy(n, sample.position, told.position)
+    copy(n, sample.force, told.force)
+    told.sent_s, told.age_s = side.coupling.sent_s, age_s
+    told.reach_m, told.level = sample.reach_m, sample.level
     told.count = sample.planes
     for k in range(sample.planes):
-        copy(n, sample.normal[k], told.normal[k])
-        told.offset[k], told.stiffness[k] = sample.offset[k], sample.stiffness[k]
-        told.velocity[k] = sample.velocity[k]
+        one = told.planes[k]
+        copy(n, sample.normal[k], one.normal)
+        one.offset, one.stiffness, one.velocity = sample.offset[k], sample.stiffness[k], sample.velocity[k]
 
 
 @equation
@@ -213,7 +219,7 @@ def _choose(side: DeviceSide, dt: float, x: Floats) -> None:
     """Choose y, before the stages."""
     coupling, n = side.coupling, side.plant.n
     if side.model.in_use:
-        contact_model.step(side.model, side.planes, side.told, side.velocity, side.added, n, dt, x, coupling.y)
+        contact_model.step(side.model, side.told, n, dt, x, coupling.y)
     else:
         copy(n, coupling.received, coupling.y)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -11,12 +10,14 @@ from hapnet.checks import Vector
 from hapnet.control.contact_model import ContactModel
 from hapnet.control.continuous_servo import ContinuousServo
 from hapnet.control.set_position_coupling import SetPositionCoupling
-from hapnet.kernel import contact_model, sides
+from hapnet.control.told_plane import ToldPlane
 from hapnet.kernel import device as devices
+from hapnet.kernel import sides
+from hapnet.kernel.contact_model import Answer
 from hapnet.kernel.memory import load, store
 from hapnet.plant.device import SimulatedDevice
 from hapnet.side.device import DeviceSide
-from hapnet.simulation.compiled.mirror import optional, put, read, replace, value, vector
+from hapnet.simulation.compiled.mirror import put, read, replace, value, vector
 
 
 def read_side(record: sides.DeviceSide, side: DeviceSide) -> None:
@@ -33,7 +34,8 @@ def read_side(record: sides.DeviceSide, side: DeviceSide) -> None:
         store(record.true_work, value(side, "true_work"))
         store(record.hand, value(side, "hand"))
     if isinstance(coupling.source, ContactModel):
-        _model(record, coupling.source)
+        store(record.model, coupling.source)
+        _told(record.told, coupling.source)
 
 
 def coupling_of(side: DeviceSide) -> SetPositionCoupling:
@@ -107,41 +109,17 @@ def _coupled(record: sides.DeviceSide, device: SimulatedDevice) -> None:
     ticks.limited, ticks.at_limit = int(state.limited), int(state.at_limit)
 
 
-def _model(side: sides.DeviceSide, source: ContactModel) -> None:
-    """The contact model, which is then in use."""
-    record = side.model
-    record.in_use = 1
-    read(record, source, "fade_s shift_s shift fading age freedom compliance lead")
-    read(record, source, "yields_below remembers kept kept_goal")
-    optional(record, "wanted_shift", "has_wanted", value(source, "wanted_shift"))
-    optional(record, "start", "starts", value(source, "start"))
-    if (earlier := value(source, "earlier")) is not None:
-        record.has_earlier, record.earlier_s = 1, earlier[1]
-        put(record, "earlier", earlier[0])
-    for field, made in zip(("x", "s", "fading", "before", "y"), value(source, "made"), strict=True):
-        put(record, f"made_{field}", made)
-    _planes(side.planes, value(source, "planes"))
-    _pending(record, side.told, value(source, "pending"))
-    store(side.velocity, value(source, "velocity"))
-    store(side.added, value(source, "added"))
-
-
-def _planes(record: contact_model.Planes, planes: tuple[object, ...]) -> None:
-    record.count = len(planes)
-    for name in ("normal", "offset", "stiffness", "velocity", "response", "softness"):
-        put(record, name, [value(plane, name) for plane in planes])
-
-
-def _pending(record: contact_model.ContactModel, told: contact_model.Planes, pending: Any) -> None:
-    if pending is None:
+def _told(record: Answer, model: ContactModel) -> None:
+    """The answer that waits for the next step."""
+    if model.pending is None:
         return
-    proxy, record.told_sent_s, record.told_age_s = pending
+    proxy, record.sent_s, record.age_s = model.pending
     record.pending = 1
-    put(record, "told_position", proxy.position)
-    put(record, "told_force", proxy.force)
-    record.told_reach_m = -1.0 if proxy.reach_m is None else proxy.reach_m
-    record.told_level = -1.0 if proxy.level is None else proxy.level
-    told.count = len(proxy.planes)
-    for k, plane in enumerate(proxy.planes):
-        told.normal[k][: len(plane.normal)] = plane.normal
-        told.offset[k], told.stiffness[k], told.velocity[k] = plane.offset_m, plane.stiffness, plane.velocity_mps
+    put(record, "position", proxy.position)
+    put(record, "force", proxy.force)
+    record.reach_m = -1.0 if proxy.reach_m is None else proxy.reach_m
+    record.level = -1.0 if proxy.level is None else proxy.level
+    planes = [ToldPlane(plane, model.compliance, proxy.position) for plane in proxy.planes or ()]
+    record.count = len(planes)
+    for one, plane in zip(record.planes, planes, strict=False):
+        store(one, plane)
