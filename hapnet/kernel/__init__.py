@@ -1,5 +1,5 @@
-"""Whole scenarios under PSPM or the plain virtual coupling, in functions that numba compiles.
+"""Whole scenarios under PSPM or the plain virtual coupling, compiled by numba.
 
-Each file is named after the file of the reference whose equations it mirrors, in the same order of operations: so one
-axis gives the same bits. The reference stays the place where an equation is explained.
+The equations are those of `control`, `plant`, `mechanics` and `wire`: functions over records, of which twins.py makes
+compiled twins. What is here is the order in which a scenario calls them, and its link.
 """
