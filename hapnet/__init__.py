@@ -131,4 +131,8 @@ def __getattr__(name: str) -> Any:
     """Public names are loaded on first use: a command's --help needs neither numpy nor Zenoh."""
     if name in _HOMES:
         return getattr(import_module(_HOMES[name]), name)
+    if name == "__version__":
+        from hapnet.versions import versions
+
+        return versions()["hapnet-haptics"]
     raise AttributeError(f"module 'hapnet' has no attribute {name!r}")

@@ -172,15 +172,29 @@ def test_the_kernel_is_compiled_once_it_is_worth_it(monkeypatch: pytest.MonkeyPa
 
 
 def test_machine_code_of_other_sources_does_not_count(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(sources, "_MARK", tmp_path / "compiled")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     assert not sources.are_compiled()
     sources.mark()
     assert sources.are_compiled()
+    assert [path.parent for path in tmp_path.rglob("compiled-*")] == [tmp_path / "cache" / "hapnet"]
     monkeypatch.setattr(sources, "digest", lambda: "another")
     assert not sources.are_compiled()
-    monkeypatch.setattr(sources, "_MARK", tmp_path / "nowhere" / "compiled")
+    (tmp_path / "file").write_text("no directory")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     sources.mark()  # as where nothing can be written
     assert not sources.are_compiled()
+
+
+@pytest.mark.slow
+def test_machine_code_is_kept_with_the_users_caches(tmp_path: Path) -> None:
+    """And not beside the package. Where nothing can be written it is made for one process."""
+    run = "from hapnet.simulation.compiled.run import make_ready; make_ready()"
+    before = set((ROOT / "hapnet").rglob("*.nb?"))
+    for place, kept in ((tmp_path / "cache", True), (Path("/proc/nowhere"), False)):
+        environment = os.environ | {"XDG_CACHE_HOME": str(place)}
+        subprocess.run([sys.executable, "-c", run], cwd=ROOT, env=environment, check=True)
+        assert bool(list(place.rglob("*.nbc"))) == kept
+    assert set((ROOT / "hapnet").rglob("*.nb?")) == before
 
 
 def test_without_numba_the_reference_runs(monkeypatch: pytest.MonkeyPatch) -> None:

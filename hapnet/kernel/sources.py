@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 _HERE = Path(__file__).parent
-_MARK = _HERE / "__pycache__" / "compiled"
-"""Beside the machine code; it has the digest of what that was made from."""
+
+
+def directory() -> Path:
+    """Where the machine code is kept: with the user's other caches, never beside the package."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hapnet"
+
+
+def _mark() -> Path:
+    """The file that has the digest of what the machine code was made from. Packages of two places have two."""
+    return directory() / f"compiled-{hashlib.sha256(str(_HERE).encode()).hexdigest()[:16]}"
 
 
 @cache
@@ -27,15 +36,16 @@ def digest() -> str:
 def are_compiled() -> bool:
     """Is there machine code of the present sources?"""
     try:
-        return _MARK.read_text("utf-8") == digest()
+        return _mark().read_text("utf-8") == digest()
     except OSError:
         return False
 
 
 def mark() -> None:
-    """Note that there is; where nothing can be written the compiler keeps its code elsewhere, and nobody knows."""
+    """Note that there is; where nothing can be written there is none for later processes."""
     with suppress(OSError):
-        _MARK.write_text(digest(), "utf-8")
+        _mark().parent.mkdir(parents=True, exist_ok=True)
+        _mark().write_text(digest(), "utf-8")
 
 
 def _compiler() -> str:

@@ -11,6 +11,7 @@ import importlib
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any, TypeVar
 
@@ -21,10 +22,10 @@ try:
 except ImportError:
     COMPILED = False
     _njit: Any = None
+    _config: Any = None
 else:
-    from numba.core import config
-
-    COMPILED = not getattr(config, "DISABLE_JIT", 0)
+    _config = importlib.import_module("numba.core.config")
+    COMPILED = not getattr(_config, "DISABLE_JIT", 0)
     _njit = numba.njit
 
 _LEAN = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "_nrt": False, "error_model": "numpy"}
@@ -35,17 +36,26 @@ _PARTS: set[str] = set()
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-def entry(function: F) -> F:
-    """The compiled twin of the function through which all others are called: its machine code is cached.
+def entry(function: F, cache: Path) -> F:
+    """The compiled twin of the function through which all others are called: its machine code is kept in `cache`.
 
-    Numba looks only at the entry's own file to see whether its cache is still valid. So the entry must be a closure
-    that uses a digest of the sources, which changes with any of them.
+    The environment's `NUMBA_CACHE_DIR` goes before that. Numba looks only at the entry's own file to see whether its
+    cache is still valid. So the entry must be a closure that uses a digest of the sources, which changes with any of
+    them.
     """
     if not COMPILED:
         return function
     assert isinstance(function, FunctionType)
-    names = _twins()[function.__module__]
-    made: F = _njit(cache=True, no_cfunc_wrapper=True, error_model="numpy")(_with_globals(function, names))
+    twin = _with_globals(function, _twins()[function.__module__])
+    given = _config.CACHE_DIR
+    try:
+        cache.mkdir(parents=True, exist_ok=True)
+        _config.CACHE_DIR = given or str(cache)
+        made: F = _njit(cache=True, no_cfunc_wrapper=True, error_model="numpy")(twin)
+    except (OSError, RuntimeError):  # nowhere to write: it is compiled for this process alone
+        made = _njit(no_cfunc_wrapper=True, error_model="numpy")(twin)
+    finally:
+        _config.CACHE_DIR = given
     return made
 
 
