@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 from hapnet.control import ledger as ledgers
 from hapnet.control.ledger import Ledger
 from hapnet.control.set_position_coupling import MOST_REACH_M
-from hapnet.kernel import contact_model, coupled_device, prediction
-from hapnet.kernel import device as devices
+from hapnet.kernel import contact_model, prediction
 from hapnet.kernel import set_position_coupling as couplings
 from hapnet.kernel import set_position_servo as servos
 from hapnet.kernel.added_damping import AddedDamping, FilteredVelocity
 from hapnet.kernel.contact_model import ContactModel, Planes
-from hapnet.kernel.coupled_device import TickModel
-from hapnet.kernel.device import Device, Hand
 from hapnet.kernel.endpoint import Wire, finish
-from hapnet.kernel.limited_coupling import LimitedCoupling
 from hapnet.kernel.link import Message
 from hapnet.kernel.prediction import PredictedDevice
 from hapnet.kernel.reserve import ForceGuard
@@ -22,17 +20,33 @@ from hapnet.kernel.set_position_coupling import Coupling
 from hapnet.kernel.set_position_servo import SampledServo
 from hapnet.kernel.smoothing import Stages
 from hapnet.mechanics.spring import Spring
+from hapnet.plant import device as devices
 from hapnet.plant import integrator
+from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
+from hapnet.plant.tick import tick as make_tick
 from hapnet.plant.worlds import account, walls
 from hapnet.plant.worlds.account import EnvironmentAccount
 from hapnet.plant.worlds.walls import Contacts
 from hapnet.records.equation import equation
-from hapnet.records.record import Floats, Record
+from hapnet.records.record import AXES, FloatRows, Floats, Record
 from hapnet.records.vectors import copy
 
 _NANO = 1e-9
 _MOST_REACH_M = MOST_REACH_M
+
+
+TICKS = 1024
+"""So many ticks of the hand's path are known at once."""
+
+
+class Hand(Record):
+    """The hand's reference: where it is, and at the end of each of the next ticks [m]. at : where on the path it is;
+    known : how many ticks the path has."""
+
+    at: int
+    known: int
+    path: Annotated[FloatRows, (TICKS + 1, AXES)]
 
 
 class Counts(Record):
@@ -52,13 +66,10 @@ class Counts(Record):
 class DeviceSide(Record):
     """Everything of the device's side.
 
-    plant : the device; model_of_tick, limited : of a coupling that acts within the tick. true_ledger, hand : the
-    accounts with the true positions, and of the hand.
+    plant : the device. true_ledger, hand : the accounts with the true positions, and of the hand.
     """
 
-    plant: Device
-    model_of_tick: TickModel
-    limited: LimitedCoupling
+    plant: SimulatedDevice
     servo: SampledServo
     coupling: Coupling
     spring: Spring
@@ -93,7 +104,7 @@ class WorldSide(Record):
 def tick(side: DeviceSide, wire: Wire, counts: Counts, hand: Hand, now_ns: int, message: Message) -> bool:
     """`DeviceSide.tick`: is there a position to send? It is then in `message`."""
     dt = max((now_ns - counts.device_last_ns) * _NANO, side.plant.period)
-    if side.model_of_tick.in_use:
+    if side.plant.state.coupled:
         _tick_within(side, wire, hand, dt, now_ns)
     else:
         _tick_held(side, wire, hand, dt, now_ns)
@@ -101,7 +112,7 @@ def tick(side: DeviceSide, wire: Wire, counts: Counts, hand: Hand, now_ns: int, 
     counts.ticks += 1
     if not side.servo.sends:
         return False
-    copy(side.plant.n, side.plant.read_position, message.position)
+    copy(side.plant.dof, side.plant.read_position, message.position)
     message.planes, message.reach_m, message.level = 0, -1.0, side.coupling.level
     finish(wire.endpoint, message, now_ns)
     return True
@@ -110,11 +121,11 @@ def tick(side: DeviceSide, wire: Wire, counts: Counts, hand: Hand, now_ns: int, 
 @equation
 def _tick_held(side: DeviceSide, wire: Wire, hand: Hand, dt: float, now_ns: int) -> None:
     """`SampledDeviceSide._control`."""
-    device, servo, n = side.plant, side.servo, side.plant.n
-    copy(n, device.position, servo.spring_force)  # where it was before
-    ledgers.put_in(side.hand, devices.advance(device, hand))
+    device, servo, n = side.plant, side.servo, side.plant.dof
+    copy(n, device.state.position, servo.spring_force)  # where it was before
+    ledgers.put_in(side.hand, _advance(device, hand))
     true_work = servos.hold(
-        servo.trusts != 0, servo.trusted, n, servo.force, servo.spring_force, device.position, dt, 0.0
+        servo.trusts != 0, servo.trusted, n, servo.force, servo.spring_force, device.state.position, dt, 0.0
     )
     devices.read(device)
     _take(side, wire, now_ns)
@@ -123,17 +134,18 @@ def _tick_held(side: DeviceSide, wire: Wire, hand: Hand, dt: float, now_ns: int)
     if updates:
         _choose(side, servo.elapsed + dt, x)
     servos.tick(servo, side.coupling, side.spring, side.ledger, side.stages, side.guard, dt, x, v, updates)
-    devices.apply(device, servo.force)
+    devices.hold(device, servo.force)
+    copy(n, device.state.torque, servo.force)
     _observe_truth(side, true_work)
 
 
 @equation
 def _tick_within(side: DeviceSide, wire: Wire, hand: Hand, dt: float, now_ns: int) -> None:
     """`ContinuousDeviceSide._control`, with `ContinuousServo.tick`."""
-    device, model, servo, coupling, ledger = side.plant, side.model_of_tick, side.servo, side.coupling, side.ledger
-    work = coupled_device.advance(device, model, side.limited, hand, coupling.set_position)
-    copy(device.n, device.position, device.read_position)
-    x, kinetic = device.read_position, devices.kinetic(device)
+    device, servo, coupling, ledger = side.plant, side.servo, side.coupling, side.ledger
+    work = _advance(device, hand)
+    copy(device.dof, device.state.position, device.read_position)
+    x, kinetic = device.read_position, devices.kinetic_at(device, device.state.velocity)
     _take(side, wire, now_ns)
     servo.elapsed += dt
     ledgers.put_in(ledger, work)
@@ -142,9 +154,10 @@ def _tick_within(side: DeviceSide, wire: Wire, hand: Hand, dt: float, now_ns: in
     coupling.shuffled = 0.0
     if servo.elapsed < servo.due and not coupling.has_sample:
         return
-    dissipated = coupled_device.dissipated(device, model, servo.elapsed)
+    dissipated = _dissipated(device, servo.elapsed)
     _choose(side, servo.elapsed, x)
     couplings.update(coupling, side.spring, ledger, side.stages, servo.elapsed, x, dissipated, 0.0)
+    copy(device.dof, coupling.set_position, device.state.set_position)
     ledgers.observe(ledger, kinetic + couplings.potential(coupling, side.spring, x), coupling.account)
     servo.sending_elapsed += servo.elapsed
     servo.elapsed = 0.0
@@ -154,9 +167,33 @@ def _tick_within(side: DeviceSide, wire: Wire, hand: Hand, dt: float, now_ns: in
 
 
 @equation
+def _advance(device: SimulatedDevice, hand: Hand) -> float:
+    """`SimulatedDevice.advance`, to the next point of the hand's path."""
+    work = make_tick(device.model, device.state, hand.path, hand.at)
+    hand.at += 1
+    device.ticks += 1
+    device.time = device.ticks * device.period
+    return work
+
+
+@equation
+def _dissipated(device: SimulatedDevice, interval: float) -> float:
+    """What the coupling's damper dissipated since the last call, or its bound (10), as after `passage`."""
+    state, by_range, lost = device.state, 0.0, 0.0
+    for i in range(device.dof):
+        travel = state.high[i] - state.low[i] - 0.0
+        if travel > 0.0:
+            by_range += device.model.b[i] * travel * travel
+        lost += state.dissipated[i]
+    limited = state.limited != 0
+    devices.begin_passage(state, device.dof)
+    return lost if limited else by_range / interval
+
+
+@equation
 def _take(side: DeviceSide, wire: Wire, now_ns: int) -> None:
     """`ControlHalf.take` at the device."""
-    endpoint, coupling, n = wire.endpoint, side.coupling, side.plant.n
+    endpoint, coupling, n = wire.endpoint, side.coupling, side.plant.dof
     for k in range(endpoint.waiting):
         at = (endpoint.first + k) % endpoint.backlog
         sample = wire.samples[at]
@@ -216,7 +253,7 @@ def _credit(coupling: Coupling, wire: Wire) -> None:
 @equation
 def _choose(side: DeviceSide, dt: float, x: Floats) -> None:
     """Choose y, before the stages."""
-    coupling, n = side.coupling, side.plant.n
+    coupling, n = side.coupling, side.plant.dof
     if side.model.in_use:
         contact_model.step(
             side.model, side.planes, side.told, side.velocity, side.added, side.added_velocity, n, dt, x, coupling.y
@@ -231,7 +268,7 @@ def _observe_truth(side: DeviceSide, work: float) -> None:
     ledger = side.true_ledger
     ledgers.put_in(ledger, work)
     ledger.credited, ledger.sent = side.ledger.credited, side.ledger.sent
-    stored = couplings.potential(side.coupling, side.spring, side.plant.position)
+    stored = couplings.potential(side.coupling, side.spring, side.plant.state.position)
     ledgers.observe(ledger, stored, servos.account(side.servo, side.coupling, side.spring))
 
 
