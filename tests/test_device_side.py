@@ -151,7 +151,7 @@ def test_a_servo_that_was_away_renders_nothing_until_it_is_on_time_and_the_accou
         clock.now_ns = now_ns
         side.coupling.receive((-0.02,), 0.0, 0.0)
         side.tick(now_ns)
-        set_position = device.position if device.state.set_position is None else device.state.set_position
+        set_position = device.state.set_position if device.state.coupled else device.position
         forces.append(abs(device.state.torque[0]) + abs(100.0 * (device.position[0] - set_position[0])))
         return forces[-1]
 

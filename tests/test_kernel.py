@@ -42,9 +42,8 @@ def test_several_axes_give_the_same_bits_with_a_held_force(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(200, 204))
-def test_several_axes_give_the_same_to_rounding_with_the_continuous_servo(seed: int) -> None:
-    """The reference computes such a tick as one product of a matrix, whose order of operations is the library's."""
-    assert not differences(kernel_case(seed, 0, "continuous"), seed, 1e-12)
+def test_several_axes_give_the_same_bits_with_the_continuous_servo(seed: int) -> None:
+    assert not differences(kernel_case(seed, 0, "continuous"), seed)
 
 
 def test_energy_that_is_lost_and_sent_again_gives_the_same_bits() -> None:
@@ -59,17 +58,15 @@ def test_at_the_edges_one_axis_gives_the_same_bits(edge: str, servo: str) -> Non
 
 
 @pytest.mark.parametrize("edge", SEVERAL_AXES)
-def test_at_the_edges_several_axes_give_the_same_to_rounding(edge: str) -> None:
-    assert not differences(PAPER.set({"duration_s": 1.2, **SEVERAL_AXES[edge]}), 1, 1e-11)
+def test_at_the_edges_several_axes_give_the_same_bits(edge: str) -> None:
+    assert not differences(PAPER.set({"duration_s": 1.2, **SEVERAL_AXES[edge]}), 1)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("servo", ["sampled", "continuous"])
 @pytest.mark.parametrize("seed", range(1000, 1025))
-def test_many_cases_give_the_same(seed: int, servo: str) -> None:
-    dof = seed % 2
-    exact = dof == 1 or servo == "sampled"
-    assert not differences(kernel_case(seed, dof, servo, 5.0), seed, 0.0 if exact else 1e-12)
+def test_many_cases_give_the_same_bits(seed: int, servo: str) -> None:
+    assert not differences(kernel_case(seed, seed % 2, servo, 5.0), seed)
 
 
 @pytest.mark.parametrize("coupling", ["pspm", "zoh"])
@@ -166,9 +163,6 @@ def test_the_kernel_is_compiled_once_it_is_worth_it(monkeypatch: pytest.MonkeyPa
     long = SAMPLED.set({"duration_s": 90.0})
     reasons = [Simulation(long).not_compiled for _ in range(3)]
     assert reasons == ["compiling it would take longer than this run"] * 2 + [None]
-    rounded = SAMPLED.set({"device.servo": "continuous", "feel": "paper", "dof": 2})
-    monkeypatch.setattr(coverage, "_ticks", 0)
-    assert Simulation(rounded).not_compiled is None  # the choice must not depend on what was run before
 
 
 def test_machine_code_of_other_sources_does_not_count(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

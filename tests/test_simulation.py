@@ -169,7 +169,7 @@ class Watch:
     def __init__(self, patch: pytest.MonkeyPatch) -> None:
         self.harvested: dict[SetPositionCoupling, float] = {}
         self.hand = 0.0
-        update, run = SetPositionCoupling.update, SimulatedDevice.run
+        update, run, advance = SetPositionCoupling.update, SimulatedDevice.run, SimulatedDevice.advance
 
         def watched_update(coupling: SetPositionCoupling, dt: float, x: Vector, dissipated: float) -> Modulation:
             result = update(coupling, dt, x, dissipated)
@@ -182,7 +182,13 @@ class Watch:
             self.hand += sum(max(0.0, tick[0]) for tick in results)
             return results
 
+        def watched_advance(device: SimulatedDevice) -> float:
+            work = advance(device)
+            self.hand += max(0.0, work)
+            return work
+
         patch.setattr(SetPositionCoupling, "update", watched_update)
+        patch.setattr(SimulatedDevice, "advance", watched_advance)
         patch.setattr(SimulatedDevice, "run", watched_run)
 
 

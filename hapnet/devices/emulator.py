@@ -47,7 +47,7 @@ class Handle:
     @property
     def force(self) -> Vector:
         """The force that acts now [N]."""
-        return self.device.state.torque
+        return tuple(self.device.state.torque)
 
     def read(self, now_ns: int) -> tuple[Vector, Vector]:
         """Position [m] and velocity [m/s] at `now_ns`."""

@@ -7,9 +7,8 @@ from typing import Annotated
 
 from hapnet.control import set_position_coupling as couplings
 from hapnet.control.ledger import Ledger
-from hapnet.kernel.device import Hand
 from hapnet.kernel.endpoint import Wire
-from hapnet.kernel.sides import Counts, DeviceSide, WorldSide
+from hapnet.kernel.sides import Counts, DeviceSide, Hand, WorldSide
 from hapnet.mechanics import spring as springs
 from hapnet.records.equation import equation
 from hapnet.records.record import AXES, FloatRows, Floats, Record, Wholes
@@ -47,10 +46,10 @@ def have_room(rows: Rows) -> bool:
 @equation
 def record_tick(rows: Rows, side: DeviceSide, wire: Wire, hand: Hand, now_ns: int) -> None:
     """A `DeviceSample`: its vectors in their order, then its scalars."""
-    device, servo, coupling, n = side.plant, side.servo, side.coupling, side.plant.n
+    device, servo, coupling, n = side.plant, side.servo, side.coupling, side.plant.dof
     spring = coupling.modulator.spring
     x, at = device.read_position, rows.device_rows
-    row, within = rows.at_device[at], side.model_of_tick.in_use != 0
+    row, within = rows.at_device[at], device.state.coupled != 0
     rows.device_rows = at + 1
     rows.device_ns[at] = now_ns
     springs.force(spring, x, coupling.modulator.ybar, servo.pull)
@@ -58,13 +57,13 @@ def record_tick(rows: Rows, side: DeviceSide, wire: Wire, hand: Hand, now_ns: in
         row[i] = x[i]
         row[n + i] = coupling.modulator.ybar[i]
         row[2 * n + i] = coupling.aim[i]
-        row[3 * n + i] = device.actuator_force[i] if within else servo.held[i]
-        row[4 * n + i] = device.hand_force[i]
+        row[3 * n + i] = device.state.actuator_force[i] if within else servo.held[i]
+        row[4 * n + i] = device.state.hand_force[i]
         row[5 * n + i] = hand.path[hand.at][i]
         row[6 * n + i] = servo.pull[i]
         row[7 * n + i] = row[3 * n + i] - row[6 * n + i] if within else -servo.damping[i] * servo.velocity[i]
         row[8 * n + i] = row[9 * n + i] = 0.0
-        row[10 * n + i] = device.velocity[i] if within else device.read_velocity[i]
+        row[10 * n + i] = device.state.velocity[i] if within else device.read_velocity[i]
     if side.model.in_use:
         _part(row, side, n)
     _account(row, DEVICE_VECTORS * n, side, x)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 from hapnet.control import continuous_servo as continuous
 from hapnet.control import ledger as ledgers
 from hapnet.control import prediction
@@ -9,30 +11,42 @@ from hapnet.control import set_position_coupling as couplings
 from hapnet.control import set_position_servo as servos
 from hapnet.control.contact_equations import ContactState
 from hapnet.control.continuous_servo import ContinuousServo
-from hapnet.control.harvest import MeasuredHarvest, hold
+from hapnet.control.harvest import MeasuredHarvest, by_range, hold
 from hapnet.control.ledger import Ledger
 from hapnet.control.prediction import PredictedDevice
 from hapnet.control.set_position_coupling import MOST_REACH_M, SetPositionCoupling
 from hapnet.control.set_position_servo import SampledServo
-from hapnet.kernel import contact_model, coupled_device
-from hapnet.kernel import device as devices
+from hapnet.kernel import contact_model
 from hapnet.kernel.contact_model import Answer
-from hapnet.kernel.coupled_device import TickModel
-from hapnet.kernel.device import Device, Hand
 from hapnet.kernel.endpoint import Wire, finish
-from hapnet.kernel.limited_coupling import LimitedCoupling
 from hapnet.kernel.link import Message
+from hapnet.plant import device as devices
 from hapnet.plant import integrator
+from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
+from hapnet.plant.tick import tick as make_tick
 from hapnet.plant.worlds import account, walls
 from hapnet.plant.worlds.account import EnvironmentAccount
 from hapnet.plant.worlds.walls import Contacts
 from hapnet.records.equation import equation
-from hapnet.records.record import Floats, OfPlanes, Record, VectorsOfPlanes
+from hapnet.records.record import AXES, FloatRows, Floats, OfPlanes, Record, VectorsOfPlanes
 from hapnet.records.vectors import copy
 
 _NANO = 1e-9
 _MOST_REACH_M = MOST_REACH_M
+
+
+TICKS = 1024
+"""So many ticks of the hand's path are known at once."""
+
+
+class Hand(Record):
+    """The hand's reference: where it is, and at the end of each of the next ticks [m]. at : where on the path it is;
+    known : how many ticks the path has."""
+
+    at: int
+    known: int
+    path: Annotated[FloatRows, (TICKS + 1, AXES)]
 
 
 class Counts(Record):
@@ -62,13 +76,11 @@ class Planes(Record):
 class DeviceSide(Record):
     """Everything of the device's side.
 
-    plant : the device; model_of_tick, limited, within : of a coupling that acts within the tick, and its servo.
-    servo : of a force that is held; true_ledger, true_work, hand : the accounts with the true positions, of the hand.
+    plant : the device. within : the servo of a coupling that acts within the tick, servo : of a force that is held.
+    true_ledger, true_work, hand : the accounts with the true positions, of the hand.
     """
 
-    plant: Device
-    model_of_tick: TickModel
-    limited: LimitedCoupling
+    plant: SimulatedDevice
     within: ContinuousServo
     servo: SampledServo
     coupling: SetPositionCoupling
@@ -94,15 +106,15 @@ class WorldSide(Record):
 def tick(side: DeviceSide, wire: Wire, counts: Counts, hand: Hand, now_ns: int, message: Message) -> bool:
     """`DeviceSide.tick`: is there a position to send? It is then in `message`."""
     dt = max((now_ns - counts.device_last_ns) * _NANO, side.plant.period)
-    if side.model_of_tick.in_use:
+    if side.plant.state.coupled:
         _tick_within(side, wire, hand, dt, now_ns)
     else:
         _tick_held(side, wire, hand, dt, now_ns)
     counts.device_last_ns = now_ns
     counts.ticks += 1
-    if not (side.within.sender.sends if side.model_of_tick.in_use else side.servo.sender.sends):
+    if not (side.within.sender.sends if side.plant.state.coupled else side.servo.sender.sends):
         return False
-    copy(side.plant.n, side.plant.read_position, message.position)
+    copy(side.plant.dof, side.plant.read_position, message.position)
     message.planes, message.reach_m, message.level = 0, -1.0, level(side.coupling)
     finish(wire, message, now_ns)
     return True
@@ -117,10 +129,10 @@ def level(coupling: SetPositionCoupling) -> float:
 @equation
 def _tick_held(side: DeviceSide, wire: Wire, hand: Hand, dt: float, now_ns: int) -> None:
     """`SampledDeviceSide._control`, with `SampledServo.tick`."""
-    device, servo, coupling, n = side.plant, side.servo, side.coupling, side.plant.n
-    copy(n, device.position, servo.wanted)  # where it was before
-    ledgers.put_in(side.hand, devices.advance(device, hand))
-    true_work = hold(side.true_work, servo.held, servo.wanted, device.position, dt)
+    device, servo, coupling, n = side.plant, side.servo, side.coupling, side.plant.dof
+    copy(n, device.state.position, servo.wanted)  # where it was before
+    ledgers.put_in(side.hand, _advance(device, hand))
+    true_work = hold(side.true_work, servo.held, servo.wanted, device.state.position, dt)
     devices.read(device)
     _take(side, wire, now_ns)
     x, v = device.read_position, device.read_velocity
@@ -134,33 +146,57 @@ def _tick_held(side: DeviceSide, wire: Wire, hand: Hand, dt: float, now_ns: int)
         _choose(side, servo.elapsed, x)
         servos.update_held(servo, coupling, x)
     servos.render(servo, coupling, x, v)
-    devices.apply(device, servo.held)
+    devices.hold(device, servo.held)
+    copy(n, device.state.torque, servo.held)
     _observe_truth(side, true_work)
 
 
 @equation
 def _tick_within(side: DeviceSide, wire: Wire, hand: Hand, dt: float, now_ns: int) -> None:
     """`ContinuousDeviceSide._control`, with `ContinuousServo.tick`."""
-    device, model, servo, coupling = side.plant, side.model_of_tick, side.within, side.coupling
-    work = coupled_device.advance(device, model, side.limited, hand, coupling.modulator.ybar)
-    copy(device.n, device.position, device.read_position)
-    x, kinetic = device.read_position, devices.kinetic(device)
+    device, servo, coupling = side.plant, side.within, side.coupling
+    work = _advance(device, hand)
+    copy(device.dof, device.state.position, device.read_position)
+    x, kinetic = device.read_position, devices.kinetic_at(device, device.state.velocity)
     _take(side, wire, now_ns)
     continuous.rest(servo, coupling, dt, x, work, kinetic)
     servo.sender.sends = 0
     coupling.shuffled = 0.0
     if servo.elapsed < servo.due and not coupling.has_sample:
         return
-    dissipated = coupled_device.dissipated(device, model, servo.elapsed)
+    dissipated = _dissipated(device, servo.elapsed)
     _choose(side, servo.elapsed, x)
     couplings.update(coupling, servo.elapsed, x, dissipated, 0.0)
+    copy(device.dof, coupling.modulator.ybar, device.state.set_position)
     continuous.end_update(servo, coupling, x, kinetic)
+
+
+@equation
+def _advance(device: SimulatedDevice, hand: Hand) -> float:
+    """`SimulatedDevice.advance`, to the next point of the hand's path."""
+    work = make_tick(device.model, device.state, hand.path, hand.at)
+    hand.at += 1
+    device.ticks += 1
+    device.time = device.ticks * device.period
+    return work
+
+
+@equation
+def _dissipated(device: SimulatedDevice, interval: float) -> float:
+    """What the coupling's damper dissipated since the last call, or its bound (10), as after `passage`."""
+    state, lost = device.state, 0.0
+    bound = by_range(device.dof, device.model.b, state.low, state.high, interval, 0.0)
+    for i in range(device.dof):
+        lost += state.dissipated[i]
+    limited = state.limited != 0
+    devices.begin_passage(state, device.dof)
+    return lost if limited else bound
 
 
 @equation
 def _take(side: DeviceSide, wire: Wire, now_ns: int) -> None:
     """`ControlHalf.take` at the device."""
-    endpoint, coupling, n = wire.endpoint, side.coupling, side.plant.n
+    endpoint, coupling, n = wire.endpoint, side.coupling, side.plant.dof
     for k in range(endpoint.waiting):
         at = (endpoint.first + k) % endpoint.backlog
         sample = wire.samples[at]
@@ -217,7 +253,7 @@ def _credit(coupling: SetPositionCoupling, wire: Wire) -> None:
 @equation
 def _choose(side: DeviceSide, dt: float, x: Floats) -> None:
     """Choose y, before the stages."""
-    coupling, n = side.coupling, side.plant.n
+    coupling, n = side.coupling, side.plant.dof
     if side.model.in_use:
         contact_model.step(side.model, side.told, n, dt, x, coupling.y)
     else:
@@ -231,7 +267,7 @@ def _observe_truth(side: DeviceSide, work: float) -> None:
     ledgers.put_in(ledger, work)
     own = side.coupling.ledger
     ledger.credited, ledger.sent = own.credited, own.sent
-    stored = couplings.potential(side.coupling, side.plant.position)
+    stored = couplings.potential(side.coupling, side.plant.state.position)
     ledgers.observe(ledger, stored, servos.account(side.servo, side.coupling))
 
 

@@ -11,11 +11,10 @@ from typing import Annotated
 from hapnet.control.two_port import TwoPort, on_device, on_world
 from hapnet.kernel import link as links
 from hapnet.kernel import sides
-from hapnet.kernel.device import Hand
 from hapnet.kernel.endpoint import Wire, has_room, poll, receive
 from hapnet.kernel.link import Link
 from hapnet.kernel.samples import Rows, have_room, record_step, record_tick
-from hapnet.kernel.sides import Counts, DeviceSide, WorldSide
+from hapnet.kernel.sides import Counts, DeviceSide, Hand, WorldSide
 from hapnet.records.equation import equation
 from hapnet.records.record import Record, Wholes
 from hapnet.wire import energy_channel as channels
@@ -192,7 +191,7 @@ def _is_provided(scenario: Scenario, kind: int) -> bool:
 def _impossible(scenario: Scenario) -> bool:
     """Has something happened that the kernel cannot do?"""
     wires = scenario.device_wire.endpoint.impossible + scenario.world_wire.endpoint.impossible
-    return wires + scenario.up.overflow + scenario.down.overflow + scenario.at_device.limited.unsolved > 0
+    return wires + scenario.up.overflow + scenario.down.overflow + scenario.at_device.plant.model.coupling.unsolved > 0
 
 
 def entry_of(sources: str) -> Callable[[Scenario, int], int]:

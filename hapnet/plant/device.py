@@ -22,8 +22,11 @@ from hapnet import checks
 from hapnet.checks import Array, Vector
 from hapnet.errors import InvalidParameter
 from hapnet.plant.operator import Operator
-from hapnet.plant.tick import DeviceState, TickModel
+from hapnet.plant.tick import DeviceState, TickModel, tick
 from hapnet.plant.tick import TickResult as TickResult
+from hapnet.records.equation import equation
+from hapnet.records.record import OfAxes, Reals, Record
+from hapnet.records.vectors import copy, length
 
 
 class Device(Protocol):
@@ -51,7 +54,7 @@ class Device(Protocol):
         """
 
 
-class SimulatedDevice:
+class SimulatedDevice(Record):
     """An n-axis device with constant mass, in a simulated hand.
 
     Parameters
@@ -62,10 +65,28 @@ class SimulatedDevice:
     resolution : encoder resolution [m], 0: exact positions and velocities.
     force_limit : greatest force of the actuators [N].
 
+    Attributes
+    ----------
+    limit : the force limit, infinite if there is none. time : at the end of the last tick [s]; ticks : their number.
+    read_position, read_velocity, read_time : of the last `read`.
+
     Raises
     ------
     InvalidParameter : a value is not allowed.
     """
+
+    dof: int
+    mass: float
+    period: float
+    resolution: float
+    limit: float
+    time: float
+    ticks: int
+    state: DeviceState
+    model: TickModel
+    read_position: OfAxes
+    read_velocity: OfAxes
+    read_time: float
 
     def __init__(
         self,
@@ -78,83 +99,75 @@ class SimulatedDevice:
         resolution: float = 0.0,
         force_limit: float | None = None,
     ) -> None:
-        self.mass: float = checks.positive("device.mass", mass)
-        self._half_mass = 0.5 * self.mass
+        self.mass = checks.positive("device.mass", mass)
         self.damping: float = checks.non_negative("device.own_damping", damping)
-        self.period: float = checks.positive("device period", period)
+        self.period = checks.positive("device period", period)
         if substeps < 1:
             raise InvalidParameter("device.substeps", substeps, "1 or more")
         self._substeps = substeps
         self.operator = operator
-        self.resolution: float = checks.non_negative("device.resolution", resolution)
+        self.resolution = checks.non_negative("device.resolution", resolution)
         self.force_limit: float | None = (
             None if force_limit is None else checks.positive("device.force_limit", force_limit)
         )
-        self.time: float = 0.0
-        self.ticks: int = 0
+        self.limit = math.inf if self.force_limit is None else self.force_limit
+        self.time, self.ticks = 0.0, 0
         self.references: list[Vector] = [operator.reference(0.0)]
         """The hand's reference at the end of each tick of the last `run` [m]."""
         x = self.references[-1]
-        zero = (0.0,) * len(x)
-        self.state: DeviceState = DeviceState(x, zero, zero, zero, zero, x, x)
-        self.model: TickModel = self._model(np.zeros((len(x), len(x))), zero, math.inf)
-        self._read, self._read_time = self._count(), 0.0
-
-    @property
-    def dof(self) -> int:
-        return len(self.state.position)
+        self.dof = n = len(x)
+        self.state = DeviceState(x)
+        self.model = self._model(np.zeros((n, n)), (0.0,) * n, math.inf)
+        self.read_position, self.read_velocity, self.read_time = [0.0] * n, [0.0] * n, 0.0
+        _count(self)
+        self._seen_at, self._seen = 0, tuple(x)
 
     @property
     def position(self) -> Vector:
-        """x [m]."""
-        return self.state.position
+        """x [m]; one and the same object until the next tick."""
+        if self._seen_at != self.ticks:
+            self._seen_at, self._seen = self.ticks, tuple(self.state.position)
+        return self._seen
 
     @property
     def velocity(self) -> Vector:
         """x' [m/s]."""
-        return self.state.velocity
+        return tuple(self.state.velocity)
 
     @property
     def hand_force(self) -> Vector:
         """The hand's force on the device, mean over the last substep [N]."""
-        return self.state.hand_force
+        return tuple(self.state.hand_force)
 
     @property
     def actuator_force(self) -> Vector:
         """The actuators' force on the device, mean over the last substep [N]."""
-        return self.state.actuator_force
+        return tuple(self.state.actuator_force)
 
     @property
     def kinetic(self) -> float:
         """Kinetic energy of the device's own mass [J]."""
         return self.kinetic_at(self.state.velocity)
 
-    def kinetic_at(self, velocity: Vector) -> float:
+    @equation
+    def kinetic_at(self, velocity: Reals) -> float:
         """Kinetic energy at this velocity [m/s] [J]."""
-        if len(velocity) == 1:
-            return self._half_mass * (velocity[0] * velocity[0])
         square = 0.0
-        for v in velocity:
-            square += v * v
-        return self._half_mass * square
+        for i in range(self.dof):
+            square += velocity[i] * velocity[i]
+        return 0.5 * self.mass * square
 
     def read(self) -> tuple[Vector, Vector]:
         """Position and velocity; with encoders, whole counts and their difference quotient since the last read."""
         if self.resolution == 0.0:
-            return self.state.position, self.state.velocity
-        before, self._read = self._read, self._count()
-        span, self._read_time = self.time - self._read_time, self.time
-        if span == 0.0:
-            return self._read, (0.0,) * self.dof
-        return self._read, tuple([(b - a) / span for a, b in zip(before, self._read, strict=True)])
+            return self.position, tuple(self.state.velocity)
+        read(self)
+        return tuple(self.read_position), tuple(self.read_velocity)
 
     def apply(self, force: Vector) -> Vector:
         """Hold a force [N], cut to the actuators' limit. Returns the force held."""
-        length = math.hypot(*force)
-        if self.force_limit is not None and length > self.force_limit:
-            force = tuple([component * self.force_limit / length for component in force])
-        self.state.torque = force
-        return force
+        hold(self, force)
+        return tuple(self.state.torque)
 
     def couple(
         self, stiffness: ArrayLike, damping: ArrayLike, set_position: Vector, spring_limit: float | None = None
@@ -178,12 +191,12 @@ class SimulatedDevice:
         B = checks.diagonal("damping", damping, self.dof, zero_allowed=True)
         largest = float(np.linalg.eigvalsh(K)[-1])
         self.model = self._model(K, B, math.inf if spring_limit is None else spring_limit / math.sqrt(largest))
-        self.state.set_position = set_position
-        self.state.torque = (0.0,) * self.dof
+        self.state.coupled, self.state.set_position = 1, list(set_position)
+        self.state.torque = [0.0] * self.dof
 
     def move_set_position(self, set_position: Vector) -> None:
         """Set a new ybar [m] for the active coupling."""
-        self.state.set_position = set_position
+        self.state.set_position[:] = set_position
 
     def passage(self) -> tuple[Vector, Vector, float | None]:
         """Smallest and largest position on each axis since the last call [m], both ends included; with a coupling.
@@ -191,26 +204,25 @@ class SimulatedDevice:
         The third value is what the coupling's damper dissipated since then [J] if it was limited, else None.
         """
         state = self.state
-        result = state.low, state.high, state.dissipated if state.limited else None
-        state.low = state.high = state.position
-        state.dissipated, state.limited = 0.0, False
+        result = tuple(state.low), tuple(state.high), sum(state.dissipated) if state.limited else None
+        begin_passage(state, self.dof)
         return result
 
     def place(self, position: Vector) -> None:
         """Rest at `position` [m], where the hand already is; before the first tick."""
         self.references = [position]
-        self.state.position = self.state.low = self.state.high = position
-        self._read = self._count()
+        self.state.position[:] = position
+        self._seen_at = -1
+        begin_passage(self.state, self.dof)
+        _count(self)
 
     def advance(self) -> float:
         """Run one tick of the servo's period. Returns the work done by the hand on the device [J]."""
-        if self.state.set_position is not None:
-            return self.run(1)[0][0]
         self.ticks += 1
         self.time = self.ticks * self.period
         begin, end = self.references[-1], self.operator.reference(self.time)
         self.references = [end]
-        return self.model.held(self.state, begin, end)
+        return tick(self.model, self.state, (begin, end), 0)
 
     def run(self, ticks: int) -> list[TickResult]:
         """Run `ticks` ticks, with no input in between. Returns the result of each."""
@@ -228,6 +240,47 @@ class SimulatedDevice:
             self.dof, self.mass, self.damping, hand, self.period, self._substeps, stiffness, damping, knee, limit
         )
 
-    def _count(self) -> Vector:
-        r, position = self.resolution, self.state.position
-        return position if r == 0.0 else tuple([r * round(x / r) for x in position])
+
+@equation
+def _count(device: SimulatedDevice) -> None:
+    """The position as the encoders tell it."""
+    r, x = device.resolution, device.state.position
+    for i in range(device.dof):
+        device.read_position[i] = x[i] if r == 0.0 else r * round(x[i] / r)
+
+
+@equation
+def read(device: SimulatedDevice) -> None:
+    """`SimulatedDevice.read`."""
+    n, x, v, span = device.dof, device.read_position, device.read_velocity, device.time - device.read_time
+    device.read_time = device.time
+    copy(n, device.state.velocity if device.resolution == 0.0 else x, v)
+    _count(device)
+    if device.resolution != 0.0:
+        for i in range(n):
+            v[i] = (x[i] - v[i]) / span if span != 0.0 else 0.0
+
+
+@equation
+def hold(device: SimulatedDevice, force: Reals) -> None:
+    """Hold a force [N] in `torque`, cut to the actuators' limit."""
+    torque, size = device.state.torque, length(device.dof, force)
+    if size > device.limit:
+        for i in range(device.dof):
+            torque[i] = force[i] * device.limit / size
+    else:
+        for i in range(device.dof):
+            torque[i] = force[i]
+
+
+@equation
+def begin_passage(state: DeviceState, n: int) -> None:
+    """From now on count anew what `passage` tells."""
+    for i in range(n):
+        state.low[i] = state.high[i] = state.position[i]
+        state.dissipated[i] = 0.0
+    state.limited = 0
+
+
+kinetic_at = SimulatedDevice.kinetic_at
+"""As equations call it."""

@@ -13,15 +13,14 @@ limits.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from operator import mul
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from hapnet.checks import Array, Vector
-from hapnet.records.equation import equation
+from hapnet.records.equation import compiled_as, equation
+from hapnet.records.record import MatrixOfAxes, OfAxes, Record
+from hapnet.records.vectors import copy, distance, dot, length, times
 
 ROUNDS = 25
 """Most iterations of a fixed point or a search. The one for c contracts by about ``K h^2 / 4M`` in each; if that is not
@@ -29,10 +28,6 @@ enough, c is bisected."""
 
 _NEAR = 1e-9
 """How far the force of a limited damper may stay below its limit, relative to the limit."""
-
-Modes = tuple[Vector, tuple[Vector, ...]]
-"""Eigenvalues and eigenvectors (as rows) of ``K x = mu (a + lambda B) x``; the vectors have unit length in
-``a + lambda B``."""
 
 
 class Substep(NamedTuple):
@@ -50,131 +45,164 @@ class Substep(NamedTuple):
     """Mean power dissipated by the damper, ``lambda |vhat|_B^2`` [W]."""
 
 
-class LimitedCoupling:
+class LimitedCoupling(Record):
     """A coupling, for substeps of a fixed length.
 
     Parameters
     ----------
     stiffness : K [N/m] (n, n). damping : B's diagonal [Ns/m]. resistance : a [Ns/m]. length : h of a substep [s].
     knee : the ``|e|_K`` [sqrt J] at which the spring saturates. force_limit : of spring and damper together [N].
+
+    Attributes
+    ----------
+    K : its rows. values, vectors : eigenvalues and eigenvectors (as rows) of ``K x = mu (a + lambda B) x``; the vectors
+        have unit length in ``a + lambda B``, with lambda = `share`.
+    push, offset, pull : of a substep: p [N], e [m] and K e [N], afterwards those at its end.
+    middle, force, power, limited : its result: vhat, F, the power dissipated, and whether its damper was limited.
+    whole : the length of F with the whole damper. unsolved : the force is not known, as only Python can search for it.
+    pushes, pulls, end, after, before, spring, drag : room for what a substep computes.
     """
+
+    n: int
+    K: MatrixOfAxes
+    damping: OfAxes
+    resistance: float
+    h: float
+    knee: float
+    force_limit: float
+    share: float
+    values: OfAxes
+    vectors: MatrixOfAxes
+    push: OfAxes
+    offset: OfAxes
+    pull: OfAxes
+    middle: OfAxes
+    force: OfAxes
+    power: float
+    limited: int
+    whole: float
+    unsolved: int
+    pushes: OfAxes
+    pulls: OfAxes
+    end: OfAxes
+    after: OfAxes
+    before: OfAxes
+    spring: OfAxes
+    drag: OfAxes
 
     def __init__(
         self, stiffness: Array, damping: Vector, resistance: float, length: float, knee: float, force_limit: float
     ) -> None:
-        self.rows: tuple[Vector, ...] = rows(stiffness)
-        self.modes: Modes = self._modes(stiffness, damping, resistance)
-        self._stiffness, self._damping, self._resistance = stiffness, damping, resistance
-        self._h, self._knee, self._force_limit = length, knee, force_limit
+        super().__init__()
+        self.n = n = len(damping)
+        self._stiffness = stiffness
+        self.K, self.damping, self.resistance = stiffness.tolist(), list(damping), resistance
+        self.h, self.knee, self.force_limit = length, knee, force_limit
+        for name in ("push", "offset", "pull", "middle", "force", "pushes", "pulls"):
+            setattr(self, name, [0.0] * n)
+        for name in ("end", "after", "before", "spring", "drag"):
+            setattr(self, name, [0.0] * n)
+        self.limit_damper(1.0)
 
     def substep(self, push: Vector, offset: Vector, pull: Vector) -> tuple[Substep, bool]:
         """Compute a substep; also returns whether its damper was limited.
 
         `push` is p [N], `offset` e [m] and `pull` K e [N].
         """
-        whole = self._damped(1.0, self.modes, push, offset, pull)
-        if math.hypot(*whole.force) <= self._force_limit:
-            return whole, False
-        return self._at_limit(whole, push, offset, pull) or self._within_limit(whole, push, offset, pull), True
+        self.push[:], self.offset[:], self.pull[:] = push, offset, pull
+        substep(self)
+        middle, end, pull, force = (tuple(vector) for vector in (self.middle, self.offset, self.pull, self.force))
+        return Substep(middle, end, pull, force, self.power), bool(self.limited)
 
-    def _at_limit(self, whole: Substep, push: Vector, offset: Vector, pull: Vector) -> Substep | None:
-        """Find the direction of a force of known length by a fixed point; None if it does not converge.
-
-        vhat follows from the force, the spring's force from vhat, and lambda from the condition that the whole force
-        has the length of its limit. One axis needs no iteration; with more, each contracts by about
-        ``limit / (a |vhat|)``.
-        """
-        limit, h = self._force_limit, self._h
-        start = math.sqrt(max(0.0, sum(map(mul, offset, pull))))
-        shorter = limit / math.hypot(*whole.force)
-        force = [shorter * f for f in whole.force]
-        for _ in range(ROUNDS):
-            middle = [(p + f) / self._resistance for p, f in zip(push, force, strict=True)]
-            end = [e + h * m for e, m in zip(offset, middle, strict=True)]
-            after = [sum(map(mul, row, end)) for row in self.rows]
-            c = discrete_gradient(start, math.sqrt(max(0.0, sum(map(mul, end, after)))), self._knee)
-            spring = [-0.5 * c * (g + g1) for g, g1 in zip(pull, after, strict=True)]
-            drag = list(map(mul, self._damping, middle))
-            along, square = sum(map(mul, spring, drag)), sum(map(mul, drag, drag))
-            if square == 0.0:
-                return None
-            room = limit * limit - sum(map(mul, spring, spring))
-            share = (along + math.sqrt(max(0.0, along * along + square * room))) / square
-            before, force = force, [s - share * d for s, d in zip(spring, drag, strict=True)]
-            if math.dist(before, force) <= 1e-14 * limit:
-                lost = sum([(s - f) * m for s, f, m in zip(spring, before, middle, strict=True)])
-                return Substep(tuple(middle), tuple(end), tuple(after), tuple(before), max(0.0, lost))
-        return None
-
-    def _within_limit(self, whole: Substep, push: Vector, offset: Vector, pull: Vector) -> Substep:
-        """If `_at_limit` fails: search the lambda that gives the limit, by false position (Illinois), from below."""
-        limit = self._force_limit
-
-        def damped(share: float) -> Substep:
-            B = tuple([share * b for b in self._damping])
-            return self._damped(share, self._modes(self._stiffness, B, self._resistance), push, offset, pull)
-
-        best, low, high = damped(0.0), 0.0, 1.0
-        below, above = math.hypot(*best.force) - limit, math.hypot(*whole.force) - limit
-        beyond = below
-        for _ in range(ROUNDS):
-            share = low - below * (high - low) / (above - below)
-            if math.hypot(*best.force) >= (1.0 - _NEAR) * limit or not low < share < high:
-                break
-            step = damped(share)
-            again, beyond = beyond, math.hypot(*step.force) - limit
-            if beyond > 0.0:
-                high, above = share, beyond
-                below *= 0.5 if again > 0.0 else 1.0
-            else:
-                best, low, below = step, share, beyond
-                above *= 0.5 if again <= 0.0 else 1.0
-        return best
-
-    def _damped(self, share: float, modes: Modes, push: Vector, offset: Vector, pull: Vector) -> Substep:
-        """The substep with lambda = `share`: ``(a + lambda B + c h/2 K) vhat = p - c K e``, solved in its modes."""
-        h = self._h
-        c, middle = self._saturated(modes, push, pull, sum(map(mul, offset, pull)))
-        end = tuple([e + h * m for e, m in zip(offset, middle, strict=True)])
-        after = tuple([sum(map(mul, row, end)) for row in self.rows])
-        drag = [share * b * m for b, m in zip(self._damping, middle, strict=True)]
-        force = [-0.5 * c * (g + g1) - d for g, g1, d in zip(pull, after, drag, strict=True)]
-        return Substep(middle, end, after, tuple(force), sum(map(mul, drag, middle)))
-
-    def _saturated(self, modes: Modes, push: Vector, pull: Vector, square: float) -> tuple[float, Vector]:
-        """(c, vhat) for a given damper; `square` is ``|e|_K^2`` at the start [J].
-
-        In the modes ``w = (push - c pull)/(1 + c h/2 mu)``, ``vhat = modes' w``, and at the end
-        ``|e|_K^2 = square + 2 h w . pull + h^2 sum mu w^2``.
-        """
-        h, knee = self._h, self._knee
-        values, vectors = modes
-        pushes = [sum(map(mul, mode, push)) for mode in vectors]
-        pulls = [sum(map(mul, mode, pull)) for mode in vectors]
-        start = math.sqrt(max(0.0, square))
-        terms = list(zip(pushes, pulls, values, strict=True))
-
-        def gradient(c: float) -> float:
-            gain = 0.0
-            for a, b, k in terms:
-                u = (a - c * b) / (1.0 + 0.5 * c * h * k)
-                gain += u * (2.0 * b + h * k * u)
-            return discrete_gradient(start, math.sqrt(max(0.0, square + h * gain)), knee)
-
-        c = _fixed_point(gradient, 1.0 if start <= knee else knee / start)
-        w = [(a - c * b) / (1.0 + 0.5 * c * h * k) for a, b, k in terms]
-        return c, tuple([sum(map(mul, column, w)) for column in zip(*vectors, strict=True)])
-
-    @staticmethod
-    def _modes(stiffness: Array, damping: ArrayLike, resistance: float) -> Modes:
-        root = 1.0 / np.sqrt(resistance + np.asarray(damping))
-        values, vectors = np.linalg.eigh(stiffness * np.outer(root, root))
-        return tuple(values.tolist()), rows(vectors.T * root)
+    def limit_damper(self, share: float) -> None:
+        """From now on compute with lambda = `share`."""
+        self.share = share
+        root = 1.0 / np.sqrt(self.resistance + np.asarray([share * b for b in self.damping]))
+        values, vectors = np.linalg.eigh(self._stiffness * np.outer(root, root))
+        self.values, self.vectors = values.tolist(), (vectors.T * root).tolist()
 
 
-def rows(matrix: NDArray[np.floating[Any]]) -> tuple[Vector, ...]:
-    """The matrix's rows as tuples of floats."""
-    return tuple(tuple(row) for row in matrix.tolist())
+@equation
+def substep(coupling: LimitedCoupling) -> None:
+    """A substep from `push`, `offset` and `pull`."""
+    n = coupling.n
+    _damp(coupling)
+    coupling.whole = length(n, coupling.force)
+    coupling.limited = 0
+    if coupling.whole > coupling.force_limit:
+        coupling.limited = 1
+        if not _find_at_limit(coupling):
+            _search(coupling)
+    copy(n, coupling.end, coupling.offset)
+    copy(n, coupling.after, coupling.pull)
+
+
+@equation
+def _damp(coupling: LimitedCoupling) -> None:
+    """With lambda = `share`: ``(a + lambda B + c h/2 K) vhat = p - c K e``, solved in its modes."""
+    n, h = coupling.n, coupling.h
+    c = _saturate(coupling)
+    for i in range(n):
+        coupling.end[i] = coupling.offset[i] + h * coupling.middle[i]
+    times(n, coupling.K, coupling.end, coupling.after)
+    coupling.power = 0.0
+    for i in range(n):
+        drag = coupling.share * coupling.damping[i] * coupling.middle[i]
+        coupling.force[i] = -0.5 * c * (coupling.pull[i] + coupling.after[i]) - drag
+        coupling.power += drag * coupling.middle[i]
+
+
+@equation
+def _saturate(coupling: LimitedCoupling) -> float:
+    """c, with vhat into `middle`.
+
+    In the modes ``w = (push - c pull)/(1 + c h/2 mu)``, ``vhat = modes' w``, and at the end
+    ``|e|_K^2 = square + 2 h w . pull + h^2 sum mu w^2``, with `square` that at the start [J].
+    """
+    n, h, pushes, pulls = coupling.n, coupling.h, coupling.pushes, coupling.pulls
+    square = dot(n, coupling.offset, coupling.pull)
+    for k in range(n):
+        pushes[k] = dot(n, coupling.vectors[k], coupling.push)
+        pulls[k] = dot(n, coupling.vectors[k], coupling.pull)
+    start = math.sqrt(max(0.0, square))
+    c = _fixed_point(coupling, start, square, 1.0 if start <= coupling.knee else coupling.knee / start)
+    for i in range(n):
+        coupling.middle[i] = 0.0
+    for k in range(n):
+        w = (pushes[k] - c * pulls[k]) / (1.0 + 0.5 * c * h * coupling.values[k])
+        for i in range(n):
+            coupling.middle[i] += coupling.vectors[k][i] * w
+    return c
+
+
+@equation
+def _gradient(coupling: LimitedCoupling, start: float, square: float, c: float) -> float:
+    """The discrete gradient of the substep that a given c leads to."""
+    h, gain = coupling.h, 0.0
+    for k in range(coupling.n):
+        value, pull = coupling.values[k], coupling.pulls[k]
+        u = (coupling.pushes[k] - c * pull) / (1.0 + 0.5 * c * h * value)
+        gain += u * (2.0 * pull + h * value * u)
+    return discrete_gradient(start, math.sqrt(max(0.0, square + h * gain)), coupling.knee)
+
+
+@equation
+def _fixed_point(coupling: LimitedCoupling, start: float, square: float, c: float) -> float:
+    """The c with ``gradient(c) = c``, to rounding. gradient(0) is above 0, and gradient(1) is at most 1."""
+    for _ in range(ROUNDS):
+        before = c
+        c = _gradient(coupling, start, square, c)
+        if abs(c - before) <= 1e-15:
+            return c
+    low, high = 0.0, 1.0
+    c = 0.5
+    while low < c < high:
+        if _gradient(coupling, start, square, c) > c:
+            low = c
+        else:
+            high = c
+        c = 0.5 * (low + high)
+    return c
 
 
 @equation
@@ -190,16 +218,75 @@ def discrete_gradient(start: float, end: float, knee: float) -> float:
     return (below * (knee + inner) + 2.0 * beyond * knee) / ((below + beyond) * (outer + inner))
 
 
-def _fixed_point(gradient: Callable[[float], float], c: float) -> float:
-    """The c with ``gradient(c) = c``, to rounding. gradient(0) is above 0, and gradient(1) is at most 1."""
+@equation
+def _find_at_limit(coupling: LimitedCoupling) -> bool:
+    """Find the direction of a force of known length by a fixed point; false if it does not converge.
+
+    vhat follows from the force, the spring's force from vhat, and lambda from the condition that the whole force has
+    the length of its limit. One axis needs no iteration; with more, each contracts by about ``limit / (a |vhat|)``.
+    """
+    n, h, limit, middle = coupling.n, coupling.h, coupling.force_limit, coupling.middle
+    force, spring, drag = coupling.force, coupling.spring, coupling.drag
+    start = math.sqrt(max(0.0, dot(n, coupling.offset, coupling.pull)))
+    shorter = limit / coupling.whole
+    for i in range(n):
+        force[i] = shorter * force[i]
     for _ in range(ROUNDS):
-        before, c = c, gradient(c)
-        if abs(c - before) <= 1e-15:
-            return c
+        for i in range(n):
+            middle[i] = (coupling.push[i] + force[i]) / coupling.resistance
+            coupling.end[i] = coupling.offset[i] + h * middle[i]
+        times(n, coupling.K, coupling.end, coupling.after)
+        c = discrete_gradient(start, math.sqrt(max(0.0, dot(n, coupling.end, coupling.after))), coupling.knee)
+        for i in range(n):
+            spring[i] = -0.5 * c * (coupling.pull[i] + coupling.after[i])
+            drag[i] = coupling.damping[i] * middle[i]
+        along, square = dot(n, spring, drag), dot(n, drag, drag)
+        if square == 0.0:
+            return False
+        room = limit * limit - dot(n, spring, spring)
+        share = (along + math.sqrt(max(0.0, along * along + square * room))) / square
+        for i in range(n):
+            coupling.before[i] = force[i]
+            force[i] = spring[i] - share * drag[i]
+        if distance(n, coupling.before, force) <= 1e-14 * limit:
+            lost = 0.0
+            for i in range(n):
+                lost += (spring[i] - coupling.before[i]) * middle[i]
+            copy(n, coupling.before, force)
+            coupling.power = max(0.0, lost)
+            return True
+    return False
+
+
+def _give_up(coupling: LimitedCoupling) -> None:
+    coupling.unsolved = 1
+
+
+@compiled_as(_give_up)
+def _search(coupling: LimitedCoupling) -> None:
+    """If `_find_at_limit` fails: search the lambda that gives the limit, by false position (Illinois), from below."""
+    limit = coupling.force_limit
     low, high = 0.0, 1.0
-    while low < (c := 0.5 * (low + high)) < high:
-        if gradient(c) > c:
-            low = c
+    beyond = below = _beyond(coupling, low)
+    best = length(coupling.n, coupling.force)
+    above = coupling.whole - limit
+    for _ in range(ROUNDS):
+        share = low - below * (high - low) / (above - below)
+        if best >= (1.0 - _NEAR) * limit or not low < share < high:
+            break
+        again, beyond = beyond, _beyond(coupling, share)
+        if beyond > 0.0:
+            high, above = share, beyond
+            below *= 0.5 if again > 0.0 else 1.0
         else:
-            high = c
-    return c
+            low, below, best = share, beyond, length(coupling.n, coupling.force)
+            above *= 0.5 if again <= 0.0 else 1.0
+    _beyond(coupling, low)
+    coupling.limit_damper(1.0)
+
+
+def _beyond(coupling: LimitedCoupling, share: float) -> float:
+    """By how much the force exceeds its limit with lambda = `share` [N]; the substep is computed with it."""
+    coupling.limit_damper(share)
+    _damp(coupling)
+    return length(coupling.n, coupling.force) - coupling.force_limit

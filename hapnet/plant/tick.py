@@ -1,55 +1,63 @@
 """One tick of a simulated device, in substeps by the midpoint rule, computed in the cheapest exact way.
 
-See `hapnet.plant.device` for the equations. Within all limits, a diagonal K lets each axis be computed alone, and any
-other K makes the tick one linear map. Where a limit acts, the tick is computed by substeps (`limited_coupling`).
+See `hapnet.plant.device` for the equations. Within all limits, a diagonal K lets each axis be computed alone; any other
+K couples them. Where a limit acts, the coupling is solved in each substep (`limited_coupling`).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from itertools import chain, pairwise
-from operator import add, mul, sub
-from typing import Any
+from collections.abc import Sequence
+from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapnet.checks import Array, Vector
-from hapnet.plant.limited_coupling import LimitedCoupling, rows
+from hapnet.plant import limited_coupling
+from hapnet.plant.limited_coupling import LimitedCoupling
 from hapnet.plant.operator import Impedance
+from hapnet.records.equation import equation
+from hapnet.records.record import AXES, FloatRows, Floats, MatrixOfAxes, OfAxes, Reals, Record
+from hapnet.records.vectors import copy, dot, times
 
 TickResult = tuple[float, Vector, Vector, Vector, Vector]
 """The result of a tick: the hand's work [J]; the device's position [m] and velocity [m/s] at its end; the forces of
 hand and actuators on the device, mean over its last substep [N]."""
 
 
-@dataclass(slots=True)
-class DeviceState:
-    """The state that changes from tick to tick; vectors are (n,) tuples.
+class DeviceState(Record):
+    """The state of a device that rests at `position` [m], as it changes from tick to tick.
 
     position [m], velocity [m/s]. hand_force, actuator_force : on the device, mean over the last substep [N].
-    torque : the held force [N]. set_position : of the coupling [m]; None: no coupling.
+    torque : the held force [N]. coupled : is there a coupling? set_position : of the coupling [m].
     low, high : extremes of the position on each axis since the last `passage` [m]. dissipated : by the coupling's
-    damper since then [J]. limited : was that damper limited since then?
+    damper since then, in parts [J]. limited : was that damper limited since then?
     at_limit : was the spring saturated or the damper limited at the end of the last tick? It only decides how the next
     tick is computed.
     """
 
-    position: Vector
-    velocity: Vector
-    hand_force: Vector
-    actuator_force: Vector
-    torque: Vector
-    low: Vector
-    high: Vector
-    set_position: Vector | None = None
-    dissipated: float = 0.0
-    limited: bool = False
-    at_limit: bool = False
+    position: OfAxes
+    velocity: OfAxes
+    hand_force: OfAxes
+    actuator_force: OfAxes
+    torque: OfAxes
+    coupled: int
+    set_position: OfAxes
+    low: OfAxes
+    high: OfAxes
+    dissipated: OfAxes
+    limited: int
+    at_limit: int
+
+    def __init__(self, position: Vector) -> None:
+        n = len(position)
+        self.position, self.low, self.high, self.set_position = (list(position) for _ in range(4))
+        self.velocity, self.hand_force, self.actuator_force = ([0.0] * n for _ in range(3))
+        self.torque, self.dissipated = [0.0] * n, [0.0] * n
+        self.coupled = self.limited = self.at_limit = 0
 
 
-class TickModel:
+class TickModel(Record):
     """What a tick depends on besides the state: device, hand and coupling.
 
     Parameters
@@ -58,7 +66,49 @@ class TickModel:
     period : length of a tick [s]. substeps : their number in a tick.
     stiffness : K [N/m] (n, n), damping : B's diagonal [Ns/m], of the coupling.
     knee : the ``|e|_K`` [sqrt J] at which its spring saturates. force_limit : of spring and damper together [N].
+
+    Attributes
+    ----------
+    decoupled : are the axes independent? k, pull, inverse, b, middle_gain : then of each axis k, k + K_h, 1/A, B and
+        k h/2 - B. inverse_of_all : else A^-1.
+    tried_... : what a tick leads to if no limit acts. results : of one tick, as in `along_axes`. work : of one
+        in which no limit acted.
+    pushing, change, driving, middle : room for what a substep computes.
     """
+
+    n: int
+    substeps: int
+    period: float
+    h: float
+    hand_stiffness: float
+    rate_drive: float
+    rate_step: float
+    inertia: float
+    hand_mass: float
+    response: float
+    decoupled: int
+    k: OfAxes
+    pull: OfAxes
+    inverse: OfAxes
+    b: OfAxes
+    middle_gain: OfAxes
+    inverse_of_all: MatrixOfAxes
+    largest: float
+    knee_square: float
+    force_limit: float
+    coupling: LimitedCoupling
+    tried_position: OfAxes
+    tried_velocity: OfAxes
+    tried_hand_force: OfAxes
+    tried_low: OfAxes
+    tried_high: OfAxes
+    tried_dissipated: OfAxes
+    results: Annotated[FloatRows, (AXES, 5)]
+    work: float
+    pushing: OfAxes
+    change: OfAxes
+    driving: OfAxes
+    middle: OfAxes
 
     def __init__(
         self,
@@ -73,248 +123,250 @@ class TickModel:
         knee: float = math.inf,
         force_limit: float = math.inf,
     ) -> None:
-        self.dof: int = dof
-        self.period: float = period
-        self.substeps: range = range(substeps)
-        self.h: float = period / substeps
-        h = self.h
-        self.hand = hand
-        self.stiffness: Array = stiffness
-        self.damping: Vector = damping
-        self.largest: float = float(np.linalg.eigvalsh(stiffness)[-1])
-        self.knee: float = knee
-        self.force_limit: float = force_limit
+        super().__init__()
+        self.n, self.period, self.substeps = dof, period, substeps
+        self.h = h = period / substeps
+        self.largest = float(np.linalg.eigvalsh(stiffness)[-1])
+        self.knee_square, self.force_limit = knee * knee, force_limit
         own = 2.0 * (mass + hand.mass) / h + own_damping + hand.damping + hand.stiffness * h / 2.0
-        self.inertia: float = 2.0 * (mass + hand.mass) / h
-        self.hand_mass: float = 2.0 * hand.mass / h
-        self.response: float = hand.stiffness * h / 2.0 + hand.damping + self.hand_mass
-        self.rate_drive: float = hand.damping - 0.5 * hand.stiffness * h
-        self.rate_step: float = hand.stiffness * h
-        self.knee_square: float = knee * knee
-        self._coefficients = (  # unpacked at once: one axis's tick takes only two microseconds
-            h, period, self.substeps, hand.stiffness, self.rate_drive, self.rate_step,
-            self.inertia, self.hand_mass, self.response, 1.0 / own,
-        )  # fmt: skip
-        B = np.array(damping)
-        self.coupling: LimitedCoupling = LimitedCoupling(stiffness, damping, own, h, knee, force_limit)
-        self.decoupled: tuple[Vector, ...] = ()
-        """(k, k + K_h, 1/A, B, k h/2 - B) of each axis, if the axes are independent; else empty."""
-        if np.array_equal(stiffness, np.diag(np.diagonal(stiffness))):
-            k = np.diagonal(stiffness)
-            a = own + B + k * h / 2.0
-            self.decoupled = rows(np.array([k, k + hand.stiffness, 1.0 / a, B, k * h / 2.0 - B]).T)
+        self.hand_stiffness = hand.stiffness
+        self.inertia = 2.0 * (mass + hand.mass) / h
+        self.hand_mass = 2.0 * hand.mass / h
+        self.response = hand.stiffness * h / 2.0 + hand.damping + self.hand_mass
+        self.rate_drive = hand.damping - 0.5 * hand.stiffness * h
+        self.rate_step = hand.stiffness * h
+        self.coupling = LimitedCoupling(stiffness, damping, own, h, knee, force_limit)
+        B, self.b = np.array(damping), list(damping)
+        k = np.diagonal(stiffness)
+        if np.array_equal(stiffness, np.diag(k)):
+            self.decoupled, self.k = 1, k.tolist()
+            self.pull, self.inverse = (k + hand.stiffness).tolist(), (1.0 / (own + B + k * h / 2.0)).tolist()
+            self.middle_gain = (k * h / 2.0 - B).tolist()
         else:
-            self.tick_map: Array = self._map_of_a_tick(np.linalg.inv(np.diag(own + B) + stiffness * (h / 2.0)))
+            self.inverse_of_all = np.linalg.inv(np.diag(own + B) + stiffness * (h / 2.0)).tolist()
+        self.tried_position, self.tried_velocity, self.tried_hand_force = ([0.0] * dof for _ in range(3))
+        self.tried_low, self.tried_high, self.tried_dissipated = ([0.0] * dof for _ in range(3))
+        self.pushing, self.change, self.driving, self.middle = ([0.0] * dof for _ in range(4))
+        self.results = [[0.0] * 5 for _ in range(dof)]
 
-    def run(self, state: DeviceState, path: list[Vector]) -> list[TickResult]:
+    def run(self, state: DeviceState, path: Sequence[Vector]) -> list[TickResult]:
         """Run a tick from each point of the hand's reference on `path` [m] to the next. Returns each tick's result."""
-        if self.decoupled and not state.at_limit:
-            results = self._axes(state, path[0], path[1:])
-            if results is not None:
-                return results
-        return [self._tick(state, begin, end) for begin, end in pairwise(path)]
-
-    def held(self, state: DeviceState, begin: Vector, end: Vector) -> float:
-        """One tick without a coupling, so that only the held torque acts, and no limit. Returns the hand's work [J].
-
-        The same numbers as `run` gives, but neither extremes nor the damper's dissipation are kept.
-        """
-        h, period, substeps, kh, rate_drive, rate_step, inertia, hand_mass, response, mobility = self._coefficients
-        total = 0.0
-        positions, velocities, forces = [], [], []
-        for x, v, torque, a, b in zip(state.position, state.velocity, state.torque, begin, end, strict=True):
-            rate = (b - a) / period
-            hand = kh * a + rate_drive * rate
-            hand_step = rate_step * rate
-            work = f = 0.0
-            for _ in substeps:
-                hand += hand_step
-                pull = kh * x
-                middle = (inertia * v + torque + hand - pull) * mobility
-                f = hand - pull + hand_mass * v - response * middle
-                work += f * middle
-                v = middle + middle - v
-                x += h * middle
-            total += work * h
-            positions.append(x)
-            velocities.append(v)
-            forces.append(f)
-        state.position, state.velocity, state.hand_force = tuple(positions), tuple(velocities), tuple(forces)
-        state.actuator_force = state.torque
-        return total
-
-    def _tick(self, state: DeviceState, begin: Vector, end: Vector) -> TickResult:
-        """One tick, while the hand's reference goes from `begin` to `end`."""
-        work = None
-        if not state.at_limit:
-            if self.decoupled:
-                results = self._axes(state, begin, [end])
-                if results is not None:
-                    return results[0]
-            else:
-                work = self._linear(state, begin, end)
-        if work is None:
-            work = self.limited(state, begin, end)
-        return work, state.position, state.velocity, state.hand_force, state.actuator_force
-
-    # -- axis by axis: K diagonal and within all limits --------------------------------------------------------------
-
-    def _axes(self, state: DeviceState, start: Vector, path: list[Vector]) -> list[TickResult] | None:
-        """Compute each axis alone, one tick per point of `path`, where the hand's reference is at the tick's end.
-
-        Returns None and changes nothing if the spring may have saturated or the damper may have been limited.
-        """
-        h, period, substeps, kh, rate_drive, rate_step, inertia, hand_mass, response, _ = self._coefficients
-        ybar = state.set_position or state.position
-        stretch = drag = 0.0
-        dissipated = state.dissipated
-        lows, highs = [], []
-        axes: list[list[TickResult]] = []
-        for axis, (k, pull, inverse, b, middle_gain) in enumerate(self.decoupled):
-            x, v, low, high, y = (
-                state.position[axis],
-                state.velocity[axis],
-                state.low[axis],
-                state.high[axis],
-                ybar[axis],
-            )
-            torque = state.torque[axis]
-            drive, loss, most = k * y + torque, b * h, 0.0
-            begin = start[axis]
-            ticks: list[TickResult] = []
-            for reference in path:
-                end = reference[axis]
-                rate = (end - begin) / period
-                hand = kh * begin + rate_drive * rate
-                hand_step = rate_step * rate
-                begin = end
-                work = f = middle = squares = 0.0
-                for _ in substeps:
-                    hand += hand_step
-                    middle = (inertia * v + drive + hand - pull * x) * inverse
-                    f = hand - kh * x + hand_mass * v - response * middle
-                    work += f * middle
-                    squares += middle * middle
-                    v = middle + middle - v
-                    x += h * middle
-                    if x < low:
-                        low = x
-                    elif x > high:
-                        high = x
-                if squares > most:
-                    most = squares
-                dissipated += loss * squares
-                ticks.append((work * h, (x,), (v,), (f,), (k * (y - x) + middle_gain * middle + torque,)))
-            drag += b * b * most
-            farthest = high - y if high - y > y - low else y - low
-            stretch += k * farthest * farthest
-            axes.append(ticks)
-            lows.append(low)
-            highs.append(high)
-        if stretch > self.knee_square or self._may_exceed(stretch, math.sqrt(drag)):
-            return None
-        results = axes[0] if len(axes) == 1 else list(map(_joined, *axes))
-        _, state.position, state.velocity, state.hand_force, state.actuator_force = results[-1]
-        state.low, state.high, state.dissipated = tuple(lows), tuple(highs), dissipated
+        n, ticks = self.n, len(path) - 1
+        rows: list[Floats] = [[0.0] * 5 for _ in range(ticks * n)]
+        if self.decoupled and not state.at_limit and along_axes(self, state, path, 0, ticks, rows):
+            if n == 1:
+                return [(work, (x,), (v,), (f,), (actuators,)) for work, x, v, f, actuators in rows]
+            return [_joined(*rows[k : k + n]) for k in range(0, ticks * n, n)]
+        results = []
+        for k in range(ticks):
+            work = tick(self, state, path, k)
+            vectors = state.position, state.velocity, state.hand_force, state.actuator_force
+            x, v, f, actuator = (tuple(vector) for vector in vectors)
+            results.append((work, x, v, f, actuator))
         return results
 
-    def _may_exceed(self, stretch: float, drag: float) -> bool:
-        """May the force exceed its limit, with ``|e|_K^2`` up to `stretch` [J] and a damper force up to `drag` [N]?"""
-        return math.sqrt(self.largest * stretch) + drag > self.force_limit
 
-    # -- any K, within all limits ------------------------------------------------------------------------------------
-
-    def _linear(self, state: DeviceState, begin: Vector, end: Vector) -> float | None:
-        """Compute the whole tick as one linear map. Returns its work [J].
-
-        Returns None and changes nothing if a limit may have acted.
-        """
-        n, ybar = self.dof, state.set_position or state.position
-        # BLAS on the whole tick costs a quarter of the substeps in floats
-        values = self.tick_map.dot(state.position + state.velocity + ybar + state.torque + begin + end).tolist()
-        span = n * len(self.substeps)
-        velocity, hand_force, path = values[:span], values[span : 2 * span], values[2 * span : 3 * span]
-        drag = values[3 * span : 4 * span]
-        low, high = [], []
-        stretch = 0.0
-        for axis, (least, most, y) in enumerate(zip(state.low, state.high, ybar, strict=True)):
-            passed = path[axis::n]
-            low.append(min(least, *passed))
-            high.append(max(most, *passed))
-            stretch += max(high[axis] - y, y - low[axis]) ** 2
-        stretch *= self.largest
-        if stretch > self.knee_square or self._may_exceed(stretch, math.hypot(*drag)):
-            return None
-        state.position, state.velocity = tuple(path[-n:]), tuple(values[4 * span : 4 * span + n])
-        state.low, state.high, state.hand_force = tuple(low), tuple(high), tuple(hand_force[-n:])
-        state.actuator_force = tuple(values[4 * span + n :])
-        state.dissipated += sum(map(mul, drag, velocity)) * self.h
-        work: float = sum(map(mul, hand_force, velocity))
-        return work * self.h
-
-    # -- any K, whatever limit acts ----------------------------------------------------------------------------------
-
-    def limited(self, state: DeviceState, begin: Vector, end: Vector) -> float:
-        """Compute one tick substep by substep. Returns its work [J]."""
-        h, kh, bh = self.h, self.hand.stiffness, self.hand.damping
-        inertia, hand_mass, response = self.inertia, self.hand_mass, self.response
-        coupling, torque = self.coupling, state.torque
-        x, v, low, high = state.position, state.velocity, state.low, state.high
-        e: Vector = tuple(map(sub, x, state.set_position or x))
-        pull: Vector = tuple([sum(map(mul, row, e)) for row in coupling.rows])
-        rate = [(b - a) / self.period for a, b in zip(begin, end, strict=True)]
-        hand = [kh * a + (bh - 0.5 * kh * h) * r for a, r in zip(begin, rate, strict=True)]
-        hand_step = [kh * h * r for r in rate]
-        work = dissipated = 0.0
-        limited = False
-        f = force = v
-        for _ in self.substeps:
-            hand = list(map(add, hand, hand_step))
-            push = tuple([t + d + inertia * u - kh * p for t, d, u, p in zip(torque, hand, v, x, strict=True)])
-            (middle, e, pull, force, drain), limited = coupling.substep(push, e, pull)
-            state.limited |= limited
-            dissipated += drain
-            f = tuple(
-                [d - kh * p + hand_mass * u - response * m for d, p, u, m in zip(hand, x, v, middle, strict=True)]
-            )
-            work += sum(map(mul, f, middle))
-            v = tuple([m + m - u for m, u in zip(middle, v, strict=True)])
-            x = tuple([p + h * m for p, m in zip(x, middle, strict=True)])
-            low = tuple(map(min, low, x))
-            high = tuple(map(max, high, x))
-        state.at_limit = limited or sum(map(mul, e, pull)) > self.knee_square
-        state.position, state.velocity, state.low, state.high, state.hand_force = x, v, low, high, f
-        state.actuator_force = tuple(map(add, force, torque))
-        state.dissipated += dissipated * h
-        return work * h
-
-    def _map_of_a_tick(self, inverse: NDArray[np.floating[Any]]) -> Array:
-        """The matrix of a tick within all limits; `inverse` is A^-1.
-
-        Its input is position, velocity, ybar, torque and the hand's reference at the tick's start and end. Its output
-        is vhat, the hand's force, the position and the damper's force ``B vhat`` of every substep, then the velocity at
-        the tick's end and the actuators' force in the last substep.
-        """
-        h, kh = self.h, self.hand.stiffness
-        B = np.diag(self.damping)
-        x, v, ybar, torque, begin, end = np.vsplit(np.eye(6 * self.dof), 6)
-        rate = (end - begin) / self.period
-        hand = kh * begin + self.rate_drive * rate
-        velocities, forces, path = [], [], []
-        for _ in self.substeps:
-            hand = hand + self.rate_step * rate
-            middle = inverse @ (self.inertia * v + torque + hand + self.stiffness @ (ybar - x) - kh * x)
-            forces.append(hand - kh * x + self.hand_mass * v - self.response * middle)
-            v = 2.0 * middle - v
-            x = x + h * middle
-            velocities.append(middle)
-            path.append(x)
-        drags = [B @ middle for middle in velocities]
-        actuators = torque + self.stiffness @ (ybar - x + h / 2.0 * velocities[-1]) - drags[-1]
-        return np.vstack([*velocities, *forces, *path, *drags, v, actuators])
-
-
-def _joined(*axes: TickResult) -> TickResult:
+def _joined(*axes: Floats) -> TickResult:
     """The result of all axes, from the results of each."""
     works, x, v, f, actuators = zip(*axes, strict=True)
-    return sum(works), tuple(chain(*x)), tuple(chain(*v)), tuple(chain(*f)), tuple(chain(*actuators))
+    return sum(works), x, v, f, actuators
+
+
+@equation
+def tick(model: TickModel, state: DeviceState, path: Sequence[Reals], at: int) -> float:
+    """One tick, while the hand's reference goes from path[at] to the next point [m]. Returns the hand's work [J]."""
+    if not state.at_limit:
+        if model.decoupled:
+            if along_axes(model, state, path, at, 1, model.results):
+                work = 0.0
+                for axis in range(model.n):
+                    work += model.results[axis][0]
+                return work
+        elif _together(model, state, path[at], path[at + 1]):
+            return model.work
+    return _limited(model, state, path[at], path[at + 1])
+
+
+# -- axis by axis: K diagonal and within all limits ------------------------------------------------------------------
+
+
+@equation
+def along_axes(
+    model: TickModel, state: DeviceState, path: Sequence[Reals], at: int, ticks: int, results: FloatRows
+) -> bool:
+    """Compute each axis alone, for as many ticks from path[at] on.
+
+    results : takes for each tick, and in it for each axis, the hand's work, and the components of the vectors of
+    `TickResult`. Returns false, and the state has not changed, if the spring may have saturated or the damper may have
+    been limited.
+    """
+    n, h, period, substeps, kh = model.n, model.h, model.period, model.substeps, model.hand_stiffness
+    rate_drive, rate_step = model.rate_drive, model.rate_step
+    inertia, hand_mass, response = model.inertia, model.hand_mass, model.response
+    tried_low, tried_high, tried_dissipated = model.tried_low, model.tried_high, model.tried_dissipated
+    stretch = drag = 0.0
+    for axis in range(n):
+        k, pull, inverse, b = model.k[axis], model.pull[axis], model.inverse[axis], model.b[axis]
+        x, v, y, torque = state.position[axis], state.velocity[axis], state.set_position[axis], state.torque[axis]
+        low, high, dissipated, middle_gain = (
+            state.low[axis],
+            state.high[axis],
+            state.dissipated[axis],
+            model.middle_gain[axis],
+        )
+        drive, loss, most = k * y + torque, b * h, 0.0
+        begin = path[at][axis]
+        for done in range(ticks):
+            end = path[at + done + 1][axis]
+            rate = (end - begin) / period
+            hand = kh * begin + rate_drive * rate
+            hand_step = rate_step * rate
+            begin = end
+            work = f = middle = squares = 0.0
+            for _ in range(substeps):
+                hand += hand_step
+                middle = (inertia * v + drive + hand - pull * x) * inverse
+                f = hand - kh * x + hand_mass * v - response * middle
+                work += f * middle
+                squares += middle * middle
+                v = middle + middle - v
+                x += h * middle
+                if x < low:
+                    low = x
+                elif x > high:
+                    high = x
+            if squares > most:
+                most = squares
+            dissipated += loss * squares
+            row = results[done * n + axis]
+            row[0], row[1], row[2], row[3] = work * h, x, v, f
+            row[4] = k * (y - x) + middle_gain * middle + torque
+        drag += b * b * most
+        farthest = high - y if high - y > y - low else y - low
+        stretch += k * farthest * farthest
+        tried_low[axis], tried_high[axis], tried_dissipated[axis] = low, high, dissipated
+    if stretch > model.knee_square or _may_exceed(model, stretch, math.sqrt(drag)):
+        return False
+    for axis in range(n):
+        row = results[(ticks - 1) * n + axis]
+        state.position[axis], state.velocity[axis] = row[1], row[2]
+        state.hand_force[axis], state.actuator_force[axis] = row[3], row[4]
+        state.low[axis], state.high[axis], state.dissipated[axis] = (
+            tried_low[axis],
+            tried_high[axis],
+            tried_dissipated[axis],
+        )
+    return True
+
+
+@equation
+def _may_exceed(model: TickModel, stretch: float, drag: float) -> bool:
+    """May the force exceed its limit, with ``|e|_K^2`` up to `stretch` [J] and a damper force up to `drag` [N]?"""
+    return math.sqrt(model.largest * stretch) + drag > model.force_limit
+
+
+# -- any K -----------------------------------------------------------------------------------------------------------
+
+
+@equation
+def _set_out(model: TickModel, begin: Reals, end: Reals) -> None:
+    """The hand's force at the tick's start where the device is at 0, and its change in a substep."""
+    for i in range(model.n):
+        rate = (end[i] - begin[i]) / model.period
+        model.pushing[i] = model.hand_stiffness * begin[i] + model.rate_drive * rate
+        model.change[i] = model.rate_step * rate
+
+
+@equation
+def _together(model: TickModel, state: DeviceState, begin: Reals, end: Reals) -> bool:
+    """Compute a tick within all limits; `work` is then the hand's. Returns as `along_axes`."""
+    n, h, kh, K, b = model.n, model.h, model.hand_stiffness, model.coupling.K, model.b
+    inertia, hand_mass, response = model.inertia, model.hand_mass, model.response
+    x, v, f = model.tried_position, model.tried_velocity, model.tried_hand_force
+    low, high, pushing, driving, middle = (
+        model.tried_low,
+        model.tried_high,
+        model.pushing,
+        model.driving,
+        model.middle,
+    )
+    ybar, torque = state.set_position, state.torque
+    copy(n, state.position, x)
+    copy(n, state.velocity, v)
+    copy(n, state.low, low)
+    copy(n, state.high, high)
+    _set_out(model, begin, end)
+    work = squares = lost = 0.0
+    for _ in range(model.substeps):
+        for i in range(n):
+            pushing[i] += model.change[i]
+            pull = 0.0
+            for j in range(n):
+                pull += K[i][j] * (ybar[j] - x[j])
+            driving[i] = inertia * v[i] + torque[i] + pushing[i] + pull - kh * x[i]
+        times(n, model.inverse_of_all, driving, middle)
+        for i in range(n):
+            u = middle[i]
+            f[i] = pushing[i] - kh * x[i] + hand_mass * v[i] - response * u
+            work += f[i] * u
+            v[i] = 2.0 * u - v[i]
+            x[i] += h * u
+            if x[i] < low[i]:
+                low[i] = x[i]
+            elif x[i] > high[i]:
+                high[i] = x[i]
+            drag = b[i] * u
+            squares += drag * drag
+            lost += drag * u
+    stretch = 0.0
+    for i in range(n):
+        farthest = high[i] - ybar[i] if high[i] - ybar[i] > ybar[i] - low[i] else ybar[i] - low[i]
+        stretch += farthest * farthest
+    stretch *= model.largest
+    if stretch > model.knee_square or _may_exceed(model, stretch, math.sqrt(squares)):
+        return False
+    for i in range(n):
+        spring = 0.0
+        for j in range(n):
+            spring += K[i][j] * (ybar[j] - x[j] + h / 2.0 * middle[j])
+        state.actuator_force[i] = torque[i] + spring - b[i] * middle[i]
+    copy(n, x, state.position)
+    copy(n, v, state.velocity)
+    copy(n, f, state.hand_force)
+    copy(n, low, state.low)
+    copy(n, high, state.high)
+    state.dissipated[0] += lost * h
+    model.work = work * h
+    return True
+
+
+@equation
+def _limited(model: TickModel, state: DeviceState, begin: Reals, end: Reals) -> float:
+    """Compute a tick whatever limit acts. Returns its work [J]."""
+    n, h, kh, coupling, pushing = model.n, model.h, model.hand_stiffness, model.coupling, model.pushing
+    x, v, f, middle = state.position, state.velocity, state.hand_force, coupling.middle
+    for i in range(n):
+        coupling.offset[i] = x[i] - state.set_position[i]
+    times(n, coupling.K, coupling.offset, coupling.pull)
+    _set_out(model, begin, end)
+    work = dissipated = 0.0
+    for _ in range(model.substeps):
+        for i in range(n):
+            pushing[i] += model.change[i]
+            coupling.push[i] = state.torque[i] + pushing[i] + model.inertia * v[i] - kh * x[i]
+        limited_coupling.substep(coupling)
+        if coupling.limited:
+            state.limited = 1
+        dissipated += coupling.power
+        for i in range(n):
+            f[i] = pushing[i] - kh * x[i] + model.hand_mass * v[i] - model.response * middle[i]
+            v[i] = middle[i] + middle[i] - v[i]
+            x[i] += h * middle[i]
+            state.low[i], state.high[i] = min(state.low[i], x[i]), max(state.high[i], x[i])
+        work += dot(n, f, middle)
+    beyond = dot(n, coupling.offset, coupling.pull) > model.knee_square
+    state.at_limit = 1 if coupling.limited or beyond else 0
+    for i in range(n):
+        state.actuator_force[i] = coupling.force[i] + state.torque[i]
+    state.dissipated[0] += dissipated * h
+    return work * h

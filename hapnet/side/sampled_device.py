@@ -145,7 +145,7 @@ class SampledDeviceSide(DeviceSide):
         assert ledger is not None, "control has not started"
         tick, lowest, hand_lowest = self.ticks, ledger.work, hand.work
         for at_ns in range(now_ns, now_ns + ticks * self._period_ns, self._period_ns):
-            before = simulated.state.position
+            before = simulated.position
             hand_work = simulated.advance()
             hand.put_in(hand_work)
             self._x, self._v = simulated.read()
@@ -172,7 +172,7 @@ class SampledDeviceSide(DeviceSide):
         ledger, own, servo = self._true_ledger, self.ledger, self._servo
         assert ledger is not None
         assert own is not None
-        x = simulated.state.position
+        x = simulated.position
         stored = servo.coupling.potential(x)
         if servo.harvest == "measured":
             work = self._true_work.hold(held, before, x, dt)
@@ -187,7 +187,7 @@ class SampledDeviceSide(DeviceSide):
         if simulated is None:
             self._record(now_ns, self._x, self._v, self._servo.force, None, None)
         else:
-            hand, target = simulated.state.hand_force, simulated.references[-1]
+            hand, target = simulated.hand_force, simulated.references[-1]
             self._record(now_ns, self._x, self._v, self._servo.force, hand, target)
 
     def _parts(self, x: Vector, force: Vector) -> ForceParts | None:

@@ -33,13 +33,12 @@ _ticks = 0
 def unavailable(setup: Setup) -> str | None:
     """Why the kernel is not there for this run; None: it is.
 
-    As long as it is not compiled, a process first runs some on the reference, which gives the same bits. Only the
-    continuous servo with several axes differs, in rounding: there the choice must not depend on such things.
+    As long as it is not compiled, a process first runs some on the reference, which gives the same bits.
     """
     global _ticks
     if find_spec("numba") is None:
         return "numba is not installed (extra fast)"
-    if sources.are_compiled() or (setup.servo == "continuous" and setup.dof > 1):
+    if sources.are_compiled():
         return None
     _ticks += round(setup.params.duration_s * setup.params.device.servo_hz)
     return None if _ticks >= _WORTH_TICKS else "compiling it would take longer than this run"

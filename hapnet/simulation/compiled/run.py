@@ -10,8 +10,8 @@ import numpy as np
 
 from hapnet.control.two_port import TwoPort
 from hapnet.kernel import sources
-from hapnet.kernel.device import TICKS
 from hapnet.kernel.memory import bare, give_back, load, new, plain, store
+from hapnet.kernel.sides import TICKS
 from hapnet.kernel.simulation import (
     DEVICE_TIMER,
     DONE,
@@ -179,11 +179,7 @@ class CompiledRun:
             clock.steps_used = 0
             self._steps_used += STEPS
         if hand.at == hand.known and self._ticks:
-            n, device, begun = (
-                self._device.dof,
-                self._device,
-                self._device.ticks + int(self._scenario.at_device.plant.ticks),
-            )
+            n, device, begun = self._device.dof, self._device, int(self._scenario.at_device.plant.ticks)
             count = min(TICKS, self._ticks)
             hand.path[0][:n] = device.references[-1] if not hand.known else hand.path[hand.known][:n]
             times = np.arange(begun + 1, begun + count + 1, dtype=float) * device.period
