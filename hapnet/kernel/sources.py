@@ -13,8 +13,11 @@ _HERE = Path(__file__).parent
 
 
 def directory() -> Path:
-    """Where the machine code is kept: with the user's other caches, never beside the package."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hapnet"
+    """Where the machine code is kept: with the user's other caches, never beside the package. Made if it can be."""
+    found = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hapnet"
+    with suppress(OSError):
+        found.mkdir(parents=True, exist_ok=True)
+    return found
 
 
 def _mark() -> Path:
@@ -44,7 +47,6 @@ def are_compiled() -> bool:
 def mark() -> None:
     """Note that there is; where nothing can be written there is none for later processes."""
     with suppress(OSError):
-        _mark().parent.mkdir(parents=True, exist_ok=True)
         _mark().write_text(digest(), "utf-8")
 
 

@@ -11,7 +11,6 @@ import importlib
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any, TypeVar
 
@@ -36,7 +35,7 @@ _PARTS: set[str] = set()
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-def entry(function: F, cache: Path) -> F:
+def entry(function: F, cache: str) -> F:
     """The compiled twin of the function through which all others are called: its machine code is kept in `cache`.
 
     The environment's `NUMBA_CACHE_DIR` goes before that. Numba looks only at the entry's own file to see whether its
@@ -49,8 +48,7 @@ def entry(function: F, cache: Path) -> F:
     twin = _with_globals(function, _twins()[function.__module__])
     given = _config.CACHE_DIR
     try:
-        cache.mkdir(parents=True, exist_ok=True)
-        _config.CACHE_DIR = given or str(cache)
+        _config.CACHE_DIR = given or cache
         made: F = _njit(cache=True, no_cfunc_wrapper=True, error_model="numpy")(twin)
     except (OSError, RuntimeError):  # nowhere to write: it is compiled for this process alone
         made = _njit(no_cfunc_wrapper=True, error_model="numpy")(twin)

@@ -58,7 +58,7 @@ _WORLD_SCALARS = (
 @cache
 def make_ready() -> Callable[[Scenario, int], int]:
     """What runs a scenario's events until a time [ns]. Loads or makes the machine code, once in a process."""
-    run = entry(entry_of(sources.digest()), sources.directory())
+    run = entry(entry_of(sources.digest()), str(sources.directory()))
     if COMPILED:
         scenario = new(Scenario)
         with as_one_unit():
