@@ -13,21 +13,21 @@ from hapnet.wire import energy_channel as channels
 from hapnet.wire.energy_channel import EnergyChannel
 from hapnet.wire.fields import MAX_COORDINATE
 from hapnet.wire.numbering import DOUBTFUL, LATE
-from hapnet.wire.path import Path, arrive
+from hapnet.wire.path import InUse, Path, arrive
 from hapnet.wire.peer_monitor import PeerMonitor, on_any_message
+from hapnet.wire.stream import BACKLOG
 
 _MAX_COORDINATE = MAX_COORDINATE
 
-BACKLOG, CREDITS = 128, 256
-"""How many samples may wait for the next tick, as in `hapnet.side.endpoint`, and how many credits."""
+CREDITS = 256
+"""How many credits may wait for the next tick."""
 
 
 class Endpoint(Record):
     """What one endpoint keeps besides its channel and its path.
 
-    first, waiting, backlog : the samples that wait for the next tick are a ring. credits_J : shuffled energy that waits
-    for it, a sum. has_credit : is there any?
-    used_ns, used_came_ns, took_ns : of the newest sample in use; took_ns below 0: there is none.
+    first, waiting, backlog : the samples that wait for the next tick are a ring. credits : how many credits wait too.
+    used : the newest sample in use.
     proxies, accepts_stale : does it send, and accept, such messages?
     stream_bytes, energy_bytes : the least size of its messages. plane_bytes, level_bytes : what each plane, and the
     level, add. stale, leaps : messages that were dropped, and the number of the last stale one. impossible : it would
@@ -40,9 +40,7 @@ class Endpoint(Record):
     backlog: int
     credits: int
     next_sequence: int
-    used_ns: int
-    used_came_ns: int
-    took_ns: int
+    used: InUse
     proxies: int
     accepts_stale: int
     stream_bytes: int

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated
 
 from hapnet.control import set_position_coupling as couplings
@@ -12,11 +11,11 @@ from hapnet.kernel.sides import Counts, DeviceSide, Hand, WorldSide
 from hapnet.mechanics import spring as springs
 from hapnet.records.equation import equation
 from hapnet.records.record import AXES, FloatRows, Floats, Record, Wholes
+from hapnet.wire.path import age_s, transit_s
 
 DEVICE_VECTORS, DEVICE_SCALARS, WORLD_VECTORS, WORLD_SCALARS = 11, 14, 6, 14
 """The numbers of columns of a row: vectors first, then scalars."""
 
-_NANO = 1e-9
 
 MOST = 2048
 """So many samples of each side may wait for the recorder."""
@@ -105,10 +104,8 @@ def _account(row: Floats, at: int, side: DeviceSide, x: Floats) -> None:
 @equation
 def _times(row: Floats, at: int, wire: Wire, now_ns: int) -> None:
     """`ControlHalf.used`: age and transit of the newest sample in use."""
-    endpoint = wire.endpoint
-    known = endpoint.took_ns >= 0
-    row[at] = (now_ns - endpoint.used_came_ns + endpoint.took_ns) * _NANO if known else math.nan
-    row[at + 1] = (endpoint.used_came_ns - endpoint.used_ns) * _NANO if known else math.nan
+    row[at] = age_s(wire.endpoint.used, now_ns)
+    row[at + 1] = transit_s(wire.endpoint.used)
 
 
 @equation

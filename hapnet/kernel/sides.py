@@ -31,6 +31,7 @@ from hapnet.plant.worlds.walls import Contacts
 from hapnet.records.equation import equation
 from hapnet.records.record import AXES, FloatRows, Floats, OfPlanes, Record, VectorsOfPlanes
 from hapnet.records.vectors import copy
+from hapnet.wire.path import age_of_content_s, age_s
 
 _NANO = 1e-9
 _MOST_REACH_M = MOST_REACH_M
@@ -202,7 +203,7 @@ def _take(side: DeviceSide, wire: Wire, now_ns: int) -> None:
         sample = wire.samples[at]
         _note(coupling, wire, at, n)
         if side.model.in_use:
-            _tell(side, sample, n, _age_s(sample, wire.came_ns[at], wire.took_ns[at], now_ns))
+            _tell(side, sample, n, age_of_content_s(endpoint.used, now_ns, sample.aimed_ns * _NANO))
     endpoint.first = endpoint.waiting = 0
     _credit(coupling, wire)
 
@@ -214,16 +215,8 @@ def _note(coupling: SetPositionCoupling, wire: Wire, at: int, n: int) -> None:
     couplings.receive(coupling, n, sample.position, sample.stamp_ns * _NANO)
     if coupling.shares:
         coupling.peer_level = sample.level
-    endpoint = wire.endpoint
-    endpoint.used_ns, endpoint.used_came_ns, endpoint.took_ns = sample.stamp_ns, wire.came_ns[at], wire.took_ns[at]
-
-
-@equation
-def _age_s(sample: Message, came_ns: int, took_ns: int, now_ns: int) -> float:
-    """How old a sample is [s]: that of a proxy which has aimed is known exactly."""
-    if sample.aimed_ns:
-        return now_ns * _NANO - sample.aimed_ns * _NANO
-    return (now_ns - came_ns + took_ns) * _NANO
+    used = wire.endpoint.used
+    used.sent_ns, used.came_ns, used.took_ns = sample.stamp_ns, wire.came_ns[at], wire.took_ns[at]
 
 
 @equation
@@ -343,8 +336,7 @@ def _receive(side: WorldSide, wire: Wire, now_ns: int) -> None:
         sample = wire.samples[at]
         _note(coupling, wire, at, n)
         if side.predicted.in_use:
-            age_s = (now_ns - wire.came_ns[at] + wire.took_ns[at]) * _NANO
-            prediction.receive(side.predicted, n, sample.position, coupling.sent_s, age_s)
+            prediction.receive(side.predicted, n, sample.position, coupling.sent_s, age_s(endpoint.used, now_ns))
     endpoint.first = endpoint.waiting = 0
     _credit(coupling, wire)
 

@@ -34,12 +34,12 @@ from hapnet.wire import messages
 from hapnet.wire.events import EnergyCredited, Event, Paired, PositionReceived, SampleReceived, SignalReceived
 from hapnet.wire.fields import Signal
 from hapnet.wire.handshake import EARLIER
+from hapnet.wire.path import InUse, age_of_content_s, age_s, transit_s
 from hapnet.wire.session import Outgoing, PositionStream, Session
 from hapnet.wire.signals import STOP
+from hapnet.wire.stream import BACKLOG as BACKLOG
 
 _MOST_SIGNALS = 256
-BACKLOG = 128
-"""How many waves or positions may wait for the next tick."""
 
 
 def backlog(expects: type[messages.Stream]) -> int:
@@ -104,10 +104,10 @@ class ControlHalf:
         self._pair = 1  # the one that control knows; another peer has another clock and another position
         self._coupling: CouplingState | None = None
         self._echo = 0, 0  # stamp and arrival of the peer's message that came last
-        self._used: tuple[int, int, int] | None = None  # the newest sample in use: when it was sent, came, and took
-        # each with the times at which it was sent and came, the time that it took, and the pair
-        self._arrived: deque[tuple[CouplingSample, int, int, int, int]] = deque(maxlen=backlog)
-        self._credits: deque[int] = deque()
+        self.in_use: InUse = InUse()
+        # what has come for the next tick: each sample with when it was sent and came, how long it took, and the pair
+        self.waiting: deque[tuple[CouplingSample, int, int, int, int]] = deque(maxlen=backlog)
+        self.credits: deque[int] = deque()
         self._shuffled: deque[float] = deque()
         self._signals: deque[tuple[str, Signal]] = deque(maxlen=_MOST_SIGNALS)
         self._told: deque[tuple[str, Signal]] = deque(maxlen=_MOST_SIGNALS)
@@ -136,10 +136,10 @@ class ControlHalf:
         self._echo = sent_ns, came_ns
 
     def on_sample(self, sample: CouplingSample, sent_ns: int, came_ns: int, took_ns: int) -> None:
-        self._arrived.append((sample, sent_ns, came_ns, took_ns, self._pairs))
+        self.waiting.append((sample, sent_ns, came_ns, took_ns, self._pairs))
 
     def credit(self, credited_nJ: int) -> None:
-        self._credits.append(credited_nJ)
+        self.credits.append(credited_nJ)
 
     def on_signal(self, name: str, value: Signal) -> None:
         self._signals.append((name, value))
@@ -163,7 +163,7 @@ class ControlHalf:
     @property
     def arrived(self) -> CouplingSample | None:
         """The newest sample that control has not taken yet."""
-        return self._arrived[-1][0] if self._arrived else None
+        return self.waiting[-1][0] if self.waiting else None
 
     def tell(self, name: str, value: Signal) -> None:
         """Tell the peer this value beside the stream."""
@@ -182,30 +182,25 @@ class ControlHalf:
         assert coupling is not None, "control has not started"
         if self._pair < self._pairs:
             self._change_peer(coupling, self._pairs)
-        while self._arrived:
-            sample, sent_ns, came_ns, took_ns, pair = self._arrived.popleft()
+        while self.waiting:
+            sample, sent_ns, came_ns, took_ns, pair = self.waiting.popleft()
             if pair > self._pair:  # paired since this tick began
                 self._change_peer(coupling, pair)
             if pair == self._pair:
-                if type(sample) is Proxy and sample.aimed_s:
-                    age_s = now_ns * NANO - sample.aimed_s
-                else:
-                    age_s = (now_ns - came_ns + took_ns) * NANO
-                coupling.receive(sample, sent_ns * NANO, age_s)
-                self._used = sent_ns, came_ns, took_ns
-        while self._credits:
-            coupling.credit(self._credits.popleft() * NANO)
+                used = self.in_use
+                used.sent_ns, used.came_ns, used.took_ns = sent_ns, came_ns, took_ns
+                aimed_s = sample.aimed_s if type(sample) is Proxy else 0.0
+                coupling.receive(sample, sent_ns * NANO, age_of_content_s(used, now_ns, aimed_s))
+        while self.credits:
+            coupling.credit(self.credits.popleft() * NANO)
         return coupling
 
     def used(self, now_ns: int) -> tuple[float, float]:
         """Age and transit of the newest sample that the coupling has been given, as in a `DeviceSample` [s]."""
-        if self._used is None:
-            return math.nan, math.nan
-        sent_ns, came_ns, took_ns = self._used
-        return (now_ns - came_ns + took_ns) * NANO, (came_ns - sent_ns) * NANO
+        return age_s(self.in_use, now_ns), transit_s(self.in_use)
 
     def _change_peer(self, coupling: CouplingState, pair: int) -> None:
-        self._pair, self._used = pair, None
+        self._pair, self.in_use.took_ns = pair, -1
         if self.deadband is not None:
             self.deadband.on_peer_changed()
         if (energy := coupling.on_peer_changed()) > 0.0:
@@ -338,7 +333,7 @@ class DeviceControl(ControlHalf):
 
         `release`: release the spring, no force in this tick. Returns the position message to send, if there is one.
         """
-        if self._arrived or self._credits:
+        if self.waiting or self.credits:
             self.take(now_ns)
         update = self._held.tick(dt, x, v, release=release)
         return None if update is None else self._send(now_ns, update)
@@ -346,7 +341,7 @@ class DeviceControl(ControlHalf):
     @property
     def has_news(self) -> bool:
         """Has something arrived that the next tick must take?"""
-        return bool(self._arrived or self._credits or self._signals)
+        return bool(self.waiting or self.credits or self._signals)
 
     def tick_continuous(
         self,
@@ -363,7 +358,7 @@ class DeviceControl(ControlHalf):
 
         The arguments are `ContinuousServo.tick`'s. Returns the position message to send, if there is one.
         """
-        if self._arrived or self._credits:
+        if self.waiting or self.credits:
             self.take(now_ns)
         update = self._continuous.tick(dt, x, passage, work, kinetic, release=release)
         return None if update is None else self._send(now_ns, update)

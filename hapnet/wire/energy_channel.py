@@ -123,12 +123,14 @@ class EnergyChannel(Record):
         ------
         BadMessage : it acknowledges energy that was never announced. Nothing changes then.
         """
-        self._check(acked_nJ)
+        if acked_nJ > self.announced_nJ:
+            raise self._never_announced(acked_nJ)
         return receive(self, total_nJ, acked_nJ, now_ns)
 
     def acknowledge(self, acked_nJ: int, now_ns: int) -> None:
         """The peer has credited `acked_nJ` in all; a lower value than before is stale and ignored."""
-        self._check(acked_nJ)
+        if acked_nJ > self.announced_nJ:
+            raise self._never_announced(acked_nJ)
         acknowledge(self, acked_nJ, now_ns)
 
     @equation
@@ -174,9 +176,8 @@ class EnergyChannel(Record):
         self.abandoned_nJ += given_up_nJ
         return given_up_nJ
 
-    def _check(self, acked_nJ: int) -> None:
-        if acked_nJ > self.announced_nJ:
-            raise BadMessage("acknowledgement", f"{acked_nJ} nJ acknowledged of {self.announced_nJ} nJ announced")
+    def _never_announced(self, acked_nJ: int) -> BadMessage:
+        return BadMessage("acknowledgement", f"{acked_nJ} nJ acknowledged of {self.announced_nJ} nJ announced")
 
 
 @equation

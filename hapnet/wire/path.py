@@ -19,6 +19,7 @@ path.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from hapnet.records.equation import equation
@@ -27,6 +28,8 @@ from hapnet.records.record import NEVER, Record
 from hapnet.wire import peer_monitor as monitors
 from hapnet.wire.numbering import DOUBTFUL, LATE, NEW, place
 from hapnet.wire.peer_monitor import PeerMonitor
+
+_NANO = 1e-9
 
 STALL_NS = 100_000_000
 """A stall: nothing new came for this much longer than the sender paused. 3GPP TR 22.847 allows no longer delay."""
@@ -247,3 +250,33 @@ def arrive(path: Path, monitor: PeerMonitor, now_ns: int, number: int, sent_ns: 
 
 on_position, on_echo, took_ns = Path.on_position, Path.on_echo, Path.took_ns
 """As equations call them."""
+
+
+class InUse(Record):
+    """The newest of the peer's samples in use: when it was sent, on the peer's clock, when it came, and how long it was
+    under way [ns]; took_ns is below 0 where there is none."""
+
+    sent_ns: int
+    came_ns: int
+    took_ns: int
+
+    def __init__(self) -> None:
+        self.sent_ns, self.came_ns, self.took_ns = 0, 0, -1
+
+
+@equation
+def age_s(used: InUse, now_ns: int) -> float:
+    """How old the sample is, by estimate [s]; NaN where there is none."""
+    return (now_ns - used.came_ns + used.took_ns) * _NANO if used.took_ns >= 0 else math.nan
+
+
+@equation
+def transit_s(used: InUse) -> float:
+    """Its arrival on this side's clock less its stamp on the peer's [s]; NaN where there is none."""
+    return (used.came_ns - used.sent_ns) * _NANO if used.took_ns >= 0 else math.nan
+
+
+@equation
+def age_of_content_s(used: InUse, now_ns: int, aimed_s: float) -> float:
+    """How old is what the sample says [s]. A world that aims says for which moment, on this side's clock; else 0."""
+    return now_ns * _NANO - aimed_s if aimed_s else age_s(used, now_ns)

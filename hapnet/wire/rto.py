@@ -80,7 +80,8 @@ class RtoEstimator(Record):
 @equation
 def timeout_ns(rto: RtoEstimator) -> int:
     """`RtoEstimator.rto_ns`."""
-    return min(rto.base_ns << rto.backed_off, rto.ceiling_ns)
+    doubled_ns = rto.base_ns << rto.backed_off
+    return doubled_ns if doubled_ns < rto.ceiling_ns else rto.ceiling_ns
 
 
 sample, back_off = RtoEstimator.sample, RtoEstimator.back_off

@@ -11,6 +11,9 @@ from hapnet.wire.fields import CURVATURES, FRICTION, INTEGRAL, LEVEL, REACH
 from hapnet.wire.messages import Motion, Port, Position, Proxy, Wave
 from hapnet.wire.stream_frames import echo_of, encode_position, encode_stream, level_of, start_of
 
+BACKLOG = 128
+"""How many waves or positions of a stream may wait for the next tick of the side that takes them."""
+
 
 class PositionStream:
     """Numbers and encodes the positions of one incarnation, or what its coupling sends instead.

@@ -392,5 +392,5 @@ def check_coupling(coupling: SetPositionCoupling, x: Vector, force_limit: float 
 
 def check_control(control: ControlHalf, received: int) -> None:
     """What waits between the halves is bounded: some positions, and a credit for each message received since a tick."""
-    hold(len(control._arrived) <= min(BACKLOG, received), len(control._arrived), "positions wait")
-    hold(len(control._credits) <= received, len(control._credits), "credits wait of", received, "messages")
+    hold(len(control.waiting) <= min(BACKLOG, received), len(control.waiting), "positions wait")
+    hold(len(control.credits) <= received, len(control.credits), "credits wait of", received, "messages")

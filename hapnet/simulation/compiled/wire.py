@@ -11,7 +11,7 @@ from hapnet.kernel.link import Message
 from hapnet.kernel.memory import load, store
 from hapnet.side.endpoint import NANO, DeviceEndpoint, WorldEndpoint
 from hapnet.side.packet import FRAME_OVERHEAD
-from hapnet.simulation.compiled.mirror import put, replace, value
+from hapnet.simulation.compiled.mirror import put
 from hapnet.wire.fields import LEVEL, REACH
 from hapnet.wire.messages import Energy, Position, encode
 from hapnet.wire.messages import Proxy as ProxyMessage
@@ -22,11 +22,10 @@ Endpoint = DeviceEndpoint | WorldEndpoint
 
 def read_wire(wire: endpoints.Wire, endpoint: Endpoint, *, proxies: bool) -> None:
     """`proxies`: does this side send proxies, and not bare positions?"""
-    session, record, arrived = endpoint.session, wire.endpoint, value(endpoint, "arrived")
-    record.n, record.backlog, record.proxies = session.identity.dof, arrived.maxlen, int(proxies)
+    session, record, arrived = endpoint.session, wire.endpoint, endpoint.waiting
+    record.n, record.backlog, record.proxies = session.identity.dof, arrived.maxlen or 0, int(proxies)
     record.next_sequence = session.positions.next_sequence
-    used = value(endpoint, "used")
-    record.used_ns, record.used_came_ns, record.took_ns = (0, 0, -1) if used is None else used
+    store(record.used, endpoint.in_use)
     record.accepts_stale = int(session.settings.accept_stale and session.settings.expects is Position)
     _sizes(record, session)
     for k, (sample, sent_ns, came_ns, took_ns, _) in enumerate(arrived):
@@ -37,7 +36,7 @@ def read_wire(wire: endpoints.Wire, endpoint: Endpoint, *, proxies: bool) -> Non
         if isinstance(sample, Proxy):
             put_proxy(message, round(sample.aimed_s / NANO), sample.force, sample.planes, sample.reach_m)
     record.waiting = len(arrived)
-    waiting = list(value(endpoint, "credits"))
+    waiting = list(endpoint.credits)
     put(wire, "credits_nJ", waiting)
     record.credits = len(waiting)
     store(wire.channel, session.channel)
@@ -65,8 +64,7 @@ def write_wire(record: endpoints.Wire, endpoint: Endpoint) -> None:
     session, side = endpoint.session, record.endpoint
     session.positions.next_sequence = int(side.next_sequence)
     endpoint.echo(int(record.path.echo_ns), int(record.path.came_ns))
-    if side.took_ns >= 0:
-        replace(endpoint, "used", (int(side.used_ns), int(side.used_came_ns), int(side.took_ns)))
+    load(endpoint.in_use, side.used)
     for kind, count in (("stale", int(side.stale)), ("leap", int(side.leaps))):
         if count:
             session.dropped[kind] += count
