@@ -13,7 +13,6 @@ import pytest
 
 from hapnet import cli, simulate_batch
 from hapnet.kernel import sources
-from hapnet.kernel.twins import COMPILED
 from hapnet.params import Params
 from hapnet.simulation.compiled import coverage
 from hapnet.simulation.simulation import Simulation
@@ -26,8 +25,8 @@ SAMPLED = Params().set({"device.servo": "sampled", "duration_s": 2.0})
 
 
 def test_numba_is_there() -> None:
-    """It is in extra `test`; without it the tests of this file would compare plain Python."""
-    assert COMPILED
+    """It is in extra `test`; without it the tests of this file would compare the reference with itself."""
+    assert coverage.no_compiler() is None
 
 
 @pytest.mark.parametrize("servo", ["sampled", "continuous"])
@@ -74,20 +73,6 @@ def test_many_cases_give_the_same_bits(seed: int, servo: str) -> None:
 def test_what_studies_compare_by_default_gives_the_same_bits(coupling: str, operator: str) -> None:
     params = SAMPLED.set({"coupling": coupling, "operator": operator, "link.up": "4g", "link.down": "4g"})
     assert not differences(params, 3)
-
-
-@pytest.mark.slow
-def test_plain_python_gives_the_same_bits() -> None:
-    """The kernel's source without numba, in a process of its own, since a module is compiled or not."""
-    check = (
-        "from hapnet.kernel.twins import COMPILED\nfrom tests.kernel_cases import LOSSY, differences, kernel_case\n"
-        "assert not COMPILED\n"
-        "found = differences(LOSSY, 1), differences(kernel_case(3, 1, 'continuous', 0.25), 3)\n"
-        "assert not any(found), found"
-    )
-    environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
-    done = subprocess.run([sys.executable, "-c", check], cwd=ROOT, env=environment, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
 
 
 def test_a_study_records_the_motion_alone() -> None:
@@ -196,6 +181,12 @@ def test_without_numba_the_reference_runs(monkeypatch: pytest.MonkeyPatch) -> No
     simulation = Simulation(SAMPLED.set({"duration_s": 0.2}), 1)
     assert simulation.not_compiled == "numba is not installed (extra fast)"
     assert simulation.run().summary["theorem"]["margin_J"] > 0.0
+    assert Simulation(SAMPLED, 1, kernel=True).not_compiled == "numba is not installed (extra fast)"
+
+
+def test_with_numbas_own_switch_the_reference_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
+    assert Simulation(SAMPLED, 1).not_compiled == "NUMBA_DISABLE_JIT is set"
 
 
 @pytest.mark.parametrize(

@@ -7,12 +7,12 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hapnet.kernel.twins import COMPILED
-from hapnet.records.record import Record, element, fields, zero
+from hapnet.records.record import Record, element, fields
 
 R = TypeVar("R", bound=Record)
 
 _LAYOUTS: dict[type[Record], np.dtype[Any]] = {}
+_PLANS: dict[type[Record], list[tuple[str, type[Record] | None, int]]] = {}
 _UNUSED: dict[type[Record], list[Any]] = {}
 
 
@@ -54,8 +54,6 @@ class _Views:
 
 def new(kind: type[R]) -> R:
     """A record of this kind, all zero."""
-    if not COMPILED:
-        return zero(kind)
     unused = _UNUSED.get(kind)
     view: Any = unused.pop() if unused else _View(np.zeros(1, layout(kind))[0])
     made: R = view  # it has the record's names
@@ -64,17 +62,15 @@ def new(kind: type[R]) -> R:
 
 def give_back(record: R, kind: type[R]) -> None:
     """Nobody uses the record any more: `new` may return it. Its memory, and the views of it, are worth keeping."""
-    if COMPILED:
-        view: Any = record
-        memory = view.structure.base
-        memory.view(np.uint8).fill(0)
-        _UNUSED.setdefault(kind, []).append(record)
+    view: Any = record
+    view.structure.base.view(np.uint8).fill(0)
+    _UNUSED.setdefault(kind, []).append(record)
 
 
 def bare(record: R) -> R:
     """The record as compiled code takes it."""
     view: Any = record
-    taken: R = view.structure if COMPILED else record
+    taken: R = view.structure
     return taken
 
 
@@ -91,40 +87,51 @@ def layout(kind: type[Record]) -> np.dtype[Any]:
 
 def store(structure: R, record: R) -> None:
     """Copy a record of plain Python into its structure, field by field; of vectors as many elements as it has."""
-    for name, type_ in fields(type(record)).items():
-        of, shape = element(type_)
+    for name, of, dimensions in _plan(type(record)):
         value = getattr(record, name)
-        if not shape and not issubclass(of, Record):
-            setattr(structure, name, value)
-        elif issubclass(of, Record):
-            pairs = zip(getattr(structure, name), value, strict=False) if shape else [(getattr(structure, name), value)]
-            for one, other in pairs:
+        if of is not None and not dimensions:
+            store(getattr(structure, name), value)
+        elif of is not None:
+            for one, other in zip(getattr(structure, name), value, strict=False):
                 store(one, other)
-        elif len(shape) == 1:
+        elif not dimensions:
+            setattr(structure, name, value)
+        elif dimensions == 1:
             getattr(structure, name)[: len(value)] = value
-        else:
-            for row, values in zip(getattr(structure, name), value, strict=False):
-                row[: len(values)] = values
+        elif len(value):
+            rows: Any = getattr(structure, name)
+            rows[: len(value), : len(value[0])] = value
 
 
 def load(record: R, structure: R) -> None:
     """The reverse of `store`."""
-    for name, type_ in fields(type(record)).items():
-        of, shape = element(type_)
-        found, value = getattr(structure, name), getattr(record, name)
-        if not shape and not issubclass(of, Record):
-            setattr(record, name, found)
-        elif issubclass(of, Record):
-            for one, other in zip(value, found, strict=False) if shape else [(value, found)]:
+    for name, of, dimensions in _plan(type(record)):
+        found = getattr(structure, name)
+        if of is not None and not dimensions:
+            load(getattr(record, name), found)
+        elif of is not None:
+            for one, other in zip(getattr(record, name), found, strict=False):
                 load(one, other)
-        elif len(shape) == 1:
-            value[:] = plain(found[: len(value)])
+        elif not dimensions:
+            setattr(record, name, found)
         else:
-            for values, row in zip(value, found, strict=False):
-                values[:] = plain(row[: len(values)])
+            value = getattr(record, name)
+            if dimensions == 1:
+                value[:] = plain(found[: len(value)])
+            elif len(value):
+                width = len(value[0])
+                value[:] = [row[:width] for row in plain(found[: len(value)])]
+
+
+def _plan(kind: type[Record]) -> list[tuple[str, type[Record] | None, int]]:
+    """Of each field: its name, the kind of record that it has, and the number of its dimensions."""
+    if kind not in _PLANS:
+        found = [(name, *element(type_)) for name, type_ in fields(kind).items()]
+        _PLANS[kind] = [(name, of if issubclass(of, Record) else None, len(shape)) for name, of, shape in found]
+    return _PLANS[kind]
 
 
 def plain(found: Any) -> list[Any]:
     """A vector as a list of Python's own numbers."""
-    numbers: list[Any] = found.tolist() if isinstance(found, np.ndarray) else list(found)
+    numbers: list[Any] = found.tolist()
     return numbers

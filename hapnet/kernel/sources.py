@@ -36,6 +36,11 @@ def digest() -> str:
     return found.hexdigest()
 
 
+def is_switched_off() -> bool:
+    """Does numba's own switch say that nothing is to be compiled?"""
+    return os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
+
+
 def are_compiled() -> bool:
     """Is there machine code of the present sources?"""
     try:

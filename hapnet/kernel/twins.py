@@ -1,8 +1,7 @@
 """Compiles equations with numba: each gets a twin, made from the same source.
 
 A twin is the function's own code with other globals: where those name an equation, or a module with equations, they
-name its twin. So one source serves both, and importing it costs nothing of numba. Where numba is missing, or its own
-switch says so (the environment's `NUMBA_DISABLE_JIT=1`), plain Python runs the same functions.
+name its twin. So one source serves both, and importing it costs nothing of numba.
 """
 
 from __future__ import annotations
@@ -14,18 +13,12 @@ from contextlib import contextmanager
 from types import FunctionType, ModuleType
 from typing import Any, TypeVar
 
+import numba
+
 from hapnet.records.equation import EQUATIONS
 
-try:
-    import numba
-except ImportError:
-    COMPILED = False
-    _njit: Any = None
-    _config: Any = None
-else:
-    _config = importlib.import_module("numba.core.config")
-    COMPILED = not getattr(_config, "DISABLE_JIT", 0)
-    _njit = numba.njit
+_config = importlib.import_module("numba.core.config")
+_njit: Any = numba.njit
 
 _LEAN = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "_nrt": False, "error_model": "numpy"}
 
@@ -42,8 +35,6 @@ def entry(function: F, cache: str) -> F:
     cache is still valid. So the entry must be a closure that uses a digest of the sources, which changes with any of
     them.
     """
-    if not COMPILED:
-        return function
     assert isinstance(function, FunctionType)
     twin = _with_globals(function, _twins()[function.__module__])
     given = _config.CACHE_DIR

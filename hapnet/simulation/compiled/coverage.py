@@ -36,8 +36,8 @@ def unavailable(setup: Setup) -> str | None:
     As long as it is not compiled, a process first runs some on the reference, which gives the same bits.
     """
     global _ticks
-    if find_spec("numba") is None:
-        return "numba is not installed (extra fast)"
+    if (why := no_compiler()) is not None:
+        return why
     if sources.are_compiled():
         return None
     _ticks += round(setup.params.duration_s * setup.params.device.servo_hz)
@@ -46,7 +46,7 @@ def unavailable(setup: Setup) -> str | None:
 
 def compile_for(ticks: float) -> None:
     """Compile the kernel now, if so many ticks are about to be run, here or in processes that would each compile it."""
-    if ticks >= _WORTH_TICKS and find_spec("numba") is not None and not sources.are_compiled():
+    if ticks >= _WORTH_TICKS and no_compiler() is None and not sources.are_compiled():
         from hapnet.simulation.compiled.run import make_ready  # here, since it loads numba
 
         make_ready()
@@ -63,7 +63,16 @@ def chosen(setup: Setup, kernel: bool | None, watcher: str | None) -> str | None
     if watcher is not None:
         return f"{watcher} runs the events itself"
     why = why_not(setup)
-    return unavailable(setup) if why is None and kernel is None else why
+    if why is not None:
+        return why
+    return unavailable(setup) if kernel is None else no_compiler()
+
+
+def no_compiler() -> str | None:
+    """Why nothing can be compiled here; None: it can."""
+    if find_spec("numba") is None:
+        return "numba is not installed (extra fast)"
+    return "NUMBA_DISABLE_JIT is set" if sources.is_switched_off() else None
 
 
 def why_not(setup: Setup) -> str | None:

@@ -25,7 +25,7 @@ from hapnet.kernel.simulation import (
     Scenario,
     entry_of,
 )
-from hapnet.kernel.twins import COMPILED, as_one_unit, entry
+from hapnet.kernel.twins import as_one_unit, entry
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.hand_path import hand_path
 from hapnet.plant.worlds.scene import Scene
@@ -59,12 +59,11 @@ _WORLD_SCALARS = (
 def make_ready() -> Callable[[Scenario, int], int]:
     """What runs a scenario's events until a time [ns]. Loads or makes the machine code, once in a process."""
     run = entry(entry_of(sources.digest()), str(sources.directory()))
-    if COMPILED:
-        scenario = new(Scenario)
-        with as_one_unit():
-            run(bare(scenario), -1)  # nothing is due at that time
-        give_back(scenario, Scenario)
-        sources.mark()
+    scenario = new(Scenario)
+    with as_one_unit():
+        run(bare(scenario), -1)  # nothing is due at that time
+    give_back(scenario, Scenario)
+    sources.mark()
     return run
 
 
