@@ -125,7 +125,7 @@ class Link(Generic[T]):
 
         True: a message counts as offered and delivered; deliver it. False: nothing has happened; use `send`.
         """
-        if not self._transparent or self.queue or self._ready or self._again or not self._up:
+        if not self.transparent or self.queue or self._ready or self._again or not self._up:
             return False
         counters = self.counters
         counters.offered = counters.newest = counters.offered + 1
@@ -275,7 +275,7 @@ class Link(Generic[T]):
         self.resends = None if profile.resend is None else Resends(profile.resend, profile.loss)
         lined = bool(profile.rate_bit_s or profile.trace)
         self._beside = lined and profile.resend is not None and not profile.resend.ordered
-        self._transparent = profile.limit > 0 and profile == LinkProfile(limit=profile.limit, seed=profile.seed)
+        self.transparent = profile.limit > 0 and profile == LinkProfile(limit=profile.limit, seed=profile.seed)
         self._needs_size = bool(lined or (profile.slot and profile.slot.bytes))
 
     def _start_traces(self, previous: LinkProfile | None, start_ns: int | None, free_ns: int) -> None:

@@ -26,11 +26,11 @@ class Resends:
         self.after_ns, self.ordered = resend.after_ns, resend.ordered
         self._times = resend.times
         self._lost_again = lost_again(loss, resend.times)
-        self._ascending = self._lost_again[::-1]
+        self.ascending = self._lost_again[::-1]
 
     def taken(self, luck: float) -> tuple[int, bool]:
         """(number of resends of a lost message, whether it is lost for good)."""
-        lost = self._times - bisect_right(self._ascending, luck)
+        lost = self._times - bisect_right(self.ascending, luck)
         return min(lost + 1, self._times), lost == self._times
 
     def taken_under(self, luck: float, conditions: ConditionTrace, elapsed_ns: int) -> tuple[int, bool]:

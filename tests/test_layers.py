@@ -240,3 +240,28 @@ def test_a_class_of_many_attributes_says_why() -> None:
             # a record of the kernel has the state of several objects: nobody but compiled code looks at it
             if len(found) > MOST_ATTRIBUTES and "Record" not in map(ast.unparse, node.bases):
                 assert "More than twenty attributes:" in (ast.get_docstring(node) or ""), (node.name, len(found))
+
+
+BY_NAME = {
+    "hapnet/doctor/machine.py": "sys tells so whether there is a lock, from Python 3.13 on",
+    "hapnet/kernel/twins.py": "numba has no other way to optimise many functions together",
+}
+"""Modules that name attributes which are private to others, and why."""
+
+
+def test_nobody_reaches_private_attributes_by_their_names() -> None:
+    """The linter sees `other._name`; it does not see names in strings, or names that are put together."""
+    found = {}
+    for module in MODULES:
+        source = (ROOT / module).read_text("utf-8")
+        for node in nodes(source):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name | ast.Attribute):
+                called = node.func.id if isinstance(node.func, ast.Name) else node.func.attr
+                if called in {"getattr", "setattr", "hasattr", "delattr", "attrgetter", "__getattribute__"}:
+                    strings = [part.value for one in node.args for part in ast.walk(one)
+                               if isinstance(part, ast.Constant) and isinstance(part.value, str)]  # fmt: skip
+                    if any(re.match(r"_(?!_)", text) for text in strings):
+                        found[str(module)] = ast.unparse(node)
+        if re.search(r"\(\"_[a-z]\w*\", \d\)", source):  # a table of such names
+            found.setdefault(str(module), "a table of names")
+    assert found.keys() == BY_NAME.keys(), found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -129,6 +130,11 @@ def _plan(kind: type[Record]) -> list[tuple[str, type[Record] | None, int]]:
         found = [(name, *element(type_)) for name, type_ in fields(kind).items()]
         _PLANS[kind] = [(name, of if issubclass(of, Record) else None, len(shape)) for name, of, shape in found]
     return _PLANS[kind]
+
+
+def fill(target: Any, values: Sequence[float]) -> None:
+    """Copy a vector to the beginning of a longer one."""
+    target[: len(values)] = values
 
 
 def plain(found: Any) -> list[Any]:

@@ -17,7 +17,7 @@ import numba
 
 from hapnet.records.equation import EQUATIONS
 
-_config = importlib.import_module("numba.core.config")
+_config: Any = importlib.import_module("numba.core.config")
 _njit: Any = numba.njit
 
 _LEAN = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "_nrt": False, "error_model": "numpy"}

@@ -120,14 +120,8 @@ class SimulatedDevice(Record):
         self.model = self._model(np.zeros((n, n)), (0.0,) * n, math.inf)
         self.read_position, self.read_velocity, self.read_time = [0.0] * n, [0.0] * n, 0.0
         _count(self)
-        self._seen_at, self._seen = 0, tuple(x)
-
-    @property
-    def position(self) -> Vector:
-        """x [m]; one and the same object until the next tick."""
-        if self._seen_at != self.ticks:
-            self._seen_at, self._seen = self.ticks, tuple(self.state.position)
-        return self._seen
+        self.position: Vector = x
+        """x [m]."""
 
     @property
     def velocity(self) -> Vector:
@@ -212,7 +206,7 @@ class SimulatedDevice(Record):
         """Rest at `position` [m], where the hand already is; before the first tick."""
         self.references = [position]
         self.state.position[:] = position
-        self._seen_at = -1
+        self.position = position
         begin_passage(self.state, self.dof)
         _count(self)
 
@@ -222,7 +216,9 @@ class SimulatedDevice(Record):
         self.time = self.ticks * self.period
         begin, end = self.references[-1], self.operator.reference(self.time)
         self.references = [end]
-        return tick(self.model, self.state, (begin, end), 0)
+        work = tick(self.model, self.state, (begin, end), 0)
+        self.position = tuple(self.state.position)
+        return work
 
     def run(self, ticks: int) -> list[TickResult]:
         """Run `ticks` ticks, with no input in between. Returns the result of each."""
@@ -231,7 +227,9 @@ class SimulatedDevice(Record):
         self.time = self.ticks * period
         path = [self.references[-1], *[follow(k * period) for k in range(passed + 1, passed + ticks + 1)]]
         self.references = path[1:]
-        return self.model.run(self.state, path)
+        results = self.model.run(self.state, path)
+        self.position = tuple(self.state.position)
+        return results
 
     def _model(self, stiffness: Array, damping: Vector, knee: float) -> TickModel:
         limit = math.inf if self.force_limit is None else self.force_limit

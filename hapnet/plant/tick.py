@@ -18,7 +18,7 @@ from hapnet.plant.limited_coupling import LimitedCoupling
 from hapnet.plant.operator import Impedance
 from hapnet.records.equation import equation
 from hapnet.records.record import AXES, FloatRows, Floats, MatrixOfAxes, OfAxes, Reals, Record
-from hapnet.records.vectors import copy, dot, times
+from hapnet.records.vectors import dot, times
 
 TickResult = tuple[float, Vector, Vector, Vector, Vector]
 """The result of a tick: the hand's work [J]; the device's position [m] and velocity [m/s] at its end; the forces of
@@ -86,6 +86,7 @@ class TickModel(Record):
     inertia: float
     hand_mass: float
     response: float
+    mobility: float
     decoupled: int
     k: OfAxes
     pull: OfAxes
@@ -135,6 +136,7 @@ class TickModel(Record):
         self.response = hand.stiffness * h / 2.0 + hand.damping + self.hand_mass
         self.rate_drive = hand.damping - 0.5 * hand.stiffness * h
         self.rate_step = hand.stiffness * h
+        self.mobility = 1.0 / own
         self.coupling = LimitedCoupling(stiffness, damping, own, h, knee, force_limit)
         B, self.b = np.array(damping), list(damping)
         k = np.diagonal(stiffness)
@@ -175,6 +177,8 @@ def _joined(*axes: Floats) -> TickResult:
 @equation
 def tick(model: TickModel, state: DeviceState, path: Sequence[Reals], at: int) -> float:
     """One tick, while the hand's reference goes from path[at] to the next point [m]. Returns the hand's work [J]."""
+    if not state.coupled:
+        return _held(model, state, path[at], path[at + 1])
     if not state.at_limit:
         if model.decoupled:
             if along_axes(model, state, path, at, 1, model.results):
@@ -185,6 +189,36 @@ def tick(model: TickModel, state: DeviceState, path: Sequence[Reals], at: int) -
         elif _together(model, state, path[at], path[at + 1]):
             return model.work
     return _limited(model, state, path[at], path[at + 1])
+
+
+@equation
+def _held(model: TickModel, state: DeviceState, begin: Reals, end: Reals) -> float:
+    """A tick without a coupling, so that only the held torque acts, and no limit. Returns the hand's work [J].
+
+    `along_axes` gives the same in twice the time, as it keeps extremes and the damper's dissipation.
+    """
+    h, period, substeps, kh = model.h, model.period, model.substeps, model.hand_stiffness
+    rate_drive, rate_step, mobility = model.rate_drive, model.rate_step, model.mobility
+    inertia, hand_mass, response = model.inertia, model.hand_mass, model.response
+    total = 0.0
+    for axis in range(model.n):
+        x, v, torque, a = state.position[axis], state.velocity[axis], state.torque[axis], begin[axis]
+        rate = (end[axis] - a) / period
+        hand = kh * a + rate_drive * rate
+        hand_step = rate_step * rate
+        work = f = 0.0
+        for _ in range(substeps):
+            hand += hand_step
+            pull = kh * x
+            middle = (inertia * v + torque + hand - pull) * mobility
+            f = hand - pull + hand_mass * v - response * middle
+            work += f * middle
+            v = middle + middle - v
+            x += h * middle
+        total += work * h
+        state.position[axis], state.velocity[axis], state.hand_force[axis] = x, v, f
+        state.actuator_force[axis] = torque
+    return total
 
 
 # -- axis by axis: K diagonal and within all limits ------------------------------------------------------------------
@@ -283,18 +317,12 @@ def _together(model: TickModel, state: DeviceState, begin: Reals, end: Reals) ->
     n, h, kh, K, b = model.n, model.h, model.hand_stiffness, model.coupling.K, model.b
     inertia, hand_mass, response = model.inertia, model.hand_mass, model.response
     x, v, f = model.tried_position, model.tried_velocity, model.tried_hand_force
-    low, high, pushing, driving, middle = (
-        model.tried_low,
-        model.tried_high,
-        model.pushing,
-        model.driving,
-        model.middle,
-    )
+    low, high, pushing, driving = model.tried_low, model.tried_high, model.pushing, model.driving
+    middle = model.middle
     ybar, torque = state.set_position, state.torque
-    copy(n, state.position, x)
-    copy(n, state.velocity, v)
-    copy(n, state.low, low)
-    copy(n, state.high, high)
+    for i in range(n):
+        x[i], v[i] = state.position[i], state.velocity[i]
+        low[i], high[i] = state.low[i], state.high[i]
     _set_out(model, begin, end)
     work = squares = lost = 0.0
     for _ in range(model.substeps):
@@ -330,11 +358,8 @@ def _together(model: TickModel, state: DeviceState, begin: Reals, end: Reals) ->
         for j in range(n):
             spring += K[i][j] * (ybar[j] - x[j] + h / 2.0 * middle[j])
         state.actuator_force[i] = torque[i] + spring - b[i] * middle[i]
-    copy(n, x, state.position)
-    copy(n, v, state.velocity)
-    copy(n, f, state.hand_force)
-    copy(n, low, state.low)
-    copy(n, high, state.high)
+        state.position[i], state.velocity[i], state.hand_force[i] = x[i], v[i], f[i]
+        state.low[i], state.high[i] = low[i], high[i]
     state.dissipated[0] += lost * h
     model.work = work * h
     return True

@@ -93,9 +93,9 @@ class DeviceSide(ABC):
         self._longest_ns = _NEVER if drive.watchdog_ns is None else drive.period_ns + drive.watchdog_ns
         self._released = False
         self._clock = drive.clock
-        self._write, self._write_motion = drive.write, drive.write_motion
-        self._record_every = drive.record_every
-        self._last_ns = 0
+        self._write, self.write_motion = drive.write, drive.write_motion
+        self.record_every = drive.record_every
+        self.last_ns = 0
         self._expected_ns = 0  # the time up to which a simulated device was advanced
 
     @property
@@ -150,9 +150,9 @@ class DeviceSide(ABC):
             if self.endpoint.paired:
                 self._start(self._read()[0])
                 self.ledger = self.coupling.ledger
-                self.origin_ns = self._last_ns = self._expected_ns = now_ns  # last: a device may fail right here
+                self.origin_ns = self.last_ns = self._expected_ns = now_ns  # last: a device may fail right here
             return None
-        since_ns = now_ns - self._last_ns
+        since_ns = now_ns - self.last_ns
         if since_ns > self.longest_ns:
             self.longest_ns = since_ns
         late = since_ns > self._longest_ns
@@ -162,9 +162,9 @@ class DeviceSide(ABC):
             self._write(Event(now_ns, "overrun", text, "warning"))
         self._released = late
         message = self._control(now_ns, release=late or self.stopped is not None)
-        self._last_ns = now_ns
+        self.last_ns = now_ns
         self.ticks += 1
-        if self.ticks % self._record_every == 0 and not self.paused:
+        if self.ticks % self.record_every == 0 and not self.paused:
             self._sample(now_ns)
         return message
 
@@ -183,7 +183,7 @@ class DeviceSide(ABC):
 
     def resume(self, now_ns: int, ticks: int) -> None:
         """Go on after so many ticks that were made elsewhere, each in time, the last at `now_ns`."""
-        self._last_ns = self._expected_ns = now_ns
+        self.last_ns = self._expected_ns = now_ns
         self.ticks += ticks
 
     def place(self, position: Vector) -> None:
@@ -239,8 +239,8 @@ class DeviceSide(ABC):
         self, now_ns: int, x: Vector, v: Vector, force: Vector, hand: Vector | None, target: Vector | None
     ) -> None:
         """Write a sample of the device at x [m] and v [m/s], with the forces on it [N] and where its hand aims [m]."""
-        if self._write_motion is not None:
-            self._write_motion(MotionSample(now_ns, x, force, target))
+        if self.write_motion is not None:
+            self.write_motion(MotionSample(now_ns, x, force, target))
             return
         coupling = self.endpoint.coupling
         ledger = coupling.ledger
@@ -262,6 +262,8 @@ class ContinuousDeviceSide(DeviceSide):
     """
 
     device: SimulatedDevice
+    servo: ContinuousServo
+    """The servo's law; it exists once control has started."""
 
     def __init__(
         self,
@@ -275,14 +277,9 @@ class ContinuousDeviceSide(DeviceSide):
         self._resting_dt = max(drive.period_ns * NANO, device.period)
         self._ahead: TickResult | None = None  # of the next tick, up to which the device was advanced already
 
-    @property
-    def servo(self) -> ContinuousServo:
-        """The servo's law; it exists once control has started."""
-        return self._servo
-
     def _start(self, x: Vector) -> None:
         device = self.device
-        servo = self._servo = self._make_servo(x, device.kinetic, self.endpoint.restarted)
+        servo = self.servo = self._make_servo(x, device.kinetic, self.endpoint.restarted)
         self.endpoint.start_continuous(servo)
         spring = servo.coupling.spring
         device.couple(spring.K, servo.damping, x, spring.force_limit)
@@ -292,16 +289,16 @@ class ContinuousDeviceSide(DeviceSide):
     def resting(self) -> int:
         if self.ledger is None or self.endpoint.has_news or self.paused:
             return 0
-        return self._servo.resting(self._resting_dt)
+        return self.servo.resting(self._resting_dt)
 
     def rest(self, now_ns: int, ticks: int, observe: Observe, *, then_tick: bool) -> None:
-        device, servo, ledger, dt = self.device, self._servo, self.ledger, self._resting_dt
+        device, servo, ledger, dt = self.device, self.servo, self.ledger, self._resting_dt
         assert ledger is not None, "control has not started"
         results = device.run(ticks + then_tick)
         if then_tick:
             self._ahead = results.pop()
         rest, kinetic_at = servo.rest, device.kinetic_at
-        tick, every = self.ticks, self._record_every
+        tick, every = self.ticks, self.record_every
         lowest = ledger.work
         for (work, x, v, hand_force, force), target in zip(
             results, device.references, strict=False
@@ -318,7 +315,7 @@ class ContinuousDeviceSide(DeviceSide):
         self.resume(now_ns + (ticks - 1) * self._period_ns, ticks)
 
     def _control(self, now_ns: int, *, release: bool) -> bytes | None:
-        device, last_ns = self.device, self._last_ns
+        device, last_ns = self.device, self.last_ns
         periods = self._periods(now_ns)
         if self._ahead is not None:
             work, self._ahead = self._ahead[0], None
@@ -331,7 +328,7 @@ class ContinuousDeviceSide(DeviceSide):
         if dt < (elapsed_s := periods * device.period):
             dt = elapsed_s
         message = self.endpoint.tick_continuous(now_ns, dt, x, device.passage, work, device.kinetic, release=release)
-        device.move_set_position(self._servo.coupling.modulator.set_position)
+        device.move_set_position(self.servo.coupling.modulator.set_position)
         return message
 
     def _sample(self, now_ns: int) -> None:
@@ -341,4 +338,4 @@ class ContinuousDeviceSide(DeviceSide):
         )
 
     def _parts(self, x: Vector, force: Vector) -> ForceParts:
-        return self._servo.parts(x, force)
+        return self.servo.parts(x, force)

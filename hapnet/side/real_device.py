@@ -169,8 +169,8 @@ class RealDeviceSide(SampledDeviceSide):
 
     def _start(self, x: Vector) -> None:
         super()._start(x)
-        if self.device.watchdog_s is not None and isinstance(self._servo, SampledServo):
-            self._servo.force_ends_s = self.device.watchdog_s
+        if self.device.watchdog_s is not None and isinstance(self.servo, SampledServo):
+            self.servo.force_ends_s = self.device.watchdog_s
         self.device.begin()
 
     def _read(self) -> tuple[Vector, Vector]:
@@ -218,10 +218,10 @@ class RealDeviceSide(SampledDeviceSide):
 
     def _control(self, now_ns: int, *, release: bool) -> bytes | None:
         if (acted := self.device.acted()) is not None:
-            self._servo.force, self._held_before = acted, None
+            self.servo.force, self._held_before = acted, None
             self._tells = True
         elif release or self._held_before is not None or self._tells:
-            self._doubt((now_ns - self._last_ns) * NANO, tuple(map(sub, self._reading[0], self._x)))
+            self._doubt((now_ns - self.last_ns) * NANO, tuple(map(sub, self._reading[0], self.x)))
         return super()._control(now_ns, release=release)
 
     def _doubt(self, dt: float, moved: Vector) -> None:
@@ -230,12 +230,12 @@ class RealDeviceSide(SampledDeviceSide):
         What it may have put out counts, as far as it can have been held before the device's own watchdog acted; what it
         may have taken in does not.
         """
-        servo, coupling = self._servo, self.coupling
+        servo, coupling = self.servo, self.coupling
         possible = [servo.force] if self._held_before is None else [servo.force, self._held_before]
         self._held_before = None
         speed = super().held_forces().get("speed_limit_mps", math.inf)
         most_m = speed * min(dt, self.device.watchdog_s or dt)  # as far as the device can go while a force is held
-        held_J = max(0.0, coupling.account + coupling.potential(self._x))
+        held_J = max(0.0, coupling.account + coupling.potential(self.x))
         self._risk_J = max(self._risk_J, max(math.hypot(*force) for force in possible) * most_m - held_J)
         share = min(1.0, most_m / far) if (far := math.hypot(*moved)) else 0.0
         put_out = [share * sum(map(mul, force, moved)) for force in possible]

@@ -37,52 +37,52 @@ class SampledDeviceSide(DeviceSide):
         self._watch: RangeWatch | None = None
         self._simulated = device if isinstance(device, SimulatedDevice) else None
         self._make_servo = make_servo
-        self._true_ledger: Ledger | None = None
-        self._hand = Ledger(0.0, 0.0)
+        self.true_ledger: Ledger | None = None
+        self.hand_ledger = Ledger(0.0, 0.0)
         self._resting: Callable[[float], int] | None = None
         self._follow: Callable[[float, Vector], None] | None = None
 
     @property
     def hand_work(self) -> float:
-        return self._hand.work
+        return self.hand_ledger.work
 
     @property
     def true_slack(self) -> float | None:
-        return None if self._true_ledger is None else self._true_ledger.slack_min
+        return None if self.true_ledger is None else self.true_ledger.slack_min
 
     @property
     def quantisation(self) -> float | None:
-        return self._servo.quantisation if self.origin_ns is not None else None
+        return self.servo.quantisation if self.origin_ns is not None else None
 
     def held_forces(self) -> dict[str, Any]:
-        return {} if self.origin_ns is None else self._servo.figures()
+        return {} if self.origin_ns is None else self.servo.figures()
 
     def stop(self) -> None:
         super().stop()
         if self.origin_ns is not None:
-            self._servo.stop()
+            self.servo.stop()
 
     def _start(self, x: Vector) -> None:
         if self._declared is not None:
             if (where := self._declared.outside(x)) is not None:
                 raise HapnetError(f"the device cannot begin: {where}")
             self._watch = RangeWatch(self._declared, self.device.resolution, x)
-        servo = self._servo = self._make_servo(x, self.endpoint.restarted)
+        servo = self.servo = self._make_servo(x, self.endpoint.restarted)
         self.endpoint.start(servo)
-        self._x, self._v = x, (0.0,) * len(x)
+        self.x, self._v = x, (0.0,) * len(x)
         if self._simulated is not None:
-            self._true_work = MeasuredHarvest(servo.trusted_damping)
+            self.true_work = MeasuredHarvest(servo.trusted_damping)
             stored = servo.coupling.potential(self._simulated.position)
             if servo.harvest == "range":  # the account is at the hand's port
                 stored += self._simulated.kinetic
-            self._true_ledger = Ledger(stored, servo.coupling.account)
+            self.true_ledger = Ledger(stored, servo.coupling.account)
             self._resting_dt = max(self._period_ns * NANO, self._simulated.period)
             self._resting = getattr(servo, "resting", None)  # a user's own coupling may have been written without it
             if self._watch is None:
                 self._follow = getattr(servo, "follow", None)
 
     def _control(self, now_ns: int, *, release: bool) -> bytes | None:
-        simulated, servo = self._simulated, self._servo
+        simulated, servo = self._simulated, self.servo
         before: Vector = ()
         elapsed_s = followed_s = hand_work = 0.0
         if simulated is not None:
@@ -96,17 +96,17 @@ class SampledDeviceSide(DeviceSide):
             before = simulated.position
             for _ in range(periods):
                 hand_work += simulated.advance()
-            self._hand.put_in(hand_work)
+            self.hand_ledger.put_in(hand_work)
         x, v = self._read()
         dt = max(self._elapsed(), elapsed_s)
         if self._watch is None or self._watch.passes(dt, x, v):
-            self._x = x
+            self.x = x
         else:
             self.stop_force(now_ns, self._watch.why or "")
             v, release = (0.0,) * len(v), True
         self._v = v
         held = servo.force  # the force really applied, where the device reports it
-        message = self.endpoint.tick_sampled(now_ns, dt, self._x, v, release=release)
+        message = self.endpoint.tick_sampled(now_ns, dt, self.x, v, release=release)
         applied = self._apply(dt, servo.force)
         if applied is None:
             self.applied = False
@@ -121,13 +121,13 @@ class SampledDeviceSide(DeviceSide):
         what it really puts out on the way."""
         before = simulated.position
         hand_work = simulated.advance()
-        self._hand.put_in(hand_work)
+        self.hand_ledger.put_in(hand_work)
         follow(simulated.period, simulated.read()[0])
-        self._observe_truth(simulated, simulated.period, self._servo.force, before, hand_work)
+        self._observe_truth(simulated, simulated.period, self.servo.force, before, hand_work)
 
     def _elapsed(self) -> float:
         """The time since the last tick's reading [s]."""
-        return (self._clock() - self._last_ns) * NANO
+        return (self._clock() - self.last_ns) * NANO
 
     def _apply(self, dt: float, force: Vector) -> Vector | None:
         """Hold this force from now on, `dt` seconds after the last; returns the one really applied, if it is known."""
@@ -140,7 +140,13 @@ class SampledDeviceSide(DeviceSide):
         return self._resting(self._resting_dt)
 
     def rest(self, now_ns: int, ticks: int, observe: Observe, *, then_tick: bool) -> None:
-        simulated, servo, hand, ledger, dt = self._simulated, self._servo, self._hand, self.ledger, self._resting_dt
+        simulated, servo, hand, ledger, dt = (
+            self._simulated,
+            self.servo,
+            self.hand_ledger,
+            self.ledger,
+            self._resting_dt,
+        )
         assert simulated is not None, "only simulated ticks may wait"
         assert ledger is not None, "control has not started"
         tick, lowest, hand_lowest = self.ticks, ledger.work, hand.work
@@ -148,9 +154,9 @@ class SampledDeviceSide(DeviceSide):
             before = simulated.position
             hand_work = simulated.advance()
             hand.put_in(hand_work)
-            self._x, self._v = simulated.read()
+            self.x, self._v = simulated.read()
             held = servo.force
-            update = servo.tick(dt, self._x, self._v)
+            update = servo.tick(dt, self.x, self._v)
             assert update is None, "a tick that sends something may not wait"
             servo.force = simulated.apply(servo.force)
             self._observe_truth(simulated, dt, held, before, hand_work)
@@ -159,7 +165,7 @@ class SampledDeviceSide(DeviceSide):
             if hand.work < hand_lowest:
                 hand_lowest = hand.work
             tick += 1
-            if tick % self._record_every == 0:
+            if tick % self.record_every == 0:
                 self._sample(at_ns)
         observe(lowest, hand_lowest)
         observe(ledger.work, hand.work)
@@ -169,13 +175,13 @@ class SampledDeviceSide(DeviceSide):
         self, simulated: SimulatedDevice, dt: float, held: Vector, before: Vector, hand_work: float
     ) -> None:
         """Count a tick of `dt` seconds that began at `before` [m] in the account with the true positions."""
-        ledger, own, servo = self._true_ledger, self.ledger, self._servo
+        ledger, own, servo = self.true_ledger, self.ledger, self.servo
         assert ledger is not None
         assert own is not None
         x = simulated.position
         stored = servo.coupling.potential(x)
         if servo.harvest == "measured":
-            work = self._true_work.hold(held, before, x, dt)
+            work = self.true_work.hold(held, before, x, dt)
         else:  # at the hand's port
             work, stored = hand_work, stored + simulated.kinetic
         ledger.put_in(work)
@@ -185,10 +191,10 @@ class SampledDeviceSide(DeviceSide):
     def _sample(self, now_ns: int) -> None:
         simulated = self._simulated
         if simulated is None:
-            self._record(now_ns, self._x, self._v, self._servo.force, None, None)
+            self._record(now_ns, self.x, self._v, self.servo.force, None, None)
         else:
             hand, target = simulated.hand_force, simulated.references[-1]
-            self._record(now_ns, self._x, self._v, self._servo.force, hand, target)
+            self._record(now_ns, self.x, self._v, self.servo.force, hand, target)
 
     def _parts(self, x: Vector, force: Vector) -> ForceParts | None:
-        return self._servo.parts
+        return self.servo.parts

@@ -73,7 +73,7 @@ class WorldSide:
         self._take_signal: Callable[[str, Signal], None] | None = getattr(scene, "signal", None)
         self._tell_signals: Callable[[], Mapping[str, Signal]] | None = getattr(scene, "signals", None)
         self._told: dict[str, Signal] = {}
-        self._last_ns = 0
+        self.last_ns = 0
         self._scene_writer: SceneWriter | None = None
 
     @property
@@ -98,12 +98,12 @@ class WorldSide:
             self._world = self._make_coupling(mass.position, mass.kinetic_J, endpoint.restarted)
             endpoint.start(self._world)
             self.environment = EnvironmentAccount(self.scene.contacts, mass.position)
-            self.origin_ns = self._last_ns = now_ns
+            self.origin_ns = self.last_ns = now_ns
             if isinstance(self.scene, Pictured):
                 self._scene_writer = SceneWriter(self.scene.picture(), self._write, now_ns)
             return endpoint.step(now_ns, 0.0, mass.position, mass.kinetic_J, 0.0, 0.0)
-        dt = (now_ns - self._last_ns) * NANO
-        self._last_ns = now_ns
+        dt = (now_ns - self.last_ns) * NANO
+        self.last_ns = now_ns
         if self.paused:
             return endpoint.step(now_ns, dt, mass.position, mass.kinetic_J, 0.0, 0.0)
         coupling = endpoint.coupling
@@ -152,11 +152,11 @@ class WorldSide:
 
     def state(self) -> WorldState:
         """What `restore` takes."""
-        return WorldState(self.steps, self.stepped_s, self.longest_step_s, self._last_ns)
+        return WorldState(self.steps, self.stepped_s, self.longest_step_s, self.last_ns)
 
     def restore(self, state: WorldState) -> None:
         """Go on from there."""
-        self.steps, self.stepped_s, self.longest_step_s, self._last_ns = state
+        self.steps, self.stepped_s, self.longest_step_s, self.last_ns = state
 
     def next_step_ns(self) -> int:
         """The length that the scene asks for the step that has begun [ns]; HapnetError if the scene fails."""

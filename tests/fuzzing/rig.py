@@ -124,8 +124,8 @@ class Plant:
             self._audited = Audited(coupling.modulator, self.longest_step, self._ceiling)
             coupling.modulator = self._audited
         if isinstance(side, SampledDeviceSide):
-            x = side._x
-            force = math.hypot(*side._servo.force)
+            x = side.x
+            force = math.hypot(*side.servo.force)
             hold(force <= self.setup.params.device.force_limit_N * (1.0 + 1e-12), "the servo asks for", force, "N")
         elif isinstance(side, DeviceSide):
             x, _ = side.device.read()

@@ -4,29 +4,31 @@ from __future__ import annotations
 
 from hapnet.checks import Vector
 from hapnet.control.contact_model import ContactModel
-from hapnet.control.continuous_servo import ContinuousServo
+from hapnet.control.ledger import Ledger
 from hapnet.control.set_position_coupling import SetPositionCoupling
+from hapnet.control.set_position_servo import SampledServo
 from hapnet.control.told_plane import ToldPlane
 from hapnet.kernel import sides
 from hapnet.kernel.contact_model import Answer
-from hapnet.kernel.memory import load, store
+from hapnet.kernel.memory import fill, load, store
 from hapnet.plant.device import SimulatedDevice
-from hapnet.side.device import DeviceSide
-from hapnet.simulation.compiled.mirror import put, replace, value, vector
+from hapnet.side.device import ContinuousDeviceSide, DeviceSide
+from hapnet.side.sampled_device import SampledDeviceSide
 
 
 def read_side(record: sides.DeviceSide, side: DeviceSide) -> None:
-    device, servo, coupling = side.device, value(side, "servo"), coupling_of(side)
+    device, coupling = side.device, coupling_of(side)
     assert isinstance(device, SimulatedDevice)
     store(record.plant, device)
     store(record.coupling, coupling)
-    if isinstance(servo, ContinuousServo):
-        store(record.within, servo)
+    if isinstance(side, ContinuousDeviceSide):
+        store(record.within, side.servo)
     else:
-        store(record.servo, servo)
-        store(record.true_ledger, value(side, "true_ledger"))
-        store(record.true_work, value(side, "true_work"))
-        store(record.hand, value(side, "hand"))
+        sampled = _sampled(side)
+        store(record.servo, _servo_of(sampled))
+        store(record.true_ledger, _true_ledger_of(sampled))
+        store(record.true_work, sampled.true_work)
+        store(record.hand, sampled.hand_ledger)
     if isinstance(coupling.source, ContactModel):
         store(record.model, coupling.source)
         _told(record.told, coupling.source)
@@ -39,19 +41,34 @@ def coupling_of(side: DeviceSide) -> SetPositionCoupling:
 
 
 def write_side(record: sides.DeviceSide, side: DeviceSide, reference: Vector) -> None:
-    device, servo, coupling = side.device, value(side, "servo"), coupling_of(side)
+    device, coupling = side.device, coupling_of(side)
     assert isinstance(device, SimulatedDevice)
-    n = device.dof
     load(coupling, record.coupling)
     load(device, record.plant)
-    device.references = [reference]
-    if isinstance(servo, ContinuousServo):
-        load(servo, record.within)
+    device.references, device.position = [reference], tuple(device.state.position)
+    if isinstance(side, ContinuousDeviceSide):
+        load(side.servo, record.within)
         return
-    load(servo, record.servo)
-    load(value(side, "true_ledger"), record.true_ledger)
-    load(value(side, "hand"), record.hand)
-    replace(side, "x", vector(record.plant, "read_position", n))
+    sampled = _sampled(side)
+    load(_servo_of(sampled), record.servo)
+    load(_true_ledger_of(sampled), record.true_ledger)
+    load(sampled.hand_ledger, record.hand)
+    sampled.x = tuple(device.read_position)
+
+
+def _sampled(side: DeviceSide) -> SampledDeviceSide:
+    assert isinstance(side, SampledDeviceSide)
+    return side
+
+
+def _servo_of(side: SampledDeviceSide) -> SampledServo:
+    assert isinstance(side.servo, SampledServo)
+    return side.servo
+
+
+def _true_ledger_of(side: SampledDeviceSide) -> Ledger:
+    assert side.true_ledger is not None, "control has started"
+    return side.true_ledger
 
 
 def _told(record: Answer, model: ContactModel) -> None:
@@ -60,8 +77,8 @@ def _told(record: Answer, model: ContactModel) -> None:
         return
     proxy, record.sent_s, record.age_s = model.pending
     record.pending = 1
-    put(record, "position", proxy.position)
-    put(record, "force", proxy.force)
+    fill(record.position, proxy.position)
+    fill(record.force, proxy.force)
     record.reach_m = -1.0 if proxy.reach_m is None else proxy.reach_m
     record.level = -1.0 if proxy.level is None else proxy.level
     planes = [ToldPlane(plane, model.compliance, proxy.position) for plane in proxy.planes or ()]

@@ -10,10 +10,9 @@ import numpy as np
 from hapnet.errors import BadMessage
 from hapnet.kernel import link as links
 from hapnet.kernel.link import AHEAD, ENERGY, LOST, STREAM, Message
-from hapnet.kernel.memory import plain
+from hapnet.kernel.memory import fill, plain
 from hapnet.side.packet import Packet
 from hapnet.simulation.compiled.coverage import OUT_OF_RANGE, NotCompiledError
-from hapnet.simulation.compiled.mirror import put, read, value, vector, write
 from hapnet.simulation.compiled.wire import put_proxy
 from hapnet.wire.fields import LEVEL, REACH
 from hapnet.wire.messages import Energy, Position, Proxy, decode, encode
@@ -23,7 +22,11 @@ from netem.draws import Fates
 from netem.line import RateLine
 
 LONG_AGO = -(2**62)
-_COUNTERS = "newest lost loss_bursts last_lost reordered sent_ahead resent recovered dropped_limit late_max_ns offered"
+COUNTERS = (
+    "newest", "lost", "loss_bursts", "last_lost", "reordered", "sent_ahead", "resent", "recovered", "dropped_limit",
+    "late_max_ns", "offered",
+)  # fmt: skip
+"""Of `netem.link.Counters`, which are the record's too."""
 
 
 class CompiledLink:
@@ -34,19 +37,21 @@ class CompiledLink:
         nothing = np.zeros(0)
         self._unused = Fates(nothing.astype(np.bool_), nothing.astype(np.bool_), nothing.astype(np.int64), nothing)
         profile = link.profile
-        read(record, profile, "limit gap rate_bit_s overhead cell_size")
+        record.limit, record.gap, record.rate_bit_s = profile.limit, profile.gap, profile.rate_bit_s
+        record.overhead, record.cell_size = profile.overhead, profile.cell_size
         record.cell_bytes = profile.cell_size + profile.cell_overhead
-        record.transparent = int(value(link, "transparent"))
+        record.transparent = int(link.transparent)
         if isinstance(link.line, RateLine):
             record.free_ns = max(link.line.free_ns, LONG_AGO)
         if (resends := link.resends) is not None and profile.resend is not None:
             record.resends, record.resend_times = 1, profile.resend.times
             record.resend_after_ns, record.resend_ordered = resends.after_ns, int(resends.ordered)
-            put(record, "resend_chances", list(value(resends, "ascending")))
+            fill(record.resend_chances, list(resends.ascending))
         record.in_order_ns = max(link.in_order_ns, LONG_AGO)
         record.last_due_ns = max(link.last_due_ns, LONG_AGO)
         record.since_reorder = link.since_reorder
-        read(record, link.counters, _COUNTERS)
+        for name in COUNTERS:
+            setattr(record, name, getattr(link.counters, name))
         record.begun = record.offered
         record.capacity = min(profile.limit, links.MOST_IN_FLIGHT)
         self._load()
@@ -73,7 +78,8 @@ class CompiledLink:
         link, record = self._link, self._record
         used = int(record.offered - record.begun)
         link.streams.put_back(_from(self._unused, used))
-        write(record, link.counters, _COUNTERS)
+        for name in COUNTERS:
+            setattr(link.counters, name, getattr(record, name))
         if isinstance(link.line, RateLine) and record.free_ns > LONG_AGO:
             link.line.free_ns = int(record.free_ns)
         if record.in_order_ns > LONG_AGO:
@@ -110,7 +116,8 @@ class CompiledLink:
                 message.kind, message.total_nJ, message.acked_nJ = ENERGY, content.total_nJ, content.acked_nJ
             else:
                 message.kind, message.sequence, message.stamp_ns = STREAM, content.sequence, content.sent_ns
-                read(message, content, "echo_ns came_ns position")
+                message.echo_ns, message.came_ns = content.echo_ns, content.came_ns
+                fill(message.position, content.position)
                 more = content.more or {}
                 message.level = more.get(LEVEL, -1.0)
                 if isinstance(content, Proxy):
@@ -132,7 +139,7 @@ def _packet(message: Message, sender: Session, proxies: bool) -> Packet:
     assert peer is not None
     if message.kind == ENERGY:
         return Packet("energy", encode(Energy(me, peer.incarnation, int(message.total_nJ), int(message.acked_nJ))))
-    start = me, int(message.sequence), int(message.stamp_ns), vector(message, "position", n)
+    start = me, int(message.sequence), int(message.stamp_ns), tuple(plain(message.position[:n]))
     echo = int(message.echo_ns), int(message.came_ns)
     more = {name: float(told) for name, told in ((REACH, message.reach_m), (LEVEL, message.level)) if told >= 0.0}
     if not proxies:
@@ -143,5 +150,5 @@ def _packet(message: Message, sender: Session, proxies: bool) -> Packet:
         for k in range(int(message.planes))
     )  # fmt: skip
     return Packet(
-        "position", encode(Proxy(*start, int(message.aimed_ns), vector(message, "force", n), planes, *echo, more))
+        "position", encode(Proxy(*start, int(message.aimed_ns), tuple(plain(message.force[:n])), planes, *echo, more))
     )

@@ -35,7 +35,6 @@ from hapnet.side.endpoint import NANO
 from hapnet.simulation.compiled import device, wire, world
 from hapnet.simulation.compiled.coverage import OUT_OF_RANGE, NotCompiledError
 from hapnet.simulation.compiled.link import CompiledLink
-from hapnet.simulation.compiled.mirror import value
 
 if TYPE_CHECKING:
     from hapnet.simulation.simulation import Simulation
@@ -84,19 +83,17 @@ class CompiledRun:
         self._rng_state, self._steps_used = self._rng.state, 0
         tuning = simulation.setup.tuning
         self._proxies = bool(tuning.contact_model)
-        self._kind: type[DeviceSample | MotionSample] = (
-            DeviceSample if value(side, "write_motion") is None else MotionSample
-        )
+        self._kind: type[DeviceSample | MotionSample] = DeviceSample if side.write_motion is None else MotionSample
         scenario = self._scenario = new(Scenario)
         self._up, self._down = CompiledLink(scenario.up, simulation.up), CompiledLink(scenario.down, simulation.down)
         counts, clock = scenario.counts, scenario.clock
-        counts.device_last_ns, counts.ticks = value(side, "last_ns"), side.ticks
+        counts.device_last_ns, counts.ticks = side.last_ns, side.ticks
         counts.steps, counts.stepped_s, counts.longest_step_s, counts.world_last_ns = simulation.world.state()
         counts.reach_m, counts.reach_mps = tuning.reach_m, tuning.reach_speed_mps
         clock.now_ns, clock.period_ns = simulation.now_ns, simulation.period_ns
         clock.apart = int(simulation.hand is not simulation.two_port)
         clock.steps_used = STEPS
-        scenario.rows.every = value(side, "record_every")
+        scenario.rows.every = side.record_every
         device.read_side(scenario.at_device, side)
         world.read_side(scenario.at_world, simulation.world)
         wire.read_wire(scenario.device_wire, simulation.device_endpoint, proxies=False)

@@ -8,10 +8,9 @@ from typing import Any
 from hapnet.control.coupling import Proxy, level_of, vector_of
 from hapnet.kernel import endpoint as endpoints
 from hapnet.kernel.link import Message
-from hapnet.kernel.memory import load, store
+from hapnet.kernel.memory import fill, load, store
 from hapnet.side.endpoint import NANO, DeviceEndpoint, WorldEndpoint
 from hapnet.side.packet import FRAME_OVERHEAD
-from hapnet.simulation.compiled.mirror import put
 from hapnet.wire.fields import LEVEL, REACH
 from hapnet.wire.messages import Energy, Position, encode
 from hapnet.wire.messages import Proxy as ProxyMessage
@@ -31,13 +30,13 @@ def read_wire(wire: endpoints.Wire, endpoint: Endpoint, *, proxies: bool) -> Non
     for k, (sample, sent_ns, came_ns, took_ns, _) in enumerate(arrived):
         message = wire.samples[k]
         message.stamp_ns, wire.came_ns[k], wire.took_ns[k] = sent_ns, came_ns, took_ns
-        put(message, "position", vector_of(sample))
+        fill(message.position, vector_of(sample))
         message.level = _or_none(level_of(sample))
         if isinstance(sample, Proxy):
             put_proxy(message, round(sample.aimed_s / NANO), sample.force, sample.planes, sample.reach_m)
     record.waiting = len(arrived)
     waiting = list(endpoint.credits)
-    put(wire, "credits_nJ", waiting)
+    fill(wire.credits_nJ, waiting)
     record.credits = len(waiting)
     store(wire.channel, session.channel)
     store(wire.monitor, session.monitor)
@@ -53,7 +52,7 @@ def put_proxy(message: Message, aimed_ns: int, force: tuple[float, ...], planes:
     """A proxy's content besides position and level. The kernel's walls have neither curvature nor friction."""
     message.reach_m = _or_none(reach_m)
     message.aimed_ns = aimed_ns
-    put(message, "force", force)
+    fill(message.force, force)
     message.planes = len(planes)
     for k, (normal, offset, stiffness, _, velocity, *_) in enumerate(planes):
         message.normal[k][: len(normal)] = normal
