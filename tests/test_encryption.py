@@ -21,7 +21,7 @@ from hapnet.transport.sampled import sequence_of
 from hapnet.transport.security import Security
 from hapnet.view.watcher import Watcher
 from hapnet.wire.encryption import FIRST_OTHER, Cipher, Encrypted, read
-from hapnet.wire.events import Mismatch, PositionReceived
+from hapnet.wire.events import Mismatch, Paired, PositionReceived
 from hapnet.wire.messages import (
     Account,
     Bye,
@@ -114,6 +114,7 @@ def test_if_either_side_encrypts_both_do_and_nothing_can_be_read(of_device: bool
     network, device, world = pair(of_device, of_world)
     assert device.encrypts
     assert world.encrypts
+    assert network.happened(device, Paired) == [Paired(world.identity, 1, encrypts=True)]
     network.sent.clear()
     device.shuffle(2e-3)
     world.tell("stop", "now")

@@ -35,6 +35,7 @@ def of(event: Event, on_silence: str = "hold") -> Notice | None:
     ("event", "expected"),
     [
         (Paired(PEER, 1), Notice("paired", "paired with the world", 7 * SECOND, values={"pair": 1})),
+        (Paired(PEER, 1, True), Notice("paired", "paired with the world, encrypted", 7 * SECOND, values={"pair": 1})),
         (
             Paired(PEER, 3),
             Notice("paired", "paired with the world (another process; pair 3)", 7 * SECOND, values={"pair": 3}),

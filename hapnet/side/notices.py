@@ -50,9 +50,10 @@ def notice_of(event: Event, now_ns: int, other: str, on_silence: str) -> Notice 
     other : the other side's role. on_silence : what this side does when nothing arrives.
     """
     match event:
-        case Paired(_, number):
+        case Paired(_, number, encrypts):
             again = "" if number == 1 else f" (another process; pair {number})"
-            return Notice("paired", f"paired with the {other}{again}", now_ns, values={"pair": number})
+            how = ", encrypted" if encrypts else ""
+            return Notice("paired", f"paired with the {other}{again}{how}", now_ns, values={"pair": number})
         case SignalReceived(name, value):
             return Notice("signal", signal_text(name, value), now_ns)
         case PeerLeft(reason):

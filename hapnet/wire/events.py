@@ -11,10 +11,14 @@ from hapnet.wire.messages import Identity, Motion, Port, Proxy, Wave
 
 @dataclass(frozen=True, slots=True)
 class Paired:
-    """`peer` has answered this side, and the two are a pair. `number` counts this session's pairs from 1."""
+    """`peer` has answered this side, and the two are a pair. `number` counts this session's pairs from 1.
+
+    encrypts : does the pair encrypt?
+    """
 
     peer: Identity
     number: int
+    encrypts: bool = False
 
 
 class PositionReceived(NamedTuple):

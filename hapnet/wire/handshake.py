@@ -298,7 +298,7 @@ class Handshake:
         self._candidate = None
         self.pairs += 1
         self.control.stop_hellos()
-        return (Paired(identity, self.pairs),)
+        return (Paired(identity, self.pairs, self.keys.cipher(identity.incarnation) is not None),)
 
     def _retire_peer(self, why: str = "this incarnation was retired; restart it") -> None:
         if self.peer is not None:
