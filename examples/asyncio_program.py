@@ -25,6 +25,7 @@ async def report(world: ConnectedWorld, times: int) -> None:
         await asyncio.sleep(0.5)
         now, sample = world.summary(), world.sample
         link, margin = now["links"]["down"], 0.0 if sample is None else sample.margin_J
+        assert link is not None
         print(
             f"{now['duration_s']:.1f} s: delay up to {link['delay_p99_ms'] or 0.0:4.1f} ms (p99), "
             f"{link['lost']} of {link['offered']} messages lost, passivity margin now {1e3 * margin:.2f} mJ"
@@ -43,6 +44,7 @@ async def main() -> None:
                 await report(world, 3)
         await telling  # the last event was the end
     for role, own in (("world", world.summary()["world"]), ("device", device.summary()["device"])):
+        assert own is not None
         print(f"{role}: energy sent {own['sent_nJ']} nJ, credited {own['credited_nJ']} nJ")
 
 

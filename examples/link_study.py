@@ -51,7 +51,7 @@ def main() -> None:
     bottom.set(xlabel="delay, one way [ms]", ylabel="position error at the end,\nrms of all seeds [mm]")
     bottom.legend()
     Path("runs").mkdir(exist_ok=True)
-    figure.savefig("runs/link_study.png", dpi=150)
+    figure.savefig("runs/link_study.png", dpi=150)  # pyright: ignore[reportUnknownMemberType]
     print("runs/link_study.png")
 
 

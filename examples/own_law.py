@@ -48,8 +48,8 @@ class SpringAndDamper:
     def moved(self, dt: float, vhat: Vector, x: Vector, v: Vector) -> None:
         self.x = x
 
-    def next_sample(self, *at: Vector) -> Vector:
-        return at[0] if at else self.x  # the device's is given x and v
+    def next_sample(self, x: Vector = (), v: Vector = ()) -> Any:
+        return x or self.x  # the device's is given x and v
 
 
 ENDS = held_law(SpringAndDamper), stepped_law(SpringAndDamper)

@@ -48,10 +48,9 @@ def main() -> None:
     assert world is not None
     own = result.summary["environment"]
     print(f"the piston pushed with {-world['contact_force_N'].min():.2f} N at most")
-    print(
-        f"its motor put in {1e3 * own['env_supplied_J']:.2f} mJ, the world's slack is {1e3 * own['env_slack_J']:.2f} mJ"
-    )
-    print(f"damping took back {1e3 * own['env_paid_J']:.2f} mJ; {result.summary['verdict']['reason']}")
+    supplied, slack, paid = (own["env_supplied_J"] or 0.0, own["env_slack_J"] or 0.0, own["env_paid_J"] or 0.0)
+    print(f"its motor put in {1e3 * supplied:.2f} mJ, the world's slack is {1e3 * slack:.2f} mJ")
+    print(f"damping took back {1e3 * paid:.2f} mJ; {result.summary['verdict']['reason']}")
 
 
 if __name__ == "__main__":

@@ -39,7 +39,9 @@ def main() -> None:
     assert world is not None
     own = result.summary["environment"]
     felt = max(hypot(*force) for force in world["contact_force_N"])
-    print(f"the ball pushed with {felt:.2f} N at most; what moves it gave {1e3 * own['env_supplied_J']:.2f} mJ")
+    print(
+        f"the ball pushed with {felt:.2f} N at most; what moves it gave {1e3 * (own['env_supplied_J'] or 0.0):.2f} mJ"
+    )
     print(result.summary["verdict"]["reason"])
 
 

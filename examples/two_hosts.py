@@ -22,18 +22,19 @@ from hapnet import Params, RealtimeSide, ZenohSettings, prepare
 async def run(role: Literal["world", "device"], endpoint: str, link: str) -> None:
     """One side, until its time is over or it is told to stop; then what it has to say of itself."""
     params = Params().set({"scene": "wall", "operator": "sine", "link.up": link, "link.down": link})
-    zenoh = ZenohSettings(listen=(endpoint,)) if role == "world" else ZenohSettings(connect=(endpoint,))
-    stop = asyncio.Event()
+    stop, at = asyncio.Event(), (endpoint,)
+    zenoh = ZenohSettings(listen=at) if role == "world" else ZenohSettings(connect=at)
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, stop.set)
     print(f"{role}: {endpoint}", flush=True)
     summary = await RealtimeSide(prepare(params), role, zenoh).run(stop, 3.0)  # seconds from pairing; 0: no end
-    if summary["duration_s"] is None:
-        sys.exit(f"{role}: nobody came")
     own, sends = summary[role], summary["links"]["down" if role == "world" else "up"]
+    if summary["duration_s"] is None or own is None or sends is None:
+        sys.exit(f"{role}: nobody came")
+    half = own["ledger"]
     print(
         f"{role}: {summary['duration_s']:.1f} s, emulated delay {sends['delay_p50_ms'] or 0.0:.1f} ms, "
-        f"gave out at most {1e3 * own['ledger']['energy_out_J']:.2f} of {1e3 * own['ledger']['bound_J']:.2f} mJ, "
+        f"gave out at most {1e3 * (half['energy_out_J'] or 0):.2f} of {1e3 * (half['bound_J'] or 0):.2f} mJ, "
         f"energy sent {own['sent_nJ']} nJ, credited {own['credited_nJ']} nJ"
     )
 
@@ -44,10 +45,9 @@ def main() -> None:
     parser.add_argument("host", nargs="?", default="0.0.0.0", help="the world's address")
     parser.add_argument("--port", type=int, default=17447)
     parser.add_argument("--link", default="ideal", help="emulated beside the real one: tc-netem's words or a profile")
-    given = parser.parse_args()
-    if given.role is not None:
+    if (given := parser.parse_args()).role is not None:
         return asyncio.run(run(given.role, f"tcp/{given.host}:{given.port}", given.link))
-    words = ["127.0.0.1", "--port", str(given.port), "--link", "delay 20ms 5ms loss 1%"]
+    words = "127.0.0.1", "--port", str(given.port), "--link", "delay 20ms 5ms loss 1%"
     world, device = (subprocess.Popen([sys.executable, __file__, role, *words]) for role in ("world", "device"))
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches both, and ends them
     if world.wait():

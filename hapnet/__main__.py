@@ -17,19 +17,10 @@ def main() -> int:
     if signal.SIGINT in signal.sigpending():  # the parent had blocked it while this interpreter started
         os._exit(128 + signal.SIGINT)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-    from hapnet.commands import output
+    from hapnet.cli import main as command
+    from hapnet.commands.output import unless_closed
 
-    return output.unless_closed(_command)
-
-
-def _command() -> int:
-    from hapnet.commands import overview
-
-    if sys.argv[1:] in overview.ASKED and "_HAPNET_COMPLETE" not in os.environ:
-        return overview.main(sys.argv[1:])
-    from hapnet.cli import main
-
-    return main()
+    return unless_closed(command)
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:

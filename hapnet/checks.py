@@ -16,6 +16,9 @@ Vector = tuple[float, ...]
 
 Array = NDArray[np.float64]
 
+MAX_DOF = 64
+"""The most axes: a message contains one number for each, and a side refuses longer ones."""
+
 MOST_PLANES = 4
 """The most planes that a world tells of one place: three make a corner of a room."""
 
@@ -56,7 +59,7 @@ def whole(name: str, value: int, *, at_least: int) -> int:
 def one_of(name: str, value: str, allowed: Sequence[str]) -> str:
     """`value` if it is one of the words `allowed`."""
     if value not in allowed:
-        raise InvalidParameter(name, value, "one of " + ", ".join(allowed))
+        raise InvalidParameter(name, value, "one of " + ", ".join(allowed), allowed)
     return value
 
 

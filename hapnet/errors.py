@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
+
+from netem.errors import unknown
 
 
 class HapnetError(Exception):
@@ -17,16 +20,18 @@ class InvalidParameter(HapnetError, ValueError):
     name : the parameter by the user's name (``"stiffness"``, ``"world.wall.stiffness"``).
     value : the given value.
     allowed : in words, what is accepted.
+    known : the accepted names, where the value is a name: the message has those that are nearly the same.
     """
 
-    def __init__(self, name: str, value: object, allowed: str) -> None:
+    def __init__(self, name: str, value: object, allowed: str, known: Iterable[str] = ()) -> None:
         self.name: str = name
         self.value: object = value
         self.allowed: str = allowed
-        super().__init__(f"{name} is {_short(value)}; allowed: {allowed}")
+        self.known: tuple[str, ...] = tuple(known)
+        super().__init__(unknown(name, value, self.known) or f"{name} is {_short(value)}; allowed: {allowed}")
 
-    def __reduce__(self) -> tuple[type[InvalidParameter], tuple[str, object, str]]:
-        return type(self), (self.name, self.value, self.allowed)
+    def __reduce__(self) -> tuple[type[InvalidParameter], tuple[str, object, str, tuple[str, ...]]]:
+        return type(self), (self.name, self.value, self.allowed, self.known)
 
 
 class ProtocolError(HapnetError):

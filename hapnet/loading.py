@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from itertools import count
@@ -11,26 +11,24 @@ from typing import Any
 
 from hapnet.errors import InvalidParameter
 
-FAILURES = (Exception, SystemExit)
-"""What a user's own part may raise that is its failure. A SystemExit would else end the program without a word."""
 
-
-def load(parameter: str, name: str, allowed: str) -> Any:
+def load(parameter: str, name: str, allowed: str, known: Iterable[str] = ()) -> Any:
     """The object that ``module:Name`` names. Importing it runs the user's code, which may raise anything.
 
     Raises
     ------
-    InvalidParameter : `name` has no colon, or the import failed; it names `parameter` and says what is `allowed`.
+    InvalidParameter : `name` has no colon, or the import failed; it names `parameter`, and says what is `allowed`, or
+        which of the `known` names may be meant.
     """
     if name in _lent:
         return _lent[name]
     module, colon, attribute = name.partition(":")
     if not (module and colon and attribute):
-        raise InvalidParameter(parameter, name, allowed)
+        raise InvalidParameter(parameter, name, allowed, known)
     try:
         return getattr(import_module(module), attribute)
-    except FAILURES as error:
-        raise InvalidParameter(parameter, name, f"{allowed} ({cause(error)})") from error
+    except BaseException as error:  # see `failure`
+        raise InvalidParameter(parameter, name, f"{allowed} ({failure(error)})") from error
 
 
 LENT = "object:"
@@ -58,6 +56,22 @@ def lent(part: object, called: str) -> Iterator[str]:
         del _lent[own]
 
 
+def failure(error: BaseException) -> str:
+    """What a call of a user's own part raised, in one line.
+
+    Whatever it raises is its failure, so that such a call has an ``except BaseException``: a SystemExit would end the
+    program without a word, a GeneratorExit or a CancelledError would pass for somebody else's. No task is cancelled
+    inside such a call.
+
+    Raises
+    ------
+    KeyboardInterrupt : `error` is one. Ctrl-C is no failure, and goes on from here.
+    """
+    if isinstance(error, KeyboardInterrupt):
+        raise error
+    return cause(error)
+
+
 def cause(error: BaseException) -> str:
     """The error in one line."""
-    return " ".join(f"{type(error).__name__}: {error}".split())
+    return " ".join(f"{type(error).__name__}: {error}".split()).removesuffix(":")

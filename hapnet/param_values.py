@@ -71,7 +71,7 @@ def check_allowed(name: str, value: object, allowed: Allowed) -> None:
     """Raise InvalidParameter unless `value` is one of the words or numbers; a vector or matrix always passes."""
     if not isinstance(allowed, Range):
         if value not in allowed:
-            raise InvalidParameter(name, value, "one of " + ", ".join(allowed))
+            raise InvalidParameter(name, value, "one of " + ", ".join(allowed), allowed)
     elif isinstance(value, float | int):
         if not math.isfinite(value):
             raise InvalidParameter(name, value, "a finite number")

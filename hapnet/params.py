@@ -7,7 +7,6 @@ that its printing lost are reconstructed (marked "rec.").
 
 from __future__ import annotations
 
-import difflib
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields
@@ -337,9 +336,7 @@ class Params:
         values = {}
         for name, value in changes.items():
             if name not in known:
-                near = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
-                hint = f"a parameter of --show-params{', such as ' + ', '.join(near) if near else ''}"
-                raise InvalidParameter("parameter", name, hint)
+                raise InvalidParameter("parameter", name, "a parameter of --show-params", known)
             values[name] = converted(name, value, self.get(name), known[name])
         return values
 

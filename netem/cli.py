@@ -14,7 +14,8 @@ import typer
 
 from netem import output, units
 from netem.errors import NetemError
-from netem.profile import PRESETS, LinkProfile, compose
+from netem.presets import ALIASES, PRESETS
+from netem.profile import LinkProfile, compose
 from netem.progress import Progress
 from netem.version_flag import versions
 
@@ -372,7 +373,7 @@ def _compose(
     resend: str | None,
 ) -> LinkProfile:
     text = " ".join(words) if words else None
-    if text in PRESETS and profile is None:
+    if text is not None and (text in PRESETS or text in ALIASES) and profile is None:
         text, profile = None, text
     return compose(text, profile, delay, jitter, loss, reorder, rate, resend)
 

@@ -153,4 +153,4 @@ def check_int(word: str, value: int, low: int, high: int) -> None:
 def check_distribution(word: str, value: str) -> None:
     """Raise ProfileError unless `value` is the name of a distribution."""
     if value not in DISTRIBUTIONS:
-        raise ProfileError(word, value, ", ".join(DISTRIBUTIONS))
+        raise ProfileError(word, value, ", ".join(DISTRIBUTIONS), DISTRIBUTIONS)

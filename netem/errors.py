@@ -2,9 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 
 class NetemError(ValueError):
     """Root of all errors that netem raises on purpose."""
+
+
+def unknown(what: str, value: object, known: Iterable[str]) -> str:
+    """``unknown profile '4gg'; did you mean 4g?``; empty if no name in `known` is nearly `value`.
+
+    what : what it should name, with where it stands before a colon: ``"spec.toml: parameter"``.
+    """
+    from difflib import get_close_matches  # only an error needs it
+
+    *before, last = get_close_matches(str(value), list(known), n=3, cutoff=0.7) or ("",)
+    where, colon, what = what.rpartition(": ")
+    meant = f"{', '.join(before)} or {last}" if before else last
+    return f"{where}{colon}unknown {what} {value!r}; did you mean {meant}?" if last else ""
 
 
 class ProfileError(NetemError):
@@ -15,11 +30,12 @@ class ProfileError(NetemError):
     word : the word of the profile, as its user knows it (``"delay"``, ``"loss gemodel"``).
     value : the value given.
     allowed : a text that says what is allowed.
+    known : the names that are allowed, where the value is a name: the message has those that are nearly the same.
     """
 
-    def __init__(self, word: str, value: object, allowed: str) -> None:
-        self.word, self.value, self.allowed = word, value, allowed
-        super().__init__(f"{word}: {value!r} is not allowed; allowed: {allowed}")
+    def __init__(self, word: str, value: object, allowed: str, known: Iterable[str] = ()) -> None:
+        self.word, self.value, self.allowed, self.known = word, value, allowed, tuple(known)
+        super().__init__(unknown(word, value, self.known) or f"{word}: {value!r} is not allowed; allowed: {allowed}")
 
-    def __reduce__(self) -> tuple[type[ProfileError], tuple[str, object, str]]:
-        return type(self), (self.word, self.value, self.allowed)
+    def __reduce__(self) -> tuple[type[ProfileError], tuple[str, object, str, tuple[str, ...]]]:
+        return type(self), (self.word, self.value, self.allowed, self.known)

@@ -10,6 +10,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
+ALIASES: Mapping[str, str] = MappingProxyType(
+    {"continental": "wan-continental", "intercontinental": "wan-intercontinental"}
+)
+"""Further names of profiles."""
+
 PRESETS: Mapping[str, str] = MappingProxyType(
     {
         "ideal": "",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -12,7 +11,7 @@ from typing import Any
 from netem import effects, units
 from netem.effects import MOST_RESENDS, FourStateLoss, GilbertElliottLoss, Loss, RandomLoss, Resend, Slot
 from netem.errors import ProfileError
-from netem.presets import PRESETS
+from netem.presets import ALIASES, PRESETS
 from netem.trace import CapacityTrace, ConditionTrace
 
 __all__ = ["PRESETS", "LinkProfile", "compose"]
@@ -133,14 +132,15 @@ class LinkProfile:
     @classmethod
     def named(cls, text: str) -> LinkProfile:
         """The profile named `text`, or else the one that its words describe."""
-        return cls.preset(text.strip()) if text.strip() in PRESETS else cls.parse(text)
+        return cls.preset(name) if (name := text.strip()) in PRESETS or name in ALIASES else cls.parse(text)
 
     @classmethod
     @cache
     def preset(cls, name: str) -> LinkProfile:
         """A named profile, for one direction; `PRESETS` holds the words of each."""
+        name = ALIASES.get(name, name)
         if name not in PRESETS:
-            raise ProfileError("profile name", name, ", ".join(PRESETS))
+            raise ProfileError("profile", name, ", ".join(PRESETS), PRESETS)
         return cls.parse(PRESETS[name])
 
 
@@ -226,7 +226,8 @@ def _read(text: str) -> tuple[dict[str, Any], set[str]]:
         if word in _REFUSED:
             raise ProfileError(given, given, _REFUSED[word])
         if word not in _GRAMMAR:
-            raise ProfileError("profile", given, _suggest(word, _GRAMMAR))
+            names = (*_GRAMMAR, *(() if seen else PRESETS))
+            raise ProfileError("profile", given, "one of " + ", ".join(names), names)
         if word in seen:
             raise ProfileError(word, given, "each word once")
         seen.add(word)
@@ -354,8 +355,3 @@ _REFUSED = {
     "duplicate": "no duplication: a message may carry energy, and energy that arrives twice breaks passivity",
     "ecn": "no marking: messages have no ECN field and are lost instead",
 }
-
-
-def _suggest(word: str, allowed: Mapping[str, object]) -> str:
-    close = difflib.get_close_matches(word, allowed, n=1)
-    return (f"did you mean {close[0]}? " if close else "") + "one of " + ", ".join(allowed)

@@ -178,4 +178,4 @@ def _action(word: str, what: str) -> LinkProfile | Literal["down", "up"]:
     try:
         return LinkProfile.named(what)
     except ProfileError as error:
-        raise ProfileError(f"{word}: {error.word}", error.value, error.allowed) from error
+        raise ProfileError(f"{word}: {error.word}", error.value, error.allowed, error.known) from error

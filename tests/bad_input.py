@@ -22,9 +22,10 @@ def bad(*argv: str, says: str, program: str = "hapnet") -> Bad:
 
 
 PARTS = """
+import asyncio
 import dataclasses
 import sys
-from hapnet import Plane, held_law, stepped_law
+from hapnet import Plane, Scene, held_law, stepped_law
 from hapnet.couplings.registry import COUPLINGS
 
 def leaves(**given):
@@ -51,6 +52,25 @@ class Stored(Stepping):
 
 class Exits(Stepping):
     def step(self, dt, position, velocity): sys.exit("enough")
+
+class Generates(Stepping):
+    def step(self, dt, position, velocity): raise GeneratorExit
+
+class Cancels(Stepping):
+    def step(self, dt, position, velocity): raise asyncio.CancelledError
+
+class Weary(BaseException): pass
+
+class Wearies(Stepping):
+    def step(self, dt, position, velocity): raise Weary("no more")
+
+class Wide(Stepping):
+    dof = 10**6
+
+class Unpictured(Scene):
+    def picture(self): return 5
+
+def unpictured(*, dof=1): return Unpictured("unpictured", dof)
 
 class TwoForces(Stepping):
     def step(self, dt, position, velocity): return [0.0, 1.0]
@@ -160,7 +180,7 @@ ISSUE = [
     bad(*QUICK, "--scene", "mujoco:slow.xml", says="slow.xml is 1e-09 s|1e-05 to 1 s"),
     bad(*QUICK, "--scene", "exits:Scene", says="exits:Scene|SystemExit"),
     bad(*QUICK, "--coupling", "parts:Untied", says="the coupling parts:Untied failed|Law has no set_position"),
-    bad(*QUICK, "--scene", "mesh:nothere.obj", says="mesh:nothere.obj|unit=mm"),
+    bad(*QUICK, "--scene", "mesh:nothere.obj", says="mesh:nothere.obj|No such file"),
     bad(*QUICK, "--operator", "hand-0", says="hand-0|hand-N (N from 1)"),
     bad(*QUICK, "--rate", "0bit", says="'0bit'|such as 1mbit"),
     bad(*QUICK, "--seed", "12345678901234567890123", says="--seed|9223372036854775807"),
@@ -173,6 +193,11 @@ OWN_PARTS = [
     bad(*QUICK, "--scene", "parts:LongNormal", says="the scene LongNormal failed|unit vector"),
     bad(*QUICK, "--scene", "parts:Stored", says="the scene Stored failed|stored_J|nan"),
     bad(*QUICK, "--scene", "parts:Exits", says="the scene Exits failed|step()|enough"),
+    bad(*QUICK, "--scene", "parts:Generates", says="the scene Generates failed: step() raised GeneratorExit"),
+    bad(*QUICK, "--scene", "parts:Cancels", says="the scene Cancels failed: step() raised CancelledError"),
+    bad(*QUICK, "--scene", "parts:Wearies", says="the scene Wearies failed: step() raised Weary: no more"),
+    bad(*QUICK, "--scene", "parts:Wide", says="parts:Wide|dof is 1000000|1 to 64"),
+    bad(*QUICK, "--scene", "parts:unpictured", says="the scene parts:unpictured failed|picture() gave 5, not what"),
     bad(*QUICK, "--scene", "parts:TwoForces", says="the scene TwoForces failed|[0.0, 1.0]|1 finite number"),
     bad(*QUICK, "--scene", "parts:Silent", says="the scene parts:Silent failed|signals"),
     bad(*QUICK, "--scene", "parts:Named", says="parts:Named|dof|two"),
@@ -198,6 +223,7 @@ OWN_PARTS = [
 WORLDS = [
     bad(*QUICK, "--scene", "mujoco:broken.xml", says="broken.xml|can load"),
     bad(*QUICK, "--scene", "mujoco:nothere.xml", says="no file nothere.xml"),
+    bad(*QUICK, "--scene", "mesh:points.obj", says="mesh:points.obj|unit=mm"),
     bad(*QUICK, "--scene", "mesh:empty.obj?unit=mm", says="empty.obj|not empty"),
     bad(*QUICK, "--scene", "mesh:points.obj?unit=mm", says="points.obj"),
     bad(*QUICK, "--scene", "mesh:parts.py?unit=mm", says="parts.py|.stl, .obj, .ply"),
@@ -287,6 +313,9 @@ SLOW = [
     bad("run", "--device", "parts:Limitless", says="the device parts:Limitless failed|1e+30|10000 N"),
     bad("run", "--device", "parts:ExitingArm", says="the device parts:ExitingArm failed|SystemExit"),
     bad("run", "--scene", "parts:Exits", says="the scene Exits failed|enough"),
+    bad("run", "--scene", "parts:Generates", says="the scene Generates failed: step() raised GeneratorExit"),
+    bad("run", "--scene", "parts:Cancels", says="the scene Cancels failed: step() raised CancelledError"),
+    bad("run", "--scene", "parts:Supplied", says="the scene Supplied failed|supplied_J|'x'"),
 ]
 """Two processes each, that are started and paired."""
 

@@ -18,8 +18,9 @@ from multiprocessing import get_context
 import numpy as np
 
 from hapnet.checks import Array
-from hapnet.recording.samples import Columns
-from hapnet.simulation.simulation import Result, simulate
+from hapnet.recording.samples import Columns, Recording
+from hapnet.simulation.simulation import simulate
+from hapnet.summary.run import Summary
 
 LINKS = {
     "lan": "lan", "wifi": "wifi", "4g": "4g", "leo": "leo", "intercontinental": "wan-intercontinental",
@@ -71,13 +72,17 @@ def long_run(link: str, hand: str, seconds: float, coupling: str, changes: Mappi
     """One hand over one link; its seed is its number."""
     names = {"link.up": LINKS[link], "link.down": LINKS[link], "operator": hand, "coupling": coupling}
     result = simulate({**names, "scene": "wall", "duration_s": seconds, **changes}, seed=int(hand.split("-")[1]))
-    device, world = _columns(result)
+    return figures(result.recording, result.summary)
+
+
+def figures(recording: Recording, summary: Summary) -> Long:
+    """The figures of a recorded run, whichever clock it ran by."""
+    device, world = _columns(recording)
     t, x, force = device["time_s"], device["position_m"][:, 0], device["force_N"][:, 0]
     proxy = np.interp(t, world["time_s"], world["position_m"][:, 0])
     free, error = x <= WALL_M, x - proxy
     drag, drag_p95 = drags(t, x, force)
-    true_force = ideal_force(result, x)
-    summary = result.summary
+    true_force = ideal_force(recording, x)
     share = summary["world"]["modulated_share"], summary["device"]["modulated_share"]
     return Long(
         first_mm=1e3 * _rms(error[free & (t < 10.0)]),
@@ -108,9 +113,9 @@ def taps(link: str, start_m: float, speed_mps: float, seconds: float, changes: M
         },
         seed=912,
     )  # fmt: skip
-    device, _ = _columns(result)
+    device, _ = _columns(result.recording)
     t, x, force = device["time_s"], device["position_m"][:, 0], device["force_N"][:, 0]
-    depth, true_force = np.maximum(x - WALL_M, 0.0), ideal_force(result, x)
+    depth, true_force = np.maximum(x - WALL_M, 0.0), ideal_force(result.recording, x)
     found = []
     for tenth in range(10):
         within = (t >= t[-1] * tenth / 10.0) & (t < t[-1] * (tenth + 1) / 10.0)
@@ -131,14 +136,14 @@ def largest_step(link: str, hand: str, stiffness: float, seconds: float, resolut
         },
         seed=int(hand.split("-")[1]),
     )  # fmt: skip
-    device, _ = _columns(result)
+    device, _ = _columns(result.recording)
     changes, ways = np.abs(np.diff(device["force_N"][:, 0])), np.abs(np.diff(device["position_m"][:, 0]))
     return float(np.max(changes - stiffness * ways)), float(changes.max())
 
 
-def ideal_force(result: Result, x: Array) -> Array:
+def ideal_force(recording: Recording, x: Array) -> Array:
     """What the wall would render at once through the springs, as far as the actuator's spring goes (N,) [N]."""
-    params = result.recording.meta["params"]
+    params = recording.meta["params"]
     device, K, K_world = params["device"], params["device"]["stiffness"], params["world"]["stiffness"]
     felt = 1.0 / (1.0 / K + K_world / (K * WALL_N_M))  # the device's spring, and the wall's scaled by K/K', in series
     limit = device["force_limit_N"] * device["spring_share"] or np.inf
@@ -167,8 +172,8 @@ def visits(inside: Array) -> int:
     return int(np.count_nonzero(inside[1:] & ~inside[:-1])) + int(inside[0])
 
 
-def _columns(result: Result) -> tuple[Columns, Columns]:
-    device, world = result.recording.device, result.recording.world
+def _columns(recording: Recording) -> tuple[Columns, Columns]:
+    device, world = recording.device, recording.world
     assert device is not None
     assert world is not None
     return device, world

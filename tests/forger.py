@@ -1,7 +1,7 @@
-"""Somebody on the link who hears both sides, and speaks in the device's name: runs in virtual time under attack.
+"""Somebody on the link who hears both sides, and speaks in the name of one: runs in virtual time under attack.
 
-He reads the incarnations and the energy messages, and tells the world of energy that the device will harvest later, or
-never. His frames come to the world at once; but he cannot take away those of the device.
+He reads the incarnations and the energy messages, and tells a side of energy that the other will harvest later, or
+never. His frames come to that side at once; but he cannot take away those of the other.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from hapnet.assembly.build import Setup, device_session, world_session
 from hapnet.params import Params
 from hapnet.side.packet import Packet
 from hapnet.simulation.simulation import Simulation
-from hapnet.wire.messages import Energy, decode, encode
+from hapnet.wire.messages import Energy, Role, decode, encode
 from hapnet.wire.secret import Secret
 from hapnet.wire.session import Session
 
 LOOK_NS = 5_000_000
 NANO = 1e-9
 STYLES = ("bare", "next", "far ahead", "again", "late")
-"""What he makes of the further entry ``sums``: none; the next number; one far ahead; that of the device's last message.
+"""What he makes of the further entry ``sums``: none; the next number; one far ahead; that of the other's last message.
 Or he keeps frames with the next number, and sends them backwards at the end of his time."""
 
 
@@ -47,7 +47,8 @@ class Attacked(Simulation):
     Parameters
     ----------
     lie : what the forger does; None: nothing.
-    foreseen : what an honest device had sent at a time [ns] in all [nJ].
+    foreseen : what an honest other side had sent at a time [ns] in all [nJ].
+    towards : the side that he speaks to, in the other's name.
     secrets : do the sides agree on a secret? Otherwise they have only `hapnet.wire.sums`.
     """
 
@@ -58,12 +59,14 @@ class Attacked(Simulation):
         lie: Lie | None = None,
         foreseen: Callable[[int], int] = lambda now_ns: 0,
         *,
+        towards: Role = "world",
         secrets: bool = False,
     ) -> None:
         self.totals: list[tuple[int, int]] = []
-        """All that the device had sent, by the time [ns, nJ]."""
+        """All that the other side had sent, by the time [ns, nJ]."""
         self.early_nJ = 0
-        """The most that the world had credited before the device sent it."""
+        """The most that he whom the forger speaks to had credited before the other sent it."""
+        self._towards = towards
         self._lie, self._foreseen = lie, foreseen
         self._heard: Energy | None = None
         self._kept: list[Packet] = []
@@ -75,26 +78,44 @@ class Attacked(Simulation):
         ):
             super().__init__(params, seed, kernel=False)
 
+    @property
+    def deceived(self) -> Session:
+        """Of the side that the forger speaks to."""
+        return (self.world_endpoint if self._towards == "world" else self.device_endpoint).session
+
+    @property
+    def honest(self) -> Session:
+        """Of the side in whose name he speaks."""
+        return (self.device_endpoint if self._towards == "world" else self.world_endpoint).session
+
     def _until(self, end_ns: int) -> None:
         while self.now_ns < end_ns:
             super()._until(min(end_ns, self.now_ns + LOOK_NS))
-            self.totals.append((self.now_ns, self.device_endpoint.session.sent_nJ))
+            self.totals.append((self.now_ns, self.honest.sent_nJ))
             self._speak()
-            early_nJ = self.world_endpoint.session.credited_nJ - self.device_endpoint.session.sent_nJ
-            self.early_nJ = max(self.early_nJ, early_nJ)
+            self.early_nJ = max(self.early_nJ, self.deceived.credited_nJ - self.honest.sent_nJ)
 
     def _to_world(self, packets: Iterable[Packet]) -> None:
+        super()._to_world(self._overheard("world", packets))
+
+    def _to_device(self, packets: Iterable[Packet]) -> None:
+        super()._to_device(self._overheard("device", packets))
+
+    def _overheard(self, towards: Role, packets: Iterable[Packet]) -> list[Packet]:
         for packet in (packets := list(packets)):
-            if packet.kind == "energy" and isinstance(message := decode(packet.data), Energy):
+            if towards == self._towards and isinstance(message := decode(packet.data), Energy):
                 self._heard = message
-        super()._to_world(packets)
+        return packets
+
+    def _deceive(self, packets: Iterable[Packet]) -> None:
+        (super()._to_world if self._towards == "world" else super()._to_device)(packets)
 
     def _speak(self) -> None:
         lie, heard, now_s = self._lie, self._heard, self.now_ns * NANO
         if lie is None or heard is None or now_s < lie.from_s:
             return
         if now_s > lie.until_s:
-            super()._to_world(reversed(self._kept))
+            self._deceive(reversed(self._kept))
             self._kept.clear()
             return
         total_nJ = max(heard.total_nJ, self._foreseen(self.now_ns + round(lie.lead_s / NANO))) + lie.more_nJ
@@ -105,7 +126,7 @@ class Attacked(Simulation):
         if lie.style == "late":
             self._kept.append(packet)
         else:
-            super()._to_world([packet])
+            self._deceive([packet])
 
 
 def _session(make: Callable[..., Session], setup: Setup, incarnation: int, *, secrets: bool, private: bytes) -> Session:

@@ -34,7 +34,7 @@ PROCESSES = ("run", "device", "world", "emulate")
 """Subcommands that start processes, or wait for one: they run in real time."""
 
 _COMMENT = re.compile(r"^<!-- (.+) -->$")
-_NAME = re.compile(r"^# ([\w-]+\.(?:toml|py))\n")
+_NAME = re.compile(r"^# ([\w-]+\.(?:toml|py))(?::.*)?\n")
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapnet.metrics import motion
-from hapnet.metrics.live import LiveFigures
 from hapnet.recording.samples import DeviceSample, WorldSample
 from hapnet.simulation.result import Result
 from hapnet.simulation.simulation import simulate
+from hapnet.summary.from_samples import LiveFigures, motion
 from hapnet.summary.run import combine, merge
 from hapnet.summary.structure import SIDES, Summary
 from hapnet.summary.told import Claim, joined, values_of

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from hapnet import cli, report
-from hapnet.metrics.passivity import total_margin
 from hapnet.params import Params
 from hapnet.recording.alignment import ClockDifference, clock_difference
 from hapnet.recording.link_events import KIND, text_of
 from hapnet.recording.mcap import read_recording, save
 from hapnet.recording.samples import Event, join
 from hapnet.simulation.replay import read_original
+from hapnet.summary.from_samples import total_margin
 from hapnet.summary.recorded import of_recordings
 from netem import LinkProfile, Timeline
 from tests.two_clocks import SECOND, Clock, Traffic, TwoHosts, traffic

@@ -91,7 +91,8 @@ def test_prepare_runs_before_each_call_and_all_calls_count() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["device_tick", "pspm_update_3dof", "world_step_wall", "world_step_kilohertz", "codec_position"]
+    "name",
+    ["device_tick", "pspm_update_3dof", "world_step_wall", "world_step_kilohertz", "codec_position", "codec_energy"],
 )
 def test_cost_rows(name: str) -> None:
     row = ROWS[name](SHORT)
@@ -240,7 +241,17 @@ def test_batch_counts_scenario_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_command_writes_what_it_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    argv = ["bench", "--only", "device_tick,codec_*", "--seconds", "0.1", "--rounds", "2", "--out", str(tmp_path / "o")]
+    argv = [
+        "bench",
+        "--only",
+        "device_tick,codec_p*",
+        "--seconds",
+        "0.1",
+        "--rounds",
+        "2",
+        "--out",
+        str(tmp_path / "o"),
+    ]
     with restored_signals():
         assert cli.main([*argv, "--json", "-"]) == 0
     out, err = capsys.readouterr()
@@ -262,7 +273,7 @@ def test_a_row_that_fails_costs_no_other(
         raise ProfileError("delay", "x", "a time")
 
     rows = {"broken": broken, "unlinked": unlinked, "sound": lambda options: Row("sound", "us", "sound")}
-    monkeypatch.setattr("hapnet.commands.bench.select", lambda only: rows)
+    monkeypatch.setattr("hapnet.bench.registry.select", lambda only: rows)
     with restored_signals():
         assert cli.main(["bench", "--out", str(tmp_path)]) == 1
     out = capsys.readouterr().out
@@ -282,7 +293,7 @@ def test_interrupted_it_shows_what_it_has(
         raise KeyboardInterrupt
 
     rows = {"first": lambda options: Row("first", "us", "something"), "second": interrupted}
-    monkeypatch.setattr("hapnet.commands.bench.select", lambda only: rows)
+    monkeypatch.setattr("hapnet.bench.registry.select", lambda only: rows)
     with restored_signals():
         assert cli.main(["bench", "--out", str(tmp_path)]) == 130
     assert written == ["first"]

@@ -13,7 +13,7 @@ from hapnet.errors import InvalidParameter
 
 REQUIRED = {
     "servo_idle", "servo_traffic", "servo_traffic_5khz", "servo_busy_thread", "device_tick", "pspm_update_3dof",
-    "world_step_wall", "codec_position", "one_way_latency", "one_way_latency_realtime", "link_release",
+    "world_step_wall", "codec_position", "codec_energy", "one_way_latency", "one_way_latency_realtime", "link_release",
     "energy_recovery", "simulate_1dof", "simulate_3dof", "batch_1000",
 }  # fmt: skip
 HUNDRED = Distribution.of(range(1, 101))

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from hapnet import cli
+from hapnet.commands.compare_plan import links_of
+from netem import LinkProfile
+from netem import cli as netem_cli
+from netem.presets import ALIASES
 from tests.commands import ADDRESS, QUICK, Capture
 from tests.commands import empty_directory as empty_directory
 
@@ -81,7 +86,7 @@ BAD = [
     bad("run", "--coupling", "nosuch", says=("nosuch", "pspm, zoh")),
     bad("run", "--servo", "nosuch", says=("nosuch", "sampled")),
     bad("run", "--dof", "4", says=("dof", "4", "1, 2 or 3")),
-    bad("reproduce", "fig7", says=("fig7", "fig4, fig5, fig6")),
+    bad("reproduce", "fig7", says=("fig7", "did you mean fig6, fig5 or fig4?")),
     bad("run", "--set", "device.stifness=3", says=("device.stifness", "device.stiffness")),
     bad("run", "--set", "device.stiffness", says=("device.stiffness", "NAME=VALUE")),
     bad("run", "--set", "device.stiffness=hard", says=("hard", "number")),
@@ -160,3 +165,43 @@ def test_a_recorded_hand_with_fewer_axes_than_the_scene(capsys: Capture, tmp_pat
     err = capsys.readouterr().err
     assert err.count("\n") == 1
     assert "hand.csv" in err
+
+
+@pytest.mark.parametrize(
+    ("argv", "says"),
+    [
+        ("simulte", "unknown command 'simulte'; did you mean simulate or emulate?"),
+        ("run --scene wal", "unknown scene 'wal'; did you mean wall?"),
+        ("simulate --scene shpere", "unknown scene 'shpere'; did you mean sphere?"),
+        ("simulate --coupling psmp", "unknown coupling 'psmp'; did you mean pspm?"),
+        ("transparency --coupling psmp", "unknown coupling 'psmp'; did you mean pspm?"),
+        ("simulate --operator pres", "unknown operator 'pres'; did you mean press or rest?"),
+        ("simulate --feel papr", "unknown feel 'papr'; did you mean paper?"),
+        ("run --device seriall", "unknown hardware 'seriall'; did you mean serial?"),
+        ("run --device serial:prot=x", "hardware serial:prot=x: unknown option 'prot'; did you mean port?"),
+        ("simulate --profile 4gg", "unknown profile '4gg'; did you mean 4g?"),
+        ("simulate --link wify", "unknown profile 'wify'; did you mean wifi?"),
+        ("simulate --link rtae", "unknown profile 'rtae'; did you mean rate?"),
+        ("compare --link lossy-wfi", "unknown --link 'lossy-wfi'; did you mean lossy-wifi?"),
+        ("compare --bench tap", "unknown --bench 'tap'; did you mean taps?"),
+        ("bench --only device_tik", "unknown --only 'device_tik'; did you mean device_tick?"),
+        ("simulate --set feell=paper", "unknown parameter 'feell'; did you mean feel?"),
+        ("device --mode pear", "unknown mode 'pear'; did you mean peer?"),
+    ],
+)
+def test_what_may_be_meant_is_suggested(argv: str, says: str, capsys: Capture) -> None:
+    assert cli.main(argv.split()) == 2
+    out, err = capsys.readouterr()
+    assert (out, err) == ("", f"hapnet: {says}\n")
+
+
+def test_every_profile_has_the_same_names_everywhere(capsys: Capture) -> None:
+    """Also the short ones that comparisons show."""
+    for name, profile in {**ALIASES, "4g": "4g"}.items():
+        for flags in (["--profile", name], ["--link", name], ["--uplink", name, "--downlink", name]):
+            assert cli.main(["simulate", *flags, "--show-params"]) == 0
+            table = tomllib.loads(capsys.readouterr().out)["link"]
+            assert str(LinkProfile.named(table["up"])) == str(LinkProfile.preset(profile))
+        assert links_of([name], ()) == {name: (profile, profile)}
+        assert netem_cli.main(["show", name, "--count", "1"]) == 0
+        capsys.readouterr()

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import importlib
+import inspect
+import json
 import os
 import platform
+import shutil
 import signal
 import subprocess
 import sys
 from collections.abc import Callable
 from importlib import metadata
+from pathlib import Path
 
 import pytest
 
 from hapnet import cli
-from hapnet.commands import overview
 from netem import cli as netem_cli
 from tests.commands import Capture, python
 from tests.commands import empty_directory as empty_directory
@@ -80,20 +84,44 @@ def of_hapnet(code: str) -> set[str]:
     return {name for name in loaded if name.partition(".")[0] in ("hapnet", "netem", *HEAVY)}
 
 
-@pytest.mark.parametrize("argv", overview.ASKED, ids=" ".join)
+@pytest.mark.parametrize("argv", [[], ["--help"], ["-h"], ["--version"]], ids=" ".join)
 def test_the_list_of_commands_needs_none_of_them(argv: list[str]) -> None:
     found = of_hapnet(f"sys.argv[1:] = {argv!r}\nfrom hapnet.__main__ import main\nmain()")
-    ours = {"hapnet", "hapnet.__main__", "hapnet.commands"}
-    ours |= {f"hapnet.commands.{name}" for name in ("output", "overview", "progress")}
-    theirs = {"hapnet.errors", "netem", "netem.errors", "netem.version_flag", "netem.versions"}
+    ours = {"hapnet", "hapnet.__main__", "hapnet.cli", "hapnet.commands", "hapnet.errors"}
+    ours |= {f"hapnet.commands.{name}" for name in ("output", "progress")}
+    theirs = {"netem", "netem.errors", "netem.version_flag", "netem.versions"}
     assert ours <= found <= ours | theirs
 
 
-def test_the_list_of_commands_is_theirs(capsys: Capture) -> None:
-    assert overview.main(["--help"]) == 0
-    listed = capsys.readouterr().out
-    assert cli.main(["--help"]) == 0
-    assert capsys.readouterr().out == listed
+def test_a_command_loads_no_other() -> None:
+    found = of_hapnet("from hapnet.cli import main\nmain(['run', '--help'])")
+    assert {name for name in cli.commands() if f"hapnet.commands.{name}" in found} == {"run"}
+
+
+def test_the_list_says_of_each_command_what_its_own_help_begins_with(capsys: Capture) -> None:
+    assert set(COMMANDS) < set(cli.commands())
+    for name, text in cli.commands().items():
+        found = getattr(importlib.import_module(f"hapnet.commands.{name}"), name)
+        assert " ".join(inspect.getdoc(found).partition("\n\n")[0].split()) == text
+        assert cli.main([name, "--help"]) == 0
+    assert not capsys.readouterr().err
+
+
+def test_the_pages_example_is_a_command_once_it_is_in_the_folder(tmp_path: Path) -> None:
+    folder = tmp_path / "hapnet"
+    shutil.copytree(Path(cli.__file__).parent, folder, ignore=shutil.ignore_patterns("__pycache__"))
+    page = (folder / "README.md").read_text("utf-8").partition("**A command.**")[2]
+    (folder / "commands" / "greet.py").write_text(page.partition("```python\n")[2].partition("```")[0], "utf-8")
+
+    def hapnet(*argv: str) -> str:
+        command = [sys.executable, "-m", "hapnet", *argv]
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=True).stdout
+
+    listed = hapnet("--help")
+    assert listed.index("Thousands of cases") < listed.index("Say hello to somebody.")
+    assert "Somebody's name." in hapnet("greet", "--help")
+    assert hapnet("greet", "Ada", "--scene", "box") == "hello Ada in box\n"
+    assert json.loads(hapnet("greet", "Ada", "--json", "-")) == {"length": 3}
 
 
 def test_the_package_is_one_module_until_a_name_is_used() -> None:

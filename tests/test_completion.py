@@ -13,7 +13,6 @@ from hapnet import cli
 from hapnet.assembly.build import prepare
 from hapnet.bench.registry import ROWS
 from hapnet.commands import complete
-from hapnet.commands.reproduce import FIGURES
 from hapnet.params import COUPLING_NAMES, Params
 from hapnet.plant.worlds.registry import SCENES
 from netem import cli as netem_cli
@@ -89,10 +88,10 @@ class Tab:
         ("run --set world.wall.st", [WALL[0], "world.wall.stiffness=3000"]),
         ("run --set device.harvest=", [f"device.harvest={value}" for value in ("", "auto", "range", "measured")]),
         ("run --set nosuch", []),
-        ("reproduce ", list(FIGURES)),
+        ("reproduce ", list(complete.FIGURES)),
         ("reproduce fig4 --set dura", ["duration_s=", "duration_s=10"]),
         ("bench --only ", list(ROWS)),
-        ("bench --only servo_idle,codec", ["servo_idle,codec_position"]),
+        ("bench --only servo_idle,codec", ["servo_idle,codec_position", "servo_idle,codec_energy"]),
         ("report ", []),
         ("run --duration ", []),
         ("run --scene nosuch --set world.m", ["world.mass=", "world.mass=0.02"]),
@@ -188,7 +187,6 @@ def test_nothing_is_said_when_it_fails(monkeypatch: pytest.MonkeyPatch, capsys: 
 
 def test_what_is_offered_is_accepted() -> None:
     """The words that stand here, as importing what knows them takes long, are those that the program takes."""
-    assert complete.FIGURES == FIGURES
     for operator in complete.OPERATORS:
         assert prepare(Params().set({"operator": operator}), "continuous").params.operator == operator
     for name, _ in complete.assignments(""):

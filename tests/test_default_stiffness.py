@@ -18,7 +18,8 @@ from hapnet.simulation.simulation import simulate
         (0.3, 0.1, 500.0, None, 100.0),
         (0.3, 0.1, 5000.0, None, 350.0),  # nobody declared that it renders more
         (0.0, 0.1, 1000.0, None, 100.0),  # nothing is known
-        (0.0, 0.1, 1000.0, (1.0, 1000.0), 500.0),
+        (0.0, 0.1, 1000.0, (1.0, 1000.0), 350.0),  # a declaration alone
+        (0.0, 0.1, 1000.0, (1.0, 500.0), 250.0),
         (0.0, 0.1, 1000.0, (600.0, 1000.0), 600.0),  # not less than the device can
         (0.09, 0.1, 1000.0, (1.0, 1000.0), 100.0),  # known, and too little for any held spring
         (0.3, 0.1, 1000.0, (1.0, 700.0), 200.0),
@@ -28,6 +29,23 @@ from hapnet.simulation.simulation import simulate
 )  # fmt: skip
 def test_the_rule(own: float, B: float, hz: float, declared: tuple[float, float] | None, K: float) -> None:
     assert default_stiffness(own, B, hz, declared) == K
+
+
+def test_a_measured_lower_bound_of_the_damping_makes_no_spring_softer() -> None:
+    for declared in (None, (1.0, 300.0), (1.0, 1000.0), (1.0, 14_500.0)):
+        chosen = [default_stiffness(b, 0.1, 1000.0, declared, exact=False) for b in (0.0, 0.05, 0.23, 0.4, 1.0, 20.0)]
+        assert chosen == sorted(chosen)
+    assert default_stiffness(1.0, 0.1, 1000.0, (1.0, 14_500.0), exact=False) == 900.0  # half of 2 (b - B)/T
+
+
+def test_a_count_of_the_encoders_changes_the_force_by_a_twentieth_of_a_newton_at_most() -> None:
+    stiffness = default_stiffness(1.0, 0.1, 4000.0, (1.0, 10_000.0), resolution_m=55e-6)
+    assert stiffness == pytest.approx(0.05 / 55e-6, abs=0.01)
+
+
+def test_a_class_that_knows_its_model_only_once_it_is_open_declares_the_least() -> None:
+    params = Params().set({"hardware": "hapnet.devices.force_dimension:ForceDimension"})
+    assert with_springs(params).device.stiffness > 100.0
 
 
 def test_what_the_user_says_stays() -> None:

@@ -5,12 +5,29 @@ from __future__ import annotations
 import statistics
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from hapnet.recording.mcap import read_recording
+from hapnet.recording.samples import join
 from hapnet.simulation.simulation import simulate
-from tests.endurance import HANDS, LINKS, PARTS, TAPS, Long, drags, largest_step, long_run, over_hands, taps, visits
+from tests.endurance import (
+    HANDS,
+    LINKS,
+    PARTS,
+    TAPS,
+    Long,
+    drags,
+    figures,
+    largest_step,
+    long_run,
+    over_hands,
+    taps,
+    visits,
+)
+from tests.processes import read_json, started
 
 
 def check(run: Long) -> None:
@@ -109,3 +126,21 @@ def test_an_hour_in_virtual_time_is_as_its_first_minute() -> None:
     away = np.abs(world["set_position_m"] - world["target_m"])[:, 0] > 1e-9
     begun, ended = (away[part].mean() for part in (world["time_s"] < 60.0, world["time_s"] > 3540.0))
     assert ended <= begun + 0.01
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("seconds", [150.0, 3600.0])
+def test_an_hour_in_real_time_is_as_its_first_ten_seconds(seconds: float, tmp_path: Path) -> None:
+    """As `hapnet run` does it. Memory over an hour: tests/test_soak.py."""
+    flags = ("--link", "4g", "--operator", "hand-21", "--seed", 21, "--realtime", "--out", tmp_path)
+    with started("run", "--duration", seconds, *flags) as program:
+        program.process.wait(seconds + 120.0)
+        code, _, errors = program.end()
+    assert code == 0, errors
+    device, world = (read_recording(tmp_path / f"{side}.mcap") for side in ("device", "world"))
+    run = figures(join(device, world), read_json(tmp_path / "summary.json"))
+    print(f"\n{run}")
+    check(run)
+    assert run.modulated <= 2.0
+    assert run.contacts <= 1.2
+    assert run.last_mm <= 1.1 * run.first_mm

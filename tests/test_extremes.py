@@ -20,12 +20,12 @@ from hapnet.control import ledger
 from hapnet.control.ledger import Ledger
 from hapnet.control.reserve import ForceGuard
 from hapnet.errors import InvalidParameter
-from hapnet.metrics import motion
 from hapnet.params import Params
 from hapnet.plant.device import SimulatedDevice
 from hapnet.recording.samples import MemoryRecorder, Recording
 from hapnet.simulation import simulation
 from hapnet.simulation.simulation import Simulation
+from hapnet.summary.from_samples import motion
 from tests import independent_account
 from tests.conftest import random_spd
 from tests.extreme_cases import UNCHECKED, Examined, examine, extreme_case

@@ -8,10 +8,12 @@ from pathlib import Path
 
 import pytest
 
+from hapnet import cli
 from hapnet.recording.mcap import read_recording
 from tests.arms import ARM, assert_no_force_last, linux, pressing
 from tests.arms import heard as heard
 from tests.arms import here as here
+from tests.commands import Capture
 from tests.processes import child_of, started
 
 PARTS = """
@@ -39,6 +41,42 @@ def short(*, dof=1):
 """
 TIRED = "hapnet: the operator parts:Tired failed: reference(0.301) raised ArithmeticError: no strength left\n"
 SHORT = "hapnet: the scene parts:short failed: next_step_s() raised LookupError: out of steps\n"
+
+
+INTERRUPTED = """
+from hapnet.plant.operator import Sine
+
+class Hand(Sine):
+    def reference(self, t):
+        if t > 0.3:
+            raise KeyboardInterrupt
+        return super().reference(t)
+
+class World:
+    dof = 1
+
+    def step(self, dt, position, velocity):
+        raise KeyboardInterrupt
+
+class Told(World):
+    def step(self, dt, position, velocity):
+        return (0.0,)
+
+    def planes(self, position, reach_m):
+        raise KeyboardInterrupt
+
+def unbuilt():
+    raise KeyboardInterrupt
+"""
+
+
+@pytest.mark.parametrize(
+    ("flag", "part"), [("operator", "Hand"), ("scene", "World"), ("scene", "Told"), ("scene", "unbuilt")]
+)
+def test_ctrl_c_inside_a_part_is_no_failure_of_it(flag: str, part: str, capsys: Capture) -> None:
+    Path("interrupted.py").write_text(INTERRUPTED, "utf-8")
+    assert cli.main(["simulate", f"--{flag}", f"interrupted:{part}", "--no-files"]) == 130
+    assert "failed" not in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

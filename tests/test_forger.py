@@ -9,6 +9,7 @@ from collections.abc import Callable
 import pytest
 
 from hapnet.params import Params
+from hapnet.wire.messages import Role
 from tests.forger import STYLES, Attacked, Lie
 
 LINKS = ("lan", "wifi", "4g", "leo", "wan-intercontinental", "delay 20ms 5ms loss 20%")
@@ -34,7 +35,7 @@ def params(rng: random.Random) -> Params:
 
 
 def lie(rng: random.Random) -> Lie:
-    """Early by 0.25 to 1 s, or by 40 mJ to 5 J that the device may harvest later or never."""
+    """Early by 0.25 to 1 s, or by 40 mJ to 5 J that the other side may harvest later or never."""
     from_s = rng.uniform(0.5, 1.5)
     more_nJ = rng.choice((0, round(4e7 * 125 ** rng.random())))
     return Lie(from_s, from_s + rng.uniform(0.3, 2.0), rng.uniform(0.25, 1.0), more_nJ, rng.choice(STYLES))
@@ -53,22 +54,23 @@ def foresight(honest: Attacked) -> Callable[[int], int]:
 
 
 @seeds_up_to(100)
-def test_no_attacked_run_is_passive_and_with_a_secret_all_are_as_without_attack(seeds: range) -> None:
+@pytest.mark.parametrize("towards", ["world", "device"])
+def test_no_attacked_run_is_passive_and_with_a_secret_all_are_as_without_attack(seeds: range, towards: Role) -> None:
     early = 0
     for seed in seeds:
         rng = random.Random(seed)
         of, told = params(rng), lie(rng)
-        honest = Attacked(of, seed, secrets=True)
+        honest = Attacked(of, seed, towards=towards, secrets=True)
         plain = honest.run().summary
-        attacked = Attacked(of, seed, told, foresight(honest))
+        attacked = Attacked(of, seed, told, foresight(honest), towards=towards)
         verdict = attacked.run().summary["verdict"]
         if attacked.early_nJ > 0:  # else he told nothing that was not so
             early += 1
             assert verdict["passive"] is not True, (seed, told, verdict)
-        guarded = Attacked(of, seed, told, foresight(honest), secrets=True)
+        guarded = Attacked(of, seed, told, foresight(honest), towards=towards, secrets=True)
         kept = guarded.run().summary
         assert guarded.early_nJ == 0
-        assert guarded.world_endpoint.session.dropped["forged"] > 0
+        assert guarded.deceived.dropped["forged"] > 0
         # his frames are dropped, and that is all: not a bit of the run is another
         for key in ("theorem", "motion", "energy", "verdict"):
             assert kept[key] == plain[key], (seed, key)  # type: ignore[literal-required]

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import random
+import re
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ import zenoh
 
 from hapnet.errors import BadMessage
 from hapnet.transport.config import free_address
-from hapnet.wire.messages import Energy, Welcome, decode, encode
+from hapnet.wire.messages import Account, Bye, Energy, Signals, Welcome, decode, encode
 from tests.processes import HAPNET, Program, read_json
 
 WITHOUT_KEYS = (
@@ -26,15 +27,19 @@ WITHOUT_KEYS = (
 """A side that offers no key, as other programs that speak the protocol do."""
 
 
-class Forger:
-    """He hears the world, which names the device's incarnation, and tells of energy as soon as the two are paired."""
+Speech = Callable[[int, int, int], tuple[str, Any]]
+"""What he says, from the incarnations of device and world and how often he has spoken: the key's end, and a message."""
 
-    def __init__(self, address: str, more_nJ: int, style: str) -> None:
+
+class Forger:
+    """He hears the world, which names the device's incarnation, and speaks as soon as the two are paired."""
+
+    def __init__(self, address: str, says: Speech) -> None:
         config = zenoh.Config()
         config.insert_json5("mode", '"client"')
         config.insert_json5("connect/endpoints", f'["{address}"]')
         self.said: int = 0
-        self._more_nJ, self._style = more_nJ, style
+        self._says = says
         self._parties: tuple[int, int] | None = None
         self._session: Any = zenoh.open(config)
         self._hears = self._session.declare_subscriber("hapnet/default/device/down/*", zenoh.handlers.FifoChannel(1000))
@@ -49,18 +54,36 @@ class Forger:
                     message = decode(sample.payload.to_bytes())
                 except BadMessage:
                     continue
-                if isinstance(message, Energy | Welcome):
+                if isinstance(message, Account | Energy | Welcome):
                     self._parties = message.addressee, message.incarnation
             if self._parties is not None:
                 self.said += 1
-                total_nJ = self._more_nJ + 1000 * self.said
-                more = {"sums": (self.said + 50, total_nJ, 0)} if self._style == "sums" else None
-                self._session.put("hapnet/default/device/up/energy", encode(Energy(*self._parties, total_nJ, 0, more)))
+                key, message = self._says(*self._parties, self.said)
+                self._session.put(f"hapnet/default/device/{key}", encode(message))
 
     def close(self) -> None:
         self._stop.set()
         self._thread.join()
         self._session.close()
+
+
+def of_energy(more_nJ: int, style: str) -> Speech:
+    """In the device's name, of so much more energy each time."""
+
+    def says(device: int, world: int, number: int) -> tuple[str, Energy]:
+        total_nJ = more_nJ + 1000 * number
+        more = {"sums": (number + 50, total_nJ, 0)} if style == "sums" else None
+        return "up/energy", Energy(device, world, total_nJ, 0, more)
+
+    return says
+
+
+def bye(device: int, world: int, number: int) -> tuple[str, Bye]:
+    return "up/control", Bye(device, world, 0, "that was all")
+
+
+def stop(device: int, world: int, number: int) -> tuple[str, Signals]:
+    return "down/signals", Signals(world, device, 1000 + number, {"stop": "he said so"})
 
 
 @contextmanager
@@ -69,7 +92,7 @@ def two_sides(tmp_path: Path, *, keys: bool, seconds: float, seed: int) -> Itera
     command = HAPNET if keys else (sys.executable, "-c", WITHOUT_KEYS)
     address, link = free_address("tcp"), ("--link", "delay 20ms 5ms loss 2%", "--seed", seed)
     with ExitStack() as stack:
-        words = ("--duration", seconds, *link, "--once")
+        words = ("--duration", seconds, *link, "--once", "--no-files")
         world = stack.enter_context(
             Program("world", "-l", address, *words, "--json", tmp_path / "world.json", command=command)
         )
@@ -93,7 +116,7 @@ def test_a_forger_on_the_network(keys: bool, runs: int, tmp_path: Path) -> None:
         rng = random.Random(k)
         with two_sides(tmp_path, keys=keys, seconds=4.0, seed=k) as (address, world, device):
             world.until_line("waiting")
-            forger = Forger(address, round(4e7 * 125 ** rng.random()), rng.choice(("bare", "sums")))
+            forger = Forger(address, of_energy(round(4e7 * 125 ** rng.random()), rng.choice(("bare", "sums"))))
             try:
                 codes = [side.end()[0] for side in (device, world)]
             finally:
@@ -111,3 +134,43 @@ def test_a_forger_on_the_network(keys: bool, runs: int, tmp_path: Path) -> None:
             assert told["device"]["device"]["contradictions"]["acknowledged"] > 0
             assert any(told["world"]["world"]["contradictions"].values())
             assert set(codes) <= {4, 5}
+
+
+@pytest.mark.parametrize("keys", [False, True], ids=["without keys", "with keys"])
+@pytest.mark.parametrize(
+    ("says", "codes"),
+    [pytest.param(bye, (2, 0), marks=pytest.mark.slow), pytest.param(stop, (3, 3), marks=pytest.mark.slow)],
+    ids=["bye", "stop"],
+)
+def test_a_goodbye_or_a_stop_that_is_forged(says: Speech, codes: tuple[int, int], keys: bool, tmp_path: Path) -> None:
+    """Without keys he ends the pair, and neither side knows whether it was passive; or the device's force, and both say
+    so. With keys that is dropped, and all is as without him. `codes` : of device and world, without keys."""
+    seconds = 3.0
+    with two_sides(tmp_path, keys=keys, seconds=seconds, seed=1) as (address, world, device):
+        for side in (device, world):
+            side.until_line("paired with")
+        forger = Forger(address, says)
+        try:
+            ends = [side.end() for side in (device, world)]
+        finally:
+            forger.close()
+    told = summaries(tmp_path)
+    verdicts = [told[role]["verdict"] for role in ("device", "world")]
+    assert [code for code, _, _ in ends] == ([0, 0] if keys else list(codes))
+    if keys:
+        receiver = "world" if says is bye else "device"
+        assert told[receiver][receiver]["dropped"]["forged"] > 50
+        assert all(verdict["passive"] is True for verdict in verdicts)
+        assert all(end["duration_s"] > seconds for end in told.values())
+        assert told["device"]["device"]["stopped"] is None
+        assert told["device"]["motion"]["peak_force_N"] > 1.0  # the hand is at the wall by then
+    elif says is bye:
+        assert [verdict["passive"] for verdict in verdicts] == [None, None]
+        for verdict, other in zip(verdicts, ("world", "device"), strict=True):
+            assert re.search(f"the {other}'s account is (not here|missing)", verdict["reason"])
+        assert "this incarnation was retired" in ends[0][2]
+        assert "the device left: that was all" in ends[1][1]
+    else:
+        assert all("the device's force was stopped after" in err and "he said so" in err for _, _, err in ends)
+        assert all(verdict["passive"] is True for verdict in verdicts)  # without force
+        assert told["device"]["device"]["stopped"]["why"] == "he said so"

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from hapnet.errors import InvalidParameter
+from hapnet.metrics.force import limit_cycles
 from hapnet.metrics.impedance import THREE_DB, Line, harmonics_between, multisine, off_hz, transmitted
-from hapnet.metrics.swing import limit_cycles
 from hapnet.params import RELAXED_HAND
 from hapnet.plant.worlds.walls import Wall
 from hapnet.recording.samples import DeviceSample, MemoryRecorder, Recording

@@ -79,10 +79,12 @@ async def test_keys_whose_declarations_were_lost_are_heard_and_energy_arrives() 
         for sent, beginning in ((two.relay.from_device, b"device/up"), (two.relay.from_world, b"device/down")):
             assert any(beginning + b"/" in data for data in sent)
             assert not any(re.search(beginning + b"(?!/)", data) for data in sent)
-        for side in two.sides:
+        for side, sent in ((two.world, two.relay.from_device), (two.device, two.relay.from_world)):
             side.shuffles = False
-            positions = [count for (kind, _), count in side.frames.items() if kind == "position"]
-            assert set(positions) == {1}  # the second subscription hands on nothing
+            positions = {frame: count for (kind, frame), count in side.frames.items() if kind == "position"}
+            assert set(positions.values()) == {1}  # the second subscription hands on nothing
+            last = list(positions)[-1]
+            assert sum(data.count(last) for data in sent) == 1  # and the network carries nothing twice
         await two.until(lambda: all(side.session.settled for side in two.sides))
         assert not two.unsettled
         assert all(side.session.sent_nJ > 0 for side in two.sides)

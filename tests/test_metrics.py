@@ -11,11 +11,12 @@ import pytest
 from scipy import signal
 
 from hapnet.checks import Array
-from hapnet.metrics import METRICS, motion
-from hapnet.metrics.drift import drift
+from hapnet.metrics import METRICS
 from hapnet.metrics.force import buzz, force_error
+from hapnet.metrics.motion import drift
 from hapnet.plant.worlds.walls import Wall
 from hapnet.recording.samples import MemoryRecorder, Recording
+from hapnet.summary.from_samples import motion
 from tests.metric_recordings import RATE_HZ, device, recording, sampled, world
 
 

@@ -13,12 +13,10 @@ import pytest
 from hapnet.checks import Array
 from hapnet.commands.output import write_csv
 from hapnet.metrics import METRICS
-from hapnet.metrics.contact import contact_force, pressed_wall
-from hapnet.metrics.environment import environment_force
-from hapnet.metrics.force import rms_difference
-from hapnet.metrics.free_motion import DRAG_MPS, drag
-from hapnet.metrics.swing import residual_swing
-from hapnet.metrics.touch import Latency, Touch, latency, touches
+from hapnet.metrics.contact import Latency, Touch, contact_force, latency, pressed_wall, touches
+from hapnet.metrics.force import residual_swing, rms_difference
+from hapnet.metrics.motion import DRAG_MPS, free_windows
+from hapnet.metrics.obstacles import Obstacle, environment_force
 from hapnet.params import Params
 from hapnet.plant.worlds.walls import Wall
 from hapnet.recording.samples import DeviceSample, MemoryRecorder, Recording, WorldSample
@@ -31,6 +29,11 @@ TICK_S = 2.0**-6
 """Exact in binary, so that what is just as long as a limit can be had."""
 UNKNOWN = (math.nan,) * 7
 SURFACE = Wall((1.0,), 0.0, 3000.0)
+
+
+def drag(recording: Recording, walls: Sequence[Obstacle], settling_s: float) -> float | None:
+    found = free_windows(recording, walls, settling_s)
+    return None if found is None else found.drag()
 
 
 def recorded(

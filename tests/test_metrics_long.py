@@ -10,12 +10,13 @@ import pytest
 from hapnet.checks import Array
 from hapnet.metrics.contact import rendered_by_tenths
 from hapnet.metrics.force import force_meanwhile, rms_difference
-from hapnet.metrics.free_motion import free_windows
-from hapnet.metrics.windows import Span, first_and_last, tenths
-from hapnet.metrics.world import contact_force_error, energy_out, modulated_share, visits
+from hapnet.metrics.measured import Span, first_and_last, tenths
+from hapnet.metrics.motion import free_windows
+from hapnet.metrics.passivity import energy_out
+from hapnet.metrics.world import contact_force_error, modulated_share, visits
 from hapnet.params import Params
 from hapnet.study import case
-from hapnet.study.case import Run, simulated
+from hapnet.study.case import Measured, simulated
 from tests.metric_recordings import RATE_HZ, device, recording, sampled, world
 
 # -- windows ---------------------------------------------------------------------------------------------------------
@@ -147,12 +148,12 @@ LONG: dict[str, object] = {
 
 
 @pytest.fixture(scope="module")
-def long_run() -> tuple[Run, case.Measures]:
+def long_run() -> tuple[Measured, case.Measures]:
     params = Params().set(LONG)
     return simulated(params, 3), case.measure(params, 3)
 
 
-def test_the_windows_of_a_long_run_again_in_other_words(long_run: tuple[Run, case.Measures]) -> None:
+def test_the_windows_of_a_long_run_again_in_other_words(long_run: tuple[Measured, case.Measures]) -> None:
     run, found = long_run
     t, x = run.device["time_s"], run.device["position_m"][:, 0]
     assert run.world is not None
@@ -171,7 +172,7 @@ def test_the_windows_of_a_long_run_again_in_other_words(long_run: tuple[Run, cas
     assert found["drag_last_N"] == pytest.approx(found["drag_N"] or 0.0, rel=0.5)
 
 
-def test_the_worlds_figures_of_a_long_run_again_in_other_words(long_run: tuple[Run, case.Measures]) -> None:
+def test_the_worlds_figures_of_a_long_run_again_in_other_words(long_run: tuple[Measured, case.Measures]) -> None:
     """The force on a proxy at rest is K'/(K' + K_w) of K_w times the device's depth; the port's work is that of f."""
     run, found = long_run
     assert run.world is not None
@@ -196,7 +197,7 @@ def test_the_worlds_figures_of_a_long_run_again_in_other_words(long_run: tuple[R
 def test_without_reservoirs_nothing_is_modulated_and_the_energy_still_counts() -> None:
     """What both ports gave out together came out at the world's, less what the hand has put in."""
     run = simulated(Params().set({**LONG, "duration_s": 30.0, "coupling": "zoh"}), 3)
-    found = case.measures(run, run.recording)
+    found = case.measures(run)
     assert found["modulated_percent"] is found["world_reservoir_min_J"] is found["device_reservoir_min_J"] is None
     world_J, both_J = found["world_energy_out_J"], found["energy_out_J"]
     assert world_J is not None

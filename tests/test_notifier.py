@@ -33,6 +33,20 @@ def test_what_it_waits_for_is_told_when_it_changes() -> None:
     ]
 
 
+def test_who_waits_beside_one_that_was_refused_says_so() -> None:
+    """In words that a stranger cannot vary: each of them would be told."""
+    side, told = notifier_of("world")
+    for number, event in enumerate((Mismatch("another secret word"), PeerRefused("no", by_peer=True))):
+        side.happened(event, number)
+        side.waiting(number, "connected to the device", 1)
+    side.waiting(2, "no peer yet", 0)
+    side.waiting(3, "connected to the device", 1)
+    assert [notice.text.removeprefix("waiting for the device: ") for notice in told if notice.kind == "waiting"] == [
+        "the one that is connected was refused", "the one that is connected refuses this side",
+        "no peer yet", "connected to the device",
+    ]  # fmt: skip
+
+
 def test_keys_that_are_silent_are_told_at_a_bounded_rate() -> None:
     side, told = notifier_of()
     for at in range(30):

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapnet.metrics.passivity import least_total_margin, total_margin
 from hapnet.recording.samples import Columns, Recording
+from hapnet.summary.from_samples import least_total_margin, total_margin
 
 
 def columns(*samples: tuple[float, float]) -> Columns:

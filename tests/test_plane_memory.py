@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -129,10 +131,10 @@ def test_a_servo_that_was_late_still_knows_the_wall() -> None:
         assert force(m, DEEP) == pytest.approx(felt, abs=1e-5)
 
 
-def moving(m: ContactModel, speed: float, level: float | None) -> float:
+def moving(m: ContactModel, speed: float, level: float | None, seconds: float = 4.0) -> float:
     """The force against a steady motion in free space [N]. The world keeps answering, as an old answer adds drag."""
     x = FAR[0]
-    for k in range(4000):
+    for k in range(round(seconds / TICK)):
         if k % 30 == 0:
             m.receive(Proxy((x,), 1.0, (0.0,), (), 0.05, level), k * TICK, 0.0)
         x += speed * TICK
@@ -146,6 +148,14 @@ def test_the_lead_yields_as_the_worlds_reservoir_empties(level: float, kept: flo
     m = model()
     assert moving(m, 0.067, level) == pytest.approx((1.0 - kept) * DAMPING * 0.067, abs=1e-4)
     assert m.lead_kept == pytest.approx(kept, abs=1e-4)
+
+
+def test_the_lead_yields_over_a_third_of_a_second() -> None:
+    """A first-order step response, as README beside it says: 1/e of the lead is left after 0.3 s."""
+    m = model()
+    moving(m, 0.067, 1.0, seconds=1.0)
+    moving(m, 0.067, 0.0, seconds=0.3)
+    assert m.lead_kept == pytest.approx(math.exp(-1.0), abs=0.02)
 
 
 def test_the_lead_stays_for_a_world_that_tells_no_level_and_where_it_is_switched_off() -> None:

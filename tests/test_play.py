@@ -14,9 +14,10 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from hapnet.commands.options import PageOptions
+from hapnet import cli
 from hapnet.commands.pair import Pair
-from hapnet.commands.play import SESSION, Stage, led, main
+from hapnet.commands.play import led
+from hapnet.commands.stage import SESSION, Stage
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import RELAXED_HAND, Params
 from hapnet.recording.mcap import read_recording
@@ -229,12 +230,12 @@ def test_a_page_reads_no_file(words: str, tmp_path: Path, monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
-    [({"hardware": "examples.own_device:Rail"}, "hapnet view"), ({"telemetry_hz": 0.0}, "what is published")],
+    ("change", "words"),
+    [("hardware=examples.own_device:Rail", "hapnet view"), ("telemetry_hz=0", "what is published")],
 )
-def test_what_no_page_can_show_or_lead_is_refused(changes: dict[str, object], words: str) -> None:
-    with pytest.raises(InvalidParameter, match=words):
-        main(led(Params().set(changes)), 1, None, PageOptions(), realtime=False)
+def test_what_no_page_can_show_or_lead_is_refused(change: str, words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["play", "--set", change]) == 2
+    assert words in capsys.readouterr().err
 
 
 def test_the_hand_is_relaxed_unless_it_was_set() -> None:

@@ -100,6 +100,7 @@ DOUBTS: dict[str, tuple[dict[str, Any], str]] = {
     "blur": ({"device.quantisation_J": 0.11}, "the encoders blur the account by up to 110 mJ, more than the margin of"),
     "servo away": ({"device.overrun_leak_J": 0.0058}, "watchdog_s: 5.8 mJ came out beyond the account"),
     "world's account": ({"environment": {"env_diverged": True}}, "the world's own account is no finite number"),
+    "failed at once": ({"world.failed": "no strength"}, "the world failed, and its own account is not known: no s"),
     "speed": (
         {"device.speed_max_mps": 1.2, "device.speed_limit_mps": 1.0},
         "the device moved at 1.2 m/s, and declares",

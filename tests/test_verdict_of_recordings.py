@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -18,7 +19,7 @@ from hapnet.recording.mcap import read_recording, save
 from hapnet.recording.samples import Columns, Event, Recording
 from hapnet.simulation.simulation import simulate
 from tests.commands import Capture
-from tests.conftest import ROOT
+from tests.conftest import ENVIRONMENT, ROOT
 from tests.processes import read_json, started
 from tests.scene_runs import words, write_files
 from tests.test_examples import EXAMPLES, printed
@@ -250,3 +251,15 @@ def test_what_is_torn_old_of_one_side_or_of_a_side_that_began_anew_is_not_known(
         assert judge([str(file)]) == says
     file.write_bytes(file.read_bytes()[: file.stat().st_size * 2 // 3])
     assert judge([str(file)]).startswith("not known: a recording is torn")
+
+
+@pytest.mark.parametrize("content", [None, "Dear Sir or Madam"])
+def test_a_file_that_is_not_there_or_no_recording_is_named_in_one_line(content: str | None, tmp_path: Path) -> None:
+    file = tmp_path / "letter.mcap"
+    if content is not None:
+        file.write_text(content, "utf-8")
+    command = [sys.executable, EXAMPLES["verdict_of_recordings"], file]
+    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert str(file) in done.stderr
+    assert "Traceback" not in done.stderr

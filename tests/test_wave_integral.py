@@ -13,7 +13,7 @@ from hapnet.control.digital_wave import Replay
 from hapnet.control.wave import DelayLine
 from hapnet.control.wave_integral import IntegralLine, Recovery
 from hapnet.control.wave_port import Line
-from hapnet.metrics.drift import drift
+from hapnet.metrics.motion import drift
 from hapnet.params import Params
 from hapnet.simulation.simulation import Simulation
 from tests.wave_ports import Counted, put_in, shake, told

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import SubFigure
 
 OUT_COLOR = "#cb181d"
+BY_PROPORTION_MJ = 100.0
+"""Energies above this are drawn by their logarithm, so that the bound is seen in each panel."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ UPPER = (
 LOWER = (
     Pair("each plane told is a lie: 4g, light hand", {**FOUR_G, **RELAXED_HAND, "scene": "moving", "dof": 2}, 1, True),
     Pair(
-        "K 700 N/m, ten minutes: intercontinental, hand-23",
+        "K 700 N/m (rings with either): intercontinental, hand-23",
         {**FAR, "operator": "hand-23", "device.stiffness": 700.0, "duration_s": 600.0},
         23,
     ),
@@ -118,6 +120,9 @@ def _energy(panel: Axes, result: Result) -> None:
     passive = out <= bound
     words = f"at most {out:.0f} mJ" if passive else f"{out:.0f} mJ: not passive"
     panel.set_title(words, color="black" if passive else OUT_COLOR, fontsize=8)
+    panel.set_yscale("symlog", linthresh=BY_PROPORTION_MJ, subs=(2, 5))
+    panel.set_yticks((-1000.0, -100.0, 0.0, 100.0, 1000.0), ("-1000", "-100", "0", "100", "1000"))
+    panel.set_ylim(-2000.0, 10_000.0)
     panel.set_xlabel("time [s]", labelpad=1.0)
 
 
@@ -133,8 +138,7 @@ def main() -> None:
         row.suptitle(title, fontsize=9.5, fontweight="bold")
         drawn.append([pair(part, case) for part, case in zip(row.subfigures(1, 2, wspace=0.02), cases, strict=True)])
     (without, stages), _ = drawn
-    for shown, same in zip(stages, without, strict=True):
-        shown[0].set_ylim(same[0].get_ylim())
+    stages[0][0].set_ylim(without[0][0].get_ylim())
     figure.legend(*without[1][0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     saved(figure, "credit.png")
 

@@ -68,7 +68,7 @@ def column(panels: list[Axes], link: str) -> None:
         panels[0].plot(minutes, device, color=DEVICE_COLOR, linestyle=dashes, label=f"{name}: device")
         panels[0].plot(minutes, world, color=WORLD_COLOR, linestyle=dashes, label=f"{name}: world")
         for panel, values in ((panels[1], modulated), (panels[2], error)):
-            panel.plot(minutes, values, color="black", linestyle=dashes)
+            panel.plot(minutes, values, color="black", linestyle=dashes, label=name)
         told[name] = float(np.mean(modulated[-last:])), float(np.sqrt(np.mean(error[-last:] ** 2)))
     panels[0].set_title(f"{link}: reservoirs", fontsize=8.5)
     for panel, index, unit in ((panels[1], 0, "%"), (panels[2], 1, "mm")):
@@ -92,7 +92,11 @@ def main() -> None:
     for row, label in enumerate(labels):
         panels[row, 0].set_ylabel(label)
         panels[row, 0].set_ylim(bottom=0.0)
-    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    handles, shown = (
+        [*above, *below]
+        for above, below in zip(*(panels[row, 0].get_legend_handles_labels() for row in (0, 1)), strict=True)
+    )
+    figure.legend(handles, shown, loc="outside lower center", ncols=6)
     saved(figure, "ten-minutes.png")
 
 

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from types import TracebackType
 
 from hapnet.errors import HapnetError
-from hapnet.loading import FAILURES, LENT, cause
+from hapnet.loading import LENT, cause
 from hapnet.params import Params
 from netem import NetemError
 
@@ -23,7 +23,7 @@ def named_failures(params: Params) -> Iterator[None]:
     """
     try:
         yield
-    except FAILURES as error:
+    except BaseException as error:
         named = named_failure(params, error)
         if named is error:
             raise
@@ -36,7 +36,7 @@ def named_failure(params: Params, error: BaseException) -> BaseException:
     It is returned as it is if it is one already, or if this run has no own parts.
     """
     own = {kind: name for key, kind in _KINDS.items() if _is_own(name := str(params.get(key)))}
-    if isinstance(error, HapnetError | NetemError) or not isinstance(error, FAILURES) or not own:
+    if isinstance(error, HapnetError | NetemError | KeyboardInterrupt) or not own:
         return error
     passed = set(_modules(error.__traceback__))
     guilty = {kind: name for kind, name in own.items() if name.partition(":")[0] in passed} or own

@@ -41,8 +41,15 @@ def with_springs(params: Params) -> Params:
     if params.feel == "paper" or not coupling(params.coupling).world_tells:
         return params.set({"device.stiffness": PAPERS})
     held = _as_declared(params)
-    known = held.own_damping if params.hardware == "simulated" else held.trusted_damping
-    K = default_stiffness(known, float(np.max(held.damping)), held.servo_hz, _declared_range(params))
+    simulated = params.hardware == "simulated"
+    K = default_stiffness(
+        held.own_damping if simulated else held.trusted_damping,
+        float(np.max(held.damping)),
+        held.servo_hz,
+        _declared_range(params),
+        resolution_m=held.resolution_m,
+        exact=simulated,
+    )
     ceiling_J = held.ceiling_J
     if ceiling_J == _DEFAULTS.ceiling_J and K > PAPERS:
         needed_J = held_torque.ceiling_for(dataclasses.replace(held, stiffness=K))

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from contextlib import suppress
-from difflib import get_close_matches
 from functools import partial
 from math import isfinite
 from typing import Any, cast
@@ -22,7 +21,7 @@ from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.devices.registry import known, options, resolve
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
-from hapnet.loading import FAILURES, cause, load
+from hapnet.loading import failure, load
 from hapnet.params import DeviceParams, Params
 from hapnet.plant.device import Device
 from hapnet.plant.operating_range import SPEED_MPS, NamedValue, OperatingRange, operating_range
@@ -44,8 +43,7 @@ def load_class(name: str) -> Callable[..., Any]:
     InvalidParameter : there is no such class, or no such option.
     """
     target, words = resolve(name)
-    near = get_close_matches(name.partition(":")[0], known(), n=1)
-    found = load("hardware", target, allowed() + (f"; {near[0]}, perhaps" if near else ""))
+    found = load("hardware", target, allowed(), ("simulated", *known()))
     if not callable(found):
         raise InvalidParameter("hardware", name, allowed())
     return partial(found, **options(name, found, words)) if words else found
@@ -131,8 +129,8 @@ class UserDevice:
             self.device: Device = make(dof=dof)
         except HapnetError as error:  # the driver says what is wrong
             raise HapnetError(f"the device {name} cannot be made: {error}") from error
-        except FAILURES as error:
-            raise InvalidParameter("hardware", name, f"{allowed()}, made with dof ({cause(error)})") from error
+        except BaseException as error:  # see `loading.failure`
+            raise InvalidParameter("hardware", name, f"{allowed()}, made with dof ({failure(error)})") from error
         self._tells_acted, self._tells_turned = self._can("acted"), self._can("orientation")
         self._tells_interval = self._can("interval")
         self._has_buttons, self._tells_braked = self._can("buttons"), self._can("braked")
@@ -188,8 +186,8 @@ class UserDevice:
             driver.home()
         except HapnetError as error:  # the driver says what to do first
             raise HapnetError(f"the device {self.name} is not ready: {error}") from error
-        except FAILURES as error:
-            raise HapnetError(f"the device {self.name} failed: home() raised {cause(error)}") from error
+        except BaseException as error:  # see `loading.failure`
+            raise HapnetError(f"the device {self.name} failed: home() raised {failure(error)}") from error
 
     def read(self) -> tuple[Vector, Vector]:
         """Position [m] and velocity [m/s]. DeviceSilent if there is none now, HapnetError if the device fails."""
@@ -272,8 +270,8 @@ class UserDevice:
             return getattr(self.device, part)(*given)
         except DeviceSilent:
             raise
-        except FAILURES as error:
-            raise HapnetError(f"the device {self.name} failed: {part}() raised {cause(error)}") from error
+        except BaseException as error:  # see `loading.failure`
+            raise HapnetError(f"the device {self.name} failed: {part}() raised {failure(error)}") from error
 
     def _wrong(self, part: str, told: object, wanted: str) -> HapnetError:
         shown = " ".join(f"{told!r:.120}".split())

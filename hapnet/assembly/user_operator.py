@@ -7,7 +7,7 @@ from math import isfinite
 
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.loading import FAILURES, cause, load
+from hapnet.loading import failure, load
 from hapnet.plant.operating_range import in_millimetres
 from hapnet.plant.operator import Impedance, Operator
 
@@ -30,12 +30,12 @@ class UserOperator:
     def __init__(self, name: str, dof: int, impedance: Impedance, reach: float = math.inf) -> None:
         self.name: str = name
         self._reach = reach
-        make = load("operator", name, ALLOWED)
+        make = load("operator", name, ALLOWED, ("rest", "sine", "press"))
         try:
             self._operator: Operator = make(dof=dof, impedance=impedance)
             self._axes = len(self._operator.reference(0.0))
-        except FAILURES as error:
-            raise InvalidParameter("operator", name, f"{ALLOWED} ({cause(error)})") from error
+        except BaseException as error:  # see `loading.failure`
+            raise InvalidParameter("operator", name, f"{ALLOWED} ({failure(error)})") from error
         if not isinstance(getattr(self._operator, "impedance", None), Impedance):
             raise InvalidParameter("operator", name, f"{ALLOWED}; what it makes has no impedance")
         self.impedance: Impedance = self._operator.impedance
@@ -48,8 +48,8 @@ class UserOperator:
         """x_d [m] at `t` [s]; HapnetError if the operator fails."""
         try:
             x = tuple(map(float, self._operator.reference(t)))
-        except FAILURES as error:
-            raise HapnetError(f"the operator {self.name} failed: reference({t:g}) raised {cause(error)}") from error
+        except BaseException as error:  # see `loading.failure`
+            raise HapnetError(f"the operator {self.name} failed: reference({t:g}) raised {failure(error)}") from error
         if len(x) != self._axes or not isfinite(sum(x)):
             wanted = f"{self._axes} finite numbers"
             raise HapnetError(f"the operator {self.name} failed: reference({t:g}) gave {x} instead of {wanted}")

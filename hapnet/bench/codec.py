@@ -1,4 +1,4 @@
-"""What a position message costs to encode and decode."""
+"""What messages cost to encode and decode: a position, and an energy message with its seal."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ import msgpack
 
 from hapnet.bench.cost import Call, cost
 from hapnet.bench.row import Options, Row, row
-from hapnet.wire.messages import Position, decode
+from hapnet.wire.fields import TAG
+from hapnet.wire.messages import Energy, Position, decode
+from hapnet.wire.secret import TAG_BYTES, is_sealed, sealed
 from hapnet.wire.stream_frames import echo_of, encode_position, start_of
 
 _INCARNATION = 2**63 - 25
@@ -31,3 +33,21 @@ def codec_position(options: Options) -> Row:
     subject, bare = cost(Call(ours), Call(theirs), options)
     what = "encode and decode of a 3-DOF position, validated"
     return row("codec_position", "us", what, subject, "msgpack.packb and unpackb of the list", bare)
+
+
+def codec_energy(options: Options) -> Row:
+    """Seal, encode, decode with validation and check the seal, beside msgpack with the same list."""
+    totals = count()
+    key, peer = bytes(range(32)), _INCARNATION - 1
+
+    def ours() -> object:
+        data = sealed(Energy(_INCARNATION, peer, next(totals), 98_765), key)
+        return is_sealed(key, decode(data).more, data)
+
+    def theirs() -> Any:
+        more = {TAG: bytes(TAG_BYTES)}
+        return msgpack.unpackb(msgpack.packb([2, 2, _INCARNATION, peer, next(totals), 98_765, more]))
+
+    subject, bare = cost(Call(ours), Call(theirs), options)
+    what = "encode, seal, decode and check of an energy message"
+    return row("codec_energy", "us", what, subject, "msgpack.packb and unpackb of the list", bare)

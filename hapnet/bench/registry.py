@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from fnmatch import fnmatchcase
 from functools import partial
 
-from hapnet.bench.codec import codec_position
+from hapnet.bench.codec import codec_energy, codec_position
 from hapnet.bench.control import device_tick, pspm_update
 from hapnet.bench.latency import one_way_latency, one_way_latency_realtime
 from hapnet.bench.link import link_release
@@ -40,6 +40,7 @@ ROWS: dict[str, Measure] = {
     "world_step_kilohertz": world_step_kilohertz,
     "world_step_mesh": world_step_mesh,
     "codec_position": codec_position,
+    "codec_energy": codec_energy,
     "one_way_latency": one_way_latency,
     "one_way_latency_realtime": one_way_latency_realtime,
     "link_release": link_release,
@@ -64,5 +65,5 @@ def select(only: Sequence[str]) -> dict[str, Measure]:
     """
     for word in only:
         if not any(fnmatchcase(name, word) for name in ROWS):
-            raise InvalidParameter("--only", word, "names of rows, or patterns: " + ", ".join(ROWS))
+            raise InvalidParameter("--only", word, "names of rows, or patterns: " + ", ".join(ROWS), ROWS)
     return {name: row for name, row in ROWS.items() if not only or any(fnmatchcase(name, word) for word in only)}

@@ -1,1 +1,1 @@
-"""What the commands do, a module each; `hapnet.cli` declares them and imports these only when they run."""
+"""The commands: a file with a function of its name is one (`hapnet.cli`); the other files are what they share."""

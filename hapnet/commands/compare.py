@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hapnet.commands import complete, output
-from hapnet.commands.compare_plan import drawn_case, plans_of
+from hapnet.commands import complete, flags, output
+from hapnet.commands.compare_plan import BASE, drawn_case, plans_of
+from hapnet.commands.groups import Without
+from hapnet.commands.options import ModelOptions, ParamsOptions
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
 from hapnet.params import COUPLING_NAMES, Params
@@ -124,24 +126,42 @@ class CompareOptions:
     metrics: Annotated[bool, typer.Option("--metrics", help="Print what each metric means and end.")] = False
 
 
-def main(params: Params, given: CompareOptions, json_to: str | None, out: Path | None) -> int:
-    """Compare, and show the result. Returns 0 even if cases failed (the tables show them), 4 if a claim was broken."""
+def compare(
+    *,
+    options: CompareOptions,
+    model: Annotated[
+        ModelOptions,
+        Without("operator", "hardware", "coupling", "deadband", "servo", "servo_hz", "on_silence", "silence_after"),
+    ],
+    params: ParamsOptions,
+    json_to: flags.Json = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Directory for all output files.", show_default="runs/<UTC time>-compare")
+    ] = None,
+) -> int:
+    """Compare couplings over the same links, hands and seeds, in virtual time: which are passive, how transparent.
+
+    Prints one table per link. Writes all cases as JSON, the traces of one case and a figure of all cases.
+    """
+    chosen = params.over(BASE, model.named())
+    if params.show_params:
+        return params.show(chosen)
     from hapnet.report.files import save
     from hapnet.study import tables
 
     words = output.console(json_to)
-    if given.metrics:
+    if options.metrics:
         words.print(tables.definitions())
         return 0
-    plans = plans_of(params, given)
-    drawn = {name: drawn_case(plan, given.case) for name, plan in plans.items()}
-    _announce(words, plans, given)
-    if given.dry_run:
+    plans = plans_of(chosen, options)
+    drawn = {name: drawn_case(plan, options.case) for name, plan in plans.items()}
+    _announce(words, plans, options)
+    if options.dry_run:
         return 0
     written = output.Written()
     whole: dict[str, dict[str, Any]] = {}
     with ExitStack() as stack:
-        if given.files:
+        if options.files:
             directory = output.run_directory(out, "compare")
         else:
             directory = Path(stack.enter_context(TemporaryDirectory(prefix="hapnet-compare-")))
@@ -150,7 +170,7 @@ def main(params: Params, given: CompareOptions, json_to: str | None, out: Path |
             if name:
                 words.print(f"\n{title}", style="bold", markup=False)
             its = output.run_directory(directory / name, None)
-            code = _compare(words, plan, drawn[name], its, title, given, written, whole.setdefault(name, {}))
+            code = _compare(words, plan, drawn[name], its, title, options, written, whole.setdefault(name, {}))
             if code:
                 return code
         pages = [file for name in plans if name and (file := directory / name / PAGE).exists()]

@@ -9,15 +9,12 @@ from typing import TYPE_CHECKING
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 from hapnet.study.sections import FULL, QUICK, Section
-from netem.presets import PRESETS
+from netem.presets import ALIASES, PRESETS
 from netem.units import format_path
 
 if TYPE_CHECKING:
     from hapnet.commands.compare import CompareOptions
     from hapnet.study.compare import Case, Plan
-
-LINKS = {"ideal": "ideal", "lan": "lan", "4g": "4g", "intercontinental": "wan-intercontinental"}
-"""Links by short names, each with its profile; `--link` takes these names too."""
 
 BASE = Params().set({"device.servo": "sampled", "operator_hand.end_hold_s": 3.0})
 """All cases have the sampled servo of real hardware, at 1 kHz. The hand holds still at the end, which shows a swing."""
@@ -55,7 +52,8 @@ def plans_of(params: Params, given: CompareOptions) -> dict[str, Plan]:
     names = list(FULL) if names == ["full"] else names
     for name in names:
         if name not in FULL:
-            raise InvalidParameter("--bench", given.bench, f"quick, full, or of its sections {', '.join(FULL)}")
+            allowed = f"quick, full, or of its sections {', '.join(FULL)}"
+            raise InvalidParameter("--bench", name, allowed, ("quick", "full", *FULL))
     if given.case is not None and len(names) > 1:
         raise InvalidParameter("--case", given.case, "one comparison: --bench quick, or one section")
     return {name: _plan(params, given, FULL[name]) for name in dict.fromkeys(names)}
@@ -128,11 +126,11 @@ def links_of(given: Sequence[str], traces: Iterable[str]) -> dict[str, tuple[str
         if equals and name:
             up, bar, down = (part.strip() for part in words.partition("|"))
             add("--link", name, up, down if bar else up)
-        elif (profile := LINKS.get(name, name)) in PRESETS and not equals:
+        elif (profile := ALIASES.get(name, name)) in PRESETS and not equals:
             add("--link", name, profile, profile)
         else:
-            allowed = f"{', '.join(dict.fromkeys((*LINKS, *PRESETS)))}, or NAME=WORDS such as 'slow=delay 80ms loss 1%'"
-            raise InvalidParameter("--link", text, allowed)
+            allowed = f"{', '.join(PRESETS)}, or NAME=WORDS such as 'slow=delay 80ms loss 1%'"
+            raise InvalidParameter("--link", text, allowed, (*PRESETS, *ALIASES))
     for text in traces:
         name, _, path = text.rpartition("=")
         up, down = (f"trace {format_path(f'{path}.{way}')}" for way in ("up", "down"))

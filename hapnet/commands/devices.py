@@ -1,41 +1,39 @@
-"""`hapnet devices` and `hapnet emulate`: their flags. What they do is imported on demand."""
+"""`hapnet devices`: the devices that can be given to --device."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Any
 
-import typer
-
-from hapnet.commands import flags
-from hapnet.commands.groups import Without, grouped
-from hapnet.commands.options import ParamsOptions, json_target
-from hapnet.params import Params
+from hapnet.commands import flags, output
 
 
 def devices(json_to: flags.Json = None) -> int:
     """List the devices that can be given to --device, what was found of each, and what is missing for it."""
-    json_target(json_to)
-    from hapnet.commands import emulating
+    from hapnet.devices import registry
 
-    return emulating.show_devices(json_to)
+    words = output.console(json_to)
+    rows = []
+    for name, (target, package) in registry.known().items():
+        row = _row(name, target, package)
+        rows.append(row)
+        words.print(f"{name:<10} {row['about']}", markup=False)
+        state = f"missing: {row['missing']}" if row["missing"] else f"found: {', '.join(row['found']) or 'none'}"
+        words.print(f"{'':<10} {row['tested']}; {row['from']}; {state}", style="dim", markup=False)
+    words.print("your own: --device module:Class, or a package with the entry point hapnet.devices")
+    output.write_json(rows, json_to)
+    return 0
 
 
-@grouped
-def emulate(
-    *,
-    device: Annotated[
-        str, typer.Argument(metavar="NAME[:OPTIONS]", help="A device of `hapnet devices`, such as serial:noise=0.01.")
-    ],
-    operator: flags.Operator = None,
-    duration: Annotated[float, typer.Option(help="Seconds; 0: until Ctrl-C.")] = 0.0,
-    params: Annotated[ParamsOptions, Without("show_params", "schema")],
-    json_to: flags.Json = None,
-) -> int:
-    """Stand in for a device: speak its protocol, with a simulated hand on the handle, in a process of its own.
+def _row(name: str, target: str, package: str) -> dict[str, Any]:
+    row: dict[str, Any] = {"name": name, "about": "", "tested": "untested", "from": package, "missing": "", "found": []}
+    from hapnet.loading import cause, load
 
-    It says how to reach it, and at its end how much energy its actuators gave to the hand.
-    """
-    json_target(json_to)
-    from hapnet.commands import emulating
-
-    return emulating.emulate(device, params.over(Params(), {"operator": operator}), duration, json_to)
+    try:
+        made = load("device", target, "a class that can be imported")
+        row["about"], row["tested"] = getattr(made, "about", ""), getattr(made, "tested", "untested")
+        row["missing"] = made.missing() if hasattr(made, "missing") else ""
+        if not row["missing"] and hasattr(made, "found"):
+            row["found"] = list(made.found())
+    except Exception as error:  # another package's driver may raise anything
+        row["missing"] = cause(error)
+    return row

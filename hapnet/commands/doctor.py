@@ -4,26 +4,52 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable
+from typing import TYPE_CHECKING, Annotated
 
-from hapnet.assembly.user_device import UserDevice, servo_rate
-from hapnet.commands import output
+import typer
+
+from hapnet.commands import flags, output
+from hapnet.commands.options import Dialling
 from hapnet.commands.progress import Progress
-from hapnet.doctor.device import examine_device as measure
-from hapnet.doctor.machine import MISSING, OK, SKIPPED, WARNING, Check, examine
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
-from hapnet.transport.security import Security
 
-_STYLE = {OK: "green", WARNING: "yellow", MISSING: "bold red", SKIPPED: "dim"}
+if TYPE_CHECKING:
+    from hapnet.doctor.machine import Check
 
 
-def main(connect: list[str], json_to: str | None, security: Security, session: str, name: str) -> int:
-    """Run the checks; returns 1 if something that hapnet needs is missing, otherwise 0."""
-    return _show(examine(connect, security, session, name), json_to)
+def doctor(
+    *,
+    zenoh: Dialling,
+    session: flags.Session = "default",
+    name: flags.Name = "device",
+    hardware: flags.Hardware = None,
+    dof: flags.Dof = None,
+    ramp: Annotated[float, typer.Option(metavar="N", help="With --device: press the hand on it by up to N.")] = 0.0,
+    damping: Annotated[
+        float, typer.Option(metavar="N", help="With --device: push its free handle by N, to measure its own damping.")
+    ] = 0.0,
+    json_to: flags.Json = None,
+) -> int:
+    """Check what this machine allows a servo to do, and say how to allow the rest.
+
+    With -e, also check whether Zenoh answers there, and measure the network: a side that listens there answers probes.
+    With --device, measure that device instead: rate, latency, noise and resolution; --ramp and --damping use a force.
+    """
+    if hardware is not None:
+        return examine_device(hardware, dof or 1, ramp, damping, json_to)
+    if force := ramp or damping:
+        raise InvalidParameter("--ramp" if ramp else "--damping", force, "given together with --device")
+    from hapnet.doctor.machine import examine
+
+    return _show(examine(zenoh.connect or [], zenoh.security, session, name), json_to)
 
 
 def examine_device(hardware: str, dof: int, ramp_N: float, damping_N: float, json_to: str | None) -> int:
     """Measure a device; returns 0, as a warning is for people to judge."""
+    from hapnet.assembly.user_device import UserDevice, servo_rate
+    from hapnet.doctor.device import examine_device as measure
+
     if hardware == "simulated":
         raise InvalidParameter("--device", hardware, "a real device (`hapnet devices`), or module:Class")
     params = Params().set({"hardware": hardware})
@@ -45,14 +71,17 @@ def examine_device(hardware: str, dof: int, ramp_N: float, damping_N: float, jso
 def _show(examined: Iterable[Check], json_to: str | None) -> int:
     from rich.text import Text
 
+    from hapnet.doctor.machine import MISSING, OK, SKIPPED, WARNING
+
+    style = {OK: "green", WARNING: "yellow", MISSING: "bold red", SKIPPED: "dim"}
     words = output.console(json_to)
     checks = []
     with Progress(output.progress_console(), "examining"):
         for check in examined:
             checks.append(check)
-            line = Text(f"{check.state:<8} ", style=_STYLE[check.state]).append(
+            line = Text(f"{check.state:<8} ", style=style[check.state]).append(
                 f"{check.name:<20} {check.value}", "default"
             )
-            words.print(line.append(f" → {check.advice}", _STYLE[check.state]) if check.advice else line)
+            words.print(line.append(f" → {check.advice}", style[check.state]) if check.advice else line)
     output.write_json([check.as_dict() for check in checks], json_to)
     return 1 if any(check.state == MISSING for check in checks) else 0

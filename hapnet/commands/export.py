@@ -1,4 +1,4 @@
-"""`hapnet export`: declarations only; exporting.py does the work."""
+"""`hapnet export`: one or two recordings as CSV and Parquet; two hosts' are aligned."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ from typing import Annotated
 
 import typer
 
-from hapnet.commands import complete, flags
-from hapnet.commands.options import json_target
-
-_FILES = "One recording, or the device's and the world's."
+from hapnet.commands import complete, flags, output
+from hapnet.commands.progress import Progress
+from hapnet.errors import InvalidParameter, OutputError, RecordingError
 
 
 def export(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE", help=_FILES)],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE", help=flags.RECORDINGS)],
     table: Annotated[
         str,
         typer.Option(
@@ -30,7 +29,42 @@ def export(
 
     One table for each side and one of the events. A vector is a column for each axis; an unknown value is empty.
     """
-    json_target(json_to)
-    from hapnet.commands import exporting
+    from hapnet.recording import alignment
+    from hapnet.recording.export import formats, write
+    from hapnet.recording.mcap import read_recording
+    from hapnet.recording.samples import join
 
-    return exporting.main(files, table, json_to, out)
+    if not 1 <= len(files) <= 2:
+        raise InvalidParameter("FILE", [str(file) for file in files], "one recording, or the device's and the world's")
+    endings = formats(table)
+    words = output.console(json_to)
+    with Progress(output.progress_console(), "reading"):
+        recordings = [read_recording(file) for file in files]
+        ordered = sorted(zip(files, recordings, strict=True), key=lambda one: one[1].device is None)
+        whole = recordings[0] if len(files) == 1 else join(*recordings)
+    if whole.device is None and whole.world is None and not whole.events:
+        raise InvalidParameter("FILE", str(files[0]), "a recording with samples")
+    for file, recording in ordered:
+        if recording.torn:
+            words.print(f"{file} is torn (its writer was killed): its tables end where it ends", markup=False)
+    if len(files) == 2:
+        words.print(f"clocks: {alignment.words(whole.meta)}")
+    directory = files[0].parent if out is None else output.run_directory(out, None)
+    try:
+        with Progress(output.progress_console(), "writing"):
+            paths = write(whole, directory, [file.stem for file, _ in ordered], endings)
+    except RecordingError as error:
+        raise OutputError(str(error)) from None
+    output.show_files(words, [path.name for path in paths], directory)
+    output.write_json(
+        {
+            "files": [str(path) for path in paths],
+            "samples": {side: None if (columns := getattr(whole, side)) is None else len(columns["time_ns"])
+                        for side in ("device", "world")},
+            "events": len(whole.events),
+            "aligned": whole.meta.get("aligned"),
+            "clock_difference": whole.meta.get("clock_difference"),
+        },
+        json_to,
+    )  # fmt: skip
+    return 0

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from hapnet.commands import complete
+from hapnet.errors import InvalidParameter
 from hapnet.param_values import LARGEST_SEED
 from hapnet.params import COUPLING_NAMES
 
+RECORDINGS = "One recording, or the device's and the world's."
 _LINK = "Link, emulated"
 _ZENOH = "Zenoh"
 _SECURITY = "Security"
@@ -95,8 +98,20 @@ Schema = Annotated[
     bool,
     typer.Option("--schema", help="With --show-params: print a JSON schema for editors.", rich_help_panel=_PARAMS),
 ]
+
+
+def _writable(target: str | None) -> str | None:
+    """The target of `--json`, which is looked at before anything runs."""
+    if target not in (None, "-"):
+        path = Path(target)
+        if path.is_dir() or not os.access(path if path.exists() else path.absolute().parent, os.W_OK):
+            raise InvalidParameter("--json", target, "- or a file that can be written, in a directory that exists")
+    return target
+
+
 Json = Annotated[
-    str | None, typer.Option("--json", metavar="FILE|-", help="Write the result as JSON; -: alone on stdout.")
+    str | None,
+    typer.Option("--json", metavar="FILE|-", help="Write the result as JSON; -: alone on stdout.", callback=_writable),
 ]
 Out = Annotated[
     Path | None, typer.Option(help="Directory for all output files.", show_default="runs/<UTC time>-<seed>")

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from hapnet.commands import flags
+from hapnet.commands import flags, output
 from hapnet.commands.groups import Without
-from hapnet.errors import InvalidParameter
+from hapnet.errors import InvalidParameter, OutputError
 from hapnet.params import LinkParams, Params
-from netem.profile import PRESETS, LinkProfile, compose
+from netem.presets import ALIASES, PRESETS
+from netem.profile import LinkProfile, compose
 
 if TYPE_CHECKING:
     from hapnet.transport.security import Security
@@ -104,7 +106,7 @@ class LinkOptions:
         """The words of one direction: the default, changed by the flags."""
         if self.link is None and self.profile is None and all(flag is None for flag in self._effects.values()):
             return default
-        words = None if self.link is None else PRESETS.get(self.link, self.link)
+        words = None if self.link is None else PRESETS.get(ALIASES.get(self.link, self.link), self.link)
         return str(compose(words, self.profile, **self._effects, base=LinkProfile.named(default)))
 
     @property
@@ -153,13 +155,22 @@ class ParamsOptions:
             raise InvalidParameter("--schema", "given alone", "with --show-params")
         return params
 
-    def shown(self, params: Params) -> str:
-        """What `--show-params` prints: TOML that `--params` reads, or the schema of such a file."""
-        if not self.schema:
-            return params.toml()
-        from hapnet.param_schema import schema
+    def show(self, params: Params) -> int:
+        """Print what `--show-params` asks for: TOML that `--params` reads, or the schema of such a file; returns 0."""
+        text = params.toml()
+        if self.schema:
+            from hapnet.param_schema import schema
 
-        return json.dumps(schema(params), indent=2, ensure_ascii=False) + "\n"
+            text = json.dumps(schema(params), indent=2, ensure_ascii=False) + "\n"
+        try:
+            sys.stdout.write(text)
+            sys.stdout.flush()
+        except BrokenPipeError:
+            raise
+        except OSError as error:  # a full disk
+            output.silence(sys.stdout)
+            raise OutputError(f"cannot write standard output: {error.strerror or error}") from None
+        return 0
 
 
 @dataclass(frozen=True)
@@ -235,12 +246,7 @@ class PageOptions:
     browser: flags.Browser = True
 
 
-def json_target(target: str | None) -> Path | None:
-    """The file to which `--json` writes; None for standard output, or without `--json`."""
-    if target in (None, "-"):
-        return None
-    assert target is not None
-    path = Path(target)
-    if path.is_dir() or not os.access(path if path.exists() else path.absolute().parent, os.W_OK):
-        raise InvalidParameter("--json", target, "- or a file that can be written, in a directory that exists")
-    return path
+def no_out_without_files(out: Path | None, files: bool) -> None:
+    """Raise InvalidParameter for --out where no files are written."""
+    if out is not None and not files:
+        raise InvalidParameter("--out", str(out), "no --out with --no-files")

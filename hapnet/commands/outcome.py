@@ -13,9 +13,9 @@ from hapnet.commands import output
 from hapnet.commands.progress import Progress
 from hapnet.commands.report import source_of, write
 from hapnet.errors import InvalidParameter, RecordingError
-from hapnet.metrics import motion
 from hapnet.recording.mcap import read_recording
 from hapnet.recording.samples import Recording, join
+from hapnet.summary.from_samples import motion
 from hapnet.summary.recorded import of_parts
 from hapnet.summary.run import Summary
 
@@ -33,7 +33,7 @@ class Outcome(NamedTuple):
     sources: list[Source]
 
 
-def outcome(
+def of_pair(
     told: Mapping[str, Summary], files: Mapping[str, Path], setup: Setup, seed: int, written: output.Written
 ) -> Outcome:
     """Of a run of both sides on this machine.
@@ -68,7 +68,7 @@ def outcome(
     return Outcome(summary, replace(whole, meta=meta, summary=summary), sources)
 
 
-def outcome_of_side(summary: Summary, file: Path, written: output.Written) -> Outcome:
+def of_side(summary: Summary, file: Path, written: output.Written) -> Outcome:
     """Of one side that has ended, with its recording, if it wrote one."""
     if not file.exists():
         return Outcome(summary, None, [])

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from hapnet.commands import output
+import typer
+
+from hapnet.commands import flags, output
+from hapnet.commands.groups import Without
+from hapnet.commands.options import LinkOptions, ModelOptions, ParamsOptions
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter, OutputError, RecordingError
 
@@ -14,22 +17,28 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.table import Table
 
-    from hapnet.params import Params
     from hapnet.recording.samples import Recording
 
 
-def main(
-    files: list[Path],
-    chosen: Callable[[Params], Params],
-    seed: int | None,
-    json_to: str | None,
-    out: Path | None,
+def replay(
+    files: Annotated[
+        list[Path], typer.Argument(metavar="FILE", help="One recording, or the device's and the world's.")
+    ],
     *,
-    verbose: bool,
+    model: Annotated[
+        ModelOptions,
+        Without("operator", "hardware", "servo", "servo_hz", "dof", "on_silence", "silence_after"),
+    ],
+    seed: flags.ReplaySeed = None,
+    links: LinkOptions,
+    params: Annotated[ParamsOptions, Without("show_params", "schema")],
+    json_to: flags.Json = None,
+    out: flags.Out = None,
+    verbose: flags.Verbose = False,
 ) -> int:
-    """Simulate with the recording's parameters and seed; write recording, figures and summary, and compare.
+    """Repeat a recorded run in virtual time: as it was, or with the same hand and another link or coupling.
 
-    chosen : changes the recording's parameters by the flags.
+    Parameters and seed are the recording's, except those given here. Writes recording, figures and summary.
     """
     from dataclasses import replace as changed
 
@@ -39,13 +48,14 @@ def main(
     from hapnet.simulation.simulation import Simulation
 
     original = read_original(files)
-    params = chosen(original.params)
-    if params.duration_s <= 0.0:
-        raise InvalidParameter("duration_s", params.duration_s, "above 0 in virtual time")
-    if params.operator != original.params.operator:
-        original = changed(original, hand=f"{params.operator}, as asked")
+    base = original.params
+    chosen = params.over(links.for_all_of(base), model.named(), links)
+    if chosen.duration_s <= 0.0:
+        raise InvalidParameter("duration_s", chosen.duration_s, "above 0 in virtual time")
+    if chosen.operator != original.params.operator:
+        original = changed(original, hand=f"{chosen.operator}, as asked")
     seed = original.seed if seed is None else seed
-    simulation = Simulation(params, seed)
+    simulation = Simulation(chosen, seed)
     words = output.console(json_to)
     directory = output.run_directory(out, seed)
     target = directory / "run.mcap"
@@ -55,7 +65,7 @@ def main(
     words.print(f"hand: {original.hand}", markup=False)
     for line in original.notes:
         words.print(f"note: {line}", markup=False)
-    with Progress(output.progress_console(), "replaying", params.duration_s) as progress:
+    with Progress(output.progress_console(), "replaying", chosen.duration_s) as progress:
         result = simulation.run(progress.update)
     summary = result.summary
     compared = summary["replay"] = compare(original, result.recording, summary)
@@ -73,7 +83,7 @@ def main(
     with written.part():
         output.write_json(summary, str(directory / "summary.json"))
     output.show_summary(words, summary, verbose=verbose)
-    written.judge(summary, params, virtual=True)
+    written.judge(summary, chosen, virtual=True)
     words.print(table(compared))
     words.print(verdict(compared))
     if not written.missing:

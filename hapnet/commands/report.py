@@ -7,25 +7,34 @@ from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Annotated, cast
 
-from hapnet.commands import output
+import typer
+
+from hapnet.commands import flags, output
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter, RecordingError
-from hapnet.metrics import motion
 from hapnet.param_values import flatten
 from hapnet.params import Params
-from hapnet.recording.mcap import read_recording, repair
-from hapnet.recording.samples import Recording, join
-from hapnet.summary.recorded import of_recordings
-from hapnet.summary.structure import SIDES, Motion
 
 if TYPE_CHECKING:
+    from hapnet.recording.samples import Recording
     from hapnet.report import Source
+    from hapnet.summary.structure import Motion
 
 
-def main(files: list[Path], json_to: str | None, out: Path | None, *, verbose: bool) -> int:
-    """Read, repair what is torn, summarise, draw."""
+def report(
+    files: flags.Recorded,
+    json_to: flags.Json = None,
+    out: Annotated[Path | None, typer.Option(help="Directory for output files.", show_default="beside FILE")] = None,
+    verbose: flags.Verbose = False,
+) -> int:
+    """Turn one or two recordings into a page (HTML), figures and a summary. A torn one gets a repaired copy."""
+    from hapnet.recording.mcap import read_recording, repair
+    from hapnet.recording.samples import join
+    from hapnet.summary.from_samples import motion
+    from hapnet.summary.recorded import of_recordings
+
     files = [file for named in files for file in (_recordings_in(named) if named.is_dir() else [named])]
     if not 1 <= len(files) <= 2:
         raise InvalidParameter("FILE", [str(file) for file in files], "one recording, or the device's and the world's")
@@ -37,7 +46,7 @@ def main(files: list[Path], json_to: str | None, out: Path | None, *, verbose: b
     whole = recordings[0] if len(files) == 1 else join(*recordings)
     told, moved = summary.get("motion"), motion(whole)
     if isinstance(told, Mapping):  # what the other side told of its own stays
-        moved = cast(Motion, {name: told.get(name) if value is None else value for name, value in moved.items()})
+        moved = cast("Motion", {name: told.get(name) if value is None else value for name, value in moved.items()})
     summary["motion"] = moved
     sources = []
     for file, recording in zip(files, recordings, strict=True):
@@ -68,6 +77,9 @@ def main(files: list[Path], json_to: str | None, out: Path | None, *, verbose: b
 
 def _recordings_in(named: Path) -> list[Path]:
     """The recordings in a run's directory. One that was cut off before its first samples counts if it is alone."""
+    from hapnet.recording.mcap import read_recording
+    from hapnet.summary.structure import SIDES
+
     there = [file for side in SIDES if (file := named / f"{side}.mcap").exists()]
     found = []
     for file in there:

@@ -7,23 +7,22 @@ Figure 6's filter was not printed: here it is a first-order low-pass with a time
 from __future__ import annotations
 
 import textwrap
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from hapnet.commands import output
+from hapnet.commands import flags, output
+from hapnet.commands.complete import FIGURES
+from hapnet.commands.options import ParamsOptions
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 
 if TYPE_CHECKING:
+    import numpy as np
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from hapnet.recording.samples import Recording
 
-FIGURES = ("fig4", "fig5", "fig6")
 SECTION_4: dict[str, object] = {
     "feel": "paper", "scene": "wall", "operator": "press", "link.up": "", "link.down": "",
     "record_hz": 1000.0, "operator_hand.start_periods": 0.0, "operator_hand.end_hold_s": 0.0,
@@ -40,26 +39,41 @@ LOST = (
 )
 
 
-def main(figure: str, params: Params, seed: int, json_to: str | None, out: Path | None, *, verbose: bool) -> int:
-    """Simulate Section 4, draw the figure, print the summary."""
+def reproduce(
+    *,
+    figure: flags.Figure,
+    duration: flags.Duration = None,
+    seed: flags.Seed = 0,
+    params: ParamsOptions,
+    json_to: flags.Json = None,
+    out: flags.Out = None,
+    verbose: flags.Verbose = False,
+) -> int:
+    """Simulate the paper's Figures 4, 5 and 6, with the numbers of its Section 4 (lost digits reconstructed)."""
+    base = Params().set(SECTION_4)
+    if figure == "fig6":
+        base = base.set({"device.smoothing_s": SMOOTHING_S})
+    chosen = params.over(base, {"duration_s": duration})
+    if params.show_params:
+        return params.show(chosen)
     from hapnet import report
     from hapnet.recording.mcap import save
     from hapnet.simulation.simulation import Simulation
 
     if figure not in FIGURES:
-        raise InvalidParameter("figure", figure, "one of " + ", ".join(FIGURES))
+        raise InvalidParameter("figure", figure, "one of " + ", ".join(FIGURES), FIGURES)
     words = output.console(json_to)
-    simulation = Simulation(params, seed)
-    with Progress(output.progress_console(), "simulating", params.duration_s) as progress:
+    simulation = Simulation(chosen, seed)
+    with Progress(output.progress_console(), "simulating", chosen.duration_s) as progress:
         result = simulation.run(progress.update)
         directory = output.run_directory(out, seed)
         recording = result.recording
         unfiltered = None
         if figure == "fig6":
-            progress.stage("simulating without the filter", params.duration_s)
-            unfiltered = Simulation(params.set({"device.smoothing_s": 0.0}), seed).run(progress.update).recording
+            progress.stage("simulating without the filter", chosen.duration_s)
+            unfiltered = Simulation(chosen.set({"device.smoothing_s": 0.0}), seed).run(progress.update).recording
         progress.stage("drawing")
-        drawn = timesteps(recording) if figure == "fig4" else profiles(recording, params, unfiltered)
+        drawn = timesteps(recording) if figure == "fig4" else profiles(recording, chosen, unfiltered)
         report.save_figure(drawn, directory / f"{figure}.png")
         progress.stage("writing")
         save(recording, directory / f"{figure}.mcap")
@@ -68,7 +82,7 @@ def main(figure: str, params: Params, seed: int, json_to: str | None, out: Path 
     output.show_warnings(words, result.warnings)
     output.show_summary(words, result.summary, verbose=verbose)
     written = output.Written()
-    written.judge(result.summary, params, virtual=True)
+    written.judge(result.summary, chosen, virtual=True)
     names = (f"{figure}.png", f"{figure}.mcap", f"{figure}.json")
     output.show_files(words, names, directory)
     words.print(LOST, markup=False)
@@ -78,6 +92,8 @@ def main(figure: str, params: Params, seed: int, json_to: str | None, out: Path 
 
 def timesteps(recording: Recording) -> Figure:
     """Figure 4: the world's step T_k against k."""
+    import numpy as np
+
     fig = _figure(90)
     world = recording.world
     assert world is not None
@@ -138,6 +154,8 @@ def profiles(recording: Recording, params: Params, unfiltered: Recording | None 
 
 def _roughness(recording: Recording) -> float:
     """By how much the hand's force changes within 5 ms [N]: 95th percentile, out of contact, faster than 10 mm/s."""
+    import numpy as np
+
     device, world = recording.device, recording.world
     assert device is not None
     assert world is not None
@@ -157,6 +175,8 @@ def _title(fig: Figure, words: str) -> None:
 
 def _stiffness(params: Params, name: str) -> float:
     """A coupling's stiffness along the first axis [N/m]; the parameter may be a scalar, a diagonal or a matrix."""
+    import numpy as np
+
     return float(np.ravel(params.get(name))[0])
 
 

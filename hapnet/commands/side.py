@@ -8,7 +8,6 @@ import os
 import signal
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import cast, get_args
 
@@ -17,8 +16,8 @@ from hapnet.assembly.build import LIVE, prepare
 from hapnet.commands import output
 from hapnet.commands.console import run_console
 from hapnet.commands.log import Log, check_target
-from hapnet.commands.options import ZenohOptions
-from hapnet.commands.outcome import FILES, outcome_of_side, write_files
+from hapnet.commands.options import SideFlags, ZenohOptions
+from hapnet.commands.outcome import FILES, of_side, write_files
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
 from hapnet.realtime.runner import RealtimeSide
@@ -41,31 +40,6 @@ PLACE = "HAPNET_PLACE"
 PARENT_EVERY_S = 0.2
 
 
-@dataclass(frozen=True)
-class SideOptions:
-    """The options of one side besides its parameters."""
-
-    role: Role
-    zenoh: ZenohSettings
-    session: str
-    name: str
-    seed: int | None
-    record: Path | None
-    realtime: bool
-    once: bool
-    """End with the first peer."""
-    json_to: str | None
-    out: Path | None
-    files: bool
-    """Write files into `out`, or into a directory of their own; with `record` only if `out` is given."""
-    log_to: str | None
-    """Where notices go as JSON lines: to a file or, for "-", to standard output instead of text for people."""
-    progress: bool
-    """Log the run's progress too."""
-    verbose: bool = False
-    """Show people all tables of the summary."""
-
-
 def zenoh_settings(options: ZenohOptions) -> ZenohSettings:
     """Zenoh's settings from the flags. Without an endpoint or a file, a side looks for the other on this machine."""
     alone = not options.connect and not options.listen and options.config is None
@@ -82,46 +56,53 @@ def zenoh_settings(options: ZenohOptions) -> ZenohSettings:
     )
 
 
-def main(params: Params, options: SideOptions) -> int:
+def main(role: Role, params: Params, given: SideFlags, zenoh: ZenohOptions) -> int:
     """Run one side until its duration is over or a signal stops it; returns the exit code."""
-    directory = None
-    if options.files and (options.record is None or options.out is not None):
-        directory = output.run_directory(options.out, options.role)
+    settings, directory = zenoh_settings(zenoh), None
+    if given.files and (given.record is None or given.out is not None):
+        directory = output.run_directory(given.out, role)
     try:
-        with watched(options.zenoh) as refusals:
-            return _main(params, options, refusals, directory)
+        with watched(settings) as refusals:
+            return _main(role, params, given, settings, refusals, directory)
     except BaseException:
-        if directory is not None and options.out is None:
+        if directory is not None and given.out is None:
             output.discard(directory, "log.jsonl")
         raise
 
 
-def _main(params: Params, options: SideOptions, refusals: Refusals, directory: Path | None) -> int:
+def _main(
+    role: Role,
+    params: Params,
+    given: SideFlags,
+    settings: ZenohSettings,
+    refusals: Refusals,
+    directory: Path | None,
+) -> int:
     setup = prepare(params, "sampled")
     if params.operator == LIVE and CONSOLE not in os.environ:
         raise InvalidParameter("operator", LIVE, f"any other: only hapnet play has the page that leads {LIVE}")
-    warnings = setup.warnings + zenoh_warnings(options.zenoh)
-    check_target(options.log_to, options.json_to)
-    record = options.record or (None if directory is None else directory / f"{options.role}.mcap")
-    words = None if options.log_to == "-" else output.console(options.json_to)
+    warnings = setup.warnings + zenoh_warnings(settings)
+    check_target(given.log_to, given.json_to)
+    record = given.record or (None if directory is None else directory / f"{role}.mcap")
+    words = None if given.log_to == "-" else output.console(given.json_to)
     if words is not None:
         output.show_warnings(words, warnings)
-    log_to = options.log_to or (None if directory is None else str(directory / "log.jsonl"))
-    log = Log(options.role, words, log_to, progress=options.progress)
+    log_to = given.log_to or (None if directory is None else str(directory / "log.jsonl"))
+    log = Log(role, words, log_to, progress=given.progress)
     for warning in warnings:
         log.write(Notice("warning", warning, time.monotonic_ns(), "warning"))
     written, started_by_run = output.Written(), PARENT in os.environ
     try:
         side = RealtimeSide(
             setup,
-            options.role,
-            options.zenoh,
-            session=options.session,
-            name=options.name,
-            seed=options.seed,
+            role,
+            settings,
+            session=given.session,
+            name=given.name,
+            seed=given.seed,
             record=record,
-            realtime=options.realtime,
-            once=options.once,
+            realtime=given.realtime,
+            once=given.once,
             notify=log.notify,
             refused=refusals.take,
         )
@@ -138,20 +119,20 @@ def _main(params: Params, options: SideOptions, refusals: Refusals, directory: P
         log.close()
     written.missing += filter(None, (side.unrecorded, log.failure, stopped(summary)))
     if directory is not None and record is not None:
-        found = outcome_of_side(summary, record, written)
+        found = of_side(summary, record, written)
         write_files(found, directory, written)
         summary = found.summary
     if words is not None:
-        output.show_summary(words, summary, verbose=options.verbose)
+        output.show_summary(words, summary, verbose=given.verbose)
         if directory is not None:
-            other = SIDES[1 - SIDES.index(options.role)]
+            other = SIDES[1 - SIDES.index(role)]
             output.show_files(words, FILES, directory, f"; hapnet report joins them with the {other}'s")
         elif record is not None:
             output.show_files(words, [record.name], record.parent)
     if not started_by_run:  # hapnet run judges both sides together
         written.judge(summary, params, virtual=False)
     with written.part():
-        output.write_json(summary, options.json_to)
+        output.write_json(summary, given.json_to)
     code = written.code(code)
     if failure is not None:
         raise failure

@@ -2,27 +2,53 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import Annotated
 
-from hapnet.commands import output
+import typer
+
+from hapnet.commands import flags, output
+from hapnet.commands.groups import Without
+from hapnet.commands.options import LinkOptions, ModelOptions, ParamsOptions, no_out_without_files
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 
 
-def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, files: bool, verbose: bool) -> int:
-    """Simulate; write recording, figure and summary; print the summary."""
+def simulate(
+    *,
+    model: Annotated[ModelOptions, Without("hardware")],
+    seed: flags.Seed = 0,
+    links: LinkOptions,
+    params: ParamsOptions,
+    json_to: flags.Json = None,
+    out: flags.Out = None,
+    verbose: flags.Verbose = False,
+    files: flags.Files = True,
+    seeds: Annotated[str | None, typer.Option(metavar="A:B", help="Many seeds, A to B - 1: a table, no files.")] = None,
+    workers: Annotated[int, typer.Option(min=0, help="Processes for many seeds; 0: one per core.")] = 0,
+) -> int:
+    """Simulate both sides in virtual time: in one process, deterministic for a seed, much faster than real time."""
+    chosen = params.over(Params(), model.named("device", "world"), links)
+    if params.show_params:
+        return params.show(chosen)
+    if seeds is not None:
+        if out is not None:
+            raise InvalidParameter("--out", str(out), "no --out with --seeds, which writes no files but --json FILE")
+        from hapnet.commands import batch
+
+        return batch.main(chosen, batch.seed_range(seeds), json_to, workers)
+    no_out_without_files(out, files)
     from hapnet.recording.mcap import save
     from hapnet.simulation.simulation import Simulation
 
-    if params.duration_s <= 0.0:
-        raise InvalidParameter("duration_s", params.duration_s, "above 0 in virtual time")
+    if chosen.duration_s <= 0.0:
+        raise InvalidParameter("duration_s", chosen.duration_s, "above 0 in virtual time")
     words = output.console(json_to)
-    simulation = Simulation(params, seed)
+    simulation = Simulation(chosen, seed)
     output.show_warnings(words, simulation.setup.warnings)
     directory = output.run_directory(out, seed) if files else None
     written = output.Written()
-    with Progress(output.progress_console(), "simulating", params.duration_s) as progress:
+    with Progress(output.progress_console(), "simulating", chosen.duration_s) as progress:
         result = simulation.run(progress.update)
         if directory is not None:
             progress.stage("writing")
@@ -36,7 +62,7 @@ def main(params: Params, seed: int, json_to: str | None, out: Path | None, *, fi
     output.show_summary(words, result.summary, verbose=verbose)
     if verbose:
         output.show_kernel(words, simulation.not_compiled)
-    written.judge(result.summary, params, virtual=True)
+    written.judge(result.summary, chosen, virtual=True)
     if directory is not None and not written.missing:
         page = f"; for a page with everything: hapnet report {directory / 'run.mcap'}"
         output.show_files(words, ("run.mcap", "figure.png", "summary.json"), directory, page)

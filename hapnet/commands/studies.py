@@ -99,20 +99,27 @@ def run_missing(
     return StudyOutcome(total if stopped is None else most, before, done, failed, lasted_s, stopped)
 
 
-def local_or_dask(words: Console, workers: int, dask: str | None, cases: int) -> Backend:
-    """`workers` processes of this machine (0: one per core; no more than `cases`), or those of the scheduler at `dask`.
+def workers_of(words: Console, workers: int, dask: str | None) -> Callable[[int], Backend]:
+    """What makes, for so many cases, `workers` processes here (0: one per core), or those of the scheduler at `dask`.
 
     Raises
     ------
-    InvalidParameter, HapnetError : as `DaskCluster` does.
+    InvalidParameter, HapnetError : as `DaskCluster` does, once it is called.
     """
     if dask is None:
-        return local_workers(min(workers or usable_cores(), cases))
-    from hapnet.study.cluster import DaskCluster
+        return lambda cases: local_workers(min(workers or usable_cores(), cases))
+    if workers:
+        raise InvalidParameter("--workers", workers, "left out with --dask: the cluster has its own")
 
-    cluster = DaskCluster(dask)
-    if cluster.threaded:
-        output.show_warnings(words, ("the cluster's workers have several threads; dask worker --nthreads 1 is faster",))
+    def cluster(_: int) -> Backend:
+        from hapnet.study.cluster import DaskCluster
+
+        found = DaskCluster(dask)
+        if found.threaded:
+            line = "the cluster's workers have several threads; dask worker --nthreads 1 is faster"
+            output.show_warnings(words, (line,))
+        return found
+
     return cluster
 
 
@@ -167,7 +174,7 @@ class Kind(Generic[Part]):
 def estimate_cases(
     words: Console, fixed: Values, cases: Sequence[Case], count: int, workers: int, dask: str | None = None
 ) -> None:
-    """Print how long `count` cases such as these take, by a few of them. `workers` and `dask` as `local_or_dask`."""
+    """Print how long `count` cases such as these take, by a few of them. `workers` and `dask` as `workers_of`."""
     failed: list[str] = []
 
     def run(case: Case) -> None:

@@ -1,17 +1,26 @@
-"""`hapnet sweep`: the flags of `run` and `plot`. `hapnet.commands.sweeping` does the work; it is imported on demand."""
+"""`hapnet sweep` and `hapnet sweep plot`: thousands of cases in virtual time, and a figure of them."""
 
 from __future__ import annotations
 
+import re
+from collections import Counter
+from contextlib import closing
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
-from hapnet.commands import complete, flags
-from hapnet.commands.options import json_target
+from hapnet.commands import complete, flags, output
+from hapnet.params import Params
+from hapnet.study.spec import SEED, Case, Spec, in_file, value_words
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 RUN = "run"
+
+_SHOWN = 3  # cases that --dry-run shows at each end of the list
 
 
 class RunByDefault(TyperGroup):
@@ -33,11 +42,12 @@ class RunByDefault(TyperGroup):
         return offered
 
 
-app: typer.Typer = typer.Typer(
-    cls=RunByDefault,
-    help="Thousands of cases over parameters, links and seeds, in virtual time; `hapnet sweep plot` draws them.",
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
+app: typer.Typer = typer.Typer(cls=RunByDefault, add_completion=False)
+
+
+@app.callback()
+def sweep() -> None:
+    """Thousands of cases over parameters, links and seeds, in virtual time; `hapnet sweep plot` draws them."""
 
 
 @app.command(
@@ -73,11 +83,60 @@ def run(
 
     Writes results.csv (and results.parquet), sorted by case, and journal.sqlite, from which a later run continues.
     """
-    json_target(json_to)
-    from hapnet.commands import sweeping
+    from hapnet.commands import studies
+    from hapnet.study import export
+    from hapnet.study.journal import NAME, Journal
 
-    how = sweeping.Options(workers, dask, table, dry_run=dry_run, retry_failed=retry_failed, fresh=fresh)
-    return sweeping.run(spec, assign or [], how, json_to, out)
+    endings = export.formats(table)
+    words = output.console(json_to)
+    backend = studies.workers_of(words, workers, dask)
+    with in_file(spec):
+        wanted = Spec.read(spec, studies.assigned("--set", assign or ()))
+    directory = out or Path("runs") / f"sweep-{wanted.name}"
+    cases = wanted.cases()
+    if (twice := wanted.count - len(cases)) > 0:
+        words.print(f"{twice} cases are repetitions in the spec: each case is run once")
+    if dry_run:
+        can_run = studies.check_cases(words, wanted, cases)
+        _show(words, cases, directory)
+        studies.estimate_cases(words, wanted.fixed, can_run, len(can_run), workers, dask)
+        return 0
+    if fresh or not (directory / NAME).exists():
+        studies.check_cases(words, wanted, cases)
+    into = output.run_directory(directory, None)
+    with closing(Journal.create_or_resume(into, wanted, cases, fresh=fresh)) as journal:
+        again = journal.forget_failed() if retry_failed else 0
+        total, before, _ = journal.count()
+        if before or again:
+            words.print(f"{before} of {total} cases are done{f'; {again} failed and are run again' * bool(again)}")
+        ran = studies.run_missing(words, journal, "sweeping", backend)
+        written = output.Written()
+        columns = export.table(journal)
+        files: list[Path] = []
+        with written.part():
+            files = export.write(columns, directory, endings)
+        done, failed, new = ran.done, ran.failed, ran.done - before
+        if new:
+            words.print(f"{new} cases in {ran.lasted_s:.1f} s: {new / ran.lasted_s:.1f} a second")
+        broken = sum(value == 0.0 for value in columns.get("claim_kept", ()))
+        if broken:
+            written.broken.append(
+                f"in {broken} of {done} cases (claim_kept) the coupling claims to be passive, and was not"
+            )
+        reasons = Counter(error for error in columns["error"] if error is not None)
+        if failed:
+            words.print(f"{failed} of {total} cases failed:", style="yellow")
+            for why, times in reasons.most_common(studies.REASONS):
+                words.print(f"  {times} x {why}", markup=False)
+        if files:
+            figure = f"; a figure: hapnet sweep plot {directory}" * (done > failed)
+            words.print(f"results: {', '.join(map(str, files))}{figure}", markup=False)
+        with written.part():
+            about = {"cases": total, "done": done, "failed": failed, "run": new, "wall_s": ran.lasted_s}
+            output.write_json({**about, "errors": dict(reasons), "files": [str(file) for file in files]}, json_to)
+        if ran.stopped is not None:
+            return ran.stop("the same command goes on")
+        return written.code(output.INCOMPLETE if failed else 0)
 
 
 @app.command(short_help="Draw the results of a sweep as a heat map.")
@@ -109,6 +168,32 @@ def plot(
 
     Without --x and --y: the two parameters with the most values. Works while the sweep runs.
     """
-    from hapnet.commands import sweeping
+    from hapnet.commands.studies import assigned
+    from hapnet.report.files import save_figure
+    from hapnet.study.grid import grid
+    from hapnet.study.heatmap import draw
+    from hapnet.study.journal import Journal
 
-    return sweeping.plot(directory, x, y, value, where or [], stat, out)
+    with closing(Journal.look(directory)) as journal:
+        found = grid(journal, x, y, value, assigned("--where", where or ()), _units())
+    figure = draw(found, stat, where or [], journal.name)
+    along = [axis.name for axis in (found.x, found.y) if axis is not None]
+    path = out or directory / f"{'-'.join([found.metric, *along])}.png"
+    save_figure(figure, path)
+    output.console(None).print(f"figure: {path}", markup=False)
+    return 0
+
+
+def _show(words: Console, cases: list[Case], directory: Path) -> None:
+    seeds = len({case.seed for case in cases})
+    words.print(f"{len(cases)} cases, {seeds} seed{'s' * (seeds != 1)}, into {directory}", markup=False)
+    for case in [*cases[:_SHOWN], *cases[max(_SHOWN, len(cases) - _SHOWN) :]]:
+        if case.number == len(cases) - _SHOWN > _SHOWN:
+            words.print("  ...")
+        told = [f"{name} = {value_words(name, value)}" for name, value in case.values.items()]
+        words.print(f"  {case.number}: {', '.join([*told, f'{SEED} = {case.seed}'])}", markup=False)
+
+
+def _units() -> dict[str, str]:
+    """The units of the parameters that have one."""
+    return {name: unit[1] for name, _, meaning in Params().described() if (unit := re.search(r"\[([^]]+)\]", meaning))}

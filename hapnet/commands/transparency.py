@@ -13,8 +13,8 @@ import typer
 
 from hapnet.commands import complete, flags, output
 from hapnet.commands.compare_plan import links_of, names_of
-from hapnet.commands.groups import Without, grouped
-from hapnet.commands.options import ModelOptions, ParamsOptions, json_target
+from hapnet.commands.groups import Without
+from hapnet.commands.options import ModelOptions, ParamsOptions
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
 from hapnet.params import COUPLING_NAMES, Params
@@ -64,7 +64,6 @@ class TransparencyOptions:
     ] = False
 
 
-@grouped
 def transparency(
     *,
     options: TransparencyOptions,
@@ -96,13 +95,7 @@ def transparency(
     """
     chosen = params.over(Params(), model.named())
     if params.show_params:
-        return 0
-    json_target(json_to)
-    return main(chosen, options, json_to, out)
-
-
-def main(params: Params, given: TransparencyOptions, json_to: str | None, out: Path | None) -> int:
-    """Measure, print a table, write transparency.json and transparency.png."""
+        return params.show(chosen)
     from hapnet.commands.batch import seed_range
     from hapnet.couplings.registry import coupling
     from hapnet.report.files import save_figure
@@ -111,26 +104,26 @@ def main(params: Params, given: TransparencyOptions, json_to: str | None, out: P
     from hapnet.study.impedance import Transmission, curve
     from hapnet.study.transparency import Task
 
-    names = names_of(given.coupling) or list(COUPLING_NAMES)
+    names = names_of(options.coupling) or list(COUPLING_NAMES)
     for name in names:
         coupling(name)
     for name in ("coupling", "link.up", "link.down"):
-        if params.get(name) != Params().get(name):
-            raise InvalidParameter(name, params.get(name), f"its default: here --{name.partition('.')[0]} sets it")
-    links, seeds = links_of(list(given.link or LINKS), ()), seed_range(given.seeds)
+        if chosen.get(name) != Params().get(name):
+            raise InvalidParameter(name, chosen.get(name), f"its default: here --{name.partition('.')[0]} sets it")
+    links, seeds = links_of(list(options.link or LINKS), ()), seed_range(options.seeds)
     tasks = [
-        Task(name, link, params.set({"coupling": name, "link.up": up, "link.down": down}), seed, hand)
+        Task(name, link, chosen.set({"coupling": name, "link.up": up, "link.down": down}), seed, hand)
         for name in dict.fromkeys(names)
         for link, (up, down) in links.items()
-        for seed, hand in [*((seed, None) for seed in seeds), *((0, hand) for hand in _hands(given))]
+        for seed, hand in [*((seed, None) for seed in seeds), *((0, hand) for hand in _hands(options))]
     ]
-    cases = stable_stiffness.cases(params) if given.z_width else []
-    tasks += [Task(case.coupling, "", params, 0, case=case) for case in cases]
+    cases = stable_stiffness.cases(chosen) if options.z_width else []
+    tasks += [Task(case.coupling, "", chosen, 0, case=case) for case in cases]
     words = output.console(json_to)
-    if given.dry_run:
-        _show(words, tasks, given.workers)
+    if options.dry_run:
+        _show(words, tasks, options.workers)
         return 0
-    workers = min(given.workers or usable_cores(), len(tasks))
+    workers = min(options.workers or usable_cores(), len(tasks))
     directory = output.run_directory(out, "transparency")
     with Progress(output.progress_console(), "measuring", len(tasks), "runs") as bar:
         found = dealt(transparency.run, tasks, workers, lambda share: bar.update(share * len(tasks)))
@@ -152,10 +145,10 @@ def main(params: Params, given: TransparencyOptions, json_to: str | None, out: P
                 curves[task.coupling, task.link] = curve(same)
         save_figure(transparency.draw(curves), directory / "transparency.png")
         if springs:
-            save_figure(stable_stiffness.draw(springs, params), directory / "stable-stiffness.png")
+            save_figure(stable_stiffness.draw(springs, chosen), directory / "stable-stiffness.png")
     whole = transparency.as_dict(curves, widths)
     if springs:
-        whole["stable_stiffness"] = stable_stiffness.as_dict(springs, params)
+        whole["stable_stiffness"] = stable_stiffness.as_dict(springs, chosen)
     output.write_json(whole, str(directory / "transparency.json"))
     words.print(_table(curves, widths))
     words.print(
@@ -164,7 +157,7 @@ def main(params: Params, given: TransparencyOptions, json_to: str | None, out: P
         markup=False,
     )
     if springs:
-        words.print(_springs(springs, params))
+        words.print(_springs(springs, chosen))
         words.print(f"{stable_stiffness.JUDGED}. {_HELD}", markup=False)
     output.show_files(words, ("transparency.png", "stable-stiffness.png", "transparency.json"), directory)
     output.write_json(whole, json_to)

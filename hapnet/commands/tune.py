@@ -1,14 +1,25 @@
-"""`hapnet tune`: its flags. `hapnet.commands.tuning` does the work; it is imported on demand."""
+"""`hapnet tune`: searches the parameters that are best for an objective."""
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hapnet.commands import complete, flags
-from hapnet.commands.options import json_target
+from hapnet.commands import complete, flags, output
+from hapnet.study.spec import SEED, in_file, value_words
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from hapnet.study.journal import Journal
+    from hapnet.study.search import Search
+    from hapnet.study.tune_spec import TuneSpec
+
+TRIALS, FOUND, FIGURE = "trials.csv", "found.toml", "tune.png"
+"""The files beside the journal."""
 
 
 def tune(
@@ -40,8 +51,131 @@ def tune(
 
     Writes found.toml (for --params), trials.csv, a figure, results.csv with all cases, and journal.sqlite.
     """
-    json_target(json_to)
-    from hapnet.commands import tuning
+    from hapnet.commands import studies
+    from hapnet.study import tune_results
+    from hapnet.study.journal import NAME, Journal
+    from hapnet.study.search import Search, base, most_cases
+    from hapnet.study.search_space import need_library
+    from hapnet.study.tune_spec import TuneSpec
 
-    how = tuning.Options(workers, dask, dry_run=dry_run, retry_failed=retry_failed, fresh=fresh)
-    return tuning.run(spec, assign or [], how, json_to, out)
+    words = output.console(json_to)
+    backend = studies.workers_of(words, workers, dask)
+    with in_file(spec):
+        wanted = TuneSpec.read(spec, studies.assigned("--set", assign or ()))
+    need_library()
+    directory = out or Path("runs") / f"tune-{wanted.name}"
+    tuned, scored = base(wanted)
+    whole = wanted.whole(wanted.defaults)
+    if dry_run:
+        can_run = studies.check_cases(words, whole, [*tuned, *scored])
+        _show(words, wanted, directory)
+        studies.estimate_cases(words, whole.fixed, can_run, most_cases(wanted), workers, dask)
+        return 0
+    if fresh or not (directory / NAME).exists():
+        studies.check_cases(words, whole, [*tuned, *scored])
+    into = output.run_directory(directory, None)
+    with closing(Journal.create_or_resume(into, whole, [*tuned, *scored], fresh=fresh)) as journal:
+        again = journal.forget_failed() if retry_failed else 0
+        _, before, _ = journal.count()
+        if before or again:
+            words.print(f"{before} cases are done{f'; {again} failed and are run again' * bool(again)}")
+        search = Search(wanted, journal)
+        ran = studies.run_missing(words, journal, "tuning", backend, search.rounds(), most_cases(wanted))
+        new = ran.done - before
+        if new:
+            words.print(f"{new} cases in {ran.lasted_s:.1f} s: {new / ran.lasted_s:.1f} a second")
+        written = output.Written()
+        files = _write(search, journal, directory, written, ended=ran.stopped is None)
+        if ran.stopped is None:
+            _tell(words, search, written)
+        if files:
+            words.print(f"files: {', '.join(files)} in {directory}", markup=False)
+        with written.part():
+            about = {"cases": ran.total, "done": ran.done, "failed": ran.failed, "run": new, "wall_s": ran.lasted_s}
+            told = {**about, **tune_results.as_dict(search), "files": [str(directory / name) for name in files]}
+            output.write_json(told, json_to)
+        if ran.stopped is not None:
+            return ran.stop("the same command goes on")
+        return written.code()
+
+
+def _write(search: Search, journal: Journal, directory: Path, written: output.Written, *, ended: bool) -> list[str]:
+    """Write the files; returns their names. The values found are written only if the search has `ended`."""
+    from hapnet.report.files import save_figure
+    from hapnet.study import export, tune_results
+    from hapnet.study.tune_figure import draw
+
+    files: list[str] = []
+    with written.part():
+        columns = export.table(journal)
+        broken = sum(value == 0.0 for value in columns.get("claim_kept", ()))
+        if broken:
+            of = f"in {broken} of {len(columns['case'])} cases (claim_kept)"
+            written.broken.append(f"{of} the coupling claims to be passive, and was not")
+        files += [path.name for path in export.write(columns, directory, ("csv",))]
+    if not search.trials:
+        return files
+    with written.part():
+        tune_results.write_trials(search, directory / TRIALS)
+        files.append(TRIALS)
+    with written.part():
+        save_figure(draw(search), directory / FIGURE)
+        files.append(FIGURE)
+    if search.best is None or not ended:
+        (directory / FOUND).unlink(missing_ok=True)  # of another search with the same cases
+    else:
+        with written.part():
+            tune_results.write_found(search.spec, search.trials[search.best].values, directory / FOUND)
+            files.append(FOUND)
+    return files
+
+
+def _tell(words: Console, search: Search, written: output.Written) -> None:
+    """Print the tables, and note what is missing from a good result."""
+    from hapnet.study import tune_results
+
+    scores, best = search.scores, search.best
+    assert scores is not None
+    for table in tune_results.tables(search.spec, scores):
+        words.print(table)
+    for name in search.unmeasured:
+        output.show_warnings(words, (f"no case to tune on has a value of {name}: it had no part in the search",))
+    if best is None:
+        verdicts = search.verdicts()
+        nearest = min(range(len(verdicts)), key=lambda i: verdicts[i].excess)
+        why = [str(one) for one, held in zip(search.spec.goal.constraints, verdicts[nearest].held, strict=True)
+               if not held.met]  # fmt: skip
+        told = f"no trial of {len(verdicts)} keeps all constraints and has a finite objective; the nearest, {nearest},"
+        without = "has cases that failed" if verdicts[nearest].failed else "has too many cases without a value"
+        written.missing.append(f"{told} {'breaks: ' + ', '.join(why) if why else without}")
+        return
+    default, found = scores[0].verdicts(search.spec)
+    assert found is not None
+    if search.trials[best].values == search.spec.defaults:
+        words.print("no trial is better than the defaults")
+    elif default.allowed and default.objective <= found.objective:
+        words.print("the defaults, which are outside of the ranges, are better than every trial", style="yellow")
+    _, scored = scores[1].verdicts(search.spec)
+    if scored is not None and scored.failed:
+        written.missing.append(f"{scored.failed} of the cases to score on failed with the values found")
+    elif scored is not None and not scored.allowed:
+        words.print("on the cases to score on the values found break a constraint", style="yellow")
+
+
+def _show(words: Console, spec: TuneSpec, directory: Path) -> None:
+    from hapnet.study.search import base
+    from hapnet.study.tune_results import PARTS
+
+    tuned, scored = base(spec)
+    words.print(
+        f"{spec.trials} trials of {len(tuned)} cases, scored on {len(scored)} others, into {directory}", markup=False
+    )
+    for one in spec.space:
+        words.print(f"  {one.name}: {one}, default {value_words(one.name, one.default)}", markup=False)
+    for heading, told in (("objective", spec.goal.terms), ("constraints", spec.goal.constraints)):
+        words.print(f"  {heading}: {', '.join(map(str, told)) or 'none'}", markup=False)
+    own = {one.name for one in spec.space}
+    for part, cases in zip(PARTS, (tuned, scored), strict=True):
+        case = cases[0]
+        shown = [f"{name} = {value_words(name, value)}" for name, value in case.values.items() if name not in own]
+        words.print(f"  first case of {part}: {', '.join([*shown, f'{SEED} = {case.seed}'])}", markup=False)

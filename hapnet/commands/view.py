@@ -8,25 +8,74 @@ import time
 import webbrowser
 from contextlib import ExitStack
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from hapnet.commands import output
+from hapnet.commands.groups import Without
 from hapnet.commands.options import PageOptions, ZenohOptions
 from hapnet.commands.progress import Progress
-from hapnet.commands.side import zenoh_settings
 from hapnet.errors import InvalidParameter
-from hapnet.recording.mcap import read_recording
-from hapnet.recording.samples import join
-from hapnet.view.history import History
-from hapnet.view.playback import Playback
-from hapnet.view.server import serve
-from hapnet.view.watcher import Watcher
+
+if TYPE_CHECKING:
+    from hapnet.view.watcher import Watcher
 
 LOOK_S = 0.5
 PLAY_S = 0.01
 
 
+def view(
+    files: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="[FILE]", help="A recording to play back, or the device's and the world's."),
+    ] = None,
+    *,
+    session: Annotated[str | None, typer.Option(help="Name of the session.", show_default="the first heard")] = None,
+    name: Annotated[str | None, typer.Option(help="Name of the device.", show_default="the first heard")] = None,
+    zenoh: Annotated[ZenohOptions, Without("users", "mutual_tls", "encrypt")],
+    page: PageOptions,
+) -> int:
+    """Watch a pair that runs elsewhere on a live page, without disturbing it: `hapnet view -e tcp/HOST:17447`.
+
+    Dial the side that listens. Its access control decides what others may see. With a recording
+    (`hapnet view run.mcap`) the page plays it back, again and again.
+    """
+    if files:
+        if session or name or zenoh.connect or zenoh.listen or zenoh.config:
+            raise InvalidParameter("FILE", [str(file) for file in files], "left out where a running pair is watched")
+        return play_back(files, page)
+    from hapnet.commands.side import zenoh_settings
+    from hapnet.view.history import History
+    from hapnet.view.server import serve
+    from hapnet.view.watcher import Watcher
+
+    words = output.console(None)
+    history = History()
+    watcher = Watcher(zenoh_settings(zenoh), history.take, session=session, name=name)
+    with ExitStack() as closing:
+        served = closing.enter_context(serve(history, host=page.host, port=page.port))
+        closing.callback(watcher.close)
+        watcher.open()
+        words.print(f"open {served.url} to watch; Ctrl-C ends")
+        if page.browser:
+            show(served.url)
+        told = ""
+        while True:
+            if (text := _state(watcher)) != told:
+                told = text
+                words.print(text)
+            time.sleep(LOOK_S)
+
+
 def play_back(files: list[Path], options: PageOptions) -> int:
     """Serve the page of a recording, which is played at its own pace, until a signal ends it."""
+    from hapnet.recording.mcap import read_recording
+    from hapnet.recording.samples import join
+    from hapnet.view.history import History
+    from hapnet.view.playback import Playback
+    from hapnet.view.server import serve
+
     words = output.console(None)
     if len(files) > 2:
         raise InvalidParameter("FILE", [str(file) for file in files], "one recording, or the device's and the world's")
@@ -44,26 +93,6 @@ def play_back(files: list[Path], options: PageOptions) -> int:
         while True:
             playback.advance(time.monotonic_ns())
             time.sleep(PLAY_S)
-
-
-def main(zenoh: ZenohOptions, session: str | None, name: str | None, options: PageOptions) -> int:
-    """Serve the page until a signal ends it."""
-    words = output.console(None)
-    history = History()
-    watcher = Watcher(zenoh_settings(zenoh), history.take, session=session, name=name)
-    with ExitStack() as closing:
-        page = closing.enter_context(serve(history, host=options.host, port=options.port))
-        closing.callback(watcher.close)
-        watcher.open()
-        words.print(f"open {page.url} to watch; Ctrl-C ends")
-        if options.browser:
-            show(page.url)
-        told = ""
-        while True:
-            if (text := _state(watcher)) != told:
-                told = text
-                words.print(text)
-            time.sleep(LOOK_S)
 
 
 def show(url: str) -> None:

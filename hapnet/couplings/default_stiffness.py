@@ -4,10 +4,16 @@ A held spring K on a device with own damping b is passive up to (Colgate and Sch
 
     K < 2 (b - B) / T,      T: the servo's period
 
-Half of that is taken, or half of the greatest stiffness that the device declares, whichever is less: at the bound
-itself nothing is left for encoders and late ticks. Where b is not known, the declaration alone counts. Measured harvest
-keeps PSPM passive for any K, so the rule is about feel. A device that says nothing of itself, or too little, and the
-paper's feel, get the paper's 100 N/m.
+Half of that is taken, or half of the greatest stiffness that the device declares: at the bound itself nothing is left
+for late ticks. Of a simulated device b is known, and the lesser of the two counts. Of a real one b is unknown, or a
+lower bound that `hapnet doctor --device --damping` measured. There the bound may only raise what the declaration alone
+gives, at most 350 N/m: whoever measures gets no softer spring.
+
+Encoders: a count of r changes the force by K r, and the device swings where that is much. Half of K r = 0.1 N is the
+limit. (The usual bound, 2 f / r with f the device's dry friction (Abbott, Okamura 2005), needs an f that is not known.)
+
+Measured harvest keeps PSPM passive for any K, so the rule is about feel. A device that says nothing of itself, or too
+little, and the paper's feel, get the paper's 100 N/m.
 """
 
 from __future__ import annotations
@@ -19,8 +25,11 @@ PAPERS = 100.0
 """K of the paper's Section 4, reconstructed [N/m]. It is also the least that the rule chooses, if the device has it."""
 
 MOST = 350.0
-"""The most for a device that does not declare its stiffness [N/m]: half of what a Phantom Omni renders (700 N/m, from
-CHAI3D's device table)."""
+"""The most where damping or declaration is missing [N/m]: half of what a Phantom Omni renders (700 N/m, from CHAI3D's
+device table)."""
+
+COUNT_N = 0.1
+"""What a count of the encoders may change the force by, at the bound [N]."""
 
 
 def colgate_bound(own_damping: float, damping: float, servo_hz: float) -> float:
@@ -34,17 +43,30 @@ def colgate_bound(own_damping: float, damping: float, servo_hz: float) -> float:
 
 
 def default_stiffness(
-    own_damping: float, damping: float, servo_hz: float, declared: tuple[float, float] | None = None
+    own_damping: float,
+    damping: float,
+    servo_hz: float,
+    declared: tuple[float, float] | None = None,
+    *,
+    resolution_m: float = 0.0,
+    exact: bool = True,
 ) -> float:
     """K [N/m].
 
     Parameters
     ----------
-    own_damping : a lower bound of the device's own damping [Ns/m]; 0: unknown. damping, servo_hz : as `colgate_bound`.
+    own_damping : the device's own damping [Ns/m]; 0: unknown. damping, servo_hz : as `colgate_bound`.
     declared : the least and the greatest stiffness that the device renders, as it says [N/m]; None: it does not.
+    resolution_m : of its encoders [m]; 0: unknown, or none. exact : is `own_damping` the damping, not a lower bound?
     """
-    least, greatest = declared or (0.0, 2.0 * MOST)
-    bounds = [colgate_bound(own_damping, damping, servo_hz)] if own_damping else []
-    found = [SHARE * each for each in (*bounds, *([greatest] if declared else []))]
-    wanted = max(PAPERS, least, min(found, default=PAPERS))
-    return round(min(wanted, greatest if declared else MOST), 3)
+    bound = SHARE * colgate_bound(own_damping, damping, servo_hz) if own_damping else 0.0
+    least, greatest = declared or (0.0, MOST)
+    if declared is None:
+        wanted = bound
+    elif exact and own_damping:
+        wanted = min(bound, SHARE * greatest)
+    else:
+        wanted = min(max(bound, MOST), SHARE * greatest)
+    if resolution_m:
+        wanted = min(wanted, SHARE * COUNT_N / resolution_m)
+    return round(min(max(wanted, PAPERS, least), greatest), 3)

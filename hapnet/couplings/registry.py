@@ -37,7 +37,7 @@ def coupling(name: str) -> CouplingSpec[Any]:
     if name in COUPLINGS:
         return COUPLINGS[name]
     allowed = f"one of {', '.join(COUPLING_NAMES)}, or module:NAME of a CouplingSpec"
-    spec = load("coupling", name, allowed)
+    spec = load("coupling", name, allowed, COUPLINGS)
     if not isinstance(spec, CouplingSpec):
         raise InvalidParameter("coupling", name, f"{allowed} (this is a {type(spec).__name__})")
     return spec

@@ -63,6 +63,7 @@ _KNOWN = {
     "falcon": Limits(8.0, 0.08, 8_000.0),
 }
 _UNKNOWN = Limits(8.0, 0.3, 8_000.0)
+_ALL = (*_KNOWN.values(), _UNKNOWN)
 
 
 class ForceDimension(Driver):
@@ -80,6 +81,8 @@ class ForceDimension(Driver):
     tested = "experimental: tested with a stand-in of the library"
     rate_hz: float = 1000.0
     resolution: float = 1e-5
+    force_limit: float = min(each.force_N for each in _ALL)  # until the device is open, and says which it is
+    stiffness_range: tuple[float, float] = (0.0, min(each.stiffness for each in _ALL))
 
     def __init__(self, dof: int, number: int = 0, axes: str = "", library: str = "", gravity: bool = True) -> None:
         if not 0 <= number <= 15:
@@ -95,9 +98,9 @@ class ForceDimension(Driver):
         self._has_wrist = bool(self._dhd.dhdHasWrist(self._id))
         self.name: str = (self._dhd.dhdGetSystemName(self._id) or b"").decode(errors="replace")
         limits = next((found for name, found in _KNOWN.items() if name in self.name.lower()), _UNKNOWN)
-        self.force_limit: float = limits.force_N
+        self.force_limit = limits.force_N
         self.workspace: float = limits.reach_m
-        self.stiffness_range: tuple[float, float] = (0.0, limits.stiffness)
+        self.stiffness_range = (0.0, limits.stiffness)
         self._dhd.dhdEnableExpertMode()
         # the device then ends the force by itself; an older one has no watchdog
         ticks = _WATCHDOG_TICKS if self._dhd.dhdSetWatchdog(_WATCHDOG_TICKS, self._id) >= 0 else 0

@@ -293,4 +293,4 @@ def _host_and_port(address: str) -> tuple[str, int]:
 
 def _one_of(name: str, value: str, allowed: Sequence[str]) -> None:
     if value not in allowed:
-        raise InvalidParameter(name, value, ", ".join(allowed))
+        raise InvalidParameter(name, value, ", ".join(allowed), allowed)

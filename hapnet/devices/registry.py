@@ -68,7 +68,9 @@ def options(name: str, made: Callable[..., Any], words: str) -> dict[str, Any]:
             if index or not known:
                 raise InvalidParameter("hardware", name, _allowed(known))
             key, value = next(iter(known)), entry
-        if key not in known or key in found:
+        if key not in known:
+            raise InvalidParameter(f"hardware {name}: option", key, _allowed(known), known)
+        if key in found:
             raise InvalidParameter("hardware", name, _allowed(known))
         found[key] = _converted(name, key, value, known[key])
     return found

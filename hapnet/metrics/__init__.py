@@ -1,7 +1,23 @@
-"""Figures of merit of a run: tracking error, rendered force, messages sent, and passivity."""
+"""Figures of merit of a simulated run: tracking error, rendered force, messages sent, and passivity.
+
+Each is a function of one `Measured` with the decorator `metric`, in any module of this package: `METRICS` finds it.
+"""
 
 from __future__ import annotations
 
-from hapnet.metrics.definitions import METRICS as METRICS
-from hapnet.metrics.definitions import Metric as Metric
-from hapnet.metrics.position import motion as motion
+from collections.abc import Mapping
+from importlib import import_module
+from pkgutil import iter_modules
+from types import MappingProxyType
+
+from hapnet.metrics.measured import DEFINED
+from hapnet.metrics.measured import Measures as Measures
+from hapnet.metrics.measured import Metric as Metric
+
+_FIRST = ("passivity", "motion", "contact", "force")
+
+for _module in (*_FIRST, *sorted({one.name for one in iter_modules(__path__)} - {*_FIRST})):
+    import_module(f"{__name__}.{_module}")
+
+METRICS: Mapping[str, Metric] = MappingProxyType(DEFINED)
+"""Every metric, by its name: those of `_FIRST` first."""

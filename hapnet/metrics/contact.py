@@ -1,17 +1,103 @@
-"""How stiff a wall feels, and how hard it pushes. What is said of walls holds for solids too (`obstacles`)."""
+"""How stiff a wall feels, how hard it pushes, and when that is felt. What is said of walls holds for solids too."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from hapnet.checks import Array
+from hapnet.couplings.registry import ideal_stiffness
+from hapnet.metrics.measured import Mask, Measured, metric, scaled, tenths
 from hapnet.metrics.obstacles import Obstacle
-from hapnet.metrics.windows import Mask, tenths
 from hapnet.recording.samples import Columns, Recording
 
-_LEAST_S = 0.1  # shortest settled contact for which a slope is computed
+_SETTLED_S = 0.1  # shortest settled contact for which a slope is computed
+_AWAY_S = 0.1
+"""A device that returns into the wall later than this makes a new touch [s]; earlier, it only trembles."""
+_BEFORE_S = 0.1
+_MORE, _LEAST_N = 0.1, 0.1
+"""A contact is felt when the force exceeds that of the last 100 ms by this share of it and by this much [N]: people
+notice about a tenth (Weber's fraction of force)."""
+
+_LASTING_S = 0.15
+"""And it must exceed that on average for so long [s]: a swing at 4 Hz or more is not felt as a wall."""
+
+
+@metric("rendered stiffness", "%", "nearer 100")
+def stiffness_percent(run: Measured) -> float | None:
+    """Least-squares slope of the resisting force over the device's penetration, through the wall's surface, after a
+    visit has settled (a round trip and two of the world's longest steps after it began). It is in % of the stiffness of
+    the given springs and the wall in series: two springs for pspm, zoh, popc and eba, only device.stiffness for the
+    others. If a law's rule makes its spring softer, this shows."""
+    if run.walls is None or run.delay_s is None:
+        return None
+    wall = pressed_wall(run.device, run.walls)
+    rendered = rendered_stiffness(run.recording, run.walls, run.delay_s)
+    if wall is None or not run.scalar or rendered is None:
+        return None
+    return 100.0 * rendered / ideal_stiffness(run.params, wall.stiffness)
+
+
+@metric("stiffness, worst tenth", "%", "nearer 100")
+def stiffness_worst_percent(run: Measured) -> float | None:
+    """The stiffness that is rendered in each tenth of the run, in % of that of the springs and the wall in series; of
+    the tenths with 0.1 s of settled contact the one farthest from 100. If none has that, as with taps shorter than a
+    round trip, all contact counts. Walls may move."""
+    if run.wanted is None or not run.scalar or run.delay_s is None:
+        return None
+    shares = rendered_by_tenths(run.recording, run.wanted, run.delay_s, run.params.duration_s)
+    return 100.0 * max(shares, key=lambda share: abs(share - 1.0)) if shares else None
+
+
+@metric("first felt contact", "ms", "lower", missed="first_contact_missed")
+def first_contact_ms(run: Measured) -> float | None:
+    """Time from the device's first crossing of the wall's surface until the contact is felt, less the median delays of
+    both links; below 0: felt before word of it could be back. Felt: the resisting force exceeds, by 10 % and by 0.1 N,
+    the greatest one of the 100 ms before the crossing, also on average over the next 150 ms, as no swing does."""
+    return None if (found := run.once(_latency)) is None else _finite_ms(found.first_s)
+
+
+@metric("first contact missed", "", "lower")
+def first_contact_missed(run: Measured) -> float | None:
+    """1: the first contact was not felt before the device left, and a round trip more. 0: it was. None: no wall was
+    entered deep enough for an ideal local spring to take 0.1 N."""
+    found = run.once(_latency)
+    return None if found is None or found.first_s is None else float(math.isinf(found.first_s))
+
+
+@metric("later contacts", "ms", "lower", missed="later_contacts_missed")
+def later_contact_ms(run: Measured) -> float | None:
+    """Median over all contacts after the first of the time until they are felt, from when an ideal local spring would
+    take 0.1 N. One that is not felt counts as infinite."""
+    return None if (found := run.once(_latency)) is None else _finite_ms(found.later_s)
+
+
+@metric("later contacts", "", "higher")
+def later_contacts(run: Measured) -> float | None:
+    """How many contacts followed the first."""
+    return None if (found := run.once(_latency)) is None else float(found.touches)
+
+
+@metric("later contacts missed", "", "lower")
+def later_contacts_missed(run: Measured) -> float | None:
+    """How many of these were not felt."""
+    return None if (found := run.once(_latency)) is None else float(found.touches - found.felt)
+
+
+def _latency(run: Measured) -> Latency | None:
+    walls, delay_s = run.walls, run.delay_s
+    wall = None if walls is None else pressed_wall(run.device, walls)
+    if delay_s is None or walls is None or not (wall is None or run.scalar):
+        return None
+    stiffness = 0.0 if wall is None else ideal_stiffness(run.params, wall.stiffness)
+    return latency(touches(run.recording, walls, stiffness, delay_s), delay_s)
+
+
+def _finite_ms(seconds: float | None) -> float | None:
+    return None if seconds is None or math.isinf(seconds) else scaled(seconds, 1e3)
 
 
 def rendered_stiffness(recording: Recording, walls: Sequence[Obstacle], round_trip_s: float) -> float | None:
@@ -52,7 +138,7 @@ def rendered_by_tenths(recording: Recording, wanted: Array, round_trip_s: float,
     parts = tenths(device["time_s"], lasts_s)
     for contact in (settled, inside):
         chosen = [contact & part for part in parts]
-        long = [one for one in chosen if np.count_nonzero(one) * _period_s(device) >= _LEAST_S]
+        long = [one for one in chosen if np.count_nonzero(one) * _period_s(device) >= _SETTLED_S]
         if long:
             return [float(np.sum(device["force_N"][one] * wanted[one]) / np.sum(wanted[one] ** 2)) for one in long]
     return []
@@ -85,7 +171,7 @@ def _settled_contact(
         return None
     depth, resistance = found
     settled = _settled(device, depth > 0.0, round_trip_s + 2.0 * float(world["step_s"].max()))
-    if np.count_nonzero(settled) * _period_s(device) < _LEAST_S:
+    if np.count_nonzero(settled) * _period_s(device) < _SETTLED_S:
         return None
     return depth[settled], resistance[settled]
 
@@ -100,3 +186,76 @@ def _settled(device: Columns, inside: Mask, after_s: float) -> Mask:
 def _period_s(device: Columns) -> float:
     times = device["time_s"]
     return float(times[-1] - times[0]) / max(len(times) - 1, 1)
+
+
+class Touch(NamedTuple):
+    """One visit to a wall; times since the recording's origin [s].
+
+    entered_s : when the device crossed the surface. ideal_s : when a local spring without delay would take 0.1 N.
+    felt_s : when the contact was felt; None: it was not.
+    """
+
+    entered_s: float
+    ideal_s: float
+    felt_s: float | None
+
+
+def touches(recording: Recording, walls: Sequence[Obstacle], stiffness: float, round_trip_s: float) -> list[Touch]:
+    """Every touch of the wall that was pressed most, in the order of time.
+
+    A contact is felt when the outward force along the wall's normal exceeds, by 10 % and by 0.1 N, the greatest force
+    of the 100 ms before the device crossed the surface, and does so on average over the next 150 ms. That is looked for
+    until a round trip after the device left, or until it enters again. A visit too shallow for an ideal local spring of
+    `stiffness` [N/m] to take 0.1 N is no touch; nor is one that had begun before the first sample. Empty: no wall was
+    entered.
+    """
+    device = recording.device
+    found = depth_and_resistance(device, walls)
+    if device is None or found is None:
+        return []
+    depth, resistance = found
+    times = device["time_s"]
+    inside = np.flatnonzero(depth > 0.0)
+    gone = np.flatnonzero(np.diff(times[inside]) > _AWAY_S)
+    first, last = inside[np.r_[0, gone + 1]], inside[np.r_[gone, len(inside) - 1]]
+    ends_s = np.minimum(times[last] + round_trip_s, np.r_[times[first[1:]], np.inf])
+    total = np.r_[0.0, np.cumsum(resistance)]
+    result = []
+    for enter, leave, end_s in zip(first, last, ends_s, strict=True):
+        stiff = enter + np.flatnonzero(stiffness * depth[enter : leave + 1] >= _LEAST_N)
+        if enter == 0 or not len(stiff):
+            continue
+        before = max(float(resistance[np.searchsorted(times, times[enter] - _BEFORE_S) : enter].max()), 0.0)
+        end = np.searchsorted(times, end_s)
+        felt = enter + np.flatnonzero(resistance[enter:end] > (level := before + max(_MORE * before, _LEAST_N)))
+        until = np.searchsorted(times, times[felt] + _LASTING_S)
+        felt = felt[total[until] - total[felt] > level * (until - felt)]
+        felt_s = float(times[felt[0]]) if len(felt) else None
+        result.append(Touch(float(times[enter]), float(times[stiff[0]]), felt_s))
+    return result
+
+
+class Latency(NamedTuple):
+    """How late contacts were felt. Delays are [s], infinite for a contact that was not felt, None without any touch.
+
+    first_s : of the first touch, beyond the median round trip. later_s : median of the later ones, beyond the time of
+        an ideal local spring. touches, felt : how many later touches there were, and how many of them were felt.
+    """
+
+    first_s: float | None
+    later_s: float | None
+    touches: int
+    felt: int
+
+
+def latency(found: Sequence[Touch], round_trip_s: float) -> Latency:
+    """How late these touches were felt."""
+    late = [
+        np.inf if touch.felt_s is None else touch.felt_s - since_s
+        for k, touch in enumerate(found)
+        for since_s in [touch.ideal_s if k else touch.entered_s + round_trip_s]
+    ]
+    later = sorted(late[1:])
+    middle = len(later) // 2
+    median = None if not later else later[middle] if len(later) % 2 else 0.5 * (later[middle - 1] + later[middle])
+    return Latency(late[0] if late else None, median, len(later), sum(np.isfinite(later).tolist()))

@@ -1,4 +1,4 @@
-"""The force on the device: its difference from another run's, how it steps, and how much it buzzes."""
+"""The force on the device: its difference from another, its steps and buzz, and what it does when the hand rests."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapnet.checks import Array
+from hapnet.metrics.measured import Measured, metric
 from hapnet.recording.samples import Columns, Recording
 
 BUZZ_HZ = 20.0
@@ -13,6 +14,89 @@ BUZZ_HZ = 20.0
 
 _SEGMENT_S = 1.0
 _OVERLAPS = 4  # segments that cover each instant: with Hann windows all instants then have equal weight
+
+FROM_S, UNTIL_S = 1.0, 3.0
+"""The swing is measured from this long to this long after the hand's reference has stopped [s]."""
+
+LIMIT_CYCLE_N = 0.02
+"""A swing below this [N] is no limit cycle: nobody feels it."""
+
+_STILL_M = 1e-9
+
+
+@metric("force error", "N", "lower")
+def force_error_N(run: Measured) -> float | None:
+    """Root mean square over time of the difference between the force on the device and the force in the same run over
+    an ideal link without deadband."""
+    return None if (found := run.once(_force_error)) is None else found[0]
+
+
+@metric("force error", "%", "lower")
+def force_error_percent(run: Measured) -> float | None:
+    """The same in % of the ideal run's peak force."""
+    return None if (found := run.once(_force_error)) is None else found[1]
+
+
+@metric("true force error", "N", "lower")
+def true_force_error_N(run: Measured) -> float | None:
+    """Root mean square over time of the difference between the force on the device and that of the true environment at
+    the device's place: the walls, rendered locally and at once through the given springs in series, and nothing in free
+    space (transparency: Lawrence 1993). Drag, lag and softness all count. Where walls rub, no spring says their force:
+    there it is the difference from the force at the same time in the same run over an ideal link, with a world that
+    steps at 1 kHz."""
+    return None if (wanted := run.once(_true_force)) is None else rms_difference(run.device, wanted)[0]
+
+
+@metric("true force error", "%", "lower")
+def true_force_error_percent(run: Measured) -> float | None:
+    """The same in % of the true environment's peak force in this run."""
+    return None if (wanted := run.once(_true_force)) is None else rms_difference(run.device, wanted)[1]
+
+
+@metric("true force error, last minute", "%", "lower")
+def true_force_error_last_percent(run: Measured) -> float | None:
+    """The same over the last minute before the hand comes to rest, in a run of 120 s or more; in % of the whole run's
+    peak."""
+    wanted, (_, last) = run.once(_true_force), run.windows
+    if wanted is None or last is None:
+        return None
+    return rms_difference(run.device, wanted, last.holds(run.device["time_s"]))[1]
+
+
+@metric("residual swing", "N", "lower")
+def swing_N(run: Measured) -> float | None:
+    """Root mean square of the force without its mean, from 1 to 3 s after the hand's reference has stopped; the
+    greatest if it stops more than once. None: it never stops for 3 s (see operator_hand.end_hold_s)"""
+    return residual_swing(run.recording)
+
+
+@metric("buzz", "N²", "lower")
+def buzz_N2(run: Measured) -> float | None:
+    """Power of the force on the device above 20 Hz, summed over the axes: Welch's spectrum with Hann windows of one
+    second that overlap by three quarters, each without its mean."""
+    return buzz(run.device)
+
+
+@metric("peak force", "N", "lower")
+def peak_force_N(run: Measured) -> float | None:
+    """Largest force on the device."""
+    return run.summary["motion"]["peak_force_N"]
+
+
+@metric("largest force step", "N", "lower")
+def force_step_N(run: Measured) -> float | None:
+    """The largest change of the force on the device from one servo tick to the next."""
+    return largest_step(run.device)
+
+
+def _force_error(run: Measured) -> tuple[float, float | None] | None:
+    return None if run.ideal is None else force_error(run.recording, run.ideal)
+
+
+def _true_force(run: Measured) -> Array | None:
+    """The true environment's force on the device (N, n) [N]; of walls that rub, from the run over an ideal link."""
+    wanted = run.wanted if run.scalar else None
+    return wanted if wanted is None or run.local is None else force_meanwhile(run.recording, run.local)
 
 
 def force_error(recording: Recording, ideal: Recording) -> tuple[float, float | None] | None:
@@ -99,3 +183,46 @@ def _hand_s(recording: Recording, device: Columns) -> Array:
     """Times since control of the device began [s]."""
     meta = recording.meta
     return np.asarray((device["time_ns"] - int(meta.get("device_origin_ns", meta["origin_ns"]))) / 1e9)
+
+
+def residual_swing(recording: Recording) -> float | None:
+    """Root mean square of the force without its mean, from 1 to 3 s after the hand's reference has stopped [N].
+
+    All axes count together. A reference that rests from the start has stopped then. If it stops more than once for as
+    long as that, the greatest counts. None if it never does, or if the recording has no reference.
+    """
+    return max((_swing(recording, stop, FROM_S, UNTIL_S) for stop in _stops(recording)), default=None)
+
+
+def limit_cycles(recording: Recording, until_s: float = UNTIL_S) -> bool | None:
+    """Does the force go on to swing after the hand has stopped?
+
+    It does if the force without its mean is at least `LIMIT_CYCLE_N` (rms) in the last second before `until_s`, which
+    counts from a stop, and not less than half of what it was from 1 to 2 s: what decays faster is the end of a
+    transient. The longer, the slower may it decay. None without a stop of `until_s`.
+    """
+    found = None
+    for stop in _stops(recording, until_s):
+        before, after = (_swing(recording, stop, since, since + 1.0) for since in (FROM_S, until_s - 1.0))
+        found = found or (after >= LIMIT_CYCLE_N and after >= 0.5 * before)
+    return found
+
+
+def _stops(recording: Recording, until_s: float = UNTIL_S) -> list[float]:
+    """When the hand's reference came to rest for at least so long [s]."""
+    device = recording.device
+    if device is None or "operator_target_m" not in device:
+        return []
+    times, target = device["time_s"], device["operator_target_m"]
+    moves = np.abs(np.diff(target, axis=0)).max(axis=1, initial=0.0)
+    stops = np.flatnonzero(np.r_[True, ~(moves <= _STILL_M)])  # an unknown reference moves
+    ends = np.r_[stops[1:], len(times)]
+    rests = (times[ends - 1] - times[stops] >= until_s) & np.isfinite(target[stops]).all(axis=1)
+    return [float(start) for start in times[stops[rests]]]
+
+
+def _swing(recording: Recording, stop_s: float, since_s: float, until_s: float) -> float:
+    assert recording.device is not None
+    first, end = np.searchsorted(recording.device["time_s"], [stop_s + since_s, stop_s + until_s])
+    force = recording.device["force_N"][first:end]
+    return float(np.sqrt(np.mean(np.sum((force - force.mean(axis=0)) ** 2, axis=1))))

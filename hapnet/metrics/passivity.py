@@ -1,81 +1,112 @@
-"""The margin of both ports together, from the recordings of both sides."""
+"""The energy that came out of the ports in a simulated run, and whether the coupling kept its claim."""
 
 from __future__ import annotations
 
-import math
-
-import numpy as np
-
-from hapnet.checks import Array
-from hapnet.recording.samples import Columns, Recording
+from hapnet.couplings import registry
+from hapnet.metrics.measured import Measured, metric
+from hapnet.recording.samples import Columns
+from hapnet.summary.verdict import broken
 
 
-def total_margin(recording: Recording) -> Columns | None:
-    """The sum of both sides' margins over time: ``time_s`` and ``margin_J`` at every sample of either side.
+@metric("two-port margin", "J", "higher")
+def margin_J(run: Measured) -> float | None:
+    """Least value over time of d² plus the energy that hand and virtual world have put in at their ports. d² is the
+    energy at the start with PSPM's reservoirs; every coupling is measured with the same d², though others start with
+    nothing. Below 0: not passive."""
+    return _bound_J(run) + run.result.hand.lowest
 
-    The other side contributes its last sample up to that time. So energy that went in and out again between two samples
-    does not show. The sum covers the time in which both sides are recorded. None if they are not on one clock: a
-    difference of clocks that was only measured may be wrong by milliwatts times milliseconds, and proves nothing.
+
+@metric("energy out", "J", "lower")
+def energy_out_J(run: Measured) -> float | None:
+    """Greatest energy over time that has come out of both ports together beyond what has gone in: d² less the two-port
+    margin. It is 0 for a passive coupling that starts with no energy."""
+    return max(0.0, -run.result.hand.lowest)
+
+
+@metric("margin at the end", "J", "higher")
+def margin_end_J(run: Measured) -> float | None:
+    """d² plus the energy put in at both ports in the whole run."""
+    return _bound_J(run) + run.result.hand.now
+
+
+@metric("margin after 1 s", "J", "higher")
+def margin_later_J(run: Measured) -> float | None:
+    """Least value of the two-port margin from one second after the start on; at the start it is always d²."""
+    later = run.result.hand.later
+    return None if later is None else _bound_J(run) + later
+
+
+@metric("hand's margin", "J", "higher")
+def hand_margin_J(run: Measured) -> float | None:
+    """Least value over time of the hand's work plus the energy that the device's side starts with. Below 0: the hand
+    got more energy than that."""
+    bound = run.sides[0]["ledger"]["bound_J"]
+    assert bound is not None
+    return bound + run.result.hand.device_lowest
+
+
+@metric("energy out at the hand", "J", "lower")
+def hand_energy_out_J(run: Measured) -> float | None:
+    """Greatest energy over time that came out at the hand's port alone. A hand that is pushed back by a spring gets
+    none that it has not put in before."""
+    return max(0.0, -run.result.hand.device_lowest)
+
+
+@metric("energy out at the world", "J", "lower")
+def world_energy_out_J(run: Measured) -> float | None:
+    """Greatest energy over time that came out at the virtual world's port alone, into its walls and bodies: what their
+    damping takes. Where both ports together gave out more than d² and the hand's gave out nothing, this is where the
+    energy went."""
+    bound = run.sides[1]["ledger"]["bound_J"]
+    return None if run.world is None or bound is None else energy_out(run.world, bound)
+
+
+@metric("two-port margin at the actuator", "J", "higher")
+def actuator_margin_J(run: Measured) -> float | None:
+    """As the two-port margin, but with the actuator's port as the device's port, so without the help of the device's
+    own damping. Sampled servos only."""
+    return run.summary["theorem"]["margin_J"] if run.params.device.servo == "sampled" else None
+
+
+@metric("claim kept", "", "higher")
+def claim_kept(run: Measured) -> float | None:
+    """0: the coupling claims to be passive on this link, and was not. 1: it was, or it claims nothing here."""
+    spec = registry.coupling(run.params.coupling)
+    return float(not broken(run.summary, run.params, virtual=True, spec=spec))
+
+
+@metric("slack", "J", "higher")
+def slack_J(run: Measured) -> float | None:
+    """Least value over time of the slack in either side's half of the theorem, for a coupling with energy reservoirs.
+    Below 0 by more than rounding: the accounts are wrong."""
+    slacks = [side["ledger"]["slack_J"] for side in run.sides]
+    if any(side["reservoir_min_J"] is None for side in run.sides):
+        return None
+    return min(slack for slack in slacks if slack is not None)
+
+
+@metric("world's reservoir, least", "J", "higher")
+def world_reservoir_min_J(run: Measured) -> float | None:
+    """Least content of the reservoir at the world's side."""
+    return run.sides[1]["reservoir_min_J"]
+
+
+@metric("device's reservoir, least", "J", "higher")
+def device_reservoir_min_J(run: Measured) -> float | None:
+    """The same at the device's side."""
+    return run.sides[0]["reservoir_min_J"]
+
+
+def energy_out(world: Columns, bound_J: float) -> float:
+    """The greatest energy over time that came out at the world's port [J], 0 at least.
+
+    The port's work is what is left of the side's account without what was shuffled. `bound_J` : its share of d^2.
     """
-    if (both := _on_one_clock(recording)) is None:
-        return None
-    device, world = both
-    of_device, of_world = device["time_s"], world["time_s"]
-    times = np.union1d(of_device, of_world)
-    times = times[(times >= max(of_device[0], of_world[0])) & (times <= min(of_device[-1], of_world[-1]))]
-    if not len(times):
-        return None
-    halves = [_at(side, "margin_J", times) for side in (device, world)]
-    return {"time_s": times, "margin_J": halves[0] + halves[1]}
+    work = world["margin_J"] - bound_J - world["credited_J"] + world["sent_J"]
+    return max(0.0, -float(work.min()))
 
 
-def two_port_margin(recording: Recording) -> float | None:
-    """The least of d^2 and the energy put in at both ports, over the recorded time [J]; None: as of `total_margin`.
-
-    The sum of both margins leaves out what is on its way. This has it, also where more was credited than was sent.
-    """
-    total, both = total_margin(recording), _on_one_clock(recording)
-    if total is None or both is None:
-        return None
-    sums = [_at(side, "sent_J", total["time_s"]) - _at(side, "credited_J", total["time_s"]) for side in both]
-    margin = total["margin_J"] + sums[0] + sums[1]
-    known = margin[np.isfinite(margin)]
-    return float(known.min()) if len(known) else None
-
-
-def credited_early(recording: Recording) -> tuple[float | None, float | None]:
-    """The most that was credited before it was sent, from the device and from the world [J]; None: not known.
-
-    The receiver's samples are held against the sender's next ones, which can only tell more.
-    """
-    if (both := _on_one_clock(recording)) is None:
-        return None, None
-    device, world = both
-    return _early(device, world), _early(world, device)
-
-
-def _early(sender: Columns, receiver: Columns) -> float | None:
-    following = np.searchsorted(sender["time_s"], receiver["time_s"], side="left")
-    seen = following < len(sender["time_s"])
-    early = receiver["credited_J"][seen] - sender["sent_J"][following[seen]]
-    known = early[np.isfinite(early)]
-    return max(0.0, float(known.max())) if len(known) else None
-
-
-def _at(side: Columns, name: str, times: Array) -> Array:
-    return side[name][np.searchsorted(side["time_s"], times, side="right") - 1]
-
-
-def _on_one_clock(recording: Recording) -> tuple[Columns, Columns] | None:
-    device, world, meta = recording.device, recording.world, recording.meta
-    if device is None or world is None or not meta.get("aligned", True) or "clock_difference" in meta:
-        return None
-    return device, world
-
-
-def least_total_margin(recording: Recording, since_s: float = -math.inf) -> float | None:
-    """The least value of `total_margin` from `since_s` on [J]; None if it is unknown."""
-    total = total_margin(recording)
-    margin = np.array([]) if total is None else total["margin_J"][total["time_s"] >= since_s]
-    known = margin[np.isfinite(margin)]
-    return float(known.min()) if len(known) else None
+def _bound_J(run: Measured) -> float:
+    bound = run.summary["theorem"]["bound_J"]
+    assert bound is not None
+    return bound

@@ -7,11 +7,42 @@ from collections.abc import Callable
 import numpy as np
 
 from hapnet.checks import Array
-from hapnet.metrics.windows import Mask
+from hapnet.metrics.measured import Mask, Measured, metric, scaled
 from hapnet.recording.samples import Columns, Recording
 
 _MODULATED_M = 1e-9
 """A set-position that is farther than this from the wanted one is modulated [m]; less is rounding."""
+
+
+@metric("contact force error in the world", "%", "lower")
+def world_force_error_percent(run: Measured) -> float | None:
+    """Root mean square over time of the difference between the walls' force on the proxy and the force that they would
+    have at rest with the device where it is in the middle of that step, through the spring between device and proxy and
+    the wall in series; in % of that force's peak."""
+    return contact_force_error(run.recording, run.proxy_force)
+
+
+@metric("contacts per contact", "", "lower")
+def contacts_ratio(run: Measured) -> float | None:
+    """Visits of the proxy to a wall in the world, at its steps, per visit of the device, at each tick of the servo;
+    neither is debounced. Above 1 the proxy chatters, and each impact costs energy."""
+    if run.inside is None or run.world is None or not (by_hand := visits(run.inside)):
+        return None  # of a world whose proxy's penetration is not told the walls are not known either
+    return visits(run.world["penetration_m"] > 0.0) / by_hand
+
+
+@metric("modulated at the world", "%", "lower")
+def modulated_percent(run: Measured) -> float | None:
+    """Share of the world's updates whose set-position in use differs from the wanted one by more than 1 nm; for a
+    coupling with energy reservoirs."""
+    known = run.sides[1]["reservoir_min_J"] is not None
+    return 100.0 * modulated_share(run.world) if known and run.world is not None else None
+
+
+@metric("modulated at the device", "%", "lower")
+def modulated_device_percent(run: Measured) -> float | None:
+    """The same share at the device, as the run's summary counts it (modulated_share)"""
+    return scaled(run.sides[0]["modulated_share"], 100.0)
 
 
 def visits(inside: Mask) -> int:
@@ -52,12 +83,3 @@ def modulated_share(world: Columns) -> float:
     """The share of the world's updates whose set-position in use is not the wanted one."""
     apart = np.linalg.norm(world["set_position_m"] - world["target_m"], axis=1)
     return float(np.mean(apart > _MODULATED_M))
-
-
-def energy_out(world: Columns, bound_J: float) -> float:
-    """The greatest energy over time that came out at the world's port [J], 0 at least.
-
-    The port's work is what is left of the side's account without what was shuffled. `bound_J` : its share of d^2.
-    """
-    work = world["margin_J"] - bound_J - world["credited_J"] + world["sent_J"]
-    return max(0.0, -float(work.min()))

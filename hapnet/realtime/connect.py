@@ -194,7 +194,7 @@ class _Call:
         except InvalidParameter as error:
             if self.device is None or error.name != "hardware":
                 raise
-            raise InvalidParameter("device", self.device, error.allowed) from error
+            raise InvalidParameter("device", self.device, error.allowed, error.known) from error
 
     def _made(
         self, names: ExitStack, notify: Callable[[Notice], None], watch: Callable[[Sample], None]

@@ -6,7 +6,6 @@ from typing import Any
 
 from hapnet.assembly.build import Setup
 from hapnet.couplings.registry import jointly_passive
-from hapnet.metrics.live import LiveFigures
 from hapnet.realtime.controllers import Control
 from hapnet.realtime.link_driver import LinkDriver
 from hapnet.realtime.recorder import described
@@ -15,6 +14,7 @@ from hapnet.recording.telemetry import Status
 from hapnet.side.device import Clock
 from hapnet.side.endpoint import NANO
 from hapnet.summary import path
+from hapnet.summary.from_samples import LiveFigures
 from hapnet.summary.run import Summary, combine, versions, with_wire
 from hapnet.summary.told import Claim, joined, values_of
 from hapnet.transport.zenoh import ZenohTransport
@@ -36,7 +36,8 @@ class Figures:
 
     Attributes
     ----------
-    stopped_ns : when control stopped; None while it runs. live : takes each of this side's samples.
+    stopped_ns : when control stopped; None while it runs. failed : why it did, if it failed.
+    live : takes each of this side's samples.
     """
 
     def __init__(
@@ -52,6 +53,7 @@ class Figures:
         utc_less_clock_ns: int,
     ) -> None:
         self.stopped_ns: int | None = None
+        self.failed: str | None = None
         self.live: LiveFigures = LiveFigures()
         self._final: dict[str, Signal] | None = None
         self._setup, self._role, self._seed = setup, role, seed
@@ -117,7 +119,7 @@ class Figures:
         part = self._control.part()
         with self._driver.lock:  # for which the servo waits: nothing that takes long
             own[self._role] = with_wire(part, self._control.wire.session, end_ns) | {
-                "dropped": self.dropped(), "declared_again": self._transport.declared_again,
+                "dropped": self.dropped(), "declared_again": self._transport.declared_again, "failed": self.failed,
             }  # fmt: skip
             links[self.way] = self._driver.port.link.stats.as_dict()
         origin_ns = self._control.origin_ns

@@ -9,7 +9,7 @@ from dataclasses import replace
 from hapnet.recording.samples import Level
 from hapnet.side.endpoint import NANO
 from hapnet.side.notices import Notice, notice_of
-from hapnet.wire.events import Event
+from hapnet.wire.events import Event, PeerRefused
 
 REPORT_EVERY_NS = 10_000_000_000
 """What strangers can cause is reported once in this time [ns]; a new kind of dropped message is reported at once."""
@@ -38,6 +38,7 @@ class Notifier:
         self._reported_ns: deque[int] = deque(maxlen=MOST_REPORTED)
         self._untold = 0
         self._met_ns: int | None = None
+        self._refusal = ""
         self._refused_ns: int | None = None
         self._link_lost_ns: int | None = None
         self._silent: dict[str, int] = {}
@@ -50,7 +51,9 @@ class Notifier:
         """This side has no peer. `status` says what the transport does, `partners` how many may become the peer."""
         text = f"waiting for the {self._other}: {status}"
         if not partners:
-            self._met_ns = None
+            self._met_ns, self._refusal = None, ""
+        elif self._refusal and partners == 1:  # without its words, which a stranger may vary
+            text = f"waiting for the {self._other}: {self._refusal}"
         elif self._met_ns is None:
             self._met_ns = now_ns
         elif now_ns - self._met_ns > PATIENCE_NS:
@@ -68,7 +71,11 @@ class Notifier:
         notice = notice_of(event, now_ns, self._other, self._on_silence)
         if notice is None:
             return None
+        if notice.kind == "paired":
+            self._refusal = ""
         if notice.kind == "refused":
+            refuses = "refuses this side" if isinstance(event, PeerRefused) else "was refused"
+            self._refusal = f"the one that is connected {refuses}"
             if self._refused_ns is not None and now_ns - self._refused_ns < REPORT_EVERY_NS:
                 return None
             self._refused_ns = now_ns

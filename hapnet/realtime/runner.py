@@ -195,6 +195,7 @@ class RealtimeSide:
 
     def _fail(self, error: BaseException) -> None:
         self._failure = self._failure or named_failure(self.setup.params, error)
+        self._figures.failed = str(self._failure) or type(self._failure).__name__
         self._loop.call_soon_threadsafe(self._stop.set)
 
     # -- the event loop ----------------------------------------------------------------------------------------------

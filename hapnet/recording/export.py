@@ -30,7 +30,7 @@ def formats(word: str) -> tuple[str, ...]:
     InvalidParameter : `word` is none of these. MissingLibrary : Parquet is asked for, but pyarrow is not installed.
     """
     if word not in FORMATS:
-        raise InvalidParameter("--format", word, ", ".join(FORMATS))
+        raise InvalidParameter("--format", word, ", ".join(FORMATS), FORMATS)
     there = find_spec("pyarrow") is not None
     if word in ("parquet", "both") and not there:
         raise MissingLibrary(f"--format {word}", "pyarrow", "sweep")

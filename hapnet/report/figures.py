@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from hapnet.couplings.registry import jointly_passive
 from hapnet.couplings.registry import known as known_coupling
-from hapnet.metrics.passivity import total_margin
 from hapnet.recording.samples import Columns, Recording
 from hapnet.report.style import DEVICE_COLOR, MM, STYLE, WORLD_COLOR
 from hapnet.report.words import get, has_reservoirs, millijoule, verdict
+from hapnet.summary.from_samples import total_margin
 from hapnet.summary.recorded import from_recording
 from hapnet.summary.structure import WAYS, read
 

@@ -10,7 +10,7 @@ import numpy as np
 from hapnet.checks import Vector
 from hapnet.control.coupling import CouplingState, Wave, WorldCoupling, vector_of
 from hapnet.errors import HapnetError
-from hapnet.loading import FAILURES, cause
+from hapnet.loading import failure
 from hapnet.plant.worlds.account import EnvironmentAccount
 from hapnet.plant.worlds.picture import Pictured
 from hapnet.plant.worlds.protocol import EngineMass, VirtualMass, World
@@ -100,7 +100,7 @@ class WorldSide:
             self.environment = EnvironmentAccount(self.scene.contacts, mass.position)
             self.origin_ns = self.last_ns = now_ns
             if isinstance(self.scene, Pictured):
-                self._scene_writer = SceneWriter(self.scene.picture(), self._write, now_ns)
+                self._scene_writer = self._drawn(self.scene, now_ns)
             return endpoint.step(now_ns, 0.0, mass.position, mass.kinetic_J, 0.0, 0.0)
         dt = (now_ns - self.last_ns) * NANO
         self.last_ns = now_ns
@@ -129,6 +129,18 @@ class WorldSide:
             self._scene_writer.step(now_ns, done.position, done.force)
         return message
 
+    def _drawn(self, scene: Pictured, now_ns: int) -> SceneWriter:
+        """Write how the scene looks. HapnetError with its name if it tells none."""
+        told: object = None
+        try:
+            told = picture = scene.picture()
+            return SceneWriter(picture, self._write, now_ns)
+        except HapnetError:
+            raise
+        except BaseException as error:  # see `loading.failure`
+            wrong = f"picture() gave {told!r:.120}, not what can be drawn ({failure(error)})"
+            raise HapnetError(f"the scene {self._name} failed: {wrong}") from error
+
     def _exchange_signals(self, now_ns: int) -> None:
         """Give the scene the signals that have come, if it takes any, and tell the device those of the scene."""
         try:
@@ -142,8 +154,8 @@ class WorldSide:
                     self._told[name] = value
                     self.endpoint.tell(name, value)
                     self._write(Event(now_ns, "signal", signal_text(name, value)))
-        except FAILURES as error:
-            raise HapnetError(f"the scene {self._name} failed: its signals raised {cause(error)}") from error
+        except BaseException as error:  # see `loading.failure`
+            raise HapnetError(f"the scene {self._name} failed: its signals raised {failure(error)}") from error
 
     def place(self, position: Vector) -> None:
         """Begin as near to `position` [m] as the walls let; before control starts."""
@@ -162,5 +174,5 @@ class WorldSide:
         """The length that the scene asks for the step that has begun [ns]; HapnetError if the scene fails."""
         try:
             return max(1, round(self.scene.next_step_s(self.rng) / NANO))
-        except FAILURES as error:
-            raise HapnetError(f"the scene {self._name} failed: next_step_s() raised {cause(error)}") from error
+        except BaseException as error:  # see `loading.failure`
+            raise HapnetError(f"the scene {self._name} failed: next_step_s() raised {failure(error)}") from error

@@ -15,13 +15,13 @@ from hapnet.assembly.user_operator import ALLOWED
 from hapnet.couplings.registry import coupling, jointly_passive
 from hapnet.errors import HapnetError, InvalidParameter, RecordingError
 from hapnet.loading import load
-from hapnet.metrics import motion
 from hapnet.param_values import flatten
 from hapnet.params import Params
 from hapnet.recording.hand import begins_late, fingerprint, hand_times, knows_hand, left_out, replay_ns
 from hapnet.recording.link_events import KIND, played
 from hapnet.recording.mcap import read_recording
 from hapnet.recording.samples import Columns, Recording, join, on_device_clock
+from hapnet.summary.from_samples import motion
 from hapnet.summary.recorded import of_recordings
 from hapnet.summary.run import Summary
 from hapnet.summary.structure import SIDES

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from os import PathLike
 from typing import TYPE_CHECKING
 
 from hapnet.control.two_port import TwoPort
@@ -43,8 +44,11 @@ class Result:
         """The samples of the device or the world as a table of pandas; see `hapnet.recording.frames.to_pandas`."""
         return self.recording.to_pandas(side)
 
-    def plot(self) -> Figure:
-        """The run's figure, as matplotlib has it: ``result.plot().savefig("run.png")``."""
+    def plot(self, file: str | PathLike[str] | None = None) -> Figure:
+        """The run's figure, as matplotlib has it; it is written to `file` (.png, .pdf, .svg), if that is given."""
         from hapnet.report.figures import figure  # here, since it loads matplotlib
 
-        return figure(self.recording)
+        drawn = figure(self.recording)
+        if file is not None:
+            drawn.savefig(file)
+        return drawn

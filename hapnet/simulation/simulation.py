@@ -18,7 +18,6 @@ from hapnet.assembly.memory import bytes_a_second, require_room
 from hapnet.assembly.own_parts import named_failures
 from hapnet.control.two_port import TwoPort
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.metrics import motion
 from hapnet.params import Params, as_params
 from hapnet.recording.hand import fingerprint
 from hapnet.recording.samples import MemoryRecorder
@@ -32,6 +31,7 @@ from hapnet.simulation.compiled.coverage import NotCompiledError
 from hapnet.simulation.garbage_collector import collector_paused
 from hapnet.simulation.result import Result as Result
 from hapnet.summary import path
+from hapnet.summary.from_samples import motion
 from hapnet.summary.run import Summary, combine, device_summary, versions, with_wire, world_summary
 from hapnet.summary.verdict import START_S
 from netem import Link

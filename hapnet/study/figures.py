@@ -15,7 +15,7 @@ from hapnet.metrics.contact import pressed_wall
 from hapnet.metrics.obstacles import normal_where_deepest
 from hapnet.plant.worlds.walls import Wall
 from hapnet.report.style import MM, STYLE
-from hapnet.study.case import Run, simulated, was_passive
+from hapnet.study.case import Measured, simulated, was_passive
 from hapnet.study.compare import Case, Outcome, Plan, Variant, by_hand
 from hapnet.study.statistics import spreads
 
@@ -261,7 +261,7 @@ def _legend(surface_mm: float | None) -> list[Any]:
     return [solid, dashed, wall][: 2 if surface_mm is None else 3]
 
 
-def _along(run: Run) -> tuple[Array, float | None]:
+def _along(run: Measured) -> tuple[Array, float | None]:
     """The direction along which to draw (n,), and the position of the wall's surface on it [mm]."""
     device = run.recording.device
     assert device is not None
@@ -272,7 +272,7 @@ def _along(run: Run) -> tuple[Array, float | None]:
     return np.array(normal), 1e3 * wall.offset if isinstance(wall, Wall) else None
 
 
-def _curves(run: Run, direction: Array, until_s: float) -> Mapping[str, tuple[Array, Array]]:
+def _curves(run: Measured, direction: Array, until_s: float) -> Mapping[str, tuple[Array, Array]]:
     """Times [s] and values of the curves: positions [mm], and the force that resists the hand [N]."""
     device, world = run.recording.device, run.recording.world
     assert device is not None

@@ -24,7 +24,8 @@ from types import MappingProxyType
 from typing import Any, get_args
 
 from hapnet.errors import InvalidParameter
-from hapnet.metrics.definitions import METRICS, Better
+from hapnet.metrics import METRICS
+from hapnet.metrics.measured import Better
 from hapnet.study.case import Measures, was_passive
 from hapnet.study.misses import quantile, value_of
 from hapnet.study.spec import known, number
@@ -194,7 +195,7 @@ def _term(metric: str, given: Any) -> Term:
     if not number(share) or not 0.0 <= share <= 1.0:
         raise InvalidParameter(f"quantile of {metric}", share, "0 to 1; 0.5 is the median")
     if better not in _WAYS:
-        raise InvalidParameter(f"better of {metric}", better, "one of " + ", ".join(_WAYS))
+        raise InvalidParameter(f"better of {metric}", better, "one of " + ", ".join(_WAYS), _WAYS)
     return Term(metric, float(weight), float(share), better)
 
 

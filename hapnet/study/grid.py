@@ -113,7 +113,7 @@ def grid(
     names = [*journal.varied, SEED]
     for flag, name in (("--x", x), ("--y", y), *(("--where", name) for name in where)):
         if name is not None and name not in names:
-            raise InvalidParameter(flag, name, f"what varies in this sweep: {', '.join(names)}")
+            raise InvalidParameter(flag, name, f"what varies in this sweep: {', '.join(names)}", names)
     rows = list(journal.rows())
     for name, words in where.items():
         kept = [row for row in rows if _is(name, _value(row, name), words)]
@@ -124,7 +124,7 @@ def grid(
     if not metrics:
         raise HapnetError("nothing to draw: no case has a result")
     if metric is not None and metric not in metrics:
-        raise InvalidParameter("--value", metric, ", ".join(metrics))
+        raise InvalidParameter("--value", metric, ", ".join(metrics), metrics)
     metric = metric or (USUAL if USUAL in metrics else metrics[0])
     axes = {name: axis(name, rows, units) for name in names}
     x, y = _chosen(axes, x, y)
@@ -153,7 +153,7 @@ def statistic(name: str) -> Callable[[Any], float]:
     if percent is not None:
         return lambda values: quantile(values, int(percent[1]) / 100.0)
     if name not in STATS:
-        raise InvalidParameter("--stat", name, f"{', '.join(STATS)}, or a percentile such as p90")
+        raise InvalidParameter("--stat", name, f"{', '.join(STATS)}, or a percentile such as p90", STATS)
     return lambda values: float(STATS[name](values))
 
 

@@ -16,7 +16,6 @@ Several ``[[vary]]`` tables are several such products; a case in more than one o
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import json
 import math
@@ -204,14 +203,13 @@ def in_file(file: Path) -> Iterator[None]:
     except InvalidParameter as error:
         if error.name.startswith("--") or error.value == str(file):  # a flag, or the file itself
             raise
-        raise InvalidParameter(f"{file}: {error.name}", error.value, error.allowed) from error
+        raise InvalidParameter(f"{file}: {error.name}", error.value, error.allowed, error.known) from error
 
 
 def known(what: str, word: str, words: Collection[str], allowed: str) -> None:
-    """Raise InvalidParameter unless `word` is one of `words`; the message names those that are nearly the same."""
+    """Raise InvalidParameter unless `word` is one of `words`."""
     if word not in words:
-        near = difflib.get_close_matches(word, words, n=3, cutoff=0.5)
-        raise InvalidParameter(what, word, f"{allowed}{', such as ' + ', '.join(near) if near else ''}")
+        raise InvalidParameter(what, word, allowed, words)
 
 
 def number(value: object) -> bool:
@@ -347,6 +345,5 @@ def profile(name: str, words: str) -> str:
     try:
         return str(LinkProfile.named(words))
     except NetemError as error:
-        near = difflib.get_close_matches(words, PRESETS, n=3, cutoff=0.5)
-        such = f", such as {', '.join(near)}" if near else ""
-        raise InvalidParameter(name, words, f"a profile of `netem profiles`{such}; or tc's words ({error})") from None
+        allowed = f"a profile of `netem profiles`; or tc's words ({error})"
+        raise InvalidParameter(name, words, allowed, PRESETS) from None

@@ -20,7 +20,7 @@ from hapnet.assembly.build import Setup
 from hapnet.couplings.default_stiffness import colgate_bound
 from hapnet.couplings.registry import ideal_stiffness
 from hapnet.errors import InvalidParameter
-from hapnet.metrics.swing import limit_cycles
+from hapnet.metrics.force import limit_cycles
 from hapnet.params import Params
 from hapnet.plant.worlds.walls import Wall
 from hapnet.recording.samples import Recording

@@ -10,10 +10,9 @@ from typing import Any, NamedTuple
 from rich.markup import escape
 from rich.table import Table
 
-from hapnet.metrics import METRICS
+from hapnet.metrics import METRICS, Measures
 from hapnet.recording.samples import plain
 from hapnet.study.compare import Group, Outcome, Plan
-from hapnet.study.run import Measures
 from hapnet.study.tunings import tunings
 from hapnet.versions import versions
 from netem.profile import PRESETS
@@ -147,7 +146,10 @@ def as_dict(plan: Plan, outcomes: Sequence[Outcome], found: Sequence[Group]) -> 
             "deadbands": plan.deadbands,
             "parameters": plan.params.as_dict(),
         },
-        "metrics": {name: {k: v for k, v in asdict(metric).items() if k != "name"} for name, metric in METRICS.items()},
+        "metrics": {
+            name: {key: getattr(metric, key) for key in ("label", "unit", "better", "meaning", "missed")}
+            for name, metric in METRICS.items()
+        },
         "headline": headline(plan, found),
         "tunings": {coupling: tunings(plan, coupling) for coupling in plan.couplings},
         "groups": [_group(group) for group in found],

@@ -12,7 +12,7 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
-from hapnet.metrics.definitions import METRICS
+from hapnet.metrics import METRICS
 from hapnet.param_values import toml_value
 from hapnet.recording.mcap import complete_or_absent
 from hapnet.recording.samples import plain

@@ -16,7 +16,7 @@ from typing import NamedTuple
 from hapnet.assembly.springs import with_springs
 from hapnet.couplings.registry import ideal_stiffness
 from hapnet.errors import InvalidParameter
-from hapnet.metrics.swing import UNTIL_S, limit_cycles
+from hapnet.metrics.force import UNTIL_S, limit_cycles
 from hapnet.params import Params
 from hapnet.simulation.simulation import Simulation
 

@@ -151,7 +151,7 @@ def of_parts(
 
 def _own(recording: Recording) -> Summary:
     """What the process that wrote the recording reported at its end; if it was killed, what the samples show."""
-    return cast(Summary, recording.summary) or from_recording(recording)
+    return cast(Summary, recording.summary) if recording.summary else from_recording(recording)
 
 
 def _finite(value: float) -> float | None:

@@ -8,12 +8,12 @@ from typing import Any, cast
 
 from hapnet.couplings.felt import Felt, of_springs
 from hapnet.couplings.registry import jointly_passive
-from hapnet.metrics.passivity import credited_early, least_total_margin, two_port_margin
 from hapnet.recording.samples import Recording, plain
 from hapnet.side.device import DeviceSide
 from hapnet.side.endpoint import NANO, ControlHalf
 from hapnet.side.world import WorldSide
 from hapnet.summary import path as paths
+from hapnet.summary.from_samples import credited_early, least_total_margin, two_port_margin
 from hapnet.summary.structure import (
     Contradictions,
     DriverPart,
@@ -226,7 +226,7 @@ def combine(
     diverged = diverged or any(side["ledger"].get("diverged") for side in sides)
     hand_margin = None if bound is None or hand_two_port_J is None else bound + hand_two_port_J
     hand = {"work_J": None if device is None else device.get("hand_work_J"), "margin_J": hand_margin}
-    return judged({
+    return judged(cast(Summary, {
         "theorem": cast(Theorem, {**plain(theorem), "diverged": diverged}),
         "hand": cast(Hand, plain(hand)),
         "environment": _environment(world, felt),
@@ -244,7 +244,7 @@ def combine(
         "told": None,
         "versions": versions(),
         "wall_clock": {},
-    })  # fmt: skip
+    }))  # fmt: skip
 
 
 def judged(summary: Summary) -> Summary:
@@ -345,13 +345,13 @@ def _control_summary(control: ControlHalf, coupling_name: str) -> SidePart:
         discarded = coupling.discarded
         if has_reservoirs(coupling_name):
             minimum, deficit, modulated = coupling.energy_min, coupling.deficit_max, coupling.modulated_share
-    return {
+    return cast(SidePart, {
         "ledger": ledger,
         "reservoir_min_J": minimum,
         "modulated_share": modulated,
         "deficit_max_J": deficit,
         "discarded_nJ": round(discarded * 1e9),
-    }
+    })  # fmt: skip
 
 
 def _flow(sender: SidePart | None, receiver: SidePart | None, early_J: float | None) -> Flow:

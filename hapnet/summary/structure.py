@@ -10,9 +10,21 @@ import math
 from collections.abc import Callable, Mapping
 from functools import cache
 from types import NoneType
-from typing import Any, Literal, TypedDict, TypeVar, cast, get_args, get_origin, get_type_hints, is_typeddict
+from typing import (
+    Any,
+    Literal,
+    NotRequired,
+    Required,
+    TypedDict,
+    TypeVar,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+    is_typeddict,
+)
 
-from hapnet.metrics.position import Motion as Motion
+from hapnet.summary.from_samples import Motion as Motion
 from hapnet.wire.messages import Role
 
 Way = Literal["up", "down"]
@@ -164,16 +176,18 @@ class SidePart(TypedDict, total=False):
     """What one side knows of itself. Only the device has the entries from `servo` on, only the world has `step` and
     `environment`.
 
+    `failed` : why it ended before its time.
+
     More than twenty attributes: one for each key of the summary's `device` and `world`.
     """
 
-    ledger: Ledger
+    ledger: Required[Ledger]
     reservoir_min_J: Number
     modulated_share: Number
     deficit_max_J: Number
     discarded_nJ: Count
-    sent_nJ: Count
-    credited_nJ: Count
+    sent_nJ: Required[Count]
+    credited_nJ: Required[Count]
     acked_nJ: Count
     unanswered_s: Number
     in_flight_nJ: Count
@@ -185,6 +199,7 @@ class SidePart(TypedDict, total=False):
     missing: Count
     dropped: dict[str, int] | None
     contradictions: Contradictions
+    failed: str | None
     step: Step
     environment: EnvironmentPart
     servo: Servo
@@ -250,7 +265,7 @@ class Path(TypedDict):
     down: PathWay | None
 
 
-class LinkPart(TypedDict, total=False):
+class LinkPart(TypedDict):
     """What an emulated link did: the entries of `netem.LinkStats`."""
 
     profile: str | None
@@ -287,7 +302,7 @@ class Told(TypedDict):
     whole: bool | None
 
 
-class Summary(TypedDict, total=False):
+class Summary(TypedDict):
     """The summary of a run, in the order of its JSON."""
 
     verdict: Verdict
@@ -307,8 +322,8 @@ class Summary(TypedDict, total=False):
     torn: list[Any]
     versions: dict[str, Any]
     wall_clock: dict[str, Any]
-    replay: dict[str, Any]
-    reconstructed: bool | None
+    replay: NotRequired[dict[str, Any]]
+    reconstructed: NotRequired[bool | None]
     told: Told | None
 
 

@@ -21,7 +21,7 @@ _PART = (
     "sent_nJ", "credited_nJ", "acked_nJ", "in_flight_nJ", "abandoned_nJ", "unanswered_s", "incarnations", "peers_J",
     "overrun_leak_J", "overrun_risk_J", "speed_max_mps", "speed_limit_mps",
     "stopped.after_s", "stopped.why", "stopped.asked",
-    "contradictions.tellers", "contradictions.credited", "contradictions.acknowledged",
+    "contradictions.tellers", "contradictions.credited", "contradictions.acknowledged", "failed",
     "environment.env_diverged", "environment.env_slack_J", "environment.env_supplied_J", "environment.env_stored_J",
     "environment.env_given_J", "environment.env_paid_J",
 )  # fmt: skip

@@ -300,6 +300,9 @@ def _doubts(summary: Summary) -> Iterator[str]:
         if _leak(summary) and not _known_port(device):
             yield from _away(summary)
         yield from _doubts_of_device(device, margin)
+    world, slack = summary["world"], summary["environment"]["env_slack_J"]
+    if world is not None and world["failed"] is not None and slack is None:
+        yield f"the world failed, and its own account is not known: {world['failed']}"
     if summary["environment"]["env_diverged"] is True:
         yield "the world's own account is no finite number (its stored_J or supplied_J): what it gave is not known"
 

@@ -85,7 +85,7 @@ def zenoh_config(settings: ZenohSettings) -> zenoh.Config:
     TransportError : the file cannot be read, or is not a Zenoh configuration.
     """
     if settings.mode is not None and settings.mode not in _MODES:
-        raise InvalidParameter("mode", settings.mode, "one of " + ", ".join(_MODES))
+        raise InvalidParameter("mode", settings.mode, "one of " + ", ".join(_MODES), _MODES)
     for name, endpoints in (("connect", settings.connect), ("listen", settings.listen)):
         given: object = endpoints
         if isinstance(given, str):

@@ -9,10 +9,10 @@ from collections.abc import Callable
 from math import isfinite, sqrt
 from typing import Annotated, Any, Literal, get_type_hints
 
+from hapnet.checks import MAX_DOF as MAX_DOF
 from hapnet.checks import MOST_FRICTION, MOST_PLANES, UNIT_TOLERANCE, wrong_curvatures
 from hapnet.errors import BadMessage
 
-MAX_DOF = 64
 MAX_TEXT = 256
 MAX_ABOUT = 32
 MAX_MORE = 32

@@ -227,7 +227,7 @@ def test_runs_over_other_links_share_one_reference(monkeypatch: pytest.MonkeyPat
             made.append((params.link.up, seed))
             super().__init__(params, seed, **more)
 
-    monkeypatch.setattr("hapnet.study.run.Simulation", Counted)
+    monkeypatch.setattr("hapnet.study.case.Simulation", Counted)
     case._reference.cache_clear()
     short = {"duration_s": 0.5}
     first = measure(params("delay 5ms", **short), 0)

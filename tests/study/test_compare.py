@@ -315,8 +315,8 @@ def test_a_journal_from_before_a_metric_is_gone_on_with(
 
 def test_a_recorded_link_is_one_more() -> None:
     trace = DATA / "links" / "ATT-LTE-driving-2016"
-    links = compare_plan.links_of(list(compare_plan.LINKS), [f"lte={trace}", "other name/x y"])
-    assert list(links) == [*compare_plan.LINKS, "lte", "x y"]
+    links = compare_plan.links_of(list(QUICK.links), [f"lte={trace}", "other name/x y"])
+    assert list(links) == [*QUICK.links, "lte", "x y"]
     assert links["lte"] == (f"trace {trace}.up", f"trace {trace}.down")
     assert links["x y"] == ('trace "other name/x y.up"', 'trace "other name/x y.down"')
     assert links["intercontinental"] == ("wan-intercontinental", "wan-intercontinental")

@@ -8,7 +8,7 @@ import statistics
 import numpy as np
 import pytest
 
-from hapnet.study.run import Measures
+from hapnet.metrics import Measures
 from hapnet.study.statistics import median_interval, spreads
 
 

@@ -167,7 +167,7 @@ def test_parameters_that_a_scene_does_not_read_are_told(directory: Path, capsys:
     ("argv", "said"),
     [
         (["none.toml"], "SPEC is 'none.toml'; allowed: a TOML file (No such file or directory)"),
-        (["bad.toml"], "no case can run; the first: scene is 'wal'; allowed: free, wall, box, paper, moving"),
+        (["bad.toml"], "no case can run; the first: unknown scene 'wal'; did you mean wall?"),
         (["nothing.toml"], "duration_s is 0.0; allowed: above 0 in virtual time"),
         (["study.toml", "--set", "duration_s"], "--set is 'duration_s'; allowed: NAME=VALUE"),
         (["study.toml", "--set", "seed=3"], "--set is 'seed=3'; allowed: a parameter that does not vary"),

@@ -259,7 +259,7 @@ def test_without_its_library_it_says_what_to_install(capsys: Capture, monkeypatc
         ),
         (["study.toml", "--set", "contact_model.lead=1"], "either under [search] or under another table"),
         (["study.toml", "--set", "link=lan"], "--set is 'link=lan'; allowed: a parameter that does not vary"),
-        (["study.toml", "--set", "scene=wal"], "no case can run; the first: scene is 'wal'"),
+        (["study.toml", "--set", "scene=wal"], "no case can run; the first: unknown scene 'wal'; did you mean wall?"),
         (["study.toml", "--dask", "here"], "--dask is 'here'; allowed: a scheduler's address"),
         (["study.toml", "--dask", "tcp://127.0.0.1:9", "--workers", "2"], "the cluster has its own"),
         (["study.toml", "--trials", "3"], "No such option: --trials"),

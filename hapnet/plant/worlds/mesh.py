@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from functools import partial
 from math import dist, sqrt
 from operator import mul
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,8 +46,8 @@ class Mesh:
     InvalidParameter : the mesh is empty or not closed. MissingLibrary : the extra `mesh` is not installed.
     """
 
-    slope: Final = 1.0
-    flat_m: Final = 5e-5
+    slope: float = 1.0
+    flat_m: float = 5e-5
 
     def __init__(self, vertices: Array, triangles: Triangles) -> None:
         self.vertices: Array = np.ascontiguousarray(vertices, dtype=np.float64)

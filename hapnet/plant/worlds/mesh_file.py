@@ -106,14 +106,22 @@ def _quads(a: Triangles, b: Triangles, c: Triangles, d: Triangles) -> Triangles:
     return np.concatenate([np.stack([a, b, c], axis=-1), np.stack([a, c, d], axis=-1)]).reshape(-1, 3)
 
 
-def _read(file: str) -> bytes:
-    path = Path(file)
+def require_file(file: str) -> None:
+    """Raises InvalidParameter if it is not there, empty or too large."""
     try:
-        if (size := path.stat().st_size) > LARGEST_BYTES:
-            raise InvalidParameter("file", f"{file}, {size / 1e6:.0f} MB", f"{LARGEST_BYTES / 1e6:.0f} MB at most")
-        if not size:
-            raise InvalidParameter("file", file, "a file that is not empty")
-        return path.read_bytes()
+        size = Path(file).stat().st_size
+    except OSError as error:
+        raise InvalidParameter("file", file, f"a file that can be read ({error.strerror})") from None
+    if size > LARGEST_BYTES:
+        raise InvalidParameter("file", f"{file}, {size / 1e6:.0f} MB", f"{LARGEST_BYTES / 1e6:.0f} MB at most")
+    if not size:
+        raise InvalidParameter("file", file, "a file that is not empty")
+
+
+def _read(file: str) -> bytes:
+    require_file(file)
+    try:
+        return Path(file).read_bytes()
     except OSError as error:
         raise InvalidParameter("file", file, f"a file that can be read ({error.strerror})") from None
 

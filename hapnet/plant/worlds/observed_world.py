@@ -9,7 +9,7 @@ import numpy as np
 
 from hapnet.checks import MOST_PLANES, Array, Vector
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.loading import FAILURES, cause
+from hapnet.loading import failure
 from hapnet.mechanics.plane import checked
 from hapnet.plant.worlds.observer import Observer
 from hapnet.plant.worlds.protocol import Inverse, Observed, Plane, Surface
@@ -117,8 +117,8 @@ def told_planes(scene: str, told: Iterable[Plane], dof: int) -> tuple[Plane, ...
     """The first four planes that a user's scene tells. HapnetError with its name if they are none, or not valid."""
     try:
         return checked(told, dof)
-    except FAILURES as error:
-        why = str(error) if isinstance(error, InvalidParameter) else cause(error)
+    except BaseException as error:  # see `loading.failure`
+        why = str(error) if isinstance(error, InvalidParameter) else failure(error)
         raise HapnetError(f"the scene {scene} failed: it told {told!r:.120}, not hapnet.Planes ({why})") from error
 
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from hapnet.checks import Array, Vector
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.loading import FAILURES, cause
+from hapnet.loading import failure
 from hapnet.mechanics.plane import Plane
 from hapnet.plant.worlds.implicit import solved
 from hapnet.plant.worlds.observed_world import told_planes
@@ -131,8 +131,8 @@ class Body:
         else:
             try:
                 found = tuple(tell(away, time))
-            except FAILURES as error:
-                raise HapnetError(f"the scene {self._scene} failed: its planes raised {cause(error)}") from error
+            except BaseException as error:  # see `loading.failure`
+                raise HapnetError(f"the scene {self._scene} failed: its planes raised {failure(error)}") from error
         moves = self.velocity if self.obstacle.mass else self.ahead
         return tuple(
             [
@@ -157,8 +157,8 @@ class Body:
     def _asked(self, name: str, function: Callable[..., Sequence[float] | float], *arguments: object) -> Array:
         try:
             told = np.array(function(*arguments), dtype=float, ndmin=1)
-        except FAILURES as error:
-            raise HapnetError(f"the scene {self._scene} failed: its {name} raised {cause(error)}") from error
+        except BaseException as error:  # see `loading.failure`
+            raise HapnetError(f"the scene {self._scene} failed: its {name} raised {failure(error)}") from error
         if told.shape != (self._dof,) or not isfinite(told.sum()):
             numbers = f"{self._dof} finite number{'s' * (self._dof > 1)}"
             raise HapnetError(f"the scene {self._scene} failed: its {name} is {told.tolist()}, not {numbers}")

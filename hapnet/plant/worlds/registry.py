@@ -21,7 +21,7 @@ from functools import partial
 from typing import Any
 
 from hapnet.errors import InvalidParameter
-from hapnet.loading import FAILURES, cause, load
+from hapnet.loading import failure, load
 from hapnet.plant.worlds import rigid
 from hapnet.plant.worlds.box import box
 from hapnet.plant.worlds.force_world import ForceWorld
@@ -61,8 +61,8 @@ def make_scene(name: str, **parameters: Any) -> World:
             scene = builder(**parameters)
             if isinstance(scene, Stepping) and not isinstance(scene, World):
                 scene = SteppedWorld(scene, dof=parameters.get("dof", 1), name=name.rpartition(":")[2])
-        except FAILURES as error:
-            raise InvalidParameter("scene", name, f"a scene that can be built ({cause(error)})") from error
+        except BaseException as error:  # see `loading.failure`
+            raise InvalidParameter("scene", name, f"a scene that can be built ({failure(error)})") from error
     if not isinstance(scene, World):
         allowed = "a function of position, velocity and time, or what returns a world, such as hapnet.Scene"
         raise InvalidParameter(f"scene {name}", scene, allowed)
@@ -76,8 +76,9 @@ def _builder(name: str) -> Callable[..., Any]:
         return partial(_mujoco, name)
     if (from_words := rigid.builder(name)) is not None:
         return from_words
-    kinds = ", ".join((*SCENES, *rigid.KINDS))
-    builder = load("scene", name, f"{kinds}, mujoco:FILE.xml, or module:Name that can be imported")
+    names = (*SCENES, *rigid.KINDS)
+    allowed = f"{', '.join(names)}, mujoco:FILE.xml, or module:Name that can be imported"
+    builder = load("scene", name, allowed, names)
     try:
         required = [p for p in inspect.signature(builder).parameters.values() if p.default is p.empty]
     except (TypeError, ValueError):

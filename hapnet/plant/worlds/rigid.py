@@ -18,7 +18,7 @@ from hapnet.checks import Array, Vector
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.plant.worlds.friction import Friction, FrictionTexture
 from hapnet.plant.worlds.mesh import Mesh, Triangles
-from hapnet.plant.worlds.mesh_file import read_heights, read_mesh
+from hapnet.plant.worlds.mesh_file import read_heights, read_mesh, require_file
 from hapnet.plant.worlds.picture import Part
 from hapnet.plant.worlds.protocol import Surface
 from hapnet.plant.worlds.rigid_contacts import RigidContacts, Solid, padded
@@ -187,7 +187,7 @@ _MATERIAL = "stiffness=N/m, damping=Ns/m, friction=0.5, texture=SHARE,WAVELENGTH
 def _solid(words: str, given: Mapping[str, float]) -> Solid:
     name, file, text = _kind(words)
     if name not in KINDS:
-        raise InvalidParameter(f"scene {words}", name, f"one of {', '.join(KINDS)}")
+        raise InvalidParameter(f"scene {words}", name, f"one of {', '.join(KINDS)}", KINDS)
     properties = Properties(words, text)
     if bool(file) is not (name in FROM_FILES):
         raise properties.error(file, "a file, as in mesh:FILE?unit=mm" if name in FROM_FILES else "no file")
@@ -275,11 +275,11 @@ _PLACE = "X,Y,Z (centre of its extent) or file (as in the file)"
 
 
 def _mesh(properties: Properties, file: str) -> Mesh:
-    return _placed(properties, *read_mesh(file, _unit(properties)))
+    return _placed(properties, *read_mesh(file, _unit(properties, file)))
 
 
 def _heights(properties: Properties, file: str) -> Mesh:
-    unit, spacing = _unit(properties), properties.length("spacing", 0.0)
+    unit, spacing = _unit(properties, file), properties.length("spacing", 0.0)
     facing = properties.text("facing") or "-x"
     if not spacing > 0.0:
         raise properties.error(f"spacing {spacing:g} m", "the distance between two numbers of a row: &spacing=1mm")
@@ -291,10 +291,11 @@ def _heights(properties: Properties, file: str) -> Mesh:
     return _placed(properties, vertices, triangles)
 
 
-def _unit(properties: Properties) -> float:
+def _unit(properties: Properties, file: str) -> float:
     """The unit of a file [m]: files do not say theirs."""
     text = properties.text("unit")
     if text is None or text not in _UNITS:
+        require_file(file)  # else its unit is not what is wrong
         given = properties.words if text is None else f"unit={text}"
         raise properties.error(given, f"the file's unit after its name: ?unit=mm (or {', '.join(_UNITS)})")
     return _UNITS[text]

@@ -25,7 +25,7 @@ class Scene:
     Parameters
     ----------
     name : the scene's name in summaries and figures.
-    dof : n, 1 or more.
+    dof : n, 1 to 64.
     walls : see `hapnet.plant.worlds.walls`; none for free space.
     min_s, max_s : range of the step time T_k [s].
     start : (n,) where the virtual mass starts [m], outside every wall; the origin by default.
@@ -42,8 +42,8 @@ class Scene:
     contacts: Contacts = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        if type(self.dof) is not int or self.dof < 1:
-            raise InvalidParameter("dof", self.dof, "an integer, 1 or more")
+        if type(self.dof) is not int or not 1 <= self.dof <= checks.MAX_DOF:
+            raise InvalidParameter("dof", self.dof, f"an integer, 1 to {checks.MAX_DOF}")
         check_number("step_min_s", self.min_s, "a positive, finite number of seconds", lambda t: 0.0 < t < inf)
         longer = f"{self.min_s} (step_min_s) or more seconds"
         check_number("step_max_s", self.max_s, longer, lambda t: self.min_s <= t < inf)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import cos, hypot, inf, isfinite, pi, sin, sqrt
 from operator import sub
-from typing import Final, NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 from hapnet import checks
 from hapnet.checks import Vector
@@ -46,8 +46,8 @@ class Bent(Protocol):
 class HalfSpace:
     """Solid where ``normal . x > offset`` [m]; `normal` (3,) has any length."""
 
-    slope: Final = 1.0
-    flat_m: Final = 0.0
+    slope: float = 1.0
+    flat_m: float = 0.0
 
     def __init__(self, normal: Sequence[float], offset: float) -> None:
         into = checks.vector("normal", normal, 3)
@@ -67,8 +67,8 @@ class HalfSpace:
 class Sphere:
     """A ball of `radius` [m] around `centre` (3,) [m]."""
 
-    slope: Final = 1.0
-    flat_m: Final = 0.0
+    slope: float = 1.0
+    flat_m: float = 0.0
 
     def __init__(self, centre: Sequence[float], radius: float) -> None:
         self.centre: Vector = checks.vector("centre", centre, 3)
@@ -88,8 +88,8 @@ class Sphere:
 class Cuboid:
     """A box with faces across the axes, `size` (3,) [m] from face to face, around `centre` (3,) [m]."""
 
-    slope: Final = 1.0
-    flat_m: Final = 0.0
+    slope: float = 1.0
+    flat_m: float = 0.0
 
     def __init__(self, centre: Sequence[float], size: Sequence[float]) -> None:
         self.centre: Vector = checks.vector("centre", centre, 3)
@@ -111,8 +111,8 @@ class Cuboid:
 class Cylinder:
     """A cylinder of `radius` and `length` [m] along the axis with index `axis`, around `centre` (3,) [m]."""
 
-    slope: Final = 1.0
-    flat_m: Final = 0.0
+    slope: float = 1.0
+    flat_m: float = 0.0
 
     def __init__(self, centre: Sequence[float], radius: float, length: float, axis: int = 2) -> None:
         self.centre: Vector = checks.vector("centre", centre, 3)

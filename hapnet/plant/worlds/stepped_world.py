@@ -14,7 +14,7 @@ import numpy as np
 
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError
-from hapnet.loading import FAILURES, cause
+from hapnet.loading import failure
 from hapnet.plant.worlds.observed_world import ObservedWorld, compliance_of, nearest, told_planes
 from hapnet.plant.worlds.protocol import Inverse, Plane
 
@@ -63,8 +63,8 @@ class SteppedWorld(ObservedWorld):
         try:
             told = getattr(self._stepping, part, 0.0)
             energy = float(told)
-        except FAILURES as error:
-            raise HapnetError(f"the scene {self.name} failed: its {part} is no number ({cause(error)})") from error
+        except BaseException as error:  # see `loading.failure`
+            raise HapnetError(f"the scene {self.name} failed: its {part} is no number ({failure(error)})") from error
         if not isfinite(energy):
             raise HapnetError(f"the scene {self.name} failed: its {part} is {told!r}, not a finite number")
         return energy
@@ -76,8 +76,8 @@ class SteppedWorld(ObservedWorld):
             return None
         try:
             told = tell(tuple(position), reach_m)
-        except FAILURES as error:
-            raise HapnetError(f"the scene {self.name} failed: planes() raised {cause(error)}") from error
+        except BaseException as error:  # see `loading.failure`
+            raise HapnetError(f"the scene {self.name} failed: planes() raised {failure(error)}") from error
         return None if told is None else nearest(told_planes(self.name, told, self.dof), position, reach_m)
 
     def signal(self, name: str, value: object) -> None:
@@ -103,8 +103,8 @@ class SteppedWorld(ObservedWorld):
     def _force(self, dt: float, position: Vector) -> np.ndarray[Any, np.dtype[np.float64]]:
         try:
             force = np.array(self._stepping.step(dt, position, self._velocity), dtype=float, ndmin=1)
-        except FAILURES as error:
-            raise HapnetError(f"the scene {self.name} failed: step() raised {cause(error)}") from error
+        except BaseException as error:  # see `loading.failure`
+            raise HapnetError(f"the scene {self.name} failed: step() raised {failure(error)}") from error
         if force.shape != (self.dof,) or not isfinite(force.sum()):
             numbers = f"{self.dof} finite number{'s' * (self.dof > 1)}"
             raise HapnetError(f"the scene {self.name} failed: step() gave {force.tolist()}, not {numbers}")

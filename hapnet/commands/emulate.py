@@ -1,4 +1,4 @@
-"""What `hapnet devices` and `hapnet emulate` do."""
+"""`hapnet emulate`: stands in for a device, with a simulated hand on its handle."""
 
 from __future__ import annotations
 
@@ -7,53 +7,40 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from hapnet import checks
-from hapnet.assembly.operators import operator
-from hapnet.commands import output
-from hapnet.devices import registry
-from hapnet.devices.emulator import Emulator, Handle
+import typer
+
+from hapnet.commands import flags, output
+from hapnet.commands.groups import Without
+from hapnet.commands.options import ParamsOptions
 from hapnet.errors import InvalidParameter
-from hapnet.loading import cause, load
+from hapnet.loading import load
 from hapnet.params import Params
-from hapnet.plant.device import SimulatedDevice
-from hapnet.plant.worlds.registry import make_scene
+
+if TYPE_CHECKING:
+    from hapnet.devices.emulator import Emulator
 
 
-def show_devices(json_to: str | None) -> int:
-    """Print a line for each device; returns 0."""
-    words = output.console(json_to)
-    rows = []
-    for name, (target, package) in registry.known().items():
-        row = _row(name, target, package)
-        rows.append(row)
-        words.print(f"{name:<10} {row['about']}", markup=False)
-        state = f"missing: {row['missing']}" if row["missing"] else f"found: {', '.join(row['found']) or 'none'}"
-        words.print(f"{'':<10} {row['tested']}; {row['from']}; {state}", style="dim", markup=False)
-    words.print("your own: --device module:Class, or a package with the entry point hapnet.devices")
-    output.write_json(rows, json_to)
-    return 0
+def emulate(
+    *,
+    device: Annotated[
+        str, typer.Argument(metavar="NAME[:OPTIONS]", help="A device of `hapnet devices`, such as serial:noise=0.01.")
+    ],
+    operator: flags.Operator = None,
+    duration: Annotated[float, typer.Option(help="Seconds; 0: until Ctrl-C.")] = 0.0,
+    params: Annotated[ParamsOptions, Without("show_params", "schema")],
+    json_to: flags.Json = None,
+) -> int:
+    """Stand in for a device: speak its protocol, with a simulated hand on the handle, in a process of its own.
 
+    It says how to reach it, and at its end how much energy its actuators gave to the hand.
+    """
+    from hapnet import checks
 
-def _row(name: str, target: str, package: str) -> dict[str, Any]:
-    row: dict[str, Any] = {"name": name, "about": "", "tested": "untested", "from": package, "missing": "", "found": []}
-    try:
-        made = load("device", target, "a class that can be imported")
-        row["about"], row["tested"] = getattr(made, "about", ""), getattr(made, "tested", "untested")
-        row["missing"] = made.missing() if hasattr(made, "missing") else ""
-        if not row["missing"] and hasattr(made, "found"):
-            row["found"] = list(made.found())
-    except Exception as error:  # another package's driver may raise anything
-        row["missing"] = cause(error)
-    return row
-
-
-def emulate(device: str, params: Params, duration_s: float, json_to: str | None) -> int:
-    """Run the device's emulator until the time is over or a signal comes; returns the exit code."""
     name, _, _ = device.partition(":")
-    checks.non_negative("--duration", duration_s)
-    emulator = make_emulator(device, params)
+    checks.non_negative("--duration", duration)
+    emulator = make_emulator(device, params.over(Params(), {"operator": operator}))
     words = output.console(json_to)
     words.print(f"emulates {name}: hapnet run --device {name}:{emulator.address}", markup=False)
     stop, caught = threading.Event(), []
@@ -63,8 +50,8 @@ def emulate(device: str, params: Params, duration_s: float, json_to: str | None)
         stop.set()
 
     with _signals_to(on_signal):
-        if duration_s > 0.0:
-            timer = threading.Timer(duration_s, stop.set)
+        if duration > 0.0:
+            timer = threading.Timer(duration, stop.set)
             timer.daemon = True
             timer.start()
         emulator.run(stop)
@@ -88,6 +75,12 @@ def make_emulator(device: str, params: Params) -> Emulator:
     ------
     InvalidParameter : the device has no emulator, or not these options.
     """
+    from hapnet.assembly.operators import operator
+    from hapnet.devices import registry
+    from hapnet.devices.emulator import Handle
+    from hapnet.plant.device import SimulatedDevice
+    from hapnet.plant.worlds.registry import make_scene
+
     name, _, behind = device.partition(":")
     known = registry.known()
     made = load("device", known[name][0], "a class that can be imported") if name in known else None

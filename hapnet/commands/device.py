@@ -1,0 +1,37 @@
+"""`hapnet device`: one side in this process."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from hapnet.commands.options import (
+    NO_LINK,
+    ModelOptions,
+    OneWay,
+    ParamsOptions,
+    SideFlags,
+    ZenohOptions,
+    no_out_without_files,
+)
+from hapnet.params import Params
+
+if TYPE_CHECKING:
+    from hapnet.wire.messages import Role
+
+
+def device(*, model: ModelOptions, side: SideFlags, zenoh: ZenohOptions, links: OneWay, params: ParamsOptions) -> int:
+    """Run the device's side only, for two hosts: simulated device and hand. Start it before or after `hapnet world`."""
+    return one_side("device", model, side, zenoh, links, params)
+
+
+def one_side(
+    role: Role, model: ModelOptions, side: SideFlags, zenoh: ZenohOptions, links: OneWay, params: ParamsOptions
+) -> int:
+    """`hapnet device` or `hapnet world`; returns the exit code."""
+    chosen = params.over(Params(link=NO_LINK, duration_s=0.0), model.named(role), links)
+    if params.show_params:
+        return params.show(chosen)
+    no_out_without_files(side.out, side.files)
+    from hapnet.commands.side import main
+
+    return main(role, chosen, side, zenoh)

@@ -1,0 +1,227 @@
+"""What runs behind the page of `hapnet play`: pairs of processes, one after another."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import signal
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+from hapnet.assembly.build import link_profile, prepare
+from hapnet.checks import Vector
+from hapnet.commands import output
+from hapnet.commands.pair import Pair
+from hapnet.commands.side import catch, exit_code
+from hapnet.couplings.registry import coupling
+from hapnet.errors import HapnetError
+from hapnet.params import Params
+from hapnet.report.words import stated
+from hapnet.summary.run import merge
+from hapnet.summary.structure import Summary
+from hapnet.summary.verdict import judge
+from hapnet.view.choices import label_of
+from hapnet.view.controls import Way, require_no_file
+from hapnet.view.history import History
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+SESSION = "play"
+
+
+class Stage:
+    """Pairs of processes, one after another, under the page's `Controls`.
+
+    Changes of the link, of the hand and of recordings go to the running pair. A change of the coupling ends that pair,
+    whose force goes to zero, and starts another: with a fresh energy account, where the handle is. Each pair has a
+    verdict of its own, which is printed when it ends.
+
+    Parameters
+    ----------
+    params, seed : of the first episode. out : where recordings go. address : where the world listens.
+    history : knows where the handle is, and how passive the pair was as far as telemetry shows it.
+    """
+
+    def __init__(
+        self,
+        params: Params,
+        seed: int,
+        out: Path | None,
+        address: str,
+        words: Console,
+        history: History,
+        *,
+        realtime: bool,
+    ) -> None:
+        self._params, self._seed, self._out, self._address = params, seed, out, address
+        self._words, self._history, self._realtime = words, history, realtime
+        self._episodes = 0
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._pair: Pair | None = None
+        self._over = asyncio.Event()
+        self._position: Vector | None = None
+        self._directory: Path | None = None
+        self._recorded = 0
+        self._recording = False
+        self._overran = False
+
+    async def run(self, stop: asyncio.Event) -> None:
+        """Run one episode after another until `stop` is set.
+
+        Raises
+        ------
+        HapnetError : a process failed; the message is its own.
+        """
+        self._loop = asyncio.get_running_loop()
+        stopping = asyncio.create_task(stop.wait())
+        stopping.add_done_callback(lambda task: self._over.set())
+        while not stop.is_set():
+            self._over.clear()
+            self._pair = None
+            params = self._params
+            with tempfile.TemporaryDirectory(prefix="hapnet-") as directory:
+                pair = Pair(
+                    params, self._seed, Path(directory), self._on_notice, record=False, console=True,
+                    realtime=self._realtime, session=SESSION, address=self._address, place=self._handle(),
+                )  # fmt: skip
+                await pair.start()
+                self._pair = pair
+                if (link := self._params.link) != params.link:  # it changed while the processes started
+                    self._link("up", link.up)
+                    self._link("down", link.down)
+                if self._position is not None:
+                    self._lead(self._position)
+                if self._recording:
+                    self._record()
+                await pair.run(self._over)
+                self._report(params, pair)
+                if pair.failure is not None:
+                    raise HapnetError(pair.failure)
+        stopping.cancel()
+
+    def hurry(self) -> None:
+        """End without waiting for the energy in flight."""
+        if self._pair is not None:
+            self._pair.stop()
+
+    # -- the page's controls, on its threads -------------------------------------------------------------------------
+
+    def lead(self, position: Vector) -> None:
+        self._call(self._lead, position)
+
+    def link(self, way: Way, words: str) -> None:
+        require_no_file(words)
+        self._call(self._link, way, str(link_profile(f"link.{way}", words)))
+
+    def coupling(self, name: str, feel: str | None) -> None:
+        changes: dict[str, object] = {"coupling": name}
+        if feel is not None:
+            changes["feel"] = feel
+        if "device" not in coupling(name).set_positions:
+            changes["device.smoothing_s"] = 0.0  # the filter needs set-positions
+        self._anew(changes)
+
+    def smoothing(self, seconds: float) -> None:
+        self._anew({"device.smoothing_s": seconds})
+
+    def reset(self) -> None:
+        self._anew({})
+
+    def pause(self, on: bool) -> None:
+        self._call(self._send_both, lambda role: {"do": "pause", "on": on})
+
+    def record(self, on: bool) -> None:
+        if on and self._directory is None:
+            self._directory = output.run_directory(self._out, self._seed)
+        self._call(self._switch_recording, on)
+
+    # -- on the loop -------------------------------------------------------------------------------------------------
+
+    def _call(self, do: Callable[..., None], *args: Any) -> None:
+        if self._loop is not None:
+            with contextlib.suppress(RuntimeError):  # the loop is closed: there is nothing left to control
+                self._loop.call_soon_threadsafe(do, *args)
+
+    def _anew(self, changes: dict[str, object]) -> None:
+        params = self._params.set(changes)
+        prepare(params, "sampled")  # in the page's thread, which shows an error
+
+        def change() -> None:
+            self._params = self._params.set(changes)
+            self._send_both(lambda role: {"do": "hurry"})
+            self._over.set()
+
+        self._call(change)
+
+    def _handle(self) -> Vector | None:
+        """Where the handle was last [m]; None: it has not been heard of."""
+        track = self._history.snapshot().device
+        return None if track is None else tuple(track.position_m[-1].tolist())
+
+    def _report(self, params: Params, pair: Pair) -> None:
+        """Print the verdict on a pair that has ended; nothing if it never ran."""
+        if len(pair.parts) < 2:
+            return
+        summary = merge(cast(Summary, pair.parts["device"]), cast(Summary, pair.parts["world"]), seed=self._seed)
+        verdict, snapshot = judge(summary), self._history.snapshot()
+        if verdict["passive"] is None and snapshot.account is not None:  # of both ports, which must be seen at once
+            verdict = judge(snapshot.account)
+        self._episodes += 1
+        label, seconds = label_of(params.coupling, params.feel), summary["duration_s"] or 0.0
+        self._words.print(
+            f"{self._episodes}: {label}, {seconds:.0f} s: {stated(verdict)}",
+            style="red" if verdict["passive"] is False else None,
+            markup=False,
+        )
+
+    def _lead(self, position: Vector) -> None:
+        self._position = position
+        if self._pair is not None:
+            self._pair.send("device", do="lead", position=position)
+
+    def _link(self, way: Way, words: str) -> None:
+        self._params = self._params.set({f"link.{way}": words})
+        if self._pair is not None:
+            self._pair.send("device" if way == "up" else "world", do="link", words=words)
+
+    def _switch_recording(self, on: bool) -> None:
+        self._recording = on
+        if on:
+            if self._pair is not None and not self._over.is_set():  # otherwise the next episode begins with it
+                self._record()
+        else:
+            self._send_both(lambda role: {"do": "record", "path": None})
+
+    def _record(self) -> None:
+        assert self._directory is not None
+        self._recorded += 1
+        stem = self._directory.absolute() / f"{self._recorded:02d}"
+        self._send_both(lambda role: {"do": "record", "path": f"{stem}-{role}.mcap"})
+        self._words.print(f"recording {stem}-device.mcap and -world.mcap; afterwards: hapnet report {stem}-*.mcap")
+
+    def _send_both(self, command: Callable[[str], dict[str, Any]]) -> None:
+        if self._pair is not None:
+            for role in ("device", "world"):
+                self._pair.send(role, **command(role))
+
+    def _on_notice(self, role: str, line: bytes, notice: dict[str, Any]) -> None:
+        """Show warnings and errors; late servo ticks are common beside a browser, so only the first is shown."""
+        kind, text = notice["kind"], notice["text"]
+        if notice["level"] == "info" or self._over.is_set() or (kind == "overrun" and self._overran):
+            return
+        if kind == "overrun":
+            self._overran = True
+            text += "; it shares the processor with the browser (--realtime helps); this is not reported again"
+        self._words.print(f"{role}: {text}", style="yellow", markup=False)
+
+
+async def run(stage: Stage) -> int:
+    """Run `stage` until a signal ends it; returns the exit code."""
+    stop = asyncio.Event()
+    caught: list[signal.Signals] = []
+    catch(stop, caught, again=stage.hurry)
+    await stage.run(stop)
+    return exit_code(caught)

@@ -1,0 +1,197 @@
+"""What samples tell for a summary: how well the proxy followed, how hard contacts were, the margin of both ports."""
+
+from __future__ import annotations
+
+import math
+from typing import TypedDict
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapnet.checks import Array
+from hapnet.recording.samples import Columns, DeviceSample, Recording, Sample, WorldSample
+
+
+class Motion(TypedDict):
+    """Tracking errors and peaks, see `motion`. A value is None if the recording does not contain it."""
+
+    free_rms_m: float | None
+    contact_rms_m: float | None
+    peak_force_N: float | None
+    peak_penetration_m: float | None
+    contacts: int | None
+
+
+def motion(recording: Recording) -> Motion:
+    """Position errors, peaks and the number of contacts; a value is None if the recording does not contain it.
+
+    The position error is the Euclidean distance between device and proxy [m]. The proxy is interpolated linearly at the
+    device's sample times; device samples before the proxy's first or after its last are left out. A sample is in
+    contact if the latest world sample has a positive penetration.
+
+    Returns
+    -------
+    free_rms_m, contact_rms_m : root mean square of the position error outside contact and in contact [m]; None without
+        both sides, without any such sample, or if the two sides' clocks could not be aligned.
+    peak_force_N : largest Euclidean norm of the coupling's force on the device [N].
+    peak_penetration_m : largest depth of the proxy in a wall [m]; 0 if it never entered one.
+    contacts : number of separate visits to a wall, including one that had begun before the start.
+    """
+    device, world = recording.device, recording.world
+    result: Motion = {
+        "free_rms_m": None,
+        "contact_rms_m": None,
+        "peak_force_N": None,
+        "peak_penetration_m": None,
+        "contacts": None,
+    }
+    if device is not None:
+        result["peak_force_N"] = _finite(np.linalg.norm(device["force_N"], axis=1).max())
+    if world is not None:
+        inside = world["penetration_m"] > 0.0
+        result["peak_penetration_m"] = _finite(max(world["penetration_m"].max(), 0.0))
+        result["contacts"] = int(inside[0]) + int(np.count_nonzero(inside[1:] & ~inside[:-1]))
+    if device is not None and world is not None and recording.meta.get("aligned", True):
+        error, known = position_error(device, world)
+        latest = np.searchsorted(world["time_s"], device["time_s"][known], side="right") - 1
+        contact = world["penetration_m"][latest] > 0.0
+        result["free_rms_m"] = _rms(error[~contact])
+        result["contact_rms_m"] = _rms(error[contact])
+    return result
+
+
+def position_error(device: Columns, world: Columns) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Distance between device and proxy [m] where both are known, and (N,) at which of the device's samples that is."""
+    known = (device["time_s"] >= world["time_s"][0]) & (device["time_s"] <= world["time_s"][-1])
+    times, positions = device["time_s"][known], device["position_m"][known]
+    proxy = np.column_stack([np.interp(times, world["time_s"], axis) for axis in world["position_m"].T])
+    return np.linalg.norm(positions - proxy, axis=1), known
+
+
+def _rms(values: NDArray[np.float64]) -> float | None:
+    return _finite(np.sqrt(np.mean(values**2))) if len(values) else None
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+class LiveFigures:
+    """The peaks of `motion` and the least of the account, of one side's samples.
+
+    Attributes
+    ----------
+    margin_J, slack_J : the least so far. margin_end_J : the newest [J]. All are None before the first sample.
+    """
+
+    def __init__(self) -> None:
+        self.margin_J: float | None = None
+        self.slack_J: float | None = None
+        self.margin_end_J: float | None = None
+        self._force_N: float | None = None
+        self._depth_m: float | None = None
+        self._contacts: int | None = None
+        self._inside = False
+
+    def see(self, sample: Sample) -> None:
+        """Take one more sample, on any thread; samples come in the order of their times."""
+        if isinstance(sample, DeviceSample):
+            self._force_N = _more(self._force_N, math.hypot(*sample.force_N))
+        elif isinstance(sample, WorldSample):
+            inside = sample.penetration_m > 0.0
+            self._depth_m = _more(self._depth_m, max(sample.penetration_m, 0.0))
+            self._contacts = (self._contacts or 0) + (inside and not self._inside)
+            self._inside = inside
+        else:
+            return
+        self.margin_J, self.slack_J = _less(self.margin_J, sample.margin_J), _less(self.slack_J, sample.slack_J)
+        self.margin_end_J = sample.margin_J
+
+    def motion(self) -> Motion:
+        """What is known so far; tracking errors need both sides."""
+        return {
+            "free_rms_m": None,
+            "contact_rms_m": None,
+            "peak_force_N": self._force_N,
+            "peak_penetration_m": self._depth_m,
+            "contacts": self._contacts,
+        }
+
+
+def _more(most: float | None, value: float) -> float | None:
+    return value if math.isfinite(value) and (most is None or value > most) else most
+
+
+def _less(least: float | None, value: float) -> float | None:
+    return value if math.isfinite(value) and (least is None or value < least) else least
+
+
+def total_margin(recording: Recording) -> Columns | None:
+    """The sum of both sides' margins over time: ``time_s`` and ``margin_J`` at every sample of either side.
+
+    The other side contributes its last sample up to that time. So energy that went in and out again between two samples
+    does not show. The sum covers the time in which both sides are recorded. None if they are not on one clock: a
+    difference of clocks that was only measured may be wrong by milliwatts times milliseconds, and proves nothing.
+    """
+    if (both := _on_one_clock(recording)) is None:
+        return None
+    device, world = both
+    of_device, of_world = device["time_s"], world["time_s"]
+    times = np.union1d(of_device, of_world)
+    times = times[(times >= max(of_device[0], of_world[0])) & (times <= min(of_device[-1], of_world[-1]))]
+    if not len(times):
+        return None
+    halves = [_at(side, "margin_J", times) for side in (device, world)]
+    return {"time_s": times, "margin_J": halves[0] + halves[1]}
+
+
+def two_port_margin(recording: Recording) -> float | None:
+    """The least of d^2 and the energy put in at both ports, over the recorded time [J]; None: as of `total_margin`.
+
+    The sum of both margins leaves out what is on its way. This has it, also where more was credited than was sent.
+    """
+    total, both = total_margin(recording), _on_one_clock(recording)
+    if total is None or both is None:
+        return None
+    sums = [_at(side, "sent_J", total["time_s"]) - _at(side, "credited_J", total["time_s"]) for side in both]
+    margin = total["margin_J"] + sums[0] + sums[1]
+    known = margin[np.isfinite(margin)]
+    return float(known.min()) if len(known) else None
+
+
+def credited_early(recording: Recording) -> tuple[float | None, float | None]:
+    """The most that was credited before it was sent, from the device and from the world [J]; None: not known.
+
+    The receiver's samples are held against the sender's next ones, which can only tell more.
+    """
+    if (both := _on_one_clock(recording)) is None:
+        return None, None
+    device, world = both
+    return _early(device, world), _early(world, device)
+
+
+def _early(sender: Columns, receiver: Columns) -> float | None:
+    following = np.searchsorted(sender["time_s"], receiver["time_s"], side="left")
+    seen = following < len(sender["time_s"])
+    early = receiver["credited_J"][seen] - sender["sent_J"][following[seen]]
+    known = early[np.isfinite(early)]
+    return max(0.0, float(known.max())) if len(known) else None
+
+
+def _at(side: Columns, name: str, times: Array) -> Array:
+    return side[name][np.searchsorted(side["time_s"], times, side="right") - 1]
+
+
+def _on_one_clock(recording: Recording) -> tuple[Columns, Columns] | None:
+    device, world, meta = recording.device, recording.world, recording.meta
+    if device is None or world is None or not meta.get("aligned", True) or "clock_difference" in meta:
+        return None
+    return device, world
+
+
+def least_total_margin(recording: Recording, since_s: float = -math.inf) -> float | None:
+    """The least value of `total_margin` from `since_s` on [J]; None if it is unknown."""
+    total = total_margin(recording)
+    margin = np.array([]) if total is None else total["margin_J"][total["time_s"] >= since_s]
+    known = margin[np.isfinite(margin)]
+    return float(known.min()) if len(known) else None
