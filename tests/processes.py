@@ -128,9 +128,9 @@ class Program:
             stream.close()
 
 
-def started(*argv: object, command: Sequence[str] = HAPNET) -> Program:
+def started(*argv: object, command: Sequence[str] = HAPNET, env: Mapping[str, str] | None = None) -> Program:
     """A command that is killed at the end of its `with`."""
-    return Program(*argv, command=command)
+    return Program(*argv, command=command, env=env)
 
 
 def size(file: Path) -> int:

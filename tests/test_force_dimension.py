@@ -5,50 +5,148 @@ from __future__ import annotations
 import ctypes
 import json
 import math
+import os
 import shutil
 import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from hapnet.devices.force_dimension import _FUNCTIONS, ForceDimension, _quaternion
+from hapnet.devices.force_dimension import ForceDimension, _quaternion
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
 from tests.conftest import ROOT
 from tests.processes import assert_passive, started
 
-OPEN, WATCHDOG, GRAVITY, ENABLED, STOPPED = range(5)
+OPEN, WATCHDOG, GRAVITY, ENABLED, STOPPED, BRAKES, ENABLES, REGULATING, INITS = range(9)
+BUTTON, VELOCITY, EXPIRED, SOFTWARE = range(1, 5)
+NOTHING = (0.0, 0.0, 0.0)
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no C compiler")
 
 
-@pytest.fixture(scope="module")
-def library(tmp_path_factory: pytest.TempPathFactory) -> str:
-    library = tmp_path_factory.mktemp("dhd") / "libdhd.so"
-    flags = ["-std=gnu11", "-O1", "-Wall", "-Wextra", "-shared", "-fPIC"]
-    subprocess.run(["gcc", *flags, ROOT / "tests" / "sketch" / "dhd.c", "-o", library, "-lm"], check=True)
+def built(folder: Path, *flags: str) -> str:
+    library = folder / ("libdrd.so" if flags else "libdhd.so")
+    always = ["-std=gnu11", "-O1", "-Wall", "-Wextra", "-shared", "-fPIC"]
+    subprocess.run(["gcc", *always, *flags, ROOT / "tests" / "sketch" / "dhd.c", "-o", library, "-lm"], check=True)
     return str(library)
 
 
-@pytest.fixture
-def stub(library: str) -> ctypes.CDLL:
+@pytest.fixture(scope="module")
+def library(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return built(tmp_path_factory.mktemp("drd"), "-DROBOTIC")
+
+
+@pytest.fixture(scope="module")
+def without_robotics(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return built(tmp_path_factory.mktemp("dhd"))
+
+
+def stand_in(library: str) -> ctypes.CDLL:
     stub = ctypes.CDLL(library)
+    stub.stub_pass.argtypes = [ctypes.c_double]
     stub.stub_set(0, 0, 0, 0)
+    stub.stub_more(1, 0, 1)
+    stub.stub_ints(17)
     stub.stub_frame((ctypes.c_double * 9)(1, 0, 0, 0, 1, 0, 0, 0, 1))
     return stub
 
 
 @pytest.fixture
-def device(library: str, stub: ctypes.CDLL) -> Iterator[ForceDimension]:
-    device = ForceDimension(3, library=library)
-    yield device
-    device.close()
+def stub(library: str) -> ctypes.CDLL:
+    return stand_in(library)
 
 
-def test_it_is_set_up_with_a_watchdog_of_20_ms(device: ForceDimension, stub: ctypes.CDLL) -> None:
-    assert [stub.stub_state(what) for what in (OPEN, WATCHDOG, GRAVITY, ENABLED)] == [1, 160, 1, 1]
-    assert (device.watchdog_s, device.force_limit) == (0.02, 12.0)
-    assert len(_FUNCTIONS) <= 20
+@pytest.fixture
+def made(library: str, stub: ctypes.CDLL) -> Iterator[ForceDimension]:
+    """A device as it is before the sides have met."""
+    made = ForceDimension(3, library=library)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def device(made: ForceDimension) -> ForceDimension:
+    made.home()
+    made.begin()
+    return made
+
+
+def test_its_forces_are_enabled_when_control_begins_and_not_before(made: ForceDimension, stub: ctypes.CDLL) -> None:
+    """The firmware counts from the last command: a watchdog set long before the first force would disable it."""
+    assert (made.watchdog_s, made.force_limit) == (0.02, 12.0)
+    assert made.apply((1.0, 0.0, 0.0)) == NOTHING
+    assert [stub.stub_state(what) for what in (OPEN, WATCHDOG, ENABLED)] == [1, 0, 0]
+    stub.stub_pass(0.254)
+    made.begin()
+    stub.stub_pass(0.001)
+    assert made.apply((1.0, 0.0, 0.0)) == pytest.approx((1.0, 0.0, 0.0))
+    assert [stub.stub_state(what) for what in (WATCHDOG, GRAVITY, ENABLED, BRAKES, ENABLES)] == [160, 1, 1, 0, 1]
+
+
+def test_after_its_watchdog_the_forces_are_enabled_again(device: ForceDimension, stub: ctypes.CDLL) -> None:
+    assert device.apply((1.0, 0.0, 0.0)) == pytest.approx((1.0, 0.0, 0.0))
+    stub.stub_pass(0.019)
+    device.apply((1.0, 0.0, 0.0))
+    assert device.braked() == ""
+    stub.stub_pass(0.021)
+    assert device.apply((1.0, 0.0, 0.0)) == NOTHING
+    assert device.braked() == "its watchdog disabled forces: they are enabled again"
+    assert device.apply(NOTHING) == NOTHING
+    assert device.braked() == ""
+    assert device.apply((1.0, 0.0, 0.0)) == pytest.approx((1.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("cause", "said"),
+    [
+        (VELOCITY, "faster than its own limit"),
+        (SOFTWARE, "a program disabled"),
+        (5, "USB"),
+        (6, "dead-man"),
+        (9, "off"),
+    ],
+)
+def test_forces_that_went_off_for_another_reason_stay_off(
+    device: ForceDimension, stub: ctypes.CDLL, cause: int, said: str
+) -> None:
+    """Who switched them off, switches them on: a button, or a person who looks after it."""
+    stub.stub_off(cause)
+    for _ in range(3):
+        assert device.apply((1.0, 0.0, 0.0)) == NOTHING
+        assert said in device.braked()
+    assert stub.stub_state(ENABLES) == 1
+
+
+@pytest.mark.parametrize("count", [12, 14, 15, 16, 17, 32, 64])
+def test_any_number_of_status_numbers_is_taken(device: ForceDimension, stub: ctypes.CDLL, count: int) -> None:
+    stub.stub_ints(count)
+    assert device.apply((1.0, 0.0, 0.0)) == pytest.approx((1.0, 0.0, 0.0))
+    stub.stub_off(EXPIRED)
+    assert device.apply((1.0, 0.0, 0.0)) == NOTHING
+    knows_why = count > 14
+    assert device.braked() == (
+        "its watchdog disabled forces: they are enabled again" if knows_why else "its forces are off"
+    )
+    assert stub.stub_state(ENABLED) == knows_why
+
+
+@pytest.mark.parametrize(("count", "survives"), [(17, True), (64, True), (80, False)])
+def test_no_memory_is_touched_beyond(library: str, count: int, survives: bool) -> None:
+    """Python's own canaries behind each block say so; that they do is seen with more numbers than there is room for."""
+    words = f"""
+from hapnet.devices.force_dimension import ForceDimension
+device = ForceDimension(1, library={library!r})
+device.home()
+device.begin()
+for _ in range(20):
+    device.apply((0.0,))
+"""
+    environment = os.environ | {"PYTHONMALLOC": "debug", "STUB_INTS": str(count)}
+    done = subprocess.run([sys.executable, "-c", words], env=environment, capture_output=True, text=True, cwd=ROOT)
+    assert (done.returncode == 0) == survives, done.stderr
+    assert ("bad trailing pad byte" in done.stderr) != survives
 
 
 def test_axes_and_forces_are_in_our_frame(device: ForceDimension, stub: ctypes.CDLL) -> None:
@@ -64,13 +162,23 @@ def test_a_saturated_motors_force_is_told(device: ForceDimension) -> None:
     assert device.apply((0.0, 0.0, 30.0)) == pytest.approx((0.0, 0.0, 12.0))
 
 
-def test_with_the_brake_on_no_force_is_told_and_then_it_grows(device: ForceDimension, stub: ctypes.CDLL) -> None:
+def test_with_the_force_button_pressed_no_force_is_told_and_then_it_grows(
+    device: ForceDimension, stub: ctypes.CDLL
+) -> None:
     stub.stub_set(0, 1, 0, 0)
-    assert device.apply((1.0, 0.0, 0.0)) == (0.0, 0.0, 0.0)
-    assert device.braked() == "its brake is on"
+    assert device.apply((1.0, 0.0, 0.0)) == NOTHING
+    assert device.braked() == "the force button was pressed: press it again"
     stub.stub_set(0, 0, 0, 0)
-    device.apply((0.0, 0.0, 0.0))
+    device.apply(NOTHING)
     assert device.braked() == ""
+
+
+def test_without_power_it_says_so(device: ForceDimension, made: ForceDimension, stub: ctypes.CDLL) -> None:
+    stub.stub_more(0, 0, 1)
+    assert device.apply((1.0, 0.0, 0.0)) == NOTHING
+    assert device.braked() == "it has no power"
+    with pytest.raises(HapnetError, match="has no power"):
+        made.home()
 
 
 def test_one_that_fails_is_silent(device: ForceDimension, stub: ctypes.CDLL) -> None:
@@ -81,11 +189,45 @@ def test_one_that_fails_is_silent(device: ForceDimension, stub: ctypes.CDLL) -> 
         device.apply((0.0, 0.0, 0.0))
 
 
-def test_one_that_is_not_calibrated_says_so(device: ForceDimension, stub: ctypes.CDLL) -> None:
-    device.home()
+def test_one_that_is_not_calibrated_calibrates_itself(made: ForceDimension, stub: ctypes.CDLL) -> None:
+    made.home()
+    assert stub.stub_state(INITS) == 0
     stub.stub_set(0, 0, 1, 0)
-    with pytest.raises(HapnetError, match="not calibrated"):
+    made.home()
+    assert [stub.stub_state(what) for what in (INITS, REGULATING, ENABLED, BRAKES)] == [1, 0, 0, 1]
+
+
+@pytest.mark.parametrize("unable", ["unsupported", "unwanted"])
+def test_or_it_is_calibrated_by_hand(library: str, stub: ctypes.CDLL, unable: str) -> None:
+    device = ForceDimension(3, library=library, calibrate=unable != "unwanted")
+    stub.stub_more(1, 0, unable != "unsupported")
+    stub.stub_set(0, 0, 1, 0)
+    with pytest.raises(HapnetError, match="not calibrated: move its handle"):
         device.home()
+    assert stub.stub_state(INITS) == 0
+    device.close()
+
+
+def test_without_libdrd_it_is_calibrated_by_hand(without_robotics: str) -> None:
+    stub = stand_in(without_robotics)
+    device = ForceDimension(3, library=without_robotics)
+    stub.stub_set(0, 0, 1, 0)
+    with pytest.raises(HapnetError, match="not calibrated: move its handle"):
+        device.home()
+    stub.stub_set(0, 0, 0, 0)
+    device.home()
+    device.begin()
+    assert device.apply((1.0, 0.0, 0.0)) == pytest.approx((1.0, 0.0, 0.0))
+    device.close()
+
+
+def test_one_that_refuses_its_forces_or_is_locked_says_so(made: ForceDimension, stub: ctypes.CDLL) -> None:
+    stub.stub_more(1, 1, 1)
+    with pytest.raises(HapnetError, match=r"locks of omega\.6 stand-in are closed"):
+        made.home()
+    stub.stub_set(0, 0, 1, 0)
+    with pytest.raises(HapnetError, match="cannot be set up: no such device"):
+        made.begin()
 
 
 def test_buttons(device: ForceDimension, stub: ctypes.CDLL) -> None:
@@ -136,11 +278,14 @@ def test_what_is_not_there_is_named(library: str) -> None:
 
 
 @pytest.mark.slow
-def test_a_run_with_the_stand_in(library: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("library_says", [{}, {"STUB_INTS": "64", "STUB_OFF": f"2:{EXPIRED}"}])
+def test_a_run_with_the_stand_in(library: str, library_says: dict[str, str], tmp_path: Path) -> None:
     device = f"dhd:library={library}"
-    with started("run", "--device", device, "--duration", 4, "--json", "-", "--out", tmp_path / "run") as program:
+    argv = ("run", "--device", device, "--duration", 4, "--json", "-", "--out", tmp_path / "run")
+    with started(*argv, env=library_says) as program:
         code, stdout, stderr = program.end()
     assert code == 0, stderr
+    assert ("its watchdog disabled forces" in stderr) == ("renders force again" in stderr) == bool(library_says)
     summary = json.loads(stdout)
     assert_passive(summary)
     assert summary["device"]["force"] == "applied"

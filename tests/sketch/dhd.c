@@ -1,30 +1,57 @@
-/* A stand-in for libdhd, with one omega: the functions that the driver needs, as documented. Built by the tests.
+/* A stand-in for libdhd and, with -DROBOTIC, for libdrd, with one omega. Built by the tests.
+
+   Source: declarations and constants as in dhdc.h and drdc.h of Force Dimension's SDK (3.7: DHD_MAX_STATUS 16; 3.14 and
+   later: 17, as the package forcedimension-core has it; older ones 12 to 15), behaviour as in the SDK's documentation:
+   * the firmware disables forces when no force command has come for the watchdog's time; it says why in
+     DHD_STATUS_FORCEOFFCAUSE, and only dhdEnableForce enables them again;
+   * dhdStop and brakes end force mode; the force button does too, until it is pressed again;
+   * dhdGetStatus writes as many ints as the library knows, whatever room there is.
+   Not documented, and the worst case here: dhdEnableForce does not count as a force command for the watchdog.
+
    The handle is a mass of 0.2 kg in a hand of 100 N/m and 6 Ns/m that goes 50 mm to and fro along our x, which is its y. */
 
 #include <math.h>
+#include <stdbool.h>
+#include <stdlib.h>
+#include <stdio.h>
 #include <string.h>
 #include <time.h>
 
-static double x[3], v[3], force[3], last_s, start_s;
-static int open_ = 0, brake = 0, reset = 0, failing = 0, watchdog = 0, gravity = -1, enabled = 0, stopped = 0;
-static double commanded_s;
-static unsigned int mask = 0;
+enum { POWER, CONNECTED, STARTED, RESET, IDLE, FORCE, BRAKE, TORQUE, WRIST, ERROR, GRAVITY, TIMEGUARD, WRIST_INIT,
+       REDUNDANCY, FORCEOFFCAUSE, LOCKS, AXIS_CHECKED };
+enum { NONE, BUTTON, VELOCITY, WATCHDOG, SOFTWARE };
+
+static double x[3], v[3], force[3], last_s, start_s, commanded_s, passed_s;
+static int open_, brakes = 1, button, reset, failing, watchdog, gravity = -1, enabled, cause, stopped, regulating;
+static int powered = 1, locks, ints = 17, enables, supported = 1, inits;
+static unsigned int mask;
 static double frame_[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+static double off_at_s = INFINITY;
+static int off_cause;
 
 static double now_s(void) {
   struct timespec t;
   clock_gettime(CLOCK_MONOTONIC, &t);
-  return t.tv_sec + 1e-9 * t.tv_nsec;
+  return t.tv_sec + 1e-9 * t.tv_nsec + passed_s;
 }
+
+static void disable(int why) {
+  if (enabled) cause = why;
+  enabled = 0;
+  memset(force, 0, sizeof force);
+}
+
+static int renders(void) { return enabled && !brakes && !button && !reset && powered; }
 
 static void advance(void) {
   double until = now_s();
   while (last_s < until) {
     double h = fmin(2e-4, until - last_s), age = last_s - start_s;
     double goal[3] = {0.0, 0.05 * (0.5 - 0.5 * cos(2.0 * age)), 0.0};
-    if (watchdog && last_s - commanded_s > watchdog * 125e-6) memset(force, 0, sizeof force);
+    if (watchdog && last_s - commanded_s > watchdog * 125e-6) disable(WATCHDOG);
+    if (age > off_at_s) { disable(off_cause); off_at_s = INFINITY; }
     for (int k = 0; k < 3; k++) {
-      v[k] += h * (100.0 * (goal[k] - x[k]) - 6.0 * v[k] + (brake ? 0.0 : force[k])) / 0.2;
+      v[k] += h * (100.0 * (goal[k] - x[k]) - 6.0 * v[k] + (renders() ? force[k] : 0.0)) / 0.2;
       x[k] += h * v[k];
     }
     last_s += h;
@@ -32,50 +59,82 @@ static void advance(void) {
 }
 
 /* what a test changes and looks at */
-void stub_set(int fail, int brakes, int resets, unsigned int buttons) { failing = fail; brake = brakes; reset = resets; mask = buttons; }
+void stub_set(int fail, int pressed, int resets, unsigned int buttons) { failing = fail; button = pressed; reset = resets; mask = buttons; }
 void stub_frame(const double *f) { memcpy(frame_, f, sizeof frame_); }
-int stub_state(int which) { int all[] = {open_, watchdog, gravity, enabled, stopped}; return all[which]; }
+void stub_ints(int count) { ints = count; }
+void stub_pass(double seconds) { passed_s += seconds; }
+void stub_off(int why) { advance(); disable(why); }
+void stub_more(int power, int lock, int support) { powered = power; locks = lock; supported = support; }
+int stub_state(int which) {
+  int all[] = {open_, watchdog, gravity, enabled, stopped, brakes, enables, regulating, inits};
+  return all[which];
+}
 
 int dhdGetDeviceCount(void) { return 1; }
-int dhdOpenID(signed char id) {
+int dhdOpenID(char id) {
   if (id != 0) return -1;
-  open_ = 1; stopped = 0;
+  open_ = 1; stopped = enabled = watchdog = cause = enables = regulating = inits = 0; brakes = 1;
   last_s = start_s = commanded_s = now_s();
   memset(x, 0, sizeof x); memset(v, 0, sizeof v); memset(force, 0, sizeof force);
+  if (getenv("STUB_INTS")) ints = atoi(getenv("STUB_INTS"));
+  if (getenv("STUB_OFF")) sscanf(getenv("STUB_OFF"), "%lf:%d", &off_at_s, &off_cause);
   return 0;
 }
-int dhdClose(signed char id) { (void)id; open_ = 0; return 0; }
-int dhdStop(signed char id) { (void)id; memset(force, 0, sizeof force); stopped = 1; return 0; }
+int dhdClose(char id) { (void)id; open_ = 0; return 0; }
+int dhdStop(char id) { (void)id; disable(SOFTWARE); brakes = 1; stopped = 1; return 0; }
 int dhdEnableExpertMode(void) { return 0; }
-int dhdEnableForce(unsigned char on, signed char id) { (void)id; enabled = on; return 0; }
-int dhdSetGravityCompensation(int on, signed char id) { (void)id; gravity = on; return 0; }
-int dhdSetWatchdog(unsigned char ticks, signed char id) { (void)id; watchdog = ticks; return 0; }
-unsigned char dhdHasWrist(signed char id) { (void)id; return 1; }
-const char *dhdErrorGetLastStr(void) { return "no such device, or it does not answer"; }
-const char *dhdGetSystemName(signed char id) { (void)id; return "omega.6 stand-in"; }
-unsigned int dhdGetButtonMask(signed char id) { (void)id; return mask; }
-int dhdGetStatus(int status[16], signed char id) {
+int dhdEnableForce(unsigned char on, char id) {
   (void)id;
-  memset(status, 0, 16 * sizeof(int));
-  status[3] = reset; status[6] = brake;
+  advance();
+  if (reset || !powered || failing) return -1;
+  enables += on;
+  if (on) { enabled = 1; brakes = 0; cause = NONE; } else disable(SOFTWARE);
   return 0;
 }
-int dhdGetOrientationFrame(double f[9], signed char id) { (void)id; memcpy(f, frame_, sizeof frame_); return 0; }
+int dhdSetBrakes(int on, char id) { (void)id; brakes = on; if (on) disable(SOFTWARE); return 0; }
+int dhdSetGravityCompensation(int on, char id) { (void)id; gravity = on; return 0; }
+int dhdSetWatchdog(unsigned char ticks, char id) { (void)id; advance(); watchdog = ticks; return 0; }
+bool dhdHasWrist(char id) { (void)id; return true; }
+const char *dhdErrorGetLastStr(void) { return "no such device, or it does not answer"; }
+const char *dhdGetSystemName(char id) { (void)id; return "omega.6 stand-in"; }
+unsigned int dhdGetButtonMask(char id) { (void)id; return mask; }
+int dhdGetStatus(int status[], char id) {
+  (void)id;
+  if (failing) return -1;
+  advance();
+  int all[256] = {0};
+  all[POWER] = powered; all[CONNECTED] = all[STARTED] = 1; all[RESET] = reset;
+  all[FORCE] = renders(); all[BRAKE] = brakes || button; all[IDLE] = !enabled && !brakes;
+  all[GRAVITY] = gravity; all[FORCEOFFCAUSE] = button ? BUTTON : cause; all[LOCKS] = locks;
+  memcpy(status, all, ints * sizeof(int));
+  return 0;
+}
+int dhdGetOrientationFrame(double f[3][3], char id) { (void)id; memcpy(f, frame_, sizeof frame_); return 0; }
 static int three(const double *of, double *a, double *b, double *c) {
   if (failing) return -1;
   advance();
   *a = of[0]; *b = of[1]; *c = of[2];
   return 0;
 }
-int dhdGetPosition(double *a, double *b, double *c, signed char id) { (void)id; return three(x, a, b, c); }
-int dhdGetLinearVelocity(double *a, double *b, double *c, signed char id) { (void)id; return three(v, a, b, c); }
-int dhdGetForce(double *a, double *b, double *c, signed char id) { (void)id; return three(force, a, b, c); }
-int dhdSetForce(double a, double b, double c, signed char id) {
+int dhdGetPosition(double *a, double *b, double *c, char id) { (void)id; return three(x, a, b, c); }
+int dhdGetLinearVelocity(double *a, double *b, double *c, char id) { (void)id; return three(v, a, b, c); }
+int dhdGetForce(double *a, double *b, double *c, char id) { (void)id; return three(force, a, b, c); }
+int dhdSetForce(double a, double b, double c, char id) {
   (void)id;
   if (failing) return -1;
   advance();
   double length = sqrt(a * a + b * b + c * c), most = 12.0, share = length > most ? most / length : 1.0;
-  force[0] = share * a; force[1] = share * b; force[2] = share * c;
   commanded_s = now_s();
-  return length > most ? 2 : 0;
+  if (!renders() || regulating) { memset(force, 0, sizeof force); return 0; }
+  force[0] = share * a; force[1] = share * b; force[2] = share * c;
+  return length > most ? 2 : 0; /* DHD_MOTOR_SATURATED */
 }
+
+#ifdef ROBOTIC
+int drdOpenID(char id) { return dhdOpenID(id); }
+int drdClose(char id) { return dhdClose(id); }
+bool drdIsSupported(char id) { (void)id; return supported; }
+bool drdIsInitialized(char id) { (void)id; return !reset; }
+int drdAutoInit(char id) { (void)id; inits++; if (failing) return -1; reset = 0; enabled = 1; brakes = 0; regulating = 1; return 0; }
+int drdStop(bool on, char id) { (void)id; regulating = 0; if (!on) { disable(SOFTWARE); brakes = 1; } return 0; }
+#endif
