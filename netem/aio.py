@@ -10,7 +10,8 @@ import asyncio
 import ctypes
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Generic, Protocol, TypeVar
 
 from netem.link import Link
@@ -144,7 +145,7 @@ class AsyncLink(Generic[T]):
     clock : returns ns and advances as ``time.monotonic_ns`` does.
     loop : None: the running loop.
 
-    Call all methods on the loop's thread.
+    Call all methods on the loop's thread. ``async with AsyncLink(...)`` closes it at the end.
     """
 
     def __init__(
@@ -180,6 +181,31 @@ class AsyncLink(Generic[T]):
         if self._player_timer is None:
             self._player_timer = DeadlineTimer(self._loop, self._advance)
         self._advance()
+
+    @contextmanager
+    def faults(self, timeline: Timeline | str) -> Iterator[None]:
+        """Change the link by a timeline that starts now; at the end of the block it is as it was before.
+
+        Raises
+        ------
+        ProfileError : the timeline's text is malformed.
+        """
+        before, was_up = self.link.profile, self.link.is_up
+        self.play(Timeline.parse(timeline) if isinstance(timeline, str) else timeline)
+        try:
+            yield
+        finally:
+            self._player = None
+            if self._player_timer is not None:
+                self._player_timer.arm(None)
+            (self.link.up if was_up else self.link.down)()
+            self.change(before)
+
+    async def __aenter__(self) -> AsyncLink[T]:
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self.close()
 
     def close(self) -> None:
         """Stop; items in flight are never delivered."""

@@ -22,6 +22,7 @@ from netem.version_flag import versions
 if TYPE_CHECKING:
     from netem.live import RelayFigures
     from netem.relay import UdpRelay
+    from netem.tcp_relay import TcpRelay
     from netem.zenoh_relay import ZenohRelay
 
 app = typer.Typer(
@@ -153,45 +154,62 @@ def show(
         print("\n".join(survey.lines(link_profile, result)))
 
 
-@app.command()
-def udp(
-    listen: Annotated[str, typer.Option(metavar="A:P", help="Address that clients send to; [::1]:P for IPv6.")],
-    to: Annotated[str, typer.Option(metavar="B:P", help="Address where the server listens.")],
-    words: Words = None,
-    profile: ProfileOption = None,
-    delay: Delay = None,
-    jitter: Jitter = None,
-    loss: LossOption = None,
-    reorder: Reorder = None,
-    rate: Rate = None,
-    resend: Resend = None,
-    up: Up = None,
-    down: Down = None,
-    timeline: TimelineOption = None,
-    up_timeline: UpTimeline = None,
-    down_timeline: DownTimeline = None,
-    seed: Seed = 0,
-    duration: Duration = None,
-    json_to: JsonTo = None,
-) -> None:
-    """Relay a UDP program's datagrams through a link.
+def _relays(kind: str) -> Callable[..., None]:
+    """The command that relays UDP or TCP."""
 
-    The words apply to both directions, unless --up or --down gives others. All clients share the link. A rate counts
-    the payload's size: 'rate 1mbit 28' adds the headers of IPv4 and UDP.
-    """
-    both = _compose(words, profile, delay, jitter, loss, reorder, rate, resend)
-    ways = (_way("up", up, both), _way("down", down, both))
+    def command(
+        listen: Annotated[str, typer.Option(metavar="A:P", help="Address that clients use; [::1]:P for IPv6.")],
+        to: Annotated[str, typer.Option(metavar="B:P", help="Address where the server listens.")],
+        words: Words = None,
+        profile: ProfileOption = None,
+        delay: Delay = None,
+        jitter: Jitter = None,
+        loss: LossOption = None,
+        reorder: Reorder = None,
+        rate: Rate = None,
+        resend: Resend = None,
+        up: Up = None,
+        down: Down = None,
+        timeline: TimelineOption = None,
+        up_timeline: UpTimeline = None,
+        down_timeline: DownTimeline = None,
+        seed: Seed = 0,
+        duration: Duration = None,
+        json_to: JsonTo = None,
+    ) -> None:
+        both = _compose(words, profile, delay, jitter, loss, reorder, rate, resend)
+        ways = (_way("up", up, both), _way("down", down, both))
 
-    async def run(session: _Session) -> RelayFigures:
-        from netem.relay import UdpRelay, format_address
+        async def run(session: _Session) -> RelayFigures:
+            from netem.relay import UdpRelay, format_address
+            from netem.tcp_relay import TcpRelay
 
-        relay = UdpRelay(listen, to, *ways, seed)
-        try:
-            return await session.serve(relay, f"{format_address(relay.address)} <-> {to}")
-        finally:
-            relay.close()
+            async with (UdpRelay if kind == "udp" else TcpRelay)(listen, to, *ways, seed) as relay:
+                return await session.serve(relay, f"{format_address(relay.address)} <-> {to}")
 
-    _Session(timeline, up_timeline, down_timeline, seed, duration, json_to).run(run)
+        _Session(timeline, up_timeline, down_timeline, seed, duration, json_to).run(run)
+
+    return command
+
+
+_BOTH = (
+    "The words apply to both directions, unless --up or --down gives others. All clients share the link. A rate counts"
+)
+app.command(
+    "udp",
+    help=f"""Relay a UDP program's datagrams through a link.
+
+    {_BOTH} the payload's size: 'rate 1mbit 28' adds the headers of IPv4 and UDP.
+    """,
+)(_relays("udp"))
+app.command(
+    "tcp",
+    help=f"""Relay a TCP program's connections through a link.
+
+    No byte is lost: what the link loses is sent again, as TCP does, and comes later. {_BOTH}
+    the payload's size: 'rate 1mbit 40' adds the headers of IPv4 and TCP.
+    """,
+)(_relays("tcp"))
 
 
 @app.command()
@@ -307,7 +325,7 @@ class _Session:
         if self._json_to is not None:
             output.write_json(figures.as_dict() | {"seed": self._seed, "elapsed_s": self._elapsed_s}, self._json_to)
 
-    async def serve(self, relay: UdpRelay | ZenohRelay, where: str) -> RelayFigures:
+    async def serve(self, relay: UdpRelay | TcpRelay | ZenohRelay, where: str) -> RelayFigures:
         """Let the relay run until it is stopped. Returns its last figures."""
         import time
 

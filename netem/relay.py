@@ -89,7 +89,7 @@ class UdpRelay:
     max_clients : most clients at one time; datagrams of others are dropped and counted.
     idle_s : the socket of a client that sent and received nothing for this time is closed [s].
 
-    Must be made on a running loop, and used on its thread.
+    Must be made on a running loop, and used on its thread. ``async with UdpRelay(...)`` closes it at the end.
 
     Raises
     ------
@@ -109,8 +109,8 @@ class UdpRelay:
     ) -> None:
         self._loop = asyncio.get_running_loop()
         self._max_clients, self._idle_ns = max_clients, int(idle_s * 1e9)
-        self._target_family, self._target = _resolve("to", to)
-        family, address = _resolve("listen", listen)
+        self._target_family, self._target = resolve("to", to)
+        family, address = resolve("listen", listen)
         if address == self._target:
             raise NetemError(f"to: {to!r} is not allowed; allowed: another address than the one listened on")
         self._clients: dict[SocketAddress, _Client] = {}
@@ -151,6 +151,12 @@ class UdpRelay:
             dropped=self._dropped,
             socket_drops=drops,
         )
+
+    async def __aenter__(self) -> UdpRelay:
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self.close()
 
     def close(self) -> None:
         """Stop and close the sockets; datagrams in flight are not delivered. `stats` stays. May be called again."""
@@ -271,7 +277,13 @@ def _udp_socket(family: int) -> socket.socket:
     return made
 
 
-def _resolve(name: str, text: str) -> tuple[int, SocketAddress]:
+def resolve(name: str, text: str) -> tuple[int, SocketAddress]:
+    """Family and address of ``HOST:PORT``; `name` is the option for messages.
+
+    Raises
+    ------
+    NetemError : `text` is no address, or its host is not known.
+    """
     host, port = parse_address(name, text)
     if name == "to" and port == 0:
         raise NetemError(f"to: {text!r} is not allowed; allowed: a port from 1 to 65535")

@@ -1,0 +1,352 @@
+"""A TCP relay: carries any program's connections through a link, in both directions, for many clients at once.
+
+    clients  <->  [listen]  == up link ==>    [one connection a client]  <->  target
+                            <== down link ==
+
+A stream must lose nothing, so the link's losses become waiting, as over a real line: each direction of a connection is
+cut into segments, which the other end acknowledges through the other link. A segment is sent again when three that
+were sent after it are acknowledged, or when its timer ends (RFC 6298, with Linux's least time of 200 ms, doubled at
+each try). What arrives early waits for what is missing. There is no congestion control: a loss costs time, not rate.
+
+Clients share the two links, as they would share a line. A rate counts the payload: ``rate 1mbit 40`` adds the headers
+of TCP and IPv4, and lets acknowledgements take their part of the line.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import socket
+import struct
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from typing import Final
+
+from numpy.random import SeedSequence
+
+from netem.aio import AsyncLink
+from netem.errors import NetemError, ProfileError
+from netem.link import Link
+from netem.profile import LinkProfile
+from netem.relay import SocketAddress, format_address, resolve
+from netem.stats import LinkStats
+
+SEGMENT: Final = 1448
+"""Most bytes of a stream in a segment: an Ethernet frame's, less the headers of IPv4 and TCP with time stamps."""
+
+WINDOW: Final = 1 << 20
+"""Bytes of a stream that may be on the way, or wait for a program that does not read; then its sender waits too."""
+
+LEAST_TIMER_S, LONGEST_TIMER_S = 0.2, 60.0
+"""Bounds of the time after which a segment is sent again [s]: Linux's least, and the lowest that RFC 6298 allows as the
+greatest."""
+
+_LATER = 3  # segments sent later whose acknowledgement says that one is lost (RFC 5681)
+
+
+@dataclass(frozen=True, slots=True)
+class TcpRelayStats:
+    """A snapshot of a relay.
+
+    `up` and `down` are the links' statistics, in segments and acknowledgements. `clients` counts the connections now,
+    `clients_seen` all so far, `refused` those above the limit, `unreachable` those that the target did not take.
+    `sent_again` counts segments.
+    """
+
+    up: LinkStats
+    down: LinkStats
+    clients: int
+    clients_seen: int
+    refused: int
+    unreachable: int
+    sent_again: int
+
+    def as_dict(self) -> dict[str, object]:
+        """All fields by name, as JSON has them."""
+        return asdict(self)
+
+
+class TcpRelay:
+    """Relays TCP connections between clients of the listening address and a target.
+
+    Parameters
+    ----------
+    listen, to : ``HOST:PORT`` or ``[IPV6]:PORT``; with port 0 it listens on any free port. Names are resolved once.
+    up, down : the profiles from clients to target, and back.
+    seed : of both links, whose streams are independent.
+    max_clients : most connections at one time; further ones are closed at once and counted.
+
+    Must be made on a running loop, and used on its thread, by ``async with TcpRelay(...) as relay`` or `open`, `close`.
+
+    Raises
+    ------
+    NetemError : an address is malformed or unknown, or both are the same; a profile corrupts, which TCP hides.
+    """
+
+    def __init__(
+        self, listen: str, to: str, up: LinkProfile, down: LinkProfile, seed: int = 0, *, max_clients: int = 256
+    ) -> None:
+        for profile in (up, down):
+            if profile.corrupt:
+                raise ProfileError("corrupt", profile.corrupt, "'loss', as TCP drops what is corrupted")
+        self._target, self._listen = resolve("to", to)[1][:2], resolve("listen", listen)[1][:2]
+        if self._listen == self._target:
+            raise NetemError(f"to: {to!r} is not allowed; allowed: another address than the one listened on")
+        up_seed, down_seed = SeedSequence(seed).spawn(2)
+        self.up: AsyncLink[_Arrival] = AsyncLink(Link(up, up_seed), _arrive)
+        self.down: AsyncLink[_Arrival] = AsyncLink(Link(down, down_seed), _arrive)
+        self._max_clients = max_clients
+        self._clients: set[asyncio.Task[None]] = set()
+        self._seen = self._refused = self._unreachable = self._sent_again = 0
+        self._server: asyncio.Server | None = None
+        self._address: SocketAddress = self._listen
+
+    async def open(self) -> None:
+        """Listen.
+
+        Raises
+        ------
+        NetemError : the address is in use or not of this machine.
+        """
+        try:
+            self._server = await asyncio.start_server(self._accept, *self._listen, limit=WINDOW)
+        except OSError as error:
+            where = format_address(self._listen)
+            raise NetemError(f"listen: cannot listen on {where}: {os.strerror(error.errno or 0)}") from None
+        self._address = self._server.sockets[0].getsockname()
+
+    async def __aenter__(self) -> TcpRelay:
+        await self.open()
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.close()
+
+    @property
+    def address(self) -> SocketAddress:
+        """Where it listens."""
+        return self._address
+
+    @property
+    def stats(self) -> TcpRelayStats:
+        """A snapshot of the relay's statistics."""
+        return TcpRelayStats(
+            up=self.up.link.stats,
+            down=self.down.link.stats,
+            clients=len(self._clients),
+            clients_seen=self._seen,
+            refused=self._refused,
+            unreachable=self._unreachable,
+            sent_again=self._sent_again,
+        )
+
+    async def close(self) -> None:
+        """Stop, and reset what is still connected. `stats` stays. May be called again."""
+        if self._server is not None:
+            self._server.close()
+        clients = list(self._clients)
+        for client in clients:
+            client.cancel()
+        await asyncio.gather(*clients, return_exceptions=True)
+        self.up.close()
+        self.down.close()
+
+    def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        if len(self._clients) >= self._max_clients:
+            self._refused += 1
+            _reset(writer)
+            return
+        self._seen += 1
+        client = asyncio.get_running_loop().create_task(self._serve(reader, writer))
+        self._clients.add(client)
+        client.add_done_callback(self._clients.discard)
+
+    async def _serve(self, near: asyncio.StreamReader, to_near: asyncio.StreamWriter) -> None:
+        """One client, until both programs have gone."""
+        up, down = _Stream(self.up, self.down, self._count_again), _Stream(self.down, self.up, self._count_again)
+        writers = [to_near]
+        try:
+            await up.send(b"")  # the target hears of a client as late as the link is slow
+            await up.receive()
+            try:
+                far, to_far = await asyncio.open_connection(*self._target, limit=WINDOW)
+            except OSError:
+                self._unreachable += 1
+                await down.send(_RESET)
+                await down.receive()
+                _reset(to_near)
+                return
+            writers.append(to_far)
+            async with asyncio.TaskGroup() as both:
+                for reader, stream, writer in ((near, up, to_far), (far, down, to_near)):
+                    both.create_task(_read(reader, stream))
+                    both.create_task(_write(writer, stream))
+        except* OSError:  # a program is gone while something was written to it: its other side gets a reset too
+            for writer in writers:
+                _reset(writer)
+        finally:
+            up.close()
+            down.close()
+            for writer in writers:
+                writer.close()
+
+    def _count_again(self) -> None:
+        self._sent_again += 1
+
+
+_RESET: Final = None
+"""What a stream carries last when a program is gone without a word; b"" is its orderly end."""
+
+
+async def _read(reader: asyncio.StreamReader, stream: _Stream) -> None:
+    """Pass what a program sends into a stream, until its end."""
+    try:
+        while data := await reader.read(SEGMENT):
+            await stream.send(data)
+        await stream.send(b"")
+    except ConnectionError:
+        await stream.send(_RESET)
+
+
+async def _write(writer: asyncio.StreamWriter, stream: _Stream) -> None:
+    """Pass what comes out of a stream to a program. If the program is gone, the connection is reset."""
+    while data := await stream.receive():
+        writer.write(data)
+        await writer.drain()
+    if data is _RESET:
+        _reset(writer)
+    elif not writer.is_closing():
+        writer.write_eof()
+
+
+def _reset(writer: asyncio.StreamWriter) -> None:
+    """End a connection so that its program sees a reset, and no orderly end."""
+    with suppress(OSError):
+        writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    writer.transport.abort()
+
+
+_Arrival = Callable[[], None]
+"""What happens when something comes out of a link."""
+
+
+def _arrive(arrival: _Arrival) -> None:
+    arrival()
+
+
+@dataclass(slots=True)
+class _Segment:
+    """`data`, when and as the how-manieth it was sent, and how often already."""
+
+    data: bytes | None
+    sent_ns: int
+    place: int
+    tries: int
+
+
+class _Stream:
+    """One direction of a connection: everything that is sent is received once and in order, whatever the link loses.
+
+    `link` carries the segments, `back` their acknowledgements. `count_again` is called when one is sent again.
+    """
+
+    def __init__(self, link: AsyncLink[_Arrival], back: AsyncLink[_Arrival], count_again: Callable[[], None]) -> None:
+        self._link, self._back, self._count_again = link, back, count_again
+        self._on_the_way: dict[int, _Segment] = {}  # not acknowledged, by number, in the order of sending
+        self._bytes = self._number = self._place = 0
+        self._room, self._there = asyncio.Event(), asyncio.Event()
+        self._room.set()
+        self._early: dict[int, bytes | None] = {}
+        self._received: deque[bytes | None] = deque()
+        self._next = 0
+        self._mean_s = self._spread_s = 0.0  # of the round trips; 0: none yet
+        self._timer: asyncio.TimerHandle | None = None
+
+    async def send(self, data: bytes | None) -> None:
+        """Send the next piece; wait while more than `WINDOW` bytes are on the way."""
+        await self._room.wait()
+        self._bytes += len(data or b"")
+        self._look_at_room()
+        number, self._number = self._number, self._number + 1
+        self._send(number, _Segment(data, 0, 0, 0))
+
+    async def receive(self) -> bytes | None:
+        """The next piece in order."""
+        while not self._received:
+            self._there.clear()
+            await self._there.wait()
+        data = self._received.popleft()
+        self._bytes -= len(data or b"")
+        self._look_at_room()
+        return data
+
+    def close(self) -> None:
+        """Send nothing more."""
+        self._on_the_way.clear()
+        self._set_timer()
+
+    def _look_at_room(self) -> None:
+        (self._room.set if self._bytes < WINDOW else self._room.clear)()
+
+    def _send(self, number: int, segment: _Segment) -> None:
+        self._place += 1
+        segment.sent_ns, segment.place, segment.tries = time.monotonic_ns(), self._place, segment.tries + 1
+        self._on_the_way[number] = segment
+        if self._timer is None:
+            self._set_timer()
+        data, place = segment.data, segment.place
+        self._link.send(lambda: self._arrived(number, data, place), len(data or b""))
+
+    def _arrived(self, number: int, data: bytes | None, place: int) -> None:
+        if number >= self._next:
+            self._early[number] = data
+        while self._next in self._early:
+            self._received.append(self._early.pop(self._next))
+            self._next += 1
+            self._there.set()
+        through = self._next
+        self._back.send(lambda: self._acknowledged(number, through, place), 0)
+
+    def _acknowledged(self, number: int, through: int, place: int) -> None:
+        """Segment `number`, sent as the one at `place`, has arrived, and so have all below `through`."""
+        segment = self._on_the_way.get(number)
+        if segment is not None and segment.place == place:
+            self._measure(1e-9 * (time.monotonic_ns() - segment.sent_ns))
+        for known in [one for one in self._on_the_way if one < through or one == number]:
+            del self._on_the_way[known]
+        lost = [(one, sent) for one, sent in self._on_the_way.items() if sent.place + _LATER <= place]
+        for one, sent in lost:
+            self._again(one, sent)
+        self._set_timer()
+
+    def _again(self, number: int, segment: _Segment) -> None:
+        self._count_again()
+        del self._on_the_way[number]  # to the end of the order
+        self._send(number, segment)
+
+    def _measure(self, trip_s: float) -> None:
+        if not self._mean_s:
+            self._mean_s, self._spread_s = trip_s, trip_s / 2
+        else:
+            self._spread_s += (abs(trip_s - self._mean_s) - self._spread_s) / 4
+            self._mean_s += (trip_s - self._mean_s) / 8
+
+    def _set_timer(self) -> None:
+        """For the segment that was sent first of those on the way."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        if self._on_the_way:
+            first = next(iter(self._on_the_way.values()))
+            usual_s = self._mean_s + 4 * self._spread_s if self._mean_s else 1.0
+            wait_s = min(max(usual_s, LEAST_TIMER_S) * 2 ** min(first.tries - 1, 16), LONGEST_TIMER_S)
+            left_s = wait_s - 1e-9 * (time.monotonic_ns() - first.sent_ns)
+            self._timer = asyncio.get_running_loop().call_later(max(left_s, 0.0), self._ring)
+
+    def _ring(self) -> None:
+        self._timer = None
+        self._again(*next(iter(self._on_the_way.items())))
+        self._set_timer()
