@@ -18,12 +18,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from operator import mul, sub
+from operator import sub
 
 from hapnet.checks import Vector
 from hapnet.control.smoothing import FilteredVelocity, low_passed
 from hapnet.records.equation import equation
 from hapnet.records.record import Floats, MatrixOfAxes, Record
+from hapnet.records.vectors import inner
 
 VELOCITY_S = 0.005
 """Time constant of the velocity [s]: encoder counts are smoothed, and a swing of 6 Hz is delayed by a fifth of a
@@ -85,7 +86,7 @@ class AddedDamping(Record):
         return tuple(damped)
 
     def _swinging(self, dt: float, offset: Vector) -> float:
-        force = tuple([sum(map(mul, row, offset)) for row in self._stiffness])
+        force = tuple([inner(row, offset) for row in self._stiffness])
         self._slow_force = low_passed(dt, SLOW_S, self._slow_force, force)
         self._envelope = max(math.dist(force, self._slow_force), self._envelope * CALM_S / (CALM_S + dt))
         return min(1.0, max(0.0, (self._envelope - LEAST_N) / (SWING_N - LEAST_N)))

@@ -7,7 +7,7 @@ Only a simulated device can do this. It is the paper's device. It harvests by (1
 from __future__ import annotations
 
 from collections.abc import Callable
-from operator import mul, sub
+from operator import sub
 
 from hapnet.checks import Vector
 from hapnet.control import ledger as ledgers
@@ -18,6 +18,7 @@ from hapnet.control.set_position_coupling import SetPositionCoupling, potential
 from hapnet.control.ticks import TICK_SLACK_S, ticks_before
 from hapnet.records.equation import equation
 from hapnet.records.record import Reals, Record
+from hapnet.records.vectors import inner
 
 Passage = Callable[[], tuple[Vector, Vector, float | None]]
 """Returns the extremes of the position since the last call [m], both ends included, and the energy that the damper
@@ -108,8 +109,7 @@ def parts_of(
     scale = stiffness.saturation(tuple(map(sub, x, coupling.set_position)))
     rows = stiffness.K.tolist()
     of_planes, added = (
-        tuple([scale * sum(map(mul, row, share)) for row in rows])
-        for share in (model.planes_share, model.damping_share)
+        tuple([scale * inner(row, share) for row in rows]) for share in (model.planes_share, model.damping_share)
     )
     return ForceParts(spring, damper, of_planes, added)
 

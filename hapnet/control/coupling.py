@@ -15,7 +15,7 @@ The law gives g and p for each step. So its reaction to the mass may be implicit
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from operator import mul, sub
+from operator import sub
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 from hapnet.checks import Vector
@@ -29,6 +29,7 @@ from hapnet.control.samples import Wave as Wave
 from hapnet.control.samples import level_of as level_of
 from hapnet.control.samples import vector_of as vector_of
 from hapnet.control.ticks import TICK_SLACK_S, ticks_before
+from hapnet.records.vectors import inner
 
 
 class ForceParts(NamedTuple):
@@ -342,7 +343,7 @@ class LawServo:
 
     def tick(self, dt: float, x: Vector, v: Vector, *, release: bool = False) -> Update | None:
         ledger, held = self.coupling.ledger, self.force
-        ledger.put_in(-sum(map(mul, held, map(sub, x, self._position))))
+        ledger.put_in(-inner(held, map(sub, x, self._position)))
         self._position = x
         ledger.observe(0.0, self.account)
         if release:
@@ -364,7 +365,7 @@ class LawServo:
 
 
 def _limited(force: Vector, longest: float) -> Vector:
-    square = sum(map(mul, force, force))
+    square = inner(force, force)
     if square <= longest * longest:
         return force
     share: float = longest / square**0.5

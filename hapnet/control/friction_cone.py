@@ -17,11 +17,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import hypot
-from operator import mul, sub
+from operator import sub
 
 from hapnet.checks import Vector
 from hapnet.control.told_plane import SAME_COSINE, ToldPlane, along
 from hapnet.records.record import Reals
+from hapnet.records.vectors import added, inner
 
 SWEEPS = 8
 """The most Gauss-Seidel sweeps over the planes at a tick; the next tick goes on from there."""
@@ -40,7 +41,7 @@ class RubbingProxy:
     """
 
     def __init__(self, compliance: Sequence[Reals]) -> None:
-        self._give = max([sum(map(abs, row)) for row in compliance])
+        self._give = max([added(map(abs, row)) for row in compliance])
         """At least the largest eigenvalue [m/N]."""
         softest = compliance[0][0]
         self._is_isotropic = all(
@@ -67,7 +68,7 @@ class RubbingProxy:
         self._forces, self._tractions = [0.0] * len(planes), [(0.0,) * len(self.place)] * len(planes)
         for i, one in enumerate(planes):
             for normal, force, traction in known:
-                if sum(map(mul, normal, one.normal)) > SAME_COSINE:
+                if inner(normal, one.normal) > SAME_COSINE:
                     self._forces[i], self._tractions[i] = force, traction
         self._normals = tuple([one.normal for one in planes])
 
@@ -111,7 +112,7 @@ class RubbingProxy:
             most = 0.0
             for i, one in enumerate(planes):
                 known, held = forces[i], tractions[i]
-                depth = sum(map(mul, one.normal, map(sub, s, shift))) - one.now(age)
+                depth = inner(one.normal, map(sub, s, shift)) - one.now(age)
                 force = max(0.0, known + (depth - known / one.stiffness) / one.softness)
                 if force != known:
                     forces[i] = force
@@ -132,4 +133,4 @@ class RubbingProxy:
 
 
 def _across(vector: Vector, normal: Reals) -> Vector:
-    return along(vector, normal, -sum(map(mul, normal, vector)))
+    return along(vector, normal, -inner(normal, vector))

@@ -22,7 +22,7 @@ from hapnet.mechanics import spring as springs
 from hapnet.mechanics.encoders import rounding
 from hapnet.records.equation import equation
 from hapnet.records.record import OfAxes, Reals, Record
-from hapnet.records.vectors import copy, distance, length
+from hapnet.records.vectors import added, copy, distance, length
 
 Harvest = Literal["range", "measured"]
 HARVESTS: tuple[Harvest, ...] = ("range", "measured")
@@ -149,7 +149,7 @@ class SampledServo(Record):
         r = self.resolution
         if r == 0.0:
             return 0.0
-        path = self.torque_path + sum([abs(one - other) for one, other in zip(self.held, self.before, strict=True)])
+        path = self.torque_path + added([abs(one - other) for one, other in zip(self.held, self.before, strict=True)])
         boundary = max(self.boundary, unsprung(self, self.coupling))
         blurred: float = r / 2.0 * (path + boundary) + r * r / 8.0 * self.coupling.spring.curvature_bound()
         return blurred

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from operator import mul
 
 from hapnet.checks import Vector
 from hapnet.mechanics.curvature import Curvatures, tangent
 from hapnet.mechanics.plane import Plane
 from hapnet.records.equation import equation
 from hapnet.records.record import FloatRows, OfAxes, Reals, Record
-from hapnet.records.vectors import dot, times
+from hapnet.records.vectors import dot, inner, times
 
 SAME_M, SAME_COSINE, SAME_STIFFNESS = 1e-3, 0.95, 1.2
 """Two planes, told one after the other, are the same surface if they differ by less."""
@@ -55,7 +54,7 @@ class ToldPlane(Record):
 
     def given(self, force: Vector) -> Vector:
         """By how much the virtual coupling gives way to `force` (n,) [N]: K'^-1 times it [m]."""
-        return tuple([sum(map(mul, row, force)) for row in self._compliance])
+        return tuple([inner(row, force) for row in self._compliance])
 
     def now(self, age: float) -> float:
         """The plane's offset now [m]: a moving one goes on for a while."""
@@ -67,7 +66,7 @@ class ToldPlane(Record):
             return self
         foot = along(self._foot, self.normal, self.now(age) - self.offset)
         normal, depth = tangent(tuple(self.normal), foot, self.curvatures, place)
-        offset: float = sum(map(mul, normal, place)) - depth
+        offset: float = inner(normal, place) - depth
         return ToldPlane(Plane(normal, offset, self.stiffness, 0.0, friction=self.friction), self._compliance, place)
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from math import hypot, sqrt
-from operator import mul, sub
+from operator import sub
 from typing import NamedTuple
 
 from hapnet.checks import Vector
+from hapnet.records.vectors import inner
 
 DEEPEST = 0.5
 """Farther in than this share of a bend's radius, the surface is taken as flatter, so that it never folds."""
@@ -40,10 +41,10 @@ def tangent(normal: Vector, foot: Vector, curvatures: Curvatures, place: Vector)
     are equal, a cylinder if one is 0, and to second order any surface.
     """
     away = tuple(map(sub, place, foot))
-    depth: float = sum(map(mul, normal, away))
+    depth: float = inner(normal, away)
     for direction, per_m in curvatures:
         bend = DEEPEST / depth if per_m * depth > DEEPEST else per_m
-        along: float = sum(map(mul, direction, away))
+        along: float = inner(direction, away)
         q, p = 1.0 - bend * depth, bend * along
         h = sqrt(q * q + p * p)
         depth = (2.0 * depth - bend * (depth * depth + along * along)) / (1.0 + h)

@@ -6,12 +6,13 @@ import math
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from itertools import islice
-from operator import mul, sub
+from operator import sub
 from typing import Any, NamedTuple
 
 from hapnet.checks import MOST_FRICTION, MOST_PLANES, UNIT_TOLERANCE, Vector, wrong_curvatures
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.curvature import Curvature, Curvatures, round_all_over
+from hapnet.records.vectors import added, inner
 
 FOLDED = 0.9
 """A surface whose centre of curvature is nearly as near as this share of its radius is told as flat: where the nearest
@@ -50,7 +51,7 @@ class Plane(NamedTuple):
         inwards = tuple(map(sub, centre, position))
         size = math.hypot(*inwards)
         normal = tuple([part / size for part in inwards]) if size else (1.0,) + (0.0,) * (len(inwards) - 1)
-        offset = sum(map(mul, normal, centre)) - radius
+        offset = inner(normal, centre) - radius
         return cls(normal, offset, stiffness, damping, velocity_mps, round_all_over(normal, radius))
 
     @classmethod
@@ -71,7 +72,7 @@ class Plane(NamedTuple):
 
     def depth(self, position: Sequence[float]) -> float:
         """How deep `position` (n,) is behind the flat plane [m]."""
-        along: float = sum(map(mul, self.normal, position))
+        along: float = inner(self.normal, position)
         return along - self.offset_m
 
     def unfolded(self, position: Sequence[float]) -> Plane:
@@ -104,7 +105,7 @@ def _all_checked(planes: tuple[Plane, ...], dof: int) -> tuple[Plane, ...]:
 
 def _checked(plane: Plane, dof: int) -> Plane:
     normal = tuple(map(float, plane.normal))
-    if len(normal) != dof or not abs(sum([n * n for n in normal]) - 1.0) <= UNIT_TOLERANCE:
+    if len(normal) != dof or not abs(added([n * n for n in normal]) - 1.0) <= UNIT_TOLERANCE:
         raise InvalidParameter("a plane's normal", normal, f"a unit vector of {dof} components")
     offset, stiffness, damping, velocity = numbers = tuple(map(float, plane[1:5]))
     if not (all(map(math.isfinite, numbers)) and stiffness > 0.0 and damping >= 0.0):

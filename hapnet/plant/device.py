@@ -26,7 +26,7 @@ from hapnet.plant.tick import DeviceState, TickModel, tick
 from hapnet.plant.tick import TickResult as TickResult
 from hapnet.records.equation import equation
 from hapnet.records.record import OfAxes, Reals, Record
-from hapnet.records.vectors import copy, length
+from hapnet.records.vectors import added, copy, length
 
 
 class Device(Protocol):
@@ -198,7 +198,7 @@ class SimulatedDevice(Record):
         The third value is what the coupling's damper dissipated since then [J] if it was limited, else None.
         """
         state = self.state
-        result = tuple(state.low), tuple(state.high), sum(state.dissipated) if state.limited else None
+        result = tuple(state.low), tuple(state.high), added(state.dissipated) if state.limited else None
         begin_passage(state, self.dof)
         return result
 

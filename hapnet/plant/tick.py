@@ -18,7 +18,7 @@ from hapnet.plant.limited_coupling import LimitedCoupling
 from hapnet.plant.operator import Impedance
 from hapnet.records.equation import equation
 from hapnet.records.record import AXES, FloatRows, Floats, MatrixOfAxes, OfAxes, Reals, Record
-from hapnet.records.vectors import dot, times
+from hapnet.records.vectors import added, dot, times
 
 TickResult = tuple[float, Vector, Vector, Vector, Vector]
 """The result of a tick: the hand's work [J]; the device's position [m] and velocity [m/s] at its end; the forces of
@@ -171,7 +171,7 @@ class TickModel(Record):
 def _joined(*axes: Floats) -> TickResult:
     """The result of all axes, from the results of each."""
     works, x, v, f, actuators = zip(*axes, strict=True)
-    return sum(works), x, v, f, actuators
+    return added(works), x, v, f, actuators
 
 
 @equation

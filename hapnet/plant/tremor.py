@@ -6,6 +6,7 @@ from math import pi, sin
 
 from hapnet.checks import Vector
 from hapnet.plant.operator import Impedance, Operator
+from hapnet.records.vectors import added
 
 HERTZ = (8.3, 9.4, 10.7, 11.9)
 """No multiples of each other, so that the tremor waxes and wanes."""
@@ -28,5 +29,8 @@ class Tremor:
         """Where the hand aims at time t [s], (n,) [m]."""
         intended = self._hand.reference(t)
         return tuple(
-            [x + self._each * sum([sin(2.0 * pi * f * t + axis + f) for f in HERTZ]) for axis, x in enumerate(intended)]
+            [
+                x + self._each * added([sin(2.0 * pi * f * t + axis + f) for f in HERTZ])
+                for axis, x in enumerate(intended)
+            ]
         )

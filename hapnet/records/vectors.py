@@ -1,8 +1,13 @@
-"""Sums and distances of short vectors; n is the number of axes."""
+"""Sums and distances of short vectors; n is the number of axes.
+
+Equations add up their terms with these, never with Python's own `sum`: from Python 3.12 on that one corrects its
+rounding, and a recording would have other bits there.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 from hapnet.records.equation import compiled_as, equation
 from hapnet.records.record import FloatRows, Floats, Reals
@@ -14,6 +19,22 @@ def dot(n: int, one: Reals, other: Reals) -> float:
     total = 0.0
     for i in range(n):
         total += one[i] * other[i]
+    return total
+
+
+def inner(one: Iterable[float], other: Iterable[float]) -> float:
+    """The scalar product of two vectors, as far as the shorter one goes."""
+    total = 0.0
+    for a, b in zip(one, other):  # noqa: B905  (as fast as can be)
+        total += a * b
+    return total
+
+
+def added(terms: Iterable[float]) -> float:
+    """The sum of `terms`, added one after the other; 0 if there are none."""
+    total = 0.0
+    for term in terms:
+        total += term
     return total
 
 

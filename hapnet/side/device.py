@@ -18,6 +18,7 @@ from hapnet.control.ledger import Ledger
 from hapnet.plant.device import Device, SimulatedDevice, TickResult
 from hapnet.plant.live_hand import LiveHand
 from hapnet.recording.samples import DeviceSample, Event, MotionSample, Sample
+from hapnet.records.vectors import added
 from hapnet.side.endpoint import NANO, DeviceControl
 from hapnet.wire.fields import Signal
 from hapnet.wire.signals import STOP
@@ -322,7 +323,7 @@ class ContinuousDeviceSide(DeviceSide):
         elif periods == 1:
             work = device.advance()
         else:
-            work = sum([device.advance() for _ in range(periods)])
+            work = added([device.advance() for _ in range(periods)])
         x = device.position
         dt = (self._clock() - last_ns) * NANO
         if dt < (elapsed_s := periods * device.period):

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from operator import mul, sub
+from operator import sub
 from typing import Any, Protocol
 
 from hapnet.checks import Vector
@@ -20,6 +20,7 @@ from hapnet.errors import DeviceSilent, HapnetError
 from hapnet.plant.device import Device
 from hapnet.plant.operating_range import OperatingRange
 from hapnet.recording.samples import Event, Level
+from hapnet.records.vectors import inner
 from hapnet.side.device import Drive
 from hapnet.side.endpoint import NANO, DeviceControl
 from hapnet.side.force_limiter import ForceLimiter
@@ -238,7 +239,7 @@ class RealDeviceSide(SampledDeviceSide):
         held_J = max(0.0, coupling.account + coupling.potential(self.x))
         self._risk_J = max(self._risk_J, max(math.hypot(*force) for force in possible) * most_m - held_J)
         share = min(1.0, most_m / far) if (far := math.hypot(*moved)) else 0.0
-        put_out = [share * sum(map(mul, force, moved)) for force in possible]
+        put_out = [share * inner(force, moved) for force in possible]
         worst = max(range(len(possible)), key=put_out.__getitem__)
         servo.force = tuple([share * f if put_out[worst] > 0.0 else 0.0 for f in possible[worst]])
 

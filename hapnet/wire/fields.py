@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, get_type_hints
 from hapnet.checks import MAX_DOF as MAX_DOF
 from hapnet.checks import MOST_FRICTION, MOST_PLANES, UNIT_TOLERANCE, wrong_curvatures
 from hapnet.errors import BadMessage
+from hapnet.records.vectors import added
 
 MAX_TEXT = 256
 MAX_ABOUT = 32
@@ -205,7 +206,7 @@ def planes(value: object) -> None:
         normal, *numbers = plane
         coordinates(normal)
         coordinates(tuple(numbers))
-        square = sum([n * n for n in normal])
+        square = added([n * n for n in normal])
         if abs(square - 1.0) > UNIT_TOLERANCE:
             raise BadMessage("range", f"a plane's normal of length {sqrt(square):g}; allowed: 1")
         if plane[2] <= 0.0 or plane[3] < 0.0:
@@ -262,7 +263,7 @@ def reach(value: object) -> None:
 def unfolded(curvatures: Any, planes: Planes, position: tuple[float, ...]) -> None:
     """Of checked curvatures: no centre is nearer to `position` than the surface, or that would not be the nearest."""
     for (normal, offset, *_), bends in zip(planes or (), curvatures, strict=True):
-        depth = sum([n * x for n, x in zip(normal, position, strict=True)]) - offset
+        depth = added([n * x for n, x in zip(normal, position, strict=True)]) - offset
         if not all(per_m * depth < 1.0 for _, per_m in bends):
             raise BadMessage("range", f"a curvature whose centre is before the surface, {depth} m in")
 

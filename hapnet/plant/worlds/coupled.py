@@ -14,10 +14,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import hypot
-from operator import mul
 from typing import NamedTuple
 
 from hapnet.checks import Vector
+from hapnet.records.vectors import added, inner
 
 Matrix = Sequence[Sequence[float]]
 
@@ -78,17 +78,17 @@ def solve(contacts: Sequence[Contact], w: Sequence[float], C: Matrix, dt: float)
     residual, stiffening, pushes = _residual(contacts, f, w, C, dt)
     least = hypot(*residual)
     for _ in range(ROUNDS):
-        scale = sum([-push * hypot(*c.normal) for push, c in zip(pushes, contacts, strict=True)])
+        scale = added([-push * hypot(*c.normal) for push, c in zip(pushes, contacts, strict=True)])
         if hypot(*residual) <= _EXACT * scale:
             return pushes
         step = _direction(residual, stiffening, contacts, C)
         way = times(C, step)
-        slope = sum(map(mul, residual, way))
+        slope = inner(residual, way)
         size, low, high = 1.0, 0.0, 0.0
         for _ in range(30):
             trial = [a + size * b for a, b in zip(f, step, strict=True)]
             residual, stiffening, pushes = _residual(contacts, trial, w, C, dt)
-            there = sum(map(mul, residual, way))
+            there = inner(residual, way)
             if there <= -0.5 * slope:  # slope < 0: it may overshoot, but by less than it was short
                 break
             high = size
@@ -105,7 +105,7 @@ def _residual(
     vhat = [a + b for a, b in zip(w, times(C, f), strict=True)]
     residual, stiffening, pushes = list(f), [], []
     for contact in contacts:
-        push, rate = force(contact, sum(map(mul, contact.normal, vhat)), dt)
+        push, rate = force(contact, inner(contact.normal, vhat), dt)
         stiffening.append(rate)
         pushes.append(push)
         if push:
@@ -144,4 +144,4 @@ def solved(rows: list[list[float]], right: list[list[float]]) -> list[list[float
 
 
 def times(matrix: Matrix, vector: Sequence[float]) -> list[float]:
-    return [sum(map(mul, row, vector)) for row in matrix]
+    return [inner(row, vector) for row in matrix]

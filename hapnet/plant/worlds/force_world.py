@@ -25,6 +25,7 @@ from hapnet.plant.worlds.observed_world import ObservedWorld, compliance_of, nea
 from hapnet.plant.worlds.obstacle import Body, Law, Obstacle
 from hapnet.plant.worlds.obstacles_picture import ObstaclesPicture
 from hapnet.plant.worlds.protocol import Inverse, Plane
+from hapnet.records.vectors import added
 
 
 class ForceWorld(ObservedWorld):
@@ -55,7 +56,7 @@ class ForceWorld(ObservedWorld):
     @property
     def bodies_J(self) -> float:
         """Kinetic energy of driven obstacles [J]."""
-        return sum(body.kinetic_J for body in self.obstacles)
+        return added(body.kinetic_J for body in self.obstacles)
 
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...] | None:
         """Those of all obstacles; None if one of them can tell none: the device would not feel it."""
@@ -87,7 +88,7 @@ class ForceWorld(ObservedWorld):
 
         applied, _ = self._observer.passive(dt, solved(law, free, G, n), free, G)
         forces = applied.reshape(count, n)
-        self._supplied_J += sum(body.end(dt, force) for body, force in zip(bodies, forces, strict=True))
+        self._supplied_J += added(body.end(dt, force) for body, force in zip(bodies, forces, strict=True))
         self.time_s += dt
         total = forces.sum(axis=0)
         return tuple(total.tolist()), (v + own @ total).tolist()

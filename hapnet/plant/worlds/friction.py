@@ -17,6 +17,7 @@ from math import hypot, inf, pi, sin, sqrt
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
+from hapnet.records.vectors import added
 
 Friction = Callable[[Vector], float]
 """Coulomb's mu at a place (3,) [m]; what is not above 0 there counts as 0."""
@@ -86,7 +87,7 @@ def drag_of(coefficients: Sequence[float], normals: Sequence[Vector]) -> list[li
     """D (3, 3) [Ns/m]."""
     D = [[0.0] * 3 for _ in range(3)]
     for c, normal in zip(coefficients, normals, strict=True):
-        square = sum([part * part for part in normal])
+        square = added([part * part for part in normal])
         for i in range(3):
             for j in range(3):
                 D[i][j] += c * ((i == j) - normal[i] * normal[j] / square)

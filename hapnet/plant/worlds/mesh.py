@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from math import dist, sqrt
-from operator import mul
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 from hapnet.checks import Array, Vector
 from hapnet.errors import InvalidParameter, MissingLibrary
 from hapnet.plant.worlds.shapes import Near
+from hapnet.records.vectors import inner
 
 Triangles = NDArray[np.int64]
 
@@ -161,8 +161,8 @@ def _barycentric(point: Sequence[float], a: Vector, b: Vector, c: Vector) -> Vec
     if not square:
         nearest = min(range(3), key=lambda i: dist(point, (a, b, c)[i]))
         return (float(nearest == 0), float(nearest == 1), float(nearest == 2))
-    v = sum(map(mul, _cross(ap, ac), normal)) / square
-    w = sum(map(mul, _cross(ab, ap), normal)) / square
+    v = inner(_cross(ap, ac), normal) / square
+    w = inner(_cross(ab, ap), normal) / square
     return (1.0 - v - w, v, w)
 
 

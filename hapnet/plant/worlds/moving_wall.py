@@ -14,7 +14,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from math import cos, hypot, inf, isfinite, pi, sin
-from operator import mul
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +25,7 @@ from hapnet.plant.operator import minimum_jerk
 from hapnet.plant.worlds.protocol import Inverse, Plane, Surface
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene, along, checked_dof
 from hapnet.plant.worlds.walls import WALL_DAMPING, WALL_STIFFNESS, Contacts, Wall, check_number
+from hapnet.records.vectors import inner
 from netem import NetemError
 from netem.units import parse_time
 
@@ -95,7 +95,7 @@ class Schedule:
         if not (present := now["presence"]) > 0.0:
             return None
         normal = _turned(self.wall.normal, now["turn"])
-        middle = self.wall.offset * sum(map(mul, self.wall.normal, normal))
+        middle = self.wall.offset * inner(self.wall.normal, normal)
         return Wall(normal, middle + now["shift"], present * now["stiffness"], present * now["damping"])
 
     def velocity_mps(self, t: float, position: Sequence[float]) -> float:
@@ -106,7 +106,7 @@ class Schedule:
             return shifting
         along_surface = _turned(self.wall.normal, begun["turn"].value(t) + pi / 2.0)
         arm = [x - self.wall.offset * n for x, n in zip(position, self.wall.normal, strict=True)]
-        return float(shifting - turning * sum(map(mul, along_surface[:2], arm)))
+        return float(shifting - turning * inner(along_surface[:2], arm))
 
     def rests_until(self, t: float) -> float:
         """When the wall next differs from what it is at `t` [s]: `t` itself while a change is under way."""

@@ -14,7 +14,7 @@ ceiling.
 from __future__ import annotations
 
 from math import isfinite, sqrt
-from operator import mul, sub
+from operator import sub
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from hapnet.checks import Array, Vector
 from hapnet.errors import HapnetError
 from hapnet.plant.worlds.mujoco_model import Model
 from hapnet.plant.worlds.protocol import Observed
+from hapnet.records.vectors import inner
 
 CEILING_J = 0.05
 """The most that the account keeps of what was dissipated [J]: what contacts and flexes store is less."""
@@ -89,7 +90,7 @@ class Engine:
         data = self._data
         potential, kinetic = self._energies.tolist()
         for body, *weight in self._weights:
-            potential += sum(map(mul, weight, data.xipos[body].tolist()))
+            potential += inner(weight, data.xipos[body].tolist())
         return float(potential + kinetic)
 
     def position(self) -> Vector:
@@ -160,7 +161,7 @@ class Engine:
         """
         self._engine.mj_getState(self._model, self._data, self._saved, self._signature)
         moved, supplied = self._advance(force)
-        work = sum(map(mul, force, moved))
+        work = inner(force, moved)
         none = (0.0,) * self.dof
         if work > most_J:
             self._return(at_rest=False)

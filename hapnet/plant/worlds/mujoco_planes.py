@@ -20,7 +20,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from math import hypot
-from operator import mul
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +28,7 @@ from hapnet.checks import MOST_FRICTION, MOST_PLANES, Array, Vector
 from hapnet.mechanics.curvature import Curvature, Curvatures, across, round_all_over
 from hapnet.mechanics.plane import Plane
 from hapnet.plant.worlds.mujoco_model import Model
+from hapnet.records.vectors import added, inner
 
 _ALIKE = 0.99
 """The cosine of two normals above which two contacts with one geom are one surface."""
@@ -163,7 +163,7 @@ class SpherePlanes:
         if length < 1e-3:
             return None
         normal = tuple([part / length for part in into[: self._dof]])
-        offset = sum(map(mul, normal, position)) - touch.depth / length
+        offset = inner(normal, position) - touch.depth / length
         stiffness, damping = self._soft(touch)
         friction = mu if (mu := self._mu[touch.geom]) <= _RUBS else 0.0
         bends: Curvatures = ()
@@ -234,7 +234,7 @@ class SpherePlanes:
 
 def _along(bends: Curvatures, way: Sequence[float]) -> float:
     """The normal curvature along a direction (Euler's theorem)."""
-    return float(sum([k * sum(map(mul, direction, way)) ** 2 for direction, k in bends]))
+    return float(added([k * inner(direction, way) ** 2 for direction, k in bends]))
 
 
 def _unit(vector: Array) -> Vector:

@@ -38,6 +38,7 @@ from hapnet.plant.worlds.mujoco_planes import SpherePlanes
 from hapnet.plant.worlds.protocol import Inverse, Observed, Plane, Surface
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene, checked_dof
 from hapnet.plant.worlds.walls import Wall
+from hapnet.records.vectors import inner
 
 LONGEST_S = 0.25
 """So much is simulated in one step at most: where steps take longer, the world is slower than time."""
@@ -132,7 +133,7 @@ class MujocoProxy:
 
     def _potential_J(self, x: Vector, set_position: Vector) -> float:
         e = tuple(map(sub, x, set_position))
-        return 0.5 * float(sum(map(mul, e, self._stiffness(e))))
+        return 0.5 * float(inner(e, self._stiffness(e)))
 
     def push(self, dt: float, drag: float, push: Vector, contacts: Any = None) -> Step:
         """Not possible: a law's impedance would have to be solved together with the engine's step."""
@@ -253,7 +254,7 @@ def _product(matrix: Array) -> Product:
         diagonal = np.diagonal(matrix).tolist()
         return lambda vector: list(map(mul, diagonal, vector))
     rows = matrix.tolist()
-    return lambda vector: [sum(map(mul, row, vector)) for row in rows]
+    return lambda vector: [inner(row, vector) for row in rows]
 
 
 def _matrix(name: str, value: ArrayLike, dof: int) -> Array:

@@ -26,6 +26,7 @@ from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene, checked_dof
 from hapnet.plant.worlds.shapes import Cuboid, Cylinder, HalfSpace, Shape, Sphere, Textured
 from hapnet.plant.worlds.solids_picture import SolidsPicture
 from hapnet.plant.worlds.walls import WALL_DAMPING, WALL_STIFFNESS, Wall
+from hapnet.records.vectors import added
 
 _FRONT_M = 0.02
 _SIZE_M = 0.06
@@ -268,7 +269,7 @@ def _plane(properties: Properties, file: str) -> HalfSpace:
     normal = properties.numbers("normal", (1.0, 0.0, 0.0))
     size = hypot(*normal) or 1.0
     at = properties.lengths("at", tuple([_FRONT_M * part / size for part in normal]))
-    return HalfSpace(normal, sum([n * x for n, x in zip(normal, at, strict=True)]) / size)
+    return HalfSpace(normal, added([n * x for n, x in zip(normal, at, strict=True)]) / size)
 
 
 _PLACE = "X,Y,Z (centre of its extent) or file (as in the file)"

@@ -26,7 +26,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot, sqrt
-from operator import mul
 
 from hapnet import checks
 from hapnet.checks import MOST_FRICTION, MOST_PLANES, Vector
@@ -39,6 +38,7 @@ from hapnet.plant.worlds.protocol import Inverse
 from hapnet.plant.worlds.secant import GOOD_MPS, Secant
 from hapnet.plant.worlds.shapes import Bent, Shape
 from hapnet.plant.worlds.walls import WALL_DAMPING, WALL_STIFFNESS
+from hapnet.records.vectors import added, inner
 
 ANCHOR_CEILING_J = 0.01
 """Of E_c. The springs store some 5 mJ in a firm contact."""
@@ -197,7 +197,7 @@ class RigidContacts:
         start = self._velocity if self._end == x else _STILL
 
         def along(direction: Sequence[float]) -> float:
-            return 1.0 / float(sum(map(mul, direction, times(C, direction))))
+            return 1.0 / float(inner(direction, times(C, direction)))
 
         drags = [
             coefficient(one.normal, -one.friction * push * hypot(*one.normal), vhat, start, along)
@@ -206,7 +206,8 @@ class RigidContacts:
         if any(drags):
             D = drag_of(drags, [one.normal for one in met])
             one_and_CD = [
-                [float(i == j) + sum([row[k] * D[k][j] for k in range(3)]) for j in range(3)] for i, row in enumerate(C)
+                [float(i == j) + added([row[k] * D[k][j] for k in range(3)]) for j in range(3)]
+                for i, row in enumerate(C)
             ]
             dragged, *columns = solved(one_and_CD, [[v, *row] for v, row in zip(w, C, strict=True)])
             C_dragged = compliance(columns)
@@ -265,7 +266,7 @@ class RigidContacts:
             if distance > reach or not length:
                 continue
             normal = tuple([-part / length for part in out])
-            offset = sum(map(mul, normal, x)) + distance / length
+            offset = inner(normal, x) + distance / length
             bends = self._bends(secant.shape, x, gradient, length)
             mu = min(secant.friction_at(x), MOST_FRICTION)
             found.append((-distance, Plane(normal, offset, secant.stiffness, secant.damping, 0.0, bends, mu)))
@@ -282,7 +283,7 @@ class RigidContacts:
         if self.dof == 3:
             return bends
         ways = across(gradient[: self.dof])
-        return tuple([Curvature(way, sum([k * _dot(e, padded(way)) ** 2 for e, k in bends])) for way in ways])
+        return tuple([Curvature(way, added([k * _dot(e, padded(way)) ** 2 for e, k in bends])) for way in ways])
 
 
 _STILL: Vector = (0.0, 0.0, 0.0)

@@ -25,7 +25,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import hypot, inf, isfinite, sqrt
-from operator import mul
 from typing import Annotated
 
 import numpy as np
@@ -39,7 +38,7 @@ from hapnet.plant.worlds.coupled import Contact, compliance, solve
 from hapnet.plant.worlds.protocol import Inverse
 from hapnet.records.equation import equation
 from hapnet.records.record import AXES, PLANES, FloatRows, Floats, OfAxes, Reals, Record, Wholes
-from hapnet.records.vectors import dot
+from hapnet.records.vectors import dot, inner
 
 MOST = 8
 """The most walls, and axes of walls, of a compiled scene."""
@@ -82,7 +81,7 @@ class Wall:
 
     def penetration(self, position: Sequence[float]) -> float:
         """Signed penetration p [m] of `position` (n,) [m]: negative on the free side."""
-        return float(sum(map(mul, self.normal, position)) - self.offset)
+        return float(inner(self.normal, position) - self.offset)
 
     def depths(self, positions: Array) -> Array:
         """`penetration` of many positions (N, n): (N,) [m]."""
@@ -327,8 +326,8 @@ class Contacts(Record):
         for i, one in enumerate(self.axes):
             for j in range(i):
                 other = self.axes[j]
-                coupling = sum(map(mul, other.normal, responses[i]))
-                own = sum(map(mul, one.normal, responses[i])) * sum(map(mul, other.normal, responses[j]))
+                coupling = inner(other.normal, responses[i])
+                own = inner(one.normal, responses[i]) * inner(other.normal, responses[j])
                 if abs(coupling) > _SEPARATE * sqrt(own):
                     self.separate = False
 
