@@ -9,10 +9,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numba
 import pytest
 
 from hapnet import cli, simulate_batch
-from hapnet.kernel import sources
+from hapnet.kernel import sources, twins
 from hapnet.params import Params
 from hapnet.simulation.compiled import coverage
 from hapnet.simulation.simulation import Simulation
@@ -174,6 +175,19 @@ def test_machine_code_is_kept_with_the_users_caches(tmp_path: Path) -> None:
         subprocess.run([sys.executable, "-c", run], cwd=ROOT, env=environment, check=True)
         assert bool(list(place.rglob("*.nbc"))) == kept
     assert set((ROOT / "hapnet").rglob("*.nb?")) == before
+
+
+def test_the_compiler_tells_how_far_it_is() -> None:
+    """Each function that it compiles, and the end; of what is compiled already it tells nothing."""
+    shares: list[float] = []
+    double: Any = numba.njit(lambda x: 2 * x)
+    with twins.telling(shares.append):
+        assert double(3) == 6
+    assert len(shares) == 2
+    assert 0.0 < shares[0] < shares[1] == 1.0
+    with twins.telling(shares.append):
+        assert double(4) == 8
+    assert len(shares) == 2
 
 
 def test_without_numba_the_reference_runs(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,6 +16,7 @@ from rich.console import Console
 
 from hapnet.commands import output
 from hapnet.commands.progress import BAR_AFTER_S, LINE_EVERY_S, Progress
+from hapnet.kernel import progress as compiler
 from tests.conftest import ENVIRONMENT
 
 HIDE, SHOW = b"\x1b[?25l", b"\x1b[?25h"
@@ -175,3 +176,21 @@ def until(window: int, words: bytes | None) -> bytes:
             assert select.select([window], [], [], deadline - time.monotonic())[0], seen
             seen += os.read(window, 4096)
     return seen
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_a_terminal_shows_how_far_the_compiler_is(terminal: bool) -> None:
+    words, clock = console(terminal=terminal), Clock()
+    with Progress(words, "simulating", 20.0, background=False, clock=clock) as progress:
+        progress.update(1.0)
+        before = shown(words)
+        compiler.told.get()(0.4)
+        compiled = shown(words)[len(before) :]
+        compiler.told.get()(1.0)
+        progress.update(2.0)
+    assert ("compiling, once for all runs" in compiled and "40 of 100 %" in compiled) == terminal
+    assert "compiling" not in shown(words).splitlines()[-1].rpartition("\r")[2]
+    if not terminal:
+        assert "compil" not in shown(words)
+    compiler.told.get()(0.5)  # nobody is told any more
+    assert "50 of 100" not in shown(words)

@@ -10,6 +10,8 @@ from contextlib import ExitStack, contextmanager, suppress
 from io import UnsupportedOperation
 from typing import TYPE_CHECKING
 
+from hapnet.kernel import progress as compiler
+
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress as Bar
@@ -55,17 +57,20 @@ class Progress:
         self._bar_after_s, self._line_every_s = (BAR_AFTER_S, LINE_EVERY_S) if background else (0.0, 0.0)
         self._next_line_s = self._line_every_s
         self._bar: Bar | None = None
+        self._waiting: tuple[str, float | None, str] | None = None  # the stage that waits for the compiler
         self._over = threading.Event()
         self._lock = threading.RLock()
         self._thread = threading.Thread(target=self._redraw, name="progress", daemon=True)
         self.stage(doing, total, unit)
 
     def __enter__(self) -> Progress:
+        self._before = compiler.told.set(self._compiling)
         if self._background:
             self._thread.start()
         return self
 
     def __exit__(self, *exc: object) -> None:
+        compiler.told.reset(self._before)
         self._over.set()
         with self._lock:
             if self._bar is not None:
@@ -105,6 +110,18 @@ class Progress:
                 if not known and self._background:
                     known = [f"{lasted_s:.0f} s so far"]
                 self._console.print(": ".join(filter(None, (self._doing, ", ".join(known)))), markup=False)
+
+    def _compiling(self, share: float) -> None:
+        """Show on a terminal how far the compiler is, in place of what waits for it."""
+        if not self._console.is_terminal:
+            return
+        if self._waiting is None:
+            self._waiting = self._doing, self._total, self._unit
+            self.stage("compiling, once for all runs", 100, "%")
+        self.update(100.0 * share)
+        if share == 1.0:
+            self.stage(*self._waiting)
+            self._waiting = None
 
     @contextmanager
     def cleared(self) -> Iterator[None]:

@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 
 import numba
 
+from hapnet.kernel.progress import Told
 from hapnet.records.equation import EQUATIONS
 
 _config: Any = importlib.import_module("numba.core.config")
@@ -73,6 +74,27 @@ def _with_globals(function: Any, names: dict[str, Any]) -> Any:
     twin = FunctionType(function.__code__, names, function.__name__, function.__defaults__, function.__closure__)
     twin.__qualname__, twin.__module__ = function.__qualname__, function.__module__
     return twin
+
+
+@contextmanager
+def telling(told: Told) -> Iterator[None]:
+    """Tell, while numba compiles, which share of the equations it has; nothing if it only loads machine code."""
+    event = importlib.import_module("numba.core.event")
+    done = 0
+
+    class Compiled(event.Listener):  # type: ignore[name-defined, misc]  # numba has no types
+        def on_start(self, event: Any) -> None:
+            """Say nothing: only what is compiled counts."""
+
+        def on_end(self, event: Any) -> None:
+            nonlocal done
+            done += 1
+            told(min(done / (len(_PARTS) + 1), 0.99))
+
+    with event.install_listener("numba:compile", Compiled()):
+        yield
+    if done:
+        told(1.0)
 
 
 @contextmanager

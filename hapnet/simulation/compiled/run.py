@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hapnet.control.two_port import TwoPort
-from hapnet.kernel import sources
+from hapnet.kernel import progress, sources
 from hapnet.kernel.memory import bare, give_back, load, new, plain, store
 from hapnet.kernel.sides import TICKS
 from hapnet.kernel.simulation import (
@@ -25,7 +25,7 @@ from hapnet.kernel.simulation import (
     Scenario,
     entry_of,
 )
-from hapnet.kernel.twins import as_one_unit, entry
+from hapnet.kernel.twins import as_one_unit, entry, telling
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.hand_path import hand_path
 from hapnet.plant.worlds.scene import Scene
@@ -59,7 +59,7 @@ def make_ready() -> Callable[[Scenario, int], int]:
     """What runs a scenario's events until a time [ns]. Loads or makes the machine code, once in a process."""
     run = entry(entry_of(sources.digest()), str(sources.directory()))
     scenario = new(Scenario)
-    with as_one_unit():
+    with as_one_unit(), telling(progress.told.get()):
         run(bare(scenario), -1)  # nothing is due at that time
     give_back(scenario, Scenario)
     sources.mark()
