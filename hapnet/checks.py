@@ -16,6 +16,10 @@ Vector = tuple[float, ...]
 
 Array = NDArray[np.float64]
 
+Scalar = str | int | float | bool | None
+Signal = Scalar | tuple[int | float, ...]
+"""What two sides can tell each other beside the stream."""
+
 MAX_DOF = 64
 """The most axes: a message contains one number for each, and a side refuses longer ones."""
 

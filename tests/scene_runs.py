@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from hapnet.checks import Vector
+from hapnet.mechanics.contacts import Surroundings
 from hapnet.params import Params
 from hapnet.plant.integrator import PassiveIntegrator, Step
 from hapnet.plant.operator import Impedance, minimum_jerk
-from hapnet.plant.worlds.protocol import Surroundings
 from hapnet.plant.worlds.rigid_contacts import RigidContacts
 from hapnet.plant.worlds.scene import Scene
 from hapnet.plant.worlds.walls import Wall

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from hapnet.checks import Array
-from hapnet.plant.worlds.protocol import Inverse, Surroundings
+from hapnet.mechanics.contacts import Inverse, Surroundings
 from hapnet.plant.worlds.shapes import Cuboid, Cylinder, HalfSpace, Shape, Sphere, Textured
 
 CENTRE = (0.05, 0.0, 0.0)

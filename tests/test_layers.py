@@ -37,7 +37,7 @@ MAY_IMPORT = {  # a package, and what it may know beside itself and the base
     "control": {"records", "mechanics"},
     "plant": {"records", "mechanics"},
     "wire": {"records"},
-    "recording": {"plant", "wire"},
+    "recording": {"mechanics", "plant", "wire"},
     "side": {"records", "mechanics", "control", "plant", "wire", "recording"},
     "couplings": {"records", "mechanics", "control", "wire"},
     "kernel": {"records", "mechanics", "control", "plant", "wire"},  # it compiles some of their functions
@@ -287,3 +287,24 @@ def test_nobody_reaches_private_attributes_by_their_names() -> None:
         if re.search(r"\(\"_[a-z]\w*\", \d\)", source):  # a table of such names
             found.setdefault(str(module), "a table of names")
     assert found.keys() == BY_NAME.keys(), found
+
+
+ASKS_WHAT_IT_GOT = {
+    "hapnet/plant/worlds/own_worlds.py": "makes a user's world a whole one",
+    "hapnet/plant/hand_path.py": "an operator may give many points at once",
+    "hapnet/assembly/build.py": "reads parameters by their names",
+}
+"""Modules that ask a part what it has, of those that know worlds: everyone else has protocols with defaults."""
+
+KNOW_WORLDS = {"world.py", "set_position_coupling.py", "build.py"}
+
+
+def test_nobody_asks_a_world_what_it_has() -> None:
+    found = set()
+    for module in MODULES:
+        if package_of(name_of(module)) in {"mechanics", "plant"} or module.name in KNOW_WORLDS:
+            called = [part.func.id for part in nodes((ROOT / module).read_text("utf-8"))
+                      if isinstance(part, ast.Call) and isinstance(part.func, ast.Name)]  # fmt: skip
+            if {"getattr", "hasattr"} & set(called):
+                found.add(module.as_posix())
+    assert found == ASKS_WHAT_IT_GOT.keys()

@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 
 from hapnet.assembly.build import prepare
 from hapnet.errors import InvalidParameter
+from hapnet.mechanics.plane import Plane
 from hapnet.params import Params
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.moving_wall import MovingWall, Schedule, moving
-from hapnet.plant.worlds.protocol import Plane, World
+from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.walls import Wall
 from hapnet.simulation.simulation import Simulation
 

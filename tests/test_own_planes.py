@@ -9,8 +9,8 @@ import pytest
 from examples.own_moving_world import magnet, workshop
 from hapnet import ForceWorld, HapnetError, Obstacle, Params, Plane, simulate
 from hapnet.plant.integrator import PassiveIntegrator
+from hapnet.plant.worlds.own_worlds import SteppedWorld
 from hapnet.plant.worlds.registry import SCENES, make_scene
-from hapnet.plant.worlds.stepped_world import SteppedWorld
 from tests.curved import error_N
 from tests.test_own_worlds import HeldWall, wall
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from hapnet.errors import BadMessage
 from hapnet.mechanics.curvature import Curvature
-from hapnet.plant.worlds.protocol import Plane
+from hapnet.mechanics.plane import Plane
 from hapnet.realtime.telemetry_publisher import TelemetryPublisher
 from hapnet.recording.samples import DeviceSample, Event, WorldSample
 from hapnet.recording.telemetry import LONGEST, VERSION, KnownPlanes, Status, Telemetry, decode, encode

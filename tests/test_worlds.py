@@ -8,18 +8,19 @@ import numpy as np
 import pytest
 
 from hapnet.checks import Vector
-from hapnet.errors import InvalidParameter
+from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.mechanics.contacts import Inverse, Surroundings
+from hapnet.mechanics.plane import Plane
 from hapnet.params import Params
 from hapnet.plant.integrator import PassiveIntegrator
-from hapnet.plant.worlds.protocol import Inverse, Plane, Surface, Surroundings, World
+from hapnet.plant.worlds.protocol import World, WorldDefaults
 from hapnet.plant.worlds.registry import SCENES, make_scene
-from hapnet.plant.worlds.walls import Wall
-from hapnet.simulation.simulation import Simulation
+from hapnet.simulation.simulation import Simulation, simulate
 
 STIFFNESS = 2000.0
 
 
-class Drifting:
+class Drifting(WorldDefaults, Surroundings):
     """A spring wall that is moved towards the proxy from outside, as a world and its own surroundings.
 
     In the wall's frame the spring is a wall that stands still. There the midpoint rule is exact, as the force is taken
@@ -27,14 +28,12 @@ class Drifting:
     gradient, found by bisection since f falls with the velocity.
     """
 
-    name, dof, start = "drifting", 1, (0.0,)
-    walls: tuple[Wall, ...] = ()
-    surfaces: tuple[Surface, ...] = ()
+    name, dof, start, supplied_J = "drifting", 1, (0.0,), 0.0
 
     def __init__(self, *, dof: int = 1, speed: float = -0.02) -> None:
         if dof != 1:
             raise InvalidParameter("dof", dof, "1")
-        self.speed, self.at, self.supplied_J = speed, 0.02, 0.0
+        self.speed, self.at = speed, 0.02
         self.forces: list[float] = []
 
     @property
@@ -50,9 +49,6 @@ class Drifting:
     def require_outside(self, position: Sequence[float]) -> None:
         if self.penetration(position) > 0.0:
             raise InvalidParameter("position", tuple(position), "outside")
-
-    def require_separate(self, inverse: Inverse) -> None:
-        pass
 
     def solve(
         self, dt: float, position: Sequence[float], velocity: list[float], inverse: Inverse
@@ -136,3 +132,63 @@ def test_a_world_of_another_kind_runs_and_what_moves_it_is_accounted_for() -> No
     assert left == pytest.approx(0.0, abs=1e-9)  # a spring keeps all
     assert world.supplied_J > 1e-3
     assert min(world.forces) < -0.5
+
+
+class Field:
+    """The least that a world must have: a constant force, held over the step, from contacts of three parts."""
+
+    name, dof, start = "field", 1, (0.0,)
+
+    class Around:
+        dof = 1
+
+        def __init__(self) -> None:
+            self.given = 0.0
+
+        def solve(
+            self, dt: float, x: Vector, velocity: list[float], inverse: Inverse
+        ) -> tuple[list[float], list[float]]:
+            force = [FORCE_N]
+            moved = [v + r for v, r in zip(velocity, inverse((FORCE_N,)), strict=True)]
+            self.given += dt * force[0] * moved[0]
+            return force, moved
+
+        def stored_J(self, position: Sequence[float]) -> float:
+            return 1.0 - self.given
+
+    def __init__(self) -> None:
+        self.contacts = self.Around()
+
+    def next_step_s(self, rng: np.random.Generator) -> float:
+        return 0.02
+
+    def towards(self, position: Vector) -> Vector:
+        return position
+
+
+FORCE_N = -0.6
+
+
+def test_a_world_needs_no_more_than_that_and_what_it_lacks_has_defaults() -> None:
+    world = make_scene(f"{__name__}:Field")
+    assert (world.walls, world.surfaces, world.warnings, world.picture(), world.signals()) == ((), (), (), None, {})
+    assert world.contacts is world.contacts
+    assert world.contacts.planes((0.0,), 1.0) is None
+    assert world.contacts.penetration((0.5,)) == 0.0
+    assert not world.moves_proxy
+    summary = simulate({"scene": f"{__name__}:Field", "operator": "rest", "duration_s": 3.0}).summary
+    assert summary["verdict"]["passive"] is True
+    # what the field gives comes out of what it stores, so that its account is closed
+    assert summary["environment"]["env_slack_J"] == pytest.approx(0.0, abs=1e-12)
+
+
+class Bare(Field):
+    """Its contacts cannot be solved."""
+
+    def __init__(self) -> None:
+        self.contacts = object()  # type: ignore[assignment]
+
+
+def test_contacts_without_a_needed_part_are_named() -> None:
+    with pytest.raises(HapnetError, match=r"Bare failed: its contacts have no dof, solve, stored_J$"):
+        make_scene(f"{__name__}:Bare")

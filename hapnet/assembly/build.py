@@ -27,12 +27,13 @@ from hapnet.couplings.link_delays import delays
 from hapnet.couplings.registry import coupling, known
 from hapnet.couplings.spec import CouplingSpec, CouplingStart
 from hapnet.errors import InvalidParameter
+from hapnet.mechanics.contacts import Mass
 from hapnet.params import DeviceParams, Params, WorldParams, as_params
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.operator import Operator
-from hapnet.plant.worlds.protocol import EngineWorld, VirtualMass, World
+from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.registry import SCENES, make_scene, scene_parameters
 from hapnet.recording.samples import Event, MotionSample
 from hapnet.side.device import Clock, ContinuousDeviceSide, DeviceSide, Drive, Write
@@ -124,11 +125,10 @@ def _prepared(params: Params, default_servo: str) -> Setup:
     check_units(params, scene.dof)
     device = params.device
     spec = coupling(params.coupling)
-    if isinstance(scene, EngineWorld):
-        warnings.extend(scene.warnings)
-        if "world" not in spec.set_positions:
-            allowed = f"one whose virtual mass has a spring in the scene {params.scene}, such as pspm or zoh"
-            raise InvalidParameter("coupling", params.coupling, allowed)
+    warnings.extend(scene.warnings)
+    if scene.moves_proxy and "world" not in spec.set_positions:
+        allowed = f"one whose virtual mass has a spring in the scene {params.scene}, such as pspm or zoh"
+        raise InvalidParameter("coupling", params.coupling, allowed)
     servo = device.servo
     if servo == "auto":
         servo = default_servo if spec.continuous is not None and params.feel == "paper" else "sampled"
@@ -277,14 +277,12 @@ def _user_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write
     return RealDeviceSide(endpoint, device, hold, drive, device.declared, device.limiter(params.device))
 
 
-def virtual_mass(setup: Setup) -> VirtualMass:
+def virtual_mass(setup: Setup) -> Mass:
     """The virtual mass at the scene's start, among its contacts. Raises InvalidParameter."""
     world, scene = setup.params.world, setup.scene
     with _named("world"):
-        mass: VirtualMass
-        if isinstance(scene, EngineWorld):
-            mass = scene.proxy(world.mass, world.damping, world.stiffness)
-        else:
+        mass: Mass | None = scene.proxy(world.mass, world.damping, world.stiffness)
+        if mass is None:
             mass = PassiveIntegrator(world.mass, world.damping, world.stiffness, scene.start)
     mass.adopt(scene.contacts)
     return mass

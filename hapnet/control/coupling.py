@@ -14,7 +14,7 @@ The law gives g and p for each step. So its reaction to the mass may be implicit
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from operator import sub
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
@@ -29,6 +29,7 @@ from hapnet.control.samples import Wave as Wave
 from hapnet.control.samples import level_of as level_of
 from hapnet.control.samples import vector_of as vector_of
 from hapnet.control.ticks import TICK_SLACK_S, ticks_before
+from hapnet.mechanics.contacts import Mass, Step, Surroundings
 from hapnet.records.vectors import inner
 
 
@@ -144,39 +145,12 @@ class DeviceCoupling(Protocol):
         """Render no force from now until the next tick."""
 
 
-class Step(Protocol):
-    """A completed step of the virtual mass."""
-
-    @property
-    def velocity(self) -> Vector: ...
-    @property
-    def position(self) -> Vector: ...
-    @property
-    def force(self) -> Vector:
-        """Of the environment on the mass [N]."""
-
-
-S = TypeVar("S", bound=Step, covariant=True)
-
-
-class Mass(Protocol[S]):
-    """The virtual mass, which the world's end of a coupling moves: see hapnet/plant/integrator.py."""
-
-    @property
-    def velocity(self) -> Vector: ...
-    def step(self, dt: float, set_position: Vector, contacts: Any) -> S:
-        """Make a step of `dt` seconds with the mass's own spring and damper, tied to `set_position`."""
-
-    def push(self, dt: float, drag: float, push: Vector, contacts: Any) -> S:
-        """Make a step of `dt` seconds with a law's drag [Ns/m] and push [N]."""
-
-
 class WorldCoupling(Protocol):
     """The world's end of a coupling."""
 
     @property
     def coupling(self) -> CouplingState: ...
-    def advance(self, mass: Mass[S], dt: float, contacts: Any) -> S:
+    def advance(self, mass: Mass, dt: float, contacts: Surroundings) -> Step:
         """Move the mass through a step of `dt` seconds."""
 
     def update(self, dt: float, x: Vector, dissipated: float) -> Update:
@@ -295,7 +269,7 @@ class LawSteps:
         self.law = law
         self.coupling: LawState[WorldLaw] = LawState(law, initial_energy, stamped)
 
-    def advance(self, mass: Mass[S], dt: float, contacts: Sequence[Any]) -> S:
+    def advance(self, mass: Mass, dt: float, contacts: Surroundings) -> Step:
         drag, push = self.law.impedance(dt)
         done = mass.push(dt, drag, push, contacts)
         self.law.moved(dt, done.velocity, done.position, mass.velocity)

@@ -8,18 +8,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 from hapnet.checks import Vector
 from hapnet.control import ledger as ledgers
 from hapnet.control import pspm, smoothing, zoh
-from hapnet.control.coupling import CouplingSample, Mass, Proxy, S, Update, level_of, vector_of
+from hapnet.control.coupling import CouplingSample, Proxy, Update, level_of, vector_of
 from hapnet.control.ledger import Ledger
 from hapnet.control.limits import Silence, limit_step, releases
 from hapnet.control.prediction import PredictedDevice
 from hapnet.control.pspm import Modulation, SetPositionModulator
 from hapnet.control.smoothing import Pipeline
 from hapnet.mechanics import spring as springs
+from hapnet.mechanics.contacts import Mass, Step, Surroundings
 from hapnet.mechanics.plane import Plane, checked
 from hapnet.mechanics.spring import Spring
 from hapnet.records.equation import compiled_as, equation
@@ -389,13 +390,14 @@ class SetPositionSteps:
         self._predicted = predicted
         self._reach = reach
         self._reach_speed = reach_speed
-        self._contacts: Any = None
+        self._contacts: Surroundings | None = None
         self._force: Vector = (0.0,) * len(coupling.set_position)
 
-    def advance(self, mass: Mass[S], dt: float, contacts: Any) -> S:
+    def advance(self, mass: Mass, dt: float, contacts: Surroundings) -> Step:
         done = mass.step(dt, self.coupling.set_position, contacts)
         self._contacts = contacts
-        self._force = getattr(contacts, "contact_force", done.force)  # an engine's holds the proxy's inertia too
+        own = contacts.contact_force  # an engine's `force` holds the proxy's inertia too
+        self._force = done.force if own is None else own
         return done
 
     def update(self, dt: float, x: Vector, dissipated: float) -> Update:
@@ -407,8 +409,7 @@ class SetPositionSteps:
         planes: tuple[Plane, ...] | None = ()  # it starts outside of every obstacle
         looked_m = None if self._contacts is None else reach
         if self._contacts is not None:
-            tell = getattr(self._contacts, "planes", None)  # a user's own world may have been written without it
-            told = None if tell is None else tell(x, reach)
+            told = self._contacts.planes(x, reach)
             planes = None if told is None else tuple([plane.unfolded(x) for plane in checked(told, len(x))])
         predicted.planes = planes or ()
         stands_for = predicted.stands_for(dt)

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import inf, isfinite
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,7 +22,8 @@ from numpy.typing import ArrayLike
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
-from hapnet.plant.worlds.protocol import Surroundings
+from hapnet.mechanics.contacts import Mass, Surroundings
+from hapnet.mechanics.contacts import Step as Step
 from hapnet.records.equation import equation
 from hapnet.records.record import FloatRows, Floats, MatrixOfAxes, OfAxes, Reals, Record
 from hapnet.records.vectors import dot, times
@@ -35,19 +35,7 @@ OWN = -1.0
 """The drag of a step on the mass's own coupling, where A has B' + K' T/2."""
 
 
-class Step(NamedTuple):
-    """The result of one step; vectors are (n,) tuples."""
-
-    velocity: Vector  #: vhat [m/s], the mean over the step
-    force: Vector  #: f [N], all force on the mass except the virtual coupling's
-    work_J: float  #: f . vhat T, put in at the world's port
-    dissipated_J: float  #: |vhat|_B'^2 T, dissipated by the virtual coupling's damper; the exact D of PSPM
-    coupling_force: Vector  #: tau [N]
-    position: Vector  #: x_{k+1} [m]
-    penetration_m: float  #: depth of x_{k+1} in the wall where it is deepest, 0 outside
-
-
-class PassiveIntegrator(Record):
+class PassiveIntegrator(Record, Mass):
     """A virtual mass on a virtual coupling, integrated passively with steps of any length.
 
     Parameters

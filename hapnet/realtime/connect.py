@@ -17,6 +17,7 @@ from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.loading import lent
 from hapnet.params import Params, as_params
 from hapnet.plant.device import Device
+from hapnet.plant.worlds.own_worlds import is_world
 from hapnet.plant.worlds.protocol import World
 from hapnet.realtime.connected import ConnectedDevice, ConnectedWorld
 from hapnet.realtime.runner import RealtimeSide
@@ -226,7 +227,7 @@ class _Call:
             changes["hardware"] = _named(names, "device", self.device, user_device.allowed(), _is_device)
         if self.scene is not None:
             changes["scene"] = _named(
-                names, "scene", self.scene, "a scene's name, a world, or what makes one", _is_world
+                names, "scene", self.scene, "a scene's name, a world, or what makes one", is_world
             )
         return (Params() if self.params is None else as_params(self.params)).set(changes)
 
@@ -248,10 +249,6 @@ def _endpoints(name: str, given: object) -> tuple[str, ...]:
 
 def _is_device(part: object) -> bool:
     return not isinstance(part, type) and all(hasattr(part, name) for name in ("dof", "read", "apply"))
-
-
-def _is_world(part: object) -> bool:
-    return not isinstance(part, type) and isinstance(part, World)
 
 
 def _named(names: ExitStack, name: str, part: object, allowed: str, is_made: Callable[[object], bool]) -> str:

@@ -19,7 +19,7 @@ import msgpack
 
 from hapnet.checks import Vector
 from hapnet.errors import BadMessage
-from hapnet.plant.worlds.protocol import Plane
+from hapnet.mechanics.plane import Plane
 from hapnet.recording.drawing import LARGEST, Drawing, SceneSample, unpack
 from hapnet.recording.samples import VECTORS, DeviceSample, Event, Sample, WorldSample, plain
 from hapnet.wire import fields

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -11,9 +11,9 @@ from hapnet.checks import Vector
 from hapnet.control.coupling import CouplingState, Wave, WorldCoupling, vector_of
 from hapnet.errors import HapnetError
 from hapnet.loading import failure
+from hapnet.mechanics.contacts import Mass
 from hapnet.plant.worlds.account import EnvironmentAccount
-from hapnet.plant.worlds.picture import Pictured
-from hapnet.plant.worlds.protocol import EngineMass, VirtualMass, World
+from hapnet.plant.worlds.protocol import World
 from hapnet.recording.drawing import SceneWriter
 from hapnet.recording.samples import Event, WorldSample
 from hapnet.side.device import Write
@@ -46,7 +46,7 @@ class WorldSide:
     def __init__(
         self,
         endpoint: WorldControl,
-        mass: VirtualMass,
+        mass: Mass,
         scene: World,
         make_coupling: Callable[[Vector, float, bool], WorldCoupling],
         *,
@@ -65,13 +65,10 @@ class WorldSide:
         """The environment's own account; None before control starts."""
         self.paused = False
         """The virtual mass stands still and nothing is recorded; all else continues."""
-        self._engine = mass if isinstance(mass, EngineMass) else None
         self._make_coupling = make_coupling
         self.rng: Final = rng
         self._name = name
         self._write = write
-        self._take_signal: Callable[[str, Signal], None] | None = getattr(scene, "signal", None)
-        self._tell_signals: Callable[[], Mapping[str, Signal]] | None = getattr(scene, "signals", None)
         self._told: dict[str, Signal] = {}
         self.last_ns = 0
         self._scene_writer: SceneWriter | None = None
@@ -99,16 +96,14 @@ class WorldSide:
             endpoint.start(self._world)
             self.environment = EnvironmentAccount(self.scene.contacts, mass.position)
             self.origin_ns = self.last_ns = now_ns
-            if isinstance(self.scene, Pictured):
-                self._scene_writer = self._drawn(self.scene, now_ns)
+            self._scene_writer = self._drawn(now_ns)
             return endpoint.step(now_ns, 0.0, mass.position, mass.kinetic_J, 0.0, 0.0)
         dt = (now_ns - self.last_ns) * NANO
         self.last_ns = now_ns
         if self.paused:
             return endpoint.step(now_ns, dt, mass.position, mass.kinetic_J, 0.0, 0.0)
         coupling = endpoint.coupling
-        if self._engine is not None:
-            self._engine.available_J = coupling.account
+        mass.afford(coupling.account)
         done = self._world.advance(mass, dt, self.scene.contacts)
         message = endpoint.step(now_ns, dt, done.position, mass.kinetic_J, done.work_J, done.dissipated_J)
         self.steps += 1
@@ -129,12 +124,12 @@ class WorldSide:
             self._scene_writer.step(now_ns, done.position, done.force)
         return message
 
-    def _drawn(self, scene: Pictured, now_ns: int) -> SceneWriter:
-        """Write how the scene looks. HapnetError with its name if it tells none."""
+    def _drawn(self, now_ns: int) -> SceneWriter | None:
+        """What writes how the scene looks; None: it cannot be drawn. HapnetError with its name if it tells nonsense."""
         told: object = None
         try:
-            told = picture = scene.picture()
-            return SceneWriter(picture, self._write, now_ns)
+            told = picture = self.scene.picture()
+            return None if picture is None else SceneWriter(picture, self._write, now_ns)
         except HapnetError:
             raise
         except BaseException as error:  # see `loading.failure`
@@ -145,11 +140,8 @@ class WorldSide:
         """Give the scene the signals that have come, if it takes any, and tell the device those of the scene."""
         try:
             for name, value in self.endpoint.signals():
-                if self._take_signal is not None:
-                    self._take_signal(name, value)
-            if self._tell_signals is None:
-                return
-            for name, value in self._tell_signals().items():
+                self.scene.signal(name, value)
+            for name, value in self.scene.signals().items():
                 if self._told.get(name, self) != value:
                     self._told[name] = value
                     self.endpoint.tell(name, value)

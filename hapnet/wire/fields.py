@@ -11,6 +11,8 @@ from typing import Annotated, Any, Literal, get_type_hints
 
 from hapnet.checks import MAX_DOF as MAX_DOF
 from hapnet.checks import MOST_FRICTION, MOST_PLANES, UNIT_TOLERANCE, wrong_curvatures
+from hapnet.checks import Scalar as Scalar
+from hapnet.checks import Signal as Signal
 from hapnet.errors import BadMessage
 from hapnet.records.vectors import added
 
@@ -279,9 +281,6 @@ def _kind(value: object) -> str:
 
 
 Role = Literal["device", "world"]
-Scalar = str | int | float | bool | None
-Signal = Scalar | tuple[int | float, ...]
-"""What a signal can be."""
 
 U64 = Annotated[int, natural]
 Nanojoules = Annotated[int, total]

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from hapnet.plant.worlds.protocol import Observed, Surroundings
+from hapnet.mechanics.contacts import Observed, Surroundings
 from hapnet.records.equation import equation
 from hapnet.records.record import Record
 
@@ -41,7 +41,7 @@ class EnvironmentAccount(Record):
     @property
     def observed(self) -> Observed | None:
         """What an observer saw and made the surroundings pay; None: they promise to be passive, nothing observes."""
-        return getattr(self._surroundings, "observed", None)
+        return self._surroundings.observed
 
     def observe(self, work: float, position: Sequence[float]) -> None:
         """A step has ended at `position` (n,) [m]; `work` is the sum of f . vhat T since the start [J]."""

@@ -20,11 +20,12 @@ import numpy as np
 
 from hapnet.checks import Array
 from hapnet.errors import InvalidParameter
+from hapnet.mechanics.contacts import Inverse
+from hapnet.mechanics.plane import Plane
 from hapnet.plant.worlds.implicit import solved
 from hapnet.plant.worlds.observed_world import ObservedWorld, compliance_of, nearest
 from hapnet.plant.worlds.obstacle import Body, Law, Obstacle
 from hapnet.plant.worlds.obstacles_picture import ObstaclesPicture
-from hapnet.plant.worlds.protocol import Inverse, Plane
 from hapnet.records.vectors import added
 
 

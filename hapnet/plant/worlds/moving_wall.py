@@ -20,9 +20,11 @@ import numpy as np
 
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
+from hapnet.mechanics.contacts import Inverse, Surroundings
+from hapnet.mechanics.plane import Plane
 from hapnet.params import WallParams
 from hapnet.plant.operator import minimum_jerk
-from hapnet.plant.worlds.protocol import Inverse, Plane, Surface
+from hapnet.plant.worlds.protocol import Surface, WorldDefaults
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene, along, checked_dof
 from hapnet.plant.worlds.walls import WALL_DAMPING, WALL_STIFFNESS, Contacts, Wall, check_number
 from hapnet.records.vectors import inner
@@ -119,7 +121,7 @@ class Schedule:
         return list({change.kind: change for change in self.changes if change.at_s <= t}.values())
 
 
-class MovingWall:
+class MovingWall(WorldDefaults, Surroundings):
     """A world with one wall that changes with time, and its own surroundings. It is used for one run.
 
     Parameters
@@ -129,15 +131,14 @@ class MovingWall:
     Raises InvalidParameter.
     """
 
-    name = "moving"
+    name, dof, supplied_J = "moving", 1, 0.0
 
     def __init__(self, schedule: Schedule, min_s: float = STEP_MIN_S, max_s: float = STEP_MAX_S) -> None:
         self.schedule = schedule
-        self.dof: int = len(schedule.wall.normal)
+        self.dof = len(schedule.wall.normal)
         # The scene that it is at the start checks the steps' range and draws their lengths.
         self._still = Scene("moving", self.dof, (schedule.wall,), min_s, max_s)
         self.start: Vector = self._still.start
-        self.supplied_J: float = 0.0
         self._time_s = 0.0
         self._set_wall()
 
@@ -172,9 +173,6 @@ class MovingWall:
     def require_outside(self, position: Sequence[float]) -> None:
         self._contacts.require_outside(position)
 
-    def require_separate(self, inverse: Inverse) -> None:
-        """Nothing to require: one wall is separate."""
-
     def solve(
         self, dt: float, position: Sequence[float], velocity: list[float], inverse: Inverse
     ) -> tuple[Sequence[float], list[float]]:
@@ -190,10 +188,6 @@ class MovingWall:
 
     def penetration(self, position: Sequence[float]) -> float:
         return self._contacts.penetration(position)
-
-    def plane(self, position: Sequence[float]) -> Plane | None:
-        """The wall at present, if `position` (n,) [m] is inside."""
-        return next(iter(self.planes(position, 0.0)), None)
 
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...]:
         """The wall at present, if `position` (n,) [m] is inside or less than `reach_m` in front of it; else none."""

@@ -20,8 +20,8 @@ import numpy as np
 
 from hapnet.checks import Array, Vector
 from hapnet.errors import HapnetError
+from hapnet.mechanics.contacts import Observed
 from hapnet.plant.worlds.mujoco_model import Model
-from hapnet.plant.worlds.protocol import Observed
 from hapnet.records.vectors import inner
 
 CEILING_J = 0.05

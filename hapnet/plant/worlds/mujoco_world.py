@@ -22,7 +22,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from math import ceil, inf
 from operator import add, mul, neg, sub
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,14 +29,14 @@ from numpy.typing import ArrayLike
 from hapnet import checks
 from hapnet.checks import Array, Vector
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.plant.integrator import Step
+from hapnet.mechanics.contacts import Inverse, Mass, Observed, Step, Surroundings
+from hapnet.mechanics.plane import Plane
 from hapnet.plant.worlds.mujoco_engine import Engine
 from hapnet.plant.worlds.mujoco_model import asked, load, warnings
 from hapnet.plant.worlds.mujoco_picture import ModelPicture
 from hapnet.plant.worlds.mujoco_planes import SpherePlanes
-from hapnet.plant.worlds.protocol import Inverse, Observed, Plane, Surface
+from hapnet.plant.worlds.protocol import WorldDefaults
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene, checked_dof
-from hapnet.plant.worlds.walls import Wall
 from hapnet.records.vectors import inner
 
 LONGEST_S = 0.25
@@ -52,8 +51,8 @@ _PAID = 1.0 - 1e-12
 """The share of the energy at hand that may be used: so rounding makes no deficit."""
 
 
-class MujocoProxy:
-    """The proxy on its virtual coupling, moved by the engine: the `hapnet.plant.worlds.protocol.VirtualMass`.
+class MujocoProxy(Mass):
+    """The proxy on its virtual coupling, moved by the engine: the `hapnet.mechanics.contacts.Mass`.
 
     Parameters
     ----------
@@ -64,8 +63,7 @@ class MujocoProxy:
     """Zero: the proxy's motion is stored in the engine."""
 
     def __init__(self, engine: Engine, damping: ArrayLike, stiffness: ArrayLike) -> None:
-        self.available_J = inf
-        """What the reservoir holds: the coupling takes no more out than that and its spring's energy [J]."""
+        self._available_J = inf
         self._engine = engine
         self._B, self._K = _matrix("damping", damping, engine.dof), _matrix("stiffness", stiffness, engine.dof)
         self._stiffness = self._inverse_mass = _product(self._K)
@@ -83,15 +81,15 @@ class MujocoProxy:
     def velocity(self) -> Vector:
         return self._engine.velocity()
 
-    def adopt(self, contacts: Any) -> None:
-        """Nothing to check: the engine has its own contacts."""
+    def afford(self, energy_J: float) -> None:
+        self._available_J = energy_J
 
     def place(self, position: ArrayLike) -> None:
         self._engine.place(checks.vector("position", position, self._engine.dof))
         self._pushed = (0.0,) * self._engine.dof
         self._position = self._engine.position()
 
-    def step(self, dt: float, set_position: Vector, contacts: Any = None) -> Step:
+    def step(self, dt: float, set_position: Vector, contacts: Surroundings | None = None) -> Step:
         engine, n = self._engine, self._engine.dof
         simulated = min(dt, LONGEST_S)
         count = max(1, ceil(simulated / engine.own_step_s - 1e-9))
@@ -101,7 +99,7 @@ class MujocoProxy:
         x = start = self._position
         total, work = [0.0] * n, 0.0
         before = self._potential_J(x, set_position)
-        most = _PAID * (before + self.available_J)
+        most = _PAID * (before + self._available_J)
         before_v = engine.velocity()
         for _ in range(count):
             e, u = tuple(map(sub, x, set_position)), [v + h * a for v, a in zip(before_v, self._pushed, strict=True)]
@@ -135,12 +133,12 @@ class MujocoProxy:
         e = tuple(map(sub, x, set_position))
         return 0.5 * float(inner(e, self._stiffness(e)))
 
-    def push(self, dt: float, drag: float, push: Vector, contacts: Any = None) -> Step:
+    def push(self, dt: float, drag: float, push: Vector, contacts: Surroundings | None = None) -> Step:
         """Not possible: a law's impedance would have to be solved together with the engine's step."""
         raise HapnetError("a MuJoCo scene needs a coupling whose virtual mass has a spring, such as pspm")
 
 
-class MujocoWorld:
+class MujocoWorld(WorldDefaults, Surroundings):
     """A MuJoCo model as a world, and its own surroundings. It is used for one run.
 
     Parameters
@@ -151,16 +149,15 @@ class MujocoWorld:
     Raises InvalidParameter.
     """
 
-    name = "mujoco"
-    walls: tuple[Wall, ...] = ()
-    surfaces: tuple[Surface, ...] = ()
+    name, dof, moves_proxy = "mujoco", 3, True
+    warnings: tuple[str, ...] = ()
 
     def __init__(self, scene: str, dof: int = 3, min_s: float = STEP_MIN_S, max_s: float = STEP_MAX_S) -> None:
         self._steps = Scene(self.name, checked_dof(dof), (), min_s, max_s)
         self._found = load(scene, dof, _SMALLEST_MASS)
-        self.warnings: tuple[str, ...] = tuple(warnings(self._found))
+        self.warnings = tuple(warnings(self._found))
         self.engine: Engine = Engine(self._found, dof)
-        self.dof: int = dof
+        self.dof = dof
         self.start: Vector = self._steps.start
         told, self._planes = asked(scene).planes, None
         if self._found.dofs and not self._found.model.nflex and told != "none":
@@ -216,12 +213,6 @@ class MujocoWorld:
         """Kinetic and potential energy of all bodies, the proxy's too [J]."""
         return self.engine.energy_J()
 
-    def require_outside(self, position: Sequence[float]) -> None:
-        """Nothing to require."""
-
-    def require_separate(self, inverse: Inverse) -> None:
-        """Nothing to require."""
-
     def solve(
         self, dt: float, position: Sequence[float], velocity: list[float], inverse: Inverse
     ) -> tuple[Sequence[float], list[float]]:
@@ -235,11 +226,6 @@ class MujocoWorld:
     def contact_force(self) -> Vector:
         """Of all contacts on the proxy, the mean over the last step [N]."""
         return self.engine.contact_force
-
-    def plane(self, position: Sequence[float]) -> Plane | None:
-        """The deepest of `planes`."""
-        deepest = next(iter(self.planes(position, 0.0) or ()), None)
-        return None if deepest is None or deepest.depth(position) <= 0.0 else deepest
 
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...] | None:
         """Those around an added sphere where it is. None: it touches what no plane describes, or there is a flex, or

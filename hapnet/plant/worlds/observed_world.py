@@ -10,14 +10,15 @@ import numpy as np
 from hapnet.checks import MOST_PLANES, Array, Vector
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.loading import failure
-from hapnet.mechanics.plane import checked
+from hapnet.mechanics.contacts import Inverse, Observed, Surroundings
+from hapnet.mechanics.plane import Plane, checked
 from hapnet.plant.worlds.observer import Observer
-from hapnet.plant.worlds.protocol import Inverse, Observed, Plane, Surface
+from hapnet.plant.worlds.protocol import Surface, WorldDefaults
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene
-from hapnet.plant.worlds.walls import Wall, check_number
+from hapnet.plant.worlds.walls import check_number
 
 
-class ObservedWorld:
+class ObservedWorld(WorldDefaults, Surroundings):
     """A world whose forces are those of its subclass (`solve`). It is used for one run.
 
     Parameters
@@ -31,7 +32,8 @@ class ObservedWorld:
     Raises InvalidParameter.
     """
 
-    walls: tuple[Wall, ...] = ()
+    dof: int = 1
+    surfaces: tuple[Surface, ...] = ()
 
     def __init__(
         self,
@@ -47,9 +49,9 @@ class ObservedWorld:
         check_number("energy_J", energy_J, "zero or a positive number [J]", lambda energy: 0.0 <= energy < inf)
         self._steps = Scene(name, dof, (), min_s, max_s, tuple(start))  # checks dof and the steps' range, draws them
         self.name: str = name
-        self.dof: int = dof
+        self.dof = dof
         self.start: Vector = self._steps.start
-        self.surfaces: tuple[Surface, ...] = surfaces
+        self.surfaces = surfaces
         self._observer = Observer(energy_J)
 
     @property
@@ -59,11 +61,6 @@ class ObservedWorld:
     @property
     def observed(self) -> Observed:
         return self._observer.observed
-
-    @property
-    def supplied_J(self) -> float:
-        """Work put in by what moves the world [J]."""
-        return 0.0
 
     @property
     def bodies_J(self) -> float:
@@ -80,31 +77,6 @@ class ObservedWorld:
     def towards(self, position: Vector) -> Vector:
         """`position`: the proxy can be placed anywhere, since the forces have nothing that they could give it there."""
         return position
-
-    def require_outside(self, position: Sequence[float]) -> None:
-        """Nothing to require, see `towards`."""
-
-    def require_separate(self, inverse: Inverse) -> None:
-        """Nothing to require: all forces are solved at once."""
-
-    def solve(
-        self, dt: float, position: Sequence[float], velocity: list[float], inverse: Inverse
-    ) -> tuple[Sequence[float], list[float]]:
-        """As `Surroundings.solve`."""
-        raise NotImplementedError
-
-    def penetration(self, position: Sequence[float]) -> float:
-        """Zero where no planes are told: it is not known where the forces have a surface."""
-        plane = self.plane(position)
-        return 0.0 if plane is None else plane.depth(position)
-
-    def plane(self, position: Sequence[float]) -> Plane | None:
-        deepest = next(iter(self.planes(position, 0.0) or ()), None)
-        return None if deepest is None or deepest.depth(position) <= 0.0 else deepest
-
-    def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...] | None:
-        """None: a force tells no planes."""
-        return None
 
 
 def nearest(planes: Iterable[Plane], position: Sequence[float], reach_m: float) -> tuple[Plane, ...]:

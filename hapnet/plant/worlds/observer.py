@@ -20,7 +20,7 @@ from math import sqrt
 import numpy as np
 
 from hapnet.checks import Array
-from hapnet.plant.worlds.protocol import Observed
+from hapnet.mechanics.contacts import Observed
 
 _ROUNDS = 40
 """Of bisection for b: more than a float's digits."""

@@ -7,7 +7,7 @@ What it gives is asked some 60 times a second, on the thread that steps the worl
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple, Protocol, TypeAlias, runtime_checkable
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,13 +56,6 @@ class Picture(Protocol):
 
     def touches(self, position: Vector, force: Vector) -> list[Touch]:
         """The contacts of a proxy at `position` (n,) [m] which feels `force` (n,) [N] in all."""
-
-
-@runtime_checkable
-class Pictured(Protocol):
-    """A world that can be drawn."""
-
-    def picture(self) -> Picture: ...
 
 
 def part(vertices: Any, triangles: Any, color: Color = GREY, body: int = RESTS, *, smooth: bool = False) -> Part:

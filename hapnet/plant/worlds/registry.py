@@ -7,7 +7,7 @@ takes keyword arguments and returns a world (`hapnet.plant.worlds.protocol`), mo
         return Scene("corridor", dof, box_walls(dof, width / 2, 3000.0, 10.0)[:2])
 
 or a `ForceWorld` with obstacles that move. ``module:name`` may also be the force itself, a function of position,
-velocity and time, or give an object that steps by itself (`hapnet.plant.worlds.stepped_world.Stepping`). An observer
+velocity and time, or give an object that steps by itself (`hapnet.plant.worlds.own_worlds.Stepping`). An observer
 watches both.
 
 A built-in world is a file in this package and a line in `SCENES`. Rigid scenes are words (`hapnet.plant.worlds.rigid`).
@@ -21,17 +21,13 @@ from functools import partial
 from typing import Any
 
 from hapnet.errors import InvalidParameter
-from hapnet.loading import failure, load
-from hapnet.plant.worlds import rigid
+from hapnet.plant.worlds import own_worlds, rigid
 from hapnet.plant.worlds.box import box
-from hapnet.plant.worlds.force_world import ForceWorld
 from hapnet.plant.worlds.moving_wall import moving
 from hapnet.plant.worlds.mujoco_model import PREFIX as MUJOCO
 from hapnet.plant.worlds.mujoco_world import MujocoWorld
-from hapnet.plant.worlds.obstacle import Law
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S
-from hapnet.plant.worlds.stepped_world import SteppedWorld, Stepping
 from hapnet.plant.worlds.wall import free, paper, wall
 
 SCENES: dict[str, Callable[..., World]] = {"free": free, "wall": wall, "box": box, "paper": paper, "moving": moving}
@@ -55,18 +51,9 @@ def make_scene(name: str, **parameters: Any) -> World:
         known = ", ".join(scene_parameters(name)) or "nothing"
         raise InvalidParameter(f"scene {name}", parameters, f"this scene's parameters ({known}): {error}") from None
     if name in SCENES or name.startswith(MUJOCO) or rigid.builder(name) is not None:
-        scene: object = builder(**parameters)
-    else:
-        try:
-            scene = builder(**parameters)
-            if isinstance(scene, Stepping) and not isinstance(scene, World):
-                scene = SteppedWorld(scene, dof=parameters.get("dof", 1), name=name.rpartition(":")[2])
-        except BaseException as error:  # see `loading.failure`
-            raise InvalidParameter("scene", name, f"a scene that can be built ({failure(error)})") from error
-    if not isinstance(scene, World):
-        allowed = "a function of position, velocity and time, or what returns a world, such as hapnet.Scene"
-        raise InvalidParameter(f"scene {name}", scene, allowed)
-    return scene
+        world: World = builder(**parameters)
+        return world
+    return own_worlds.made(builder, name, parameters)
 
 
 def _builder(name: str) -> Callable[..., Any]:
@@ -78,24 +65,10 @@ def _builder(name: str) -> Callable[..., Any]:
         return from_words
     names = (*SCENES, *rigid.KINDS)
     allowed = f"{', '.join(names)}, mujoco:FILE.xml, or module:Name that can be imported"
-    builder = load("scene", name, allowed, names)
-    try:
-        required = [p for p in inspect.signature(builder).parameters.values() if p.default is p.empty]
-    except (TypeError, ValueError):
-        raise InvalidParameter("scene", name, "module:Name of a class or function with named parameters") from None
-    if inspect.isfunction(builder) and sum(p.kind is p.POSITIONAL_OR_KEYWORD for p in required) == 3:
-        return partial(_force_world, builder, name.rpartition(":")[2])
-    checked: Callable[..., Any] = builder
-    return checked
+    return own_worlds.builder(name, allowed, names)
 
 
 def _mujoco(
     name: str, /, *, dof: int = 3, step_min_s: float = STEP_MIN_S, step_max_s: float = STEP_MAX_S
 ) -> MujocoWorld:
     return MujocoWorld(name, dof, step_min_s, step_max_s)
-
-
-def _force_world(
-    force: Law, name: str, /, *, dof: int = 1, step_min_s: float = STEP_MIN_S, step_max_s: float = STEP_MAX_S
-) -> ForceWorld:
-    return ForceWorld(force, dof=dof, name=name, min_s=step_min_s, max_s=step_max_s)

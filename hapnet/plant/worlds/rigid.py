@@ -20,12 +20,12 @@ from hapnet.plant.worlds.friction import Friction, FrictionTexture
 from hapnet.plant.worlds.mesh import Mesh, Triangles
 from hapnet.plant.worlds.mesh_file import read_heights, read_mesh, require_file
 from hapnet.plant.worlds.picture import Part
-from hapnet.plant.worlds.protocol import Surface
+from hapnet.plant.worlds.protocol import WorldDefaults
 from hapnet.plant.worlds.rigid_contacts import RigidContacts, Solid, padded
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene, checked_dof
 from hapnet.plant.worlds.shapes import Cuboid, Cylinder, HalfSpace, Shape, Sphere, Textured
 from hapnet.plant.worlds.solids_picture import SolidsPicture
-from hapnet.plant.worlds.walls import WALL_DAMPING, WALL_STIFFNESS, Wall
+from hapnet.plant.worlds.walls import WALL_DAMPING, WALL_STIFFNESS
 from hapnet.records.vectors import added
 
 _FRONT_M = 0.02
@@ -34,7 +34,7 @@ _UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
 _NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)([a-z]*)", re.IGNORECASE | re.ASCII)
 
 
-class RigidScene:
+class RigidScene(WorldDefaults):
     """A world of rigid solids that rest. It is used for one run.
 
     Parameters
@@ -45,9 +45,6 @@ class RigidScene:
 
     Raises InvalidParameter.
     """
-
-    walls: tuple[Wall, ...] = ()
-    surfaces: tuple[Surface, ...] = ()
 
     def __init__(
         self,

@@ -30,11 +30,11 @@ from math import hypot, sqrt
 from hapnet import checks
 from hapnet.checks import MOST_FRICTION, MOST_PLANES, Vector
 from hapnet.errors import InvalidParameter
+from hapnet.mechanics.contacts import Inverse, Surroundings
 from hapnet.mechanics.curvature import Curvature, Curvatures, across
 from hapnet.mechanics.plane import Plane
 from hapnet.plant.worlds.coupled import Contact, compliance, solve, solved, times
 from hapnet.plant.worlds.friction import Friction, coefficient, drag_of, tangential
-from hapnet.plant.worlds.protocol import Inverse
 from hapnet.plant.worlds.secant import GOOD_MPS, Secant
 from hapnet.plant.worlds.shapes import Bent, Shape
 from hapnet.plant.worlds.walls import WALL_DAMPING, WALL_STIFFNESS
@@ -71,17 +71,17 @@ class Solid:
             checks.non_negative("friction", self.friction)
 
 
-class RigidContacts:
+class RigidContacts(Surroundings):
     """The `Surroundings` of rigid solids. They keep the state of one contact, so they belong to one mass.
 
     dof : the number of axes, at most 3; `hapnet.plant.worlds.shapes` says what solids are with fewer.
     """
 
+    dof: int = 0
+
     def __init__(self, solids: Sequence[Solid], dof: int) -> None:
         self.solids: tuple[Solid, ...] = tuple(solids)
         self.dof = dof
-        self.supplied_J: float = 0.0
-        """Zero: no solid moves."""
         self.energy_J: float = 0.0
         """e + E_c after the last step."""
         self.scale: float = 1.0

@@ -11,7 +11,7 @@ from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
 from hapnet.params import WorldParams
-from hapnet.plant.worlds.protocol import Surface
+from hapnet.plant.worlds.protocol import Surface, WorldDefaults
 from hapnet.plant.worlds.walls import Contacts, Wall, check_number
 
 _WORLD = WorldParams()
@@ -19,7 +19,7 @@ STEP_MIN_S, STEP_MAX_S = _WORLD.step_min_s, _WORLD.step_max_s
 
 
 @dataclass(frozen=True)
-class Scene:
+class Scene(WorldDefaults):
     """Walls around a virtual mass of `dof` degrees of freedom, and the duration of this world's steps.
 
     Parameters

@@ -32,10 +32,10 @@ import numpy as np
 from hapnet import checks
 from hapnet.checks import Array, Vector
 from hapnet.errors import InvalidParameter
+from hapnet.mechanics.contacts import Inverse, Surroundings
 from hapnet.mechanics.plane import Plane
 from hapnet.params import WallParams
 from hapnet.plant.worlds.coupled import Contact, compliance, solve
-from hapnet.plant.worlds.protocol import Inverse
 from hapnet.records.equation import equation
 from hapnet.records.record import AXES, PLANES, FloatRows, Floats, OfAxes, Reals, Record, Wholes
 from hapnet.records.vectors import dot, inner
@@ -188,7 +188,7 @@ def _positive_root(a: float, b: float, c: float) -> float:
     return (root - b) / (2.0 * a)
 
 
-class Contacts(Record):
+class Contacts(Record, Surroundings):
     """The `Surroundings` of walls that act on one mass, grouped into axes that are solved independently.
 
     Parameters
@@ -205,14 +205,14 @@ class Contacts(Record):
     Raises InvalidParameter if dimensions differ, or if parallel walls overlap or face the same direction.
     """
 
-    dof: int
+    dof: int = 0
     lines: int
     axes: Annotated[Sequence[Axis], (MOST,)]
     faces: int
     normals: Annotated[FloatRows, (MOST, AXES)]
     offsets: Annotated[Floats, (MOST,)]
     stiffnesses: Annotated[Floats, (MOST,)]
-    supplied_J: float
+    supplied_J: float = 0.0
     near: Annotated[Wholes, (PLANES,)]
     taken: Annotated[Wholes, (MOST,)]
     response: OfAxes
@@ -273,13 +273,6 @@ class Contacts(Record):
             elif axis.lower.at - q > deepest:
                 deepest = axis.lower.at - q
         return deepest
-
-    def plane(self, position: Sequence[float]) -> Plane | None:
-        """The wall where `position` (n,) [m] is deepest; None: outside all walls."""
-        wall = max(self.walls, key=lambda wall: wall.penetration(position), default=None)
-        if wall is None or wall.penetration(position) <= 0.0:
-            return None
-        return Plane(wall.normal, wall.offset, wall.stiffness, wall.damping)
 
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...]:
         """The walls at `position` (n,) [m], or within `reach_m` [m] of it: at most four, the deepest first."""

@@ -1,0 +1,145 @@
+"""What stands between a world and what moves in it: the surroundings of the proxy, and the mass that is moved.
+
+In each step of length T the proxy, a virtual mass on its virtual coupling, has a mean velocity vhat with
+
+    A vhat = c + f                                          A = 2M/T + B' + K' T/2, see `hapnet.plant.integrator`
+
+where f is the force of its surroundings. The surroundings get A (as a function that applies its inverse) and the
+velocity ``A^-1 c`` that the step would have without them. They return f and vhat. So contact, friction and bodies that
+the proxy deforms are solved together with the step, whatever its length. Bodies make their own step in the same call,
+which comes once a step. Theorem 1 holds for any f. It remains to show that the surroundings do not output more energy
+than they have: with U = `stored_J` and S = `supplied_J`,
+
+    -sum f . vhat T + S - (U - U(0)) >= 0
+
+A physics engine that integrates the proxy itself does not fit here: it brings a `Mass` of its own.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, Protocol, runtime_checkable
+
+from hapnet.checks import Vector
+from hapnet.mechanics.plane import Plane
+
+Inverse = Callable[[Vector], Sequence[float]]
+"""Applies A^-1 [m/s per N] to a vector (n,)."""
+
+
+class Observed(NamedTuple):
+    """What an observer saw of surroundings that promise nothing, and what it made them pay."""
+
+    given_J: float  #: energy that they would have given out beyond what they had, summed over the steps
+    paid_J: float  #: what damping took back
+
+
+@runtime_checkable
+class Surroundings(Protocol):
+    """Everything around the proxy that acts on it; `dof` is n. What has a body here need not be written."""
+
+    @property
+    @abstractmethod
+    def dof(self) -> int: ...
+
+    @abstractmethod
+    def solve(
+        self, dt: float, position: Sequence[float], velocity: list[float], inverse: Inverse
+    ) -> tuple[Sequence[float], list[float]]:
+        """Make one step. Returns the force f (n,) [N] and vhat (n,) [m/s], with ``A vhat = c + f``.
+
+        Parameters
+        ----------
+        dt : T [s], also the length of the surroundings' own step. position : x_k [m] at the step's start.
+        velocity : ``A^-1 c`` [m/s]. inverse : applies A^-1.
+        """
+
+    @abstractmethod
+    def stored_J(self, position: Sequence[float]) -> float:
+        """Energy in the surroundings' springs and in their bodies' motion, with the proxy at `position` (n,) [m]."""
+
+    @property
+    def supplied_J(self) -> float:
+        """Total work put in by obstacles that are moved from outside; 0 if none is moved."""
+        return 0.0
+
+    @property
+    def observed(self) -> Observed | None:
+        """What their observer saw; None: they promise to be passive, nothing observes them."""
+        return None
+
+    @property
+    def contact_force(self) -> Vector | None:
+        """Of all contacts on the proxy, the mean over the last step (n,) [N]; None: f is that force."""
+        return None
+
+    def require_outside(self, position: Sequence[float]) -> None:
+        """Raise InvalidParameter if a proxy that starts at `position` (n,) [m] would create energy."""
+        return
+
+    def require_separate(self, inverse: Inverse) -> None:
+        """Raise InvalidParameter if a step with this A cannot be solved; called for several A before the first step."""
+        return
+
+    def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...] | None:
+        """The planes that a proxy at `position` (n,) [m] touches, or has within `reach_m` [m]: at most four, the
+        deepest or nearest first. A curved obstacle gives its tangent plane at the nearest point, and how its surface
+        bends there, if it is known (`Plane.curvatures`). The device feels these planes and nothing else.
+
+        None: this world can tell no planes, or has forces that no plane describes.
+        """
+        return None
+
+    def plane(self, position: Sequence[float]) -> Plane | None:
+        """The plane that a proxy at `position` (n,) [m] touches: of several, the one where it is deepest. Or None."""
+        deepest = next(iter(self.planes(position, 0.0) or ()), None)
+        return None if deepest is None or deepest.depth(position) <= 0.0 else deepest
+
+    def penetration(self, position: Sequence[float]) -> float:
+        """Penetration depth of `position` (n,) in the obstacle where it is deepest [m]; 0 outside, or not known."""
+        plane = self.plane(position)
+        return 0.0 if plane is None else plane.depth(position)
+
+
+class Step(NamedTuple):
+    """The result of one step of the mass; vectors are (n,) tuples."""
+
+    velocity: Vector  #: vhat [m/s], the mean over the step
+    force: Vector  #: f [N], all force on the mass except the virtual coupling's
+    work_J: float  #: f . vhat T, put in at the world's port
+    dissipated_J: float  #: |vhat|_B'^2 T, dissipated by the virtual coupling's damper; the exact D of PSPM
+    coupling_force: Vector  #: tau [N]
+    position: Vector  #: x_{k+1} [m]
+    penetration_m: float  #: depth of x_{k+1} in the wall where it is deepest, 0 outside
+
+
+class Mass(Protocol):
+    """What is tied to the virtual coupling, as the world's end of a law moves it; see `hapnet.plant.integrator`."""
+
+    @property
+    def position(self) -> Vector: ...
+    @property
+    def velocity(self) -> Vector: ...
+    @property
+    def kinetic_J(self) -> float:
+        """Its kinetic energy; 0 if that belongs to the environment."""
+
+    def adopt(self, contacts: Surroundings) -> None:
+        """Check its surroundings. Raises InvalidParameter."""
+        return
+
+    def place(self, position: Vector) -> None:
+        """Start at rest there (n,) [m]. Raises InvalidParameter."""
+
+    def afford(self, energy_J: float) -> None:
+        """What the reservoir holds before a step [J]: a coupling whose force is held takes no more than that and its
+        spring's energy. One that is solved together with the step cannot take more.
+        """
+        return
+
+    def step(self, dt: float, set_position: Vector, contacts: Surroundings) -> Step:
+        """Make a step of `dt` seconds with the mass's own spring and damper, tied to `set_position`."""
+
+    def push(self, dt: float, drag: float, push: Vector, contacts: Surroundings) -> Step:
+        """Make a step of `dt` seconds with a law's drag [Ns/m] and push [N]."""
