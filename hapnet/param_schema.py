@@ -17,14 +17,19 @@ _TYPES = {str: "string", bool: "boolean", int: "integer", float: "number"}
 
 def schema(params: Any) -> dict[str, Any]:
     """The schema of a file of parameters; its defaults are the values of `params`."""
-    return {"$schema": DIALECT, "title": "Parameters of hapnet"} | _section(params)
+    whole = _section(params)
+    whole["properties"] |= {name: _section(section) for name, section in params.law_sections().items()}
+    return {"$schema": DIALECT, "title": "Parameters of hapnet"} | whole
 
 
 def _section(node: Any) -> dict[str, Any]:
     properties = {}
     for spec in fields(node):
         value = getattr(node, spec.name)
-        properties[spec.name] = _section(value) if is_dataclass(value) else _parameter(value, spec)
+        if is_dataclass(value):
+            properties[spec.name] = _section(value)
+        elif spec.metadata:
+            properties[spec.name] = _parameter(value, spec)
     description = inspect.cleandoc(type(node).__doc__ or "")
     return {"type": "object", "description": description, "properties": properties, "additionalProperties": False}
 

@@ -81,8 +81,12 @@ def check_allowed(name: str, value: object, allowed: Allowed) -> None:
 
 def nested(section: Any) -> dict[str, Any]:
     """All values, by name, those of a section in a dictionary of its own. Values do not change, so none is copied."""
-    values = {one.name: getattr(section, one.name) for one in fields(section)}
-    return {name: nested(value) if is_dataclass(value) else value for name, value in values.items()}
+    found = ((one, getattr(section, one.name)) for one in fields(section))
+    return {
+        one.name: nested(value) if is_dataclass(value) else value
+        for one, value in found
+        if is_dataclass(value) or one.metadata
+    }
 
 
 def leaves(node: Any, prefix: str = "") -> Iterator[tuple[str, Any, dataclasses.Field[Any]]]:
@@ -92,7 +96,7 @@ def leaves(node: Any, prefix: str = "") -> Iterator[tuple[str, Any, dataclasses.
         value = getattr(node, spec.name)
         if is_dataclass(value):
             branches.append((f"{prefix}{spec.name}.", value))
-        else:
+        elif spec.metadata:
             yield prefix + spec.name, value, spec
     for name, value in branches:
         yield from leaves(value, name)

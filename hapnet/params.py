@@ -1,21 +1,28 @@
-"""Every physical and timing parameter with its default, unit and meaning. They are read from TOML and `--set`, and
-recorded with a run.
+"""Every physical and timing parameter of a run. They are read from TOML and `--set`, and recorded with a run.
 
-This is the only place for defaults; other modules take them from here. They are those of the paper's Section 4; digits
-that its printing lost are reconstructed (marked "rec.").
+Defaults, units and meanings are in hapnet/param_sections.py, and in the laws' own files (hapnet/couplings).
 """
 
 from __future__ import annotations
 
+import dataclasses
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields
+from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from hapnet.errors import InvalidParameter
-from hapnet.law_params import EbaParams, PdParams, PopcParams, TdpaParams, WaveParams
+from hapnet.laws import COUPLING_NAMES, sections
+from hapnet.param_sections import ContactModelParams as ContactModelParams
+from hapnet.param_sections import DeviceParams as DeviceParams
+from hapnet.param_sections import LinkParams as LinkParams
+from hapnet.param_sections import OperatorParams as OperatorParams
+from hapnet.param_sections import WallParams as WallParams
+from hapnet.param_sections import WireParams as WireParams
+from hapnet.param_sections import WorldParams as WorldParams
 from hapnet.param_values import NOT_NEGATIVE as _NOT_NEGATIVE
 from hapnet.param_values import POSITIVE as _POSITIVE
 from hapnet.param_values import (
@@ -31,210 +38,7 @@ from hapnet.param_values import (
 )
 from hapnet.param_values import parameter as _p
 
-COUPLING_NAMES = ("pspm", "zoh", "popc", "tdpa", "eba", "wave", "digital-wave", "pd")
-"""Those of hapnet/couplings/registry.py, in the order in which people read them."""
-
-Matrix = float | tuple[float, ...] | tuple[tuple[float, ...], ...]
-"""A scalar, one number for each axis, or the rows of a matrix."""
-
-
-@dataclass(frozen=True)
-class DeviceParams:
-    """The haptic device and its side of the coupling.
-
-    More than twenty attributes: one for each key of `[device]`.
-    """
-
-    servo: str = _p("auto", "auto: continuous in virtual time with the paper's feel, else sampled",
-                    ("auto", "continuous", "sampled"))  # fmt: skip
-    servo_hz: float = _p(1000.0, "servo rate [Hz]", Range(at_least=10.0, at_most=20_000.0))
-    watchdog_s: float = _p(
-        0.02, "a servo that is later than this renders no force until it is on time again [s]; 0: off", _NOT_NEGATIVE
-    )
-    pspm_period_s: float = _p(
-        0.005, "positions are sent this often; with the paper's feel PSPM runs as often, and on new data [s]", _POSITIVE
-    )
-    stiffness: Matrix = _p(
-        0.0,
-        "K [N/m]: a number, one per axis, or a matrix; 0: by what the device renders (paper: 100, rec.)",
-        _NOT_NEGATIVE,
-    )
-    damping: Matrix = _p(0.1, "B [Ns/m]: a number, or one per axis", _POSITIVE)
-    ceiling_J: float = _p(0.1, "the reservoir's ceiling [J]", _NOT_NEGATIVE)
-    shuffle: str = _p(
-        "needed", "what is sent: harvested surplus, and what the other side needs more; harvested; all (the paper's)",
-        ("needed", "harvested", "all"),
-    )  # fmt: skip
-    harvest: str = _p("auto", "auto: range with the continuous servo, measured with the sampled one",
-                      ("auto", "range", "measured"))  # fmt: skip
-    force_limit_N: float = _p(3.3, "greatest force of the actuators [N]; 0: no limit", _NOT_NEGATIVE)
-    spring_share: float = _p(0.9, "share of the force limit at which the spring saturates; the rest is the damper's",
-                             Range(above=0.0, at_most=1.0))  # fmt: skip
-    step_limit_N: float = _p(
-        0.5, "largest step of the force [N], per tick if it is held, otherwise per update; 0: no limit", _NOT_NEGATIVE
-    )
-    smoothing_s: float = _p(0.0, "time constant of the smoothing filter before PSPM [s]; 0: none", _NOT_NEGATIVE)
-    predict_s: float = _p(0.0, "horizon of the velocity predictor before PSPM [s]; 0: none", _NOT_NEGATIVE)
-    on_silence: str = _p(
-        "hold", "the set-position when nothing arrives: hold it, or release the spring", ("hold", "release")
-    )
-    silence_after_s: float = _p(0.5, "after this time without a new message the peer is silent [s]", _POSITIVE)
-    greatest_speed: float = _p(
-        1.0, "greatest speed of the handle [m/s]: it bounds the energy that a held torque can give out", _POSITIVE
-    )
-    mass: float = _p(0.045, "apparent mass of the simulated device [kg]", _POSITIVE)
-    own_damping: float = _p(0.3, "own damping of the simulated device [Ns/m]", _NOT_NEGATIVE)
-    trusted_damping: float = _p(
-        0.0, "lower bound of the device's own damping, for measured harvest only [Ns/m]", _NOT_NEGATIVE
-    )
-    resolution_m: float = _p(
-        0.0, "encoder resolution, sampled servo only [m]; 0: exact", Range(at_least=0.0, at_most=0.01)
-    )
-    workspace_m: Matrix = _p(
-        2.0,
-        "reach of the device from its origin, in both directions: a number, or one per axis [m]",
-        Range(0.0, 1e-3, 10.0),
-    )
-    stiffness_range: Matrix = _p((1.0, 1e5), "least and greatest stiffness that the device renders [N/m]")
-    substeps: int = _p(4, "integration substeps of the simulated device per tick", Range(at_least=1, at_most=1000))
-    force_ramp_s: float = _p(
-        1.0, "a real device's force grows over this time: at the start, after silence, after its dead-man switch [s]",
-        _NOT_NEGATIVE,
-    )  # fmt: skip
-    dead_man: str = _p(
-        "auto", "the button that must be held: auto (the one that the device declares), none, or its number from 0"
-    )
-
-
-@dataclass(frozen=True)
-class OperatorParams:
-    """The simulated hand: its impedance and its motion."""
-
-    mass: float = _p(0.554, "mass of hand and arm [kg]", _NOT_NEGATIVE)
-    damping: float = _p(6.45, "damping of hand and arm [Ns/m]", _NOT_NEGATIVE)
-    stiffness: float = _p(135.0, "stiffness of hand and arm [N/m]", _NOT_NEGATIVE)
-    amplitude_m: float = _p(0.03, "amplitude of the sine [m]", _NOT_NEGATIVE)
-    frequency_hz: float = _p(0.5, "frequency of the sine [Hz]", _NOT_NEGATIVE)
-    start_periods: float = _p(
-        0.5, "the sine grows from rest over so many of its periods (minimum jerk); 0: full from the start",
-        Range(at_least=0.0, at_most=100.0),
-    )  # fmt: skip
-    tremor_m: float = _p(0.0, "amplitude of its tremor, 8 to 12 Hz [m]", Range(at_least=0.0, at_most=0.01))
-    end_hold_s: float = _p(
-        0.0,
-        "the hand comes to rest and holds still for so long at the end of the run [s]; 0, or a short run: never",
-        _NOT_NEGATIVE,
-    )
-    start_m: float = _p(0.0, "where the press begins, along the wall's normal [m]")
-    goal_m: float = _p(0.04, "where the press aims, along the wall's normal [m]")
-    reach_s: float = _p(1.0, "duration of the press's motion in, and of its motion out [s]", _POSITIVE)
-    hold_s: float = _p(1.5, "how long the press is held [s]", _NOT_NEGATIVE)
-    wait_s: float = _p(0.5, "pause between presses [s]", _NOT_NEGATIVE)
-    press_depth_m: float = _p(0.008, "depth at which a recorded pen aims at full pressure [m]", _NOT_NEGATIVE)
-    hover_m: float = _p(0.006, "height of a recorded pen when it is lifted [m]", _NOT_NEGATIVE)
-
-
-@dataclass(frozen=True)
-class WallParams:
-    """The walls of the scene."""
-
-    stiffness: float = _p(3000.0, "K_w [N/m] (rec.)", _POSITIVE)
-    damping: float = _p(10.0, "B_w [Ns/m] (rec.)", _NOT_NEGATIVE)
-    position_m: float = _p(0.02, "position of the wall in scene wall, on the first axis [m]")
-    half_width_m: float = _p(0.03, "half the inner width of the box in scene box [m]", _POSITIVE)
-    timeline: str = _p("", "changes of the wall in scene moving, such as at 2s: shift 3mm; at 4s: gone; at 6s: back")
-
-
-@dataclass(frozen=True)
-class WorldParams:
-    """The virtual world and its side of the coupling."""
-
-    mass: Matrix = _p(0.02, "virtual mass [kg] (rec.)", _POSITIVE)
-    stiffness: Matrix = _p(500.0, "K' [N/m] (rec.); K'/K scales the force that is felt", _POSITIVE)
-    damping: Matrix = _p(14.0, "B' [Ns/m]", _POSITIVE)
-    ceiling_J: float = _p(0.05, "the reservoir's ceiling [J]", _NOT_NEGATIVE)
-    shuffle: str = _p("needed", "what is sent, as device.shuffle", ("needed", "harvested", "all"))
-    step_min_s: float = _p(0.010, "shortest integration step T_k [s] (rec.)", _POSITIVE)
-    step_max_s: float = _p(
-        0.050, "longest integration step T_k [s]; steps are uniform between the two (rec.)", _POSITIVE
-    )
-    step_limit_N: float = _p(
-        25.0, "largest step of the virtual coupling's force per update [N]; 0: no limit", _NOT_NEGATIVE
-    )
-    smoothing_s: float = _p(0.0, "time constant of the smoothing filter before PSPM [s]; 0: none", _NOT_NEGATIVE)
-    predict_s: float = _p(0.0, "horizon of the velocity predictor before PSPM [s]; 0: none", _NOT_NEGATIVE)
-    on_silence: str = _p(
-        "hold", "the set-position when nothing arrives: hold it, or release the spring", ("hold", "release")
-    )
-    silence_after_s: float = _p(0.5, "after this time without a new message the peer is silent [s]", _POSITIVE)
-    wall: WallParams = field(default_factory=WallParams)
-
-
-@dataclass(frozen=True)
-class ContactModelParams:
-    """The local contact model at the device, and the world's prediction of the device. `hapnet tune` found the values,
-    but for those that it does not see: `fade_s`, `shift_s`, `reach_m`.
-
-    hapnet/couplings/feel.py says which rule each of them enters.
-    """
-
-    damping_ratio: float = _p(0.32, "of the device's mass on K; damping is added up to it", _NOT_NEGATIVE)
-    lead: float = _p(0.92, "share of all that drag that is cancelled in free motion", Range(at_least=0.0, at_most=1.0))
-    lead_s: float = _p(0.012, "time constant of the velocity that cancels it [s]", _POSITIVE)
-    fade_s: float = _p(0.005, "time constant with which a change of planes takes effect [s]", _POSITIVE)
-    shift_s: float = _p(0.05, "time constant with which planes move to where the proxy feels them [s]", _POSITIVE)
-    window_s: float = _p(0.036, "the world predicts the device from the positions of so long a time [s]", _POSITIVE)
-    longest_s: float = _p(0.135, "longest prediction [s]", _POSITIVE)
-    curve_s: float = _p(0.075, "longest time for which an acceleration is predicted to last [s]", _NOT_NEGATIVE)
-    reach_m: float = _p(
-        0.05, "planes are told so far, and as far as the device comes in a round trip [m]", _NOT_NEGATIVE
-    )
-    remembers: bool = _p(True, "planes that were told stay known until the world says that they are gone")
-    stop_s: float = _p(
-        0.015,
-        "behind a plane, the predicted motion dies away with this time constant [s]; 0: it does not",
-        _NOT_NEGATIVE,
-    )
-    yields_below: float = _p(0.8, "the lead gives way below this level of the world's reservoir; 0: never",
-                             Range(at_least=0.0, at_most=1.0))  # fmt: skip
-
-
-@dataclass(frozen=True)
-class LinkParams:
-    """The emulated link, in tc-netem's words. Each side shapes what it sends."""
-
-    up: str = _p("delay 40ms 10ms loss 2%", "link from the device to the world")
-    down: str = _p("delay 40ms 10ms loss 2%", "link from the world to the device")
-    up_timeline: str = _p("", "changes of the uplink, in time from pairing, such as at 5s: down; at 9s: up")
-    down_timeline: str = _p("", "changes of the downlink, in the same words")
-    path_s: float = _p(
-        0.0, "round trip of the real network, for couplings that are tuned to a delay [s]", _NOT_NEGATIVE
-    )
-
-
-@dataclass(frozen=True)
-class WireParams:
-    """The protocol's timing and admission."""
-
-    hello_period_s: float = _p(
-        0.1, "time between two hellos until the peer has answered [s]", Range(at_least=0.001, at_most=10.0)
-    )
-    energy_spacing_s: float = _p(
-        0.010, "least time between two messages with new energy [s]", Range(at_least=0.001, at_most=10.0)
-    )
-    admission_W: float = _p(
-        5.0, "the most shuffled power that is credited in the long run [W]", Range(at_least=1e-9, at_most=1e9)
-    )
-    admission_burst_J: float = _p(
-        0.5, "the most shuffled energy that is credited at once [J]", Range(at_least=1e-9, at_most=1e9)
-    )
-    accept_stale: bool = _p(False, "also use set-positions that arrive after newer ones")
-    deadband: float = _p(
-        0.0,
-        "perceptual deadband (Weber): a change of the force below this fraction is not sent; 0: all is sent",
-        Range(at_least=0.0, at_most=1.0),
-    )
-
+Section = TypeVar("Section")
 
 _BEFORE: Mapping[str, object] = {
     "feel": "paper", "operator_hand.start_periods": 0.0, "operator_hand.end_hold_s": 0.0,
@@ -274,16 +78,12 @@ class Params:
     link: LinkParams = field(default_factory=LinkParams)
     wire: WireParams = field(default_factory=WireParams)
     contact_model: ContactModelParams = field(default_factory=ContactModelParams)
-    popc: PopcParams = field(default_factory=PopcParams)
-    tdpa: TdpaParams = field(default_factory=TdpaParams)
-    eba: EbaParams = field(default_factory=EbaParams)
-    wave: WaveParams = field(default_factory=WaveParams)
-    pd: PdParams = field(default_factory=PdParams)
+    laws: tuple[tuple[str, Any], ...] = ()
+    """The laws' own sections that are not as by default, by their names: a law's file says what is in its section."""
 
     def __repr__(self) -> str:
         """What makes the same parameters from the defaults."""
-        plain = Params().flat()
-        changed = {name: value for name, value in self.flat().items() if plain[name] != value}
+        changed = {name: value for name, value, spec in self.leaves() if value != spec.default}
         return f"Params().set({changed!r})" if changed else "Params()"
 
     def __post_init__(self) -> None:
@@ -293,7 +93,8 @@ class Params:
                 example = f"{section.name}.{fields(kind)[0].name}"
                 allowed = f'a {kind.__name__}, or its parameters one by one: Params().set({{"{example}": ...}})'
                 raise InvalidParameter(section.name, getattr(self, section.name), allowed)
-        for name, value, spec in leaves(self):
+        object.__setattr__(self, "laws", tuple(sorted((name, one) for name, one in self.laws if one != type(one)())))
+        for name, value, spec in chain(leaves(self), *(leaves(one, f"{name}.") for name, one in self.laws)):
             check_kind(name, value, str(spec.type))
             check_allowed(name, value, spec.metadata["allowed"])
         if self.world.step_min_s > self.world.step_max_s:
@@ -305,6 +106,28 @@ class Params:
         for part in name.split("."):
             value = getattr(value, part)
         return value
+
+    def of(self, kind: type[Section]) -> Section:
+        """A law's own parameters, by their class."""
+        return next((section for _, section in self.laws if type(section) is kind), kind())
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            """The section of a law."""
+            if name.startswith("_") or name not in sections():
+                raise AttributeError(name)
+            return self.law_sections()[name]
+
+    def law_sections(self) -> dict[str, Any]:
+        """The laws' own parameters, by the names of their sections."""
+        return {name: kind() for name, kind in sections().items()} | dict(self.laws)
+
+    def leaves(self) -> Iterator[tuple[str, Any, Field[Any]]]:
+        """(dotted name, value, field) of every parameter."""
+        yield from leaves(self)
+        for name, section in self.law_sections().items():
+            yield from leaves(section, f"{name}.")
 
     def set(self, changes: Mapping[str, object]) -> Params:
         """A copy with these parameters changed. Names are dotted; values are as TOML has them, or text from `--set`.
@@ -322,8 +145,13 @@ class Params:
             for part in path:
                 branch = branch.setdefault(part, {})
             branch[last] = value
+        own = {name: tree.pop(name) for name in tree.keys() - _SECTIONS}
         changed: Params = replaced(self, tree)
-        return changed
+        if not own:
+            return changed
+        now = self.law_sections()
+        laws = dict(self.laws) | {name: replaced(now[name], values) for name, values in own.items()}
+        return dataclasses.replace(changed, laws=tuple(laws.items()))
 
     def typed(self, changes: Mapping[str, object]) -> dict[str, Any]:
         """The values that `set` would use: each is of its parameter's type, but it may be out of range.
@@ -332,12 +160,14 @@ class Params:
         ------
         InvalidParameter : there is no such parameter, or the value is not of its type.
         """
-        known = {name: spec for name, _, spec in leaves(self)}
+        known = {name: (value, spec) for name, value, spec in leaves(self)}
+        if not known.keys() >= changes.keys():  # only then are the laws loaded
+            known = {name: (value, spec) for name, value, spec in self.leaves()}
         values = {}
         for name, value in changes.items():
             if name not in known:
                 raise InvalidParameter("parameter", name, "a parameter of --show-params", known)
-            values[name] = converted(name, value, self.get(name), known[name])
+            values[name] = converted(name, value, *known[name])
         return values
 
     @classmethod
@@ -371,14 +201,14 @@ class Params:
 
     def flat(self) -> dict[str, Any]:
         """Every parameter under its dotted name; ``Params().set(params.flat())`` is `params` again."""
-        return {name: value for name, value, _ in leaves(self)}
+        return {name: value for name, value, _ in self.leaves()}
 
     def as_dict(self) -> dict[str, Any]:
-        return nested(self)
+        return nested(self) | {name: nested(section) for name, section in self.law_sections().items()}
 
     def described(self) -> Iterator[tuple[str, str, str]]:
         """Dotted name, value as TOML has it, and meaning with unit of every parameter."""
-        for name, value, spec in leaves(self):
+        for name, value, spec in self.leaves():
             allowed = spec.metadata["allowed"]
             choice = "" if isinstance(allowed, Range) else f" ({' | '.join(allowed)})"
             yield name, toml_value(value), f"{spec.metadata['doc']}{choice}"
@@ -395,6 +225,8 @@ class Params:
             lines.append(f"{f'{last} = {value}':<32} # {meaning}")
         return "\n".join(lines) + "\n"
 
+
+_SECTIONS = {one.name for one in fields(Params)}
 
 RELAXED_HAND: Mapping[str, float] = MappingProxyType(
     {"operator_hand.mass": 0.1, "operator_hand.damping": 0.5, "operator_hand.stiffness": 40.0}

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
 from hapnet.checks import Vector
-from hapnet.control import tdpa
 from hapnet.control.coupling import Port
-from hapnet.control.tdpa import PassivityObserver, TdpaDevice, TdpaWorld
+from hapnet.couplings import tdpa
+from hapnet.couplings.tdpa import PassivityObserver, TdpaDevice, TdpaWorld, Tuning
 from hapnet.params import Params
 from hapnet.side.device import DeviceSide
 from hapnet.side.world import WorldSide
@@ -28,14 +29,21 @@ OFF: dict[str, object] = {
 """Both controllers switched off."""
 
 
+def tuning(**changes: float) -> Tuning:
+    plain = Tuning(
+        stiffness_N_m=100.0, damping_Ns_m=3.0, velocity_floor_m_s=0.002, force_floor_N=0.05, damping_cap_Ns_m=5.0,
+        speed_limit_m_s=0.25, debt_limit_J=0.02,
+    )  # fmt: skip
+    return dataclasses.replace(plain, **changes)
+
+
 def device(x: Vector = (0.0,), **changes: float) -> TdpaDevice:
-    values = {"velocity_floor": 0.002, "damping_cap": 5.0, "debt_limit": 0.02, "stiffness": 100.0} | changes
-    return TdpaDevice(position=x, **values)
+    return TdpaDevice(tuning(**changes), x)
 
 
 def world(x: Vector = (0.0,), **changes: Any) -> TdpaWorld:
-    values: dict[str, Any] = {"stiffness": 100.0, "damping": 3.0, "force_floor": 0.05, "speed_limit": 0.25}
-    return TdpaWorld(position=x, **(values | {"debt_limit": 0.02} | changes))
+    predictor = changes.pop("predictor", None)
+    return TdpaWorld(tuning(**changes), x, predictor)
 
 
 def told(law: TdpaDevice | TdpaWorld, x: Vector = (0.0,)) -> Port:

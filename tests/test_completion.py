@@ -13,7 +13,8 @@ from hapnet import cli
 from hapnet.assembly.build import prepare
 from hapnet.bench.registry import ROWS
 from hapnet.commands import complete
-from hapnet.params import COUPLING_NAMES, Params
+from hapnet.laws import COUPLING_NAMES
+from hapnet.params import Params
 from hapnet.plant.worlds.registry import SCENES
 from netem import cli as netem_cli
 from netem.profile import PRESETS

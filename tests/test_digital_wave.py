@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hapnet.control.coupling import Wave
-from hapnet.control.digital_wave import LOUDEST, Replay
+from hapnet.couplings.digital_wave import LOUDEST, Replay
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.registry import COUPLINGS
 from hapnet.params import Params

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hapnet.control.eba import EnergyBounding
+from hapnet.couplings.eba import EnergyBounding
 from hapnet.mechanics.spring import Spring
 from tests.hand_port import LIGHT_HAND, lowest_energies
 from tests.paper import PAPER

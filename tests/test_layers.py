@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-from hapnet.params import COUPLING_NAMES
+from hapnet.laws import COUPLING_NAMES
 
 ROOT = Path(__file__).resolve().parents[1]
 MODULES = sorted(path.relative_to(ROOT) for package in ("hapnet", "netem") for path in (ROOT / package).rglob("*.py"))
@@ -29,7 +29,7 @@ PURE_NETEM = {  # all that a link in virtual time consists of
 LONGEST = 420
 MOST_ATTRIBUTES = 20
 
-BASE = {"errors", "checks", "params", "law_params", "param_values", "param_schema", "loading", "versions"}
+BASE = {"errors", "checks", "params", "laws", "param_sections", "param_values", "param_schema", "loading", "versions"}
 BELOW_ASSEMBLY = {"records", "mechanics", "control", "plant", "wire", "recording", "side", "couplings"}
 MAY_IMPORT = {  # a package, and what it may know beside itself and the base
     "records": set(),
@@ -40,7 +40,7 @@ MAY_IMPORT = {  # a package, and what it may know beside itself and the base
     "recording": {"mechanics", "plant", "wire"},
     "side": {"records", "mechanics", "control", "plant", "wire", "recording"},
     "couplings": {"records", "mechanics", "control", "wire"},
-    "kernel": {"records", "mechanics", "control", "plant", "wire"},  # it compiles some of their functions
+    "kernel": {"records", "mechanics", "control", "couplings", "plant", "wire"},  # it compiles some of their functions
     "devices": {"plant"},
     "assembly": BELOW_ASSEMBLY | {"devices"},
     "summary": BELOW_ASSEMBLY,
@@ -55,6 +55,7 @@ MAY_IMPORT = {  # a package, and what it may know beside itself and the base
     "bench": BELOW_ASSEMBLY | {"assembly", "summary", "simulation", "transport", "realtime", "view", "study", "report"},
 }
 READS_FILES = {
+    "hapnet/laws.py": "a law is a file of a package",
     "hapnet/params.py": "--params names a file",
     "hapnet/plant/worlds/mujoco_model.py": "a scene is a model's file",
     "netem/trace.py": "a recorded link is a file",
@@ -68,9 +69,7 @@ READS_FILES = {
 ADDS_UP = {"records", "mechanics", "control", "plant", "couplings", "side"}
 """Whose recordings' bits depend on how a sum is rounded: they add up with `inner` and `added`."""
 
-COUNTS = {
-    f"hapnet/{name}.py" for name in ("control/tdpa", "plant/integrator", "plant/worlds/mesh", "records/histogram")
-}
+COUNTS = {f"hapnet/{name}.py" for name in ("plant/integrator", "plant/worlds/mesh", "records/histogram")}
 """Modules of those that count with `sum`, or ask whether any of several numbers is none."""
 
 OPENS_ZENOH = {

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hapnet.control.coupling import Motion
-from hapnet.control.pd import DevicePD, Gains, WorldPD, round_trip, tuned
+from hapnet.couplings.pd import DevicePD, Gains, WorldPD, round_trip, tuned
 from hapnet.params import Params
 from hapnet.plant.integrator import PassiveIntegrator
 from tests.hand_port import LIGHT_HAND, lowest_energies

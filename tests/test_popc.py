@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from hapnet.control.popc import PassivityController, damping_cap
+from hapnet.couplings.popc import PassivityController, damping_cap
 from hapnet.mechanics.spring import Spring
 from tests.hand_port import LIGHT_HAND, lowest_energies
 from tests.paper import PAPER

@@ -71,7 +71,7 @@ def test_tdpas_world_is_where_the_device_is_at_a_steps_end(age: float) -> None:
     def x(t: float) -> float:
         return 0.05 * t - 0.02 * t * t
 
-    law = world((x(0.0),), speed_limit=10.0, predictor=MotionPredictor())
+    law = world((x(0.0),), speed_limit_m_s=10.0, predictor=MotionPredictor())
     state = LawState(law, 0.05, law.stamped)
     now = told = 0.0
     for step in range(60):

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hapnet.assembly.build import prepare
 from hapnet.checks import Vector
 from hapnet.control.coupling import Port
-from hapnet.control.tdpa import PassivityObserver
+from hapnet.couplings.tdpa import PassivityObserver
 from hapnet.params import Params
 from hapnet.study.case import measure
 from tests.tdpa_ends import TICK, device, simulated, told, world
@@ -82,7 +82,7 @@ def test_what_was_granted_to_one_peer_is_not_granted_to_the_next() -> None:
 
 def test_the_device_damps_what_it_owes_and_pays_what_the_damper_took() -> None:
     """f <- f + alpha v with alpha = debt/(T v^2), on the device -f - alpha v; then E_out less the true dissipation."""
-    law = device(debt_limit=1e6)
+    law = device(debt_limit_J=1e6)
     law.receive(Port((-2.0,), 0.0))
     assert law.force(TICK, (0.0,), (0.05,), (0.0,)) == (2.0,)
     dx = 4.0e-6
@@ -99,7 +99,7 @@ def test_the_device_damps_what_it_owes_and_pays_what_the_damper_took() -> None:
 
 @pytest.mark.parametrize(("v", "damping"), [(0.0019, 0.0), (0.0021, 5.0), (-0.1, 5.0)])
 def test_the_device_damps_with_at_most_the_cap_and_not_below_the_floor(v: float, damping: float) -> None:
-    law = device(debt_limit=1e6)
+    law = device(debt_limit_J=1e6)
     law.receive(Port((-2.0,), 0.0))
     law.force(TICK, (0.001,), (v,), (2.0,))
     assert law.force(TICK, (0.001,), (v,), (2.0,))[0] == pytest.approx(2.0 - damping * v, rel=1e-6)
@@ -138,7 +138,8 @@ def test_a_yielding_step_is_the_coupling_in_series_with_a_damper(seed: int) -> N
     rng = np.random.default_rng(seed)
     n, R = int(rng.integers(1, 4)), 0.2 * float(rng.integers(2))
     K, B, D = 10.0 ** rng.uniform(0, 3), 10.0 ** rng.uniform(-1, 1), 10.0 ** rng.uniform(-4, 1)
-    law = world((0.0,) * n, stiffness=K, damping=B, debt_limit=D, force_floor=1e-9, speed_limit=1e3, recovery=R)
+    chosen = {"stiffness_N_m": K, "damping_Ns_m": B, "debt_limit_J": D, "recovery_s": R}
+    law = world((0.0,) * n, force_floor_N=1e-9, speed_limit_m_s=1e3, **chosen)
     x = np.zeros(n)
     yielded = 0
     for _ in range(60):
@@ -176,7 +177,7 @@ def test_a_yielding_step_is_the_coupling_in_series_with_a_damper(seed: int) -> N
 
 def test_a_step_gives_just_what_it_may_if_the_mass_does_as_it_did() -> None:
     """A mass held fast, a device that has put in a known energy: what comes out is that energy."""
-    law = world(force_floor=1e-6, speed_limit=10.0)
+    law = world(force_floor_N=1e-6, speed_limit_m_s=10.0)
     law.receive(Port((0.0,), 0.0))
     law.begin()
     law.impedance(0.03)
@@ -233,7 +234,7 @@ def test_without_force_nothing_is_lost_of_the_way_whatever_the_link_loses(steps:
 
 def test_a_step_between_two_messages_goes_on_as_the_device_did_and_not_for_longer_than_a_tenth_of_a_second() -> None:
     """A device of constant speed, told every 5 ms and then no more, to a world of 1 ms steps."""
-    law, v, way = world(force_floor=1e9, debt_limit=1e9), 0.1, []
+    law, v, way = world(force_floor_N=1e9, debt_limit_J=1e9), 0.1, []
     for k in range(600):
         if k % 5 == 0 and k < 400:
             law.receive(Port((v * k * TICK,), 0.0))

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from hapnet.assembly.build import device_session, device_side, world_session, world_side
-from hapnet.control import tdpa
 from hapnet.control.coupling import Port
-from hapnet.control.tdpa import TdpaDevice, TdpaWorld
+from hapnet.couplings import tdpa
+from hapnet.couplings.tdpa import TdpaDevice, TdpaWorld
 from hapnet.params import Params
 from hapnet.side.endpoint import DeviceEndpoint, WorldEndpoint
 from hapnet.simulation.simulation import Result, Simulation

@@ -10,9 +10,9 @@ import pytest
 
 from hapnet.control import wave_port
 from hapnet.control.coupling import Wave
-from hapnet.control.wave import MOST, DelayLine
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.registry import COUPLINGS
+from hapnet.couplings.wave import MOST, DelayLine
 from hapnet.params import Params
 from hapnet.simulation.simulation import Simulation
 from tests.processes import read_json, started

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from hapnet.control.coupling import Wave
-from hapnet.control.wave import DelayLine
 from hapnet.control.wave_filter import WaveFilter
+from hapnet.couplings.wave import DelayLine
 from tests.wave_ports import Counted, put_in, shake
 
 

@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapnet.control.coupling import Wave
-from hapnet.control.digital_wave import Replay
-from hapnet.control.wave import DelayLine
 from hapnet.control.wave_integral import IntegralLine, Recovery
 from hapnet.control.wave_port import Line
+from hapnet.couplings.digital_wave import Replay
+from hapnet.couplings.wave import DelayLine
 from hapnet.metrics.motion import drift
 from hapnet.params import Params
 from hapnet.simulation.simulation import Simulation

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapnet.control.coupling import Wave
-from hapnet.control.digital_wave import Replay
-from hapnet.control.wave import DelayLine
 from hapnet.control.wave_port import Line, WaveDevice, WaveWorld
+from hapnet.couplings.digital_wave import Replay
+from hapnet.couplings.wave import DelayLine
 from tests.wave_ports import TICK, put_in
 
 number = st.floats(-3.0, 3.0)

@@ -17,7 +17,8 @@ from hapnet.commands.groups import Without
 from hapnet.commands.options import ModelOptions, ParamsOptions
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
-from hapnet.params import COUPLING_NAMES, Params
+from hapnet.laws import COUPLING_NAMES
+from hapnet.params import Params
 from hapnet.study.sections import FULL, QUICK
 
 if TYPE_CHECKING:

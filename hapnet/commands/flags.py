@@ -10,8 +10,8 @@ import typer
 
 from hapnet.commands import complete
 from hapnet.errors import InvalidParameter
+from hapnet.laws import COUPLING_NAMES
 from hapnet.param_values import LARGEST_SEED
-from hapnet.params import COUPLING_NAMES
 
 RECORDINGS = "One recording, or the device's and the world's."
 _LINK = "Link, emulated"

@@ -1,4 +1,26 @@
-"""Energy bounding at the device (hapnet/control/eba.py): its tuning rule and its ends.
+"""Energy bounding: a held force is clipped to what the device's own damping can dissipate (Kim, Ryu 2004).
+
+This is its least conservative form. If the device damps by at least b, the energy that the hand has put in by the end
+of a tick of length T is at least
+
+    E_n = E_{n-1} + b dx^2 / T - F_{n-1} dx        dx = x_n - x_{n-1},  F: the force on the device that was held
+
+because over any motion from 0 to dx in the time T a damper dissipates at least b dx^2 / T. Whatever dx is in the next
+tick, E_{n+1} >= E_n - F_n^2 T / 4b, the minimum of b dx^2 / T - F_n dx over dx. So E never falls below zero if
+
+    |F_n| <= sqrt(4 E_n b / T)
+
+This also holds within the tick, where T is smaller. It assumes nothing about the network or the hand, but b must really
+be there. E has no ceiling: energy put in long ago may come out again.
+
+Ticks of unequal length (derived here): in E_n, T is the time that has passed, or an upper bound of it. In the clip, T
+is the time to come, the servo's period. A tick that is late, after T', may leave E_n below zero, by at most
+F^2 (T' - T) / 4b. The force is then zero until the device's damping has made up for it, so this never adds up.
+
+Encoders with resolution r (derived here): the true position lies within r/2 of the count x. So the true |dx| is at
+least max(0, |counted dx| - r), and only that is harvested; otherwise chatter of one count would be harvested without
+end. Summed by parts, the work sum F dx is known from counts to within r/2 times (|F| now plus all changes of F so far),
+and this is subtracted from E_n.
 
 The bound holds for any force that is asked for (Kim, Ryu 2004). So the world may predict the device, as with popc: see
 there, and `eba.predict_s`.
@@ -7,15 +29,83 @@ there, and `eba.predict_s`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import sqrt
 
+from hapnet.checks import Vector
 from hapnet.control.coupling import DeviceLaw, WorldCoupling
-from hapnet.control.eba import EnergyBounding
-from hapnet.couplings.feel import predicts
+from hapnet.control.virtual_coupling import VirtualCoupling
+from hapnet.couplings.feel import PREDICT_S, predicts
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.set_position import device_spring, plain_world
 from hapnet.couplings.spec import RENDERED_DAMPING, Between, CouplingSpec, CouplingStart, held_law
 from hapnet.errors import InvalidParameter
+from hapnet.mechanics.spring import Spring
+from hapnet.param_values import NOT_NEGATIVE, parameter
 from hapnet.params import Params
+
+
+class EnergyBounding(VirtualCoupling):
+    """A held virtual coupling whose force is bounded, axis by axis.
+
+    Parameters
+    ----------
+    spring, damping, position : of the coupling.
+    own_damping : b [Ns/m], a lower bound of the device's own damping on every axis.
+    period : T [s], of the servo. resolution : r [m], of the encoders.
+    """
+
+    def __init__(
+        self,
+        spring: Spring,
+        damping: Vector,
+        position: Vector,
+        *,
+        own_damping: float,
+        period: float,
+        resolution: float = 0.0,
+    ) -> None:
+        super().__init__(spring, damping, position)
+        self.energy: Vector = (0.0,) * len(position)
+        """E, a lower bound of the energy that the hand put in on each axis and has not got back [J]."""
+        self._held = self.energy
+        self._b = own_damping
+        self._gain = 4.0 * own_damping / period
+        self._resolution = resolution
+
+    def force(self, dt: float, x: Vector, v: Vector, held: Vector) -> Vector:
+        """The force to hold [N]; the arguments are those of `DeviceLaw.force`."""
+        self._account(dt, x, held)
+        return tuple([self._bounded(*axis) for axis in zip(self.coupled(x, v), self.energy, held, strict=True)])
+
+    def release(self, dt: float, x: Vector, held: Vector) -> None:
+        """Count the work of the force held so long. The spring is tied to x until a sample arrives."""
+        self._account(dt, x, held)
+        self.set_position = x
+
+    def _account(self, dt: float, x: Vector, held: Vector) -> None:
+        r, half, harvest = self._resolution, 0.5 * self._resolution, self._b / dt if dt > 0.0 else 0.0
+        energy = []
+        for E, dx, F, before in zip(self.energy, self.moved(x), held, self._held, strict=True):
+            way = max(0.0, abs(dx) - r)
+            energy.append(E + harvest * way * way - F * dx - half * abs(F - before))
+        self.energy, self._held = tuple(energy), held
+
+    def _bounded(self, force: float, E: float, held: float) -> float:
+        sure = E - 0.5 * self._resolution * abs(held)
+        if sure <= 0.0:
+            return 0.0
+        most = sqrt(self._gain * sure)
+        return max(-most, min(force, most))
+
+
+@dataclass(frozen=True)
+class EbaParams:
+    """Energy bounding (Kim, Ryu 2004)."""
+
+    damping: float = parameter(
+        0.0, "lower bound of the device's own damping [Ns/m]; 0: device.own_damping", NOT_NEGATIVE
+    )
+    predict_s: float = parameter(0.06, PREDICT_S, NOT_NEGATIVE)
 
 
 @dataclass(frozen=True)
@@ -25,11 +115,12 @@ class Tuning:
 
 
 def tune(params: Params, link: Delays) -> Tuning:
-    damping = params.eba.damping or params.device.own_damping
+    own = params.of(EbaParams)
+    damping = own.damping or params.device.own_damping
     if damping == 0.0:
         allowed = "above 0 with the coupling eba, which may render no force without damping (or set eba.damping)"
         raise InvalidParameter("device.own_damping", 0.0, allowed)
-    return Tuning(damping, predicts(params, link, params.eba.predict_s))
+    return Tuning(damping, predicts(params, link, own.predict_s))
 
 
 def _device(start: CouplingStart[Tuning]) -> DeviceLaw:
@@ -47,7 +138,7 @@ def _world(start: CouplingStart[Tuning]) -> WorldCoupling:
     return plain_world(start, start.tuning.predicts)
 
 
-EBA = CouplingSpec(
+LAW = CouplingSpec(
     name="eba",
     title="energy bounding",
     source="Kim, Ryu 2004",
@@ -56,6 +147,7 @@ EBA = CouplingSpec(
     world=_world,
     tuning=Tuning,
     tune=tune,
+    parameters=EbaParams,
     set_positions=frozenset({"world"}),
     scaled=True,
     searched={"device.damping": Between(0.05, RENDERED_DAMPING, log=True), "eba.predict_s": Between(0.0, 0.3)},

@@ -52,6 +52,9 @@ SEARCHED: Mapping[str, Between | tuple[Any, ...]] = {
 }
 """`CouplingSpec.searched` of both couplings with this feel."""
 
+PREDICT_S = "the world predicts the device where delay and lag are at most this, unless the feel is paper [s]; 0: never"
+"""The meaning of a law's parameter for `predicts`."""
+
 
 @dataclass(frozen=True)
 class FeelTuning:

@@ -1,4 +1,24 @@
-"""PD over a constant delay (hapnet/control/pd.py): its tuning rule, where it is passive, and its ends.
+"""PD control of both sides over a delay (Lee, Spong, IEEE T-RO 22(2), 2006), between the device and the virtual mass.
+
+Each side uses its own motion and the other side's motion at the time it was sent; R is the round trip:
+
+    tau = -K_v (v - v_peer) - (K_d + P_e) v - K_p (x - x_peer)         passive if K_d >= K_p R / 2
+
+Why (the law is the paper's, the reasoning is derived here): beside the stored energy K_p/2 (x_1 - x_2)^2, each side may
+inject the power K_p v times the other side's displacement since its sample was sent. If no sample is older than D_1 and
+D_2, this adds up to at most K_p (D_1 + D_2)/2 times each side's integral of v^2, and K_d dissipates that much. So for
+the spring the delay may vary below its bound; for K_v it must be constant. After a lost sample the last one is older
+than the bound, and nothing is claimed then.
+
+R also counts the time that samples are held. The device sends a sample every few ticks. The world sends one each step
+of length T, and uses one sample for a whole step. Its velocity over a step is one number, so the two together cost it T
+in the mean. They cost the device T as well, while its motion is slow compared with a step (2 T at worst).
+
+The world's end is implicit in the step's mean velocity, and exactly passive while x_peer is held. The device's force is
+held. To be passive for any motion the device needs more own damping than K_p T/2 + K_d + P_e + K_v, with T the servo's
+period (Colgate, Schenkel 1997). With less it is passive for motions that are slow compared with a tick.
+
+Ends that start apart start with the spring's energy K_p/2 (x_1 - x_2)^2.
 
 No predictor stands before it. The proof (Lee, Spong 2006) needs the other side's real position of a bounded time ago:
 K_d pays for how far that side may have moved since. A prediction h seconds ahead adds the power K_p v h v_peer to what
@@ -9,8 +29,10 @@ lower the stiffness (derived here).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
-from hapnet.control import pd
+from hapnet.checks import Vector
+from hapnet.control.coupling import CouplingSample, Motion
 from hapnet.control.deadband import LONGEST_S
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.spec import (
@@ -22,9 +44,122 @@ from hapnet.couplings.spec import (
     scalar_stiffness,
     stepped_law,
 )
+from hapnet.param_values import NOT_NEGATIVE, parameter
 from hapnet.params import Params
-from hapnet.wire.messages import Motion
+from hapnet.wire import messages
 from netem import LinkProfile
+
+
+class Gains(NamedTuple):
+    """The gains, the same at both ends."""
+
+    stiffness: float  #: K_p [N/m]
+    damping: float  #: K_d [Ns/m], which makes up for the delay
+    coordination: float = 0.0  #: K_v [Ns/m]
+    extra: float = 0.0  #: P_e [Ns/m]
+
+    @property
+    def drag(self) -> float:
+        """The sum of all gains on a side's own velocity [Ns/m]."""
+        return self.damping + self.extra + self.coordination
+
+
+def round_trip(link: float, period: float, step: float, tick: float) -> float:
+    """R [s]: the link's round trip plus the device's sending period, the world's longest step and the servo's tick."""
+    return link + period + step + tick
+
+
+def tuned(stiffness: float, round_trip: float, most: float) -> Gains:
+    """Gains with K_p = `stiffness` [N/m], or less if K_d = K_p R/2 would exceed `most` [Ns/m]."""
+    K_p = min(stiffness, 2.0 * most / round_trip)
+    return Gains(K_p, K_p * round_trip / 2.0)
+
+
+class _End:
+    """What both ends have in common.
+
+    Parameters
+    ----------
+    gains : of the law. position : x(0) of this side [m]; the other side is assumed to rest there too.
+    """
+
+    def __init__(self, gains: Gains, position: Vector) -> None:
+        self._gains = gains
+        self._rest: Vector = (0.0,) * len(position)
+        self._peer = Motion(position, self._rest)
+
+    @property
+    def set_position(self) -> Vector:
+        """x_peer [m]."""
+        return self._peer.position
+
+    def receive(self, sample: CouplingSample) -> None:
+        """The other side's motion arrived."""
+        assert isinstance(sample, Motion), "both sides send motions here"
+        self._peer = sample
+
+    def on_peer_changed(self) -> None:
+        """A new peer: until its first sample it is assumed to rest where the old one was."""
+        self._peer = Motion(self._peer.position, self._rest)
+
+
+class DevicePD(_End):
+    """The device's end."""
+
+    def force(self, dt: float, x: Vector, v: Vector, held: Vector) -> Vector:
+        """The force to hold [N]; the arguments are those of `DeviceLaw.force`."""
+        K_p, K_v, drag = self._gains.stiffness, self._gains.coordination, self._gains.drag
+        return tuple(
+            [
+                K_v * speed_peer - drag * speed - K_p * (at - peer)
+                for at, speed, peer, speed_peer in zip(x, v, *self._peer, strict=True)
+            ]
+        )
+
+    def release(self, dt: float, x: Vector, held: Vector) -> None:
+        """The spring is tied to x until a sample arrives."""
+        self._peer = Motion(x, self._rest)
+
+    def next_sample(self, x: Vector, v: Vector) -> CouplingSample:
+        """The device's motion."""
+        return Motion(x, v)
+
+
+class WorldPD(_End):
+    """The world's end."""
+
+    def __init__(self, gains: Gains, position: Vector) -> None:
+        super().__init__(gains, position)
+        self._latched = self._own = self._peer
+
+    def begin(self) -> None:
+        """The step uses the newest motion that has arrived by its start."""
+        self._latched = self._peer
+
+    def impedance(self, dt: float) -> tuple[float, Vector]:
+        """Drag K_v + K_d + P_e + K_p T/2 [Ns/m], push K_v v_peer - K_p (x - x_peer) [N]."""
+        K_p, K_v = self._gains.stiffness, self._gains.coordination
+        push = [
+            K_v * speed - K_p * (at - peer) for at, peer, speed in zip(self._own.position, *self._latched, strict=True)
+        ]
+        return self._gains.drag + 0.5 * K_p * dt, tuple(push)
+
+    def moved(self, dt: float, vhat: Vector, x: Vector, v: Vector) -> None:
+        """Keep the step's end and its mean velocity to send: v may alternate about the mean."""
+        self._own = Motion(x, vhat)
+
+    def next_sample(self) -> CouplingSample:
+        """The mass's motion."""
+        return self._own
+
+
+@dataclass(frozen=True)
+class PdParams:
+    """PD over a constant delay (Lee, Spong 2006)."""
+
+    damping: float = parameter(0.0, "K_d, which dissipates what the delay generates [Ns/m]; 0: by a rule", NOT_NEGATIVE)
+    coordination: float = parameter(0.0, "K_v, on the difference of the velocities [Ns/m]", NOT_NEGATIVE)
+    extra_damping: float = parameter(0.0, "P_e, on each side's own velocity [Ns/m]", NOT_NEGATIVE)
 
 
 @dataclass(frozen=True)
@@ -35,19 +170,19 @@ class Tuning:
     extra_damping_Ns_m: float
 
     @property
-    def gains(self) -> pd.Gains:
-        return pd.Gains(self.stiffness_N_m, self.damping_Ns_m, self.coordination_Ns_m, self.extra_damping_Ns_m)
+    def gains(self) -> Gains:
+        return Gains(self.stiffness_N_m, self.damping_Ns_m, self.coordination_Ns_m, self.extra_damping_Ns_m)
 
 
 def tune(params: Params, link: Delays) -> Tuning:
     """Choose K_p so that the device can render the K_d that the rule demands. A K_d given by the user keeps K_p."""
-    device, own = params.device, params.pd
+    device, own = params.device, params.of(PdParams)
     K = scalar_stiffness(params)
     held_back = 2.0 * LONGEST_S if params.wire.deadband else 0.0
-    trip = pd.round_trip(
+    trip = round_trip(
         link.round_trip_bound_s + held_back, device.pspm_period_s, params.world.step_max_s, 1.0 / device.servo_hz
     )
-    K_p, K_d, *_ = pd.Gains(K, own.damping) if own.damping else pd.tuned(K, trip, RENDERED_DAMPING)
+    K_p, K_d, *_ = Gains(K, own.damping) if own.damping else tuned(K, trip, RENDERED_DAMPING)
     return Tuning(K_p, K_d, own.coordination, own.extra_damping)
 
 
@@ -67,20 +202,21 @@ def covers(params: Params, tuning: Tuning, virtual: bool) -> bool:
     link = params.link
     profiles = [LinkProfile.named(words) for words in (link.up, link.down)]
     known = all(profile == LinkProfile(delay_ns=profile.delay_ns) for profile in profiles)
-    by_rule = not params.pd.damping and not params.pd.coordination
+    own = params.of(PdParams)
+    by_rule = not own.damping and not own.coordination
     still = not (link.up_timeline or link.down_timeline)
     return virtual and known and still and by_rule and not warn(params, tuning)
 
 
-def _device(start: CouplingStart[Tuning]) -> pd.DevicePD:
-    return pd.DevicePD(start.tuning.gains, start.position)
+def _device(start: CouplingStart[Tuning]) -> DevicePD:
+    return DevicePD(start.tuning.gains, start.position)
 
 
-def _world(start: CouplingStart[Tuning]) -> pd.WorldPD:
-    return pd.WorldPD(start.tuning.gains, start.position)
+def _world(start: CouplingStart[Tuning]) -> WorldPD:
+    return WorldPD(start.tuning.gains, start.position)
 
 
-PD = CouplingSpec(
+LAW = CouplingSpec(
     name="pd",
     title="PD over a constant delay",
     source="Lee, Spong 2006",
@@ -89,9 +225,10 @@ PD = CouplingSpec(
     world=stepped_law(_world),
     tuning=Tuning,
     tune=tune,
+    parameters=PdParams,
     shared=("stiffness_N_m", "damping_Ns_m", "coordination_Ns_m"),
-    device_sends=Motion,
-    world_sends=Motion,
+    device_sends=messages.Motion,
+    world_sends=messages.Motion,
     covers=covers,
     warn=warn,
     searched={

@@ -1,4 +1,23 @@
-"""Passivity observer and controller at the device (hapnet/control/popc.py): its tuning rule and its ends.
+"""Passivity observer and controller at one port, the device's (Hannaford, Ryu, IEEE T-RA 18(1), 2002).
+
+The observer sums the energy put in at the actuator's port, axis by axis. Where the sum is negative, the controller
+dissipates the difference:
+
+    W_n = W_{n-1} - F_{n-1} (x_n - x_{n-1})        F: the force on the device, the controller's included
+    alpha_n = -W_n / (T v_n^2)   if W_n < 0,       F_n = f_n - alpha_n v_n
+
+The paper's observer takes f_n v_n T as the energy of a tick. But a held force does the work F_{n-1} dx, which is known
+exactly one tick later; it includes what the hold leaks and what the controller really dissipated. So W is exact, and
+energy that could not be dissipated stays in W until it is.
+
+A damper dissipates only while the device moves, and a held damper only up to a limit: alpha is at most `damping_cap`,
+and zero below `velocity_floor`. Let L_n >= 0 be the part of -W_n that these limits left. If the device continues at
+v_n, the next tick has
+
+    W_{n+1} = -L_n - f_n v_n T                     (derived here; L_n = -W_n where alpha_n = 0 and W_n < 0)
+
+So the port never outputs more than what the limits left plus one tick of the coupling's own force. As in the paper, a
+surplus is kept without limit: energy put in long ago may come out again undamped.
 
 The observer and the controller stand at the device's port, after whatever makes the force (Hannaford, Ryu 2002: "any"
 virtual environment). So the world may predict the device there: the claim is for the hand's port alone. It does where
@@ -9,14 +28,81 @@ predictions made both ports together far from passive, as measured.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from operator import mul, sub
 
-from hapnet.control import popc
+from hapnet.checks import Vector
 from hapnet.control.coupling import DeviceLaw, WorldCoupling
-from hapnet.couplings.feel import predicts
+from hapnet.control.virtual_coupling import VirtualCoupling
+from hapnet.couplings.feel import PREDICT_S, predicts
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.set_position import device_spring, plain_world
 from hapnet.couplings.spec import RENDERED_DAMPING, Between, CouplingSpec, CouplingStart, held_law
+from hapnet.mechanics.spring import Spring
+from hapnet.param_values import NOT_NEGATIVE, Range, parameter
 from hapnet.params import Params
+
+
+def damping_cap(mass: float, period: float, rendered: float) -> float:
+    """The greatest damping to hold for `period` [s] on a device of `mass` [kg], in Ns/m.
+
+    On a free mass the held force -alpha v dissipates alpha v^2 T (1 - alpha T / 2m): the most at alpha = m/T, which
+    stops the mass by the tick's end, and nothing from 2m/T on (derived here). The result is at most `rendered`, the
+    damping that the device is known to render stably.
+    """
+    return min(rendered, mass / period)
+
+
+class PassivityController(VirtualCoupling):
+    """A held virtual coupling with one observer and one controller on each axis.
+
+    Parameters
+    ----------
+    spring, damping, position : of the coupling.
+    velocity_floor : no damping below this speed [m/s]. damping_cap : largest alpha [Ns/m].
+    """
+
+    def __init__(
+        self, spring: Spring, damping: Vector, position: Vector, *, velocity_floor: float, damping_cap: float
+    ) -> None:
+        super().__init__(spring, damping, position)
+        self.energy: Vector = (0.0,) * len(position)
+        """W, the energy put in at the port on each axis [J]."""
+        self._floor = velocity_floor
+        self._cap = damping_cap
+
+    def force(self, dt: float, x: Vector, v: Vector, held: Vector) -> Vector:
+        """The force to hold [N]; the arguments are those of `DeviceLaw.force`."""
+        self._observe(x, held)
+        coupled = self.coupled(x, v)
+        if min(self.energy) >= 0.0:
+            return coupled
+        damping = [self._alpha(W, speed, dt) for W, speed in zip(self.energy, v, strict=True)]
+        return tuple(map(sub, coupled, map(mul, damping, v)))
+
+    def release(self, dt: float, x: Vector, held: Vector) -> None:
+        """The observer continues. The spring is tied to x until a sample arrives."""
+        self._observe(x, held)
+        self.set_position = x
+
+    def _observe(self, x: Vector, held: Vector) -> None:
+        self.energy = tuple(map(sub, self.energy, map(mul, held, self.moved(x))))
+
+    def _alpha(self, W: float, v: float, dt: float) -> float:
+        if W >= 0.0 or abs(v) < self._floor:
+            return 0.0
+        unit = v * v * dt  # what 1 Ns/m dissipates by the next tick [J]
+        return self._cap if self._cap * unit <= -W else -W / unit
+
+
+@dataclass(frozen=True)
+class PopcParams:
+    """Passivity observer and controller at the device's port (Hannaford, Ryu 2002)."""
+
+    velocity_floor: float = parameter(
+        0.002, "the controller cannot damp below this speed [m/s]", Range(0.0, at_most=1.0)
+    )
+    damping_cap: float = parameter(0.0, "the most damping that it may inject [Ns/m]; 0: by a rule", NOT_NEGATIVE)
+    predict_s: float = parameter(0.06, PREDICT_S, NOT_NEGATIVE)
 
 
 @dataclass(frozen=True)
@@ -27,15 +113,13 @@ class Tuning:
 
 
 def tune(params: Params, link: Delays) -> Tuning:
-    device = params.device
-    by_rule = popc.damping_cap(device.mass, 1.0 / device.servo_hz, RENDERED_DAMPING)
-    return Tuning(
-        params.popc.damping_cap or by_rule, params.popc.velocity_floor, predicts(params, link, params.popc.predict_s)
-    )
+    device, own = params.device, params.of(PopcParams)
+    by_rule = damping_cap(device.mass, 1.0 / device.servo_hz, RENDERED_DAMPING)
+    return Tuning(own.damping_cap or by_rule, own.velocity_floor, predicts(params, link, own.predict_s))
 
 
 def _device(start: CouplingStart[Tuning]) -> DeviceLaw:
-    return popc.PassivityController(
+    return PassivityController(
         *device_spring(start.params, len(start.position)),
         start.position,
         velocity_floor=start.tuning.velocity_floor_m_s,
@@ -47,7 +131,7 @@ def _world(start: CouplingStart[Tuning]) -> WorldCoupling:
     return plain_world(start, start.tuning.predicts)
 
 
-POPC = CouplingSpec(
+LAW = CouplingSpec(
     name="popc",
     title="passivity observer and controller",
     source="Hannaford, Ryu 2002",
@@ -56,6 +140,7 @@ POPC = CouplingSpec(
     world=_world,
     tuning=Tuning,
     tune=tune,
+    parameters=PopcParams,
     set_positions=frozenset({"world"}),
     scaled=True,
     searched={

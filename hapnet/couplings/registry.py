@@ -1,30 +1,37 @@
-"""The couplings, by the names that a user gives them: a file of hapnet/couplings each.
-
-The names stand in hapnet/params.py too, as commands and their completion need them without loading the laws.
-"""
+"""The couplings, by the names that a user gives them. Each is loaded when it is asked for."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from types import MappingProxyType
+from collections.abc import Iterator, Mapping
 from typing import Any
 
-from hapnet.couplings.eba import EBA
 from hapnet.couplings.felt import through
-from hapnet.couplings.pd import PD
-from hapnet.couplings.popc import POPC
-from hapnet.couplings.set_position import PSPM, ZOH
 from hapnet.couplings.spec import CouplingSpec, scalar_stiffness
-from hapnet.couplings.tdpa import TDPA
-from hapnet.couplings.wave import DIGITAL_WAVE, WAVE
 from hapnet.errors import InvalidParameter
+from hapnet.laws import COUPLING_NAMES, built_in
 from hapnet.loading import load
-from hapnet.params import COUPLING_NAMES, Params
+from hapnet.params import Params
 
-_SPECS: tuple[CouplingSpec[Any], ...] = (PSPM, ZOH, POPC, EBA, PD, TDPA, WAVE, DIGITAL_WAVE)
 
-COUPLINGS: Mapping[str, CouplingSpec[Any]] = MappingProxyType({spec.name: spec for spec in _SPECS})
-assert set(COUPLINGS) == set(COUPLING_NAMES), "COUPLING_NAMES of hapnet/params.py must have the names of _SPECS"
+class _BuiltIn(Mapping[str, CouplingSpec[Any]]):
+    def __getitem__(self, name: str) -> CouplingSpec[Any]:
+        if name not in COUPLING_NAMES:
+            raise KeyError(name)
+        spec: CouplingSpec[Any] = built_in(name)
+        return spec
+
+    def __contains__(self, name: object) -> bool:
+        return name in COUPLING_NAMES
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(COUPLING_NAMES)
+
+    def __len__(self) -> int:
+        return len(COUPLING_NAMES)
+
+
+COUPLINGS: Mapping[str, CouplingSpec[Any]] = _BuiltIn()
+"""hapnet's own."""
 
 
 def coupling(name: str) -> CouplingSpec[Any]:

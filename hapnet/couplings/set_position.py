@@ -1,11 +1,11 @@
-"""Passive set-position modulation and the plain virtual coupling: on each side a spring tied to a set-position."""
+"""The ends of couplings with a spring on each side, tied to a set-position that a modulator chooses from what came."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 from hapnet import checks
 from hapnet.checks import Vector
@@ -22,7 +22,7 @@ from hapnet.control.smoothing import Pipeline, SmoothingFilter, Stage, VelocityP
 from hapnet.control.zoh import ZeroOrderHold
 from hapnet.couplings import feel, held_torque
 from hapnet.couplings.feel import FeelTuning
-from hapnet.couplings.spec import CouplingSpec, CouplingStart
+from hapnet.couplings.spec import CouplingStart
 from hapnet.mechanics.spring import Spring, shared_spring
 from hapnet.params import DeviceParams, Params, WorldParams
 
@@ -37,26 +37,10 @@ MakeModulator = Callable[[Side, Spring, Vector, float, float, Holding | None], M
 BOTH_SIDES = frozenset({"device", "world"})
 
 
-def _pspm(
+def plain(
     side: Side, spring: Spring, position: Vector, energy: float, reserve: float, holding: Holding | None
 ) -> Modulator:
-    return SetPositionModulator(
-        stiffness=side.stiffness,
-        position=position,
-        ceiling=side.ceiling_J,
-        shuffle="all" if side.shuffle == "all" else "harvested",
-        force_limit=spring.force_limit,
-        energy=energy,
-        reserve=reserve,
-        held_m=0.0 if holding is None else holding.far,
-        drag_N=0.0 if holding is None else holding.drag,
-        lends=isinstance(side, WorldParams),
-    )
-
-
-def _plain(
-    side: Side, spring: Spring, position: Vector, energy: float, reserve: float, holding: Holding | None
-) -> Modulator:
+    """The `MakeModulator` that holds what came."""
     return ZeroOrderHold(spring, position, energy)
 
 
@@ -161,7 +145,7 @@ def plain_world(start: CouplingStart[Any], predicted: bool) -> WorldCoupling:
 
     predicted : y is the device's predicted position. Such a law claims nothing for this port, so any y is allowed.
     """
-    return SetPositionSteps(_at_world(start, _plain, False, feel.at_world(start) if predicted else None))
+    return SetPositionSteps(_at_world(start, plain, False, feel.at_world(start) if predicted else None))
 
 
 def _at_world(
@@ -174,48 +158,18 @@ def _at_world(
     return _coupling(start, world, spring, modulator, _longest_step(world, spring, limited), source, kept)
 
 
-def _covers(params: Params, tuning: FeelTuning, virtual: bool) -> bool:
-    """True, except with the range harvest of a held force: it relies on own damping (`held_torque.check`)."""
-    device = params.device
-    sampled = device.servo == "sampled" or (device.servo == "auto" and (tuning.contact_model or not virtual))
-    return not (sampled and device.harvest == "range")
+class Ends(NamedTuple):
+    """What makes the ends of such a coupling: `CouplingSpec.device`, `continuous` and `world`."""
+
+    device: Callable[[CouplingStart[FeelTuning]], DeviceCoupling]
+    continuous: Callable[[CouplingStart[FeelTuning]], ContinuousServo]
+    world: Callable[[CouplingStart[FeelTuning]], WorldCoupling]
 
 
-PSPM = CouplingSpec(
-    name="pspm",
-    title="passive set-position modulation",
-    source="Lee, Huang 2009",
-    claim="passive at both ports, whatever the link does",
-    device=partial(_sampled, make=_pspm, limited=True),
-    world=partial(_world, make=_pspm, limited=True),
-    continuous=partial(_continuous, make=_pspm, limited=True),
-    tuning=FeelTuning,
-    tune=feel.tune,
-    shared=("contact_model",),
-    world_tells=True,
-    set_positions=BOTH_SIDES,
-    limited=True,
-    scaled=True,
-    halves=True,
-    joint=False,
-    covers=_covers,
-    searched=feel.SEARCHED,
-)
-
-ZOH = CouplingSpec(
-    name="zoh",
-    title="virtual coupling, held",
-    source="Colgate, Stanley, Brown 1995",
-    claim="passive without delay, with a new position every tick, if the device's own damping exceeds K T/2 + B",
-    device=partial(_sampled, make=_plain, limited=False),
-    world=partial(_world, make=_plain, limited=False),
-    continuous=partial(_continuous, make=_plain, limited=False),
-    tuning=FeelTuning,
-    tune=feel.tune,
-    shared=("contact_model",),
-    world_tells=True,
-    set_positions=BOTH_SIDES,
-    scaled=True,
-    joint=False,
-    searched=feel.SEARCHED,
-)
+def ends(make: MakeModulator, *, limited: bool) -> Ends:
+    """The ends with this modulator on each side; `limited` as in `CouplingSpec`."""
+    return Ends(
+        partial(_sampled, make=make, limited=limited),
+        partial(_continuous, make=make, limited=limited),
+        partial(_world, make=make, limited=limited),
+    )

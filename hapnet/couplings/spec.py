@@ -1,8 +1,7 @@
 """Describes a coupling to the rest of hapnet: its names, its tuning by the published rule, and its two ends.
 
 A law of the user's own is a file with a `CouplingSpec`, given as ``--coupling module:NAME``: see examples/own_law.py.
-A law of the library is such a file here. Its equations are in hapnet/control/; "Add to it" in hapnet/README.md says
-where its name goes.
+A law of the library is such a file here, with ``LAW = CouplingSpec(...)``: see "Add to it" in hapnet/README.md.
 """
 
 from __future__ import annotations
@@ -79,6 +78,8 @@ class CouplingSpec(Generic[T]):
         None: its force is held.
     tuning : a frozen dataclass whose field names carry units. tune : applies the law's own rule to the parameters and
         the link's delays.
+    parameters : the law's own, a frozen dataclass of `hapnet.param_values.parameter`s, which `Params.of` finds by its
+        class; None: it has none. section : of `Params`, in which they are; "": it has the law's name.
     shared : fields of the tuning that must have the same value at both ends.
     device_sends, world_sends : the messages that carry the ends' samples.
     world_tells : does the world send its proxy with the planes around it, unless the feel is the paper's?
@@ -101,6 +102,8 @@ class CouplingSpec(Generic[T]):
     world: Callable[[CouplingStart[T]], WorldCoupling]
     tuning: type[T]
     tune: Callable[[Params, Delays], T]
+    parameters: type[Any] | None = None
+    section: str = ""
     continuous: Callable[[CouplingStart[T]], ContinuousServo] | None = None
     shared: tuple[str, ...] = ()
     device_sends: type[Stream] = Position
@@ -115,6 +118,9 @@ class CouplingSpec(Generic[T]):
     allowance_J: Callable[[T], float] = lambda tuning: 0.0
     warn: Callable[[Params, T], tuple[str, ...]] = lambda params, tuning: ()
     searched: Mapping[str, Between | tuple[Any, ...]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "section", self.section or self.name)
 
     def sends(self, role: Role, params: Params) -> type[Stream]:
         """The message that carries the samples of this side."""

@@ -1,23 +1,30 @@
-"""Wave variables as a delay line and as digital waves (hapnet/control/wave*.py, digital_wave.py): rules and ends.
+"""Wave variables over a delaying line (G. Niemeyer, J.-J. E. Slotine, 2004).
 
-Their known weakness is drift over links that lose messages. The remedy is the authors' own: wave integrals
+Waves wait in a queue. Each is used once, for its own time span, whatever the periods of the two sides. So the energy
+output never exceeds the energy that has arrived. With irregular periods the queue grows to the longest of them and is
+then an exact delay, a jitter buffer. What the queue then drops, to be shorter again, may come out later (`Recovery`).
+The line's two terminations are in hapnet/control/wave_port.py.
+
+Its known weakness is drift over links that lose messages. The remedy is the authors' own: wave integrals
 (hapnet/control/wave_integral.py), unless `wave.recovery_s` is 0.
 
-No predictor stands before them. The line is passive because no more comes out of it than has gone in: a wave that is
+No predictor stands before the line. It is passive because no more comes out of it than has gone in: a wave that is
 predicted has not gone in. A predictor needs a model of the far end, and a regulator that takes its energy away again
 (S. Munir, W. J. Book, "Internet-Based Teleoperation Using Wave Variables with Prediction", T-Mech 7(2), 2002).
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from math import sqrt
+from typing import Any, Protocol, TypeVar
 
-from hapnet.control.digital_wave import Replay
-from hapnet.control.wave import DelayLine
+from hapnet.checks import Vector
+from hapnet.control.coupling import DeviceCoupling, Wave, WorldCoupling
 from hapnet.control.wave_filter import WaveFilter
-from hapnet.control.wave_integral import IntegralLine
+from hapnet.control.wave_integral import IntegralLine, Recovery
 from hapnet.control.wave_port import Line, WaveDevice, WaveWorld
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.spec import (
@@ -29,11 +36,113 @@ from hapnet.couplings.spec import (
     scalar_stiffness,
     stepped_law,
 )
+from hapnet.param_values import NOT_NEGATIVE, parameter
 from hapnet.params import Params
-from hapnet.wire.messages import Wave
+from hapnet.wire import messages
+
+WINDOW_S = 2.0
+"""A queue that was longer than needed for this time is shortened [s]."""
+SLACK_S = 0.005
+"""A queue this short is never shortened [s]."""
+MOST = 1024
+"""Largest number of waiting waves."""
+
+
+class DelayLine:
+    """A queue of waves.
+
+    Parameters
+    ----------
+    dof : components of a wave.
+    longest : longest wait [s]; when the queue grows beyond it, the oldest waves are dropped.
+    hold : a missing wave is replaced by the last one, which is not passive; if false, by zero, which is passive.
+    recovery : time constant with which displacement that the queue has lost comes out after all [s]; 0: never.
+    """
+
+    def __init__(self, dof: int, longest: float, *, hold: bool = False, recovery: float = 0.0) -> None:
+        self._zero = (0.0,) * dof
+        self._recovery = Recovery(dof, recovery)
+        self._longest = longest
+        self._hold = hold
+        self.clear()
+
+    def clear(self) -> None:
+        self._queue: deque[Wave] = deque()
+        self._last = self._zero
+        self._recovery.clear()
+        self.waiting: float = 0.0
+        """Total time span of the waves in the queue [s]."""
+        self._pace = 1.0
+        self._least = self._watched = 0.0
+
+    def push(self, wave: Wave) -> None:
+        self._queue.append(wave)
+        self.waiting += wave.span
+        while self.waiting > self._longest or len(self._queue) > MOST:
+            dropped = self._queue.popleft()
+            self.waiting -= dropped.span
+            self._recovery.lose(dropped)
+
+    def take(self, dt: float) -> Vector:
+        """The mean wave over the next `dt` seconds.
+
+        A queue that was too long for a whole window is played faster during the next window, at most twice as fast.
+        Waves of S seconds played in dt < S go out as their mean times sqrt(S/dt): no more energy than they had, by the
+        Cauchy-Schwarz inequality.
+        """
+        total, squares, took = self._next(dt * self._pace)
+        if took < dt and self._hold:
+            total = [part + last * (dt - took) for part, last in zip(total, self._last, strict=True)]
+        self._watch(dt)
+        scale = 1.0 / (dt if took <= dt else sqrt(took * dt))
+        return self._recovery.output(dt, tuple([part * scale for part in total]), total, squares)
+
+    def _next(self, wanted: float) -> tuple[list[float], list[float], float]:
+        """Integrals of the oldest waves and of their squares over at most `wanted` seconds, and the time they cover."""
+        queue = self._queue
+        total, squares, took = list(self._zero), list(self._zero), 0.0
+        while queue and took < wanted:
+            wave = queue.popleft()
+            value, span = wave.value, wave.span
+            part = wanted - took
+            if span > part:
+                queue.appendleft(Wave(value, span - part))
+                span = part
+            took += span
+            self._last = value
+            for i, component in enumerate(value):
+                total[i] += component * span
+                squares[i] += component * component * span
+        self.waiting = self.waiting - took if queue else 0.0
+        return total, squares, took
+
+    def _watch(self, dt: float) -> None:
+        self._least = min(self._least, self.waiting)
+        self._watched += dt
+        if self._watched >= WINDOW_S:
+            excess = max(0.0, self._least - SLACK_S)
+            self._pace = 1.0 + min(1.0, excess / WINDOW_S)
+            self._least, self._watched = self.waiting, 0.0
+
 
 _LONGEST_JITTER_S = 0.25
 """Waves that wait longer do more harm than dropped ones, as measured on a recorded LTE link [s]."""
+
+
+@dataclass(frozen=True)
+class WaveParams:
+    """Wave variables (Niemeyer, Slotine 2004), and digital waves (Berestesky, Chopra, Spong 2004)."""
+
+    impedance: float = parameter(0.0, "wave impedance b [Ns/m]; 0: by a rule", NOT_NEGATIVE)
+    stiffness: float = parameter(0.0, "stiffness of the virtual coupling at the world [N/m]; 0: by a rule",
+                                 NOT_NEGATIVE)  # fmt: skip
+    damping: float = parameter(0.0, "damping of that coupling [Ns/m]; 0: by a rule", NOT_NEGATIVE)
+    smoothing_s: float = parameter(0.005, "time constant of the filter of the device's incoming waves [s]; 0: none",
+                                   NOT_NEGATIVE)  # fmt: skip
+    recovery_s: float = parameter(0.1, "time constant for making up lost displacement by wave integrals, as far as "
+                                  "there is energy [s]; 0: never", NOT_NEGATIVE)  # fmt: skip
+    missing: str = parameter("zero", "replaces a wave that has not come; hold (the last wave) is not passive",
+                             ("zero", "hold"))  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -46,20 +155,25 @@ class LineTuning:
     recovery_s: float = 0.0
 
 
-@dataclass(frozen=True)
-class DigitalTuning:
-    impedance_Ns_m: float
-    stiffness_N_m: float
-    damping_Ns_m: float
-    smoothing_s: float
-    spread_s: float
-    recovery_s: float = 0.0
+class PortTuning(Protocol):
+    """What the two terminations of a line need to know; `recovery_s` is 0 for a line as it was first published."""
+
+    @property
+    def impedance_Ns_m(self) -> float: ...
+    @property
+    def stiffness_N_m(self) -> float: ...
+    @property
+    def damping_Ns_m(self) -> float: ...
+    @property
+    def smoothing_s(self) -> float: ...
+    @property
+    def recovery_s(self) -> float: ...
 
 
-T = TypeVar("T", LineTuning, DigitalTuning)
+T = TypeVar("T", bound=PortTuning)
 
 
-def tune_line(params: Params, link: Delays) -> LineTuning:
+def tune(params: Params, link: Delays) -> LineTuning:
     """Choose the greatest wave impedance b that a device can render.
 
     In free motion a line of delay d acts as an inertia b d, in contact as a spring b/d (Niemeyer, Slotine 2004). A
@@ -67,9 +181,9 @@ def tune_line(params: Params, link: Delays) -> LineTuning:
     needed for both in series to give device.stiffness; if the line alone is softer, it gets ten times that stiffness.
     Its damper is b, so that a wall does not reflect high frequencies.
     """
-    wave, K = params.wave, scalar_stiffness(params)
+    wave, K = params.of(WaveParams), scalar_stiffness(params)
     impedance = wave.impedance or RENDERED_DAMPING
-    delay = link.one_way_s + params.world.step_max_s + _jitter_s(link)
+    delay = link.one_way_s + params.world.step_max_s + jitter_s(link)
     compliance = 1.0 / K - delay / impedance
     return LineTuning(
         impedance_Ns_m=impedance,
@@ -81,85 +195,58 @@ def tune_line(params: Params, link: Delays) -> LineTuning:
     )
 
 
-def tune_digital(params: Params, link: Delays) -> DigitalTuning:
-    """As `tune_line`. Waves that arrive are spread over the longest time between two arrivals."""
-    line = tune_line(params, link)
-    spread = params.world.step_max_s + _jitter_s(link)
-    return DigitalTuning(
-        line.impedance_Ns_m, line.stiffness_N_m, line.damping_Ns_m, line.smoothing_s, spread, params.wave.recovery_s
-    )
-
-
-def _jitter_s(link: Delays) -> float:
+def jitter_s(link: Delays) -> float:
     """Bound of the jitter [s]: how much later than the fastest message another arrives; rarely exceeded."""
     return min(link.round_trip_bound_s - 2.0 * link.one_way_s, _LONGEST_JITTER_S)
 
 
-def _delay_line(start: CouplingStart[LineTuning]) -> Line:
-    hold, longest = start.params.wave.missing == "hold", start.tuning.longest_wait_s
-    return _whole(start, DelayLine(len(start.position), longest, hold=hold, recovery=start.tuning.recovery_s))
+def _line(start: CouplingStart[LineTuning]) -> Line:
+    hold, longest = start.params.of(WaveParams).missing == "hold", start.tuning.longest_wait_s
+    return DelayLine(len(start.position), longest, hold=hold, recovery=start.tuning.recovery_s)
 
 
-def _replay(start: CouplingStart[DigitalTuning]) -> Line:
-    return _whole(start, Replay(len(start.position), start.tuning.spread_s))
+def ends(
+    line: Callable[[CouplingStart[T]], Line],
+) -> tuple[Callable[[CouplingStart[T]], DeviceCoupling], Callable[[CouplingStart[T]], WorldCoupling]]:
+    """The device's and the world's end of a law over such a line, which makes up for lost waves if its tuning says."""
 
+    def whole(start: CouplingStart[T]) -> Line:
+        return IntegralLine(line(start)) if start.tuning.recovery_s else line(start)
 
-def _whole(start: CouplingStart[T], line: Line) -> Line:
-    """The line with its lost waves made up for, unless the user wants it as it was first published."""
-    return IntegralLine(line) if start.tuning.recovery_s else line
-
-
-def _device(line: Callable[[CouplingStart[T]], Line]) -> Callable[[CouplingStart[T]], WaveDevice]:
-    def make(start: CouplingStart[T]) -> WaveDevice:
+    def device(start: CouplingStart[T]) -> WaveDevice:
         tuning, dof = start.tuning, len(start.position)
-        return WaveDevice(tuning.impedance_Ns_m, start.position, WaveFilter(line(start), dof, tuning.smoothing_s))
+        return WaveDevice(tuning.impedance_Ns_m, start.position, WaveFilter(whole(start), dof, tuning.smoothing_s))
 
-    return make
-
-
-def _world(line: Callable[[CouplingStart[T]], Line]) -> Callable[[CouplingStart[T]], WaveWorld]:
-    def make(start: CouplingStart[T]) -> WaveWorld:
+    def world(start: CouplingStart[T]) -> WaveWorld:
         tuning = start.tuning
-        return WaveWorld(tuning.impedance_Ns_m, tuning.stiffness_N_m, tuning.damping_Ns_m, start.position, line(start))
+        return WaveWorld(tuning.impedance_Ns_m, tuning.stiffness_N_m, tuning.damping_Ns_m, start.position, whole(start))
 
-    return make
+    return held_law(device), stepped_law(world)
 
 
-_SEARCHED: Mapping[str, Between | tuple[Any, ...]] = {
+SEARCHED: Mapping[str, Between | tuple[Any, ...]] = {
     "wave.impedance": Between(0.5, RENDERED_DAMPING, log=True),
     "wave.stiffness": Between(50.0, 5000.0, log=True),
     "wave.damping": Between(0.5, 20.0, log=True),
     "wave.smoothing_s": Between(0.001, 0.05, log=True),
 }
+"""`CouplingSpec.searched` of what all lines have."""
 
-WAVE = CouplingSpec(
+_DEVICE, _WORLD = ends(_line)
+
+LAW = CouplingSpec(
     name="wave",
     title="wave variables",
     source="Niemeyer, Slotine 2004, with wave integrals",
     claim="passive at both ports for any constant delay; on any link, if zero replaces missing waves",
-    device=held_law(_device(_delay_line)),
-    world=stepped_law(_world(_delay_line)),
+    device=_DEVICE,
+    world=_WORLD,
     tuning=LineTuning,
-    tune=tune_line,
+    tune=tune,
+    parameters=WaveParams,
     shared=("impedance_Ns_m",),
-    device_sends=Wave,
-    world_sends=Wave,
-    covers=lambda params, tuning, virtual: params.wave.missing == "zero",
-    searched={**_SEARCHED, "wave.recovery_s": Between(0.01, 1.0, log=True)},
-)
-
-DIGITAL_WAVE = CouplingSpec(
-    name="digital-wave",
-    title="digital waves",
-    source="Berestesky, Chopra, Spong 2004",
-    claim="passive at both ports, whatever the link does",
-    device=held_law(_device(_replay)),
-    world=stepped_law(_world(_replay)),
-    tuning=DigitalTuning,
-    tune=tune_digital,
-    shared=("impedance_Ns_m",),
-    device_sends=Wave,
-    world_sends=Wave,
-    covers=lambda params, tuning, virtual: True,
-    searched=_SEARCHED,
+    device_sends=messages.Wave,
+    world_sends=messages.Wave,
+    covers=lambda params, tuning, virtual: params.of(WaveParams).missing == "zero",
+    searched={**SEARCHED, "wave.recovery_s": Between(0.01, 1.0, log=True)},
 )

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from hapnet.errors import InvalidParameter, MissingLibrary
-from hapnet.param_values import check_allowed, leaves
+from hapnet.param_values import check_allowed
 from hapnet.params import Params
 from hapnet.study.goal import Verdict
 from hapnet.study.spec import LINK, Values, entries, known, number
@@ -32,7 +32,7 @@ DIGITS = 4
 """Significant digits of a number that is tried: the values found can be read and typed."""
 
 _PLAIN = Params()
-_FIELDS = {name: (value, field) for name, value, field in leaves(_PLAIN)}
+_FIELDS = {name: (value, field) for name, value, field in _PLAIN.leaves()}
 _RANGE = ("from", "to", "scale")
 _NAMES = [name for name in _FIELDS if not name.startswith(f"{LINK}.")]
 _LARGE = 1e300

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from hapnet.params import COUPLING_NAMES
+from hapnet.laws import COUPLING_NAMES
 
 HANDS = tuple(f"hand-{number}" for number in range(21, 41))
 """Nothing is tuned on these. Each touches a wall at the default place within 10 s, whatever the device's spring."""

@@ -24,6 +24,7 @@ import tomllib
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -44,7 +45,6 @@ MOST = 100_000
 """The largest number of cases in a sweep."""
 
 _PLAIN = Params()
-_DEFAULTS = _PLAIN.flat()
 _RANGE = ("from", "to", "steps", "scale")
 _ALLOWED = "a list, or a range such as {from = 50, to = 400, steps = 8, scale = 'log'}"
 _DIGITS = 12  # of a number within a range: 0.3, not 0.30000000000000004
@@ -167,6 +167,12 @@ class Spec:
         return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
 
 
+@cache
+def _defaults() -> Values:
+    """Every parameter: a function, as it loads the laws."""
+    return _PLAIN.flat()
+
+
 def params_of(fixed: Values, values: Values) -> Params:
     """The parameters of a case; raises InvalidParameter as `Params.set` does."""
     return _PLAIN.set({**_spelled(fixed), **_spelled(values)})
@@ -174,7 +180,7 @@ def params_of(fixed: Values, values: Values) -> Params:
 
 def flat_of(fixed: Values, values: Values) -> Values:
     """All parameters of a case by dotted names, even if it is not a valid run; raises as `Params.typed` does."""
-    return {**_DEFAULTS, **_PLAIN.typed({**_spelled(fixed), **_spelled(values)})}
+    return {**_defaults(), **_PLAIN.typed({**_spelled(fixed), **_spelled(values)})}
 
 
 def entries(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -289,8 +295,8 @@ def _range(name: str, given: Mapping[str, Any]) -> list[Any]:
     """The numbers of a range, both ends included."""
     for word in given:
         known(name, word, _RANGE, "from, to, steps and scale")
-    whole = name == SEED or isinstance(_DEFAULTS.get(name), int)
-    if name == LINK or isinstance(_DEFAULTS.get(name), bool | str):
+    whole = name == SEED or isinstance(_defaults().get(name), int)
+    if name == LINK or isinstance(_defaults().get(name), bool | str):
         raise InvalidParameter(name, dict(given), "a list: these values have no range")
     ends: list[Any] = [given.get("from"), given.get("to")]
     if not all(number(end) for end in ends) or ends[0] == ends[1]:
@@ -324,7 +330,7 @@ def _range(name: str, given: Mapping[str, Any]) -> list[Any]:
 
 
 def _parameter(name: str) -> None:
-    known("parameter", name, (*_DEFAULTS, LINK, SEED), "a parameter of --show-params, link or seed")
+    known("parameter", name, (*_defaults(), LINK, SEED), "a parameter of --show-params, link or seed")
 
 
 def _seed(value: object, allowed: str) -> None:

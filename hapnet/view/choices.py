@@ -5,20 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from hapnet.couplings import registry
-from hapnet.couplings.set_position import PSPM, ZOH
-from hapnet.params import COUPLING_NAMES
+from hapnet.couplings import pspm, registry, zoh
+from hapnet.laws import COUPLING_NAMES
 
 Choice = tuple[str, str | None]
 """A coupling, and the feel; None: the coupling has no feel, so it stays as it is."""
 
 CHOICES: Mapping[str, Choice] = MappingProxyType(
     {
-        "hapnet": (PSPM.name, "hapnet"),
-        "paper": (PSPM.name, "paper"),
-        "zoh": (ZOH.name, "paper"),
-        "zoh, hapnet's feel": (ZOH.name, "hapnet"),
-        **{name: (name, None) for name in COUPLING_NAMES if name not in (PSPM.name, ZOH.name)},
+        "hapnet": (pspm.LAW.name, "hapnet"),
+        "paper": (pspm.LAW.name, "paper"),
+        "zoh": (zoh.LAW.name, "paper"),
+        "zoh, hapnet's feel": (zoh.LAW.name, "hapnet"),
+        **{name: (name, None) for name in COUPLING_NAMES if name not in (pspm.LAW.name, zoh.LAW.name)},
     }
 )
 """What users read, and what it stands for."""

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from hapnet.params import COUPLING_NAMES, Params
+from hapnet.laws import COUPLING_NAMES
+from hapnet.params import Params
 from hapnet.study.compare import Case, Outcome, Plan, Variant
 from hapnet.study.figures import story, tradeoff
 

@@ -12,7 +12,8 @@ pytest.importorskip("viser", reason="the live page's library is not installed")
 
 import viser
 
-from hapnet.params import COUPLING_NAMES, Params
+from hapnet.laws import COUPLING_NAMES
+from hapnet.params import Params
 from hapnet.recording.telemetry import Status
 from hapnet.view.choices import CHOICES, words_of
 from hapnet.view.history import Episode, Snapshot

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from importlib.util import find_spec
 
 from hapnet.assembly.build import Setup
-from hapnet.couplings.set_position import PSPM, ZOH
+from hapnet.couplings import pspm, zoh
 from hapnet.kernel import sources
 from hapnet.params import Params
 from hapnet.plant.worlds.scene import Scene
@@ -82,7 +82,7 @@ def why_not(setup: Setup) -> str | None:
 
 def _reasons(setup: Setup) -> Iterator[str]:
     params = setup.params
-    if not any(setup.coupling is one for one in (PSPM, ZOH)):  # a user's own may be made of the same parts
+    if not any(setup.coupling is one for one in (pspm.LAW, zoh.LAW)):  # a user's own may be made of the same parts
         yield f"the coupling {params.coupling}"
     if setup.servo == "sampled" and setup.harvest != "measured":
         yield f"the harvest {setup.harvest} of a held force"

@@ -1,15 +1,24 @@
-"""Replay of digital waves over packets with jitter and loss (P. Berestesky, N. Chopra, M. W. Spong, 2004).
+"""Digital waves: replay over packets with jitter and loss (P. Berestesky, N. Chopra, M. W. Spong, 2004).
 
 The discrete line is passive if the sum of u_out^2 never exceeds the sum of u_in^2. So it needs no jitter buffer: waves
-are played as soon as they arrive, over a time that is fixed at that moment.
+are played as soon as they arrive, over a time that is fixed at that moment. Its parameters, terminations and remedy
+against drift are those of the wave variables (wave.py).
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import sqrt
 
 from hapnet.checks import Vector
 from hapnet.control.coupling import Wave
+from hapnet.control.wave_port import Line
+from hapnet.couplings import wave
+from hapnet.couplings.link_delays import Delays
+from hapnet.couplings.spec import CouplingSpec, CouplingStart
+from hapnet.couplings.wave import WaveParams
+from hapnet.params import Params
+from hapnet.wire import messages
 
 LOUDEST = 2.0
 """Largest 1/n: a burst carries energy too, but the hand should not get it all at once."""
@@ -58,3 +67,45 @@ class Replay:
         self._left_s = left - played
         share = played / dt
         return tuple([wave * share for wave in playing])
+
+
+@dataclass(frozen=True)
+class Tuning:
+    impedance_Ns_m: float
+    stiffness_N_m: float
+    damping_Ns_m: float
+    smoothing_s: float
+    spread_s: float
+    recovery_s: float = 0.0
+
+
+def tune(params: Params, link: Delays) -> Tuning:
+    """As that of the wave variables. Waves that arrive are spread over the longest time between two arrivals."""
+    line = wave.tune(params, link)
+    spread, recovery_s = params.world.step_max_s + wave.jitter_s(link), params.of(WaveParams).recovery_s
+    return Tuning(line.impedance_Ns_m, line.stiffness_N_m, line.damping_Ns_m, line.smoothing_s, spread, recovery_s)
+
+
+def _line(start: CouplingStart[Tuning]) -> Line:
+    return Replay(len(start.position), start.tuning.spread_s)
+
+
+_DEVICE, _WORLD = wave.ends(_line)
+
+LAW = CouplingSpec(
+    name="digital-wave",
+    title="digital waves",
+    source="Berestesky, Chopra, Spong 2004",
+    claim="passive at both ports, whatever the link does",
+    device=_DEVICE,
+    world=_WORLD,
+    tuning=Tuning,
+    tune=tune,
+    parameters=WaveParams,
+    section="wave",
+    shared=("impedance_Ns_m",),
+    device_sends=messages.Wave,
+    world_sends=messages.Wave,
+    covers=lambda params, tuning, virtual: True,
+    searched=wave.SEARCHED,
+)

@@ -1,0 +1,66 @@
+"""Passive set-position modulation (Lee, Huang 2009): a spring on each side, whose end moves as far as a reservoir pays.
+
+Algorithm 1, which modulates a set-position, is hapnet/control/pspm.py: servo, world and compiled code are built on it.
+Its parameters are those of each side's spring and reservoir, `device` and `world`.
+"""
+
+from __future__ import annotations
+
+from hapnet.checks import Vector
+from hapnet.control.pspm import SetPositionModulator
+from hapnet.control.reserve import Holding
+from hapnet.control.set_position_coupling import Modulator
+from hapnet.couplings import feel
+from hapnet.couplings.feel import FeelTuning
+from hapnet.couplings.set_position import BOTH_SIDES, Side, ends
+from hapnet.couplings.spec import CouplingSpec
+from hapnet.mechanics.spring import Spring
+from hapnet.params import Params, WorldParams
+
+
+def _modulator(
+    side: Side, spring: Spring, position: Vector, energy: float, reserve: float, holding: Holding | None
+) -> Modulator:
+    return SetPositionModulator(
+        stiffness=side.stiffness,
+        position=position,
+        ceiling=side.ceiling_J,
+        shuffle="all" if side.shuffle == "all" else "harvested",
+        force_limit=spring.force_limit,
+        energy=energy,
+        reserve=reserve,
+        held_m=0.0 if holding is None else holding.far,
+        drag_N=0.0 if holding is None else holding.drag,
+        lends=isinstance(side, WorldParams),
+    )
+
+
+def _covers(params: Params, tuning: FeelTuning, virtual: bool) -> bool:
+    """True, except with the range harvest of a held force: it relies on own damping (`held_torque.check`)."""
+    device = params.device
+    sampled = device.servo == "sampled" or (device.servo == "auto" and (tuning.contact_model or not virtual))
+    return not (sampled and device.harvest == "range")
+
+
+_ENDS = ends(_modulator, limited=True)
+
+LAW = CouplingSpec(
+    name="pspm",
+    title="passive set-position modulation",
+    source="Lee, Huang 2009",
+    claim="passive at both ports, whatever the link does",
+    device=_ENDS.device,
+    world=_ENDS.world,
+    continuous=_ENDS.continuous,
+    tuning=FeelTuning,
+    tune=feel.tune,
+    shared=("contact_model",),
+    world_tells=True,
+    set_positions=BOTH_SIDES,
+    limited=True,
+    scaled=True,
+    halves=True,
+    joint=False,
+    covers=_covers,
+    searched=feel.SEARCHED,
+)

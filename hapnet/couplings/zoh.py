@@ -1,0 +1,31 @@
+"""The plain virtual coupling (Colgate, Stanley, Brown 1995): a spring on each side, tied to the newest set-position.
+
+Its parameters are those of the springs, `device` and `world`.
+"""
+
+from __future__ import annotations
+
+from hapnet.couplings import feel
+from hapnet.couplings.feel import FeelTuning
+from hapnet.couplings.set_position import BOTH_SIDES, ends, plain
+from hapnet.couplings.spec import CouplingSpec
+
+_ENDS = ends(plain, limited=False)
+
+LAW = CouplingSpec(
+    name="zoh",
+    title="virtual coupling, held",
+    source="Colgate, Stanley, Brown 1995",
+    claim="passive without delay, with a new position every tick, if the device's own damping exceeds K T/2 + B",
+    device=_ENDS.device,
+    world=_ENDS.world,
+    continuous=_ENDS.continuous,
+    tuning=FeelTuning,
+    tune=feel.tune,
+    shared=("contact_model",),
+    world_tells=True,
+    set_positions=BOTH_SIDES,
+    scaled=True,
+    joint=False,
+    searched=feel.SEARCHED,
+)
