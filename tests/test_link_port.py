@@ -171,3 +171,19 @@ def test_the_driver_of_real_time_puts_what_the_port_gives_when_the_port_gives_it
     assert driven.crossed == plain.crossed
     assert driven.events == plain.events
     assert len(plain.crossed) > 50
+
+
+def test_what_a_tick_takes_before_its_message_is_sent_is_no_part_of_the_round_trip() -> None:
+    """Messages wait 3 and 4 ms between being made and sent, on links of 20 and 30 ms: a round trip takes 50 ms."""
+    pair = DrivenPair(port("device", "delay 20ms"), port("world", "delay 30ms"))
+    pair.run(1_000 * MS)
+    for _ in range(100):
+        for here, waits_ns in ((pair.device, 3 * MS), (pair.world, 4 * MS)):
+            if (arrival := here.wire.session.path.arrival) is not None:
+                here.wire.session.positions.echo(*arrival)
+            frame = here.wire.session.position(pair.now_ns, [0.0])
+            pair.run(waits_ns)
+            pair.deliver(pair.send(here, frame), here)
+    for here in pair.ports:
+        figures = here.wire.session.path.figures()
+        assert (figures.round_trip_min_ns, figures.round_trip_p99_ns) == (50 * MS, 50 * MS)

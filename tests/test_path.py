@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 
 from hapnet.checks import Vector
@@ -13,7 +14,8 @@ from hapnet.side.endpoint import ControlHalf, WireHalf
 from hapnet.simulation.simulation import simulate
 from hapnet.summary import path as paths
 from hapnet.wire.messages import Position, Role, decode, encode
-from hapnet.wire.path import Counts, Path, PathFigures
+from hapnet.wire.path import Counts, Path, PathFigures, arrive
+from hapnet.wire.peer_monitor import PeerMonitor
 from hapnet.wire.session import Session
 from netem import Link, LinkProfile
 from tests.test_numbering import FORGED
@@ -177,6 +179,23 @@ def test_the_figures_of_a_while_are_the_difference() -> None:
     assert path.figures().round_trip_p50_ns < other.figures().round_trip_p50_ns  # type: ignore[operator]
     assert path.figures(path.counts()).round_trip_p50_ns is None
     assert isinstance(before, Counts)
+
+
+def test_loss_is_told_of_the_sample_without_bias_whatever_else_is_dropped() -> None:
+    """Every fourth message is one of the sample; of the others half are dropped as overtaken. Each loss is known."""
+    rng, path, monitor = np.random.default_rng(3), Path(), PeerMonitor(500 * MS)
+    monitor.begin(0)
+    path.begin(0, every=4)
+    lost, dropped = rng.random(60_000) < 0.15, rng.random(60_000) < 0.5
+    dropped[::4] = False
+    for number in np.flatnonzero(~lost & ~dropped).tolist():
+        arrive(path, monitor, 5 * MS * number + 40 * MS, number, 5 * MS * number, 0, 0)
+    known = path.figures()
+    newest = number // 4 * 4
+    assert known.lost / known.sent == pytest.approx(np.mean(lost[: newest + 1 : 4]), abs=1e-4)
+    assert known.lost / known.sent == pytest.approx(0.15, abs=0.009)  # three standard deviations of 15,000
+    assert known.overtaken / known.sent == pytest.approx(np.mean(~lost & dropped), abs=0.009)
+    assert known.sent == number - np.flatnonzero(~lost & ~dropped)[0] + 1
 
 
 def test_in_virtual_time_the_summary_has_the_path_and_it_is_the_links() -> None:

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapnet.errors import InvalidParameter
-from hapnet.realtime.servo import DeadlineGrid, Histogram, Servo, request_realtime, set_timer_slack, tuned_interpreter
+from hapnet.realtime.servo import DeadlineGrid, Servo, request_realtime, set_timer_slack, tuned_interpreter
 
 MS = 1_000_000
 WAIT_S = 30.0
@@ -121,46 +121,6 @@ def test_counting_anew_forgets_what_was_late() -> None:
     assert done.wait(WAIT_S)
     servo.stop()
     assert (servo.stats().ticks, servo.stats().skipped) == (5, 6 * 3)
-
-
-# The histogram
-
-
-@given(values=st.lists(st.integers(0, 2**41), min_size=1), q=st.floats(0.0, 1.0))
-def test_quantile_is_the_nearest_rank_to_one_part_in_32(values: list[int], q: float) -> None:
-    histogram = Histogram()
-    for value in values:
-        histogram.add(value)
-    rank = max(1, math.ceil(q * len(values)))
-    exact = sorted(values)[rank - 1]
-    found = histogram.quantile(q)
-    assert found is not None
-    assert exact <= found <= exact + exact / 32
-    assert found <= histogram.max == max(values)
-    assert histogram.total == len(values)
-
-
-def test_bins_hold_every_value_no_lower_than_it_was_and_a_32nd_higher_at_most() -> None:
-    values = sorted([0, 3, 3, 63, 64, 1000, 999_999, 1_000_000, 2**41 + 12345, 2**45])
-    histogram = Histogram()
-    for value in values:
-        histogram.add(value)
-    edges = [edge for edge, count in histogram.bins() for _ in range(count)]
-    assert len(edges) == len(values)
-    assert all(value <= edge <= value * 33 / 32 for value, edge in zip(values, edges, strict=True))
-    assert Histogram().bins() == ()
-
-
-def test_histogram_does_not_grow_and_takes_any_integer() -> None:
-    histogram = Histogram()
-    assert histogram.quantile(0.5) is None
-    size = len(histogram.counts)
-    for value in (-5, 0, 2**42 - 1, 2**42, 2**80):
-        histogram.add(value)
-    assert len(histogram.counts) == size
-    assert histogram.total == 5
-    assert histogram.quantile(0.2) == 0
-    assert histogram.quantile(1.0) == histogram.max == 2**80
 
 
 # The servo in virtual time

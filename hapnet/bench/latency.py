@@ -5,7 +5,8 @@ when the peer's endpoint has taken it. In turns with it, raw Zenoh carries messa
 processes with the same configuration. Both ends are on one machine, so they share CLOCK_MONOTONIC.
 
 With `--realtime` the hand-over is in the servo's process, which keeps no stamps. There the latency counts from the
-message's own `sent_ns`, the start of the tick that sent it. So it includes the hop from that process, and the tick.
+stamp that the message has then, the start of the tick that sent it. So it includes the hop from that process, and the
+tick.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ from hapnet.side.notices import Notice
 from hapnet.transport.config import ZenohSettings, free_address, local_address, zenoh_config
 from hapnet.transport.entities import publisher
 from hapnet.wire.messages import Position, decode, encode
+from hapnet.wire.stream_frames import stamped
 
 Stamps = list[tuple[int, bytes]]
 """The time when a message was handed over or had arrived [ns], and its bytes, which are unique."""
@@ -75,9 +77,9 @@ def one_way_latency_realtime(options: Options) -> Row:
     refusals: list[str] = []
 
     def once(seconds: float) -> Distribution:
-        (_, refusal), (arrived, _) = run_sides(seconds, realtime=True)
+        (handed_over, refusal), (arrived, _) = run_sides(seconds, realtime=True)
         refusals.append(refusal)
-        return join(tick_starts(arrived), arrived)
+        return join(tick_starts(handed_over), arrived)
 
     subject, bare = in_turns([once, raw_once], options)
     return row(
@@ -152,19 +154,20 @@ def _link() -> Iterator[str]:
         yield local_address(directory)
 
 
-def tick_starts(arrived: Stamps) -> Stamps:
+def tick_starts(handed_over: Stamps) -> Stamps:
     """The starts of the ticks that sent these positions, by the positions' own stamps; others are left out."""
-    messages = [(decode(data), data) for _, data in arrived]
+    messages = [(decode(data), data) for _, data in handed_over]
     return [(message.sent_ns, data) for message, data in messages if isinstance(message, Position)]
 
 
 def join(handed_over: Stamps, arrived: Stamps) -> Distribution:
-    """Latencies [us] of what arrived after the first half second."""
+    """Latencies [us] of what arrived after the first half second; a message has another stamp when it arrives."""
     if not handed_over:
         raise HapnetError("one_way_latency: the servo handed nothing over")
     since_ns = handed_over[0][0] + round(_SETTLE_S * 1e9)
-    sent = {data: at_ns for at_ns, data in handed_over if at_ns >= since_ns}
-    late = [at_ns - sent[data] for at_ns, data in arrived if data in sent]
+    sent = {stamped(data, 0): at_ns for at_ns, data in handed_over if at_ns >= since_ns}
+    came = [(at_ns, stamped(data, 0)) for at_ns, data in arrived]
+    late = [at_ns - sent[data] for at_ns, data in came if data in sent]
     if not late:
         raise HapnetError("one_way_latency: nothing arrived")
     return Distribution.of(late, 1e-3)

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from hapnet.side.device import Clock
 from hapnet.side.link_port import LinkPort, Pumped, earlier
 from hapnet.wire.events import Event
+from hapnet.wire.stream_frames import stamped
 from netem import LinkProfile, Timeline
 from netem.aio import DeadlineTimer
 
@@ -77,9 +78,11 @@ class LinkDriver:
     def send(self, data: bytes) -> None:
         """Offer control's message to the link and put on the wire what is not delayed; on control's own thread.
 
-        The message is put first; all other work waits for that.
+        The message is put first; all other work waits for that. Its stamp is now: a round trip is to be that of the
+        network, without what the tick or the step took before.
         """
         now_ns = self._clock()
+        data = stamped(data, now_ns)
         with self.lock:
             released = self.port.send(now_ns, data)
             passed = self.port.link.next_due_ns is None

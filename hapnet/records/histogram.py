@@ -68,12 +68,33 @@ class Histogram(Record):
 
     def quantile(self, q: float) -> int | None:
         """Smallest bin edge that at least a share `q` of the values does not exceed (None if there is no value)."""
-        seen = list(accumulate(self.counts))
-        total = seen[-1]
-        if total == 0:
+        place = self._place(q)
+        return None if place is None else self._edge(place[0])
+
+    def interpolated(self, q: float, least: int) -> int | None:
+        """As `quantile`, but on average not too high: as if the values of a bin were spread evenly.
+
+        least : no value is below it.
+        """
+        if (place := self._place(q)) is None:
             return None
-        index = bisect_left(seen, max(1, q * total))
-        return self.max if index >= len(seen) - 1 else min(_highest(index), self.max)
+        index, share = place
+        high = self._edge(index)
+        low = min(high, max(least, _highest(index - 1) + 1))
+        return low + round((high - low) * share)
+
+    def _place(self, q: float) -> tuple[int, float] | None:
+        """The bin that has the quantile, and the share of its values up to it."""
+        seen = list(accumulate(self.counts))
+        if seen[-1] == 0:
+            return None
+        rank = max(1, q * seen[-1])
+        index = bisect_left(seen, rank)
+        before = seen[index - 1] if index else 0
+        return index, (rank - before) / (seen[index] - before)
+
+    def _edge(self, index: int) -> int:
+        return self.max if index == BINS - 1 else min(_highest(index), self.max)
 
 
 def _highest(index: int) -> int:

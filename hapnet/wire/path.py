@@ -213,7 +213,7 @@ class Path(Record):
         return self._figures(self.all if since is None else self.all.since(since))
 
     def _figures(self, counts: Counts) -> PathFigures:
-        least_ns = None if self.least_trip_ns == NEVER else self.least_trip_ns
+        least_ns, trips = None if self.least_trip_ns == NEVER else self.least_trip_ns, counts.trips
         half_ns = None if least_ns is None else least_ns // 2
 
         def age(q: float) -> int | None:
@@ -222,7 +222,7 @@ class Path(Record):
 
         lost = counts.lost
         return PathFigures(
-            least_ns, counts.trips.quantile(0.5), counts.trips.quantile(0.99),
+            least_ns, trips.interpolated(0.5, least_ns or 0), trips.interpolated(0.99, least_ns or 0),
             counts.jitter.quantile(0.5), counts.jitter.quantile(0.99), age(0.5), age(0.99),
             counts.sent, counts.came, counts.late + max(0, counts.sent - counts.came) - lost, lost,
             counts.stalls, counts.longest_stall_ns,

@@ -21,6 +21,8 @@ _LEVEL: bytes = msgpack.packb({LEVEL: 0.0})[:-8]
 _FLOAT = Struct(">d").pack
 _NUMBER, _AT = Struct(">Q").unpack_from, Struct(">BBBBQB").size
 """Reads a number, and where that of a message begins."""
+_STAMP, _STAMPED = Struct(">Q").pack, _AT + 9
+"""Writes a stamp, and where that of a message begins."""
 
 
 def encode_stream(
@@ -69,6 +71,11 @@ def sequence_of(frame: bytes) -> int | None:
     """The number of a stream's message that `encode_stream` has made; None of what is too short to be one."""
     number: tuple[int] | None = _NUMBER(frame, _AT) if len(frame) >= _AT + 8 else None
     return None if number is None else number[0]
+
+
+def stamped(frame: bytes, sent_ns: int) -> bytes:
+    """The stream's message with another stamp: it is sent only now, and not when it was made."""
+    return frame[:_STAMPED] + _STAMP(sent_ns) + frame[_STAMPED + 8 :]
 
 
 def level_of(level: float) -> bytes:

@@ -1,13 +1,23 @@
-"""What `path` says of a network, beside what irtt and the network itself say; and what each transport makes of loss.
+"""What `path` says of a network, beside what irtt says of it; and what each transport makes of loss.
 
 ``python -m tests.faults.paths --seconds 60`` starts a pair in two network namespaces, for each transport and each
-profile of the cable between them, with irtt on the same cable. Only for root, on a machine with nothing else to do.
+profile of the cable between them, with irtt on the same cable at the same time. With ``--check`` it names what misses
+a limit, and ends with exit code 1 if anything does:
+
+* Loss is irtt's within a point, beyond what chance does to two samples of that size. A transport that repeats what is
+  lost loses nothing.
+* The median of round trips is irtt's within 5 %. Where something is lost or jitters, a transport that delivers
+  in order waits for what irtt does not wait for: so there only for the others.
+* Encrypted, at 15 % loss, nothing is silent for 0.5 s, and the age's p99 is below 1.5 times udp's.
+
+Only for root, on a machine with nothing else to do.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import statistics
 import subprocess
 import sys
@@ -17,12 +27,15 @@ from pathlib import Path
 from typing import Any
 
 from examples.secure.make_certificates import main as make_certificates
+from hapnet.transport.sampled import SPACING_S
 from tests.faults.namespaces import Host, two_hosts
 from tests.processes import HAPNET, Program
 
 PROFILES = ("delay 5ms", "delay 40ms 10ms", "delay 40ms 10ms loss 5%", "delay 40ms 10ms loss 15%",
             "delay 100ms 30ms", "delay 150ms 10ms loss 15%")  # fmt: skip
 TRANSPORTS = ("tcp", "udp", "udp --encrypt", "quic", "quic mixed_rel")
+CHANNELS = {"udp": 8, "udp --encrypt": 8, "quic mixed_rel": 2}
+"""Of the transports that repeat nothing: how many channels their sample has (hapnet/transport/sampled.py)."""
 PORT = 17447
 SLOW_TO_OPEN = ("--cfg", "transport/unicast/open_timeout:10000", "--cfg", "transport/unicast/accept_timeout:10000")
 
@@ -96,8 +109,10 @@ def row(found: dict[str, Any]) -> dict[str, Any]:
     return {
         "round trip": path["round_trip_p50_ms"],
         "irtt's": irtt["rtt"]["median"] * 1e-6,
+        "sent up": up["sent"],
         "lost up": 100.0 * up["loss"],
         "irtt's up": irtt["upstream_loss_percent"],
+        "sent down": down["sent"],
         "lost down": 100.0 * down["loss"],
         "irtt's down": irtt["downstream_loss_percent"],
         "age p99 up": up["age_p99_ms"],
@@ -107,35 +122,74 @@ def row(found: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def main() -> None:
+def misses(profile: str, transport: str, cells: dict[str, Any], seconds: float, udp: dict[str, Any]) -> list[str]:
+    """The figures that miss a limit, in words. udp : the cells of plain udp over the same cable; empty: not known."""
+    found = []
+    for way in ("up", "down"):
+        lost, known = cells[f"lost {way}"], cells[f"irtt's {way}"]
+        if transport not in CHANNELS:
+            known, chance = 0.0, 0.0
+        else:
+            counts = min(cells[f"sent {way}"], seconds * CHANNELS[transport] / SPACING_S), 100.0 * (seconds - 8.0)
+            chance = 3.0 * math.sqrt(known * (100.0 - known) * sum(1.0 / count for count in counts))
+        if abs(lost - known) > 1.0 + chance:
+            found.append(f"lost {way} {lost:.1f} %, and not {known:.1f} within {1.0 + chance:.1f}")
+    trip, known = cells["round trip"], cells["irtt's"]
+    if abs(trip / known - 1.0) > 0.05 and (transport in CHANNELS or len(profile.split()) == 2):
+        found.append(f"round trip {trip:.1f} ms, and not {known:.1f} within 5 %")
+    if "loss 15%" in profile and transport in ("udp --encrypt", "quic mixed_rel"):
+        if cells["silence"] >= 500.0:
+            found.append(f"silent for {cells['silence']:.0f} ms, and not below 500")
+        older = [name for name in ("age p99 up", "age p99 down") if udp and cells[name] >= 1.5 * udp[name]]
+        found += [f"{name} {cells[name]:.0f} ms, and not below 1.5 times {udp[name]:.0f}" for name in older]
+    if cells["verdict"] is not True:
+        found.append(f"verdict {cells['verdict']}, and not passive")
+    return found
+
+
+def several(transport: str, profile: str, given: argparse.Namespace) -> dict[str, Any]:
+    """The median figures of the rounds; a run that fails counts as none."""
+    rows = []
+    for number in range(given.rounds):
+        try:
+            rows.append(row(one(transport, profile, given.seconds, number + 1, given.more)))
+        except (AssertionError, KeyError, TypeError, ValueError, subprocess.TimeoutExpired) as error:
+            print(f"{profile}, {transport}: {type(error).__name__}: {' '.join(str(error).split())}", file=sys.stderr)
+    cells = {name: statistics.median(each[name] for each in rows) for name in rows[0]} if rows else {}
+    if cells:
+        cells["verdict"] = all(each["verdict"] for each in rows)
+    return cells
+
+
+def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--rounds", type=int, default=1)
     parser.add_argument("--transport", action="append", choices=TRANSPORTS)
     parser.add_argument("--profile", action="append")
+    parser.add_argument("--check", action="store_true", help="name what misses a limit; exit code 1 if anything does")
     parser.add_argument("more", nargs="*", help="behind --: flags for both sides")
     given = parser.parse_args()
-    head = None
+    missed, head = [], False
     for profile in given.profile or PROFILES:
+        udp: dict[str, Any] = {}
         for transport in given.transport or TRANSPORTS:
-            rows = []
-            for number in range(given.rounds):
-                try:
-                    rows.append(row(one(transport, profile, given.seconds, number + 1, given.more)))
-                except (AssertionError, KeyError, TypeError, subprocess.TimeoutExpired) as error:
-                    what = " ".join(str(error).split())
-                    print(f"| {profile} | {transport} | {type(error).__name__}: {what} |", flush=True)
-            if not rows:
+            cells = several(transport, profile, given)
+            if not cells:
+                missed.append(f"{profile}, {transport}: no run came to its end")
                 continue
-            if head is None:
-                head = list(rows[0])
-                print("| below | transport | " + " | ".join(head) + " |\n|" + "---|" * (len(head) + 2), flush=True)
-            cells = []
-            for name in head:
-                values = [each[name] for each in rows]
-                numbers = [value for value in values if isinstance(value, int | float) and not isinstance(value, bool)]
-                cells.append(f"{statistics.median(numbers):.1f}" if numbers else str(values))
-            print(f"| {profile} | {transport} | " + " | ".join(cells) + " |", flush=True)
+            udp = cells if transport == "udp" else udp
+            missed += [
+                f"{profile}, {transport}: {what}" for what in misses(profile, transport, cells, given.seconds, udp)
+            ]
+            if not head:
+                head = True
+                print("| below | transport | " + " | ".join(cells) + " |\n|" + "---|" * (len(cells) + 2))
+            shown = " | ".join(str(cell) if isinstance(cell, bool | int) else f"{cell:.1f}" for cell in cells.values())
+            print(f"| {profile} | {transport} | {shown} |", flush=True)
+    if given.check:
+        print("\n".join(missed) or "nothing misses a limit")
+    return int(given.check and bool(missed))
 
 
 if __name__ == "__main__":
