@@ -29,7 +29,10 @@ PURE_NETEM = {  # all that a link in virtual time consists of
 LONGEST = 420
 MOST_ATTRIBUTES = 20
 
-BASE = {"errors", "checks", "params", "laws", "param_sections", "param_values", "param_schema", "loading", "versions"}
+BASE = {
+    "errors", "extras", "checks", "params", "laws", "param_sections", "param_values", "param_schema",
+    "loading", "versions",
+}  # fmt: skip
 BELOW_ASSEMBLY = {"records", "mechanics", "control", "plant", "wire", "recording", "side", "couplings"}
 MAY_IMPORT = {  # a package, and what it may know beside itself and the base
     "records": set(),

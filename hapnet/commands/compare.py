@@ -17,6 +17,7 @@ from hapnet.commands.groups import Without
 from hapnet.commands.options import ModelOptions, ParamsOptions
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
+from hapnet.extras import require
 from hapnet.laws import COUPLING_NAMES
 from hapnet.params import Params
 from hapnet.study.sections import FULL, QUICK
@@ -156,6 +157,8 @@ def compare(
         return 0
     plans = plans_of(chosen, options)
     drawn = {name: drawn_case(plan, options.case) for name, plan in plans.items()}
+    if not options.dry_run:
+        require("report", "hapnet compare")
     _announce(words, plans, options)
     if options.dry_run:
         return 0

@@ -14,6 +14,7 @@ from typing import IO, TYPE_CHECKING, Any, cast
 
 from hapnet.commands import progress
 from hapnet.errors import HapnetError, OutputError, RecordingError
+from hapnet.extras import require
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -176,7 +177,13 @@ def remove_empty() -> None:
 
 
 def run_directory(out: Path | None, which: int | str | None) -> Path:
-    """The directory for a command's output, made if needed: `out`, or runs/<UTC time>-<seed or name>."""
+    """The directory for a command's output, made if needed: `out`, or runs/<UTC time>-<seed or name>.
+
+    Raises
+    ------
+    MissingLibrary : what makes recordings and figures is not installed. HapnetError : it cannot be made.
+    """
+    require("report", "writing recordings and figures")
     name = f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{which}"
     path = out if out is not None else Path("runs") / name
     new = [each for each in (path, *path.parents) if not each.exists()]

@@ -14,6 +14,7 @@ import typer
 from hapnet.commands import flags, output
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter, RecordingError
+from hapnet.extras import require
 from hapnet.param_values import flatten
 from hapnet.params import Params
 
@@ -38,6 +39,7 @@ def report(
     files = [file for named in files for file in (_recordings_in(named) if named.is_dir() else [named])]
     if not 1 <= len(files) <= 2:
         raise InvalidParameter("FILE", [str(file) for file in files], "one recording, or the device's and the world's")
+    require("report", "hapnet report")
     words = output.console(json_to)
     written = output.Written()
     with Progress(output.progress_console(), "reading"):

@@ -14,6 +14,7 @@ from hapnet.commands.complete import FIGURES
 from hapnet.commands.options import ParamsOptions
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
+from hapnet.extras import require
 from hapnet.params import Params
 
 if TYPE_CHECKING:
@@ -56,6 +57,7 @@ def reproduce(
     chosen = params.over(base, {"duration_s": duration})
     if params.show_params:
         return params.show(chosen)
+    require("report", "hapnet reproduce")
     from hapnet import report
     from hapnet.recording.mcap import save
     from hapnet.simulation.simulation import Simulation

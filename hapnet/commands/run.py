@@ -12,6 +12,7 @@ from hapnet.commands import flags, output
 from hapnet.commands.options import LinkOptions, ModelOptions, ParamsOptions, no_out_without_files
 from hapnet.commands.progress import Progress
 from hapnet.errors import HapnetError
+from hapnet.extras import require
 from hapnet.params import Params
 
 if TYPE_CHECKING:
@@ -62,6 +63,7 @@ def run(
         if files:
             directory = output.run_directory(out, seed)
         else:  # the summary needs both recordings
+            require("record", "hapnet run")
             directory = Path(passing.enter_context(TemporaryDirectory(prefix="hapnet-")))
         words = output.console("-" if log_to == "-" else json_to)
         name = log_to or str(directory / "log.jsonl")

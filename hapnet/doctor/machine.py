@@ -89,15 +89,20 @@ def python() -> Check:
     return Check("python", OK, f"{words}, threads switch every {sys.getswitchinterval() * 1e3:g} ms (a run sets 0.1)")
 
 
+_NEEDED = ("numpy", "eclipse-zenoh", "msgpack", "cryptography")
+_OF_REPORTS = ("mcap", "protobuf", "matplotlib")  # the extra `report`
+
+
 def libraries() -> Check:
     found, absent = [], []
-    for name in ("numpy", "eclipse-zenoh", "msgpack", "mcap", "matplotlib"):
+    for name in (*_NEEDED, *_OF_REPORTS):
         try:
             found.append(f"{name} {metadata.version(name)}")
         except metadata.PackageNotFoundError:
             absent.append(name)
     if absent:
-        return Check("libraries", MISSING, ", ".join(found), f"pip install {' '.join(absent)}")
+        state = MISSING if set(absent) & set(_NEEDED) else WARNING  # a side runs without the extra
+        return Check("libraries", state, ", ".join(found), f"pip install {' '.join(absent)}")
     return Check("libraries", OK, ", ".join(found))
 
 

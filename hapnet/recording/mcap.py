@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NoReturn
 
 from hapnet.errors import BadMessage, InvalidParameter, RecordingError
+from hapnet.extras import require
 from hapnet.recording import schemas
 from hapnet.recording.drawing import Drawing, SceneSample, unpack
 from hapnet.recording.foxglove import PERIOD_NS, Shown, shown
@@ -76,6 +77,7 @@ class RecordingWriter:
     """
 
     def __init__(self, path: str | os.PathLike[str], meta: Mapping[str, Any]) -> None:
+        require("record", "a recording")
         self._path = Path(path)
         self._channels: dict[str, tuple[int, Callable[[Any], bytes]]] = {}
         self._utc_ns = utc_less_clock_ns(meta)
@@ -196,6 +198,7 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
     ------
     RecordingError : the file cannot be read, or is not a recording. InvalidParameter : `path` is no path.
     """
+    require("record", "reading a recording")
     from google.protobuf.message import DecodeError
     from mcap.records import Attachment, Channel, Message, Metadata, Schema
 
@@ -278,6 +281,7 @@ def repair(path: str | os.PathLike[str]) -> Path:
 
 def preload() -> None:
     """Import what a writer needs. It takes 30 ms, so do it before anything runs that must not wait."""
+    require("record", "a recording")
     for module in ("hapnet.recording.mcap_writer", "google.protobuf.message_factory", "google.protobuf.timestamp_pb2"):
         import_module(module)
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from hapnet.couplings.registry import jointly_passive
 from hapnet.couplings.registry import known as known_coupling
+from hapnet.extras import require
 from hapnet.recording.samples import Columns, Recording
 from hapnet.report.style import DEVICE_COLOR, MM, STYLE, WORLD_COLOR
 from hapnet.report.words import get, has_reservoirs, millijoule, verdict
@@ -37,6 +38,7 @@ def figure(recording: Recording) -> Figure:
     contact force or, if there was no contact, the axis along which the device moved most. The path in the plane is
     added for the scene ``paper``, and whenever the device moves along two axes.
     """
+    require("report", "a figure")
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -1,0 +1,102 @@
+"""Without the extras a side runs; what needs one says so in a line, before anything has run."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tomllib
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+from hapnet import cli, extras
+from hapnet.errors import MissingLibrary
+from hapnet.recording.mcap import read_recording
+from hapnet.simulation.simulation import simulate
+from tests.conftest import ROOT
+
+WITHOUT = """
+import sys
+from importlib.abc import MetaPathFinder
+
+class Absent(MetaPathFinder):
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in ("mcap", "google", "matplotlib", "lz4", "zstandard"):
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+sys.meta_path.insert(0, Absent())
+from hapnet.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def absent(monkeypatch: pytest.MonkeyPatch, *modules: str) -> None:
+    monkeypatch.setattr(extras, "find_spec", lambda name: None if name in modules else find_spec(name))
+
+
+@pytest.mark.parametrize(
+    ("command", "says"),
+    [
+        (["run"], "recordings and figures needs mcap and protobuf and matplotlib, of the extra `report`"),
+        (["run", "--no-files"], "hapnet run needs mcap and protobuf, of the extra `record`"),
+        (["simulate"], "extra `report`"),
+        (["world"], "extra `report`"),
+        (["device", "--record", "device.mcap"], "a recording needs mcap and protobuf, of the extra `record`"),
+        (["replay", "run.mcap"], "extra `record`"),
+        (["view", "run.mcap"], "extra `record`"),
+        (["report", "run.mcap"], "hapnet report needs"),
+        (["export", "run.mcap"], "reading a recording needs"),
+        (["compare", "--link", "lan"], "hapnet compare needs"),
+        (["transparency"], "extra `report`"),
+        (["reproduce", "fig5"], "hapnet reproduce needs"),
+    ],
+)
+def test_what_is_missing_is_one_line_at_the_start(
+    command: list[str],
+    says: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
+    absent(monkeypatch, "mcap", "google.protobuf", "matplotlib")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "run.mcap").write_bytes(b"\x89MCAP0\r\n")
+    assert cli.main(command) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert says in line
+    assert line.endswith(("install mcap protobuf", "install mcap protobuf matplotlib"))
+    assert [file.name for file in tmp_path.iterdir()] == ["run.mcap"]
+
+
+def test_only_what_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    absent(monkeypatch, "matplotlib")
+    with pytest.raises(MissingLibrary, match=r"^a figure needs matplotlib, of the extra `report`"):
+        simulate({"duration_s": 0.1}).plot()
+    with pytest.raises(MissingLibrary, match=r"install matplotlib$"):
+        extras.require("report", "this")
+    extras.require("record", "this")
+
+
+def test_a_recording_is_not_read_without_its_library(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    absent(monkeypatch, "mcap")
+    with pytest.raises(MissingLibrary, match="reading a recording needs mcap"):
+        read_recording(tmp_path / "run.mcap")
+
+
+@pytest.mark.parametrize("command", [["simulate", "--no-files", "--duration", "0.2"], ["devices"], ["--version"]])
+def test_a_command_without_files_needs_no_extra(command: list[str], tmp_path: Path) -> None:
+    done = subprocess.run([sys.executable, "-c", WITHOUT, *command], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_extras_are_those_of_the_package() -> None:
+    told = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"]
+
+    def libraries(extra: str) -> set[str]:
+        names = {line.partition(">=")[0] for line in told[extra]}
+        own = {name for name in names if name.startswith("hapnet-haptics[")}
+        return (names - own).union(*(libraries(name.removeprefix("hapnet-haptics[").rstrip("]")) for name in own))
+
+    for extra, modules in extras._LIBRARIES.items():
+        assert libraries(extra) == set(modules.values())
