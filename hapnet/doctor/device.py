@@ -10,6 +10,7 @@ import math
 import statistics
 from collections.abc import Callable, Iterator
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
@@ -20,6 +21,8 @@ from hapnet.doctor.own_damping import NAME, own_damping
 from hapnet.errors import DeviceSilent, HapnetError
 
 NANO = 1e-9
+_PAGE = Path(__file__).parents[1] / "devices" / "README.md"
+"""Which watchdog the hardware needs. Pages beside the code are part of the package."""
 READINGS = 2000
 RAMP_S, RAMPS = 1.0, 3
 _WINDOW = 50
@@ -92,7 +95,7 @@ def examine_device(
     yield _noise(found)
     yield _velocity(found)
     if device.watchdog_s is None:
-        advice = "the hardware must take the force away by itself: see hapnet/devices/README.md"
+        advice = f"the hardware must take the force away by itself: see {_PAGE}"
         yield Check("watchdog", WARNING, "none declared", advice)
     else:
         yield Check("watchdog", OK, f"{device.watchdog_s * 1e3:g} ms, declared")
