@@ -1,4 +1,4 @@
-"""In real time: two processes over Zenoh, and a third party on the network that speaks in the device's name."""
+"""In real time: two processes over Zenoh, and a third party on the network that speaks in the name of one of them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import zenoh
 
 from hapnet.errors import BadMessage
 from hapnet.transport.config import free_address
-from hapnet.wire.messages import Account, Bye, Energy, Signals, Welcome, decode, encode
+from hapnet.wire.messages import Account, Bye, Energy, Role, Signals, Welcome, decode, encode
 from tests.processes import HAPNET, Program, read_json
 
 WITHOUT_KEYS = (
@@ -67,13 +67,14 @@ class Forger:
         self._session.close()
 
 
-def of_energy(more_nJ: int, style: str) -> Speech:
-    """In the device's name, of so much more energy each time."""
+def of_energy(more_nJ: int, style: str, towards: Role = "world") -> Speech:
+    """In the name of the other side, of so much more energy each time."""
 
     def says(device: int, world: int, number: int) -> tuple[str, Energy]:
         total_nJ = more_nJ + 1000 * number
         more = {"sums": (number + 50, total_nJ, 0)} if style == "sums" else None
-        return "up/energy", Energy(device, world, total_nJ, 0, more)
+        key, sender, hearer = ("up", device, world) if towards == "world" else ("down", world, device)
+        return f"{key}/energy", Energy(sender, hearer, total_nJ, 0, more)
 
     return says
 
@@ -111,28 +112,32 @@ def summaries(tmp_path: Path) -> dict[str, dict[str, Any]]:
     [pytest.param(1, marks=pytest.mark.slow), pytest.param(10, marks=pytest.mark.soak)],
 )
 @pytest.mark.parametrize("keys", [False, True], ids=["without keys", "with keys"])
-def test_a_forger_on_the_network(keys: bool, runs: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize("towards", ["world", "device"])
+def test_a_forger_on_the_network(towards: Role, keys: bool, runs: int, tmp_path: Path) -> None:
+    sender: Role = "device" if towards == "world" else "world"
     for k in range(runs):
         rng = random.Random(k)
         with two_sides(tmp_path, keys=keys, seconds=4.0, seed=k) as (address, world, device):
             world.until_line("waiting")
-            forger = Forger(address, of_energy(round(4e7 * 125 ** rng.random()), rng.choice(("bare", "sums"))))
+            says = of_energy(round(4e7 * 125 ** rng.random()), rng.choice(("bare", "sums")), towards)
+            forger = Forger(address, says)
             try:
                 codes = [side.end()[0] for side in (device, world)]
             finally:
                 forger.close()
         told = summaries(tmp_path)
+        hears, names = told[towards][towards], told[sender][sender]
         assert forger.said > 50
         if keys:
-            assert told["world"]["world"]["dropped"]["forged"] > 20
-            assert told["world"]["world"]["credited_nJ"] <= told["device"]["device"]["sent_nJ"]
-            assert not any(told["world"]["world"]["contradictions"].values())
-            assert not any(told["device"]["device"]["contradictions"].values())
+            assert hears["dropped"]["forged"] > 20
+            assert hears["credited_nJ"] <= names["sent_nJ"]
+            assert not any(hears["contradictions"].values())
+            assert not any(names["contradictions"].values())
         else:
-            assert told["world"]["world"]["credited_nJ"] > told["device"]["device"]["sent_nJ"]
+            assert hears["credited_nJ"] > names["sent_nJ"]
             assert all(found["verdict"]["passive"] is not True for found in told.values())
-            assert told["device"]["device"]["contradictions"]["acknowledged"] > 0
-            assert any(told["world"]["world"]["contradictions"].values())
+            assert names["contradictions"]["acknowledged"] > 0
+            assert any(hears["contradictions"].values())
             assert set(codes) <= {4, 5}
 
 

@@ -182,20 +182,35 @@ def test_the_figures_of_a_while_are_the_difference() -> None:
 
 
 def test_loss_is_told_of_the_sample_without_bias_whatever_else_is_dropped() -> None:
-    """Every fourth message is one of the sample; of the others half are dropped as overtaken. Each loss is known."""
+    """Every fourth message is one of the sample, and some of these come late; of the others half are dropped as
+    overtaken. Each loss is known."""
     rng, path, monitor = np.random.default_rng(3), Path(), PeerMonitor(500 * MS)
     monitor.begin(0)
     path.begin(0, every=4)
     lost, dropped = rng.random(60_000) < 0.15, rng.random(60_000) < 0.5
     dropped[::4] = False
-    for number in np.flatnonzero(~lost & ~dropped).tolist():
+    came = np.flatnonzero(~lost & ~dropped).tolist()
+    for at, number in sorted((8 * number + (12 if number % 16 == 0 else 0), number) for number in came):
+        arrive(path, monitor, 40 * MS + at * MS, number, 8 * MS * number, 0, 0)
+    known = path.figures()
+    assert known.sent == came[-1] - came[0] + 1
+    assert known.lost / known.sent == pytest.approx(np.mean(lost[: came[-1] // 4 * 4 + 1 : 4]), abs=1e-4)
+    assert known.lost / known.sent == pytest.approx(0.15, abs=0.009)  # three standard deviations of 15,000
+    late = known.arrived + known.overtaken + known.lost - known.sent
+    assert late == pytest.approx(60_000 / 16 * 0.85 * 0.85 * 0.5, rel=0.05)  # the next one is there before
+    assert (known.overtaken - late) / known.sent == pytest.approx(np.mean(~lost & dropped), abs=0.009)
+
+
+def test_where_nothing_is_overtaken_every_message_counts_and_no_sample() -> None:
+    rng, path, monitor = np.random.default_rng(3), Path(), PeerMonitor(500 * MS)
+    monitor.begin(0)
+    path.begin(0, every=4)
+    lost = rng.random(2_000) < 0.15
+    lost[[0, -1]] = False
+    for number in np.flatnonzero(~lost).tolist():
         arrive(path, monitor, 5 * MS * number + 40 * MS, number, 5 * MS * number, 0, 0)
     known = path.figures()
-    newest = number // 4 * 4
-    assert known.lost / known.sent == pytest.approx(np.mean(lost[: newest + 1 : 4]), abs=1e-4)
-    assert known.lost / known.sent == pytest.approx(0.15, abs=0.009)  # three standard deviations of 15,000
-    assert known.overtaken / known.sent == pytest.approx(np.mean(~lost & dropped), abs=0.009)
-    assert known.sent == number - np.flatnonzero(~lost & ~dropped)[0] + 1
+    assert (known.sent, known.lost, known.overtaken) == (2_000, int(lost.sum()), 0)
 
 
 def test_in_virtual_time_the_summary_has_the_path_and_it_is_the_links() -> None:

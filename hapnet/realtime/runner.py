@@ -102,6 +102,7 @@ class RealtimeSide:
         secret = Secret(secrets.token_bytes(32), zenoh.security.secret_word(), encrypts=zenoh.security.encrypt)
         if record is not None:
             require_writable(record)
+        mean_step_s = 0.5 * (setup.params.world.step_min_s + setup.params.world.step_max_s)
         self._transport = ZenohTransport(
             zenoh,
             self._on_message,
@@ -109,7 +110,7 @@ class RealtimeSide:
             device=name,
             role=role,
             rate_hz=max(setup.params.device.servo_hz, 1.0 / setup.params.world.step_min_s),
-            stream_hz=1.0 / (setup.params.device.pspm_period_s if role == "device" else setup.params.world.step_min_s),
+            stream_hz=1.0 / (setup.params.device.pspm_period_s if role == "device" else mean_step_s),
             on_change=lambda: self._on_connection(),
             warn=self._warn,
         )

@@ -104,9 +104,9 @@ class Counts(Record):
 
     @property
     def lost(self) -> int:
-        """What has not come and was not overtaken."""
+        """What has not come and was not overtaken; where nothing came late, nothing was overtaken."""
         missing = max(0, self.sent - self.came)
-        if not self.sampled:
+        if not self.sampled or not self.late:
             return missing
         return min(missing, max(0, round(self.sent * (1.0 - self.sampled_came / self.sampled))))
 

@@ -6,9 +6,9 @@ a limit, and ends with exit code 1 if anything does:
 
 * Loss is irtt's within a point, beyond what chance does to two samples of that size. A transport that repeats what is
   lost loses nothing.
-* The median of round trips is irtt's within 5 %. Where something is lost or jitters, a transport that delivers
-  in order waits for what irtt does not wait for: so there only for the others.
-* Encrypted, at 15 % loss, nothing is silent for 0.5 s, and the age's p99 is below 1.5 times udp's.
+* The median of round trips is irtt's within 5 %. Where something is lost or jitters that holds of udp only: tcp and
+  quic wait for what they repeat, and quic holds datagrams back too, so that a message really takes longer than irtt's.
+* Encrypted by hapnet, at 15 % loss, nothing is silent for 0.5 s, and the age's p99 is below 1.5 times udp's.
 
 Only for root, on a machine with nothing else to do.
 """
@@ -111,10 +111,10 @@ def row(found: dict[str, Any]) -> dict[str, Any]:
         "irtt's": irtt["rtt"]["median"] * 1e-6,
         "sent up": up["sent"],
         "lost up": 100.0 * up["loss"],
-        "irtt's up": irtt["upstream_loss_percent"],
+        "irtt's up": max(0.0, irtt["upstream_loss_percent"]),  # with packets out of order it counts a few wrongly
         "sent down": down["sent"],
         "lost down": 100.0 * down["loss"],
-        "irtt's down": irtt["downstream_loss_percent"],
+        "irtt's down": max(0.0, irtt["downstream_loss_percent"]),
         "age p99 up": up["age_p99_ms"],
         "age p99 down": down["age_p99_ms"],
         "silence": max(up["longest_stall_ms"] or 0.0, down["longest_stall_ms"] or 0.0),
@@ -135,9 +135,9 @@ def misses(profile: str, transport: str, cells: dict[str, Any], seconds: float, 
         if abs(lost - known) > 1.0 + chance:
             found.append(f"lost {way} {lost:.1f} %, and not {known:.1f} within {1.0 + chance:.1f}")
     trip, known = cells["round trip"], cells["irtt's"]
-    if abs(trip / known - 1.0) > 0.05 and (transport in CHANNELS or len(profile.split()) == 2):
+    if abs(trip / known - 1.0) > 0.05 and (transport.startswith("udp") or len(profile.split()) == 2):
         found.append(f"round trip {trip:.1f} ms, and not {known:.1f} within 5 %")
-    if "loss 15%" in profile and transport in ("udp --encrypt", "quic mixed_rel"):
+    if "loss 15%" in profile and transport == "udp --encrypt":
         if cells["silence"] >= 500.0:
             found.append(f"silent for {cells['silence']:.0f} ms, and not below 500")
         older = [name for name in ("age p99 up", "age p99 down") if udp and cells[name] >= 1.5 * udp[name]]

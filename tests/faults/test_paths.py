@@ -1,0 +1,61 @@
+"""What `path` says of a real network, held against irtt; and that a figure beyond a limit is named."""
+
+from __future__ import annotations
+
+import shutil
+from typing import Any
+
+import pytest
+
+from tests.faults.namespaces import Unavailable
+from tests.faults.paths import misses, one, row
+
+LOSSY = "delay 40ms 10ms loss 15%"
+FINE: dict[str, Any] = {
+    "round trip": 80.0, "irtt's": 80.0, "sent up": 10_000, "lost up": 15.0, "irtt's up": 15.0,
+    "sent down": 10_000, "lost down": 15.0, "irtt's down": 15.0, "age p99 up": 70.0, "age p99 down": 130.0,
+    "silence": 200.0, "verdict": True,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("transport", "cells", "named"),
+    [
+        ("udp", {}, []),
+        ("udp", {"lost up": 17.9}, []),  # chance: 3 x 0.95 points, of 1920 and 2800 messages in 36 s
+        ("udp", {"lost up": 19.5}, ["lost up"]),
+        ("udp", {"lost down": 10.5}, ["lost down"]),
+        ("udp", {"round trip": 83.9}, []),
+        ("udp", {"round trip": 84.1}, ["round trip"]),
+        ("tcp", {"lost up": 0.0, "lost down": 0.0, "round trip": 240.0}, []),
+        ("tcp", {"lost down": 0.0}, ["lost up"]),
+        ("quic mixed_rel", {"round trip": 100.0, "silence": 600.0}, []),
+        ("udp --encrypt", {"silence": 501.0, "age p99 down": 195.0}, ["silent", "age p99 down"]),
+        ("udp", {"verdict": None}, ["verdict"]),
+    ],
+)
+def test_what_misses_a_limit_is_named(transport: str, cells: dict[str, Any], named: list[str]) -> None:
+    found = misses(LOSSY, transport, FINE | cells, 36.0, FINE)
+    assert len(found) == len(named)
+    assert all(words.startswith(start) for words, start in zip(found, named, strict=True))
+
+
+def test_a_clean_path_has_irtts_round_trip_over_every_transport() -> None:
+    cells = FINE | {name: 0.0 for name in FINE if "lost" in name or name in ("irtt's up", "irtt's down")}
+    for transport in ("tcp", "udp", "quic", "quic mixed_rel"):
+        assert not misses("delay 40ms", transport, cells, 36.0, {})
+        [what] = misses("delay 40ms", transport, cells | {"round trip": 85.0}, 36.0, {})
+        assert what.startswith("round trip 85.0 ms")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("transport", ["udp", "udp --encrypt"])
+def test_path_says_what_irtt_says(transport: str) -> None:
+    if shutil.which("irtt") is None:
+        pytest.skip("no such tool: irtt")
+    profile, seconds = "delay 40ms 10ms loss 5%", 30.0
+    try:
+        cells = row(one(transport, profile, seconds, 1, []))
+    except Unavailable as reason:
+        pytest.skip(str(reason))
+    assert misses(profile, transport, cells, seconds, {}) == []
