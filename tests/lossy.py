@@ -84,8 +84,7 @@ class Talker:
         times = [self.paired_ns, *(t for t in self.arrivals.times_ns[kind] if t > self.paired_ns), time.monotonic_ns()]
         return max(b - a for a, b in pairwise(times)) * 1e-9
 
-    def _on_message(self, kind: str, data: bytes) -> None:
-        now_ns = time.monotonic_ns()
+    def _on_message(self, kind: str, data: bytes, now_ns: int) -> None:
         with self._lock:
             self.session.receive(now_ns, data)
             if self.session.path.arrival is not None:  # as the two halves of a side do

@@ -160,7 +160,7 @@ def test_one_line_each_and_json(capsys: Capture, monkeypatch: pytest.MonkeyPatch
 
 async def test_zenoh_that_answers() -> None:
     address = free_address()
-    world = ZenohTransport(ZenohSettings(listen=(address,)), lambda kind, data: None, role="world")
+    world = ZenohTransport(ZenohSettings(listen=(address,)), lambda kind, data, now_ns: None, role="world")
     await world.open()
     try:
         check = await asyncio.to_thread(machine.zenoh_reachable, address)
@@ -206,7 +206,9 @@ async def test_zenoh_over_tls(certificates: Path) -> None:
     address = free_address("tls")
     files = {name: (certificates / f"{name}.pem", certificates / f"{name}.key") for name in ("world", "alice")}
     listens = Security(certificates / "ca.pem", *files["world"], mutual_tls=True)
-    world = ZenohTransport(ZenohSettings(listen=(address,), security=listens), lambda kind, data: None, role="world")
+    world = ZenohTransport(
+        ZenohSettings(listen=(address,), security=listens), lambda kind, data, now_ns: None, role="world"
+    )
     alice, nobody = Security(certificates / "ca.pem", *files["alice"]), Security(certificates / "ca.pem")
     await world.open()
     try:

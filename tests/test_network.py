@@ -103,7 +103,7 @@ def test_the_verdict_follows_the_figures(up: str, state: str, says: str, advises
 async def test_whoever_listens_answers_and_a_session_of_another_name_does_not() -> None:
     address = free_address()
     world = ZenohTransport(
-        ZenohSettings(listen=(address,)), lambda kind, data: None, session="s", device="d", role="world"
+        ZenohSettings(listen=(address,)), lambda kind, data, now_ns: None, session="s", device="d", role="world"
     )
     await world.open()
     try:
@@ -117,7 +117,7 @@ async def test_whoever_listens_answers_and_a_session_of_another_name_does_not() 
     finally:
         await world.close()
     device = ZenohTransport(
-        ZenohSettings(listen=(address,)), lambda kind, data: None, session="s", device="d", role="device"
+        ZenohSettings(listen=(address,)), lambda kind, data, now_ns: None, session="s", device="d", role="device"
     )
     await device.open()  # a device may be the one that listens
     try:

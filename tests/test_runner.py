@@ -310,7 +310,7 @@ async def test_nothing_is_said_from_a_control_thread(tmp_path: Path, monkeypatch
     async with running(world, device):
         await device.until(lambda: (tmp_path / "d" / "x.mcap").exists())
         shutil.rmtree(tmp_path / "d")
-        await asyncio.to_thread(device.side._on_message, "control", b"garbage")
+        await asyncio.to_thread(device.side._on_message, "control", b"garbage", time.monotonic_ns())
         await asyncio.to_thread(device.side._warn, "something went wrong")
         await device.until(lambda: {"overrun", "dropped", "recording", "paired", "transport"} <= set(threads))
         await asyncio.gather(device.end(), world.end())
@@ -324,7 +324,7 @@ async def test_a_hurried_side_does_not_wait_for_what_is_in_flight(monkeypatch: p
     device, world = Running("device", address, params), Running("world", address, params)
     async with running(device, world):
         await device.until(lambda: device.side.wire.session.credited_nJ > 0)
-        device.side._link_driver._put = lambda kind, data: True
+        device.side._link_driver._put = lambda kind, data, now_ns: True
         await device.until(lambda: not device.side.wire.session.settled)
         device.stop.set()
         device.side.hurry()
@@ -374,7 +374,7 @@ class OldPeer:
         self._thread.join()
 
     async def _main(self, address: str) -> None:
-        transport = ZenohTransport(ZenohSettings(listen=(address,)), lambda kind, data: None, role="world")
+        transport = ZenohTransport(ZenohSettings(listen=(address,)), lambda kind, data, now_ns: None, role="world")
         hello = msgpack.packb([VERSION + 1, 3, 77, 1, "world", 1, "of tomorrow", {}, "more"])
         await transport.open()
         while not self._stopping.is_set():

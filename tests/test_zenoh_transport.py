@@ -130,9 +130,9 @@ def test_a_bad_config_file_is_one_line_that_names_it(tmp_path: Path, content: st
 def test_names_that_no_key_can_contain_are_refused(name: str) -> None:
     settings = ZenohSettings(listen=("tcp/127.0.0.1:1",))
     with pytest.raises(InvalidParameter, match=r"^session is "):
-        ZenohTransport(settings, lambda kind, data: None, session=name)
+        ZenohTransport(settings, lambda kind, data, now_ns: None, session=name)
     with pytest.raises(InvalidParameter, match=r"^device is "):
-        ZenohTransport(settings, lambda kind, data: None, device=name)
+        ZenohTransport(settings, lambda kind, data, now_ns: None, device=name)
 
 
 # Exchange
@@ -258,7 +258,7 @@ async def test_two_of_one_side_and_none_of_the_other_say_so(role: Role, other: R
 def test_a_flood_is_ten_times_and_a_burst_two_seconds_of_what_a_side_sends(rate_hz: float, at_once: int) -> None:
     """But of no less than 1 kHz, and of no more than 20 kHz."""
     settings = ZenohSettings(connect=("tcp/127.0.0.1:17447",))
-    limiter = ZenohTransport(settings, lambda kind, data: None, rate_hz=rate_hz).rate_limiter
+    limiter = ZenohTransport(settings, lambda kind, data, now_ns: None, rate_hz=rate_hz).rate_limiter
     now_ns = 10**15
     assert sum(limiter.admit(now_ns) for _ in range(at_once + 1)) == at_once
     later_ns = now_ns + 10**8  # in a tenth of a second half of the burst is there again
@@ -297,7 +297,7 @@ async def test_an_exception_in_on_message_is_counted_and_the_next_message_comes(
     endpoint = free_address()
     loop, third = asyncio.get_running_loop(), asyncio.Event()
 
-    def on_message(kind: str, data: bytes) -> None:
+    def on_message(kind: str, data: bytes, now_ns: int) -> None:
         if data == b"3":
             loop.call_soon_threadsafe(third.set)
         else:
@@ -339,9 +339,9 @@ def test_the_interpreter_exits_without_close_and_quietly(end: str) -> None:
             loop = asyncio.get_running_loop()
             endpoint = {free_address()!r}
             world = ZenohTransport(
-                ZenohSettings(listen=(endpoint,)), lambda kind, data: loop.call_soon_threadsafe(got.set), role="world"
+                ZenohSettings(listen=(endpoint,)), lambda *came: loop.call_soon_threadsafe(got.set), role="world"
             )
-            device = ZenohTransport(ZenohSettings(connect=(endpoint,)), lambda kind, data: None)
+            device = ZenohTransport(ZenohSettings(connect=(endpoint,)), lambda kind, data, now_ns: None)
             await world.open()
             await device.open()
             await device.wait_for_partner()

@@ -25,7 +25,7 @@ class Side:
         self.changed = asyncio.Event()
         self.transport = ZenohTransport(settings, self._on_message, role=role, on_change=self.changed.set, **names)
 
-    def _on_message(self, kind: str, data: bytes) -> None:
+    def _on_message(self, kind: str, data: bytes, now_ns: int) -> None:
         self.loop.call_soon_threadsafe(self.received.put_nowait, (kind, data))
 
     async def until_partners(self, count: int) -> None:

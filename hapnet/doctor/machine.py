@@ -288,7 +288,7 @@ async def _dial(endpoint: str, security: Security) -> float | None:
     from hapnet.transport.zenoh import ZenohTransport
 
     settings = ZenohSettings(connect=(endpoint,), security=security)
-    transport = ZenohTransport(settings, lambda kind, data: None, session=f"doctor-{os.getpid()}")
+    transport = ZenohTransport(settings, lambda kind, data, now_ns: None, session=f"doctor-{os.getpid()}")
     began = time.monotonic()
     await transport.open()
     try:

@@ -95,9 +95,8 @@ class LinkDriver:
             self.port.collect()
             self._arm()
 
-    def receive(self, data: bytes) -> tuple[Event, ...]:
-        """Process a message from the network, on any thread; returns the events that it causes."""
-        now_ns = self._clock()
+    def receive(self, now_ns: int, data: bytes) -> tuple[Event, ...]:
+        """Process a message that came at `now_ns`, on any thread; returns the events that it causes."""
         with self.lock:
             events = self.port.receive(now_ns, data)
             self._arm()

@@ -181,9 +181,9 @@ class RealtimeSide:
             data = for_watchers.encrypt(data)
         self._transport.put(TELEMETRY, data)
 
-    def _on_message(self, kind: str, data: bytes) -> None:
+    def _on_message(self, kind: str, data: bytes, now_ns: int) -> None:
         """On Zenoh's thread."""
-        self._report(self._link_driver.receive(data))
+        self._report(self._link_driver.receive(now_ns, data))
 
     def _report(self, events: tuple[Event, ...]) -> None:
         told = [event for event in events if not isinstance(event, _ORDINARY)]

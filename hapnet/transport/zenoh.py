@@ -70,7 +70,8 @@ class ZenohTransport:
     Parameters
     ----------
     settings : how to reach the other side.
-    on_message : called as ``on_message(kind, data)`` on one of Zenoh's threads; must not block.
+    on_message : called as ``on_message(kind, data, now_ns)`` on one of Zenoh's threads, with when the message came on
+        the clock `time.monotonic_ns`; must not block.
         Its exceptions are counted in `callback_errors`, and `warn` is called for the first.
     session, device : names in the keys, without any of ``/ # ? $ *``; the same on both sides.
     role : which side this is.
@@ -96,7 +97,7 @@ class ZenohTransport:
     def __init__(
         self,
         settings: ZenohSettings,
-        on_message: Callable[[str, bytes], None],
+        on_message: Callable[[str, bytes, int], None],
         *,
         session: str = "default",
         device: str = "device",
@@ -370,7 +371,7 @@ class ZenohTransport:
             if data == KEEP_ALIVE:
                 return
             try:
-                on_message(kind, data)
+                on_message(kind, data, now_ns)
             except Exception as error:
                 with self._lock:
                     self.callback_errors += 1

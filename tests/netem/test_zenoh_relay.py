@@ -141,7 +141,7 @@ async def test_hapnets_two_sides_find_each_other_through_it() -> None:
     loop = asyncio.get_running_loop()
     heard: asyncio.Queue[tuple[str, bytes]] = asyncio.Queue()
 
-    def hear(kind: str, data: bytes) -> None:
+    def hear(kind: str, data: bytes, now_ns: int) -> None:
         loop.call_soon_threadsafe(heard.put_nowait, (kind, data))
 
     world = ZenohTransport(ZenohSettings(listen=(there,)), hear, role="world")
