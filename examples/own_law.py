@@ -1,6 +1,6 @@
 """A coupling of your own: a spring to where the other side was last, softer the longer the link delays, and a damper.
 
-hapnet run --coupling examples.own_law:Mine
+hapnet run --coupling examples.own_law:Mine --set mine.stiffness=50
 """
 
 from __future__ import annotations
@@ -8,9 +8,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from hapnet import CouplingSpec, CouplingStart, Params, held_law, simulate, stepped_law
+from hapnet import CouplingSpec, CouplingStart, Params, held_law, parameter, simulate, stepped_law
 
 Vector = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class MineParams:
+    """In `Params` they are a section with the law's name: mine.stiffness, mine.damping."""
+
+    stiffness: float = parameter(100.0, "of the spring, if the link has no delay [N/m]")
+    damping: float = parameter(1.5, "of either end [Ns/m]")
 
 
 @dataclass(frozen=True)
@@ -20,7 +28,8 @@ class Tuning:
 
 
 def tune(params: Params, link: Any) -> Tuning:  # the link's delays, emulated and real
-    return Tuning(100.0 / (1.0 + link.round_trip_bound_s / 0.1), 1.5)
+    own = params.of(MineParams)
+    return Tuning(own.stiffness / (1.0 + link.round_trip_bound_s / 0.1), own.damping)
 
 
 class SpringAndDamper:
@@ -53,7 +62,8 @@ class SpringAndDamper:
 
 
 ENDS = held_law(SpringAndDamper), stepped_law(SpringAndDamper)
-Mine = CouplingSpec("mine", "spring and damper", "this file", "nowhere", *ENDS, Tuning, tune, shared=("stiffness_N_m",))
+ABOUT = "mine", "spring and damper", "this file", "passive nowhere, it says"
+Mine = CouplingSpec(*ABOUT, *ENDS, Tuning, tune, parameters=MineParams, shared=("stiffness_N_m",))
 
 if __name__ == "__main__":
     print(simulate(Params(coupling=f"{__name__}:Mine"), seed=1).summary["verdict"]["reason"])

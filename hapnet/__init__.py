@@ -19,7 +19,7 @@ The public names, which stay stable:
   `Plane`: what a device is told of them. `Sphere`, `Cuboid`: how pictures show them.
   Your own device needs no base class (`hapnet.plant.device.Device`).
 * `CouplingSpec`: your own coupling. `held_law` and `stepped_law` make its two ends from your functions of a
-  `CouplingStart` (`hapnet.control.coupling` says what a law must do).
+  `CouplingStart` (`hapnet.control.coupling` says what a law must do), of `parameter`s its own section.
 * `SetPositionModulator`, `PassiveIntegrator`: the paper's two laws, for your own servo or world loop.
 
 `examples/` has a short program for each.
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from hapnet.couplings.spec import CouplingSpec, CouplingStart, held_law, stepped_law
     from hapnet.errors import Ended, HapnetError, InvalidParameter
     from hapnet.mechanics.plane import Plane
+    from hapnet.param_values import parameter
     from hapnet.params import Params
     from hapnet.plant.integrator import PassiveIntegrator
     from hapnet.plant.worlds.force_world import ForceWorld
@@ -81,6 +82,7 @@ _HOMES = {
     "connect_device": "hapnet.realtime.connect",
     "connect_world": "hapnet.realtime.connect",
     "held_law": "hapnet.couplings.spec",
+    "parameter": "hapnet.param_values",
     "prepare": "hapnet.assembly.build",
     "read_recording": "hapnet.recording.mcap",
     "simulate": "hapnet.simulation.simulation",
@@ -115,6 +117,7 @@ __all__ = [
     "connect_device",
     "connect_world",
     "held_law",
+    "parameter",
     "prepare",
     "read_recording",
     "simulate",

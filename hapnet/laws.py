@@ -7,11 +7,14 @@ for underlines. The file is loaded when the law is asked for; `hapnet.couplings.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any
+
+GROUP = "hapnet.couplings"
+"""The entry points by which other packages publish their laws."""
 
 _FIRST = ("pspm", "zoh", "popc", "tdpa", "eba", "wave", "digital-wave", "pd")
 """The order in which people read them; any other law comes behind these, by its name."""
@@ -32,11 +35,27 @@ COUPLING_NAMES = _names()
 @cache
 def built_in(name: str) -> Any:
     """The `CouplingSpec` of that name, which is one of `COUPLING_NAMES`."""
-    return import_module(f"hapnet.couplings.{name.replace('-', '_')}").LAW
+    law = import_module(f"hapnet.couplings.{name.replace('-', '_')}").LAW
+    assert law.name == name, f"the LAW of the file of {name} is named {law.name}"
+    return law
 
 
 @cache
 def sections() -> Mapping[str, type[Any]]:
-    """The classes of the laws' parameters, by the names of their sections in `Params`."""
-    laws = [built_in(name) for name in COUPLING_NAMES]
+    """The classes of hapnet's own laws' parameters, by the names of their sections in `Params`."""
+    return _sections(built_in(name) for name in COUPLING_NAMES)
+
+
+def sections_of(*names: str) -> Mapping[str, type[Any]]:
+    """The same of these laws, where they are not hapnet's own: a published one's name, or ``module:NAME``.
+
+    Raises
+    ------
+    InvalidParameter : there is no such law, or it cannot be loaded.
+    """
+    own = [name for name in names if name not in COUPLING_NAMES]
+    return _sections(import_module("hapnet.couplings.registry").coupling(name) for name in own)
+
+
+def _sections(laws: Iterable[Any]) -> Mapping[str, type[Any]]:
     return {law.section: law.parameters for law in laws if law.parameters is not None}

@@ -1,15 +1,29 @@
-"""Imports a user's own parts, given as ``module:Name``, and reports their errors in one line."""
+"""Imports a user's own parts, given as ``module:Name`` or published by a package; says in one line what fails."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
 from importlib import import_module
 from itertools import count
 from typing import Any
 
-from hapnet.errors import InvalidParameter
+from hapnet.errors import HapnetError, InvalidParameter
+
+
+@cache
+def published(group: str) -> Mapping[str, tuple[str, str]]:
+    """The parts that installed packages publish as entry points of this group.
+
+    By name: ``module:Name``, and the package; "" where that is unknown.
+    """
+    from importlib.metadata import entry_points  # here, as it is slow to import
+
+    return {
+        point.name: (point.value, "" if point.dist is None else point.dist.name) for point in entry_points(group=group)
+    }
 
 
 def load(parameter: str, name: str, allowed: str, known: Iterable[str] = ()) -> Any:
@@ -27,6 +41,8 @@ def load(parameter: str, name: str, allowed: str, known: Iterable[str] = ()) -> 
         raise InvalidParameter(parameter, name, allowed, known)
     try:
         return getattr(import_module(module), attribute)
+    except HapnetError:  # it says itself what is wrong
+        raise
     except BaseException as error:  # see `failure`
         raise InvalidParameter(parameter, name, f"{allowed} ({failure(error)})") from error
 

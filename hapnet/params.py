@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import MISSING, Field, dataclass, field, fields
 from itertools import chain
 from pathlib import Path
@@ -15,7 +16,8 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from hapnet.errors import InvalidParameter
-from hapnet.laws import COUPLING_NAMES, sections
+from hapnet.laws import COUPLING_NAMES, GROUP, sections, sections_of
+from hapnet.loading import published
 from hapnet.param_sections import ContactModelParams as ContactModelParams
 from hapnet.param_sections import DeviceParams as DeviceParams
 from hapnet.param_sections import LinkParams as LinkParams
@@ -115,13 +117,16 @@ class Params:
 
         def __getattr__(self, name: str) -> Any:
             """The section of a law."""
-            if name.startswith("_") or name not in sections():
+            if name.startswith("_") or name not in (found := self.law_sections()):
                 raise AttributeError(name)
-            return self.law_sections()[name]
+            return found[name]
 
     def law_sections(self) -> dict[str, Any]:
-        """The laws' own parameters, by the names of their sections."""
-        return {name: kind() for name, kind in sections().items()} | dict(self.laws)
+        """The laws' own parameters, by the names of their sections: of hapnet's, of `coupling`, and what was set."""
+        found = dict(sections())
+        with suppress(InvalidParameter):  # whoever uses the coupling says what is wrong
+            found |= sections_of(self.coupling)
+        return {name: kind() for name, kind in found.items()} | dict(self.laws)
 
     def leaves(self) -> Iterator[tuple[str, Any, Field[Any]]]:
         """(dotted name, value, field) of every parameter."""
@@ -150,6 +155,8 @@ class Params:
         if not own:
             return changed
         now = self.law_sections()
+        if not now.keys() >= own.keys():
+            now |= self._sections_for(changes)
         laws = dict(self.laws) | {name: replaced(now[name], values) for name, values in own.items()}
         return dataclasses.replace(changed, laws=tuple(laws.items()))
 
@@ -161,8 +168,11 @@ class Params:
         InvalidParameter : there is no such parameter, or the value is not of its type.
         """
         known = {name: (value, spec) for name, value, spec in leaves(self)}
-        if not known.keys() >= changes.keys():  # only then are the laws loaded
+        if not known.keys() >= changes.keys():  # only then are laws loaded
             known = {name: (value, spec) for name, value, spec in self.leaves()}
+        if not known.keys() >= changes.keys():
+            for name, section in self._sections_for(changes).items():
+                known |= {name: (value, spec) for name, value, spec in leaves(section, f"{name}.")}
         values = {}
         for name, value in changes.items():
             if name not in known:
@@ -170,15 +180,27 @@ class Params:
             values[name] = converted(name, value, *known[name])
         return values
 
+    def _sections_for(self, changes: Mapping[str, object]) -> dict[str, Any]:
+        """The sections of laws that are not hapnet's own, but that these changes need."""
+        asked = {name.partition(".")[0] for name in changes}
+        named = [name for name in published(GROUP) if name.replace("-", "_") in asked]
+        found = sections_of(str(changes.get("coupling", self.coupling)), *named)
+        return {name: kind() for name, kind in found.items()} | dict(self.laws)
+
     @classmethod
     def recorded(cls, flat: Mapping[str, object]) -> Params:
         """The parameters of a recording. What an older version did not record yet is as it was then.
+
+        Those of a law that is not installed here are left out.
 
         Raises
         ------
         InvalidParameter : as `set`.
         """
-        return cls().set({**_BEFORE, **flat})
+        plain = cls().set({"coupling": flat.get("coupling", cls.coupling)})
+        sections = {name.partition(".")[0] for name in plain.flat()}
+        known = {name: value for name, value in flat.items() if "." not in name or name.partition(".")[0] in sections}
+        return plain.set({**_BEFORE, **known})
 
     def set_words(self, assignments: Iterable[str]) -> Params:
         """`set` from words such as ``world.wall.stiffness=30000``."""

@@ -22,6 +22,7 @@ from hapnet.devices.emulator import Handle
 from hapnet.doctor.device import examine_device
 from hapnet.doctor.machine import OK, WARNING
 from hapnet.errors import DeviceSilent, InvalidParameter
+from hapnet.loading import published
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Impedance, Rest
 from tests.commands import Capture
@@ -141,14 +142,14 @@ def test_what_is_no_option_is_refused_with_those_that_are(words: str, says: str)
 def test_another_packages_driver_is_found_by_its_entry_point(monkeypatch: pytest.MonkeyPatch) -> None:
     point = metadata.EntryPoint("third-arm", ARM, registry.GROUP)
     clash = metadata.EntryPoint("serial", ARM, registry.GROUP)
-    monkeypatch.setattr(registry, "entry_points", lambda group: [point, clash] if group == registry.GROUP else [])
-    registry.published.cache_clear()
+    monkeypatch.setattr(metadata, "entry_points", lambda group: [point, clash] if group == registry.GROUP else [])
+    published.cache_clear()
     try:
         assert registry.resolve("third-arm:gain=2") == (ARM, "gain=2")
         assert registry.known()["third-arm"] == (ARM, "")
         assert registry.known()["serial"][1] == "hapnet"  # a package cannot replace hapnet's own
     finally:
-        registry.published.cache_clear()
+        published.cache_clear()
 
 
 # Axes

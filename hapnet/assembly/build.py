@@ -24,7 +24,7 @@ from hapnet.couplings import held_torque
 from hapnet.couplings.deadband import deadband
 from hapnet.couplings.felt import Felt, felt
 from hapnet.couplings.link_delays import delays
-from hapnet.couplings.registry import coupling, known
+from hapnet.couplings.registry import coupling
 from hapnet.couplings.spec import CouplingSpec, CouplingStart
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.contacts import Mass
@@ -310,13 +310,12 @@ def _start(
 
 
 def _end(setup: Setup, make: Callable[[CouplingStart[Any]], End], kind: type, start: CouplingStart[Any]) -> End:
-    """One end of the coupling. HapnetError if it is a user's own, and cannot be made or lacks a part."""
+    """One end of the coupling. HapnetError if it lacks a part, or if it is a user's own and cannot be made."""
     with named_failures(setup.params):
         end = make(start)
-    if known(setup.params.coupling) is None:
-        require_parts(f"the coupling {setup.params.coupling}", end, kind)
-        if isinstance(end, LawServo | LawSteps):
-            require_parts(f"the coupling {setup.params.coupling}", end.law, _LAWS[type(end)])
+    require_parts(f"the coupling {setup.params.coupling}", end, kind)
+    if isinstance(end, LawServo | LawSteps):
+        require_parts(f"the coupling {setup.params.coupling}", end.law, _LAWS[type(end)])
     return end
 
 

@@ -7,12 +7,17 @@ from contextlib import contextmanager
 from types import TracebackType
 
 from hapnet.errors import HapnetError
-from hapnet.loading import LENT, cause
+from hapnet.laws import GROUP as LAWS
+from hapnet.loading import LENT, cause, published
 from hapnet.params import Params
+from hapnet.plant.worlds.registry import GROUP as WORLDS
 from netem import NetemError
 
 _KINDS = {"scene": "scene", "operator": "operator", "hardware": "device", "coupling": "coupling"}
 """The parameters that can name a user's own part, and what people call it."""
+
+_GROUPS = {"scene": WORLDS, "coupling": LAWS}
+"""The entry points by which packages publish such parts under names of their own."""
 
 
 @contextmanager
@@ -35,12 +40,15 @@ def named_failure(params: Params, error: BaseException) -> BaseException:
 
     It is returned as it is if it is one already, or if this run has no own parts.
     """
-    own = {kind: name for key, kind in _KINDS.items() if _is_own(name := str(params.get(key)))}
-    if isinstance(error, HapnetError | NetemError | KeyboardInterrupt) or not own:
+    if isinstance(error, HapnetError | NetemError | KeyboardInterrupt):
+        return error
+    own = {f"the {kind} {name}": target for key, kind in _KINDS.items()
+           if _is_own(target := _target(key, name := str(params.get(key))))}  # fmt: skip
+    if not own:
         return error
     passed = set(_modules(error.__traceback__))
-    guilty = {kind: name for kind, name in own.items() if name.partition(":")[0] in passed} or own
-    who = " or ".join(f"the {kind} {name}" for kind, name in guilty.items())
+    guilty = [who for who, target in own.items() if target.partition(":")[0] in passed] or own
+    who = " or ".join(guilty)
     return HapnetError(f"{who} failed: {cause(error)}")
 
 
@@ -52,6 +60,11 @@ def require_parts(what: str, part: object, protocol: type) -> None:
     if lacking:
         missing = f"{type(part).__name__} has no {', '.join(lacking)}"
         raise HapnetError(f"{what} failed: {missing}; allowed: what has all parts of {protocol.__name__}")
+
+
+def _target(key: str, name: str) -> str:
+    """``module:NAME`` of a part, also where a package publishes it under another name."""
+    return published(_GROUPS[key]).get(name, (name, ""))[0] if key in _GROUPS else name
 
 
 def _is_own(name: str) -> bool:

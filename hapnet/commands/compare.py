@@ -18,7 +18,6 @@ from hapnet.commands.options import ModelOptions, ParamsOptions
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
 from hapnet.extras import require
-from hapnet.laws import COUPLING_NAMES
 from hapnet.params import Params
 from hapnet.study.sections import FULL, QUICK
 
@@ -59,7 +58,7 @@ class CompareOptions:
             help="A coupling to compare, parameters of its own after colons; repeat it, or separate by commas: "
             "pspm,pspm:feel=paper,zoh. Default: all (--bench full: see --dry-run).",
             rich_help_panel=_LINKS,
-            autocompletion=complete.words(*COUPLING_NAMES),
+            autocompletion=complete.couplings,
         ),
     ] = None
     link: Annotated[

@@ -9,6 +9,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from hapnet.laws import COUPLING_NAMES, GROUP
+from hapnet.loading import published
 from hapnet.params import Params
 from netem.presets import PRESETS
 
@@ -59,12 +61,17 @@ def profiles() -> list[tuple[str, str]]:
     return [(name, tc) for name, tc in PRESETS.items()]
 
 
+def couplings() -> list[str]:
+    """hapnet's own, and those that packages publish."""
+    return [*COUPLING_NAMES, *published(GROUP)]
+
+
 def scenes() -> list[str]:
-    """Built-in scenes, and the solids that need no file."""
-    from hapnet.plant.worlds.registry import SCENES
+    """Built-in scenes, the solids that need no file, and what packages publish."""
+    from hapnet.plant.worlds.registry import GROUP, SCENES
     from hapnet.plant.worlds.rigid import FROM_FILES, KINDS
 
-    return [*SCENES, *(name for name in KINDS if name not in FROM_FILES)]
+    return [*SCENES, *(name for name in KINDS if name not in FROM_FILES), *published(GROUP)]
 
 
 def devices() -> list[str]:

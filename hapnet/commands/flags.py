@@ -49,7 +49,7 @@ Coupling = Annotated[
         metavar="NAME",
         help=f"pspm; for comparison zoh (a plain virtual coupling), {', '.join(COUPLING_NAMES[2:])}; or your own as "
         "MODULE:NAME.",
-        autocompletion=complete.words(*COUPLING_NAMES),
+        autocompletion=complete.couplings,
     ),
 ]
 Feel = Annotated[

@@ -40,7 +40,7 @@ class TransparencyOptions:
         list[str] | None,
         typer.Option(
             help="A coupling to measure; repeat it, or separate names by commas. Default: all.",
-            autocompletion=complete.words(*COUPLING_NAMES),
+            autocompletion=complete.couplings,
         ),
     ] = None
     link: Annotated[

@@ -8,8 +8,8 @@ from typing import Any
 from hapnet.couplings.felt import through
 from hapnet.couplings.spec import CouplingSpec, scalar_stiffness
 from hapnet.errors import InvalidParameter
-from hapnet.laws import COUPLING_NAMES, built_in
-from hapnet.loading import load
+from hapnet.laws import COUPLING_NAMES, GROUP, built_in, sections
+from hapnet.loading import load, published
 from hapnet.params import Params
 
 
@@ -35,18 +35,25 @@ COUPLINGS: Mapping[str, CouplingSpec[Any]] = _BuiltIn()
 
 
 def coupling(name: str) -> CouplingSpec[Any]:
-    """The coupling of that name, or a user's own, given as ``module:NAME``.
+    """The coupling of that name: hapnet's own, one that a package publishes, or a user's own, given as ``module:NAME``.
 
     Raises
     ------
-    InvalidParameter : there is no coupling of that name, or the object is not a `CouplingSpec`.
+    InvalidParameter : there is no coupling of that name, or the object is not a `CouplingSpec`, or its parameters have
+        the name of another section.
     """
     if name in COUPLINGS:
         return COUPLINGS[name]
-    allowed = f"one of {', '.join(COUPLING_NAMES)}, or module:NAME of a CouplingSpec"
-    spec = load("coupling", name, allowed, COUPLINGS)
+    names = (*COUPLING_NAMES, *published(GROUP))
+    allowed = f"one of {', '.join(names)}, or module:NAME of a CouplingSpec"
+    target, _ = published(GROUP).get(name, (name, ""))
+    spec = load("coupling", target, allowed, names)
     if not isinstance(spec, CouplingSpec):
         raise InvalidParameter("coupling", name, f"{allowed} (this is a {type(spec).__name__})")
+    if spec.parameters is not None and sections().get(spec.section, spec.parameters) is not spec.parameters:
+        raise InvalidParameter(
+            f"section of the coupling {name}", spec.section, "a name that no other law's section has"
+        )
     return spec
 
 
@@ -68,7 +75,7 @@ def jointly_passive(name: object) -> bool:
     is yes for a user's own law.
     """
     spec = known(name)
-    return ":" in str(name) if spec is None else spec.joint
+    return name is not None if spec is None else spec.joint
 
 
 def ideal_stiffness(params: Params, wall: float) -> float:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass
 from inspect import Parameter, signature
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
@@ -37,6 +37,9 @@ class Between(NamedTuple):
     high: float
     log: bool = False
 
+
+_SECTIONS = {one.name for one in fields(Params)}
+_FUNCTIONS = ("device", "world", "tune", "covers", "allowance_J", "warn")
 
 T = TypeVar("T")
 T_co = TypeVar("T_co", covariant=True)
@@ -120,7 +123,21 @@ class CouplingSpec(Generic[T]):
     searched: Mapping[str, Between | tuple[Any, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "section", self.section or self.name)
+        object.__setattr__(self, "section", self.section or self.name.replace("-", "_"))
+        chosen = signature(self.tuning).parameters if is_dataclass(self.tuning) else None
+        own = {} if self.parameters is None else dict(self.parameters.__dataclass_fields__)
+        for part, value, right, allowed in (
+            *((name, getattr(self, name), callable(getattr(self, name)), "a function") for name in _FUNCTIONS),
+            ("tuning", self.tuning, chosen is not None, "a dataclass"),
+            ("shared", self.shared, set(self.shared) <= set(chosen or ()), "fields of its tuning"),
+            ("set_positions", {*self.set_positions}, self.set_positions <= {"device", "world"}, "of device and world"),
+            ("section", self.section, not own or self.section.isidentifier(), "a name such as mine"),
+            ("section", self.section, not own or self.section not in _SECTIONS, "a name that no other section has"),
+            *((f"parameter {name}", one.default, "doc" in one.metadata, "hapnet.param_values.parameter(...)")
+              for name, one in own.items()),
+        ):  # fmt: skip
+            if not right:
+                raise InvalidParameter(f"{part} of the coupling {self.name}", value, allowed)
 
     def sends(self, role: Role, params: Params) -> type[Stream]:
         """The message that carries the samples of this side."""

@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
-from functools import cache
-from importlib.metadata import entry_points
 from typing import Any
 
 from hapnet.errors import InvalidParameter
+from hapnet.loading import published
 
 GROUP = "hapnet.devices"
 
@@ -27,19 +26,11 @@ BUILT_IN: Mapping[str, str] = {
 """Name, and ``module:Class``."""
 
 
-@cache
-def published() -> dict[str, tuple[str, str]]:
-    """The drivers of other packages: name, then ``module:Class`` and the package that it comes from."""
-    found = {}
-    for point in entry_points(group=GROUP):
-        if point.name not in BUILT_IN:
-            found[point.name] = point.value, "" if point.dist is None else point.dist.name
-    return found
-
-
 def known() -> dict[str, tuple[str, str]]:
     """All devices by name: ``module:Class``, and the package that it comes from."""
-    return {name: (target, "hapnet") for name, target in BUILT_IN.items()} | published()
+    return {name: (target, "hapnet") for name, target in BUILT_IN.items()} | {
+        name: found for name, found in published(GROUP).items() if name not in BUILT_IN
+    }
 
 
 def resolve(words: str) -> tuple[str, str]:
@@ -47,8 +38,8 @@ def resolve(words: str) -> tuple[str, str]:
     name, _, behind = words.partition(":")
     if name in BUILT_IN:
         return BUILT_IN[name], behind
-    if name in published():
-        return published()[name][0], behind
+    if name in (found := published(GROUP)):
+        return found[name][0], behind
     target, _, behind = words.partition(",")
     return target, behind
 

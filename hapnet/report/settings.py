@@ -104,7 +104,7 @@ def _line(command: str, recording: Recording, params: Params) -> str:
         words += ["--seed", str(seed)]
     default = {name: value for name, value, _ in Params().described()}
     for name, written, _ in params.described():
-        if written != default[name]:
+        if written != default.get(name):
             value = params.get(name)
             words += ["--set", f"{name}={value if isinstance(value, str) else written}"]
     return shlex.join(words)

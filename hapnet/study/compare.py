@@ -159,7 +159,7 @@ class Plan:
         plain = Params().flat()
         varied = {"link.up", "link.down"}.union(*products)
         fixed = {
-            name: value for name, value in self.params.flat().items() if name not in varied and value != plain[name]
+            name: value for name, value in self.params.flat().items() if name not in varied and value != plain.get(name)
         }
         return Spec(NAME, fixed, products)
 

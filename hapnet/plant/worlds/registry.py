@@ -21,6 +21,7 @@ from functools import partial
 from typing import Any
 
 from hapnet.errors import InvalidParameter
+from hapnet.loading import published
 from hapnet.plant.worlds import own_worlds, rigid
 from hapnet.plant.worlds.box import box
 from hapnet.plant.worlds.moving_wall import moving
@@ -29,6 +30,9 @@ from hapnet.plant.worlds.mujoco_world import MujocoWorld
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S
 from hapnet.plant.worlds.wall import free, paper, wall
+
+GROUP = "hapnet.worlds"
+"""The entry points by which other packages publish their worlds under names of their own."""
 
 SCENES: dict[str, Callable[..., World]] = {"free": free, "wall": wall, "box": box, "paper": paper, "moving": moving}
 
@@ -63,9 +67,9 @@ def _builder(name: str) -> Callable[..., Any]:
         return partial(_mujoco, name)
     if (from_words := rigid.builder(name)) is not None:
         return from_words
-    names = (*SCENES, *rigid.KINDS)
+    names = (*SCENES, *rigid.KINDS, *published(GROUP))
     allowed = f"{', '.join(names)}, mujoco:FILE.xml, or module:Name that can be imported"
-    return own_worlds.builder(name, allowed, names)
+    return own_worlds.builder(published(GROUP).get(name, (name, ""))[0], allowed, names)
 
 
 def _mujoco(
