@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 from collections.abc import Iterable, Iterator
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
@@ -32,6 +34,7 @@ _SIGNALS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)
 _REAL_TIME = ("hapnet.bench", "hapnet.realtime", "hapnet.transport", "netem.aio", "netem.bench", "netem.relay",
               "netem.zenoh_relay", "tests.faults", "tests.processes", "tests.view")  # fmt: skip
 _PROCESSES = ("multiprocessing", "subprocess", "tests.processes", "hapnet.simulation.processes")
+_WHOLE_RUNS = ("examples", "hapnet.cli", "hapnet.commands", "hapnet.simulation", "hapnet.study", "netem.cli")
 _VIRTUAL_TIME = ("tests.study", "tests.test_processes")
 
 
@@ -48,6 +51,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     One that fails is run once more, and both are reported: a shared machine may stand still for longer than it allows.
     The second time is a little later, as what holds a machine up seldom lasts for a moment only. So are tests that
     start processes. A test that hangs has failed after some minutes, except one that is to run for hours.
+
+    What neither runs in real time, nor starts processes, nor makes whole runs, is quick.
     """
     for item in items:
         if isinstance(item, pytest.Function) and (item.get_closest_marker("realtime") or _in_real_time(item.module)):
@@ -57,13 +62,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             isinstance(item, pytest.Function) and _uses(item.module, _PROCESSES)
         ):
             item.add_marker(pytest.mark.flaky(reruns=1, reruns_delay=5))
+        elif not any(map(item.get_closest_marker, ("slow", "soak"))) and _is_quick(item):
+            item.add_marker(pytest.mark.quick)
         if item.get_closest_marker("soak"):
             item.add_marker(pytest.mark.timeout(0))
 
 
 def pytest_collection_finish(session: pytest.Session) -> None:
     """Before many tests the kernel is compiled, so that no single one of them takes as long as that."""
-    if len(session.items) > 1000 and find_spec("numba") is not None and not sources.are_compiled():
+    many = sum(item.get_closest_marker("quick") is None for item in session.items) > 1000
+    if many and not session.config.option.collectonly and find_spec("numba") is not None and not sources.are_compiled():
         simulate(Params().set({"duration_s": 0.5}), kernel=True)
 
 
@@ -78,10 +86,27 @@ def _in_real_time(module: ModuleType) -> bool:
     return not module.__name__.startswith(_VIRTUAL_TIME) and _uses(module, _REAL_TIME)
 
 
+def _is_quick(item: pytest.Item) -> bool:
+    """No part of its module makes whole runs, waits for real time, or starts processes; not through a helper either."""
+    return isinstance(item, pytest.Function) and not _reaches(item.module, (*_REAL_TIME, *_PROCESSES, *_WHOLE_RUNS))
+
+
 def _uses(module: ModuleType, homes: tuple[str, ...]) -> bool:
     """Whether it has imported any of these modules, or something out of one."""
-    found = (getattr(value, "__module__", None) or getattr(value, "__name__", "") for value in vars(module).values())
-    return any(str(home).startswith(homes) for home in found)
+    return any(home.startswith(homes) for home in _homes(module))
+
+
+@cache
+def _reaches(module: ModuleType, homes: tuple[str, ...]) -> bool:
+    """Whether it uses any of these modules, or a helper of the tests that does."""
+    helpers = {name for name in _homes(module) if name.startswith("tests.")} - {__name__, module.__name__}
+    return _uses(module, homes) or any(_reaches(sys.modules[name], homes) for name in helpers)
+
+
+def _homes(module: ModuleType) -> set[str]:
+    """Where all that a module knows is from."""
+    values = vars(module).values()
+    return {str(getattr(value, "__module__", None) or getattr(value, "__name__", "")) for value in values}
 
 
 def mostly_slow(values: Iterable[object], first: int) -> list[Any]:
