@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hapnet.couplings.set_position import PSPM
+from hapnet.couplings.pspm import LAW as PSPM
 from hapnet.params import Params
 from hapnet.simulation.simulation import Result, Simulation
 from tests.theorem_cases import random_case

@@ -10,15 +10,9 @@ from numpy.typing import NDArray
 from hapnet.errors import InvalidParameter
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.walls import Contacts, Vector, Wall
+from tests.conftest import random_spd
 
 Array = NDArray[np.float64]
-
-
-def random_spd(rng: np.random.Generator, n: int, low: float, high: float) -> Array:
-    Q, _ = np.linalg.qr(rng.normal(size=(n, n)))
-    matrix = Q @ np.diag(np.exp(rng.uniform(np.log(low), np.log(high), n))) @ Q.T
-    symmetric: Array = (matrix + matrix.T) / 2
-    return symmetric
 
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:

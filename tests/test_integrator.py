@@ -12,16 +12,9 @@ from scipy.linalg import expm
 from hapnet.errors import InvalidParameter
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.walls import Contacts, Wall
+from tests.conftest import random_spd
 
 Array = NDArray[np.float64]
-
-
-def random_spd(rng: np.random.Generator, n: int, low: float, high: float) -> Array:
-    """Random SPD matrix with eigenvalues log-uniform in [low, high]."""
-    Q, _ = np.linalg.qr(rng.normal(size=(n, n)))
-    matrix = Q @ np.diag(np.exp(rng.uniform(np.log(low), np.log(high), n))) @ Q.T
-    symmetric: Array = (matrix + matrix.T) / 2
-    return symmetric
 
 
 def stored_energy(M: Array, K: Array, x: Array, v: Array, ybar: Array) -> Array:

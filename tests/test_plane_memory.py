@@ -147,7 +147,7 @@ def test_the_lead_yields_as_the_worlds_reservoir_empties(level: float, kept: flo
     """Lead and added damping cancel where the lead is whole; the hand pays for what has gone of it: b v."""
     m = model()
     assert moving(m, 0.067, level) == pytest.approx((1.0 - kept) * DAMPING * 0.067, abs=1e-4)
-    assert m.lead_kept == pytest.approx(kept, abs=1e-4)
+    assert m.kept == pytest.approx(kept, abs=1e-4)
 
 
 def test_the_lead_yields_over_a_third_of_a_second() -> None:
@@ -155,7 +155,7 @@ def test_the_lead_yields_over_a_third_of_a_second() -> None:
     m = model()
     moving(m, 0.067, 1.0, seconds=1.0)
     moving(m, 0.067, 0.0, seconds=0.3)
-    assert m.lead_kept == pytest.approx(math.exp(-1.0), abs=0.02)
+    assert m.kept == pytest.approx(math.exp(-1.0), abs=0.02)
 
 
 def test_the_lead_stays_for_a_world_that_tells_no_level_and_where_it_is_switched_off() -> None:

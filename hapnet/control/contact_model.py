@@ -166,11 +166,6 @@ class ContactModel(ContactState):
         return tuple(map(sub, self.made_y, self.made_before))
 
     @property
-    def lead_kept(self) -> float:
-        """The share of the lead that has not given way, 0 to 1."""
-        return self.kept
-
-    @property
     def pending(self) -> tuple[Proxy, float, float] | None:
         """The answer that the next step takes, when it was sent, and how old it is [s]; None: nothing came."""
         return self._pending

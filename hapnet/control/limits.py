@@ -56,11 +56,6 @@ class Silence(Record):
         self.policy = policy
         self.releases, self.after = int(policy == "release"), after
 
-    @property
-    def is_silent(self) -> bool:
-        """Is the peer silent?"""
-        return self.elapsed > self.after
-
     def step(self, dt: float, *, fresh: bool) -> bool:
         """Advance by dt seconds. Returns True if y is to be released (ramped to x under the step limit)."""
         return releases(self, dt, fresh)

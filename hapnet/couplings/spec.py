@@ -152,11 +152,6 @@ class CouplingSpec(Generic[T]):
         return self.tuning(**found) if needed <= set(found) <= set(fields) else None
 
 
-def untuned(params: Params, link: Delays) -> NoTuning:
-    """The `tune` of couplings without a rule."""
-    return NoTuning()
-
-
 def held_law(law: Callable[[CouplingStart[T]], DeviceLaw]) -> Callable[[CouplingStart[T]], DeviceCoupling]:
     """Makes the device's end of a coupling from a law that holds its force."""
 
