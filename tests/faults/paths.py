@@ -18,6 +18,7 @@ Only for root, on a machine with nothing else to do.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import math
 import statistics
@@ -59,50 +60,34 @@ def flags(transport: str, role: str, directory: Path) -> list[str]:
     return found
 
 
-def measured_by_irtt(server: Host, client: Host, seconds: float) -> subprocess.Popen[bytes]:
-    """Start irtt's client, 100 packets a second; its report is on standard output."""
-    command = ["irtt", "client", "-i", "10ms", "-d", f"{seconds}s", "-Q", "-o", "-", server.address]
-    return subprocess.Popen([*client.enter, *command], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+def measured_by_irtt(server: Host, client: Host, seconds: float) -> dict[str, Any]:
+    """What irtt's client reports of 100 packets a second."""
+    command = [*client.enter, "irtt", "client", "-i", "10ms", "-d", f"{seconds}s", "-Q", "-o", "-", server.address]
+    said = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, timeout=seconds + 60.0).stdout
+    report: dict[str, Any] = json.loads(said)["stats"]
+    return report
 
 
 def one(transport: str, profile: str, seconds: float, seed: int, more: list[str]) -> dict[str, Any]:
     """One run: what the device's side says of the path, what the world's says, and irtt's report."""
-    with tempfile.TemporaryDirectory() as name, two_hosts(profile, seed) as (a, b):
-        directory = Path(name)
+    with contextlib.ExitStack() as stack:
+        directory = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        a, b = stack.enter_context(two_hosts(profile, seed))
         server = subprocess.Popen([*a.enter, "irtt", "server"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        sides = {
-            role: Program(
-                role,
-                *flags(transport, role, directory / "certificates"),
-                "--duration",
-                seconds,
-                "--seed",
-                seed,
-                "--no-files",
-                "--json",
-                directory / f"{role}.json",
-                *more,
-                command=(*host.enter, *HAPNET),
-            )
-            for role, host in (("world", a), ("device", b))
-        }
-        try:
-            sides["device"].until(
-                "pairing", lambda: any("paired" in line for line in sides["device"].err + sides["device"].out)
-            )
-            time.sleep(3.0)
-            probe = measured_by_irtt(a, b, seconds - 8.0)
-            report = json.loads(probe.communicate(timeout=seconds + 60.0)[0])
-            for side in sides.values():
-                side.process.wait(seconds + 60.0)
-            found = {role: json.loads((directory / f"{role}.json").read_text()) for role in sides}
-        finally:
-            server.terminate()
-            server.wait()
-            for side in sides.values():
-                side.process.kill()
-    found["irtt"] = report["stats"]
-    return found
+        stack.enter_context(server)
+        stack.callback(server.terminate)
+        sides = {}
+        for role, host in (("world", a), ("device", b)):
+            words = [role, *flags(transport, role, directory / "certificates"), "--duration", seconds, "--seed", seed]
+            words += ["--no-files", "--json", directory / f"{role}.json", *more]
+            sides[role] = stack.enter_context(Program(*words, command=(*host.enter, *HAPNET)))
+        device = sides["device"]
+        device.until("pairing", lambda: any("paired" in line for line in device.err + device.out))
+        time.sleep(3.0)
+        report = measured_by_irtt(a, b, seconds - 8.0)
+        for side in sides.values():
+            side.process.wait(seconds + 60.0)
+        return {"irtt": report} | {role: json.loads((directory / f"{role}.json").read_text()) for role in sides}
 
 
 def row(found: dict[str, Any]) -> dict[str, Any]:
