@@ -80,6 +80,13 @@ class DeviceParams:
         1.0, "a real device's force grows over this time: at the start, after silence, after its dead-man switch [s]",
         _NOT_NEGATIVE,
     )  # fmt: skip
+    self_test_N: float = _p(
+        0.3, "a real device's handle is pushed to and fro by this for 0.4 s at the start: do its positions follow? [N]",
+        _NOT_NEGATIVE,
+    )  # fmt: skip
+    known_mass_kg: Matrix = _p(
+        0.0, "apparent mass of its handle as found before, or one per axis [kg]; 0: not known", _NOT_NEGATIVE
+    )
     dead_man: str = _p(
         "auto", "the button that must be held: auto (the one that the device declares), none, or its number from 0"
     )

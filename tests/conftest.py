@@ -44,6 +44,12 @@ def pytest_configure() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+@pytest.fixture(autouse=True, scope="session")
+def remembered(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """What hapnet remembers of devices is not the user's own file."""
+    os.environ["XDG_STATE_HOME"] = ENVIRONMENT["XDG_STATE_HOME"] = str(tmp_path_factory.mktemp("state"))
+
+
 @pytest.hookimpl(tryfirst=True)  # before those who read marks and groups then
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Tests that run in real time are one worker's, one after the other; all others are the other worker's.

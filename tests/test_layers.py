@@ -53,7 +53,7 @@ MAY_IMPORT = {  # a package, and what it may know beside itself and the base
     "realtime": BELOW_ASSEMBLY | {"assembly", "summary", "transport"},
     "report": BELOW_ASSEMBLY | {"assembly", "summary"},
     "study": BELOW_ASSEMBLY | {"assembly", "summary", "metrics", "simulation", "report"},
-    "doctor": {"assembly", "transport", "realtime"},  # it tries devices, and how well the other side is reached
+    "doctor": {"plant", "assembly", "transport", "realtime"},  # it tries devices, and how the other side is reached
     "view": BELOW_ASSEMBLY | {"summary", "report", "transport"},  # it subscribes to telemetry
     "bench": BELOW_ASSEMBLY | {"assembly", "summary", "simulation", "transport", "realtime", "view", "study", "report"},
 }

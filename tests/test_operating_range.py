@@ -197,7 +197,8 @@ def begun(device: type, **changes: object) -> tuple[DeviceSide, Arm, list[Sample
     """A side whose device pulls at its spring: control has started at 0, and the set-position lies 20 mm away."""
     written: list[Sample] = []
     given = {
-        "hardware": named(device), "scene": "free", "record_hz": 1000.0, "device.force_ramp_s": 0.0, **changes,
+        "hardware": named(device), "scene": "free", "record_hz": 1000.0, "device.force_ramp_s": 0.0,
+        "device.self_test_N": 0.0, **changes,
     }  # fmt: skip
     setup = prepare(PARAMS.set({name.replace("__", "."): value for name, value in given.items()}))
     clock = [0]

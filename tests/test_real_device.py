@@ -67,7 +67,7 @@ class Rig:
         self.now_ns = 0
         given = {
             "hardware": f"{device.__module__}:{device.__name__}", "scene": "free", "device.damping": 1e-9,
-            "device.step_limit_N": 0.0, "device.force_ramp_s": 0.0,
+            "device.step_limit_N": 0.0, "device.force_ramp_s": 0.0, "device.self_test_N": 0.0,
         } | {name.replace("__", "."): value for name, value in params.items()}  # fmt: skip
         setup = prepare(PAPER.set(given))
         assert setup.params.device.servo_hz == 500.0
@@ -135,6 +135,7 @@ def test_a_silent_device_gets_no_force_and_one_line_each_way() -> None:
         "silences": 1,
         "silent_s": 0.202,
         "hot_s": 0.0,
+        "mass_kg": None,
     }
 
 

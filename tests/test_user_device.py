@@ -254,7 +254,7 @@ def test_what_it_declares_is_what_is_warned_of(name: str, words: list[str]) -> N
 
 def driven(name: str) -> SampledDeviceSide:
     """A side around the device, paired, with a set-position 10 mm off; 10 ticks, the handle going 0.1 mm in each."""
-    words = {"device.damping": 1e-9, "device.step_limit_N": 0.0, "device.force_ramp_s": 0.0}
+    words = {"device.damping": 1e-9, "device.step_limit_N": 0.0, "device.force_ramp_s": 0.0, "device.self_test_N": 0.0}
     params = PAPER.set({"scene": "free", "hardware": f"tests.test_user_device:{name}", **words})
     setup = prepare(params, "sampled")
     now_ns = 0

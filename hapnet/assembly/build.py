@@ -274,7 +274,8 @@ def _user_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write
     drive = _drive(setup, clock, write)
     if isinstance(device.device, SimulatedDevice):  # the side must see that it simulates
         return SampledDeviceSide(endpoint, device.device, hold, drive, device.declared)
-    return RealDeviceSide(endpoint, device, hold, drive, device.declared, device.limiter(params.device))
+    check = device.check(params.device)
+    return RealDeviceSide(endpoint, device, hold, drive, device.declared, device.limiter(params.device), check)
 
 
 def virtual_mass(setup: Setup) -> Mass:

@@ -23,6 +23,7 @@ from hapnet.devices.registry import known, options, resolve
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
 from hapnet.loading import failure, load
 from hapnet.params import DeviceParams, Params
+from hapnet.plant.actuator_check import ActuatorCheck
 from hapnet.plant.device import Device
 from hapnet.plant.operating_range import SPEED_MPS, NamedValue, OperatingRange, operating_range
 from hapnet.side.force_limiter import ForceLimiter
@@ -105,6 +106,9 @@ _MOST_TOLD = 2.0
 
 _MOST_TOLD_N = 1e4
 """No device that a hand holds renders more [N], whatever its limit."""
+
+SELF_TEST_ROUNDS = 3
+"""The axes share as many pushes to and fro: 0.43 s."""
 
 THERMAL_S = 10.0
 """Time constant of a device that declares a continuous force, but not how fast its actuators heat up [s]."""
@@ -334,6 +338,24 @@ class UserDevice:
             continuous=self.continuous_force,
             thermal_s=self.thermal_s,
         )
+
+    def check(self, params: DeviceParams) -> ActuatorCheck | None:
+        """The pushes at the start, with no more than the forces allowed; None: there are none.
+
+        Raises
+        ------
+        InvalidParameter : device.known_mass_kg is not one number, or one for each axis.
+        """
+        limits = [limit for limit in (params.self_test_N, params.force_limit_N, self.force_limit) if limit]
+        if not params.self_test_N:
+            return None
+        mass = checks.vector("device.known_mass_kg", cast(ArrayLike, params.known_mass_kg))
+        if len(mass) not in (1, self.dof):
+            raise InvalidParameter("device.known_mass_kg", params.known_mass_kg, f"one number, or {self.dof}")
+        return ActuatorCheck(
+            self.dof, min(limits), 1.0 / params.servo_hz, rounds=max(1, SELF_TEST_ROUNDS // self.dof),
+            known_mass=mass if all(mass) else (), least_mass=self.smallest_mass,
+        )  # fmt: skip
 
     def _positive(self, part: str) -> float | None:
         value = getattr(self.device, part, None)

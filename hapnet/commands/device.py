@@ -32,6 +32,9 @@ def one_side(
     if params.show_params:
         return params.show(chosen)
     no_out_without_files(side.out, side.files)
+    from hapnet.commands import known_devices, output
     from hapnet.commands.side import main
 
+    if role == "device":
+        chosen = known_devices.introduced(chosen, output.asker())
     return main(role, chosen, side, zenoh)

@@ -25,7 +25,12 @@ def doctor(
     name: flags.Name = "device",
     hardware: flags.Hardware = None,
     dof: flags.Dof = None,
-    ramp: Annotated[float, typer.Option(metavar="N", help="With --device: press the hand on it by up to N.")] = 0.0,
+    ramp: Annotated[
+        float,
+        typer.Option(
+            metavar="N", help="With --device: push its handle to and fro by N, to see that force and motion agree."
+        ),
+    ] = 0.0,
     damping: Annotated[
         float, typer.Option(metavar="N", help="With --device: push its free handle by N, to measure its own damping.")
     ] = 0.0,
@@ -48,6 +53,7 @@ def doctor(
 def examine_device(hardware: str, dof: int, ramp_N: float, damping_N: float, json_to: str | None) -> int:
     """Measure a device; returns 0, as a warning is for people to judge."""
     from hapnet.assembly.user_device import UserDevice, servo_rate
+    from hapnet.commands import known_devices
     from hapnet.doctor.device import examine_device as measure
 
     if hardware == "simulated":
@@ -62,8 +68,13 @@ def examine_device(hardware: str, dof: int, ramp_N: float, damping_N: float, jso
                 allowed = "0 (no force), or above" + ("" if most_N is None else f", at most {most_N:g} N")
                 raise InvalidParameter(flag, force_N, allowed)
         if ramp_N and damping_N:
-            raise InvalidParameter("--damping", damping_N, "without --ramp: one wants a hand on the handle, one none")
-        return _show(measure(device, rate_hz, time.monotonic_ns, time.sleep, ramp_N, damping_N), json_to)
+            raise InvalidParameter("--damping", damping_N, "without --ramp: one after the other")
+        checks = measure(
+            device, rate_hz, time.monotonic_ns, time.sleep, ramp_N, damping_N,
+            known_mass=known_devices.mass_of(hardware) or (),
+            on_mass=lambda mass: known_devices.remember(hardware, mass),
+        )  # fmt: skip
+        return _show(checks, json_to)
     finally:
         device.close()
 

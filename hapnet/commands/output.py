@@ -33,6 +33,11 @@ CONTRADICTED = 5
 """Exit code: somebody else spoke in the name of one of the sides, so that nobody knows whether the run was passive."""
 
 
+def asker() -> Callable[[str], object] | None:
+    """What asks the user on the terminal; None: there is no terminal, so nobody to ask."""
+    return input if sys.stdin.isatty() and sys.stdout.isatty() else None
+
+
 def console(json_to: str | None) -> Console:
     """The console for people: standard error if the JSON object goes to standard output, otherwise standard output."""
     from rich.console import Console

@@ -50,6 +50,7 @@ def run(
     from tempfile import TemporaryDirectory
 
     from hapnet.assembly.build import prepare
+    from hapnet.commands import known_devices
     from hapnet.commands.log import check_target
     from hapnet.commands.outcome import FILES, of_pair, write_files
     from hapnet.commands.pair import Pair
@@ -59,6 +60,7 @@ def run(
     setup = prepare(chosen, "sampled")
     check_sides(setup)
     check_target(log_to, json_to)
+    chosen = known_devices.introduced(chosen, output.asker())
     with ExitStack() as passing:
         if files:
             directory = output.run_directory(out, seed)
@@ -104,6 +106,7 @@ def run(
         if not recorded and len(told) < 2:  # a process that is interrupted while it starts leaves nothing
             words.print("stopped before both processes ran", style="yellow")
         found = of_pair(told, recorded, setup, seed, written)
+        known_devices.learn(chosen, found.summary)
         if files:
             write_files(found, directory, written)
         output.show_summary(words, found.summary, verbose=verbose)

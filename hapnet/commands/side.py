@@ -13,7 +13,7 @@ from typing import cast, get_args
 
 from hapnet import checks
 from hapnet.assembly.build import LIVE, prepare
-from hapnet.commands import output
+from hapnet.commands import known_devices, output
 from hapnet.commands.console import run_console
 from hapnet.commands.log import Log, check_target
 from hapnet.commands.options import SideFlags, ZenohOptions
@@ -130,6 +130,7 @@ def _main(
         elif record is not None:
             output.show_files(words, [record.name], record.parent)
     if not started_by_run:  # hapnet run judges both sides together
+        known_devices.learn(params, summary)
         written.judge(summary, params, virtual=False)
     with written.part():
         output.write_json(summary, given.json_to)

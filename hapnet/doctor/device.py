@@ -1,7 +1,7 @@
 """What a device really does: how fast it answers, how it reads when it rests, and what a force does to its handle.
 
-The force is zero unless it is asked for: a ramp, with a hand on the handle, or pushes, with none, which show the
-device's own damping (`own_damping`). Clock and sleep are arguments.
+The force is zero unless it is asked for: short pulses, which show whether force and positions agree (`ActuatorCheck`),
+or slow pushes, which show the device's own damping (`own_damping`). Clock and sleep are arguments.
 """
 
 from __future__ import annotations
@@ -9,22 +9,25 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
-
-import numpy as np
 
 from hapnet.assembly.user_device import UserDevice
 from hapnet.checks import Vector
 from hapnet.doctor.machine import OK, SKIPPED, WARNING, Check
 from hapnet.doctor.own_damping import NAME, own_damping
 from hapnet.errors import DeviceSilent, HapnetError
+from hapnet.plant.actuator_check import ActuatorCheck
 
 NANO = 1e-9
 _PAGE = Path(__file__).parents[1] / "devices" / "README.md"
 """Which watchdog the hardware needs. Pages beside the code are part of the package."""
 READINGS = 2000
-RAMP_S, RAMPS = 1.0, 3
+LONGEST_S = 5.0
+"""The pushes last no longer, however slow the device is."""
+ROUNDS = 4
+"""How often each axis is pushed to and fro."""
 _WINDOW = 50
 _REST_SPEED = 0.01
 """Slower than this the handle rests [m/s]."""
@@ -75,10 +78,13 @@ def examine_device(
     sleep: Callable[[float], None],
     ramp_N: float = 0.0,
     damping_N: float = 0.0,
+    known_mass: Vector = (),
+    on_mass: Callable[[Vector], None] = lambda mass: None,
 ) -> Iterator[Check]:
     """Yields a line for each thing that was measured.
 
-    ramp_N : press the hand with up to this force; damping_N : push the free handle with it; 0: do not.
+    ramp_N : push the handle to and fro with this force; damping_N : push the free handle with it; 0: do not.
+    known_mass : of each axis, as it was found before [kg]; on_mass : is told what it is now.
 
     Raises
     ------
@@ -114,7 +120,13 @@ def examine_device(
     else:
         yield Check(NAME, SKIPPED, "not measured", "--damping 0.3, with no hand on the handle")
     if ramp_N > 0.0:
-        yield _ramp(device, rate_hz, clock, sleep, ramp_N)
+        check = ActuatorCheck(
+            device.dof, ramp_N, 1.0 / rate_hz, rounds=ROUNDS, known_mass=known_mass, least_mass=device.smallest_mass
+        )
+        why = _push(check, device, rate_hz, clock, sleep)
+        yield _agreement(check, ramp_N, why)
+        if check.masses and not check.wrong_way:
+            on_mass(check.masses)
 
 
 def _rate(found: Readings, wanted_hz: float) -> Check:
@@ -169,42 +181,53 @@ def _velocity(found: Readings) -> Check:
     return Check("velocity", OK, value)
 
 
-def _ramp(
-    device: UserDevice, rate_hz: float, clock: Callable[[], int], sleep: Callable[[float], None], most_N: float
-) -> Check:
-    """Press along the first axis, harder and back, several times, against the hand that holds the handle still.
-
-    The compliance is the slope of the position over the force, beside a drift of the hand: a least-squares fit.
-    """
-    period_s = 1.0 / rate_hz
+def _push(
+    check: ActuatorCheck, device: UserDevice, rate_hz: float, clock: Callable[[], int], sleep: Callable[[float], None]
+) -> str:
+    """Push until the check is done; returns why that was not possible, in words, or an empty text."""
     blocking = bool(getattr(device.device, "blocking", False))
-    rows: list[tuple[float, float, float]] = []  # force [N], time [s], position [m]
-    force_N = 0.0
+    none: Vector = (0.0,) * device.dof
+    held, last_ns = none, clock()
+    until_ns = last_ns + round(LONGEST_S / NANO)
     try:
-        start_ns = clock()
-        while (age_s := (clock() - start_ns) * NANO) < RAMPS * 2.0 * RAMP_S:
+        while not check.done:
             if not blocking:
-                sleep(period_s)
+                sleep(max(0.0, (last_ns - clock()) * NANO + 1.0 / rate_hz))
+            if clock() > until_ns:
+                return "the device was silent"
             try:
-                x, _ = device.read()
-                rows.append((force_N, age_s, x[0]))
-                force_N = most_N * (1.0 - abs(age_s / RAMP_S % 2.0 - 1.0))
-                device.apply((force_N, *(0.0,) * (device.dof - 1)))
+                x, v = device.read()
+                now_ns = clock()
+                acted = device.acted()
+                dt = device.interval() or (now_ns - last_ns) * NANO
+                last_ns = now_ns
+                if (switch := device.dead_man) is not None and not any(device.buttons()[switch : switch + 1]):
+                    return "its dead-man switch is not held"
+                if why := device.braked():
+                    return f"it renders no force ({why})"
+                force = check.step(dt, held if acted is None else acted, x, v)
+                applied = device.apply(force)
+                held = force if applied is None else applied
             except DeviceSilent:
                 continue
     finally:
-        device.apply((0.0,) * device.dof)
-    if len(rows) < _WINDOW:
-        return Check("force ramp", WARNING, "the device was silent")
-    table = np.array(rows)
-    terms = np.column_stack((table[:, 0], table[:, 1], np.ones(len(table))))
-    fitted, *_ = np.linalg.lstsq(terms, table[:, 2], rcond=None)
-    rest_m = float(np.std(table[:, 2] - terms @ fitted))
-    moved_m = float(fitted[0]) * most_N
-    value = f"{most_N:g} N move the handle by {moved_m * 1e3:+.2f} mm"
-    if abs(moved_m) <= 2.0 * rest_m:
-        still = "hold the handle still, or give more force: its own motion hides what the force does"
-        return Check("force ramp", WARNING, f"{value}, its own motion is {rest_m * 1e3:.2f} mm", still)
-    if moved_m < 0.0:
-        return Check("force ramp", WARNING, value, "the force acts the wrong way round: check the motor's wires")
-    return Check("force ramp", OK, f"{value} ({most_N / moved_m:.0f} N/m of hand)")
+        with suppress(DeviceSilent):
+            device.apply(none)
+    return ""
+
+
+def _agreement(check: ActuatorCheck, force_N: float, why: str) -> Check:
+    name = "force and motion"
+    if why:
+        return Check(name, WARNING, f"not known: {why}")
+    if check.wrong_way:
+        return Check(name, WARNING, check.wrong_way, "do not use it: swap the motor's wires, or the encoder's A and B")
+    if check.impossible:
+        return Check(name, WARNING, check.impossible)
+    if doubts := check.doubts:
+        return Check(name, WARNING, "; ".join(doubts))
+    if not check.masses:
+        hidden = f"{force_N:g} N do not show in its positions"
+        return Check(name, WARNING, hidden, "let go of the handle, or push harder: --ramp " + f"{2.0 * force_N:g}")
+    mass = " ".join(f"{mass:.2g}" for mass in check.masses)
+    return Check(name, OK, f"{force_N:g} N move it as {mass} kg would, at the next reading")

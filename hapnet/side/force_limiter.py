@@ -48,10 +48,13 @@ class ForceLimiter:
         """Let the force grow from zero again."""
         self._share = 0.0 if self._ramp_s else 1.0
 
+    def is_held(self, buttons: Sequence[bool]) -> bool:
+        """Is the dead-man switch pressed, or is there none?"""
+        return self._dead_man is None or (self._dead_man < len(buttons) and bool(buttons[self._dead_man]))
+
     def permit(self, dt: float, force: Vector, buttons: Sequence[bool]) -> Vector:
         """The part of `force` [N] that may be rendered from now on, `dt` seconds after the last call."""
-        if self._dead_man is not None:
-            self.released = not (self._dead_man < len(buttons) and buttons[self._dead_man])
+        self.released = not self.is_held(buttons)
         if self.released:
             self.restart()
             self._heat_up(dt, 0.0)

@@ -17,6 +17,8 @@ from hapnet.checks import Vector
 from hapnet.control.coupling import DeviceCoupling
 from hapnet.control.set_position_servo import SampledServo
 from hapnet.errors import DeviceSilent, HapnetError
+from hapnet.plant.actuator_check import ActuatorCheck
+from hapnet.plant.agreement import Agreement
 from hapnet.plant.device import Device
 from hapnet.plant.operating_range import OperatingRange
 from hapnet.recording.samples import Event, Level
@@ -37,6 +39,9 @@ class RealDevice(Device, Protocol):
     name: str
     watchdog_s: float | None
     """It takes the force away by itself when no command has come for so long [s]; None: it does not."""
+
+    smallest_mass: float | None
+    """The handle is felt as no lighter [kg]; None: not declared."""
 
     knows_force: bool
     """Is what `acted` returns known from the device?"""
@@ -71,7 +76,8 @@ class RealDeviceSide(SampledDeviceSide):
 
     More than twenty attributes: each silence, brake and switch is told once, so what was told last is kept.
 
-    limiter : of the force that goes to the actuators. Other parameters as for `SampledDeviceSide`.
+    limiter : of the force that goes to the actuators. check : pushes the handle before control begins; None: nobody
+    does. Other parameters as for `SampledDeviceSide`.
     """
 
     device: RealDevice
@@ -84,9 +90,15 @@ class RealDeviceSide(SampledDeviceSide):
         drive: Drive,
         declared: OperatingRange | None,
         limiter: ForceLimiter,
+        check: ActuatorCheck | None = None,
     ) -> None:
         super().__init__(endpoint, device, make_servo, drive, declared)
         self.limiter = limiter
+        self._check = check
+        self._agreement = Agreement(device.smallest_mass)
+        self._mass: Vector = ()
+        self._impossible = ""
+        self._begun = False
         self.missed: int = 0
         """How many readings were missed."""
         self.silences: int = 0
@@ -122,8 +134,40 @@ class RealDeviceSide(SampledDeviceSide):
         self._heard_ns = now_ns
         self._tell(now_ns)
         if self.origin_ns is None:
+            if self.endpoint.paired and self._check is not None:
+                self._push(self._check, now_ns)
+                return None
             self._send((0.0,) * self.device.dof)  # a device's watchdog may want to hear from us
         return super().tick(now_ns)
+
+    def _push(self, check: ActuatorCheck, now_ns: int) -> None:
+        """Push the handle before control begins. The last push is no force, and ends it."""
+        none = (0.0,) * self.device.dof
+        if not self._begun:
+            self._require_inside(self._reading[0])
+        acted = self.device.acted() if self._begun else none
+        dt = (now_ns - self.last_ns) * NANO if self._begun else 0.0
+        self._begin()
+        self.last_ns = now_ns
+        why = self.device.braked() or ("" if self.limiter.is_held(self.device.buttons()) else "its switch is not held")
+        if why:
+            self._write(Event(now_ns, "device", f"force and motion of {self.device.name} are not checked: {why}"))
+            self._check = None
+            self._send(none)
+            return
+        force = check.step(self.device.interval() or dt, self._sent if acted is None else acted, *self._reading)
+        self._send(force)
+        if not check.done:
+            return
+        self._check = None
+        if check.wrong_way:
+            raise HapnetError(f"the device {self.device.name} failed: {check.wrong_way}")
+        self._impossible = check.impossible
+        for doubt in check.doubts:
+            self._write(Event(now_ns, "device", f"the device {self.device.name}: {doubt}", "warning"))
+        if masses := check.masses:
+            self._mass = masses
+            self._agreement = Agreement(min(masses))
 
     def stop(self) -> None:
         if self._closed:
@@ -151,6 +195,7 @@ class RealDeviceSide(SampledDeviceSide):
             "silences": self.silences,
             "silent_s": self.silent_ns * NANO,
             "hot_s": self.limiter.limited_s,
+            "mass_kg": list(self._mass) or None,
         }
 
     def _on_signal(self, now_ns: int, name: str, value: Signal) -> None:
@@ -172,7 +217,14 @@ class RealDeviceSide(SampledDeviceSide):
         super()._start(x)
         if self.device.watchdog_s is not None and isinstance(self.servo, SampledServo):
             self.servo.force_ends_s = self.device.watchdog_s
-        self.device.begin()
+        self._begin()
+        if self._impossible:
+            self.stop_force(self._clock(), self._impossible)
+
+    def _begin(self) -> None:
+        if not self._begun:
+            self._begun = True
+            self.device.begin()
 
     def _read(self) -> tuple[Vector, Vector]:
         return self._reading
@@ -223,6 +275,11 @@ class RealDeviceSide(SampledDeviceSide):
             self._tells = True
         elif release or self._held_before is not None or self._tells:
             self._doubt((now_ns - self.last_ns) * NANO, tuple(map(sub, self._reading[0], self.x)))
+        if self.stopped is None:
+            dt = (now_ns - self.last_ns) * NANO
+            if wrong := self._agreement.wrong(dt, self.servo.force, self._reading[0]):
+                self.stop_force(now_ns, wrong)
+                release = True
         return super()._control(now_ns, release=release)
 
     def _doubt(self, dt: float, moved: Vector) -> None:

@@ -62,10 +62,14 @@ class SampledDeviceSide(DeviceSide):
         if self.origin_ns is not None:
             self.servo.stop()
 
+    def _require_inside(self, x: Vector) -> None:
+        """Raise HapnetError if the device is outside of its workspace."""
+        if self._declared is not None and (where := self._declared.outside(x)) is not None:
+            raise HapnetError(f"the device cannot begin: {where}")
+
     def _start(self, x: Vector) -> None:
+        self._require_inside(x)
         if self._declared is not None:
-            if (where := self._declared.outside(x)) is not None:
-                raise HapnetError(f"the device cannot begin: {where}")
             self._watch = RangeWatch(self._declared, self.device.resolution, x)
         servo = self.servo = self._make_servo(x, self.endpoint.restarted)
         self.endpoint.start(servo)

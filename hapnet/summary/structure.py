@@ -154,14 +154,15 @@ class Stopped(TypedDict):
 
 
 class DriverPart(TypedDict):
-    """A real device: how many readings were missed, how often and for how long that was a silence, and how long heat
-    limited its force."""
+    """A real device: how many readings were missed, how often and for how long that was a silence, how long heat
+    limited its force, and the apparent mass of each axis, as pushes at the start showed it; None: they did not."""
 
     name: str | None
     missed: Count
     silences: Count
     silent_s: Number
     hot_s: Number
+    mass_kg: list[float] | None
 
 
 class Contradictions(TypedDict):

@@ -1,0 +1,79 @@
+"""The real devices that were checked on this machine, a file for each user: a new one is asked about only once."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hapnet.checks import Vector
+from hapnet.params import Params
+
+if TYPE_CHECKING:
+    from hapnet.summary.structure import Summary
+
+MASS = "mass_kg"
+
+
+def file() -> Path:
+    """Where they are remembered."""
+    return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "hapnet" / "devices.json"
+
+
+def mass_of(device: str) -> Vector | None:
+    """The apparent mass of each axis, when the device was checked [kg]; empty: it could not be seen; None: new here."""
+    try:
+        masses = [float(mass) for mass in _all()[device][MASS]]
+    except (KeyError, TypeError, ValueError):
+        return None
+    return tuple(masses)
+
+
+def remember(device: str, mass: Vector) -> None:
+    """The device was checked. A file that cannot be written is no failure: it is asked about again."""
+    known = _all()
+    known[device] = {MASS: list(mass)}
+    try:
+        file().parent.mkdir(parents=True, exist_ok=True)
+        file().write_text(json.dumps(known, indent=1), "utf-8")
+    except OSError:
+        return
+
+
+def introduced(params: Params, ask: Callable[[str], object] | None) -> Params:
+    """The parameters, with the mass that the device is known to have; of one that is new here the user is told first.
+
+    ask : shows a text and waits for the user; None: there is nobody to ask.
+    """
+    if not _is_pushed(params):
+        return params
+    if (mass := mass_of(params.hardware)) is None:
+        if ask is not None:
+            ask(
+                f"{params.hardware} is new here. At the start hapnet pushes its handle to and fro, by up to"
+                f" {params.device.self_test_N:g} N for 0.4 s, to see that it follows.\n"
+                "Hold it loosely, away from the ends of its way, and press Enter (Ctrl-C: not now) "
+            )
+        return params
+    return params if not mass or params.device.known_mass_kg else params.set({"device.known_mass_kg": mass})
+
+
+def learn(params: Params, summary: Summary) -> None:
+    """After a run: a device that was new is not any more."""
+    device = summary["device"]
+    if _is_pushed(params) and device is not None and device["driver"] is not None and mass_of(params.hardware) is None:
+        remember(params.hardware, tuple(device["driver"]["mass_kg"] or ()))
+
+
+def _is_pushed(params: Params) -> bool:
+    return params.hardware != "simulated" and params.device.self_test_N > 0.0
+
+
+def _all() -> dict[str, Any]:
+    try:
+        found = json.loads(file().read_text("utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}

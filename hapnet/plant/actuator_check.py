@@ -1,0 +1,205 @@
+"""Do a device's force and its positions agree? Short pulses along each axis, and a fit of what they did.
+
+Each axis is pushed by +F, -F, +F for h, 2h, h seconds, then the other way round: a free handle of mass m moves by up
+to F h^2 / m and rests again. The law of motion, integrated twice from the first reading, is linear in what is unknown:
+
+    x = (1/m) II F(t - d) - (b/m) I x - (k/m) II x + a cubic polynomial in t
+
+with integrals I, and II of them: b and k are what device and hand do to the handle, the polynomial is where the hand
+itself goes. Least squares find 1/m for each delay d; the delay is the one that leaves least. A hand's own motion has
+little in common with pulses of 14 to 28 Hz, so the sign is known from a tenth of a millimetre on.
+
+No clock: times are arguments.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from hapnet.checks import Array, Vector
+
+PULSE_S = 0.016
+"""h, and at least `_LEAST_TICKS` of the servo's periods."""
+FARTHEST_M = 0.01
+"""Farther from where a group of four pulses began, the handle is pushed no more until the next."""
+PLAUSIBLE_KG = 0.002, 20.0
+"""A handle that seems lighter or heavier is read, or pushed, in another unit."""
+LATE_TICKS = 2
+"""A force that acts at the next reading is in time: its device may read and apply at once."""
+
+_LEAST_TICKS = 3
+_PULSES = (1, -1, -1, 1, -1, 1, 1, -1)
+_MOST_LATE = 8
+_SURE, _SURE_LATE, _SHOWS_LATE = 8.0, 25.0, 0.002
+_VELOCITY_SHARE = 0.2, 5.0
+_HEAVIER, _LIGHTER = 1.7, 0.6
+
+
+class Response(NamedTuple):
+    """What an axis did: apparent mass [kg], below zero where it moves against the force; the delay of the force, in
+    readings; how sure the mass is, in standard errors; the told velocity over that of the positions, None: not known.
+    """
+
+    mass: float
+    late: int
+    sure: float
+    velocity: float | None
+    stood_still: bool
+
+    @property
+    def known(self) -> bool:
+        """Did the force show in the positions?"""
+        return not self.stood_still and self.sure >= _SURE
+
+
+class ActuatorCheck:
+    """Pushes the axes one after another; `step` once for each reading, until `done`.
+
+    force_N : of the pulses. period_s : of the readings. rounds : how often each axis is pushed. known_mass : of each
+    axis, as it was found before [kg], or of all; empty: not known. least_mass : the device declares none to be lighter.
+    """
+
+    def __init__(
+        self,
+        dof: int,
+        force_N: float,
+        period_s: float,
+        *,
+        rounds: int = 1,
+        known_mass: Vector = (),
+        least_mass: float | None = None,
+    ) -> None:
+        self.done = False
+        self.responses: list[Response] = []
+        self._dof, self._force_N, self._rounds = dof, force_N, rounds
+        self._pulse_s = max(PULSE_S, _LEAST_TICKS * period_s)
+        self._known = known_mass * dof if len(known_mass) == 1 else known_mass
+        self._least = least_mass
+        self._rows: list[tuple[float, float, float, float]] = []
+        self._age_s = self._from_m = 0.0
+        self._group = -1
+
+    def step(self, dt: float, acted: Vector, x: Vector, v: Vector) -> Vector:
+        """Take a reading, `dt` seconds after the last, with the force that acted in between; returns the next force."""
+        axis = len(self.responses)
+        self._age_s = self._age_s + dt if self._rows else 0.0
+        self._rows.append((self._age_s, acted[axis], x[axis], v[axis]))
+        pulse = int(self._age_s / self._pulse_s)
+        if pulse >= len(_PULSES) * self._rounds:
+            self.responses.append(response(self._rows))
+            self._rows, self._group = [], -1
+            self.done = len(self.responses) == self._dof
+            return (0.0,) * self._dof
+        if (group := pulse // 4) != self._group:
+            self._group, self._from_m = group, x[axis]
+        near = abs(x[axis] - self._from_m) <= FARTHEST_M
+        push = self._force_N * _PULSES[pulse % len(_PULSES)] if near else 0.0
+        return tuple([push if i == axis else 0.0 for i in range(self._dof)])
+
+    @property
+    def masses(self) -> Vector:
+        """Apparent mass of each axis [kg], as far as all are known; empty: not known."""
+        found = tuple([one.mass for one in self.responses])
+        return found if all(one.known and one.mass > 0.0 for one in self.responses) else ()
+
+    @property
+    def wrong_way(self) -> str:
+        """Which axes move against their force, in words; empty: none."""
+        wrong = [one.known and one.mass <= -PLAUSIBLE_KG[0] for one in self.responses]
+        axes = [_name(i, self._dof) for i, is_wrong in enumerate(wrong) if is_wrong]
+        return f"{' and '.join(axes)} moves against its force: motor or encoder is reversed" if axes else ""
+
+    @property
+    def impossible(self) -> str:
+        """What else no force should be rendered with, in words; empty: nothing."""
+        least, most = PLAUSIBLE_KG
+        for i, one in enumerate(self.responses):
+            name, mass = _name(i, self._dof), abs(one.mass)
+            if one.stood_still:
+                return f"{name} reads the same while {self._force_N:g} N push it to and fro: is its encoder connected?"
+            if one.known and not least <= mass <= most:
+                return f"{name} moves as {mass:.2g} kg would: are these millimetres, or are its forces in another unit?"
+        return ""
+
+    @property
+    def doubts(self) -> list[str]:
+        """What makes the account or the feel wrong, a line each."""
+        found = []
+        for i, one in enumerate(self.responses):
+            found += [f"{_name(i, self._dof)} {doubt}" for doubt in self._doubts(i, one)]
+        return found
+
+    def _doubts(self, axis: int, one: Response) -> list[str]:
+        if not one.known or self.impossible:
+            return []
+        found, mass = [], abs(one.mass)
+        if self._least is not None and mass < _LIGHTER * self._least:
+            found.append(f"moves as {mass:.2g} kg would, and {self._least:g} kg are declared: is its force larger?")
+        elif self._known and not _LIGHTER <= mass / self._known[axis] <= _HEAVIER:
+            found.append(f"moves as {mass:.2g} kg would, before as {self._known[axis]:.2g} kg: another grip, or force?")
+        if one.late >= LATE_TICKS:
+            found.append(f"moves {one.late} readings after its force: the account counts it too early")
+        if one.velocity is not None and not _VELOCITY_SHARE[0] <= one.velocity <= _VELOCITY_SHARE[1]:
+            found.append(f"tells {one.velocity:.2g} times the velocity of its positions: is its sign, its unit right?")
+        return found
+
+
+def response(rows: Sequence[tuple[float, float, float, float]]) -> Response:
+    """What an axis did. Of each reading: time [s], the force since the one before [N], position [m], velocity [m/s]."""
+    time, force, x, v = (np.asarray(column, dtype=np.float64) for column in zip(*rows, strict=True))
+    x = x - x[0]
+    dt = np.diff(time)
+    if not np.any(force) or len(rows) < 2 * len(_PULSES):
+        return Response(math.inf, 0, 0.0, None, False)
+    if not np.any(x):
+        return Response(math.inf, 0, 0.0, None, True)
+    span = float(time[-1])
+    s = time / span
+    once = _integral(x, dt)
+    base = np.column_stack([once / span, _integral(once, dt) / span**2, np.ones_like(s), s, s**2, s**3])
+    fits = [_fit(np.r_[np.zeros(late), force[: len(force) - late]], x, dt, base) for late in range(_MOST_LATE)]
+    left = [fit[2] for fit in fits]
+    late = int(np.argmin(left))
+    noise = left[late] / max(1, len(rows) - 7)
+    in_time = min(range(LATE_TICKS), key=left.__getitem__)
+    moved = float(np.sum((x - base @ np.linalg.lstsq(base, x, rcond=None)[0]) ** 2))  # what only the force explains
+    if left[in_time] - left[late] < max(_SURE_LATE * noise, _SHOWS_LATE * moved):
+        late = in_time
+    gain, error, _ = fits[late]
+    return Response(1.0 / gain if gain else math.inf, late, abs(gain) / error, _velocity(x, v, dt), False)
+
+
+def _fit(force: Array, x: Array, dt: Array, base: Array) -> tuple[float, float, float]:
+    """1/m, its standard error, and the sum of squares that is left."""
+    velocity = np.r_[0.0, np.cumsum(force[1:] * dt)]
+    terms = np.column_stack([_integral(velocity, dt), base])
+    scale = np.linalg.norm(terms, axis=0)
+    scale[scale == 0.0] = 1.0
+    inverse = np.linalg.pinv(terms / scale, rcond=1e-9)
+    fitted = inverse @ x
+    left = float(np.sum((x - terms / scale @ fitted) ** 2))
+    blur = max(left / max(1, len(x) - terms.shape[1]), 1e-24)
+    return float(fitted[0] / scale[0]), math.sqrt(blur) * float(np.linalg.norm(inverse[0])) / float(scale[0]), left
+
+
+def _integral(values: Array, dt: Array) -> Array:
+    return np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * dt)])
+
+
+def _velocity(x: Array, v: Array, dt: Array) -> float | None:
+    """The told velocity over the change of position: from their sums over a pulse, which a filter changes little."""
+    window = max(1, len(x) // (2 * len(_PULSES)))
+    moved = x[window:] - x[:-window]
+    told = _integral(v, dt)
+    told = told[window:] - told[:-window]
+    square = float(moved @ moved)
+    error = math.sqrt(max(0.0, float(told @ told) * square - float(told @ moved) ** 2))
+    return float(told @ moved) / square if square > 0.0 and abs(float(told @ moved)) > error else None
+
+
+def _name(axis: int, dof: int) -> str:
+    return "the handle" if dof == 1 else f"its axis {'xyz'[axis] if axis < 3 else axis}"
