@@ -30,6 +30,9 @@ class Service:
         self.forces: list[Vector] = []
         self.status = {"calibrated": True, "power_supply": True}
         self.arms = ["049D"]
+        self.kind, self.preset, self.ignores, self.spellings = "inverse3", "defaults", False, ("vector",)
+        self.deaf = False
+        self.grips: list[dict[str, Any]] = []
         self.answers = self.listens = self.takes = True
         self.rubbish = 0
         self.untaken: deque[dict[str, Any]] = deque()
@@ -46,9 +49,17 @@ class Service:
     def state(self, origin: float = 0.0) -> bytes:
         position = dict(zip("xyz", [origin + x for x in self.position], strict=True))
         still = {"x": 0.0, "y": 0.0, "z": 0.0}
-        state = {"cursor_position": position, "cursor_velocity": still}
+        acts = dict(zip("xyz", self.force, strict=True))
+        state = {"cursor_position": position, "cursor_velocity": still, "current_cursor_force": acts}
         return json.dumps(
-            {"inverse3": [{"device_id": name, "state": state, "status": self.status} for name in self.arms]}
+            {
+                "session_id": 7,
+                self.kind: [
+                    {"device_id": name, "state": state, "status": self.status, "config": {"preset": self.preset}}
+                    for name in self.arms
+                ],
+                "wireless_verse_grip": self.grips,
+            }
         ).encode()
 
     def work_off(self, line: Line) -> None:
@@ -56,10 +67,13 @@ class Service:
         while self.takes and self.untaken:
             self.rubbish -= 1
             message = self.untaken.popleft()
-            state = self.state(ELSEWHERE if "session" in message else 0.0)  # the preset acts from now on
+            arm = message[self.kind][0]
+            state = self.state(ELSEWHERE if "configure" in arm else 0.0)  # the preset acts from now on
+            if "configure" in arm and not self.ignores:
+                self.preset = arm["configure"]["preset"]["preset"]
             line.inbox.append(state if self.rubbish < 0 else b"{")
-            told = message["inverse3"][0]["commands"]["set_cursor_force"]["vector"]
-            self.force = (told["x"], told["y"], told["z"])
+            told = arm["commands"]["set_cursor_force"]["vector"]
+            self.force = (0.0, 0.0, 0.0) if self.deaf else (told["x"], told["y"], told["z"])
             self.forces.append(self.force)
 
 
@@ -274,12 +288,12 @@ def test_a_force_that_was_under_way_when_the_session_was_lost_may_have_acted(ser
 
 def event(safety_type: str, device: str = "049D") -> bytes:
     data = {"device_family": "inverse", "device_id": device, "safety_type": safety_type}
-    return json.dumps({"name": "device-safety-triggered", "data": data}).encode()
+    return json.dumps({"name": "device-safety-triggered", "level": "warning", "data": data}).encode()
 
 
-def tell(driver: Inverse3, safety_type: str, device: str = "049D") -> None:
+def tell(driver: Inverse3, safety_type: str, device: str = "049D", **more: str) -> None:
     line: Any = driver._safety.caller
-    line.inbox.append(event(safety_type, device))
+    line.inbox.append(json.dumps(json.loads(event(safety_type, device)) | more).encode())
 
 
 def test_there_is_no_force_while_the_brake_is_on(service: Service) -> None:
@@ -324,6 +338,92 @@ def test_without_power_or_calibration_there_is_no_force(service: Service, flag: 
     assert (driver.braked(), service.force) == (why, (0.0, 0.0, 0.0))
     with pytest.raises(HapnetError, match=r"049D (has no power|is not calibrated)"):
         driver.home()
+
+
+@pytest.mark.parametrize(("name", "why"), [
+    ("stability_ceiling", "its stability ceiling is reached"), ("fod_stage_changed", "its service sees a high risk"),
+])  # fmt: skip
+def test_what_the_service_sees_as_a_risk_takes_the_force_away(service: Service, name: str, why: str) -> None:
+    driver = Inverse3(1)
+    driver.read()
+    tell(driver, name)
+    tick(service, driver, (1.0,))
+    assert why in driver.braked()
+    assert service.force == (0.0, 0.0, 0.0)
+    if name == "fod_stage_changed":
+        tell(driver, name, level="info")
+    else:
+        service.now_s += 1.0
+    tick(service, driver, (1.0,))
+    assert driver.braked() == ""
+
+
+def test_an_arm_that_is_gone_renders_no_force_until_it_is_back(service: Service) -> None:
+    driver = Inverse3(1)
+    driver.read()
+    tell(driver, "", name="device-disconnected")
+    tick(service, driver, (1.0,))
+    assert driver.braked() == "it is disconnected"
+    tell(driver, "", name="device-connected")
+    tick(service, driver, (1.0,))
+    assert driver.braked() == ""
+
+
+def test_a_grip_that_falls_asleep_lets_its_buttons_go(service: Service) -> None:
+    state = {"buttons": {"a": True, "b": False}, "orientation": {"w": 1.0, "x": 0.0, "y": 0.0, "z": 0.0}}
+    service.grips = [{"device_id": "61576", "state": state}]
+    driver = Inverse3(1)
+    driver.read()
+    assert driver.buttons() == (True, False)
+    tell(driver, "", "61576", name="device-sleep")
+    tick(service, driver, (0.0,))
+    assert driver.buttons() == (False, False)
+    assert driver.braked() == ""
+
+
+def test_a_frame_that_is_not_what_was_asked_for_is_refused(service: Service) -> None:
+    service.ignores = True
+    driver = Inverse3(1)
+    with pytest.raises(HapnetError, match="did not put the arm 049D at arm_front_centered: it has it at defaults"):
+        driver.home()
+    Inverse3(1, preset="defaults").home()
+
+
+def test_a_frame_that_changes_when_the_service_comes_back_ends_the_run(service: Service) -> None:
+    driver = Inverse3(1)
+    driver.home()
+    driver.apply((0.0,))
+    service.listens = False
+    for _ in range(5):
+        with pytest.raises(DeviceSilent):
+            driver.read()
+        with pytest.raises(DeviceSilent):
+            driver.apply((0.0,))
+    service.listens = service.ignores = True
+    service.preset = "defaults"
+    with pytest.raises(HapnetError, match="put the arm 049D at defaults, not at arm_front_centered"):
+        driver.read()
+
+
+def test_a_service_that_takes_no_forces_is_named(service: Service) -> None:
+    service.deaf = True
+    driver = Inverse3(1)
+
+    def press() -> None:
+        for _ in range(100):
+            tick(service, driver, (0.3,))
+
+    with pytest.raises(HapnetError, match="takes no force of the arm 049D: its current_cursor_force stayed 0"):
+        press()
+
+
+def test_a_minverse_has_its_own_reach_and_name(service: Service) -> None:
+    service.kind = "minverse"
+    driver = Inverse3(1)
+    driver.home()
+    assert driver.workspace == 0.04
+    driver.apply((1.0,))
+    assert service.force == (1.0, 0.0, 0.0)
 
 
 def test_of_several_arms_one_must_be_named(service: Service) -> None:

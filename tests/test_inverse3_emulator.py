@@ -73,7 +73,7 @@ def patiently(act: Callable[[], Any], holds: Callable[[], bool]) -> None:
 
 @pytest.mark.parametrize(
     ("understands", "spelling", "force"),
-    [("both", "vector", 1.5), ("values", "values", 1.5), ("vector", "vector", 1.5), ("values", "vector", 0.0)],
+    [("both", "auto", 1.5), ("values", "auto", 1.5), ("vector", "auto", 1.5), ("values", "vector", 0.0)],
 )
 def test_the_force_reaches_the_emulated_arm_and_ends_by_itself(understands: str, spelling: str, force: float) -> None:
     with steered(spelling=understands) as rig, contextlib.closing(rig.driver(spelling=spelling)) as driver:
@@ -94,6 +94,22 @@ def test_the_force_reaches_the_emulated_arm_and_ends_by_itself(understands: str,
             handle.read(rig.now_ns)
             assert handle.force == (0.0, 0.0, 0.0)
             assert handle.released == 1
+
+
+@pytest.mark.parametrize(("faults", "says"), [
+    ({"ignores": True}, "it has it at defaults"), ({"spelling": "values"}, "it tells no preset; a service before 3.5"),
+])  # fmt: skip
+def test_a_service_with_another_frame_is_refused(faults: dict[str, Any], says: str) -> None:
+    with steered(**faults) as rig, contextlib.closing(rig.driver()) as driver, pytest.raises(HapnetError, match=says):
+        driver.home()
+
+
+def test_a_sleeping_grip_has_no_pressed_button() -> None:
+    with steered(button=True, asleep=True) as rig, contextlib.closing(rig.driver()) as driver:
+        assert driver.buttons() == (False, False, False)
+        assert driver.orientation() is None
+    with steered(button=True) as rig, contextlib.closing(rig.driver()) as driver:
+        assert driver.buttons() == (True, False, False)
 
 
 def test_the_driver_finds_its_emulator_again_and_sees_its_brake() -> None:

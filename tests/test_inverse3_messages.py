@@ -51,6 +51,8 @@ def test_an_inventory_is_read() -> None:
         powered=True,
         buttons=(False, True, False),
         orientation=(0.8, 0.0, 0.6, 0.0),
+        force=(0.0, 0.0, 0.0),
+        grip="61576",
     )
     assert wire.state(message, "06DA") is None
 
@@ -135,19 +137,65 @@ def test_the_first_message_is_as_documented() -> None:
         "inverse3": [
             {
                 "device_id": '04"9D',
-                "configure": {"preset": "arm_front_centered"},
+                "configure": {"preset": {"preset": "arm_front_centered"}},
                 "commands": {"set_cursor_force": {"vector": {"x": 0.0, "y": 0.0, "z": 0.0}}},
             }
         ],
     }
 
 
+def test_the_second_message_asks_for_the_configuration() -> None:
+    asked = json.loads(wire.whole("049D", "values", "minverse"))
+    assert asked["session"] == {"force_render_full_state": {}}
+    assert asked["minverse"][0]["commands"] == {"set_cursor_force": {"values": {"x": 0.0, "y": 0.0, "z": 0.0}}}
+
+
+@pytest.mark.parametrize(("config", "preset"), [
+    ({"preset": "arm_front"}, "arm_front"), ({"preset": {"preset": "arm_front"}}, "arm_front"), ({}, None), (3, None),
+    ({"preset": 4}, None),
+])  # fmt: skip
+def test_the_preset_is_read_back(config: Any, preset: str | None) -> None:
+    message = inventory()
+    message["inverse3"][0]["config"] = config
+    assert wire.preset_of(message, "049D") == preset
+    assert wire.preset_of(message, "06DA") is None
+
+
+def test_a_service_before_3_5_says_values_and_has_no_number_for_the_session() -> None:
+    """Its inventory, as the pages of 3.4 print it, has neither a session's number nor a preset."""
+    message = inventory()
+    message["inverse3"][0]["config"] = {"type": "inverse3"}
+    assert wire.spelling_of({"session_id": 7, **message}, "049D") == "vector"
+    del message["session_id"]
+    assert wire.spelling_of(message, "049D") == "values"
+
+
+@pytest.mark.parametrize("flag", ["awake", "connected", "ready"])
+def test_a_grip_that_is_not_healthy_has_its_buttons_released(flag: str) -> None:
+    message = inventory()
+    message["wireless_verse_grip"][0]["status"] = {"awake": True, "connected": True, "ready": True}
+    state = wire.state(message, "049D")
+    assert state is not None
+    assert state.buttons == (False, True, False)
+    message["wireless_verse_grip"][0]["status"][flag] = False
+    state = wire.state(message, "049D")
+    assert state is not None
+    assert (state.buttons, state.orientation) == ((False, False, False), None)
+
+
+def test_a_minverse_is_named_as_such() -> None:
+    message = inventory()
+    message["minverse"] = message.pop("inverse3")
+    assert wire.kind_of(message, "049D") == "minverse"
+    assert json.loads(wire.command("049D", (0.0, 0.0, 0.0), kind="minverse"))["minverse"][0]["device_id"] == "049D"
+
+
 def test_events_are_read() -> None:
     brake = b"""{"name": "device-safety-triggered", "category": "device", "level": "error",
         "data": {"device_family": "inverse", "device_id": "049D", "safety_type": "ebrake_triggered"}, "message": "-"}"""
-    assert wire.notice(brake) == wire.Notice("ebrake_triggered", "049D")
+    assert wire.notice(brake) == wire.Notice("ebrake_triggered", "049D", "error")
     plain = b'{"name": "device-connected", "category": "device", "level": "info", "data": {}, "message": ""}'
-    assert wire.notice(plain) == wire.Notice("device-connected", "")
+    assert wire.notice(plain) == wire.Notice("device-connected", "", "info")
     assert wire.notice(b'{"name": 3, "data": []}') is None
 
 

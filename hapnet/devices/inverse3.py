@@ -32,6 +32,10 @@ SURE_S = 0.01
 UNKNOWN_S = 0.02
 """After a longer time without a reading nobody knows which force acted."""
 
+MINVERSE_REACH_M = 0.04
+"""Either way. Its force is not documented."""
+
+_UNFELT = 50
 _START_S = 2.0
 _FIND_S = 0.2
 _MOST_UNANSWERED = 2
@@ -43,9 +47,9 @@ class Inverse3(Driver):
     """An Inverse3 (or Inverse3x, Minverse), made with the service's address: ``inverse3:localhost:10001,axes=xz``.
 
     address : host and port of the service. device : the arm's id; empty: the only one. axes : as in `Axes`. preset : of
-    the arm, which sets its origin. spelling : what a command calls its force, ``vector`` or ``values``. events : port
-    of the event socket; 0: do without, and without seeing the brake. watchdog_ms : after how long without a command
-    the arm was measured to take its force away; 0: not measured.
+    the arm, which sets its origin. spelling : what a command calls its force, ``vector`` or ``values``; auto: as the
+    service's inventory tells. events : port of the event socket; 0: do without, and without seeing the brake.
+    watchdog_ms : after how long without a command the arm was measured to take its force away; 0: not measured.
     More than twenty attributes: nine of them are what it declares of itself.
 
     Raises
@@ -71,7 +75,7 @@ class Inverse3(Driver):
         device: str = "",
         axes: str = "",
         preset: str = _PRESETS[0],
-        spelling: str = wire.SPELLINGS[0],
+        spelling: str = "auto",
         events: int = 10020,
         watchdog_ms: float = 0.0,
     ) -> None:
@@ -79,7 +83,7 @@ class Inverse3(Driver):
         if not 0 <= events < 65536:
             raise InvalidParameter("events", events, "a port, or 0 to do without")
         _one_of("preset", preset, _PRESETS)
-        _one_of("spelling", spelling, wire.SPELLINGS)
+        _one_of("spelling", spelling, ("auto", *wire.SPELLINGS))
         if self.missing():
             raise MissingLibrary("the Inverse3", "websockets", "haply")
         from hapnet.devices.inverse3_safety import SafetyEvents
@@ -88,7 +92,11 @@ class Inverse3(Driver):
         self.dof = dof
         self._axes = Axes(axes, dof)
         self._device, self._wanted = "", device
-        self._preset, self._spelling = preset, spelling
+        self._preset, self._spelling, self._kind = preset, spelling, ""
+        self._is_asked = spelling != "auto"
+        self._frame: str | None = None
+        """The preset that the service says the arm has; None: not told yet."""
+        self._unfelt = 0
         self.workspace: float = 0.35 if preset.endswith("_centered") else 0.7
         self.watchdog_s: float | None = watchdog_ms * 1e-3 or None
         self._service = Caller(host, port)
@@ -125,6 +133,12 @@ class Inverse3(Driver):
 
     def home(self) -> None:
         assert self._last is not None, "it was read when it was made"
+        if self._frame != self._preset:
+            told = "tells no preset" if self._frame is None else f"has it at {self._frame}"
+            raise HapnetError(
+                f"the service did not put the arm {self._device} at {self._preset}: it {told}; a service before 3.5 has"
+                f" only preset={wire.NO_FRAME}"
+            )
         if not self._last.powered:
             raise HapnetError(f"the arm {self._device} has no power: plug its power supply in")
         if not self._last.calibrated:
@@ -155,6 +169,7 @@ class Inverse3(Driver):
         now_s = time.monotonic()
         self._acted = self._mean_force(newest, now_s - self._last_s)
         self._last, self._last_s = newest, now_s
+        self._hear_of_force(newest)
         self._during.clear()
         return self._axes.take(newest.position), self._axes.take(newest.velocity)
 
@@ -173,7 +188,11 @@ class Inverse3(Driver):
         return self._acted
 
     def buttons(self) -> tuple[bool, ...]:
-        return () if self._last is None else self._last.buttons
+        """Of the grip; released while it sleeps or is gone."""
+        if self._last is None:
+            return ()
+        is_away = self._last.grip in self._safety.away
+        return (False,) * len(self._last.buttons) if is_away else self._last.buttons
 
     def orientation(self) -> Vector | None:
         """Of the grip, as of the last reading: a unit quaternion (w, x, y, z); None: it tells none."""
@@ -184,7 +203,7 @@ class Inverse3(Driver):
             return "it has no power"
         if self._last is not None and not self._last.calibrated:
             return "it is not calibrated"
-        return self._safety.braked()
+        return self._safety.braked(self._device)
 
     def close(self) -> None:
         self._service.close()
@@ -227,7 +246,12 @@ class Inverse3(Driver):
             self._acting = self._unanswered.popleft()
         if self._to_skip:
             self._to_skip -= 1
-            self._send(_NO_FORCE)
+            if self._to_skip:
+                self._service.send(wire.whole(self._device, self._spelling, self._kind))
+                self._unanswered.append(_NO_FORCE)
+            else:
+                self._learn_frame(message)
+                self._send(_NO_FORCE)
             return None
         found = None if message is None else wire.state(message, self._device)
         self.damaged += found is None
@@ -246,14 +270,45 @@ class Inverse3(Driver):
             self._service.close()
             raise DeviceSilent(f"{self._service.url} has no arm {self._wanted}")
         self._device = self._wanted = self._wanted or arms[0]
-        self._to_skip = 1
+        assert message is not None, "it lists arms"
+        self._kind = wire.kind_of(message, self._device)
+        if self._kind == "minverse":
+            self.workspace = MINVERSE_REACH_M
+        if not self._is_asked:
+            self._spelling = wire.spelling_of(message, self._device)
+        self._to_skip = 2
         self._during.append(self._acting)
         self._acting = _NO_FORCE
         self._unanswered.append(_NO_FORCE)
-        self._service.send(wire.greeting(self._device, self._preset, self._spelling))
+        self._service.send(wire.greeting(self._device, self._preset, self._spelling, self._kind))
+
+    def _learn_frame(self, message: dict[str, object] | None) -> None:
+        """Take the preset that the arm has. One that is not what was asked for is no frame to render forces in."""
+        told = None if message is None else wire.preset_of(message, self._device)
+        if told is None and self._preset == wire.NO_FRAME:
+            told = wire.NO_FRAME
+        if self._last is not None and told != self._preset:
+            raise HapnetError(f"the service put the arm {self._device} at {told or 'no preset'}, not at {self._preset}")
+        self._frame = told
+
+    def _hear_of_force(self, newest: wire.State) -> None:
+        """Does the service take the forces? It tells the one that acts now.
+
+        Raises
+        ------
+        HapnetError : it told no force for `_UNFELT` readings with one.
+        """
+        if newest.force is None or not any(self._acting):
+            return
+        self._unfelt = 0 if any(newest.force) else self._unfelt + 1
+        if self._unfelt >= _UNFELT and not self.braked():
+            raise HapnetError(
+                f"the service takes no force of the arm {self._device}: its current_cursor_force stayed 0 while"
+                f" {self._spelling} were sent (spelling=..., or another client holds the arm)"
+            )
 
     def _send(self, force: Vector) -> None:
-        self._service.send(wire.command(self._device, force, self._spelling))
+        self._service.send(wire.command(self._device, force, self._spelling, self._kind))
         self._unanswered.append(force)
 
     def _mean_force(self, newest: wire.State, elapsed_s: float) -> Vector | None:

@@ -1,4 +1,9 @@
-"""An emulator of the Inverse Service 3.5 with one Inverse3 and its grip, with faults on request."""
+"""An emulator of the Inverse Service with one Inverse3 and its grip, with faults on request.
+
+Source: docs.haply.co, Inverse SDK 3.5 and 3.4: the simulation channel (inventory, one state for each message, a preset
+as an object in `configure`, `force_render_full_state`), the events' names and levels. Not documented, and chosen here:
+how long a command acts (`hold`), and that a service which does not know a spelling ignores the command.
+"""
 
 from __future__ import annotations
 
@@ -19,6 +24,8 @@ from hapnet.devices.websocket import Gone, WebSocket, answer
 from hapnet.errors import InvalidParameter
 
 DEVICE = "049D"
+BASE_M = 0.1
+"""The origin of `defaults` is as far behind that of `arm_front_centered`."""
 _STALL_NS = 500_000_000
 _BRAKE_NS = 1_000_000_000
 _LOOK_S = 0.05
@@ -34,7 +41,8 @@ class Inverse3Emulator(Emulator):
     it handles a message so many seconds after it came. stall : for 0.5 s after so many seconds it neither reads nor
     sends. brake : on for 1 s every so many seconds. killed : it ends without a word after so many seconds. rubbish :
     share of the states that are random bytes. units : what its positions are multiplied by; 1000 is a mistake of units.
-    button : is the grip's button a pressed? seed : of what is random.
+    button : is the grip's button a pressed? ignores : it ignores presets, so its origin is 0.1 m off. deaf : it takes
+    no forces. asleep : its grip sleeps. seed : of what is random.
     """
 
     dof = 3
@@ -56,11 +64,17 @@ class Inverse3Emulator(Emulator):
         rubbish: float = 0.0,
         units: float = 1.0,
         button: bool = False,
+        ignores: bool = False,
+        deaf: bool = False,
+        asleep: bool = False,
         seed: int = 0,
     ) -> None:
         super().__init__(handle, clock)
         if spelling not in ("both", *wire.SPELLINGS):
             raise InvalidParameter("spelling", spelling, "both, vector or values")
+        self._is_old = spelling == "values"  # a service before 3.5: no presets, no session's number, no force told
+        self._ignores, self._deaf, self._asleep = ignores or self._is_old, deaf, asleep
+        self._preset = wire.NO_FRAME
         self._spellings = wire.SPELLINGS if spelling == "both" else (spelling,)
         handle.watchdog_s = hold
         self._latency_ns, self._rubbish, self._units, self._button = round(latency / NANO), rubbish, units, button
@@ -153,9 +167,11 @@ class Inverse3Emulator(Emulator):
     def _handle(self, client: WebSocket, raw: bytes) -> None:
         """Let a message's force act, and answer with the state as of now."""
         message = wire.parsed(raw) or {}
-        self.greetings += "session" in message
-        told = json.dumps(self._told()).encode()
-        if (force := self._commanded(message)) is not None:
+        self.greetings += "configure" in message.get("session", {})
+        session = message.get("session", {})
+        told = json.dumps(self._told(whole=not self._is_old and "force_render_full_state" in session)).encode()
+        self._configure(message)
+        if (force := self._commanded(message)) is not None and not self._deaf:
             self.handle.hold(self._clock(), _NO_FORCE if self._braked else force)
         if self._rubbish and self._random.random() < self._rubbish:
             told = bytes(self._random.randrange(32, 127) for _ in range(len(told)))
@@ -164,6 +180,12 @@ class Inverse3Emulator(Emulator):
         except Gone:
             client.close()
             self._clients.pop(client, None)
+
+    def _configure(self, message: dict[str, Any]) -> None:
+        for entry in message.get("inverse3", ()):
+            told = entry.get("configure", {}).get("preset")
+            if isinstance(told, dict) and not self._ignores:
+                self._preset = str(told.get("preset", self._preset))
 
     def _commanded(self, message: dict[str, Any]) -> Vector | None:
         for entry in message.get("inverse3", ()):
@@ -182,6 +204,8 @@ class Inverse3Emulator(Emulator):
 
     def _told(self, whole: bool = False) -> dict[str, Any]:
         x, v = self.handle.read(self._clock())
+        if self._preset == wire.NO_FRAME and not self._is_old:
+            x = (x[0], x[1] + BASE_M, x[2])
         force = self.handle.force
         state = {
             "cursor_position": _named([self._units * _STEP_M * round(p / _STEP_M) for p in x]),
@@ -194,7 +218,7 @@ class Inverse3Emulator(Emulator):
             "control_mode": "force" if any(force) else "idle",
         }
         status = {"calibrated": True, "in_use": True, "power_supply": True, "ready": True, "started": True}
-        arm = {"device_id": DEVICE, "state": state, "status": status}
+        arm: dict[str, Any] = {"device_id": DEVICE, "state": state, "status": status}
         grip = {
             "device_id": "61576",
             "state": {
@@ -202,9 +226,16 @@ class Inverse3Emulator(Emulator):
                 "buttons": {"a": self._button, "b": False, "c": False},
                 "hall": 0,
             },
+            "status": {"awake": not self._asleep, "connected": True, "ready": not self._asleep},
         }
         if whole:
-            arm["config"] = {"type": "inverse3", "handedness": "right", "basis": {"permutation": "XYZ"}}
+            arm["config"] = {"type": "inverse3", "handedness": "right"}
+            if not self._is_old:
+                arm["config"] |= {"preset": self._preset, "basis": {"permutation": "XYZ"}}
+        if self._is_old:
+            for part in ("current_cursor_force", "control_domain", "control_mode"):
+                del state[part]
+            return {"inverse3": [arm], "wireless_verse_grip": [grip]}
         return {"session_id": 7, "inverse3": [arm], "wireless_verse_grip": [grip]}
 
 

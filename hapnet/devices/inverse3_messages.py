@@ -14,8 +14,12 @@ from hapnet.checks import Vector
 SPELLINGS = ("vector", "values")
 """What a command calls its force: service 3.5, and those before."""
 
+NO_FRAME = "defaults"
+"""The preset of an arm whose origin is its base: that of services before 3.5, which have no others."""
+
 _GRIPS = ("wireless_verse_grip", "custom_verse_grip", "verse_grip")
 _ARMS = ("inverse3", "minverse")
+_HEALTHY = ("awake", "connected", "ready")
 _UNIT = 0.01
 """A quaternion's length may differ from 1 by so much."""
 
@@ -34,6 +38,10 @@ class State(NamedTuple):
     """Of the grip, by their names' order."""
     orientation: Vector | None
     """Of the grip: a unit quaternion (w, x, y, z); None: not known."""
+    force: Vector | None
+    """The one that acts now, as the service believes [N]; None: it does not tell."""
+    grip: str
+    """The id of the grip; empty: there is none."""
 
 
 class Notice(NamedTuple):
@@ -43,6 +51,8 @@ class Notice(NamedTuple):
     """The event's name, or for a safety event its `safety_type`."""
     device: str
     """Which device it concerns; empty: it does not say."""
+    level: str
+    """How bad it is: info, notice, warning, error, critical, panic."""
 
 
 def parsed(raw: bytes) -> dict[str, Any] | None:
@@ -52,6 +62,25 @@ def parsed(raw: bytes) -> dict[str, Any] | None:
     except (ValueError, RecursionError):
         return None
     return found if isinstance(found, dict) else None
+
+
+def kind_of(message: dict[str, Any], device: str) -> str:
+    """Under which name the message has the arm: an inverse3 or a minverse; empty: it has not."""
+    return next((kind for kind in _ARMS for arm in _entries(message, kind) if arm.get("device_id") == device), "")
+
+
+def preset_of(message: dict[str, Any], device: str) -> str | None:
+    """The preset of an arm in a message with its configuration; None: it tells none."""
+    for arm in _entries(message, kind_of(message, device)):
+        if arm.get("device_id") == device and isinstance(config := arm.get("config"), dict):
+            told = config.get("preset")
+            return _text(told.get("preset") if isinstance(told, dict) else told) or None
+    return None
+
+
+def spelling_of(inventory: dict[str, Any], device: str) -> str:
+    """How the service that sent this inventory spells a force: one that has presets is a 3.5."""
+    return SPELLINGS[0] if "session_id" in inventory or preset_of(inventory, device) else SPELLINGS[1]
 
 
 def arms(message: dict[str, Any]) -> list[str]:
@@ -69,16 +98,24 @@ def state(message: dict[str, Any], device: str) -> State | None:
     return None
 
 
-def command(device: str, force: Vector, spelling: str = SPELLINGS[0]) -> bytes:
+def command(device: str, force: Vector, spelling: str = SPELLINGS[0], kind: str = _ARMS[0]) -> bytes:
     """A force for the arm [N], shape (3,). The service answers it with one state."""
-    return b'{"inverse3":[{"device_id":%b,"commands":{%b}}]}' % (_quoted(device), _force(force, spelling))
+    return b'{%b:[{"device_id":%b,"commands":{%b}}]}' % (_quoted(kind), _quoted(device), _force(force, spelling))
 
 
-def greeting(device: str, preset: str, spelling: str = SPELLINGS[0]) -> bytes:
+def greeting(device: str, preset: str, spelling: str = SPELLINGS[0], kind: str = _ARMS[0]) -> bytes:
     """The first message: a name for the session, the maker's own frame, the arm's preset, and no force."""
     session = b'{"configure":{"profile":{"name":"hapnet"},"basis":{"permutation":"XYZ"}}}'
-    arm = b'"device_id":%b,"configure":{"preset":%b}' % (_quoted(device), _quoted(preset))
-    return b'{"session":%b,"inverse3":[{%b,"commands":{%b}}]}' % (session, arm, _force((0.0, 0.0, 0.0), spelling))
+    arm = b'"device_id":%b,"configure":{"preset":{"preset":%b}}' % (_quoted(device), _quoted(preset))
+    force = _force((0.0, 0.0, 0.0), spelling)
+    return b'{"session":%b,%b:[{%b,"commands":{%b}}]}' % (session, _quoted(kind), arm, force)
+
+
+def whole(device: str, spelling: str = SPELLINGS[0], kind: str = _ARMS[0]) -> bytes:
+    """The second message: asks for the configuration once more, as it is now; and no force."""
+    force = _force((0.0, 0.0, 0.0), spelling)
+    arm = b'{"device_id":%b,"commands":{%b}}' % (_quoted(device), force)
+    return b'{"session":{"force_render_full_state":{}},%b:[%b]}' % (_quoted(kind), arm)
 
 
 def notice(raw: bytes) -> Notice | None:
@@ -87,7 +124,7 @@ def notice(raw: bytes) -> Notice | None:
         return None
     data = message.get("data")
     told = data if isinstance(data, dict) else {}
-    return Notice(_text(told.get("safety_type")) or name, _text(told.get("device_id")))
+    return Notice(_text(told.get("safety_type")) or name, _text(told.get("device_id")), _text(message.get("level")))
 
 
 def _force(force: Vector, spelling: str) -> bytes:
@@ -108,15 +145,22 @@ def _state(message: dict[str, Any], entry: dict[str, Any]) -> State | None:
         return None
     status = status if isinstance(status, dict) else {}
     calibrated, powered = status.get("calibrated") is not False, status.get("power_supply") is not False
-    return State(position, velocity, calibrated, powered, *_grip(message))
+    buttons, orientation, grip = _grip(message)
+    force = _vector(told.get("current_cursor_force"))
+    return State(position, velocity, calibrated, powered, buttons, orientation, force, grip)
 
 
-def _grip(message: dict[str, Any]) -> tuple[tuple[bool, ...], Vector | None]:
+def _grip(message: dict[str, Any]) -> tuple[tuple[bool, ...], Vector | None, str]:
+    """Buttons, orientation and id. Of a grip that sleeps, is lost or not ready the buttons are released."""
     for kind in _GRIPS:
         for entry in _entries(message, kind):
             if isinstance(told := entry.get("state"), dict):
-                return _buttons(told), _quaternion(told.get("orientation"))
-    return (), None
+                buttons, name = _buttons(told), _text(entry.get("device_id"))
+                status = entry.get("status")
+                if isinstance(status, dict) and any(status.get(flag) is False for flag in _HEALTHY):
+                    return (False,) * len(buttons), None, name
+                return buttons, _quaternion(told.get("orientation")), name
+    return (), None, ""
 
 
 def _buttons(told: dict[str, Any]) -> tuple[bool, ...]:

@@ -1,4 +1,4 @@
-"""What the Inverse Service tells about an arm's safety, on its event socket: the emergency brake and stalled motors."""
+"""What the Inverse Service tells on its event socket about an arm's safety, and about devices that come and go."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ from hapnet.devices.websocket import Caller
 from hapnet.errors import DeviceSilent
 
 STALL_S = 1.0
-"""The service tells when a motor stalls, but not when that is over."""
+"""The service tells when a motor stalls, or the stability ceiling is reached, but not when that is over."""
+
+_PAUSES = {"stall_detected": "a motor has stalled", "stability_ceiling": "its stability ceiling is reached"}
+_HIGH = ("warning", "error", "critical", "panic")
 
 
 class SafetyEvents:
@@ -18,8 +21,10 @@ class SafetyEvents:
 
     def __init__(self, host: str, port: int) -> None:
         self.caller: Caller | None = Caller(host, port) if port else None
-        self._brake = ""
-        self._stalled_until_s = 0.0
+        self._brake = self._stage = ""
+        self._pause, self._until_s = "", 0.0
+        self.away: set[str] = set()
+        """The ids of the devices that sleep, or have gone."""
 
     @property
     def are_heard(self) -> bool:
@@ -27,27 +32,39 @@ class SafetyEvents:
         return self.caller is None or self.caller.is_open
 
     def hear(self, device: str) -> None:
-        """Take what has come about the arm `device`, without waiting."""
+        """Take what has come about the arm `device` and about grips, without waiting."""
         if self.caller is None:
             return
         with suppress(DeviceSilent):
             for raw in self.caller.receive(0.0):
-                if (found := wire.notice(raw)) is None or found.device not in ("", device):
-                    continue
-                if found.what == "ebrake_triggered":
-                    self._brake = "its emergency brake is on"
-                elif found.what == "ebrake_released":
-                    self._brake = ""
-                elif found.what == "stall_detected":
-                    self._stalled_until_s = time.monotonic() + STALL_S
+                if (found := wire.notice(raw)) is not None:
+                    self._take(found, device)
 
-    def braked(self) -> str:
-        """Why there should be no force now; empty: there may be one."""
+    def _take(self, found: wire.Notice, device: str) -> None:
+        if found.what in ("device-sleep", "device-disconnected") and found.device:
+            self.away.add(found.device)
+        elif found.what == "device-connected":
+            self.away.discard(found.device)
+        if found.device not in ("", device):
+            return
+        if found.what == "ebrake_triggered":
+            self._brake = "its emergency brake is on"
+        elif found.what == "ebrake_released":
+            self._brake = ""
+        elif found.what == "fod_stage_changed":
+            self._stage = "its service sees a high risk (FOD stage)" if found.level in _HIGH else ""
+        elif found.what in _PAUSES:
+            self._pause, self._until_s = _PAUSES[found.what], time.monotonic() + STALL_S
+
+    def braked(self, device: str = "") -> str:
+        """Why there should be no force of the arm `device` now; empty: there may be one."""
         if not self.are_heard:
             return "its events, which tell of the brake, cannot be heard"
-        if not self._brake and self._stalled_until_s > time.monotonic():
-            return "a motor has stalled"
-        return self._brake
+        if device in self.away:
+            return "it is disconnected"
+        if why := self._brake or self._stage:
+            return why
+        return self._pause if self._until_s > time.monotonic() else ""
 
     def close(self) -> None:
         """Close the socket."""
