@@ -43,6 +43,7 @@ class Inverse3Emulator(Emulator):
     share of the states that are random bytes. units : what its positions are multiplied by; 1000 is a mistake of units.
     button : is the grip's button a pressed? ignores : it ignores presets, so its origin is 0.1 m off. deaf : it takes
     no forces. asleep : its grip sleeps. seed : of what is random.
+    More than twenty attributes: one for each fault.
     """
 
     dof = 3
