@@ -26,7 +26,7 @@ from hapnet.simulation.simulation import simulate
 from netem import cli as netem_cli
 from tests.conftest import ROOT
 
-FOLDERS = ("hapnet", "netem", "examples", "tests")
+FOLDERS = ("hapnet", "netem", "examples", "tests", ".github", ".site/pages")
 PAGES = [ROOT / "README.md", *sorted(file for folder in FOLDERS for file in (ROOT / folder).rglob("*.md"))]
 DATA_ONLY = {"mermaid": "a diagram", "text": "what the block before prints"}
 MAINS: dict[str, Callable[[list[str]], int]] = {"hapnet": cli.main, "netem": netem_cli.main}
