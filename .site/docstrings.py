@@ -1,7 +1,7 @@
 """An extension of griffe: docstrings as Markdown.
 
-A docstring's section is a title that is underlined; in it "name : words" describes a name, and indented lines go on. So a
-section becomes a list. Doctests and indented equations become blocks, as they stand.
+A docstring's section is a title that is underlined; in it "name : words" describes a name. So a section becomes a
+list. Doctests and indented equations become blocks, as they stand.
 """
 
 from __future__ import annotations
