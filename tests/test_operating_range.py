@@ -280,7 +280,11 @@ def test_one_whose_velocity_is_in_millimetres_a_second_is_stopped_and_a_single_s
         tick(side, at)
     assert side.stopped is None
     tick(side, 6)
-    assert side.stopped == (6 * MS, "it reads a velocity of 50 m/s, its greatest speed is 1 m/s", False)
+    assert side.stopped == (
+        6 * MS,
+        "it reads a velocity of 50 m/s, its greatest speed is 1 m/s (are these millimetres?)",
+        False,
+    )
 
 
 @given(st.floats(0.01, 0.3), st.floats(0.1, 4.0), st.lists(st.integers(200_000, 3_000_000), min_size=2, max_size=200))

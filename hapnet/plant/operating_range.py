@@ -121,10 +121,12 @@ class RangeWatch:
         most = f"its greatest speed is {declared.speed:g} m/s"
         way = math.dist(x, self._last) - self._count
         if way > declared.speed * (dt + LATENCY_S):
-            return f"it reads a displacement of {way:.4g} m in {dt * 1e3:.3g} ms, {most}"
+            hint = in_millimetres(way, declared.speed * (dt + LATENCY_S))
+            return f"it reads a displacement of {way:.4g} m in {dt * 1e3:.3g} ms, {most}{hint}"
         speed = math.hypot(*v)
         self._fast = self._fast + 1 if speed > declared.speed else 0
-        return f"it reads a velocity of {speed:.4g} m/s, {most}" if self._fast >= _FAST else None
+        hint = in_millimetres(speed, declared.speed)
+        return f"it reads a velocity of {speed:.4g} m/s, {most}{hint}" if self._fast >= _FAST else None
 
 
 def check_motion(name: str, path: Array, reach: float) -> None:

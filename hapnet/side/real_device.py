@@ -173,11 +173,18 @@ class RealDeviceSide(SampledDeviceSide):
         if self._closed:
             return
         self._closed = True
+        held_N = math.hypot(*self._sent)
+        if self._silent and self.origin_ns is not None:
+            self.stop_force(self._clock(), "the device is silent at the end: what it rendered since is not known")
         try:
             super().stop()
-        except DeviceSilent as error:
-            text = f"the device {self.device.name} cannot be told to give no force: {error}"
+        except HapnetError as error:
+            ends = "until its own watchdog acts" if self.device.watchdog_s else "as long as it has power"
+            remains = f"; up to {held_N:.2g} N may remain {ends}" if held_N else ""
+            text = f"the device {self.device.name} cannot be told to give no force: {error}{remains}"
             self._write(Event(self._clock(), "device", text, "error"))
+            if not isinstance(error, DeviceSilent):
+                raise
         finally:
             self.device.close()
 
