@@ -213,6 +213,8 @@ def test_every_device_has_its_lines(capsys: Capture) -> None:
     assert set(rows) == set(registry.known())
     assert all(row["about"] and row["from"] for row in rows.values())
     assert rows["serial"]["tested"] == "emulator-tested"
+    assert 'TAG+="uaccess"' in rows["3dmouse"]["udev"]
+    assert rows["inverse3"]["udev"] == ""
 
 
 def test_what_has_no_emulator_is_refused(capsys: Capture) -> None:

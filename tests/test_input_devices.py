@@ -70,6 +70,19 @@ def test_the_left_stick_is_the_position(pipe: Pipe, clock: list[float]) -> None:
     pad.close()
 
 
+def test_a_pad_whose_right_stick_has_another_number(pipe: Pipe, clock: list[float]) -> None:
+    pad = Gamepad(3, path=pipe.path, sticks="3/4/0")
+    pipe.write(js(32767, 0x02, 3), js(-32767, 0x02, 4), js(32767, 0x02, 0), js(32767, 0x02, 1))
+    assert settled(pad, clock) == pytest.approx((0.04, 0.04, -0.04), rel=1e-3)
+    pad.close()
+
+
+@pytest.mark.parametrize("sticks", ["0/1", "0/1/1", "x/1/2", ""])
+def test_sticks_that_are_no_three_numbers_are_refused(sticks: str) -> None:
+    with pytest.raises(InvalidParameter, match="three different numbers of axes"):
+        Gamepad(3, sticks=sticks)
+
+
 def test_buttons_are_told_by_their_numbers(pipe: Pipe, clock: list[float]) -> None:
     pad = Gamepad(1, path=pipe.path)
     pipe.write(js(0, 0x81, 0), js(0, 0x81, 1), js(0, 0x81, 2))
@@ -102,8 +115,7 @@ def test_a_stick_that_jumps_makes_a_motion_that_the_range_allows(pipe: Pipe, clo
 @given(st.lists(st.binary(max_size=20), max_size=10))
 def test_any_bytes_leave_positions_within_reach(chunks: list[bytes]) -> None:
     for kind in (Gamepad, SpaceMouse):
-        device = kind.__new__(kind)
-        device.deflections, device.pressed = [0.0] * 3, {}
+        device = kind(3, path=os.devnull)
         unread = b""
         for chunk in chunks:
             unread += chunk

@@ -19,6 +19,12 @@ def devices(json_to: flags.Json = None) -> int:
         words.print(f"{name:<10} {row['about']}", markup=False)
         state = f"missing: {row['missing']}" if row["missing"] else f"found: {', '.join(row['found']) or 'none'}"
         words.print(f"{'':<10} {row['tested']}; {row['from']}; {state}", style="dim", markup=False)
+    if rules := [rule for row in rows if (rule := row["udev"])]:
+        words.print(
+            "without these udev rules (/etc/udev/rules.d/70-hapnet.rules) only root may open some:", markup=False
+        )
+        for rule in rules:
+            words.print(f"  {rule}", style="dim", markup=False)
     words.print("your own: --device module:Class, or a package with the entry point hapnet.devices")
     output.write_json(rows, json_to)
     return 0
@@ -26,11 +32,13 @@ def devices(json_to: flags.Json = None) -> int:
 
 def _row(name: str, target: str, package: str) -> dict[str, Any]:
     row: dict[str, Any] = {"name": name, "about": "", "tested": "untested", "from": package, "missing": "", "found": []}
+    row["udev"] = ""
     from hapnet.loading import cause, load
 
     try:
         made = load("device", target, "a class that can be imported")
         row["about"], row["tested"] = getattr(made, "about", ""), getattr(made, "tested", "untested")
+        row["udev"] = getattr(made, "udev", "")
         row["missing"] = made.missing() if hasattr(made, "missing") else ""
         if not row["missing"] and hasattr(made, "found"):
             row["found"] = list(made.found())

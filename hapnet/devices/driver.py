@@ -23,6 +23,8 @@ class Driver(ABC):
     """The device in a few words, for `hapnet devices`."""
     tested: ClassVar[str] = "untested"
     """How far this driver was tested: ``emulator-tested``, or on which hardware."""
+    udev: ClassVar[str] = ""
+    """On Linux: the udev rule with which the user at the machine may open it; empty: it needs none."""
     emulator: ClassVar[str] = ""
     """``module:Class`` of an emulator (`hapnet.devices.emulator.Emulator`); empty: none."""
 

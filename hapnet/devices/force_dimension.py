@@ -103,6 +103,7 @@ class ForceDimension(Driver):
     """
 
     about = "Force Dimension omega, delta, sigma, lambda; Novint Falcon (libdhd)"
+    udev = 'SUBSYSTEM=="usb", ATTR{idVendor}=="1451", TAG+="uaccess"'
     tested = "experimental: tested with a stand-in of the library"
     rate_hz: float = 1000.0
     resolution: float = 1e-5

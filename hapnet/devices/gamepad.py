@@ -10,20 +10,34 @@ from collections.abc import Sequence
 from glob import glob
 
 from hapnet.devices.input_device import InputDevice, existing
+from hapnet.errors import InvalidParameter
 
 _EVENT = struct.Struct("=IhBB")
 """Time in ms, value, kind, number of the button or axis."""
 
 _AT_START = 0x80
 _FULL = 32767.0
-_PLACES = {0: (0, 1.0), 1: (1, -1.0), 4: (2, -1.0)}
-"""The kernel's axes, and which of ours they are: its vertical ones grow downwards."""
+_SIGNS = 1.0, -1.0, -1.0
+"""Of the sticks that are x, y and z: the kernel's vertical axes grow downwards."""
 
 
 class Gamepad(InputDevice):
-    """``gamepad`` or ``gamepad:/dev/input/js0``."""
+    """``gamepad`` or ``gamepad:/dev/input/js0,sticks=0/1/5``.
+
+    sticks : the kernel's numbers of the axes that are x, y and z, joined by /; pads differ in those of the right stick
+    (`jstest` of the package joystick shows them). The others as for `InputDevice`.
+    """
 
     about = "a gamepad's or joystick's sticks as input, without force"
+
+    def __init__(
+        self, dof: int, path: str = "", axes: str = "", reach: float = 0.04, dead: float = 0.05, sticks: str = "0/1/4"
+    ) -> None:
+        numbers = sticks.split("/")
+        if len(numbers) != 3 or len(set(numbers)) != 3 or not all(number.isdecimal() for number in numbers):
+            raise InvalidParameter("sticks", sticks, "three different numbers of axes for x, y and z, such as 0/1/4")
+        self._places = {int(number): place for place, number in enumerate(numbers)}
+        super().__init__(dof, path, axes, reach, dead)
 
     @classmethod
     def found(cls) -> Sequence[str]:
@@ -35,7 +49,7 @@ class Gamepad(InputDevice):
             match kind & ~_AT_START:
                 case 0x01:  # a button
                     self.pressed[number] = bool(value)
-                case 0x02 if number in _PLACES:
-                    place, sign = _PLACES[number]
-                    self.deflections[place] = sign * max(-1.0, value / _FULL)
+                case 0x02 if number in self._places:
+                    place = self._places[number]
+                    self.deflections[place] = _SIGNS[place] * max(-1.0, value / _FULL)
         return whole

@@ -38,6 +38,7 @@ class SerialAxis(Driver):
 
     about = "a home-made axis on a serial port (Hapkit, SimpleFOC, Arduino)"
     tested = "emulator-tested"
+    udev = 'SUBSYSTEM=="tty", KERNEL=="ttyACM*|ttyUSB*", TAG+="uaccess"'
     emulator = "hapnet.devices.serial_emulator:SerialEmulator"
     rate_hz: float = 1000.0
     blocking = True

@@ -23,6 +23,7 @@ class SpaceMouse(InputDevice):
     """``3dmouse`` or ``3dmouse:/dev/hidraw2``; its file must be readable for the user (a udev rule)."""
 
     about = "a 3D mouse's translation as input, without force"
+    udev = 'KERNEL=="hidraw*", ATTRS{idVendor}=="256f|046d", TAG+="uaccess"'
 
     @classmethod
     def found(cls) -> Sequence[str]:
