@@ -33,7 +33,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from hapnet.assembly.build import prepare
     from hapnet.control.pspm import SetPositionModulator
-    from hapnet.couplings.spec import CouplingSpec, CouplingStart, held_law, stepped_law
+    from hapnet.couplings.ends import held_law, stepped_law
+    from hapnet.couplings.spec import CouplingSpec, CouplingStart
     from hapnet.errors import Ended, HapnetError, InvalidParameter
     from hapnet.mechanics.plane import Plane
     from hapnet.param_values import parameter
@@ -81,13 +82,13 @@ _HOMES = {
     "ZenohSettings": "hapnet.transport.config",
     "connect_device": "hapnet.realtime.connect",
     "connect_world": "hapnet.realtime.connect",
-    "held_law": "hapnet.couplings.spec",
+    "held_law": "hapnet.couplings.ends",
     "parameter": "hapnet.param_values",
     "prepare": "hapnet.assembly.build",
     "read_recording": "hapnet.recording.mcap",
     "simulate": "hapnet.simulation.simulation",
     "simulate_batch": "hapnet.simulation.batch",
-    "stepped_law": "hapnet.couplings.spec",
+    "stepped_law": "hapnet.couplings.ends",
 }
 
 __all__ = [

@@ -16,7 +16,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from hapnet.errors import InvalidParameter
-from hapnet.laws import COUPLING_NAMES, GROUP, sections, sections_of
+from hapnet.laws import COUPLING_NAMES, GROUP, built_in, sections, sections_of
 from hapnet.loading import published
 from hapnet.param_sections import ContactModelParams as ContactModelParams
 from hapnet.param_sections import DeviceParams as DeviceParams
@@ -64,8 +64,8 @@ class Params:
     )
     hardware: str = _p("simulated", "the device: simulated, a name (`hapnet devices`) or your own as module:Class")
     coupling: str = _p("pspm", f"pspm; for comparison {', '.join(COUPLING_NAMES[1:])}, or your own as module:NAME")
-    feel: str = _p("hapnet", "of the set-position couplings: hapnet (local contact model, prediction) or paper",
-                   ("hapnet", "paper"))  # fmt: skip
+    feel: str = _p("auto", "hapnet (local contact model, prediction) or paper; auto: hapnet for pspm and zoh, with the "
+                   "other couplings what their authors allow", ("auto", "hapnet", "paper"))  # fmt: skip
     dof: int = _p(0, "degrees of freedom; 0: the scene's own", _NOT_NEGATIVE)
     duration_s: float = _p(10.0, "duration from pairing [s]; 0: until stopped", Range(at_least=0.0, at_most=1e9))
     record_hz: float = _p(200.0, "recorded samples of the device per second [Hz]", _POSITIVE)
@@ -200,6 +200,8 @@ class Params:
         plain = cls().set({"coupling": flat.get("coupling", cls.coupling)})
         sections = {name.partition(".")[0] for name in plain.flat()}
         known = {name: value for name, value in flat.items() if "." not in name or name.partition(".")[0] in sections}
+        if plain.coupling in COUPLING_NAMES and not built_in(plain.coupling).takes_positions:
+            known["feel"] = "paper" if known.get("feel", "paper") == "paper" else "auto"  # hapnet was every law's
         return plain.set({**_BEFORE, **known})
 
     def set_words(self, assignments: Iterable[str]) -> Params:

@@ -19,8 +19,9 @@ import pytest
 from examples.own_law import ENDS, Mine, MineParams, SpringAndDamper, Tuning, tune
 from hapnet import cli, laws
 from hapnet.commands import complete
+from hapnet.couplings.ends import held_law
 from hapnet.couplings.registry import COUPLINGS, coupling, jointly_passive
-from hapnet.couplings.spec import CouplingSpec, held_law
+from hapnet.couplings.spec import CouplingSpec
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.loading import lent, published
 from hapnet.param_values import parameter

@@ -45,7 +45,7 @@ def test_free_motion_is_freer_and_the_hands_port_stays_passive(coupling: str, le
     popc leaves what its limits do not let it damp: a tick of the force, at most 3.3 N at 0.5 m/s.
     """
     error = {}
-    for name, feel in (("without", "paper"), ("with", "hapnet")):
+    for name, feel in (("without", "paper"), ("with", "auto")):
         params = Params().set(
             {"coupling": coupling, "feel": feel, "scene": "free", "operator": "sine", "duration_s": 5.0,
              "device.servo": "sampled", "link.up": "lan", "link.down": "lan"}

@@ -48,7 +48,6 @@ from hapnet.wire.session import Session, SessionSettings
 from netem import LinkProfile, Timeline
 
 _DEFAULTS = Params()
-_LAWS: dict[type, type] = {LawServo: DeviceLaw, LawSteps: WorldLaw}
 End = TypeVar("End")
 
 _SCENE_PARAMETERS = {
@@ -121,7 +120,7 @@ def _prepared(params: Params, default_servo: str) -> Setup:
     scene, warnings = _scene(params)
     if (rate_hz := servo_rate(params)) != params.device.servo_hz:
         params = params.set({"device.servo_hz": rate_hz})
-    params = with_springs(params)
+    params = _with_stages(with_springs(params), coupling(params.coupling))
     check_units(params, scene.dof)
     device = params.device
     spec = coupling(params.coupling)
@@ -165,6 +164,17 @@ def _prepared(params: Params, default_servo: str) -> Setup:
     warnings.extend(spec.warn(params, tuning))
     timelines = (_timeline(params.link.up_timeline), _timeline(params.link.down_timeline))
     return Setup(params, scene, servo, harvest, spec, tuning, up, down, *timelines, tuple(warnings))
+
+
+def _with_stages(params: Params, spec: CouplingSpec[Any]) -> Params:
+    """The parameters with the feel that an "auto" stands for, where the law says it."""
+    if params.feel == "hapnet" and not spec.takes_positions:
+        sent = " and ".join(sorted({kind.__name__ for kind in (spec.device_sends, spec.world_sends)}))
+        allowed = (
+            f"auto or paper with the coupling {params.coupling}: it sends {sent}, so it has no set-position to choose"
+        )
+        raise InvalidParameter("feel", "hapnet", allowed)
+    return params.set({"feel": "hapnet"}) if params.feel == "auto" and spec.world_tells else params
 
 
 def link_profile(name: str, words: str) -> LinkProfile:
@@ -316,7 +326,8 @@ def _end(setup: Setup, make: Callable[[CouplingStart[Any]], End], kind: type, st
         end = make(start)
     require_parts(f"the coupling {setup.params.coupling}", end, kind)
     if isinstance(end, LawServo | LawSteps):
-        require_parts(f"the coupling {setup.params.coupling}", end.law, _LAWS[type(end)])
+        law = DeviceLaw if isinstance(end, LawServo) else WorldLaw
+        require_parts(f"the coupling {setup.params.coupling}", end.law, law)
     return end
 
 
@@ -351,6 +362,7 @@ def _session(setup: Setup, role: Role, name: str, incarnation: int, secret: Secr
             "scene": setup.params.scene,
             "coupling": setup.params.coupling,
             RESERVOIR: side.ceiling_J,
+            **({SHARED + "contact_model": True} if setup.coupling.staged(setup.params) else {}),
             **{SHARED + name: getattr(setup.tuning, name) for name in setup.coupling.shared},
         },
         settings=SessionSettings(

@@ -38,7 +38,7 @@ def with_springs(params: Params) -> Params:
         raise InvalidParameter("device.stiffness", device.stiffness, "0 for all axes (by rule), or above 0 for each")
     if device.stiffness != 0.0:
         return params
-    if params.feel == "paper" or not coupling(params.coupling).world_tells:
+    if not coupling(params.coupling).staged(params):
         return params.set({"device.stiffness": PAPERS})
     held = _as_declared(params)
     simulated = params.hardware == "simulated"

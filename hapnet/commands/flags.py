@@ -55,7 +55,8 @@ Coupling = Annotated[
 Feel = Annotated[
     str | None,
     typer.Option(
-        help="hapnet (a local contact model and prediction before PSPM, the default) or paper (as published).",
+        help="hapnet (a local contact model and prediction before the coupling), paper (as published), or auto: hapnet "
+        "for pspm and zoh, what its authors allow for each other coupling.",
         autocompletion=complete.choices("feel"),
     ),
 ]

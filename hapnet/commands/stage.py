@@ -116,10 +116,8 @@ class Stage:
         require_no_file(words)
         self._call(self._link, way, str(link_profile(f"link.{way}", words)))
 
-    def coupling(self, name: str, feel: str | None) -> None:
-        changes: dict[str, object] = {"coupling": name}
-        if feel is not None:
-            changes["feel"] = feel
+    def coupling(self, name: str, feel: str) -> None:
+        changes: dict[str, object] = {"coupling": name, "feel": feel}
         if "device" not in coupling(name).set_positions:
             changes["device.smoothing_s"] = 0.0  # the filter needs set-positions
         self._anew(changes)

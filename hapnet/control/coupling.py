@@ -291,6 +291,7 @@ class LawServo:
     position : the first measured position [m].
     initial_energy : this side's share of d^2 [J].
     force_limit : greatest force to ask of the actuator [N]; the law gets the force really held.
+    stamped : as that of `LawState`.
     """
 
     harvest = "measured"
@@ -300,10 +301,17 @@ class LawServo:
     """None: each law makes its force in its own way."""
 
     def __init__(
-        self, law: DeviceLaw, *, period: float, position: Vector, initial_energy: float, force_limit: float
+        self,
+        law: DeviceLaw,
+        *,
+        period: float,
+        position: Vector,
+        initial_energy: float,
+        force_limit: float,
+        stamped: Stamped | None = None,
     ) -> None:
         self.law = law
-        self.coupling: LawState[DeviceLaw] = LawState(law, initial_energy)
+        self.coupling: LawState[DeviceLaw] = LawState(law, initial_energy, stamped)
         self.account = initial_energy
         self.trusted_damping: tuple[float, ...] = (0.0,) * len(position)
         self.force: tuple[float, ...] = self.trusted_damping

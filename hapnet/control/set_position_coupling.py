@@ -13,22 +13,19 @@ from typing import NamedTuple, Protocol
 from hapnet.checks import Vector
 from hapnet.control import ledger as ledgers
 from hapnet.control import pspm, smoothing, zoh
-from hapnet.control.coupling import CouplingSample, Proxy, Update, level_of, vector_of
+from hapnet.control.coupling import CouplingSample, Update, level_of, vector_of
 from hapnet.control.ledger import Ledger
 from hapnet.control.limits import Silence, limit_step, releases
-from hapnet.control.prediction import PredictedDevice
 from hapnet.control.pspm import Modulation, SetPositionModulator
 from hapnet.control.smoothing import Pipeline
+from hapnet.control.teller import MOST_REACH_M as MOST_REACH_M
+from hapnet.control.teller import Teller
 from hapnet.mechanics import spring as springs
 from hapnet.mechanics.contacts import Mass, Step, Surroundings
-from hapnet.mechanics.plane import Plane, checked
 from hapnet.mechanics.spring import Spring
 from hapnet.records.equation import compiled_as, equation
 from hapnet.records.record import Floats, OfAxes, Reals, Record
 from hapnet.records.vectors import copy
-
-MOST_REACH_M = 1.0
-"""Planes that are farther away are never told [m]: no desktop device reaches so far."""
 
 
 class Modulator(Protocol):
@@ -374,44 +371,23 @@ class SetPositionSteps:
     Parameters
     ----------
     coupling : this side's set-position coupling.
-    predicted : the coupling's source, if the proxy is sent with the planes around it; None: only its position is sent.
-    reach : planes within this distance are told [m]. reach_speed : and those that a device so fast [m/s] could reach
-        before it is told of them.
+    teller : tells the proxy with what is around it; None: only its position is sent.
     """
 
-    def __init__(
-        self,
-        coupling: SetPositionCoupling,
-        predicted: PredictedDevice | None = None,
-        reach: float = 0.0,
-        reach_speed: float = 0.0,
-    ) -> None:
+    def __init__(self, coupling: SetPositionCoupling, teller: Teller | None = None) -> None:
         self.coupling = coupling
-        self._predicted = predicted
-        self._reach = reach
-        self._reach_speed = reach_speed
-        self._contacts: Surroundings | None = None
-        self._force: Vector = (0.0,) * len(coupling.set_position)
+        self._teller = teller
 
     def advance(self, mass: Mass, dt: float, contacts: Surroundings) -> Step:
         done = mass.step(dt, self.coupling.set_position, contacts)
-        self._contacts = contacts
-        own = contacts.contact_force  # an engine's `force` holds the proxy's inertia too
-        self._force = done.force if own is None else own
+        if self._teller is not None:
+            self._teller.moved(done, contacts)
         return done
 
     def update(self, dt: float, x: Vector, dissipated: float) -> Update:
         """Run PSPM at the start of a step. The sample for the device is x, with what is known of the place."""
-        predicted = self._predicted
-        if predicted is None:
-            return Update(x, self.coupling.update(dt, x, dissipated).sent)
-        reach = min(MOST_REACH_M, self._reach + self._reach_speed * predicted.turn_s)
-        planes: tuple[Plane, ...] | None = ()  # it starts outside of every obstacle
-        looked_m = None if self._contacts is None else reach
-        if self._contacts is not None:
-            told = self._contacts.planes(x, reach)
-            planes = None if told is None else tuple([plane.unfolded(x) for plane in checked(told, len(x))])
-        predicted.planes = planes or ()
-        stands_for = predicted.stands_for(dt)
+        teller = self._teller
+        if teller is not None:
+            teller.look(dt, x)
         sent = self.coupling.update(dt, x, dissipated).sent
-        return Update(Proxy(x, stands_for, self._force, planes, looked_m, self.coupling.level), sent)
+        return Update(x if teller is None else teller.proxy(x, self.coupling.level), sent)

@@ -34,10 +34,11 @@ from math import sqrt
 from hapnet.checks import Vector
 from hapnet.control.coupling import DeviceLaw, WorldCoupling
 from hapnet.control.virtual_coupling import VirtualCoupling
+from hapnet.couplings.ends import held_law
 from hapnet.couplings.feel import PREDICT_S, predicts
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.set_position import device_spring, plain_world
-from hapnet.couplings.spec import RENDERED_DAMPING, Between, CouplingSpec, CouplingStart, held_law
+from hapnet.couplings.spec import RENDERED_DAMPING, Between, CouplingSpec, CouplingStart
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.spring import Spring
 from hapnet.param_values import NOT_NEGATIVE, parameter

@@ -1,7 +1,8 @@
 """The feel of set-position couplings: what stands before PSPM, and every number of it, by rule.
 
 ``feel = "paper"``: the newest set-position goes to PSPM as it is, every `device.pspm_period_s`.
-``feel = "hapnet"``: the rules below. All of it only chooses y, or adds dissipation, so Theorem 1 holds for both.
+``feel = "hapnet"``: the rules below; ``feel = "auto"``: one of these, by the law. All of it only chooses y, or adds
+dissipation, so Theorem 1 holds for both.
 
 | what | rule | source |
 |---|---|---|
@@ -73,9 +74,12 @@ class FeelTuning:
 
 
 def tune(params: Params, link: Delays) -> FeelTuning:
+    """The tuning of the laws that have these stages by default."""
+    return FeelTuning(contact_model=False) if params.feel == "paper" else tuned(params)
+
+
+def tuned(params: Params) -> FeelTuning:
     """The numbers of the table above."""
-    if params.feel == "paper":
-        return FeelTuning(contact_model=False)
     device = params.device
     wanted = 2.0 * params.contact_model.damping_ratio * math.sqrt(_largest(device.stiffness) * device.mass)
     added = min(max(0.0, wanted - _largest(device.damping)), RENDERED_DAMPING)
@@ -112,6 +116,11 @@ def at_device(start: CouplingStart[FeelTuning]) -> ContactModel | None:
         remembers=model.remembers,
         untold_share=min(1.0, PAPERS / _largest(start.params.device.stiffness)),
     )
+
+
+def reach(start: CouplingStart[FeelTuning]) -> tuple[float, float]:
+    """How far planes are told [m], and how fast a device is told of those farther away in time [m/s]."""
+    return start.tuning.reach_m, start.tuning.reach_speed_mps
 
 
 def at_world(start: CouplingStart[Any]) -> PredictedDevice:

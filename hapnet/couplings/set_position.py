@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple, cast
 
@@ -19,6 +20,7 @@ from hapnet.control.reserve import ForceGuard, Holding
 from hapnet.control.set_position_coupling import Modulator, SetPositionCoupling, SetPositionSteps, Source
 from hapnet.control.set_position_servo import SampledServo
 from hapnet.control.smoothing import Pipeline, SmoothingFilter, Stage, VelocityPredictor
+from hapnet.control.teller import Teller
 from hapnet.control.zoh import ZeroOrderHold
 from hapnet.couplings import feel, held_torque
 from hapnet.couplings.feel import FeelTuning
@@ -134,17 +136,20 @@ def _sampled(start: CouplingStart[FeelTuning], make: MakeModulator, limited: boo
 
 def _world(start: CouplingStart[FeelTuning], make: MakeModulator, limited: bool) -> WorldCoupling:
     """The world's end that tells its proxy, unless the feel is the paper's."""
-    source = feel.at_world(start) if start.tuning.contact_model else None
-    return SetPositionSteps(
-        _at_world(start, make, limited, source), source, start.tuning.reach_m, start.tuning.reach_speed_mps
-    )
+    if not start.tuning.contact_model:
+        return SetPositionSteps(_at_world(start, make, limited, None))
+    source = feel.at_world(start)
+    return SetPositionSteps(_at_world(start, make, limited, source), Teller(start.position, source, *feel.reach(start)))
 
 
 def plain_world(start: CouplingStart[Any], predicted: bool) -> WorldCoupling:
     """The world's end of the plain coupling, for laws at the device only: it sends its proxy's position.
 
-    predicted : y is the device's predicted position. Such a law claims nothing for this port, so any y is allowed.
+    With ``feel = "hapnet"`` it tells what is around the proxy. predicted : y is the device's predicted position. Such a
+    law claims nothing for this port, so any y is allowed.
     """
+    if start.params.feel == "hapnet":
+        return _world(replace(start, tuning=feel.tuned(start.params)), plain, False)
     return SetPositionSteps(_at_world(start, plain, False, feel.at_world(start) if predicted else None))
 
 

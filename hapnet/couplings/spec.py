@@ -6,7 +6,6 @@ A law of the library is such a file here, with ``LAW = CouplingSpec(...)``: see 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from inspect import Parameter, signature
@@ -14,12 +13,12 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 from hapnet.checks import Vector
 from hapnet.control.continuous_servo import ContinuousServo
-from hapnet.control.coupling import DeviceCoupling, DeviceLaw, LawServo, LawSteps, WorldCoupling, WorldLaw
+from hapnet.control.coupling import DeviceCoupling, WorldCoupling
 from hapnet.control.set_position_servo import Harvest
 from hapnet.couplings.link_delays import Delays
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
-from hapnet.wire.messages import Position, Proxy, Role, Stream
+from hapnet.wire.messages import Motion, Position, Proxy, Role, Stream
 
 RENDERED_DAMPING = 5.0
 """Greatest damping that a desktop device renders stably [Ns/m]: the Phantom Omni's in CHAI3D's device table."""
@@ -85,7 +84,8 @@ class CouplingSpec(Generic[T]):
         class; None: it has none. section : of `Params`, in which they are; "": it has the law's name.
     shared : fields of the tuning that must have the same value at both ends.
     device_sends, world_sends : the messages that carry the ends' samples.
-    world_tells : does the world send its proxy with the planes around it, unless the feel is the paper's?
+    world_tells : does the world send its proxy with the planes around it, and do the stages stand before the law, where
+        the feel is left to it?
     set_positions : the sides that receive set-positions, and so have filters, a silence policy and step limits.
     limited : does it limit the set-position's step, and a held force to what the account can cover?
     scaled : is the felt force K/K' of the virtual one, as with PSPM?
@@ -143,34 +143,22 @@ class CouplingSpec(Generic[T]):
         """The message that carries the samples of this side."""
         if role == "device":
             return self.device_sends
-        return Proxy if self.world_tells and params.feel != "paper" else self.world_sends
+        return Proxy if self.staged(params) else self.world_sends
+
+    @property
+    def takes_positions(self) -> bool:
+        """Do both ends take set-positions, so that the stages can choose them?"""
+        return {self.device_sends, self.world_sends} <= {Position, Motion}
+
+    def staged(self, params: Params) -> bool:
+        """Do the stages stand before the law?"""
+        return params.feel == "hapnet" or (params.feel == "auto" and self.world_tells)
 
     def recorded(self, tuning: Mapping[str, Any] | None) -> T | None:
         """The tuning read from a summary or a recording; None if a field without a default is missing, or unknown."""
         found, fields = tuning or {}, signature(self.tuning).parameters
         needed = {name for name, one in fields.items() if one.default is Parameter.empty}
         return self.tuning(**found) if needed <= set(found) <= set(fields) else None
-
-
-def held_law(law: Callable[[CouplingStart[T]], DeviceLaw]) -> Callable[[CouplingStart[T]], DeviceCoupling]:
-    """Makes the device's end of a coupling from a law that holds its force."""
-
-    def make(start: CouplingStart[T]) -> DeviceCoupling:
-        device = start.params.device
-        return LawServo(
-            law(start),
-            period=device.pspm_period_s,
-            position=start.position,
-            initial_energy=start.initial_energy,
-            force_limit=device.force_limit_N or math.inf,
-        )
-
-    return make
-
-
-def stepped_law(law: Callable[[CouplingStart[T]], WorldLaw]) -> Callable[[CouplingStart[T]], WorldCoupling]:
-    """Makes the world's end of a coupling from a law."""
-    return lambda start: LawSteps(law(start), start.initial_energy)
 
 
 def scalar_stiffness(params: Params) -> float:

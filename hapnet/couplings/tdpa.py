@@ -47,8 +47,9 @@ from hapnet.checks import Vector
 from hapnet.control.coupling import CouplingSample, LawSteps, Port, WorldCoupling, vector_of
 from hapnet.control.prediction import MotionPredictor
 from hapnet.couplings import feel
+from hapnet.couplings.ends import held_law
 from hapnet.couplings.link_delays import Delays
-from hapnet.couplings.spec import RENDERED_DAMPING, Between, CouplingSpec, CouplingStart, held_law, scalar_stiffness
+from hapnet.couplings.spec import RENDERED_DAMPING, Between, CouplingSpec, CouplingStart, scalar_stiffness
 from hapnet.param_values import NOT_NEGATIVE, POSITIVE, Range, parameter
 from hapnet.params import Params
 from hapnet.records.vectors import inner

@@ -26,15 +26,14 @@ from hapnet.control.coupling import DeviceCoupling, Wave, WorldCoupling
 from hapnet.control.wave_filter import WaveFilter
 from hapnet.control.wave_integral import IntegralLine, Recovery
 from hapnet.control.wave_port import Line, WaveDevice, WaveWorld
+from hapnet.couplings.ends import held_law, stepped_law
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.spec import (
     RENDERED_DAMPING,
     Between,
     CouplingSpec,
     CouplingStart,
-    held_law,
     scalar_stiffness,
-    stepped_law,
 )
 from hapnet.param_values import NOT_NEGATIVE, parameter
 from hapnet.params import Params

@@ -8,8 +8,8 @@ from types import MappingProxyType
 from hapnet.couplings import pspm, registry, zoh
 from hapnet.laws import COUPLING_NAMES
 
-Choice = tuple[str, str | None]
-"""A coupling, and the feel; None: the coupling has no feel, so it stays as it is."""
+Choice = tuple[str, str]
+"""A coupling, and the feel."""
 
 CHOICES: Mapping[str, Choice] = MappingProxyType(
     {
@@ -17,7 +17,7 @@ CHOICES: Mapping[str, Choice] = MappingProxyType(
         "paper": (pspm.LAW.name, "paper"),
         "zoh": (zoh.LAW.name, "paper"),
         "zoh, hapnet's feel": (zoh.LAW.name, "hapnet"),
-        **{name: (name, None) for name in COUPLING_NAMES if name not in (pspm.LAW.name, zoh.LAW.name)},
+        **{name: (name, "auto") for name in COUPLING_NAMES if name not in (pspm.LAW.name, zoh.LAW.name)},
     }
 )
 """What users read, and what it stands for."""
@@ -32,8 +32,10 @@ _WORDS = {
 
 def label_of(coupling: str, feel: str) -> str:
     """The choice that this coupling with this feel is; a user's own coupling is its own label."""
-    found = (label for label, choice in CHOICES.items() if choice in ((coupling, feel), (coupling, None)))
-    return next(found, coupling)
+    spec = registry.known(coupling)
+    if feel == "auto" and spec is not None and spec.world_tells:
+        feel = "hapnet"
+    return next((label for label, choice in CHOICES.items() if choice == (coupling, feel)), coupling)
 
 
 def words_of(label: str) -> str:

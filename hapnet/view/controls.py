@@ -36,8 +36,8 @@ class Controls(Protocol):
     def link(self, way: Way, words: str) -> None:
         """Change the emulated link of one direction; `words` are tc-netem's, "" for the ideal link."""
 
-    def coupling(self, name: str, feel: str | None) -> None:
-        """Couple the sides with this coupling and feel; None: the feel stays."""
+    def coupling(self, name: str, feel: str) -> None:
+        """Couple the sides with this coupling and feel."""
 
     def smoothing(self, seconds: float) -> None:
         """Set the time constant of the device's smoothing filter [s]; 0: no filter."""

@@ -158,7 +158,7 @@ class ControlPanel:
         self._recording = not self._recording
 
     def _couple(self, label: str) -> None:
-        self._controls.coupling(*CHOICES.get(label, (label, None)))
+        self._controls.coupling(*CHOICES.get(label, (label, "auto")))
 
     def _on_click(self, button: viser.GuiButtonHandle, act: Callable[[], None], anew: bool = False) -> None:
         @button.on_click

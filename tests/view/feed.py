@@ -37,7 +37,7 @@ class Feed:
         self.links = {"device": str(recording.meta["params"]["link"]["up"]), "world": ""}
         self.links["world"] = str(recording.meta["params"]["link"]["down"])
         self.incarnation, self.paused, self.recording, self.paired = 1, False, "", True
-        self.coupling, self.feel = params.coupling, params.feel
+        self.coupling, self.feel = params.coupling, "hapnet" if params.feel == "auto" else params.feel
         self.smoothing = params.device.smoothing_s
         self._samples = [s for s in recording.samples() if not isinstance(s, Event)]
         self._last = {type(s): s for s in self._samples}
@@ -117,10 +117,10 @@ class FakeControls:
             self._feed.links["device" if way == "up" else "world"] = words
         self._called("link", way, words)
 
-    def coupling(self, name: str, feel: str | None) -> None:
+    def coupling(self, name: str, feel: str) -> None:
         if self._feed is not None:
             self._feed.coupling = name
-            self._feed.feel = feel or self._feed.feel
+            self._feed.feel = feel
         self._begin_anew("coupling", name, feel)
 
     def smoothing(self, seconds: float) -> None:

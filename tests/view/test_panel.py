@@ -39,11 +39,11 @@ def snapshot(coupling: str, feel: str, past: tuple[Episode, ...] = ()) -> Snapsh
     ("pspm", "paper", "paper", ("pspm", "paper")),
     ("zoh", "paper", "zoh", ("zoh", "paper")),
     ("zoh", "hapnet", "zoh, hapnet's feel", ("zoh", "hapnet")),
-    *((name, "paper", name, (name, None)) for name in COUPLING_NAMES[2:]),
-    ("examples.own_law:Mine", "hapnet", "examples.own_law:Mine", ("examples.own_law:Mine", None)),
+    *((name, "paper", name, (name, "auto")) for name in COUPLING_NAMES[2:]),
+    ("examples.own_law:Mine", "hapnet", "examples.own_law:Mine", ("examples.own_law:Mine", "auto")),
 ])  # fmt: skip
 def test_the_switch_shows_what_runs_and_asks_for_what_is_chosen(
-    coupling: str, feel: str, label: str, asked: tuple[str, str | None], server: viser.ViserServer
+    coupling: str, feel: str, label: str, asked: tuple[str, str], server: viser.ViserServer
 ) -> None:
     controls = FakeControls()
     panel = ControlPanel(server.gui, controls, lambda position: None, lambda starting: None)

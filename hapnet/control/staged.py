@@ -1,0 +1,116 @@
+"""The stages before any law whose ends take set-positions: they choose what the law takes for the other side's.
+
+At the device the local contact model chooses at every tick, from what the world tells and the own position; at the
+world the prediction chooses at every step. The law's own controllers stand behind, so what it claims of a port for any
+set-position holds as before. A claim that needs the other side's real position does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from hapnet.checks import Vector
+from hapnet.control.contact_model import ContactModel
+from hapnet.control.coupling import CouplingSample, DeviceLaw, LawSteps, Update, WorldLaw
+from hapnet.control.prediction import PredictedDevice
+from hapnet.control.teller import Teller
+from hapnet.mechanics.contacts import Mass, Step, Surroundings
+
+Takes = Callable[[Vector], CouplingSample]
+"""The sample in which a law takes a set-position [m]."""
+
+
+class StagedDevice:
+    """The device's end of a law, with the local contact model before it.
+
+    Parameters
+    ----------
+    law : the law's end. model : chooses the set-position. takes : makes the law's kind of sample of it.
+    """
+
+    def __init__(self, law: DeviceLaw, model: ContactModel, takes: Takes) -> None:
+        self._law, self._model, self._takes = law, model, takes
+
+    @property
+    def set_position(self) -> Vector:
+        return self._law.set_position
+
+    def stamped(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
+        """What the world told, as `CouplingState.receive`."""
+        self._model.receive(sample, sent_s, age_s)
+
+    def receive(self, sample: CouplingSample) -> None:
+        """Do nothing: the model has it."""
+
+    def on_peer_changed(self) -> None:
+        self._model.reset(self._law.set_position)
+        self._law.on_peer_changed()
+
+    def force(self, dt: float, x: Vector, v: Vector, held: Vector) -> Vector:
+        self._law.receive(self._takes(self._model.step(dt, x)))
+        return self._law.force(dt, x, v, held)
+
+    def next_sample(self, x: Vector, v: Vector) -> CouplingSample:
+        return self._law.next_sample(x, v)
+
+    def release(self, dt: float, x: Vector, held: Vector) -> None:
+        self._model.release(x)
+        self._law.release(dt, x, held)
+
+
+class StagedWorld:
+    """The world's end of a law, with the prediction before it. The arguments are as those of `StagedDevice`."""
+
+    def __init__(self, law: WorldLaw, predicted: PredictedDevice, takes: Takes) -> None:
+        self._law, self._predicted, self._takes = law, predicted, takes
+
+    @property
+    def set_position(self) -> Vector:
+        return self._law.set_position
+
+    def stamped(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
+        """The device's position, as `CouplingState.receive`."""
+        self._predicted.receive(sample, sent_s, age_s)
+
+    def receive(self, sample: CouplingSample) -> None:
+        """Do nothing: the prediction has it."""
+
+    def on_peer_changed(self) -> None:
+        self._predicted.reset(self._law.set_position)
+        self._law.on_peer_changed()
+
+    def aim(self, dt: float, x: Vector) -> None:
+        """Choose the set-position of a step of `dt` seconds from x [m]."""
+        self._law.receive(self._takes(self._predicted.step(dt, x)))
+
+    def begin(self) -> None:
+        self._law.begin()
+
+    def impedance(self, dt: float) -> tuple[float, Vector]:
+        return self._law.impedance(dt)
+
+    def moved(self, dt: float, vhat: Vector, x: Vector, v: Vector) -> None:
+        self._law.moved(dt, vhat, x, v)
+
+    def next_sample(self) -> CouplingSample:
+        return self._law.next_sample()
+
+
+class StagedSteps(LawSteps):
+    """A `WorldCoupling` made of such an end; `teller` tells the device what is around its proxy."""
+
+    def __init__(self, law: StagedWorld, initial_energy: float, teller: Teller) -> None:
+        super().__init__(law, initial_energy, law.stamped)
+        self._staged, self._teller = law, teller
+
+    def advance(self, mass: Mass, dt: float, contacts: Surroundings) -> Step:
+        done = super().advance(mass, dt, contacts)
+        self._teller.moved(done, contacts)
+        return done
+
+    def update(self, dt: float, x: Vector, dissipated: float) -> Update:
+        """A step begins. Returns what the device is to know of the place; the law's own sample is not sent."""
+        self._teller.look(dt, x)
+        self._staged.aim(dt, x)
+        super().update(dt, x, dissipated)
+        return Update(self._teller.proxy(x, None))

@@ -1,0 +1,52 @@
+"""What the world tells of its proxy: where it will be, and the planes around it."""
+
+from __future__ import annotations
+
+from hapnet.checks import Vector
+from hapnet.control.coupling import Proxy
+from hapnet.control.prediction import PredictedDevice
+from hapnet.mechanics.contacts import Step, Surroundings
+from hapnet.mechanics.plane import Plane, checked
+
+MOST_REACH_M = 1.0
+"""Planes that are farther away are never told [m]: no desktop device reaches so far."""
+
+
+class Teller:
+    """Tells the device what is around its proxy, and where it will be.
+
+    Parameters
+    ----------
+    position : of the virtual mass at the start [m]. predicted : aims the proxy.
+    reach : planes within this distance are told [m]. reach_speed : and those that a device so fast [m/s] could reach
+        before it is told of them.
+    """
+
+    def __init__(self, position: Vector, predicted: PredictedDevice, reach: float, reach_speed: float) -> None:
+        self._predicted = predicted
+        self._reach, self._reach_speed = reach, reach_speed
+        self._contacts: Surroundings | None = None
+        self._force: Vector = (0.0,) * len(position)
+        self._planes: tuple[Plane, ...] | None = ()  # it starts outside of every obstacle
+        self._looked_m: float | None = None
+        self._stands_for = 0.0
+
+    def moved(self, done: Step, contacts: Surroundings) -> None:
+        """The mass has made a step among these contacts."""
+        self._contacts = contacts
+        own = contacts.contact_force  # an engine's `force` holds the proxy's inertia too
+        self._force = done.force if own is None else own
+
+    def look(self, dt: float, x: Vector) -> None:
+        """See what is around x [m], `dt` seconds after the last step began; the prediction knows it then too."""
+        predicted = self._predicted
+        if self._contacts is not None:
+            self._looked_m = reach = min(MOST_REACH_M, self._reach + self._reach_speed * predicted.turn_s)
+            told = self._contacts.planes(x, reach)
+            self._planes = None if told is None else tuple([plane.unfolded(x) for plane in checked(told, len(x))])
+        predicted.planes = self._planes or ()
+        self._stands_for = predicted.stands_for(dt)
+
+    def proxy(self, x: Vector, level: float | None) -> Proxy:
+        """What to send of the proxy at x [m], and how full the reservoir is; None: there is none."""
+        return Proxy(x, self._stands_for, self._force, self._planes, self._looked_m, level)
