@@ -17,13 +17,13 @@ import pytest
 
 from hapnet import cli
 from hapnet.bench import latency, page, servo, sides, simulation, traffic, watched
-from hapnet.bench.children import Child, WaitForStart, together
 from hapnet.bench.cost import Call, cost
 from hapnet.bench.link import link_release
 from hapnet.bench.recovery import credit_times
 from hapnet.bench.registry import ROWS
 from hapnet.bench.row import Options, Row
 from hapnet.errors import HapnetError
+from hapnet.processes.child import Child, WaitForStart, together
 from hapnet.transport.config import free_address
 from hapnet.wire.messages import Position, encode
 from hapnet.wire.session import Session
@@ -64,7 +64,7 @@ def test_a_failure_in_a_child_is_told_and_none_outlives_its_context() -> None:
 
 
 def test_busy_processes_end_with_a_benchmark_that_is_killed() -> None:
-    code = "import time; from hapnet.bench.children import busy\nwith busy(2): print(flush=True); time.sleep(60)"
+    code = "import time; from hapnet.processes.child import busy\nwith busy(2): print(flush=True); time.sleep(60)"
     with subprocess.Popen([sys.executable, "-c", code], start_new_session=True, stdout=subprocess.PIPE) as bench:
         try:
             assert bench.stdout is not None

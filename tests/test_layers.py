@@ -44,18 +44,20 @@ MAY_IMPORT = {  # a package, and what it may know beside itself and the base
     "side": {"records", "mechanics", "control", "plant", "wire", "recording"},
     "couplings": {"records", "mechanics", "control", "wire"},
     "kernel": {"records", "mechanics", "control", "couplings", "plant", "wire"},  # it compiles some of their functions
+    "processes": set(),
     "devices": {"plant"},
     "assembly": BELOW_ASSEMBLY | {"devices"},
     "summary": BELOW_ASSEMBLY,
     "metrics": BELOW_ASSEMBLY | {"summary"},
     "transport": {"records", "wire"},
-    "simulation": BELOW_ASSEMBLY | {"assembly", "summary", "kernel", "report"},  # a result draws itself
-    "realtime": BELOW_ASSEMBLY | {"assembly", "summary", "transport"},
+    "simulation": BELOW_ASSEMBLY | {"assembly", "summary", "kernel", "report", "processes"},  # a result draws itself
+    "realtime": BELOW_ASSEMBLY | {"assembly", "summary", "transport", "processes"},
     "report": BELOW_ASSEMBLY | {"assembly", "summary"},
-    "study": BELOW_ASSEMBLY | {"assembly", "summary", "metrics", "simulation", "report"},
+    "study": BELOW_ASSEMBLY | {"assembly", "summary", "metrics", "simulation", "report", "processes"},
     "doctor": {"plant", "assembly", "transport", "realtime"},  # it tries devices, and how the other side is reached
     "view": BELOW_ASSEMBLY | {"summary", "report", "transport"},  # it subscribes to telemetry
-    "bench": BELOW_ASSEMBLY | {"assembly", "summary", "simulation", "transport", "realtime", "view", "study", "report"},
+    "bench": BELOW_ASSEMBLY
+    | {"assembly", "summary", "simulation", "transport", "realtime", "view", "study", "report", "processes"},
 }
 READS_FILES = {
     "hapnet/laws.py": "a law is a file of a package",
@@ -304,3 +306,18 @@ def test_nobody_asks_a_world_what_it_has() -> None:
     know = [each for each in MODULES if package_of(name_of(each)) in {"mechanics", "plant"} or each.name in KNOW_WORLDS]
     asking = {each.as_posix() for each in know if {"getattr", "hasattr"} & called((ROOT / each).read_text("utf-8"))}
     assert asking == ASKS_WHAT_IT_GOT.keys()
+
+
+STARTS_PROCESSES = {
+    "hapnet/processes": "all others ask it",
+    "netem/bench.py": "it knows nothing of hapnet",
+    "hapnet/transport/security.py": "openssl makes the keys",
+}
+"""Who starts programs, or children that run a function, and why."""
+
+
+def test_one_package_starts_child_processes() -> None:
+    for module in MODULES:
+        if not {module.as_posix(), module.parent.as_posix()} & STARTS_PROCESSES.keys():
+            assert not roots(imports_of(module)) & {"subprocess", "multiprocessing"}, module
+            assert "create_subprocess" not in (ROOT / module).read_text("utf-8"), module

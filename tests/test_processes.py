@@ -14,8 +14,9 @@ from pathlib import Path
 import pytest
 
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.simulation import processes
-from hapnet.simulation.processes import WorkerPool, in_processes
+from hapnet.processes import pool
+from hapnet.processes.pool import WorkerPool, in_processes
+from hapnet.processes.start import for_children
 from hapnet.study import export
 from hapnet.study.backend import local_workers
 from hapnet.study.runner import Sweep
@@ -106,7 +107,7 @@ def test_ctrl_c_that_another_thread_receives_waits_until_a_process_has_started()
 
     def start() -> None:
         nonlocal started
-        with processes.for_children():
+        with for_children():
             other = threading.Thread(target=receive)
             other.start()
             other.join()
@@ -121,14 +122,14 @@ def test_ctrl_c_that_another_thread_receives_waits_until_a_process_has_started()
 
 @pytest.mark.slow
 def test_processes_that_do_not_start_are_an_error_not_a_loop(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(processes, "_serve", os._exit)  # takes no such arguments: it fails
+    monkeypatch.setattr(pool, "_serve", os._exit)  # takes no such arguments: it fails
     workers = local_workers(2)
 
     def wait() -> bool:
         assert workers.wait(0.1) == []
         return False
 
-    with pytest.raises(HapnetError, match="worker processes do not start: ended by itself with exit code 1"):
+    with pytest.raises(HapnetError, match="worker processes do not start: ended with exit code 1"):
         until(wait)
     workers.close()
 
@@ -171,7 +172,7 @@ def test_an_error_that_cannot_leave_its_process_leaves_its_words() -> None:
     class Local(Exception):
         """Of a function: another process cannot import it."""
 
-    told = processes._picklable(Local("of two\nlines"))
+    told = pool._picklable(Local("of two\nlines"))
     assert (type(told), str(told)) == (HapnetError, "Local: of two lines")
     refused = InvalidParameter("word", 1, "another")
-    assert processes._picklable(refused) is refused
+    assert pool._picklable(refused) is refused

@@ -261,7 +261,7 @@ def test_a_killed_servo_is_seen(running: Running) -> None:
     running.paired()
     os.kill(running.pid, signal.SIGKILL)
     until(lambda: bool(running.errors))
-    assert str(running.errors[0]) == "the servo's process was ended by SIGKILL"
+    assert str(running.errors[0]) == "the servo's process was killed by SIGKILL"
 
 
 def test_a_stop_finds_its_way_though_the_pipe_is_full(running: Running, diary: Path) -> None:

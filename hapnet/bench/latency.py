@@ -23,11 +23,11 @@ from typing import Literal
 import zenoh
 
 from hapnet.assembly.build import prepare
-from hapnet.bench.children import Child, WaitForStart
 from hapnet.bench.row import Distribution, Figures, Limit, Options, Row, row
 from hapnet.bench.traffic import KILOHERTZ
 from hapnet.errors import HapnetError
 from hapnet.params import Params
+from hapnet.processes.child import Child, WaitForStart
 from hapnet.realtime.runner import RealtimeSide
 from hapnet.realtime.servo import set_timer_slack, tuned_interpreter
 from hapnet.side.notices import Notice

@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hapnet.bench.children import Child, WaitForStart
 from hapnet.bench.mesh import torus
 from hapnet.bench.row import Limit, Options, Row, row
 from hapnet.bench.servo import Lateness, late_share
 from hapnet.bench.sides import lateness, start_pair
 from hapnet.params import Params
+from hapnet.processes.child import Child, WaitForStart
 from hapnet.transport.config import ZenohSettings, free_address
 
 if TYPE_CHECKING:

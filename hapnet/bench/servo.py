@@ -7,8 +7,8 @@ import threading
 import time
 from dataclasses import dataclass
 
-from hapnet.bench.children import Child, WaitForStart, together
 from hapnet.bench.row import Distribution, Options, Row, row
+from hapnet.processes.child import Child, WaitForStart, together
 from hapnet.realtime.servo import DeadlineGrid, Histogram, Servo, request_realtime, set_timer_slack, tuned_interpreter
 
 PERIOD_NS = 1_000_000

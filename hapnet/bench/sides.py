@@ -5,8 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import secrets
-import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack
@@ -15,10 +13,11 @@ from queue import Empty, SimpleQueue
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from hapnet.bench.children import READY_S, uninterrupted
 from hapnet.bench.servo import PERIOD_NS, Lateness
 from hapnet.errors import HapnetError
 from hapnet.params import Params
+from hapnet.processes.child import READY_S
+from hapnet.processes.start import PIPE, how_it_ended, side_command, started
 from hapnet.transport.config import local_address
 
 _INCOMPLETE = 3
@@ -39,14 +38,12 @@ def start_pair(
     directory = Path(stack.enter_context(TemporaryDirectory(prefix="hapnet-bench-")))
     (directory / "params.toml").write_text(params.toml(), encoding="utf-8")
     address, session = local_address(str(directory)), f"bench-{secrets.token_hex(4)}"
-    with uninterrupted():
-        world = stack.enter_context(Side("world", directory, "--listen", address, "--session", session))
+    world = stack.enter_context(Side("world", directory, session, "--listen", address))
     world.expect("waiting")  # it has loaded its libraries, which would disturb the measurement
     if beside is not None:
         stack.enter_context(beside(address))
     flags = ["--realtime"] if realtime else []
-    with uninterrupted():
-        device = stack.enter_context(Side("device", directory, "--connect", address, "--session", session, *flags))
+    device = stack.enter_context(Side("device", directory, session, "--connect", address, *flags))
     device.expect("paired")
     return device, world
 
@@ -61,16 +58,17 @@ def lateness(summary: dict[str, Any], device: Side, period_ns: int = PERIOD_NS) 
 class Side:
     """A process of `hapnet device` or `hapnet world`."""
 
-    def __init__(self, role: str, directory: Path, *flags: str) -> None:
+    def __init__(self, role: str, directory: Path, session: str, *flags: str) -> None:
         self.role = role
         self.notices: dict[str, str] = {}
         """The newest notice of each kind."""
         self._json = directory / f"{role}.json"
-        command = [sys.executable, "-m", "hapnet", role, *flags, "--no-multicast-scouting", "--log", "-"]
-        command += ["--params", str(directory / "params.toml"), "--seed", "0"]
-        command += ["--record", str(directory / f"{role}.mcap"), "--json", str(self._json)]
+        command = side_command(
+            role, *flags, session=session, params=directory / "params.toml", seed=0,
+            record=directory / f"{role}.mcap", summary=str(self._json),
+        )  # fmt: skip
         self._errors = (directory / f"{role}.err").open("w+", encoding="utf-8")  # a pipe would fill up, and block it
-        self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=self._errors, text=True)
+        self._process = started(command, stdout=PIPE, stderr=self._errors.fileno())
         self._queue: SimpleQueue[str | None] = SimpleQueue()
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -98,7 +96,7 @@ class Side:
         for _ in self._told(timeout_s):
             pass
         if self._process.wait(timeout_s) not in (0, _INCOMPLETE):
-            raise HapnetError(self._failure(f"ended with exit code {self._process.returncode}"))
+            raise HapnetError(self._failure(how_it_ended(self._process.returncode)))
         summary: dict[str, Any] = json.loads(self._json.read_text(encoding="utf-8"))
         return summary
 

@@ -9,8 +9,8 @@ from functools import partial
 from hapnet.bench.references import plain_substeps
 from hapnet.bench.row import Distribution, Limit, Options, Row, row
 from hapnet.params import Params
+from hapnet.processes.pool import usable_cores
 from hapnet.simulation.batch import simulate_batch
-from hapnet.simulation.processes import usable_cores
 from hapnet.simulation.simulation import simulate
 
 _SIMULATED_S = 10.0

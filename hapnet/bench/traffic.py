@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import contextlib
 
-from hapnet.bench.children import Child, busy
 from hapnet.bench.row import Limit, Options, Row, row
 from hapnet.bench.servo import BARE, PERIOD_NS, Lateness, bare_loop, late_share
 from hapnet.bench.sides import lateness, start_pair
 from hapnet.params import Params
+from hapnet.processes.child import Child, busy
 
 KILOHERTZ = {"world.step_min_s": 0.001, "world.step_max_s": 0.001, "device.pspm_period_s": 0.001}
 LATE_EXCESS = 0.0003

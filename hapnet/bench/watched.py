@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import contextlib
 import shutil
-import subprocess
 import time
 from collections.abc import Iterator
 from functools import partial
 from importlib.util import find_spec
 from tempfile import TemporaryDirectory
 
-from hapnet.bench.children import Child, WaitForStart, uninterrupted
 from hapnet.bench.row import Limit, Options, Row, row
 from hapnet.bench.servo import Lateness, late_share
 from hapnet.bench.sides import lateness, start_pair
 from hapnet.params import Params
+from hapnet.processes.child import Child, WaitForStart
+from hapnet.processes.start import NOTHING, kill, started
 from hapnet.transport.config import ZenohSettings, free_address
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -65,12 +65,8 @@ def _watching(browser: str | None, seconds: float, address: str) -> Iterator[Non
             reader = stack.enter_context(Child(_show, address, seconds, port))
             profile = stack.enter_context(TemporaryDirectory(prefix="hapnet-bench-", ignore_cleanup_errors=True))
             command = [browser, *HEADLESS, f"--user-data-dir={profile}", "--remote-debugging-port=0"]
-            with uninterrupted():
-                process = subprocess.Popen(
-                    [*command, f"http://127.0.0.1:{port}"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-                )
-            stack.callback(process.wait)
-            stack.callback(process.kill)
+            program = started([*command, f"http://127.0.0.1:{port}"], stdout=NOTHING, stderr=NOTHING)
+            stack.callback(kill, program)
         reader.wait_ready()
         reader.go()
         yield

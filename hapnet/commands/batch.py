@@ -44,8 +44,8 @@ def seed_range(words: str) -> range:
 def main(params: Params, seeds: range, json_to: str | None, workers: int) -> int:
     """Simulate every seed in `workers` processes (0: as many as help); print a table, write one object per seed."""
     from hapnet.assembly.build import prepare
+    from hapnet.processes.pool import usable_cores
     from hapnet.simulation.batch import simulate_batch
-    from hapnet.simulation.processes import usable_cores
 
     if params.duration_s <= 0.0:
         raise InvalidParameter("duration_s", params.duration_s, "above 0 in virtual time")

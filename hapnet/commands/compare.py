@@ -197,7 +197,7 @@ def _compare(
 ) -> int:
     """Run one plan and show it; `whole` gets all of it. Returns the exit code if it was stopped, else 0."""
     from hapnet.commands.studies import run_missing
-    from hapnet.simulation.processes import usable_cores
+    from hapnet.processes.pool import usable_cores
     from hapnet.study import compare, tables, tunings
     from hapnet.study.backend import local_workers
     from hapnet.study.case import kept

@@ -9,7 +9,6 @@ import os
 import secrets
 import shutil
 import signal
-import sys
 import tempfile
 import time
 from collections.abc import AsyncIterator, Callable
@@ -23,6 +22,15 @@ from hapnet.commands.log import record
 from hapnet.commands.side import CONSOLE, PARENT, PLACE
 from hapnet.errors import HapnetError
 from hapnet.params import Params
+from hapnet.processes.start import (
+    NOTHING,
+    PIPE,
+    ProgramOnLoop,
+    how_it_ended,
+    side_command,
+    stands_still,
+    started_on_loop,
+)  # fmt: skip
 from hapnet.side.notices import Notice
 from hapnet.transport.config import free_address, local_address
 
@@ -75,7 +83,7 @@ class Pair:
         self.failure: str | None = None
         self._params, self._seed, self._directory, self._on_notice = params, seed, directory, on_notice
         self._record, self._console, self._realtime = record, console, realtime
-        self._children: dict[str, asyncio.subprocess.Process] = {}
+        self._children: dict[str, ProgramOnLoop] = {}
         self._reports: dict[str, asyncio.Task[bytes]] = {}
         self._told = False
         self._environment = {PARENT: str(os.getpid())} | ({CONSOLE: "1"} if console else {})
@@ -147,30 +155,23 @@ class Pair:
         self._at_end.callback(shutil.rmtree, sockets, ignore_errors=True)
         return local_address(sockets)
 
-    async def _start(self, role: str, endpoints: list[str]) -> asyncio.subprocess.Process:
+    async def _start(self, role: str, endpoints: list[str]) -> ProgramOnLoop:
         report, theirs = os.pipe()  # for the summary, which then needs no room on a disk
-        command = [sys.executable, "-m", "hapnet", role, *endpoints, "--no-multicast-scouting"]
-        command += ["--session", self._session, "--params", str(self._directory / "params.toml")]
-        command += ["--seed", str(self._seed), "--json", f"/dev/fd/{theirs}", "--log", "-", "--progress", "--no-files"]
-        if self._record:
-            command += ["--record", str(self.recording(role))]
-        if self._realtime and role == "device":
-            command.append("--realtime")
-        pipe = asyncio.subprocess.PIPE
-        # the terminal's Ctrl-C is blocked until the child has a handler for it
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        flags = [*endpoints, "--progress", "--no-files", *["--realtime"] * (self._realtime and role == "device")]
+        record = self.recording(role) if self._record else None
+        command = side_command(
+            role, *flags, session=self._session, params=self._directory / "params.toml", seed=self._seed,
+            record=record, summary=f"/dev/fd/{theirs}",
+        )  # fmt: skip
         try:
-            child = await asyncio.create_subprocess_exec(
-                *command,
-                stdin=pipe if self._console else asyncio.subprocess.DEVNULL,
-                stdout=pipe,
-                stderr=pipe,
-                pass_fds=(theirs,),
-                env={**os.environ, **self._environment},
-                process_group=0 if self._console else None,
+            child = await started_on_loop(
+                command,
+                stdin=PIPE if self._console else NOTHING,
+                keeps=(theirs,),
+                environment=self._environment,
+                own_group=self._console,
             )
         finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
             os.close(theirs)
         self._reports[role] = asyncio.create_task(_read(report))
         return child
@@ -188,7 +189,7 @@ class Pair:
             self.parts[role] = json.loads(await self._reports[role])
         if code not in (0, output.INCOMPLETE) and not self._told and self.failure is None:
             own = (self.errors[role] or said) if 0 < code < 128 else []
-            self.failure = own[-1] if own else f"the {role} process {_ended(code)}"
+            self.failure = own[-1] if own else f"the {role} process {how_it_ended(code)}"
 
     async def _watch_still(self) -> None:
         """Say which process stands still, and set `failure` if it does not go on."""
@@ -196,7 +197,7 @@ class Pair:
         while max(looks.values()) < STOPPED_LOOKS:
             await asyncio.sleep(LOOK_S)
             for role, child in self._children.items():
-                still = child.returncode is None and _stands_still(child.pid)
+                still = child.returncode is None and stands_still(child.pid)
                 looks[role] = looks[role] + 1 if still else 0
                 if looks[role] == 1:
                     limit_s = STOPPED_LOOKS * LOOK_S
@@ -219,21 +220,6 @@ class Pair:
                     child.send_signal(number)
 
 
-def _stands_still(pid: int) -> bool:
-    """Has a signal stopped this child? It is looked at only: whoever waits for its end still learns of that."""
-    with contextlib.suppress(ChildProcessError):
-        return os.waitid(os.P_PID, pid, os.WSTOPPED | os.WNOHANG | os.WNOWAIT) is not None
-    return False
-
-
-def _ended(code: int) -> str:
-    """How a process ended, in words: its exit code, or a signal that was not from here."""
-    number = -code if code < 0 else code - 128
-    with contextlib.suppress(ValueError):
-        return f"was {'killed' if code < 0 else 'ended'} by {signal.Signals(number).name}"
-    return f"ended with exit code {code}"
-
-
 async def _read(pipe: int) -> bytes:
     """Read everything from a pipe until it is closed."""
     reader = asyncio.StreamReader()
@@ -243,7 +229,7 @@ async def _read(pipe: int) -> bytes:
     return await reader.read()
 
 
-async def _notices(child: asyncio.subprocess.Process) -> AsyncIterator[tuple[bytes, dict[str, Any]]]:
+async def _notices(child: ProgramOnLoop) -> AsyncIterator[tuple[bytes, dict[str, Any]]]:
     """The lines that a process logs: each as raw bytes, and its content."""
     assert child.stdout is not None
     async for line in child.stdout:

@@ -12,8 +12,8 @@ from hapnet.commands import output
 from hapnet.commands.progress import Progress, duration
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
+from hapnet.processes.pool import usable_cores
 from hapnet.simulation.compiled import coverage
-from hapnet.simulation.processes import usable_cores
 from hapnet.study.backend import Backend, local_workers
 from hapnet.study.case import check
 from hapnet.study.estimate import mean_seconds, spread

@@ -99,8 +99,8 @@ def transparency(
         return params.show(chosen)
     from hapnet.commands.batch import seed_range
     from hapnet.couplings.registry import coupling
+    from hapnet.processes.pool import dealt, usable_cores
     from hapnet.report.files import save_figure
-    from hapnet.simulation.processes import dealt, usable_cores
     from hapnet.study import stable_stiffness, transparency
     from hapnet.study.impedance import Transmission, curve
     from hapnet.study.transparency import Task

@@ -8,11 +8,10 @@ through one more socket.
 from __future__ import annotations
 
 import os
-import signal
-import subprocess
 import sys
 import threading
 from collections import deque
+from contextlib import suppress
 from typing import Any
 
 from hapnet.assembly.build import Setup
@@ -20,6 +19,7 @@ from hapnet.checks import Vector
 from hapnet.control.coupling import CouplingSample
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.loading import LENT
+from hapnet.processes.start import NOTHING, Program, TimeoutExpired, end, how_it_ended, started
 from hapnet.realtime.controllers import ControlCallbacks
 from hapnet.realtime.servo_pipe import Pipe, PipeClosed, kind_of, socket_pair
 from hapnet.recording.samples import DeviceSample, Event
@@ -59,7 +59,7 @@ class ServoProcess:
         self._open_for_all = False  # not before the setup, which must be the first frame
         self._paying = threading.Lock()
         self._life = threading.Lock()  # held while the process is started and while it is ended
-        self._process: subprocess.Popen[bytes] | None = None
+        self._process: Program | None = None
         self._stopping = False
         self._part: SidePart = unknown_device()
         self._reader = threading.Thread(target=self._read, name="servo-pipe", daemon=True)
@@ -162,13 +162,13 @@ class ServoProcess:
         path = os.pathsep.join(str(entry) or os.getcwd() for entry in sys.path)
         with theirs:
             try:
-                self._process = subprocess.Popen(
+                self._process = started(
                     [sys.executable, "-P", "-m", "hapnet.realtime.servo_child", str(theirs.fileno())],
-                    pass_fds=(theirs.fileno(),),
-                    process_group=0,  # a Ctrl-C is for the parent, which ends the servo in order
-                    stdin=subprocess.DEVNULL,
+                    keeps=(theirs.fileno(),),
+                    own_group=True,  # a Ctrl-C is for the parent, which ends the servo in order
+                    stdin=NOTHING,
                     stdout=2,  # what a driver prints must not mix with the output of --json
-                    env={**os.environ, "PYTHONPATH": path},
+                    environment={"PYTHONPATH": path},
                 )
             except OSError as error:
                 self._pipe.close()
@@ -184,14 +184,9 @@ class ServoProcess:
         process = self._process
         assert process is not None
         self._pipe.hang_up()
-        for more in (process.terminate, process.kill, None):
-            try:
-                process.wait(STOP_LIMIT_S)
-            except subprocess.TimeoutExpired:
-                if more is not None:
-                    more()
+        how = end(process, STOP_LIMIT_S)
         self._pipe.close()
-        return _ended(process.returncode)
+        return how
 
     def _read(self) -> None:
         """Pass on the servo's frames until its process ends."""
@@ -209,10 +204,9 @@ class ServoProcess:
             pass
         if not self._stopping:
             assert self._process is not None
-            try:
-                how = _ended(self._process.wait(STOP_LIMIT_S))
-            except subprocess.TimeoutExpired:
-                how = "does not answer"
+            with suppress(TimeoutExpired):
+                self._process.wait(STOP_LIMIT_S)
+            how = how_it_ended(self._process.returncode)
             self._callbacks.fail(HapnetError(f"the servo's process {how}"))
 
     def _pass_on(self, frame: Any) -> None:
@@ -241,11 +235,3 @@ class ServoProcess:
                 self._part, self.unrecorded = part, unrecorded
                 if surplus > 0.0:
                     self._shuffled.append(surplus)
-
-
-def _ended(code: int | None) -> str:
-    if code is None:
-        return "does not answer"
-    if code < 0:
-        return f"was ended by {signal.Signals(-code).name}"
-    return f"ended with exit code {code}"

@@ -12,10 +12,10 @@ from hapnet.checks import Vector
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params, as_params
 from hapnet.plant.worlds.scene import Scene
+from hapnet.processes.pool import Progress, dealt
 from hapnet.side.device import DeviceSide
 from hapnet.side.world import WorldSide
 from hapnet.simulation.compiled import coverage
-from hapnet.simulation.processes import Progress, dealt
 from hapnet.simulation.simulation import Simulation
 from hapnet.summary.run import Summary
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from hapnet.simulation.processes import Outcome, Progress, WorkerPool
+from hapnet.processes.pool import Outcome, Progress, WorkerPool
 from hapnet.study.task import CaseResult, Task, run
 
 TaskOutcome = Outcome[Task, list[CaseResult]]

@@ -12,7 +12,7 @@ from typing import Any
 
 from hapnet.errors import HapnetError, InvalidParameter, MissingLibrary
 from hapnet.loading import cause
-from hapnet.simulation.processes import Outcome, WorkerDied
+from hapnet.processes.pool import Outcome, WorkerDied
 from hapnet.study.backend import TaskOutcome
 from hapnet.study.task import Task, run
 from hapnet.versions import versions

@@ -15,7 +15,7 @@ from hapnet.errors import HapnetError
 from hapnet.plant.worlds.scene import Scene
 from hapnet.plant.worlds.wall import wall
 from hapnet.plant.worlds.walls import WALL_STIFFNESS
-from hapnet.simulation.processes import Outcome
+from hapnet.processes.pool import Outcome
 from hapnet.study.backend import TaskOutcome
 from hapnet.study.journal import Journal
 from hapnet.study.spec import Spec

@@ -20,7 +20,7 @@ from hapnet.commands import compare_plan
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.metrics import METRICS
 from hapnet.params import Params
-from hapnet.simulation.processes import usable_cores
+from hapnet.processes.pool import usable_cores
 from hapnet.study import backend, compare, tables, task
 from hapnet.study.backend import local_workers
 from hapnet.study.case import Measures, measure

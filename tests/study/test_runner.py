@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from hapnet.errors import HapnetError
-from hapnet.simulation.processes import Outcome, WorkerDied
+from hapnet.processes.pool import Outcome, WorkerDied
 from hapnet.study import task as task_module
 from hapnet.study.backend import TaskOutcome
 from hapnet.study.journal import Journal

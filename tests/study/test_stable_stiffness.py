@@ -14,7 +14,7 @@ from hapnet import cli
 from hapnet.errors import InvalidParameter
 from hapnet.metrics.impedance import Line
 from hapnet.params import Params
-from hapnet.simulation import processes
+from hapnet.processes import pool
 from hapnet.study import stable_stiffness
 from hapnet.study.impedance import Transmission
 from hapnet.study.stable_stiffness import Case, ZWidth, bound, cases, stable, stiffest
@@ -117,7 +117,7 @@ def test_the_command_shows_them_beside_the_bound_in_table_figure_and_json(
 
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.setattr(stable_stiffness, "cases", lambda params: some)
-    monkeypatch.setattr(processes, "dealt", deal)
+    monkeypatch.setattr(pool, "dealt", deal)
     words = ["--coupling", "zoh", "--link", "lan", "--seeds", "0:1", "--z-width", "--workers", "1"]
     assert cli.main(["transparency", *words, "--out", str(tmp_path)]) == 0
     rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in capsys.readouterr().out.splitlines()]

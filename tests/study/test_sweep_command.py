@@ -18,7 +18,7 @@ import pytest
 
 from hapnet import cli
 from hapnet.errors import HapnetError
-from hapnet.simulation.processes import Outcome
+from hapnet.processes.pool import Outcome
 from hapnet.study.backend import Backend, TaskOutcome
 from hapnet.study.export import TIMING
 from hapnet.study.journal import NAME, Journal

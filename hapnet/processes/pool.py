@@ -11,10 +11,9 @@ import multiprocessing
 import os
 import pickle
 import signal
-import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
@@ -23,6 +22,7 @@ from typing import Any, Generic, TypeVar
 
 from hapnet.errors import HapnetError
 from hapnet.loading import cause
+from hapnet.processes.start import for_children, how_it_ended
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -34,7 +34,6 @@ START_LIMIT = 3
 _END_S = 2.0
 _WAIT_S = 0.2
 _SAY_EVERY_S = 0.1
-_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class WorkerDied(HapnetError):
@@ -137,7 +136,8 @@ class WorkerPool(Generic[Task, Result]):
         worker.process.join(_END_S)
         self._workers.remove(worker)
         worker.pipe.close()
-        how = _died(worker.process.exitcode)
+        how = how_it_ended(worker.process.exitcode)
+        how += ", perhaps out of memory" * how.endswith("SIGKILL")
         self._stillborn += not worker.ready
         if self._stillborn >= START_LIMIT:
             raise HapnetError(f"worker processes do not start: {how}")
@@ -147,7 +147,8 @@ class WorkerPool(Generic[Task, Result]):
     def _start(self) -> None:
         ours, theirs = self._context.Pipe()
         process = self._context.Process(target=_serve, args=(theirs, self._work), daemon=True, name="hapnet-worker")
-        with for_children():
+        resource_tracker.ensure_running()  # started along with the first process, it would unblock Ctrl-C there
+        with for_children(one_thread=True):
             process.start()
             theirs.close()  # only the child holds it now: when it dies, our end reads EOF
             self._workers.append(_Worker(process, ours))  # before Ctrl-C is unblocked, so that `close` ends it too
@@ -204,39 +205,6 @@ def usable_cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-@contextmanager
-def for_children() -> Iterator[None]:
-    """Processes started in this context leave Ctrl-C to their parent, and use one thread each.
-
-    A Ctrl-C that comes meanwhile is raised at the end: a process whose start is interrupted ends in a traceback. The
-    children inherit the mask. It does not protect this thread, as Python raises here what any other thread receives.
-    """
-    before = {name: os.environ.get(name) for name in _THREADS}
-    os.environ.update(dict.fromkeys(_THREADS, "1"))
-    came: list[int] = []
-    handler = signal.getsignal(signal.SIGINT) if threading.current_thread() is threading.main_thread() else None
-    if callable(handler):
-        signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
-    masked = None
-    if hasattr(signal, "pthread_sigmask"):
-        resource_tracker.ensure_running()  # started along with the first process, it would unblock Ctrl-C there
-        masked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
-        if masked is not None:
-            signal.pthread_sigmask(signal.SIG_SETMASK, masked)
-        if callable(handler):
-            signal.signal(signal.SIGINT, handler)
-        if came:
-            signal.raise_signal(signal.SIGINT)
-
-
 def _serve(pipe: Connection, work: Callable[[Any, Progress], Any]) -> None:
     """A worker's main loop; it ends when nobody reads its results. It ignores Ctrl-C, which is for the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -272,11 +240,3 @@ def _picklable(error: Exception) -> Exception:
     except Exception:  # a user's class may raise anything
         return HapnetError(cause(error))
     return error
-
-
-def _died(code: int | None) -> str:
-    if code is not None and code < 0:
-        with suppress(ValueError):
-            name = signal.Signals(-code).name
-            return f"was killed by {name}{', perhaps out of memory' if name == 'SIGKILL' else ''}"
-    return f"ended by itself with exit code {code}"

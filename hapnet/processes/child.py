@@ -1,11 +1,9 @@
-"""Processes that measure: each runs one function, all begin together, and none outlives the benchmark."""
+"""Children that each run one function: all begin together, and none outlives the program that started them."""
 
 from __future__ import annotations
 
 import contextlib
 import multiprocessing
-import signal
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -14,6 +12,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from hapnet.errors import HapnetError
+from hapnet.processes.start import PIPE, Program, for_children, kill, started
 
 WaitForStart = Callable[[], None]
 """A child's function calls it when it is ready; it returns when all children begin."""
@@ -46,7 +45,7 @@ class Child:
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_run, args=(theirs, function, args), daemon=True)
         resource_tracker.ensure_running()  # if it started with the process, it would unblock SIGINT
-        with uninterrupted():
+        with for_children():
             self._process.start()
         theirs.close()
 
@@ -97,40 +96,17 @@ def together(children: list[Child], timeout_s: float) -> list[Any]:
 
 
 @contextlib.contextmanager
-def uninterrupted() -> Iterator[None]:
-    """Processes started here never get the terminal's Ctrl-C: the benchmark itself gets it, and ends them.
-
-    Only for the main thread. A Ctrl-C that comes meanwhile is kept until the end, since a half-started process would
-    print an error. A started process inherits the signal mask. The handler is needed because the mask does not hold for
-    other threads, such as those of a BLAS library.
-    """
-    kept: list[int] = []
-    handler = signal.signal(signal.SIGINT, lambda number, frame: kept.append(number))
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        signal.signal(signal.SIGINT, handler)
-        if kept:
-            signal.raise_signal(signal.SIGINT)
-
-
-@contextlib.contextmanager
 def busy(count: int) -> Iterator[None]:
     """`count` processes that only compute; they end with this context, or with this process."""
-    started: list[subprocess.Popen[bytes]] = []
+    programs: list[Program] = []
     try:
-        for _ in range(count):
-            with uninterrupted():
-                started.append(subprocess.Popen([sys.executable, "-c", _COMPUTE], stdin=subprocess.PIPE))
+        programs.extend(started([sys.executable, "-c", _COMPUTE], stdin=PIPE) for _ in range(count))
         if count:
             time.sleep(0.2)  # until they run
         yield
     finally:
-        for process in started:
-            process.kill()
-            process.communicate()
+        for program in programs:
+            kill(program)
 
 
 def _run(pipe: Connection, function: Callable[..., Any], args: tuple[Any, ...]) -> None:

@@ -1,0 +1,145 @@
+"""Starts programs, and ends them."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+Program = subprocess.Popen[bytes]
+ProgramOnLoop = asyncio.subprocess.Process
+TimeoutExpired = subprocess.TimeoutExpired
+NOTHING, PIPE = subprocess.DEVNULL, subprocess.PIPE
+
+_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+def module(name: str, *arguments: str) -> list[str]:
+    """The command that runs a module of this interpreter."""
+    return [sys.executable, "-m", name, *arguments]
+
+
+def started(
+    command: Sequence[str],
+    *,
+    stdin: int | None = None,
+    stdout: int | None = None,
+    stderr: int | None = None,
+    keeps: Collection[int] = (),
+    environment: Mapping[str, str] | None = None,
+    own_group: bool = False,
+) -> Program:
+    """Start a program; it leaves Ctrl-C to this process until it has a handler for it.
+
+    stdin, stdout, stderr : `NOTHING`, `PIPE`, or a file's number; None: as here. keeps : open files that it gets.
+    environment : variables besides those of this process. own_group : the terminal's Ctrl-C does not reach it.
+
+    Raises OSError: it cannot be started.
+    """
+    with for_children():
+        return subprocess.Popen(
+            command, stdin=stdin, stdout=stdout, stderr=stderr, pass_fds=tuple(keeps),
+            env={**os.environ, **(environment or {})}, process_group=0 if own_group else None,
+        )  # fmt: skip
+
+
+def side_command(
+    role: str, *flags: str, session: str, params: Path, seed: int, record: Path | None, summary: str
+) -> list[str]:
+    """The command that runs one side of a pair, and prints its notices.
+
+    params : the parameters' file. record : where its recording goes. summary : where its summary goes.
+    """
+    command = module("hapnet", role, *flags, "--no-multicast-scouting", "--session", session, "--params", str(params))
+    command += ["--seed", str(seed), "--json", summary, "--log", "-"]
+    return command if record is None else [*command, "--record", str(record)]
+
+
+async def started_on_loop(
+    command: Sequence[str],
+    *,
+    stdin: int | None = None,
+    keeps: Collection[int] = (),
+    environment: Mapping[str, str] | None = None,
+    own_group: bool = False,
+) -> ProgramOnLoop:
+    """As `started`, to be read by the event loop: the program's output and errors are pipes."""
+    with for_children():
+        return await asyncio.create_subprocess_exec(
+            *command, stdin=stdin, stdout=PIPE, stderr=PIPE, pass_fds=tuple(keeps),
+            env={**os.environ, **(environment or {})}, process_group=0 if own_group else None,
+        )  # fmt: skip
+
+
+def end(program: Program, limit_s: float) -> str:
+    """End a program that has been asked to: after `limit_s` by SIGTERM, after that again by SIGKILL.
+
+    Returns in words how it ended.
+    """
+    for more in (program.terminate, program.kill, None):
+        with suppress(TimeoutExpired):
+            program.wait(limit_s)
+            break
+        if more is not None:
+            more()
+    return how_it_ended(program.returncode)
+
+
+def kill(program: Program) -> None:
+    """End it now."""
+    program.kill()
+    program.communicate()
+
+
+def how_it_ended(code: int | None) -> str:
+    """How a process ended, in words: by its exit code, or by a signal, which it may have handled. None: it runs."""
+    if code is None:
+        return "does not answer"
+    with suppress(ValueError):
+        return f"was {'killed' if code < 0 else 'ended'} by {signal.Signals(-code if code < 0 else code - 128).name}"
+    return f"ended with exit code {code}"
+
+
+def stands_still(pid: int) -> bool:
+    """Has a signal stopped this child? It is looked at only: whoever waits for its end still learns of that."""
+    with suppress(ChildProcessError):
+        return os.waitid(os.P_PID, pid, os.WSTOPPED | os.WNOHANG | os.WNOWAIT) is not None
+    return False
+
+
+@contextmanager
+def for_children(*, one_thread: bool = False) -> Iterator[None]:
+    """Processes started in this context leave Ctrl-C to their parent; with `one_thread` each computes with one.
+
+    A Ctrl-C that comes meanwhile is raised at the end: a process whose start is interrupted ends in a traceback. The
+    children inherit the mask. It does not protect this thread, as Python raises here what any other thread receives.
+    """
+    before = {name: os.environ.get(name) for name in _THREADS if one_thread}
+    os.environ.update(dict.fromkeys(before, "1"))
+    came: list[int] = []
+    handler = signal.getsignal(signal.SIGINT) if threading.current_thread() is threading.main_thread() else None
+    if callable(handler):
+        signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
+    masked = None
+    if hasattr(signal, "pthread_sigmask"):
+        masked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+        if masked is not None:
+            signal.pthread_sigmask(signal.SIG_SETMASK, masked)
+        if callable(handler):
+            signal.signal(signal.SIGINT, handler)
+        if came:
+            signal.raise_signal(signal.SIGINT)
