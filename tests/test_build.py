@@ -10,7 +10,7 @@ from hapnet.assembly.build import Setup, device_session, device_side, prepare, w
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
 from hapnet.plant.operator import Impedance, Rest
-from hapnet.plant.worlds.box import box_walls
+from hapnet.plant.scenes.box import box_walls
 from hapnet.plant.worlds.scene import Scene
 from hapnet.recording.samples import Sample
 from hapnet.side.device import ContinuousDeviceSide, DeviceSide

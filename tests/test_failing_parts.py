@@ -35,7 +35,7 @@ class Endless(Scene):
         return super().next_step_s(rng)
 
 def short(*, dof=1):
-    from hapnet.plant.worlds.wall import wall
+    from hapnet.plant.scenes.wall import wall
     made = wall(dof=dof)
     return Endless("short", dof, made.walls, 0.01, 0.02)
 """

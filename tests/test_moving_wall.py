@@ -14,7 +14,8 @@ from hapnet.errors import InvalidParameter
 from hapnet.mechanics.plane import Plane
 from hapnet.params import Params
 from hapnet.plant.integrator import PassiveIntegrator
-from hapnet.plant.worlds.moving_wall import MovingWall, Schedule, moving
+from hapnet.plant.scenes.moving import moving
+from hapnet.plant.worlds.moving_wall import MovingWall, Schedule
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.walls import Wall
 from hapnet.simulation.simulation import Simulation

@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 
 from hapnet import ForceWorld, HapnetError, InvalidParameter, Obstacle, Params, simulate
 from hapnet.plant.integrator import PassiveIntegrator
+from hapnet.plant.scenes.wall import wall as flat_wall
 from hapnet.plant.worlds.observed_world import ObservedWorld
 from hapnet.plant.worlds.own_worlds import SteppedWorld
 from hapnet.plant.worlds.registry import make_scene
-from hapnet.plant.worlds.wall import wall as flat_wall
 from tests.theorem_cases import random_case
 
 Vector = tuple[float, ...]

@@ -1,12 +1,18 @@
 from __future__ import annotations
 
 import inspect
+import json
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+import hapnet
+from hapnet.assembly.build import prepare
 from hapnet.errors import InvalidParameter
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.protocol import Surface
@@ -55,7 +61,7 @@ def test_paper_is_free_above_and_solid_below() -> None:
     scene = make_scene("paper")
     assert scene.contacts.penetration((0.3, -0.2, 0.001)) == 0.0
     assert scene.contacts.penetration((0.3, -0.2, -0.001)) == pytest.approx(0.001)
-    raised = make_scene("paper", position=0.05)
+    raised = make_scene("paper", height=0.05)
     assert raised.contacts.penetration((0.0, 0.0, 0.04)) == pytest.approx(0.01)
     assert raised.start == (0.0, 0.0, 0.05)
 
@@ -75,7 +81,7 @@ def test_box_is_closed_on_every_side(dof: int) -> None:
 def test_surfaces_for_plots() -> None:
     assert make_scene("free").surfaces == ()
     assert make_scene("wall", position=0.01, dof=2).surfaces == (Surface(0, 0.01, 1),)
-    assert make_scene("paper", position=-0.02).surfaces == (Surface(2, -0.02, -1),)
+    assert make_scene("paper", height=-0.02).surfaces == (Surface(2, -0.02, -1),)
     assert make_scene("box", dof=2).surfaces == (
         Surface(0, 0.03, 1),
         Surface(0, -0.03, -1),
@@ -135,7 +141,7 @@ def test_parameters_and_defaults_are_told() -> None:
         ("wall", {"damping": -1.0}, "damping is -1.0"),
         ("wall", {"position": -0.01}, r"outside walls\[0\]"),
         ("wall", {"position": float("nan")}, "position is nan"),
-        ("paper", {"position": "low"}, "position is 'low'"),
+        ("paper", {"height": "low"}, "height is 'low'"),
         ("free", {"step_min_s": "10ms"}, "step_min_s is '10ms'"),
         ("box", {"size": 0.0}, "size is 0.0"),
         ("paper", {"dof": 2}, "dof is 2"),
@@ -191,3 +197,34 @@ def test_a_mass_may_begin_towards_any_place_and_only_a_wall_stops_it(name: str) 
         else:
             assert share == pytest.approx(1.0)
     assert (stopped > 0) == bool(scene.walls)
+
+
+def test_the_pages_example_is_a_world_once_it_is_in_the_folder(tmp_path: Path) -> None:
+    folder = tmp_path / "hapnet"
+    shutil.copytree(Path(hapnet.__file__).parent, folder, ignore=shutil.ignore_patterns("__pycache__"))
+    page = (folder / "README.md").read_text("utf-8").partition("**A world.**")[2]
+    (folder / "plant/scenes/corridor.py").write_text(page.partition("```python\n")[2].partition("```")[0], "utf-8")
+
+    def run(scene: str, code: int = 0) -> str:
+        words = ["simulate", "--no-files", "--scene", scene, "--operator", "sine", "--duration", "2", "--json", "-"]
+        command = [sys.executable, "-m", "hapnet", *words, "--set", "world.wall.stiffness=800"]
+        ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
+        assert ended.returncode == code, ended.stderr
+        return ended.stdout or ended.stderr
+
+    narrow, wide = (json.loads(run(f"corridor{words}")) for words in ("?width=0.01", "?width=0.9"))
+    assert narrow["verdict"]["passive"] is True
+    assert (narrow["motion"]["contacts"] > 0) > wide["motion"]["contacts"]
+    assert "did you mean width?" in run("corridor?with=0.01", 2)
+    assert "a number, such as width=0.04" in run("corridor?width=narrow", 2)
+    code = "from hapnet.commands.complete import scenes; print(dict(scenes())['corridor'])"
+    said = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert said.stdout == "A corridor along the last axis, `width` [m] wide.\n"
+
+
+def test_what_stands_behind_a_name_wins_over_a_parameter() -> None:
+    given = {"scene": "wall?position=0.015&dof=2", "world.wall.position_m": 0.03, "world.wall.stiffness": 500.0}
+    setup = prepare(given)
+    (wall,) = setup.scene.walls
+    assert (setup.dof, wall.offset, wall.stiffness) == (2, 0.015, 500.0)
+    assert any("world.wall.position_m" in warning for warning in setup.warnings)

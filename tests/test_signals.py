@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from hapnet.checks import Vector
 from hapnet.errors import BadMessage, HapnetError, InvalidParameter
 from hapnet.params import Params
+from hapnet.plant.scenes.wall import wall
 from hapnet.plant.worlds.scene import Scene
-from hapnet.plant.worlds.wall import wall
 from hapnet.simulation.simulation import Simulation
 from hapnet.summary.verdict import judge
 from hapnet.wire.events import SignalReceived

@@ -34,7 +34,7 @@ from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.operator import Operator
 from hapnet.plant.worlds.protocol import World
-from hapnet.plant.worlds.registry import SCENES, make_scene, scene_parameters
+from hapnet.plant.worlds.registry import is_own, make_scene, scene_parameters
 from hapnet.recording.samples import Event, MotionSample
 from hapnet.side.device import Clock, ContinuousDeviceSide, DeviceSide, Drive, Write
 from hapnet.side.endpoint import NANO, DeviceControl, WorldControl
@@ -381,9 +381,7 @@ def _session(setup: Setup, role: Role, name: str, incarnation: int, secret: Secr
 
 def _scene(params: Params) -> tuple[World, list[str]]:
     """The scene, and a warning for each parameter that was set but that the scene does not read."""
-    known, named = scene_parameters(params.scene), params.scene in SCENES
-    if params.scene == "paper":
-        known.pop("position")  # the paper lies in z = 0, whatever the wall does
+    known, named = scene_parameters(params.scene), not is_own(params.scene)
     if params.dof and "dof" not in known:
         raise InvalidParameter("dof", params.dof, f"0: the scene {params.scene} sets its own")
     values: dict[str, Any] = {"dof": params.dof} if params.dof else {}

@@ -38,12 +38,12 @@ def start_pair(
     directory = Path(stack.enter_context(TemporaryDirectory(prefix="hapnet-bench-")))
     (directory / "params.toml").write_text(params.toml(), encoding="utf-8")
     address, session = local_address(str(directory)), f"bench-{secrets.token_hex(4)}"
-    world = stack.enter_context(Side("world", directory, session, "--listen", address))
+    world = stack.enter_context(Side("world", directory, "--listen", address, session=session))
     world.expect("waiting")  # it has loaded its libraries, which would disturb the measurement
     if beside is not None:
         stack.enter_context(beside(address))
     flags = ["--realtime"] if realtime else []
-    device = stack.enter_context(Side("device", directory, session, "--connect", address, *flags))
+    device = stack.enter_context(Side("device", directory, "--connect", address, *flags, session=session))
     device.expect("paired")
     return device, world
 
@@ -58,7 +58,7 @@ def lateness(summary: dict[str, Any], device: Side, period_ns: int = PERIOD_NS) 
 class Side:
     """A process of `hapnet device` or `hapnet world`."""
 
-    def __init__(self, role: str, directory: Path, session: str, *flags: str) -> None:
+    def __init__(self, role: str, directory: Path, *flags: str, session: str = "bench") -> None:
         self.role = role
         self.notices: dict[str, str] = {}
         """The newest notice of each kind."""

@@ -66,12 +66,13 @@ def couplings() -> list[str]:
     return [*COUPLING_NAMES, *published(GROUP)]
 
 
-def scenes() -> list[str]:
-    """Built-in scenes, the solids that need no file, and what packages publish."""
-    from hapnet.plant.worlds.registry import GROUP, SCENES
+def scenes() -> list[tuple[str, str]]:
+    """Worlds by name with what they are, the solids that need no file, and what packages publish."""
+    from hapnet.plant.worlds.registry import GROUP, SCENES, about
     from hapnet.plant.worlds.rigid import FROM_FILES, KINDS
 
-    return [*SCENES, *(name for name in KINDS if name not in FROM_FILES), *published(GROUP)]
+    solids = [(name, kind.words) for name, kind in KINDS.items() if name not in FROM_FILES]
+    return [*((name, about(name)) for name in SCENES), *solids, *((name, "") for name in published(GROUP))]
 
 
 def devices() -> list[str]:

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from hapnet.errors import HapnetError
+from hapnet.plant.scenes.wall import wall
 from hapnet.plant.worlds.scene import Scene
-from hapnet.plant.worlds.wall import wall
 from hapnet.plant.worlds.walls import WALL_STIFFNESS
 from hapnet.processes.pool import Outcome
 from hapnet.study.backend import TaskOutcome

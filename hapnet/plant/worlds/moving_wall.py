@@ -22,11 +22,10 @@ from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.contacts import Inverse, Surroundings
 from hapnet.mechanics.plane import Plane
-from hapnet.params import WallParams
 from hapnet.plant.operator import minimum_jerk
 from hapnet.plant.worlds.protocol import Surface, WorldDefaults
-from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene, along, checked_dof
-from hapnet.plant.worlds.walls import WALL_DAMPING, WALL_STIFFNESS, Contacts, Wall, check_number
+from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene
+from hapnet.plant.worlds.walls import Contacts, Wall
 from hapnet.records.vectors import inner
 from netem import NetemError
 from netem.units import parse_time
@@ -205,22 +204,6 @@ class MovingWall(WorldDefaults, Surroundings):
         self._wall = self.schedule.at(now)
         self._rests_until = self.schedule.rests_until(now)
         self._contacts = Contacts(() if self._wall is None else (self._wall,), self.dof)
-
-
-def moving(
-    *,
-    dof: int = 1,
-    position: float = WallParams().position_m,
-    stiffness: float = WALL_STIFFNESS,
-    damping: float = WALL_DAMPING,
-    timeline: str = WallParams().timeline,
-    step_min_s: float = STEP_MIN_S,
-    step_max_s: float = STEP_MAX_S,
-) -> MovingWall:
-    """The scene `wall`, moved as `timeline` says."""
-    check_number("position", position, "a finite number [m]", isfinite)
-    wall = Wall(along(checked_dof(dof), 0, 1.0), position, stiffness, damping)
-    return MovingWall(Schedule(wall, timeline), step_min_s, step_max_s)
 
 
 def _changes(timeline: str, start: dict[str, float], dof: int) -> Iterator[Change]:

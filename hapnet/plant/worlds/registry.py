@@ -1,16 +1,14 @@
-"""The worlds by name.
+"""The worlds by name, and the words behind a name.
 
-A world is chosen by name (`make_scene`) or given as ``module:Name``: a class or function in an importable module that
-takes keyword arguments and returns a world (`hapnet.plant.worlds.protocol`), most simply a `Scene` of walls:
+A world is given as one of these:
 
-    def corridor(*, dof: int = 2, width: float = 0.04) -> Scene:
-        return Scene("corridor", dof, box_walls(dof, width / 2, 3000.0, 10.0)[:2])
+* ``NAME`` of a file in hapnet/plant/scenes/, or of a world that another package publishes as an entry point of
+  `hapnet.worlds`; behind it its own parameters, as in ``box?size=0.02`` (`&` joins several, in SI units);
+* solids (`hapnet.plant.worlds.rigid`), such as ``sphere?radius=20mm``, or ``mujoco:FILE.xml``;
+* ``module:Name`` of the user's own (`hapnet.plant.worlds.own_worlds`), most simply what returns a `Scene` of walls:
 
-or a `ForceWorld` with obstacles that move. ``module:name`` may also be the force itself, a function of position,
-velocity and time, or give an object that steps by itself (`hapnet.plant.worlds.own_worlds.Stepping`). An observer
-watches both.
-
-A built-in world is a file in this package and a line in `SCENES`. Rigid scenes are words (`hapnet.plant.worlds.rigid`).
+      def corridor(*, dof: int = 2, width: float = 0.04) -> Scene:
+          return Scene("corridor", dof, box_walls(dof, width / 2, 3000.0, 10.0)[:2])
 """
 
 from __future__ import annotations
@@ -22,29 +20,40 @@ from typing import Any
 
 from hapnet.errors import InvalidParameter
 from hapnet.loading import published
+from hapnet.plant.scenes import SCENES as SCENES
 from hapnet.plant.worlds import own_worlds, rigid
-from hapnet.plant.worlds.box import box
-from hapnet.plant.worlds.moving_wall import moving
 from hapnet.plant.worlds.mujoco_model import PREFIX as MUJOCO
 from hapnet.plant.worlds.mujoco_world import MujocoWorld
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S
-from hapnet.plant.worlds.wall import free, paper, wall
 
 GROUP = "hapnet.worlds"
 """The entry points by which other packages publish their worlds under names of their own."""
 
-SCENES: dict[str, Callable[..., World]] = {"free": free, "wall": wall, "box": box, "paper": paper, "moving": moving}
+
+def about(name: str) -> str:
+    """What a world of hapnet's own is, in one line."""
+    return (inspect.getdoc(SCENES[name]) or "").partition("\n")[0]
+
+
+def is_own(name: str) -> bool:
+    """Is it one of the user's own, or of another package? Such a world has defaults of its own."""
+    return name.partition("?")[0] not in SCENES
 
 
 def scene_parameters(name: str) -> dict[str, Any]:
-    """The keywords and defaults that `make_scene` accepts for scene `name` (`inspect.Parameter.empty`: no default)."""
-    parameters = inspect.signature(_builder(name)).parameters.values()
-    return {p.name: p.default for p in parameters if p.kind is not p.VAR_KEYWORD}
+    """The keywords and defaults that `make_scene` accepts for scene `name` (`inspect.Parameter.empty`: no default).
+
+    Those that the words behind the name set are left out.
+    """
+    builder = _builder(name)
+    given = builder.keywords if isinstance(builder, partial) else {}
+    parameters = inspect.signature(builder).parameters.values()
+    return {p.name: p.default for p in parameters if p.kind is not p.VAR_KEYWORD and p.name not in given}
 
 
-def make_scene(name: str, **parameters: Any) -> World:
-    """Build the scene `name`: one of `SCENES`, or a user's own given as ``module:Name`` (see above).
+def make_scene(name: str, **parameters: object) -> World:
+    """Build the scene `name` (see above).
 
     Raises InvalidParameter if there is no such scene, if it does not accept a parameter, or if a value is not allowed.
     """
@@ -54,15 +63,16 @@ def make_scene(name: str, **parameters: Any) -> World:
     except TypeError as error:
         known = ", ".join(scene_parameters(name)) or "nothing"
         raise InvalidParameter(f"scene {name}", parameters, f"this scene's parameters ({known}): {error}") from None
-    if name in SCENES or name.startswith(MUJOCO) or rigid.builder(name) is not None:
+    if not is_own(name) or name.startswith(MUJOCO) or rigid.builder(name) is not None:
         world: World = builder(**parameters)
         return world
     return own_worlds.made(builder, name, parameters)
 
 
 def _builder(name: str) -> Callable[..., Any]:
-    if name in SCENES:
-        return SCENES[name]
+    plain, _, words = name.partition("?")
+    if plain in SCENES:
+        return partial(SCENES[plain], **_given(name, words, SCENES[plain])) if words else SCENES[plain]
     if name.startswith(MUJOCO):
         return partial(_mujoco, name)
     if (from_words := rigid.builder(name)) is not None:
@@ -70,6 +80,22 @@ def _builder(name: str) -> Callable[..., Any]:
     names = (*SCENES, *rigid.KINDS, *published(GROUP))
     allowed = f"{', '.join(names)}, mujoco:FILE.xml, or module:Name that can be imported"
     return own_worlds.builder(published(GROUP).get(name, (name, ""))[0], allowed, names)
+
+
+def _given(name: str, words: str, world: Callable[..., World]) -> dict[str, object]:
+    """The parameters that the words behind a world's name set, each of the type of its default."""
+    known = {p.name: p.default for p in inspect.signature(world).parameters.values()}
+    found: dict[str, object] = {}
+    for entry in words.split("&"):
+        key, equals, text = entry.partition("=")
+        if not equals or key not in known or key in found:
+            shown = ", ".join(f"{key}={default}" for key, default in known.items())
+            raise InvalidParameter(f"scene {name}", key, f"KEY=VALUE, each at most once, of {shown}", known)
+        try:
+            found[key] = type(known[key])(text)
+        except ValueError:
+            raise InvalidParameter(f"scene {name}", entry, f"a number, such as {key}={known[key]}") from None
+    return found
 
 
 def _mujoco(
