@@ -11,6 +11,7 @@ from numpy.random import PCG64, Generator, SeedSequence
 from numpy.typing import NDArray
 
 from netem import models
+from netem.impairment import Acting
 from netem.profile import LinkProfile
 
 _FIELDS = {
@@ -23,6 +24,9 @@ _FIELDS = {
 # Appended to the seed's spawn key, so that no stream equals one that the caller spawns from the same seed. Append new
 # streams at the end, so that the others do not change.
 _STREAM_KEYS = {name: (0x6E6574656D, index) for index, name in enumerate((*_FIELDS, "bit", "csv", "resend"))}
+
+_OTHERS = (0x6E6574656D, 0x6F74686572)
+"""The same for a further impairment, before the letters of its word."""
 
 
 class Fates(NamedTuple):
@@ -64,6 +68,7 @@ class Streams:
 
     Attributes
     ----------
+    others : what the further impairments do to a message.
     next : for the next message: is it lost, is it corrupted, may it be sent ahead, its delay [ns], its luck (see
         `Fates`). next_bit : which bit of a corrupted message is flipped, in [0, 1). next_chance : the draw in [0, 1)
         that is compared with the loss of a trace of conditions. next_slot : the time to the next slot [ns], if the
@@ -80,6 +85,7 @@ class Streams:
         self._profile: LinkProfile | None = None
         self._profile_seed: int | None = None
         self._generators: dict[str, Generator] = {}
+        self.others: tuple[Acting, ...] = ()
         self._draws: dict[str, Draws] = {}
 
     def configure(self, profile: LinkProfile, offered: int) -> set[str]:
@@ -95,6 +101,8 @@ class Streams:
             self.next_bit = Draws(models.fractions(self._generators["bit"]), 0).each.__next__
             self.next_chance = Draws(models.fractions(self._generators["csv"]), 0).each.__next__
         self._profile = profile
+        if previous is None or profile.others != previous.others:
+            self.others = tuple([one.acting(self._of(one.word())) for one in profile.others])
         new = {effect for effect in _FIELDS if _changed(effect, profile, previous)}
         if previous is None or (profile.resend is None) != (previous.resend is None):
             new.add("resend")
@@ -105,6 +113,12 @@ class Streams:
         each = [self._draws[effect].each for effect in ("loss", "corrupt", "reorder", "delay", "resend")]
         self.next = zip(*each, strict=False).__next__
         return new
+
+    def _of(self, word: str) -> Generator:
+        """The generator of a further impairment: it goes on where the impairment gets other parameters."""
+        if word not in self._generators:
+            self._generators[word] = _generator(self._seed, self._profile_seed, (*_OTHERS, *word.encode()))
+        return self._generators[word]
 
     def many(self, taken: int, count: int) -> Fates:
         """The draws of the next `count` messages; `taken` messages already have theirs."""
@@ -137,8 +151,9 @@ def _changed(effect: str, profile: LinkProfile, previous: LinkProfile | None) ->
 
 def generators(seed: SeedSequence, profile_seed: int | None) -> dict[str, Generator]:
     """The generator of each stream; a seed in the profile replaces the entropy of `seed`."""
+    return {name: _generator(seed, profile_seed, key) for name, key in _STREAM_KEYS.items()}
+
+
+def _generator(seed: SeedSequence, profile_seed: int | None, key: tuple[int, ...]) -> Generator:
     entropy = seed.entropy if profile_seed is None else profile_seed
-    return {
-        name: Generator(PCG64(SeedSequence(entropy, spawn_key=(*seed.spawn_key, *key))))
-        for name, key in _STREAM_KEYS.items()
-    }
+    return Generator(PCG64(SeedSequence(entropy, spawn_key=(*seed.spawn_key, *key))))

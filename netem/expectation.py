@@ -19,10 +19,11 @@ class Expectation:
     """Long-run figures; the names are those that `LinkStats` uses for the achieved ones.
 
     `loss`, `recovered` and `sent_ahead` are shares of the messages offered; `resent` is the number of resends per
-    message offered. `mean_loss_burst` is None without loss, or if it depends on the traffic's pace (``csv``).
-    `sent_ahead` neglects that losses weaken a correlation beyond a gap. The delays are those of the words `delay`,
-    `csv`, `resend` and `reorder`, including the cut at 0. The delay added by a rate, a trace, a slot or waiting for a
-    resend depends on the traffic and is left out. With `csv`, a message and its resends are assumed to use the same
+    message offered. `mean_loss_burst` is None without loss, or if it depends on the traffic's pace (``csv``) or on an
+    impairment of `netem.impairments`. `sent_ahead` neglects that losses weaken a correlation beyond a gap. The delays
+    are those of the words `delay`, `csv`, `resend` and `reorder`, and of impairments, including the cut at 0. The delay
+    added by a rate, a trace, a slot or waiting for a resend depends on the traffic and is left out. With `csv`, a
+    message and its resends are assumed to use the same
     line of the file. `delay_correlation` is that of successive messages; None if the delay is constant, or if the pace,
     `reorder` or `resend` affects it.
     """
@@ -45,6 +46,11 @@ def expect(profile: LinkProfile) -> Expectation:
     """The figures that a long run through a link with this profile approaches."""
     resend, csv = profile.resend, profile.csv
     shares, lost = _fates(profile)
+    number = np.arange(len(shares))
+    resent, recovered = float(shares @ number) + lost * (len(shares) - 1), float(shares[1:].sum())
+    added = [one.expected() for one in profile.others]
+    for loses, _, _ in added:
+        shares, lost = shares * (1.0 - loses), lost + float(shares.sum()) * loses
     arrived = float(shares.sum())
     ahead = _ahead(profile)
     delays = models.delay_quantiles(profile) * 1e-6
@@ -52,20 +58,21 @@ def expect(profile: LinkProfile) -> Expectation:
     if csv is not None:
         mean += csv.mean()[0] * 1e-6
         variance += csv.delay_variance() * 1e-12
+    mean += sum(more for _, more, _ in added) * 1e-6
+    variance += sum(spread**2 for _, _, spread in added) * 1e-12
     # a message's delay starts after its resends; of those without resends, the share sent ahead has no delay
     of_them = shares / arrived if arrived else np.eye(1, len(shares))[0]
-    number = np.arange(len(shares))
     later = mean + number * (0.0 if resend is None else resend.after_ns * 1e-6)
     at_once = ahead * float(of_them[0])
     of_them[0] -= at_once
     total = float(of_them @ later)
     spread = float(of_them @ (variance + (later - total) ** 2)) + at_once * total**2
-    steady = csv is None and not ahead and resend is None and profile.jitter_ns > 0
+    steady = csv is None and not ahead and not added and resend is None and profile.jitter_ns > 0
     return Expectation(
         loss=lost,
         mean_loss_burst=_burst(profile),
-        resent=float(shares @ number) + lost * (len(shares) - 1),
-        recovered=float(shares[1:].sum()),
+        resent=resent,
+        recovered=recovered,
         sent_ahead=float(shares[0]) * ahead,
         delay_mean_ms=total,
         delay_std_ms=math.sqrt(spread),
@@ -110,7 +117,7 @@ def _fates_at(profile: LinkProfile, chance: float) -> tuple[list[float], float]:
 
 
 def _burst(profile: LinkProfile) -> float | None:
-    if profile.loss is None or (profile.csv is not None and any(profile.csv.losses)):
+    if profile.loss is None or profile.others or (profile.csv is not None and any(profile.csv.losses)):
         return None
     kept = 1.0 if profile.resend is None else lost_again(profile.loss, profile.resend.times)[-1]
     return share_and_run(profile.loss, kept)[1]

@@ -1,6 +1,6 @@
 """One direction of a link, without clock or I/O: items go in, and come out if and when the profile lets them.
 
-The order of effects is tc-netem's: loss, corruption, limit, reordering, delay, rate, slot.
+The order of effects is tc-netem's: loss (and `netem.impairments`), corruption, limit, reordering, delay, rate, slot.
 
 * A resent message (`netem.resend`) is delayed from the time of its last offer, and so are messages that wait for it
   (`netem.effects.Resend`); none of them is sent ahead. An unordered resend reaches the line (a rate or a trace) at that
@@ -161,6 +161,9 @@ class Link(Generic[T]):
         offered_ns = now_ns
         if self.resends is not None:
             lost, offered_ns = self._resend(self.resends, now_ns, lost, luck)
+        for acting in self.streams.others:
+            more = None if lost else acting(now_ns, size or 0)
+            lost, delay = more is None, delay + (more or 0)
         if lost:
             counters.lose(order)
             return

@@ -11,8 +11,11 @@ from typing import Any
 from netem import effects, units
 from netem.effects import MOST_RESENDS, FourStateLoss, GilbertElliottLoss, Loss, RandomLoss, Resend, Slot
 from netem.errors import ProfileError
+from netem.impairment import Impairment
+from netem.impairments import IMPAIRMENTS
 from netem.presets import ALIASES, PRESETS
 from netem.trace import CapacityTrace, ConditionTrace
+from netem.words import Words
 
 __all__ = ["PRESETS", "LinkProfile", "compose"]
 
@@ -23,7 +26,8 @@ class LinkProfile:
 
     The default does nothing. `parse` reads tc-netem's words and `str` writes them; ``parse(str(p)) == p``. `limit` is
     the most messages in flight, 1000 by default as in tc; the link counts those that it drops above that. A `trace`
-    replaces a rate. A `csv` adds its delay and its loss to the others. Both hold the contents of their files.
+    replaces a rate. A `csv` adds its delay and its loss to the others. Both hold the contents of their files. `others`
+    are of `netem.impairments`. More than twenty attributes: all that a profile's words can say.
 
     Raises
     ------
@@ -49,6 +53,7 @@ class LinkProfile:
     trace: CapacityTrace | None = None
     csv: ConditionTrace | None = None
     limit: int = 1000
+    others: tuple[Impairment, ...] = ()
     seed: int | None = None
 
     def __post_init__(self) -> None:
@@ -103,6 +108,7 @@ class LinkProfile:
         if self.slot is not None:
             out.append(str(self.slot))
         out.extend(str(trace) for trace in (self.trace, self.csv) if trace is not None)
+        out.extend(map(str, self.others))
         if self.limit != 1000:
             out.append(f"limit {self.limit}")
         if self.seed is not None:
@@ -179,7 +185,7 @@ def compose(
             continue
         if name in said and not (name == "jitter" and profile.jitter_ns == 0):
             raise ProfileError(name, value, f"either this option or {name} in the words, not both")
-        cursor = _Words(value)
+        cursor = Words(value)
         fields |= _OPTIONS[name](cursor)
         if not cursor.at_end():
             raise ProfileError(name, value, "one setting, such as --delay 40ms, --jitter 10ms, --loss 2%")
@@ -188,76 +194,54 @@ def compose(
     return profile.replace(**fields)
 
 
-class _Words:
-    """A cursor over the words of a profile."""
-
-    def __init__(self, text: str) -> None:
-        self._words = units.split_words(text)
-        self._next = 0
-
-    def at_end(self) -> bool:
-        return self._next == len(self._words)
-
-    def take(self, after: str) -> str:
-        if self.at_end():
-            raise ProfileError(after, "", f"a value after {after}")
-        self._next += 1
-        return self._words[self._next - 1]
-
-    def take_if(self, *words: str) -> str:
-        """The next word if it is one of `words`, else the empty string."""
-        return self.take("") if not self.at_end() and self._words[self._next] in words else ""
-
-    def numbers(self, word: str, read: Callable[[str, str], Any], low: int, high: int) -> list[Any]:
-        """Read at least `low` values with `read`, and up to `high` while numbers follow."""
-        out: list[Any] = []
-        while len(out) < low or (len(out) < high and not self.at_end() and units.is_number(self._words[self._next])):
-            out.append(read(word, self.take(word)))
-        return out
-
-
 def _read(text: str) -> tuple[dict[str, Any], set[str]]:
     """The fields that a profile's words set, and the set of words found."""
-    words = _Words(text)
+    words = Words(text)
     fields: dict[str, object] = {}
     seen: set[str] = set()
+    others: list[Impairment] = []
     while not words.at_end():
         word = _ALIASES.get(given := words.take("profile"), given)
         if word in _REFUSED:
             raise ProfileError(given, given, _REFUSED[word])
-        if word not in _GRAMMAR:
-            names = (*_GRAMMAR, *(() if seen else PRESETS))
+        if word not in _GRAMMAR and word not in IMPAIRMENTS:
+            names = (*_GRAMMAR, *IMPAIRMENTS, *(() if seen else PRESETS))
             raise ProfileError("profile", given, "one of " + ", ".join(names), names)
         if word in seen:
             raise ProfileError(word, given, "each word once")
         seen.add(word)
-        fields |= _GRAMMAR[word](words)
+        if word in IMPAIRMENTS:
+            others.append(IMPAIRMENTS[word].read(words))
+        else:
+            fields |= _GRAMMAR[word](words)
+    if others:
+        fields["others"] = tuple(others)
     if "gap" in seen and "reorder" not in seen:
         fields["reorder"] = 1.0  # as in tc: every gap-th message, not by chance
     return fields, seen
 
 
-def _delay(words: _Words) -> dict[str, object]:
+def _delay(words: Words) -> dict[str, object]:
     times = words.numbers("delay", units.parse_time, 1, 2)
     correlation = words.numbers("delay", units.parse_fraction, 0, 1) if len(times) == 2 else []
     return dict(zip(("delay_ns", "jitter_ns", "delay_correlation"), times + correlation, strict=False))
 
 
-def _delay_alone(words: _Words) -> dict[str, object]:
+def _delay_alone(words: Words) -> dict[str, object]:
     return {"delay_ns": units.parse_time("delay", words.take("delay"))}
 
 
-def _jitter(words: _Words) -> dict[str, object]:
+def _jitter(words: Words) -> dict[str, object]:
     fields: dict[str, object] = {"jitter_ns": units.parse_time("jitter", words.take("jitter"))}
     correlation = words.numbers("jitter", units.parse_fraction, 0, 1)
     return fields | ({"delay_correlation": correlation[0]} if correlation else {})
 
 
-def _distribution(words: _Words) -> dict[str, object]:
+def _distribution(words: Words) -> dict[str, object]:
     return {"distribution": words.take("distribution")}
 
 
-def _loss(words: _Words) -> dict[str, object]:
+def _loss(words: Words) -> dict[str, object]:
     kind = words.take_if("random", "state", "gemodel") or "random"
     word, most = f"loss {kind}", {"random": 2, "state": 5, "gemodel": 4}[kind]
     p = words.numbers(word, units.parse_fraction, 1, most)
@@ -268,7 +252,7 @@ def _loss(words: _Words) -> dict[str, object]:
     return {"loss": FourStateLoss(*p) if kind == "state" else GilbertElliottLoss(*p)}
 
 
-def _resend(words: _Words) -> dict[str, object]:
+def _resend(words: Words) -> dict[str, object]:
     times = units.parse_int("resend", words.take("resend"), 0, MOST_RESENDS)
     if not times:  # 0 switches off the resends of a preset
         return {"resend": None}
@@ -276,32 +260,32 @@ def _resend(words: _Words) -> dict[str, object]:
     return {"resend": Resend(times, after_ns, ordered=not words.take_if("unordered"))}
 
 
-def _corrupt(words: _Words) -> dict[str, object]:
+def _corrupt(words: Words) -> dict[str, object]:
     p = words.numbers("corrupt", units.parse_fraction, 1, 2)
     return dict(zip(("corrupt", "corrupt_correlation"), p, strict=False))
 
 
-def _reorder(words: _Words) -> dict[str, object]:
+def _reorder(words: Words) -> dict[str, object]:
     p = words.numbers("reorder", units.parse_fraction, 1, 2)
     return dict(zip(("reorder", "reorder_correlation"), p, strict=False))
 
 
-def _reorder_and_gap(words: _Words) -> dict[str, object]:
+def _reorder_and_gap(words: Words) -> dict[str, object]:
     return _reorder(words) | (_gap(words) if words.take_if("gap") else {})
 
 
-def _gap(words: _Words) -> dict[str, object]:
+def _gap(words: Words) -> dict[str, object]:
     # in tc, 0 means no reordering by gap; here that is a gap of 1
     return {"gap": max(1, units.parse_int("gap", words.take("gap"), 0, 2**32 - 1))}
 
 
-def _rate(words: _Words) -> dict[str, object]:
+def _rate(words: Words) -> dict[str, object]:
     fields: dict[str, object] = {"rate_bit_s": units.parse_rate("rate", words.take("rate"))}
     shaping = words.numbers("rate", lambda word, text: units.parse_int(word, text, -(2**31)), 0, 3)
     return fields | dict(zip(("overhead", "cell_size", "cell_overhead"), shaping, strict=False))
 
 
-def _slot(words: _Words) -> dict[str, object]:
+def _slot(words: Words) -> dict[str, object]:
     distribution = words.take("slot distribution") if words.take_if("distribution") else ""
     times = words.numbers("slot", units.parse_time, 2 if distribution else 1, 2)
     limits: dict[str, int] = {}
@@ -310,23 +294,23 @@ def _slot(words: _Words) -> dict[str, object]:
     return {"slot": Slot(times[0], times[-1], distribution, **limits)}
 
 
-def _trace(words: _Words) -> dict[str, object]:
+def _trace(words: Words) -> dict[str, object]:
     return {"trace": CapacityTrace.load(words.take("trace"))}
 
 
-def _csv(words: _Words) -> dict[str, object]:
+def _csv(words: Words) -> dict[str, object]:
     return {"csv": ConditionTrace.load(words.take("csv"))}
 
 
-def _limit(words: _Words) -> dict[str, object]:
+def _limit(words: Words) -> dict[str, object]:
     return {"limit": units.parse_int("limit", words.take("limit"), 1)}
 
 
-def _seed(words: _Words) -> dict[str, object]:
+def _seed(words: Words) -> dict[str, object]:
     return {"seed": units.parse_int("seed", words.take("seed"), 0, 2**64 - 1)}
 
 
-_Reader = Callable[[_Words], dict[str, object]]
+_Reader = Callable[[Words], dict[str, object]]
 _GRAMMAR: Mapping[str, _Reader] = {
     "delay": _delay,
     "distribution": _distribution,

@@ -47,6 +47,8 @@ def _one_way_s(profile: LinkProfile) -> tuple[float, float]:
         ]
     resends = 0.0 if profile.resend is None else profile.resend.times * profile.resend.after_ns * 1e-9
     tail = jitter * (1.0 if profile.distribution == "uniform" else 3.0)
+    for _, mean_ns, spread_ns in [one.expected() for one in profile.others]:
+        delay, tail = delay + mean_ns * 1e-9, tail + 3e-9 * spread_ns
     return delay + recorded[0], delay + recorded[1] + tail + resends
 
 

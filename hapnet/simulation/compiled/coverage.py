@@ -110,6 +110,7 @@ def _of_scene(setup: Setup) -> Iterator[str]:
 def _of_link(profile: LinkProfile) -> Iterator[str]:
     if profile.slot is not None:
         yield "slots"
+    yield from (one.word() for one in profile.others)
     if profile.trace is not None or profile.csv is not None:
         yield "a recorded link"
     if profile.resend is not None and not profile.resend.ordered and profile.rate_bit_s:
