@@ -139,7 +139,7 @@ def test_a_published_law_has_a_name_of_its_own() -> None:
 @pytest.mark.usefixtures("packages")
 def test_a_published_world_has_one_too() -> None:
     assert make_scene("planet").dof == make_scene("examples.planet:planet").dof
-    assert "planet" in complete.scenes()
+    assert "planet" in dict(complete.scenes())
 
 
 # Checks
