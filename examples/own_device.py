@@ -51,5 +51,6 @@ class Rail:
 if __name__ == "__main__":
     from hapnet.cli import main
 
-    at_once = ("--set", "device.force_ramp_s=0")  # else the weight would fall while the force grows
+    # else the weight would fall while hapnet pushes it to see that it follows, and while the force grows
+    at_once = ("--set", "device.self_test_N=0", "--set", "device.force_ramp_s=0")
     raise SystemExit(main(["run", "--device", "examples.own_device:Rail", "--duration", "3", *at_once, *sys.argv[1:]]))

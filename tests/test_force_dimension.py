@@ -77,6 +77,7 @@ def test_its_forces_are_enabled_when_control_begins_and_not_before(made: ForceDi
     """The firmware counts from the last command: a watchdog set long before the first force would disable it."""
     assert (made.watchdog_s, made.force_limit) == (0.02, 12.0)
     assert made.apply((1.0, 0.0, 0.0)) == NOTHING
+    assert made.braked() == ""  # nobody has wanted a force yet
     assert [stub.stub_state(what) for what in (OPEN, WATCHDOG, ENABLED)] == [1, 0, 0]
     stub.stub_pass(0.254)
     made.begin()
